@@ -1,0 +1,169 @@
+"""The one module that knows that dolfinx has versions (0.5.2 to 0.11), told apart by feature."""
+
+from __future__ import annotations
+
+import inspect
+
+import numpy as np
+
+try:
+    import basix
+    import dolfinx
+    import dolfinx.fem.petsc
+    import dolfinx.io
+    import ufl
+    from petsc4py import PETSc
+except ImportError as error:
+    raise ImportError(
+        "dolfinx_llm needs dolfinx with petsc4py and mpi4py. On Debian or Ubuntu: "
+        "apt install python3-dolfinx, and a Python that sees it "
+        "(/usr/bin/python3 -m venv --system-site-packages .venv; `make setup` does all of this). "
+        f"The import failed with: {error}"
+    ) from error
+
+
+def create_mesh(comm, cells: np.ndarray, x: np.ndarray, cell_name: str):
+    """First-order mesh from arrays: cells (n, k) in dolfinx's node order and nodes x (m, gdim).
+
+    In parallel every rank passes its own share of both.
+    """
+    gdim = x.shape[1]
+    cells, x = np.asarray(cells, dtype=np.int64), np.asarray(x, dtype=np.float64)
+    try:
+        import basix.ufl
+
+        element = basix.ufl.element("Lagrange", cell_name, 1, shape=(gdim,))
+    except ImportError:
+        element = ufl.VectorElement("Lagrange", ufl.Cell(cell_name, geometric_dimension=gdim), 1)
+    args = list(inspect.signature(dolfinx.mesh.create_mesh).parameters)
+    if args[2] == "x":
+        return dolfinx.mesh.create_mesh(comm, cells, x, ufl.Mesh(element))
+    return dolfinx.mesh.create_mesh(comm, cells, ufl.Mesh(element), x)
+
+
+def function_space(mesh, family: str = "Lagrange", degree: int = 1, shape: tuple = ()):
+    """``dolfinx.fem.functionspace`` of every version; ``shape=(gdim,)`` for vectors."""
+    if hasattr(dolfinx.fem, "functionspace"):
+        return dolfinx.fem.functionspace(mesh, (family, degree, shape))
+    if shape:
+        return dolfinx.fem.VectorFunctionSpace(mesh, (family, degree), dim=shape[0])
+    return dolfinx.fem.FunctionSpace(mesh, (family, degree))
+
+
+def cell_dofs(space_or_geometry) -> np.ndarray:
+    """(n_cells, k) dofs of a function space's cells, or nodes of a mesh geometry's."""
+    dofmap = space_or_geometry.dofmap
+    dofs = getattr(dofmap, "list", dofmap)
+    if isinstance(dofs, np.ndarray):
+        return dofs
+    offsets = dofs.offsets
+    return dofs.array.reshape(len(offsets) - 1, -1)
+
+
+def tags_belong_to(tags, mesh) -> bool:
+    """Whether mesh tags were made for this mesh."""
+    if hasattr(tags, "topology"):
+        return tags.topology == getattr(mesh.topology, "_cpp_object", mesh.topology)
+    return tags.mesh.topology is mesh.topology or tags.mesh is mesh
+
+
+def in_space(bc, V) -> bool:
+    """Whether a Dirichlet condition acts on V or a part of it."""
+    space = V._cpp_object
+    return bc.function_space == space or space.contains(bc.function_space)
+
+
+def form(ufl_form):
+    """Compiled form; a compiled one is passed through."""
+    return dolfinx.fem.form(ufl_form)
+
+
+def assemble_matrix(a, bcs, diagonal: float):
+    """Assembled PETSc AIJ of a compiled form; ``diagonal`` on the rows of ``bcs``."""
+    name = "diagonal"
+    if name not in inspect.signature(dolfinx.fem.petsc.assemble_matrix).parameters:
+        name = "diag"
+    A = dolfinx.fem.petsc.assemble_matrix(a, bcs=bcs, **{name: diagonal})
+    A.assemble()
+    return A
+
+
+def assemble_load(L, a, bcs, V, nodal) -> np.ndarray:
+    """Owned entries of the load: L plus nodal forces, lifted by the conditions' values.
+
+    Args:
+        L: compiled linear form or None.
+        a: compiled bilinear form.
+        bcs: Dirichlet conditions on V.
+        V: function space.
+        nodal: Functions of V that hold nodal forces.
+    """
+    n = V.dofmap.index_map.size_local * V.dofmap.index_map_bs
+    b = dolfinx.fem.petsc.assemble_vector(L)
+    dolfinx.fem.petsc.apply_lifting(b, [a], [bcs])
+    b.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
+    load = b.array_r[:n].copy()
+    b.destroy()
+    for function in nodal:
+        load += function.x.array[:n]
+    fixed = prescribed_values(V, bcs)[:n]
+    return np.where(np.isnan(fixed), load, fixed)
+
+
+def ghosted_vector(V, bs: int) -> PETSc.Vec:
+    """PETSc vector over V's nodes, ``bs`` entries each, with V's ghosts."""
+    index_map = V.dofmap.index_map
+    return PETSc.Vec().createGhost(
+        index_map.ghosts.astype(PETSc.IntType),
+        size=(index_map.size_local * bs, index_map.size_global * bs),
+        bsize=bs,
+        comm=V.mesh.comm,
+    )
+
+
+def prescribed_values(V, bcs) -> np.ndarray:
+    """Values that the conditions prescribe, per owned and ghost dof; NaN where a dof is free."""
+    b = ghosted_vector(V, V.dofmap.index_map_bs)
+    marks = []
+    for start in (0.0, 1.0):  # a dof is fixed where the result does not depend on the start
+        with b.localForm() as local:
+            local.set(start)
+        dolfinx.fem.petsc.set_bc(b, bcs)
+        b.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
+        with b.localForm() as local:
+            marks.append(local.array_r.copy())
+    b.destroy()
+    return np.where(marks[0] == marks[1], marks[0], np.nan)
+
+
+def evaluate(expression, points: np.ndarray, mesh, shape: tuple = ()) -> np.ndarray:
+    """Values of a UFL expression at reference points of every local cell: (n_cells, ...)."""
+    compiled = dolfinx.fem.Expression(expression, points)
+    n = mesh.topology.index_map(mesh.topology.dim).size_local
+    cells = np.arange(n, dtype=np.int32)
+    if "mesh" in inspect.signature(compiled.eval).parameters:
+        values = compiled.eval(mesh, cells)
+    else:
+        values = compiled.eval(cells)
+    return values.reshape(n, len(points), *shape)
+
+
+def quadrature_points(mesh, degree: int) -> np.ndarray:
+    """Quadrature points on the reference cell of a mesh: (n, tdim)."""
+    kind = getattr(basix.CellType, _cell_name(mesh))
+    return basix.make_quadrature(kind, degree)[0]
+
+
+def _cell_name(mesh) -> str:
+    name = mesh.ufl_cell().cellname
+    return name() if callable(name) else name
+
+
+def model_to_mesh(model, comm, rank: int = 0, gdim: int = 3):
+    """gmsh model to (mesh, cell tags, facet tags)."""
+    try:
+        from dolfinx.io import gmsh as reader
+    except ImportError:
+        from dolfinx.io import gmshio as reader
+    data = reader.model_to_mesh(model, comm, rank, gdim=gdim)
+    return (data.mesh, data.cell_tags, data.facet_tags) if hasattr(data, "mesh") else data[:3]

@@ -1,0 +1,141 @@
+"""Design of a frame: make a constant pressure pass exactly (paper, section 5, (28)).
+
+The residual of a frame is, per frame node, the force that arrives from side 0 less the one from
+side 1 when both sides carry the same pressure. ``design_weights`` brings it to zero by the smallest
+change of the rows of L_b, ``positions.design_positions`` by moving the frame's nodes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
+
+from dolfinx_llm._parallel import ContactError
+from dolfinx_llm.frame import Frame
+
+TOLERANCE = 1e-13  # a frame with max|r| / max f below this passes
+
+
+def patch_residual(N, forces) -> np.ndarray:
+    """Residual (28) at the frame's nodes over the largest force.
+
+    Args:
+        N: pair of (n_i, m) sparse matrices, the scalar L_b of each side.
+        forces: pair of (n_i,) forces of unit pressure [area].
+
+    Returns:
+        (m,) residual; the frame passes where its largest value is at most 1e-13.
+    """
+    scale = max(f.max() for f in forces)
+    return (N[0].T @ (forces[0] / scale)) - (N[1].T @ (forces[1] / scale))
+
+
+def design_weights(frame: Frame, s: np.ndarray, N, cells, forces):
+    """Correct the rows of L_b so that the frame passes, by the smallest change.
+
+    Minimises sum_p f_p |delta_p|^2 over corrections delta_p on the cell of p and the cells around
+    it, subject to sum_J delta_pJ = 0 and sum_J delta_pJ Y_J = 0 (rigid motions and linear fields
+    still pass exactly) and to (28). With one multiplier mu_J per frame node the solution is
+    delta_p = -+ P_e mu_e: P_e projects onto what is orthogonal to 1 and Y on the stencil of cell e.
+
+    Args:
+        frame: the frame, m nodes.
+        s: (m, d) its nodes in coordinates of the contact plane.
+        N: pair of (n_i, m) interpolation matrices.
+        cells: pair of (n_i,) frame cells of the rows.
+        forces: pair of (n_i,) forces of unit pressure [area].
+
+    Returns:
+        Pair of corrected (n_i, m) CSR matrices.
+
+    Raises:
+        ContactError: the stencils leave too little freedom; the message names the frame nodes.
+    """
+    nodes, mask, P = _stencils(frame.cells, s)
+    scale = max(f.max() for f in forces)
+    weight = sum(
+        np.bincount(c, f / scale, minlength=len(nodes)) for c, f in zip(cells, forces)
+    )
+    m = len(s)
+    rows = np.broadcast_to(nodes[:, :, None], P.shape)
+    cols = np.broadcast_to(nodes[:, None, :], P.shape)
+    A = csr_matrix(((weight[:, None, None] * P).ravel(), (rows.ravel(), cols.ravel())), (m, m))
+    factor = splu((A + _pins(A, s)).tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+    mu = np.zeros(m)
+    designed = N
+    for _ in range(4):  # the first solve, then refinement against rounding
+        residual = patch_residual(designed, forces)
+        if np.abs(residual).max() <= 0.01 * TOLERANCE:
+            break
+        mu += factor.solve(residual)
+        delta = np.einsum("est,et->es", P, np.where(mask, mu[nodes], 0.0))
+        designed = [
+            M - sign * _expand(delta[c], nodes[c], mask[c], m)
+            for M, c, sign in zip(N, cells, (1.0, -1.0))
+        ]
+    residual = np.abs(patch_residual(designed, forces))
+    if not residual.max() <= TOLERANCE:
+        worst = np.argsort(residual)[::-1][:5]
+        raise ContactError(
+            f"design by weights leaves a patch residual of {residual.max():.1e} of the largest "
+            f"nodal force, above {TOLERANCE:.0e}, at the frame nodes {worst.tolist()} "
+            f"(positions {frame.x[worst].round(6).tolist()}): the frame leaves too little freedom "
+            "there. Give a coarser frame, or frame=None for a predicted one"
+        )
+    return designed
+
+
+def _stencils(cells: np.ndarray, s: np.ndarray):
+    """Stencil of every cell (its nodes and those of the cells around it) and its projector.
+
+    Returns:
+        nodes (n_cells, w), padded with node 0; mask (n_cells, w); P (n_cells, w, w).
+    """
+    n, k = cells.shape
+    incidence = csr_matrix((np.ones(n * k), (np.repeat(np.arange(n), k), cells.ravel())))
+    around = (incidence @ incidence.T @ incidence).tocsr()
+    around.sort_indices()
+    width = np.diff(around.indptr)
+    mask = np.arange(width.max()) < width[:, None]
+    nodes = np.zeros(mask.shape, dtype=np.int64)
+    nodes[mask] = around.indices
+    local = s[nodes] - s[cells].mean(axis=1)[:, None, :]
+    local /= np.abs(np.where(mask[..., None], local, 0.0)).max(axis=(1, 2))[:, None, None]
+    C = np.concatenate([np.ones((*mask.shape, 1)), local], axis=2) * mask[..., None]
+    # Orthonormal columns: then the projector is symmetric and idempotent to rounding.
+    Q, R = np.linalg.qr(C)
+    keep = np.abs(np.diagonal(R, axis1=1, axis2=2)) > 1e-10
+    Q = Q * keep[:, None, :]
+    P = np.eye(mask.shape[1]) * mask[:, None, :] - Q @ np.swapaxes(Q, 1, 2)
+    return nodes, mask, P
+
+
+def _pins(A: csr_matrix, s: np.ndarray):
+    """Diagonal that fixes the affine functions, which A cannot see, on each connected part.
+
+    The right-hand side is free of them, so pinning changes no equation.
+    """
+    pins = np.zeros(A.shape[0])
+    diagonal = A.diagonal()
+    pins[diagonal <= 1e-14 * diagonal.max()] = 1.0
+    _, part = connected_components(A, directed=False)
+    order = np.argsort(part, kind="stable")
+    for nodes in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
+        local = np.column_stack([np.ones(len(nodes)), s[nodes] - s[nodes].mean(axis=0)])
+        # The nodes that span the affine functions best, one after the other.
+        for _ in range(local.shape[1]):
+            size = np.einsum("ni,ni->n", local, local)
+            best = int(size.argmax())
+            if size[best] <= 0.0:
+                break
+            pins[nodes[best]] = max(diagonal.max(), 1.0)
+            local = local - np.outer(local @ local[best], local[best]) / size[best]
+    return diags(pins)
+
+
+def _expand(values: np.ndarray, nodes: np.ndarray, mask: np.ndarray, m: int) -> csr_matrix:
+    """Rows of stencil values as a sparse matrix with m columns."""
+    indptr = np.concatenate([[0], np.cumsum(mask.sum(axis=1))])
+    return csr_matrix((values[mask], nodes[mask], indptr), shape=(len(values), m))

@@ -1,0 +1,285 @@
+"""The contact frame: a surface mesh with its own nodes between two bodies.
+
+Plain NumPy; knows neither dolfinx nor PETSc. Cells are segments (in the plane), linear triangles
+or bilinear quadrilaterals (paper, (23)). The surface bases of a cell follow its orientation: its
+normal points out of side 0 into side 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
+
+from dolfinx_llm._parallel import ContactInputError
+
+# Reference vertices of the bilinear quad on [-1, 1]^2, in cyclic order (paper, (23)).
+_QUAD = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+
+
+def shape_functions(k: int, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shape functions of a cell and their derivatives by the reference coordinates.
+
+    Args:
+        k: nodes of a cell: 2 (segment on [0, 1]), 3 (triangle), 4 (quad on [-1, 1]^2; (23)).
+        xi: (n, d) reference coordinates, d = 1 for segments, else 2.
+
+    Returns:
+        N (n, k) and dN (n, k, d).
+    """
+    n = len(xi)
+    if k == 4:
+        a = 1.0 + xi[:, None, :] * _QUAD
+        return 0.25 * a[..., 0] * a[..., 1], 0.25 * _QUAD * a[..., ::-1]
+    N = np.column_stack([1.0 - xi.sum(axis=1), xi])
+    dN = np.vstack([-np.ones(k - 1), np.eye(k - 1)])
+    return N, np.broadcast_to(dN, (n, k, k - 1))
+
+
+def outside_distance(k: int, xi: np.ndarray) -> np.ndarray:
+    """How far reference coordinates lie outside their cell, in units of the cell (0 inside)."""
+    if k == 4:
+        return np.maximum(np.abs(xi).max(axis=1) - 1.0, 0.0) / 2.0
+    barycentric = np.column_stack([1.0 - xi.sum(axis=1), xi])
+    return np.maximum(-barycentric.min(axis=1), 0.0)
+
+
+def vector_areas(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Normal times area of every cell, (n_cells, 3); of segments normal times length, (n_cells, 2).
+
+    Triangles and quads may also be given in plane coordinates (m, 2).
+    """
+    p = x[cells]
+    if cells.shape[1] == 2:
+        t = p[:, 1] - p[:, 0]
+        return np.column_stack([-t[:, 1], t[:, 0]])
+    if x.shape[1] == 2:
+        p = np.concatenate([p, np.zeros_like(p[..., :1])], axis=2)
+    if cells.shape[1] == 3:
+        return 0.5 * np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+
+
+def bases(tangents: np.ndarray) -> np.ndarray:
+    """Right-handed orthonormal bases (t1, t2, n), or (t1, n) in 2D, of the paper's (9).
+
+    Args:
+        tangents: (n, d, gdim) derivatives of the position by the reference coordinates.
+
+    Returns:
+        (n, gdim, gdim): row i is base vector a_i.
+    """
+    t1 = tangents[:, 0] / np.linalg.norm(tangents[:, 0], axis=1, keepdims=True)
+    if tangents.shape[2] == 2:
+        return np.stack([t1, np.column_stack([-t1[:, 1], t1[:, 0]])], axis=1)
+    n = np.cross(tangents[:, 0], tangents[:, 1])
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    return np.stack([t1, np.cross(n, t1), n], axis=1)
+
+
+@dataclass(frozen=True)
+class Location:
+    """Points located on a frame: where each lies and how far from it."""
+
+    cell: np.ndarray  # (n,) frame cell
+    xi: np.ndarray  # (n, d) reference coordinates in that cell
+    N: np.ndarray  # (n, k) shape functions of that cell's nodes
+    outside: np.ndarray  # (n,) distance outside the cell in units of the cell, 0 inside
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Shape of a frame's cells."""
+
+    min_angle: float  # smallest corner angle [degree]
+    max_angle: float  # largest corner angle [degree]
+    min_side: float  # shortest side [length]
+    min_jacobian: float  # smallest corner Jacobian over the cell's mean (1: parallelogram)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame: nodes Y (or the current y = Y + v of (8)) and cells.
+
+    Args:
+        x: (m, gdim) node positions [length].
+        cells: (n, 2), (n, 3) or (n, 4) node numbers; quads in cyclic order. Neighbouring cells
+            must be oriented alike; which of the two ways is found out from the bodies.
+
+    Raises:
+        ContactInputError: for wrong shapes, node numbers out of range, unused nodes, NaN, cells
+            that are inverted, degenerate or turned against their neighbours.
+    """
+
+    x: np.ndarray
+    cells: np.ndarray
+    v: np.ndarray | None = field(default=None, compare=False)  # (m, gdim) displacement
+
+    def __post_init__(self):
+        x = np.ascontiguousarray(self.x, dtype=np.float64)
+        cells = np.ascontiguousarray(self.cells, dtype=np.int64)
+        object.__setattr__(self, "x", x)
+        object.__setattr__(self, "cells", cells)
+        if x.ndim != 2 or x.shape[1] not in (2, 3):
+            raise ContactInputError(f"frame: x must be (m, 2) or (m, 3), is {x.shape}")
+        kinds = (2,) if x.shape[1] == 2 else (3, 4)
+        if cells.ndim != 2 or cells.shape[1] not in kinds or len(cells) == 0:
+            raise ContactInputError(
+                f"frame: cells must be (n, {' or '.join(map(str, kinds))}) node numbers with n > 0 "
+                f"for nodes in {x.shape[1]}D, is {cells.shape}"
+            )
+        if cells.min() < 0 or cells.max() >= len(x):
+            raise ContactInputError(
+                f"frame: cells name nodes {cells.min()} to {cells.max()}, there are 0 to {len(x) - 1}"
+            )
+        if not np.isfinite(x).all():
+            raise ContactInputError(f"frame: {np.sum(~np.isfinite(x))} coordinates are not finite")
+        unused = np.setdiff1d(np.arange(len(x)), cells)
+        if len(unused):
+            raise ContactInputError(f"frame: nodes {unused[:10].tolist()} belong to no cell")
+        bad = np.flatnonzero(self._corner_jacobians.min(axis=1) <= 1e-8)
+        if len(bad):
+            raise ContactInputError(
+                f"frame: cells {bad[:10].tolist()} are inverted or degenerate (corner Jacobian at "
+                f"most 1e-8 of the cell's mean); first: nodes {cells[bad[0]].tolist()} at "
+                f"{x[cells[bad[0]]].tolist()}"
+            )
+        self._check_orientation()
+
+    def _check_orientation(self):
+        """An edge (a node in 2D) of two cells must be run through once each way."""
+        if self.cells.shape[1] == 2:
+            counts = [np.bincount(c, minlength=len(self.x)) for c in self.cells.T]
+            bad = np.flatnonzero(np.maximum(*counts) > 1)
+        else:
+            edges = np.stack([self.cells, np.roll(self.cells, -1, axis=1)], axis=2).reshape(-1, 2)
+            _, first, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
+            bad = first[count > 1] // self.cells.shape[1]
+        if len(bad):
+            where = "nodes" if self.cells.shape[1] == 2 else "cells"
+            raise ContactInputError(
+                f"frame: neighbouring cells are turned against each other (inverted) or overlap "
+                f"at {where} {bad[:10].tolist()}"
+            )
+
+    @property
+    def gdim(self) -> int:
+        return self.x.shape[1]
+
+    @cached_property
+    def _corner_jacobians(self) -> np.ndarray:
+        """(n_cells, k) Jacobian at the corners over the cell's mean; of a warped quad, along its
+        mean normal."""
+        p = self.x[self.cells]
+        if self.cells.shape[1] == 2:
+            length = np.linalg.norm(p[:, 1] - p[:, 0], axis=1)
+            return np.column_stack([length, length]) / max(length.mean(), 1e-300)
+        area = vector_areas(self.x, self.cells)
+        size = np.linalg.norm(area, axis=1)
+        if self.cells.shape[1] == 3:
+            side = np.linalg.norm(p - np.roll(p, -1, axis=1), axis=2).max(axis=1)
+            return np.repeat((size / np.maximum(side, 1e-300) ** 2)[:, None], 3, axis=1)
+        corner = np.cross(np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p)
+        normal = area / np.maximum(size, 1e-300)[:, None]
+        return np.einsum("cki,ci->ck", corner, normal) / np.maximum(size, 1e-300)[:, None]
+
+    @cached_property
+    def quality(self) -> Quality:
+        """Corner angles, shortest side and Jacobian over all cells."""
+        p = self.x[self.cells]
+        if self.cells.shape[1] == 2:
+            side = np.linalg.norm(p[:, 1] - p[:, 0], axis=1)
+            return Quality(180.0, 180.0, float(side.min()), 1.0)
+        e = np.roll(p, -1, axis=1) - p
+        b = -np.roll(e, 1, axis=1)
+        angle = np.degrees(
+            np.arctan2(np.linalg.norm(np.cross(e, b), axis=2), np.einsum("cki,cki->ck", e, b))
+        )
+        return Quality(
+            float(angle.min()),
+            float(angle.max()),
+            float(np.linalg.norm(e, axis=2).min()),
+            float(self._corner_jacobians.min()),
+        )
+
+    @cached_property
+    def cell_size(self) -> np.ndarray:
+        """(n_cells,) square root of the area (length in 2D) [length]."""
+        area = np.linalg.norm(vector_areas(self.x, self.cells), axis=1)
+        return area if self.cells.shape[1] == 2 else np.sqrt(area)
+
+    def flipped(self) -> Frame:
+        """The same frame with its normal turned round."""
+        return replace(self, cells=self.cells[:, ::-1])
+
+    def evaluate(self, cell: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Shape functions (n, k), positions (n, gdim) and tangents (n, d, gdim) at points."""
+        N, dN = shape_functions(self.cells.shape[1], xi)
+        p = self.x[self.cells[cell]]
+        return N, np.einsum("nk,nki->ni", N, p), np.einsum("nkd,nki->ndi", dN, p)
+
+    def locate(self, points: np.ndarray) -> Location:
+        """Closest point of the frame for each given point (inverse isoparametric mapping).
+
+        A point beyond the frame's outline gets the cell that it is least outside of, with
+        coordinates beyond that cell's range: the shape functions still sum to 1 and still
+        reproduce linear fields there.
+
+        Args:
+            points: (n, gdim) positions [length].
+        """
+        x = np.asarray(points, dtype=np.float64)
+        point, cell = self._candidates(x)
+        xi = self._invert(x[point], cell)
+        outside = outside_distance(self.cells.shape[1], xi)
+        # On a curved frame a point projects into several cells: there the distance decides.
+        _, y, _ = self.evaluate(cell, xi)
+        distance = np.linalg.norm(x[point] - y, axis=1) / self.cell_size[cell]
+        order = np.lexsort((cell, np.round(outside + distance, 9), point))
+        best = order[np.unique(point[order], return_index=True)[1]]
+        N, _ = shape_functions(self.cells.shape[1], xi[best])
+        return Location(cell[best], xi[best], N, outside[best])
+
+    def _candidates(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs (point, cell) that contain the closest cell: cells whose ball holds the point,
+        and for points in no ball the nearest cells by centroid."""
+        corners = self.x[self.cells]
+        centre = corners.mean(axis=1)
+        radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
+        found = cKDTree(x).query_ball_point(centre, 1.0001 * radius)
+        cell = np.repeat(np.arange(len(centre)), [len(f) for f in found])
+        point = np.concatenate([np.asarray(f, dtype=np.int64) for f in found])
+        rest = np.setdiff1d(np.arange(len(x)), point)
+        if len(rest):
+            k = min(12, len(centre))
+            near = cKDTree(centre).query(x[rest], k=k)[1].reshape(len(rest), k)
+            point = np.concatenate([point, np.repeat(rest, k)])
+            cell = np.concatenate([cell, near.ravel()])
+        return point, cell
+
+    def _invert(self, x: np.ndarray, cell: np.ndarray) -> np.ndarray:
+        """Reference coordinates by Newton's method on the tangential distance."""
+        k = self.cells.shape[1]
+        xi = np.zeros((len(x), 1 if k == 2 else 2))
+        for _ in range(2 if k < 4 else 30):
+            _, y, t = self.evaluate(cell, xi)
+            JJ = np.einsum("nai,nbi->nab", t, t)
+            rhs = np.einsum("nai,ni->na", t, x - y)
+            # Near-singular far outside a distorted cell: such a candidate is never the best.
+            scale = np.trace(JJ, axis1=1, axis2=2)[:, None, None]
+            JJ += 1e-14 * scale * np.eye(JJ.shape[1])
+            step = np.clip(np.linalg.solve(JJ, rhs[..., None])[..., 0], -2.0, 2.0)
+            xi = np.clip(xi + step, -6.0, 6.0) if k == 4 else xi + step
+            if k == 4 and np.abs(step).max(initial=0.0) < 1e-15:
+                break
+        return xi
+
+    def interpolation(self, location: Location) -> csr_matrix:
+        """(n, m) matrix of the shape functions N_J(xi_p): the scalar L_b before any design."""
+        n, k = location.N.shape
+        rows = np.repeat(np.arange(n), k)
+        cols = self.cells[location.cell].ravel()
+        return csr_matrix((location.N.ravel(), (rows, cols)), shape=(n, len(self.x)))

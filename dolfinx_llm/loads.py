@@ -1,0 +1,70 @@
+"""Pressure on the part of a surface that another surface leaves free."""
+
+from __future__ import annotations
+
+import numpy as np
+from dolfinx import fem
+
+from dolfinx_llm._parallel import ContactInputError
+from dolfinx_llm.frame import vector_areas
+from dolfinx_llm.patch import common_area, common_plane, covered_forces, full_forces
+from dolfinx_llm.surface import check_space, extract_surface
+
+
+def free_surface_load(V, facet_tags, tag: int, pressure: float, covered_by=None):
+    """Energy-equivalent nodal forces of a uniform pressure on a flat surface.
+
+    Where another surface covers part of it, its facets are clipped with that surface's outline and
+    the shape functions integrated exactly over what is free.
+
+    Args:
+        V: first-order vector function space.
+        facet_tags: mesh tags of facets.
+        tag: the loaded surface.
+        pressure: positive when it presses on the body [force / area].
+        covered_by: (facet tags, tag) of a surface of the same mesh that covers part of it, or None.
+
+    Returns:
+        Function of V that holds nodal forces; pass it as ``nodal_loads``.
+
+    Raises:
+        ContactInputError: no such tag, a pressure that is not finite.
+        ContactError: the surfaces do not face each other or do not overlap.
+    """
+    if not np.isfinite(pressure):
+        raise ContactInputError(f"pressure={pressure}: must be finite")
+    check_space(V)
+    side = extract_surface(V, facet_tags, tag)
+    if covered_by is None:
+        vector = vector_areas(side.x, side.facets)
+        forces = _curved_forces(side) if side.facets.shape[1] == 4 else (
+            np.repeat((vector / side.facets.shape[1])[:, None, :], side.facets.shape[1], axis=1)
+        )
+    else:
+        other = extract_surface(V, *covered_by)
+        plane = common_plane(side, other)
+        s = plane.project(side.x)
+        area = common_area(side, other, plane)
+        free = full_forces(s, side.facets) - covered_forces(s, side.facets, area)
+        forces = free[..., None] * plane.normal
+    nodal = np.zeros_like(side.x)
+    np.add.at(nodal, side.facets, -pressure * forces)
+    load = fem.Function(V, name="load")
+    mine = side.owner == V.mesh.comm.rank
+    start = V.dofmap.index_map.local_range[0]
+    gdim = side.x.shape[1]
+    load.x.array[((side.dofs[mine] - start)[:, None] * gdim + np.arange(gdim)).ravel()] = nodal[
+        mine
+    ].ravel()
+    load.x.scatter_forward()
+    return load
+
+
+def _curved_forces(side) -> np.ndarray:
+    """(m, 4, gdim) integrals of N n dA over bilinear quads; 2 x 2 points are exact."""
+    from dolfinx_llm.frame import shape_functions
+
+    xi = np.array([[a, b] for a in (-1, 1) for b in (-1, 1)]) / np.sqrt(3.0)
+    N, dN = shape_functions(4, xi)
+    t = np.einsum("gkd,mki->mgdi", dN, side.x[side.facets])
+    return np.einsum("mgi,gk->mki", np.cross(t[:, :, 0], t[:, :, 1]), N)

@@ -1,0 +1,136 @@
+"""Contact pairs: a surface node and the point of the frame that it touches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_matrix, vstack
+from scipy.sparse.linalg import ArpackError, eigsh
+
+from dolfinx_llm._parallel import ContactError, ContactInputError
+from dolfinx_llm.frame import Frame, bases
+from dolfinx_llm.surface import Surface
+
+
+@dataclass(frozen=True)
+class ContactPairs:
+    """The pairs of one side; n of them, on a frame of m nodes."""
+
+    surface: Surface  # the side's surface
+    nodes: np.ndarray  # (n,) nodes of the surface that take part
+    forces: np.ndarray  # (n,) energy-equivalent force of unit pressure, the tributary area [area]
+    cell: np.ndarray  # (n,) frame cell of each node
+    N: csr_matrix  # (n, m) N_J(xi_p), after design
+    normal: np.ndarray  # (n, gdim) frame normal, out of this side
+    base: np.ndarray  # (n, c, gdim) local base vectors of the multipliers
+    gap: np.ndarray  # (n, gdim) X_p - sum_J N_J Y_J [length]
+
+    @property
+    def x(self) -> np.ndarray:
+        """(n, gdim) node positions [length]."""
+        return self.surface.x[self.nodes]
+
+    @property
+    def dofs(self) -> np.ndarray:
+        """(n,) global numbers of the nodes' blocks of dofs."""
+        return self.surface.dofs[self.nodes]
+
+    @property
+    def owner(self) -> np.ndarray:
+        """(n,) ranks that own the nodes."""
+        return self.surface.owner[self.nodes]
+
+
+def locate_pairs(
+    surface: Surface,
+    forces: np.ndarray,
+    frame: Frame,
+    sign: float,
+    reach: float,
+    local_base: bool,
+) -> ContactPairs:
+    """Locate the nodes of a side that carry force on the frame.
+
+    Args:
+        surface: the side's surface.
+        forces: (n_surface,) forces of unit pressure; nodes without force take no part.
+        frame: the frame, its normal out of side 0.
+        sign: +1 for side 0, -1 for side 1, whose bases change sign (paper, after (9)).
+        reach: how far, in cells, a node may lie beyond the frame's outline.
+        local_base: bases (t1, t2, n) of the frame; else the Cartesian one.
+
+    Raises:
+        ContactInputError: the frame does not cover nodes that carry force.
+    """
+    nodes = np.flatnonzero(forces > 0.0)
+    x = surface.x[nodes]
+    at = frame.locate(x)
+    beyond = np.flatnonzero(at.outside > reach)
+    if len(beyond):
+        worst = beyond[at.outside[beyond].argmax()]
+        raise ContactInputError(
+            f"the frame does not cover the contact area: {len(beyond)} of {len(nodes)} nodes of "
+            f"{surface.name} that carry force lie outside it, the farthest at "
+            f"{x[worst].round(6).tolist()} by {at.outside[worst]:.3g} cells. Extend the frame over "
+            "all facets that the contact area touches, or use frame=None for a predicted one"
+        )
+    _, y, tangents = frame.evaluate(at.cell, at.xi)
+    base = sign * bases(tangents)
+    gdim = frame.gdim
+    normal = base[:, -1]
+    if not local_base:
+        base = np.broadcast_to(sign * np.eye(gdim), (len(nodes), gdim, gdim)).copy()
+    N = frame.interpolation(at)
+    return ContactPairs(surface, nodes, forces[nodes], at.cell, N, normal, base, x - y)
+
+
+def with_weights(pairs: ContactPairs, N: csr_matrix, frame: Frame) -> ContactPairs:
+    """The same pairs with other rows of L_b."""
+    return replace(pairs, N=N, gap=pairs.x - N @ frame.x)
+
+
+def rank_certificate(frame: Frame, N, bound: float = 1e-3) -> tuple[float, float]:
+    """Smallest and largest singular value of the scalar L_b (both sides stacked).
+
+    Raises:
+        ContactError: no full column rank ((33) needs it), or a ratio below ``bound``.
+    """
+    L = vstack(N).tocsc()
+    support = np.asarray(abs(L).sum(axis=0)).ravel()
+    m = L.shape[1]
+    free = np.flatnonzero(support <= 1e-12)
+    if L.shape[0] < m or len(free):
+        at = f"; no surface node touches the cells of the frame nodes {free[:10].tolist()}"
+        raise ContactError(
+            f"the frame is too fine: {m} nodes against {N[0].shape[0]} + {N[1].shape[0]} surface "
+            f"nodes in contact{at if len(free) else ''}. L_b needs full column rank; take cells "
+            "about as large as those of the coarser side, or frame=None"
+        )
+    if m <= 600:
+        _, values, vectors = np.linalg.svd(L.toarray(), full_matrices=False)
+        largest, smallest, vector = values[0], values[-1], vectors[-1]
+    else:
+        smallest, largest, vector = _extreme_singular_values(L)
+    if not smallest > bound * largest:
+        weak = np.argsort(-np.abs(vector))[:8]
+        raise ContactError(
+            f"the frame is too fine or badly placed: L_b has the singular values {smallest:.2e} to "
+            f"{largest:.3g}, below the bound {bound:g} for their ratio. The surface nodes hardly "
+            f"hold the frame nodes {weak.tolist()} at {frame.x[weak].round(5).tolist()}. Take "
+            "cells about as large as those of the coarser side, or frame=None"
+        )
+    return float(smallest), float(largest)
+
+
+def _extreme_singular_values(L):
+    """Of a large sparse L, by Lanczos on LᵀL (shift-inverted at zero for the smallest)."""
+    A = (L.T @ L).tocsc()
+    start = np.random.default_rng(2001).standard_normal(A.shape[0])
+    largest = eigsh(A, k=1, which="LA", v0=start, tol=1e-3, return_eigenvectors=False)[0]
+    try:
+        # A shift just below zero keeps the factorisation regular when A is singular.
+        low, vector = eigsh(A, k=1, sigma=-1e-10 * largest, which="LM", v0=start, tol=1e-3)
+    except (ArpackError, RuntimeError):
+        return 0.0, np.sqrt(largest), np.zeros(A.shape[0])
+    return np.sqrt(max(low[0], 0.0)), np.sqrt(largest), vector[:, 0]

@@ -1,0 +1,349 @@
+"""The user's door: a linear elastic problem whose bodies touch."""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import replace
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from petsc4py import PETSc
+
+from dolfinx_llm import compat, operators
+from dolfinx_llm._parallel import ContactError, ContactInputError, check, gather_rows
+from dolfinx_llm.interface import Interface, build_model
+from dolfinx_llm.results import STICK, InterfaceResult, SideResult
+from dolfinx_llm.rigid import Bodies, check_support
+from dolfinx_llm.surface import check_space
+from dolfinx_llm.system import SaddleSystem, mean_diagonal
+
+log = logging.getLogger("dolfinx_llm")
+
+SOLVERS = ("saddle",)
+
+
+class ContactProblem:
+    """Bodies with stiffness a and load L that touch along interfaces, (31) of the paper.
+
+    Args:
+        a: bilinear UFL form of the bodies; a sequence of them for bodies on several meshes.
+        L: linear UFL form, or a sequence of them.
+        bcs: Dirichlet conditions.
+        interfaces: the ``Interface`` objects.
+        nodal_loads: Functions of nodal forces, added to the assembled L.
+        solver: "saddle": (31) with MUMPS.
+        petsc_options_prefix: of the options of the linear solver.
+        petsc_options: PETSc options on top of the solver's own.
+
+    Raises:
+        ContactInputError: arguments that do not fit.
+        ContactError: a scene that cannot be solved.
+    """
+
+    def __init__(
+        self,
+        a,
+        L,
+        *,
+        bcs=(),
+        interfaces=(),
+        nodal_loads=(),
+        solver: str = "saddle",
+        petsc_options_prefix: str = "llm_",
+        petsc_options: dict | None = None,
+    ):
+        self._several = isinstance(a, (list, tuple))
+        forms_a, forms_L = (list(a), list(L)) if self._several else ([a], [L])
+        if solver not in SOLVERS:
+            raise ContactInputError(f"solver={solver!r}: choose one of {SOLVERS}")
+        if len(forms_a) != len(forms_L):
+            raise ContactInputError(f"{len(forms_a)} bilinear forms, {len(forms_L)} linear ones")
+        interfaces = [interfaces] if isinstance(interfaces, Interface) else list(interfaces)
+        if not interfaces:
+            raise ContactInputError("give at least one Interface")
+        self.interfaces, self.solver = interfaces, solver
+        self.times: dict[str, float] = {}
+        self.history: list[dict] = []
+        self.results: list[InterfaceResult] = []
+        self._system = None
+        self._prefix, self._options = petsc_options_prefix, petsc_options
+        with self._timed("form compilation"):
+            self._a = [fem.form(form) for form in forms_a]
+            self._L = [fem.form(form) for form in forms_L]
+        self.spaces = [_argument_space(form) for form in forms_a]
+        self.comm = self.spaces[0].mesh.comm
+        for V in self.spaces:
+            check_space(V)
+        self._bcs = [[bc for bc in bcs if compat.in_space(bc, V)] for V in self.spaces]
+        if sum(map(len, self._bcs)) != len(bcs):
+            raise ContactInputError("a Dirichlet condition belongs to none of the forms' spaces")
+        self._nodal = [
+            [load for load in nodal_loads if load.function_space.mesh is V.mesh]
+            for V in self.spaces
+        ]
+        if sum(map(len, self._nodal)) != len(nodal_loads):
+            raise ContactInputError("a nodal load lives on none of the forms' meshes")
+        self.models = [build_model(interface, self.spaces) for interface in interfaces]
+        for model in self.models:
+            for stage, seconds in model.times.items():
+                self._add_time(stage, seconds)
+        self._check_shared_nodes()
+        self._assemble_operators()
+
+    def _timed(self, stage: str):
+        return _Timer(self, stage)
+
+    def _add_time(self, stage: str, seconds: float):
+        self.times[stage] = self.times.get(stage, 0.0) + seconds
+
+    def _check_shared_nodes(self):
+        """A node tied in two interfaces would get the same constraint twice."""
+        seen: dict[int, np.ndarray] = {}
+        for model in self.models:
+            for space, side in zip(model.spaces, model.pairs):
+                shared = np.intersect1d(seen.get(space, np.empty(0, dtype=np.int64)), side.dofs)
+                if len(shared):
+                    at = side.x[np.isin(side.dofs, shared)][0].tolist()
+                    raise ContactError(
+                        f"{len(shared)} node(s), e.g. at {at}, take part in two interfaces; this "
+                        "is not supported yet: end one interface before the shared edge"
+                    )
+                seen[space] = np.concatenate([seen.get(space, side.dofs[:0]), side.dofs])
+
+    def _assemble_operators(self):
+        """K, B and L_b."""
+        gdim = self.spaces[0].mesh.geometry.dim
+        fixed = [compat.prescribed_values(V, bcs) for V, bcs in zip(self.spaces, self._bcs)]
+        sizes = [V.dofmap.index_map.size_local * gdim for V in self.spaces]
+        self._fixed = np.concatenate([~np.isnan(f[:n]) for f, n in zip(fixed, sizes)])
+        self._sizes = sizes
+        with self._timed("assembly of K"):
+            blocks = [compat.assemble_matrix(a, b, 1.0) for a, b in zip(self._a, self._bcs)]
+            self.K = blocks[0] if len(blocks) == 1 else _block_diagonal(blocks)
+        with self._timed("operators"):
+            self._pairs = [pairs for model in self.models for pairs in model.pairs]
+            spaces = [space for model in self.models for space in model.spaces]
+            self._dofs = self._global_dofs(spaces)
+            self._multipliers = operators.multiplier_numbering(self._pairs, self.comm)
+            frames = [model.frame for model in self.models]
+            self._frame_unknowns = operators.frame_numbering(frames, self._pairs, self.comm, gdim)
+            bodies = (self.K.getSizes()[0], self.K.getOwnershipRange()[0])
+            self.B = operators.assemble_B(
+                self.comm, self._pairs, self._dofs, self._multipliers, bodies, self._fixed
+            )
+            self._L_csr = [
+                operators.interface_operator(model.pairs, model.directions)
+                for model in self.models
+            ]
+            self.L_b = operators.assemble_L_b(
+                self.comm, _block_diag(self._L_csr), self._multipliers, self._frame_unknowns
+            )
+        self.scale = self._stiffness_scale(bodies[1])
+        with self._timed("support check"):
+            self._check_support()
+
+    def _global_dofs(self, spaces) -> list[np.ndarray]:
+        """Per side (n, gdim) numbers of its nodes' dofs in the vector of all bodies."""
+        gdim = self.spaces[0].mesh.geometry.dim
+        starts = np.array(
+            self.comm.allgather([V.dofmap.index_map.local_range[0] * gdim for V in self.spaces])
+        )
+        before = np.array(self.comm.allgather(np.concatenate([[0], np.cumsum(self._sizes)[:-1]])))
+        total = np.array(self.comm.allgather(self.K.getOwnershipRange()[0]))
+        numbers = []
+        for space, pairs in zip(spaces, self._pairs):
+            shift = (total + before[:, space] - starts[:, space])[pairs.owner]
+            numbers.append(pairs.dofs[:, None] * gdim + np.arange(gdim) + shift[:, None])
+        return numbers
+
+    def _stiffness_scale(self, start: int) -> float:
+        """Mean diagonal of K on the free surface dofs [force / length]."""
+        rows = np.concatenate(self._dofs).ravel() - start
+        rows = rows[(rows >= 0) & (rows < len(self._fixed))]
+        return mean_diagonal(self.K, rows[~self._fixed[rows]])
+
+    def _check_support(self):
+        self.bodies = Bodies(self.spaces)
+        constraints = []
+        for i, model in enumerate(self.models):
+            rows = []
+            for k in (0, 1):
+                side, number = model.pairs[k], 2 * i + k
+                local = self._dofs[number][:, 0] - self.K.getOwnershipRange()[0]
+                mine = side.owner == self.comm.rank
+                gdim = side.x.shape[1]
+                labels = np.zeros(len(side.x), dtype=np.int64)
+                labels[mine] = self.bodies.label[local[mine] // gdim]
+                labels = self.comm.allreduce(labels)
+                modes = self.bodies.modes(labels, side.x)
+                rows.append(np.einsum("nci,nibm->ncbm", side.base, modes))
+            rows = np.concatenate([r.reshape(-1, *r.shape[2:]) for r in rows])
+            constraints.append((self._L_csr[i], rows))
+        check_support(self.bodies, self.K, self._fixed, constraints)
+
+    def solve(self):
+        """Assemble the load, solve (31), and fill ``results``.
+
+        Returns:
+            The displacement: a dolfinx Function, or a list of them for several meshes.
+
+        Raises:
+            ContactError: NaN in the load, or a system that cannot be solved.
+        """
+        with self._timed("assembly of f"):
+            f = self._assemble_load()
+        if self._system is None:
+            with self._timed("factorisation"):
+                self._system = SaddleSystem(
+                    self.K, self.B, self.L_b, self.scale, self._prefix, self._options
+                )
+        g = self._assemble_gap(f)
+        with self._timed("solve"):
+            u, multiplier, v = self._system.solve(f, g)
+        self.history = [{"iteration": 1, "residual": self._system.residual}]
+        self._store(u, multiplier, v)
+        functions = self._functions(u)
+        return functions if self._several else functions[0]
+
+    def _assemble_load(self) -> np.ndarray:
+        loads = [
+            compat.assemble_load(L, a, bcs, V, nodal)
+            for L, a, bcs, V, nodal in zip(self._L, self._a, self._bcs, self.spaces, self._nodal)
+        ]
+        f = np.concatenate(loads)
+        bad = self.comm.allreduce(int((~np.isfinite(f)).sum()))
+        if bad:
+            raise ContactError(
+                f"the load has {bad} entries that are NaN or infinite. Check L, nodal_loads, the "
+                "values of the Dirichlet conditions and the coefficients of the forms"
+            )
+        return f
+
+    def _assemble_gap(self, f: np.ndarray) -> np.ndarray:
+        """This rank's g, with the prescribed displacements, whose rows of B are empty."""
+        gaps = [
+            side.gap if model.interface.law.close_gap else np.zeros_like(side.gap)
+            for model in self.models
+            for side in model.pairs
+        ]
+        g = operators.assemble_gap(self.comm, self._pairs, self._multipliers, gaps)
+        values = g.array_r.copy()
+        g.destroy()
+        mine = self._multipliers.mine
+        rows = np.concatenate(self._dofs)[mine] - self.K.getOwnershipRange()[0]
+        prescribed = np.where(self._fixed[rows], f[rows], 0.0)
+        base = np.concatenate([p.base for p in self._pairs])[mine]
+        return values + np.einsum("nci,ni->nc", base, prescribed).ravel()
+
+    def _gather(self, numbering, local: np.ndarray) -> np.ndarray:
+        """(items, bs) values of all ranks in the items' own order."""
+        return gather_rows(self.comm, local.reshape(-1, numbering.bs))[numbering.number]
+
+    def _store(self, u, multiplier, v):
+        multiplier = self._gather(self._multipliers, multiplier)
+        v = self._gather(self._frame_unknowns, v)
+        mine = self._multipliers.mine
+        rows = np.concatenate(self._dofs)[mine] - self.K.getOwnershipRange()[0]
+        surface_u = self._gather(
+            operators.Numbering(self._multipliers.owner, self.comm.rank, rows.shape[1]), u[rows]
+        )
+        self.results, first, node = [], 0, 0
+        for model in self.models:
+            sides = []
+            v_frame = np.einsum("md,mdi->mi", v[node : node + len(model.frame.x)], model.directions)
+            node += len(model.frame.x)
+            for pairs in model.pairs:
+                rows = slice(first, first + len(pairs.nodes))
+                first = rows.stop
+                sides.append(_side_result(pairs, multiplier[rows], surface_u[rows], v_frame))
+            frame = replace(model.frame, v=v_frame)
+            self.results.append(InterfaceResult(frame, tuple(sides), model.certificate))
+
+    def _functions(self, u: np.ndarray):
+        functions, first = [], 0
+        for V, n in zip(self.spaces, self._sizes):
+            function = fem.Function(V, name="u")
+            function.x.array[:n] = u[first : first + n]
+            function.x.scatter_forward()
+            functions.append(function)
+            first += n
+        return functions
+
+    def __str__(self) -> str:
+        """Anatomy: sizes, blocks present, what was left out and why."""
+        n_u, n_l, n_v = self.K.getSize()[0], *self.L_b.getSize()
+        lines = [
+            f"ContactProblem: {len(self.spaces)} mesh(es), {self.bodies.count} bodies, "
+            f"{len(self.models)} interface(s), {self.comm.size} rank(s)",
+            f"  unknowns: {n_u + n_l + n_v} = {n_u} u + {n_l} λ + {n_v} v; solver: {self.solver}",
+        ]
+        for model in self.models:
+            c, q = model.certificate, model.frame.quality
+            lines += [
+                f"  interface {model.interface.sides}, {model.interface.law}: "
+                f"{len(model.pairs[0].nodes)} + {len(model.pairs[1].nodes)} nodes in contact, "
+                f"frame of {len(model.frame.x)} nodes, area {model.area:.9g}",
+                f"    patch residual {c.residual:.1e} (before design {c.residual_before:.1e}), "
+                f"singular values of L_b {c.singular_values[0]:.3g} to "
+                f"{c.singular_values[1]:.3g}, linear fields to {c.linear:.1e}",
+                f"    frame: angles {q.min_angle:.1f}° to {q.max_angle:.1f}°, shortest side "
+                f"{q.min_side:.3g}",
+                *(f"    {note}" for note in model.notes),
+                "    left out: active set and local bases (tied)",
+            ]
+        return "\n".join(lines)
+
+    def __del__(self):
+        if getattr(self, "_system", None) is not None:
+            self._system.destroy()
+
+
+class _Timer:
+    def __init__(self, problem, stage):
+        self.problem, self.stage = problem, stage
+
+    def __enter__(self):
+        self.start = time.perf_counter()
+
+    def __exit__(self, *_):
+        self.problem._add_time(self.stage, time.perf_counter() - self.start)
+
+
+def _argument_space(form):
+    """dolfinx function space of a form's trial function."""
+    arguments = form.arguments()
+    if len(arguments) != 2:
+        raise ContactInputError(f"the form a must be bilinear, has {len(arguments)} argument(s)")
+    return arguments[0].ufl_function_space()
+
+
+def _block_diagonal(blocks):
+    n = len(blocks)
+    rows = [[blocks[i] if i == j else None for j in range(n)] for i in range(n)]
+    return PETSc.Mat().createNest(rows, comm=blocks[0].comm).convert("aij", PETSc.Mat())
+
+
+def _block_diag(matrices):
+    from scipy.sparse import block_diag
+
+    return block_diag(matrices, format="csr")
+
+
+def _side_result(pairs, multiplier, u, v) -> SideResult:
+    """Forces, gap and slip of one side from its multipliers (n, c), u (n, gdim) and frame v."""
+    force = np.einsum("nc,nci->ni", multiplier, pairs.base)
+    motion = u - pairs.N @ v
+    normal_motion = np.einsum("ni,ni->n", motion, pairs.normal)
+    return SideResult(
+        x=pairs.x,
+        u=u,
+        force=force,
+        normal=pairs.normal,
+        normal_force=np.einsum("ni,ni->n", force, pairs.normal),
+        gap=-normal_motion,
+        slip=motion - normal_motion[:, None] * pairs.normal,
+        status=np.full(len(u), STICK),
+        area=pairs.forces,
+    )

@@ -1,0 +1,140 @@
+"""Rigid motions of the bodies that neither supports nor interfaces hold."""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
+
+from dolfinx_llm import compat
+from dolfinx_llm._parallel import ContactError
+
+
+def body_labels(V) -> tuple[np.ndarray, int]:
+    """Number of the connected body of every local node of V (owned and ghost), and their count.
+
+    Bodies are told apart by the mesh's connectivity, on all ranks together.
+    """
+    comm, index_map = V.mesh.comm, V.dofmap.index_map
+    n = index_map.size_local + index_map.num_ghosts
+    dofs = compat.cell_dofs(V)
+    k = dofs.shape[1]
+    graph = csr_matrix(
+        (np.ones(dofs[:, 1:].size), (np.repeat(dofs[:, 0], k - 1), dofs[:, 1:].ravel())), (n, n)
+    )
+    _, part = connected_components(graph, directed=False)
+    number = index_map.local_to_global(np.arange(n, dtype=np.int32))
+    label = np.full(part.max(initial=-1) + 1, -1)
+    np.maximum.at(label, part, number)
+    vector = compat.ghosted_vector(V, 1)
+    while comm.size > 1:  # as many rounds as ranks a body winds through
+        with vector.localForm() as local:
+            local.array_w[:] = label[part]
+        vector.ghostUpdate(addv=PETSc.InsertMode.MAX_VALUES, mode=PETSc.ScatterMode.REVERSE)
+        vector.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
+        with vector.localForm() as local:
+            seen = local.array_r.astype(np.int64)
+        before = label.copy()
+        np.maximum.at(label, part, seen)
+        if not comm.allreduce(int((label != before).sum())):
+            break
+    vector.destroy()
+    found = np.unique(np.concatenate(comm.allgather(np.unique(label))))
+    return np.searchsorted(found, label[part]), len(found)
+
+
+def rigid_modes(x: np.ndarray) -> np.ndarray:
+    """(n, gdim, 3 or 6) translations and rotations of points x (n, gdim)."""
+    n, gdim = x.shape
+    modes = np.zeros((n, gdim, 3 * (gdim - 1)))
+    modes[:, :, :gdim] = np.eye(gdim)
+    for k, (i, j) in enumerate([(0, 1), (1, 2), (2, 0)][: 2 * gdim - 3]):
+        modes[:, i, gdim + k] = -x[:, j]
+        modes[:, j, gdim + k] = x[:, i]
+    return modes
+
+
+class Bodies:
+    """Connected bodies of the meshes and the rigid motions of each.
+
+    Args:
+        spaces: function spaces, one per mesh.
+    """
+
+    def __init__(self, spaces):
+        self.comm = spaces[0].mesh.comm
+        self.gdim = spaces[0].mesh.geometry.dim
+        self.labels, self.x, first = [], [], 0
+        for V in spaces:
+            label, count = body_labels(V)
+            n = V.dofmap.index_map.size_local
+            self.labels.append(label[:n] + first)
+            self.x.append(V.tabulate_dof_coordinates()[:n, : self.gdim])
+            first += count
+        self.count = first
+        label, x = np.concatenate(self.labels), np.concatenate(self.x)
+        low, high = np.full((first, self.gdim), np.inf), np.full((first, self.gdim), -np.inf)
+        np.minimum.at(low, label, x)
+        np.maximum.at(high, label, x)
+        low, high = self.comm.allgather(low), self.comm.allgather(high)
+        self.low, self.high = np.min(low, axis=0), np.max(high, axis=0)
+        self.label, self.points = label, x
+
+    def modes(self, label: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """(n, gdim, bodies, modes per body) rigid motions at points of labelled bodies, about the
+        body's centre, rotations scaled to size 1."""
+        centre, size = 0.5 * (self.low + self.high), np.linalg.norm(self.high - self.low, axis=1)
+        local = 2.0 * (x - centre[label]) / size[label, None]
+        modes = np.zeros((len(x), self.gdim, self.count, 3 * (self.gdim - 1)))
+        modes[np.arange(len(x)), :, label] = rigid_modes(local)
+        return modes
+
+    def name(self, body: int) -> str:
+        low, high = self.low[body].round(6).tolist(), self.high[body].round(6).tolist()
+        return f"body {body} (from {low} to {high})"
+
+
+def check_support(bodies: Bodies, K, fixed: np.ndarray, interfaces) -> None:
+    """Require that supports and tied interfaces hold every body.
+
+    A combination of rigid motions is not held if it has no stiffness (K R c = 0), does not move
+    prescribed dofs, and the frames can follow it (Bᵀ R c in the range of L_b).
+
+    Args:
+        bodies: the bodies.
+        K: their stiffness, identity rows at prescribed dofs.
+        fixed: (n_local,) whether a local dof is prescribed.
+        interfaces: per interface (L, R): its operator L_b and Bᵀ R as (rows, modes).
+
+    Raises:
+        ContactError: some motion is not held.
+    """
+    R = bodies.modes(bodies.label, bodies.points).reshape(len(fixed), -1)
+    x, y = K.createVecs()
+    diagonal = K.getDiagonal().array_r
+    KR = np.empty_like(R)
+    for k in range(R.shape[1]):
+        x.array_w[:] = np.where(fixed, 0.0, R[:, k])
+        K.mult(x, y)
+        KR[:, k] = y.array_r / np.where(diagonal == 0.0, 1.0, np.abs(diagonal))
+    x.destroy()
+    y.destroy()
+    # Orthogonal reduction, not the Gram matrix, whose rounding would hide the zeros.
+    rows = [np.linalg.qr(part, mode="r") for part in (R[fixed], KR)]
+    rows = [np.concatenate(bodies.comm.allgather(np.concatenate(rows)))]
+    for L, BtR in interfaces:
+        BtR = BtR.reshape(len(BtR), -1)
+        rows.append(BtR - L @ splu((L.T @ L).tocsc()).solve(L.T @ BtR))
+    _, values, vectors = np.linalg.svd(np.concatenate(rows), full_matrices=False)
+    free = vectors[values < 1e-11 * values[0]]
+    if not len(free):
+        return
+    parts = np.moveaxis(free.reshape(len(free), bodies.count, -1), 1, 0)
+    counts = [np.linalg.matrix_rank(part, 1e-6) for part in parts]
+    names = [f"{bodies.name(b)} in {count}" for b, count in enumerate(counts) if count]
+    raise ContactError(
+        f"{len(free)} rigid motion(s) are held by no support and no interface; they move "
+        f"{', '.join(names)} independent way(s). Add Dirichlet conditions or springs that hold them"
+    )

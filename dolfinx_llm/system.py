@@ -1,0 +1,173 @@
+"""The frame-augmented system (31), solved with PETSc's MUMPS."""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_llm._parallel import ContactError
+
+# Richardson on top of the factorisation is iterative refinement on any number of ranks: MUMPS's
+# own works on one rank only. ICNTL(14): spare memory for delayed pivots; ICNTL(24): null pivots.
+SADDLE_OPTIONS = {
+    "ksp_type": "richardson",
+    "ksp_max_it": 3,
+    "ksp_norm_type": "none",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_14": 80,
+    "mat_mumps_icntl_24": 1,
+}
+
+
+class SaddleSystem:
+    """Factorised block matrix of (31) with λ scaled by a stiffness, so that units vanish.
+
+    Args:
+        K: stiffness of the bodies with Dirichlet conditions applied.
+        B: (31), or None without an interface.
+        L_b: (31), or None without frame unknowns.
+        scale: mean diagonal of K on the surface dofs [force / length].
+        prefix: of the PETSc options.
+        options: PETSc options on top of ``SADDLE_OPTIONS``.
+    """
+
+    def __init__(self, K, B, L_b, scale: float, prefix: str, options: dict | None = None):
+        self.scale = scale
+        self.K = K
+        B_t = B.copy()
+        B_t.transpose()
+        L_t = L_b.copy()
+        L_t.transpose()
+        self._sB, self._sB_t, self._sL, self._sL_t = (
+            self._scaled(M, f)
+            for M, f in ((B, scale), (B_t, scale), (L_b, -scale), (L_t, -scale))
+        )
+        # PETSc hands MUMPS the upper triangle from each row's stored diagonal on: on several ranks
+        # rows without one lose entries.
+        zero_l, zero_v = (_stored_zero_diagonal(M.getSizes()[1], K.comm) for M in (B, L_b))
+        nest = PETSc.Mat().createNest(
+            [[K, self._sB, None], [self._sB_t, zero_l, self._sL], [None, self._sL_t, zero_v]],
+            comm=K.comm,
+        )
+        self.matrix = nest.convert("aij", PETSc.Mat())
+        # The nest interleaves the blocks by rank: this rank's rows of u, λ and v.
+        start = self.matrix.getOwnershipRange()[0]
+        self.rows = [block.getIndices() - start for block in nest.getNestISs()[0]]
+        for M in (self._sB, self._sB_t, self._sL, self._sL_t, nest, B_t, L_t):
+            M.destroy()
+        self.symmetric = _is_symmetric(K)
+        self.solution, self.rhs = self.matrix.createVecs()
+        self.ksp = self._factorise(prefix, options or {})
+
+    @staticmethod
+    def _scaled(M, factor):
+        M = M.copy()
+        M.scale(factor)
+        return M
+
+    def _factorise(self, prefix: str, options: dict):
+        """Set up and factorise; options do not stay in PETSc's global database."""
+        if self.symmetric:
+            self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        ksp = PETSc.KSP().create(self.matrix.comm)
+        ksp.setOperators(self.matrix)
+        ksp.setOptionsPrefix(prefix)
+        chosen = {
+            **SADDLE_OPTIONS,
+            "pc_type": "cholesky" if self.symmetric else "lu",
+            **options,
+        }
+        database = PETSc.Options()
+        added = [prefix + key for key in chosen if not database.hasName(prefix + key)]
+        for key in added:
+            database[key] = chosen[key[len(prefix) :]]
+        ksp.setFromOptions()
+        try:
+            ksp.setUp()
+            self._check_factor(ksp)
+        finally:
+            for key in added:
+                database.delValue(key)
+        return ksp
+
+    def _check_factor(self, ksp):
+        self.infog = {}
+        if ksp.getPC().getFactorSolverType() != "mumps":
+            return
+        factor = ksp.getPC().getFactorMatrix()
+        self.infog = {i: factor.getMumpsInfog(i) for i in (1, 2, 12, 28)}
+        if self.infog[1] < 0:
+            raise ContactError(
+                f"MUMPS could not factorise the system: INFOG(1) = {self.infog[1]}, INFOG(2) = "
+                f"{self.infog[2]}. -9: raise petsc_options mat_mumps_icntl_14; -10: the matrix is "
+                "singular, a body or the frame is not held; -13: out of memory"
+            )
+
+    def solve(self, f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """This rank's parts of u, λ, v for loads f and gaps g.
+
+        Raises:
+            ContactError: the factorisation failed or the residual of (31) is not small.
+        """
+        rows_u, rows_l, _ = self.rows
+        rhs = np.zeros(self.rhs.local_size)
+        rhs[rows_u], rhs[rows_l] = f, -self.scale * g
+        self.rhs.array_w[:] = rhs
+        self.ksp.solve(self.rhs, self.solution)
+        self._check_solution()
+        u, multiplier, v = (self.solution.array_r[rows] for rows in self.rows)
+        return u, self.scale * multiplier, v
+
+    def _check_solution(self):
+        reason = self.ksp.getConvergedReason()
+        residual = self.rhs.duplicate()
+        self.matrix.mult(self.solution, residual)
+        size = residual.norm(PETSc.NormType.NORM_INFINITY)
+        residual.aypx(-1.0, self.rhs)
+        size = max(size, self.rhs.norm(PETSc.NormType.NORM_INFINITY), 1e-300)
+        x = self.solution.norm(PETSc.NormType.NORM_INFINITY)
+        size = max(size, self.scale * x)
+        self.residual = residual.norm(PETSc.NormType.NORM_INFINITY) / size
+        residual.destroy()
+        if reason < 0 or not self.residual < 1e-9:
+            raise ContactError(
+                f"the solve of (31) failed: relative residual {self.residual:.1e} (allowed 1e-9), "
+                f"PETSc's reason {reason}, MUMPS {self.infog}. Check supports, material data and "
+                "the petsc_options given"
+            )
+
+    def destroy(self):
+        for item in (self.ksp, self.matrix, self.solution, self.rhs):
+            item.destroy()
+
+
+def _stored_zero_diagonal(sizes, comm):
+    n, start = sizes[0], comm.tompi4py().exscan(sizes[0]) or 0
+    csr = (np.arange(n + 1, dtype=PETSc.IntType), np.arange(start, start + n, dtype=PETSc.IntType))
+    matrix = PETSc.Mat().createAIJ(size=(sizes, sizes), csr=(*csr, np.zeros(n)), comm=comm)
+    matrix.assemble()
+    return matrix
+
+
+def _is_symmetric(K) -> bool:
+    """Whether xᵀKy = yᵀKx for two random vectors."""
+    x, y = K.createVecs()
+    Kx, Ky = x.duplicate(), x.duplicate()
+    rng = np.random.default_rng(2001 + K.comm.rank)
+    for vector in (x, y):
+        vector.array_w[:] = rng.standard_normal(vector.local_size)
+    K.mult(x, Kx)
+    K.mult(y, Ky)
+    gap, size = abs(x.dot(Ky) - y.dot(Kx)), Kx.norm() * y.norm()
+    for vector in (x, y, Kx, Ky):
+        vector.destroy()
+    return gap <= 1e-10 * size
+
+
+def mean_diagonal(K, rows: np.ndarray) -> float:
+    """Mean diagonal entry of K over some of this rank's local rows [force / length]."""
+    diagonal = K.getDiagonal()
+    values = diagonal.array_r[rows]
+    total = K.comm.tompi4py().allreduce(np.array([np.abs(values).sum(), float(len(values))]))
+    diagonal.destroy()
+    return float(total[0] / total[1]) if total[1] else 1.0
