@@ -1,6 +1,11 @@
-"""Data of the 3D contact patch test of Rebel, Park and Felippa (2001), Tables 1, 2 and 4."""
+"""The 3D contact patch test of Rebel, Park and Felippa (2001): Tables 1, 2 and 4, and its mesh."""
 
 import numpy as np
+from dolfinx import mesh
+
+from dolfinx_llm import compat
+
+FOUNDATION_TOP, PUNCH_BOTTOM, PUNCH_TOP, BOTTOM = 1, 2, 3, 4
 
 E, NU, PRESSURE = 2600.0, 0.3, 260.0
 SPACING = 0.35  # lateral mesh of the foundation, nodes at its multiples
@@ -97,3 +102,54 @@ def refine(x: np.ndarray, quads: np.ndarray, n: int):
         np.round(points.reshape(-1, 2), 9) + 0.0, axis=0, return_index=True, return_inverse=True
     )
     return points.reshape(-1, 2)[first] + 0.0, inverse.ravel()[cells]
+
+
+def extrude(x, quads, z):
+    """Bricks (in dolfinx's node order) from plane quads, anticlockwise, and levels z."""
+    n = len(x)
+    points = np.concatenate([np.column_stack([x, np.full(n, level)]) for level in z])
+    layer = np.concatenate([quads[:, [0, 1, 3, 2]], quads[:, [0, 1, 3, 2]] + n], axis=1)
+    return points, np.concatenate([layer + k * n for k in range(len(z) - 1)])
+
+
+def cross_sections(n):
+    """Nodes and quads of the foundation's top and of the punch, each split n-fold."""
+    line = np.arange(-4 * n, 4 * n + 1) * (SPACING / n)
+    k = len(line)
+    corner = np.array([i * k + j for i in range(k - 1) for j in range(k - 1)])
+    top = np.array([[a, b] for a in line for b in line])
+    quads = corner[:, None] + np.array([0, k, k + 1, 1])
+    punch = mirror(PUNCH_NODES, PUNCH_QUADS, PUNCH_AXIS_EDGES)
+    return (top, quads), refine(*punch, n)
+
+
+def scene(comm, refine=1, transform=lambda x: x):
+    """Mesh and facet tags; ``transform`` moves the points (rotation, scaling, shift)."""
+    foundation, punch = cross_sections(refine)
+    z = np.linspace(0.0, 1.0, 3 * refine + 1)
+    x0, cells0 = extrude(*foundation, z)
+    x1, cells1 = extrude(*punch, z + 1.0)
+    points, cells = np.concatenate([x0, x1]), np.concatenate([cells0, cells1 + len(x0)])
+    if comm.rank > 0:
+        points, cells = points[:0], cells[:0]
+    domain = compat.create_mesh(comm, cells, points, "hexahedron")
+    body = compat.cell_dofs(domain.geometry)[:, 0]
+    second = np.asarray(domain.geometry.input_global_indices)[body] >= len(x0)
+    domain.topology.create_connectivity(2, 3)
+    to_cell = domain.topology.connectivity(2, 3)
+    entities, values = [], []
+    for tag, height, of_punch in (
+        (FOUNDATION_TOP, 1.0, False),
+        (PUNCH_BOTTOM, 1.0, True),
+        (PUNCH_TOP, 2.0, True),
+        (BOTTOM, 0.0, False),
+    ):
+        found = mesh.locate_entities_boundary(domain, 2, lambda p, h=height: np.isclose(p[2], h))
+        facets = found[second[to_cell.array[to_cell.offsets[found]]] == of_punch]
+        entities.append(facets)
+        values.append(np.full(len(facets), tag, dtype=np.int32))
+    entities, values = np.concatenate(entities), np.concatenate(values)
+    order = np.argsort(entities)
+    tags = mesh.meshtags(domain, 2, entities[order], values[order])
+    domain.geometry.x[:] = transform(domain.geometry.x)
+    return domain, tags

@@ -62,14 +62,19 @@ def design_weights(frame: Frame, s: np.ndarray, N, cells, forces):
     rows = np.broadcast_to(nodes[:, :, None], P.shape)
     cols = np.broadcast_to(nodes[:, None, :], P.shape)
     A = csr_matrix(((weight[:, None, None] * P).ravel(), (rows.ravel(), cols.ravel())), (m, m))
-    factor = splu((A + _pins(A, s)).tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+    parts = _affine_functions(A, s)
+    factor = splu(
+        (A + _pins(A, parts)).tocsc(),
+        permc_spec="MMD_AT_PLUS_A",
+        options={"SymmetricMode": True},
+    )
     mu = np.zeros(m)
     designed = N
     for _ in range(4):  # the first solve, then refinement against rounding
         residual = patch_residual(designed, forces)
         if np.abs(residual).max() <= 0.01 * TOLERANCE:
             break
-        mu += factor.solve(residual)
+        mu += factor.solve(_without_affine(residual, parts))
         delta = np.einsum("est,et->es", P, np.where(mask, mu[nodes], 0.0))
         designed = [
             M - sign * _expand(delta[c], nodes[c], mask[c], m)
@@ -112,26 +117,45 @@ def _stencils(cells: np.ndarray, s: np.ndarray):
     return nodes, mask, P
 
 
-def _pins(A: csr_matrix, s: np.ndarray):
-    """Diagonal that fixes the affine functions, which A cannot see, on each connected part.
+def _affine_functions(A: csr_matrix, s: np.ndarray):
+    """Orthonormal affine functions, which A cannot see, on each connected part of the frame.
+
+    Returns:
+        List of (nodes, functions (n, <= d + 1)) per part.
+    """
+    _, part = connected_components(A, directed=False)
+    order = np.argsort(part, kind="stable")
+    parts = []
+    for nodes in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
+        local = np.column_stack([np.ones(len(nodes)), s[nodes] - s[nodes].mean(axis=0)])
+        U, size, _ = np.linalg.svd(local / np.linalg.norm(local), full_matrices=False)
+        parts.append((nodes, U[:, size > 1e-10]))
+    return parts
+
+
+def _without_affine(r: np.ndarray, parts) -> np.ndarray:
+    """r less its affine parts: they are rounding (both sides carry the same force with the same
+    centroid), and no correction of the rows can remove them."""
+    r = r.copy()
+    for nodes, U in parts:
+        r[nodes] -= U @ (U.T @ r[nodes])
+    return r
+
+
+def _pins(A: csr_matrix, parts):
+    """Diagonal that fixes the affine functions on each part, at the nodes that hold them best.
 
     The right-hand side is free of them, so pinning changes no equation.
     """
-    pins = np.zeros(A.shape[0])
     diagonal = A.diagonal()
-    pins[diagonal <= 1e-14 * diagonal.max()] = 1.0
-    _, part = connected_components(A, directed=False)
-    order = np.argsort(part, kind="stable")
-    for nodes in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
-        local = np.column_stack([np.ones(len(nodes)), s[nodes] - s[nodes].mean(axis=0)])
-        # The nodes that span the affine functions best, one after the other.
-        for _ in range(local.shape[1]):
-            size = np.einsum("ni,ni->n", local, local)
+    pins = np.where(diagonal <= 1e-14 * diagonal.max(), 1.0, 0.0)
+    for nodes, U in parts:
+        rest = U.copy()
+        for _ in range(U.shape[1]):
+            size = np.einsum("ni,ni->n", rest, rest)
             best = int(size.argmax())
-            if size[best] <= 0.0:
-                break
-            pins[nodes[best]] = max(diagonal.max(), 1.0)
-            local = local - np.outer(local @ local[best], local[best]) / size[best]
+            pins[nodes[best]] = diagonal.max()
+            rest = rest - np.outer(rest @ rest[best], rest[best]) / size[best]
     return diags(pins)
 
 

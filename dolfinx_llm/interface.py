@@ -201,7 +201,7 @@ def _frame(interface: Interface, sides, forces, plane: Plane):
             frame = frame.flipped()
         return frame, ["frame: given"], 1e-6
     frame, note = predict_frame(sides, forces, plane)
-    return frame, [note], 1.0
+    return frame, [note], 3.0
 
 
 def predict_frame(sides, forces, plane: Plane) -> tuple[Frame, str]:

@@ -8,19 +8,27 @@ constraints; the best shaped of the frames that pass is chosen.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.frame import Frame, shape_functions, vector_areas
 
-_GRID = 1e-9 / np.sqrt(2.0)  # the search sees plane coordinates and forces rounded to this grid
+_GRID = 1e-10 / np.sqrt(2.0)  # the search sees plane coordinates and forces rounded to this grid
+_SAME = 1e-9  # points closer than this (frame of size 1) are images of each other
+_SPREADS = (0.2, 0.3, 0.4, 0.5, 0.6)  # random starts: standard deviation over local side length
+_SUPPORT = 0.02  # least force that reaches a frame node, over the mean of all nodes
+_MARGIN = 1e-3  # [rad, relative] by which the search stays inside angle and side bounds
+_RANK = 0.02  # least ratio of the singular values of L_b
+# Linear and bilinear parts of the quad's map p = mean + a xi + b eta + d xi eta.
+_MODES = 0.25 * np.array([[-1, 1, 1, -1], [-1, -1, 1, 1], [1, -1, 1, -1]])
 
 
 @dataclass(frozen=True)
 class _Scene:
-    """Plane problem in scaled coordinates; of a symmetric scene one representative of each orbit."""
+    """Plane problem, frame scaled to size 1; of mirrored points one representative."""
 
     Y: np.ndarray  # (m, 2) predicted nodes
     Z: np.ndarray  # (2 m, n_q) free parameters q to node displacements
@@ -57,9 +65,6 @@ def _locate(Y: np.ndarray, cells: np.ndarray, x: np.ndarray):
     g = a + d * eta[..., None]
     xi = ((s - b * eta[..., None]) * g).sum(axis=-1) / (g * g).sum(axis=-1)
     return cell, np.stack([xi, eta], axis=-1)
-
-
-_MODES = 0.25 * np.array([[-1, 1, 1, -1], [-1, -1, 1, 1], [1, -1, 1, -1]])
 
 
 def _scatter(shape: tuple[int, ...], index: tuple, values: np.ndarray) -> np.ndarray:
@@ -127,47 +132,337 @@ def _system(scene: _Scene, q: np.ndarray):
     valid = ((angle > 0.02) & (angle < 3.12)).all(axis=1) & (side > 0.02 * lmin).all(axis=1)
     f, df = _forces(scene, np.where(valid[:, None, None], Y, scene.Y))
     size = np.bincount(scene.orbit)
-    low, high, short = amin - angle, angle - amax, 1.0 - side / lmin
-    weak = (smin - f[:, 1] / size) * _WS
-    R = [f[:, 0] / np.sqrt(size), np.maximum(low, 0) - np.maximum(high, 0)]
-    R += [0.3*np.maximum(short, 0), np.maximum(weak, 0)]
-    turned = (low > 0) | (high > 0)
-    dR = [df[:, 0] / np.sqrt(size)[:, None], -dangle * turned[..., None]]
-    dR += [-0.3*dside / lmin * (short > 0)[..., None]]
-    dR += [-_WS * df[:, 1] / size[:, None] * (weak > 0)[..., None]]
+    low, high, short = amin - angle, angle - amax, 0.3 * (1.0 - side / lmin)
+    weak = smin - f[:, 1] / size
+    R = [f[:, 0] / np.sqrt(size), np.maximum(low, 0.0) - np.maximum(high, 0.0)]
+    R += [np.maximum(short, 0.0), np.maximum(weak, 0.0)]
+    dR = [df[:, 0] / np.sqrt(size)[:, None], -dangle * ((low > 0) | (high > 0))[..., None]]
+    dR += [-0.3 / lmin * dside * (short > 0)[..., None]]
+    dR += [-df[:, 1] / size[:, None] * (weak > 0)[..., None]]
     return np.concatenate(R, axis=1), np.concatenate(dR, axis=1) @ scene.Z, valid
-_WS=1.0
 
 
-def _descend(scene: _Scene, q: np.ndarray, iterations: int, stop: float = 1e-12):
-    """Levenberg-Marquardt descent of B starts in one batch.
+def _descend(scene: _Scene, q: np.ndarray, iterations: int = 80):
+    """Levenberg-Marquardt descent of B starts in one batch; starts that stall are dropped.
 
     Returns:
-        (B, n_q) parameters and (B,) largest entry of the rows reached.
+        (B, n_q) parameters and (B,) largest entry of the rows of ``_system`` reached.
     """
-    q, mu = q.copy(), np.full(len(q), 1e-2)
+    q, mu, live = q.copy(), np.full(len(q), 1e-2), np.arange(len(q))
     R, J, _ = _system(scene, q)
     F = (R * R).sum(axis=1)
-    live = np.arange(len(q))
-    F8 = F.copy()
-    for it in range(iterations):
-        if it%10==9:
-            keep=F[live]<0.8*F8[live]; 
-            if it<15: keep[:]=True
-            F8=F.copy(); live=live[keep]
+    past = F.copy()
+    for i in range(iterations):
+        if i >= 20 and i % 10 == 0:
+            live = live[F[live] < 0.8 * past[live]]
+        if i % 10 == 0:
+            past = F.copy()
         if not len(live):
             break
-        Jl, Rl = J[live], R[live]
-        H = Jl.transpose(0, 2, 1) @ Jl + mu[live, None, None] * np.eye(q.shape[1])
-        d = -np.linalg.solve(H, (Jl.transpose(0, 2, 1) @ Rl[..., None]))[..., 0]
-        d *= np.minimum(1.0, 0.3 / np.maximum(np.abs(d).max(axis=1, keepdims=True), 1e-300))
+        JT = J[live].transpose(0, 2, 1)
+        H = JT @ J[live] + mu[live, None, None] * np.eye(q.shape[1])
+        d = -np.linalg.solve(H, JT @ R[live][..., None])[..., 0]
+        d *= np.minimum(1.0, 1.0 / np.maximum(np.abs(d).max(axis=1, keepdims=True), 1e-300))
         Rn, Jn, valid = _system(scene, q[live] + d)
         Fn = (Rn * Rn).sum(axis=1)
-        good = valid & (Fn < F[live])
-        ratio = Fn/F[live]
+        ratio = Fn / np.maximum(F[live], 1e-300)
+        good = valid & (ratio < 1.0)
+        factor = np.select([~good, ratio < 0.5, ratio < 0.9], [4.0, 0.2, 0.7], 1.5)
+        mu[live] = np.maximum(mu[live] * factor, 1e-12)
         g = live[good]
-        mu[live] *= np.where(good, np.where(ratio < 0.5, 0.2, np.where(ratio<.9,.7,1.5)), 4.0)
-        mu = np.maximum(mu, 1e-12)
         q[g], R[g], J[g], F[g] = q[g] + d[good], Rn[good], Jn[good], Fn[good]
-        live = live[(np.abs(R[live]).max(axis=1) > stop) & (mu[live] < 1e6)]
+        live = live[(np.abs(R[live]).max(axis=1) > 1e-8) & (mu[live] < 1e6)]
     return q, np.abs(R).max(axis=1)
+
+
+def _starts(scene: _Scene, n: int, rng: np.random.Generator) -> np.ndarray:
+    """(n, n_q) random starts, drawn towards the prediction until all cells are convex."""
+    spread = np.resize(_SPREADS, n)[:, None]
+    q = rng.normal(size=(n, scene.Z.shape[1])) * spread
+    bad = np.arange(n)
+    for _ in range(30):
+        angle = _shape(scene, scene.nodes(q[bad]))[0]
+        bad = bad[((angle < 0.1) | (angle > 3.04)).any(axis=1)]
+        if not len(bad):
+            return q
+        q[bad] *= 0.85
+    q[bad] = 0.0
+    return q
+
+
+def _outline(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Edges (n, 2) that belong to one cell, lower node first and sorted; and their cells (n,)."""
+    edges = np.sort(np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    edges, first, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
+    return edges[count == 1], first[count == 1] // cells.shape[1]
+
+
+def _plane(frame: Frame) -> tuple[np.ndarray, float, np.ndarray]:
+    """Centre (3,), size [length] and axes (2, 3) of a flat frame, whichever way its cells turn.
+
+    The first axis runs along the outline's first edge, the second to the cell behind it.
+    """
+    centre = frame.x.mean(axis=0)
+    d = frame.x - centre
+    _, s, axes = np.linalg.svd(d, full_matrices=False)
+    size = s[0] / np.sqrt(len(d))
+    height = np.abs(d @ axes[2]).max() / size
+    noise = 1e2 * np.finfo(float).eps * np.abs(frame.x).max() / size
+    if height > 1e-9 + noise:
+        raise ContactError(
+            f"design by positions needs a flat frame; nodes stand up to {height:.1e} of its size "
+            "off a plane. Use design='weights'"
+        )
+    edges, cell = _outline(frame.cells)
+    flat = d @ axes[:2].T
+    t = flat[edges[0, 1]] - flat[edges[0, 0]]
+    t /= np.linalg.norm(t)
+    n = np.array([-t[1], t[0]])
+    n *= np.sign(n @ (flat[frame.cells[cell[0]]].mean(axis=0) - flat[edges[0, 0]]))
+    return centre, size, np.array([t, n]) @ axes[:2]
+
+
+def _images(Y, cells, points, forces, M: np.ndarray):
+    """Image of each node (m,) and point (P,) under a mirror M, or None if the scene has it not."""
+    found = []
+    for x in (Y, points):
+        distance, image = cKDTree(x).query(x @ M)
+        if distance.max() > _SAME or len(np.unique(image)) < len(x):
+            return None
+        found.append(image)
+    mapped = np.sort(found[0][cells], axis=1)
+    same = {tuple(c) for c in mapped.tolist()} == {tuple(c) for c in np.sort(cells, 1).tolist()}
+    return found if same and np.abs(forces[found[1]] - forces).max() < _SAME else None
+
+
+def _symmetry(Y, cells, points, forces):
+    """Two perpendicular mirror lines through the centre, else one, else none.
+
+    Args:
+        Y: (m, 2) nodes, centre at the origin.
+        points: (P, 2) positions of both sides' points without repetition.
+        forces: (P, 2) force of either side at each.
+
+    Returns:
+        Axes (2, 2), rows along and across the first line, and a list of (signs (2,), images of
+        nodes, images of points) in these axes, the identity first.
+    """
+    radius = np.linalg.norm(Y, axis=1)
+    far = int(np.argmax(radius > radius.max() - _SAME))
+    phi = np.arctan2(Y[:, 1], Y[:, 0])
+    angles = 0.5 * (phi[far] + phi[radius > radius.max() - _SAME])
+    angles = np.concatenate([angles, angles + np.pi / 2])
+    angles = (angles + np.pi / 2 - 1e-6) % np.pi - np.pi / 2 + 1e-6  # in (-pi/2, pi/2]
+    axes, best = np.eye(2), []
+    for a in angles[np.argsort(np.round(np.abs(angles), 7), kind="stable")]:
+        R = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
+        signs = np.array([[1, -1], [-1, 1]])
+        images = [(g, _images(Y, cells, points, forces, R.T @ np.diag(g) @ R)) for g in signs]
+        images = [(g, *f) for g, f in images if f is not None]
+        if len(images) > len(best):
+            axes, best = R, images
+        if len(best) == 2:
+            (_, n0, p0), (_, n1, p1) = best
+            best = [*best, (np.array([-1, -1]), n0[n1], p0[p1])]
+            break
+    return axes, [(np.array([1, 1]), np.arange(len(Y)), np.arange(len(points))), *best]
+
+
+def _parameters(Y: np.ndarray, cells: np.ndarray, group) -> np.ndarray:
+    """(2 m, n_q) map of free parameters to displacements, in units of the sides at each node.
+
+    Outline corners stay, outline nodes slide on their straight line, images move alike.
+    """
+    edges, _ = _outline(cells)
+    ends = np.concatenate([edges, edges[:, ::-1]])
+    sides = np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2)
+    length = np.tile(np.linalg.norm(Y[sides[:, 1]] - Y[sides[:, 0]], axis=1), 2)
+    h = np.bincount(sides.T.ravel(), length) / np.bincount(sides.ravel())
+    columns = []
+    for J in np.unique(np.min([nodes for _, nodes, _ in group], axis=0)):
+        free = np.eye(2)
+        t = Y[ends[ends[:, 0] == J, 1]] - Y[J]
+        if len(t):
+            t /= np.linalg.norm(t, axis=1, keepdims=True)
+            t *= np.sign(t[:, np.abs(t[0]).argmax()])[:, None]
+            free = t[:1] if np.abs(t - t[0]).max() < 1e-8 else free[:0]
+        kept = np.mean([g for g, nodes, _ in group if nodes[J] == J], axis=0)
+        for d in free[(np.abs(free * (kept - 1.0)) < 1e-8).all(axis=1)]:
+            column = np.zeros_like(Y)
+            for g, nodes, _ in group:
+                column[nodes[J]] = h[J] * g * d
+            columns.append(column.ravel())
+    return np.array(columns).reshape(-1, Y.size).T
+
+
+def _scenes(frame: Frame, x, forces, bounds: np.ndarray):
+    """Search scene (rounded, reduced by symmetry), exact scene, Z without symmetry and the lift.
+
+    Nothing in them depends on the order of the sides or points or on the cells' orientation.
+    """
+    centre, size, axes = _plane(frame)
+    Y, s = (frame.x - centre) @ axes.T / size, (np.concatenate(x) - centre) @ axes.T / size
+    both = np.concatenate(forces) / max(np.max(f) for f in forces)
+    side = np.repeat([0, 1], [len(f) for f in forces])
+    _, first, inverse = np.unique(
+        np.round(s / 1e-8), axis=0, return_index=True, return_inverse=True
+    )
+    F = np.zeros((len(first), 2))
+    np.add.at(F, (inverse.ravel(), side), both)
+    R, group = _symmetry(Y, frame.cells, s[first], F)
+    Y, s, axes = Y @ R.T, s[first] @ R.T, R @ axes
+
+    cells = frame.cells
+    turned = vector_areas(Y, cells)[:, 2] < 0.0
+    cells = np.where(turned[:, None], cells[:, ::-1], cells)
+    start = cells.argmin(axis=1)[:, None] + np.arange(cells.shape[1])
+    cells = np.take_along_axis(cells, start % cells.shape[1], axis=1)
+    Z = _parameters(Y, cells, group)
+    corners = np.stack([cells, np.roll(cells, -1, axis=1), np.roll(cells, 1, axis=1)], axis=-1)
+    amin, amax, lmin = bounds
+    c = np.stack([F[:, 0] - F[:, 1], F.sum(axis=1)])
+    scaled = np.array([amin + _MARGIN, amax - _MARGIN, lmin / size * (1.0 + _MARGIN), 0.0])
+    exact = _Scene(Y, Z, cells, np.arange(len(Y)), s, c, corners.reshape(-1, 3), scaled)
+    search = _reduce(exact, group)
+    return search, exact, _parameters(Y, cells, group[:1]), size * axes
+
+
+def _reduce(scene: _Scene, group) -> _Scene:
+    """One representative of mirrored points and cells, in canonical order and rounded."""
+    mirrored = np.min([g for g, _, _ in group], axis=0) < 0
+    rounded = [np.round(a / _GRID) * _GRID + 0.0 for a in (scene.Y, scene.x, scene.c)]
+    Y, x, c = rounded
+    here = np.flatnonzero(np.all((x >= -_SAME) | ~mirrored, axis=1))
+    here = here[np.lexsort(np.round(x[here].T / 1e-7))]
+    orbits = np.array([len({int(p[i]) for _, _, p in group}) for i in here])
+    c = c[:, here] * orbits
+    c[0] *= np.sign(c[0, np.argmax(np.abs(c[0]) > 1e-6)])
+    near = np.any(np.all((Y[scene.cells] >= -_SAME) | ~mirrored, axis=2), axis=1)
+    near_corners = scene.corners.reshape(*scene.cells.shape, 3)[near].reshape(-1, 3)
+    orbit = np.unique(np.min([n for _, n, _ in group], axis=0), return_inverse=True)[1].ravel()
+    bounds = scene.bounds.copy()
+    bounds[3] = _SUPPORT * c[1].sum() / len(Y)
+    Z = np.round(scene.Z / _GRID) * _GRID
+    return _Scene(Y, Z, scene.cells[near], orbit, x[here], c, near_corners, bounds)
+
+
+def _polish(scene: _Scene, Y: np.ndarray, Z: np.ndarray, steps: int = 8):
+    """Least-norm Newton steps on (28) with the exact positions; returns the best nodes."""
+    best, least = Y, np.inf
+    for _ in range(steps):
+        f, df = _forces(scene, Y[None])
+        r = f[0, 0]
+        if np.abs(r).max() < least:
+            best, least = Y, np.abs(r).max()
+        if least < 1e-16:
+            break
+        Y = Y - (Z @ np.linalg.lstsq(df[0, 0] @ Z, r, rcond=1e-10)[0]).reshape(-1, 2)
+        if np.abs(Y - best).max() > 1e-3 or not (_shape(scene, Y[None])[0] > 0.02).all():
+            break
+    return best, least
+
+
+def _certify(frame: Frame, x, forces, bounds, tol: float):
+    """Singular value ratio of L_b, or None where a constraint or the patch test fails."""
+    amin, amax, lmin = bounds
+    location = [frame.locate(p) for p in x]
+    L = [frame.interpolation(loc) for loc in location]
+    r = np.abs(L[0].T @ forces[0] - L[1].T @ forces[1]).max() / max(np.max(f) for f in forces)
+    quality = frame.quality
+    angles = np.radians([quality.min_angle, quality.max_angle])
+    covered = max(loc.outside.max() for loc in location) < 1e-8
+    shaped = angles[0] >= amin and angles[1] <= amax and quality.min_side >= lmin
+    if r > tol or not covered or not shaped:
+        return None
+    sv = np.linalg.svd(np.concatenate([a.toarray() for a in L]), compute_uv=False)
+    return sv[-1] / sv[0] if len(sv) == len(frame.x) and sv[-1] >= _RANK * sv[0] else None
+
+
+def design_positions(
+    frame: Frame,
+    x,
+    forces,
+    *,
+    min_angle: float = 25.0,
+    max_angle: float = 155.0,
+    min_side: float | None = None,
+    tol: float = 1e-13,
+    seed: int = 2001,
+    starts: int | None = None,
+) -> Frame:
+    """Move the nodes of a flat frame within its plane until it passes the patch test (28).
+
+    Rebel, Park and Felippa (2001), section 5: minimises (29) under symmetry (of scenes with mirror
+    lines), fixed outline corners, straight outlines, corner angles and side lengths within bounds;
+    beyond the paper, L_b keeps full column rank. Of the passing frames in the first batch of
+    starts that has any, the one with the largest singular value ratio of L_b. Deterministic, and
+    independent of the order of the sides, units and position in space (up to rounding).
+
+    Args:
+        frame: flat prediction in 3D that covers all points, m nodes [length].
+        x: pair of (n_i, 3) positions of the two sides' nodes [length].
+        forces: pair of (n_i,) energy-equivalent forces of unit pressure [area].
+        min_angle: least corner angle [degree].
+        max_angle: largest corner angle [degree].
+        min_side: shortest side [length]; default 0.3 of the prediction's shortest.
+        tol: largest residual over the largest force. Where the coordinates' rounding is larger
+            (a scene far from the origin), 20 eps max|x| / size holds instead.
+        seed: of the random starts.
+        starts: how many are tried at most; default 16 to 2000, by the number of free parameters.
+
+    Returns:
+        The designed frame, same cells.
+
+    Raises:
+        ContactError: the frame is not flat, does not cover the points, or no start passes.
+    """
+    x = [np.asarray(p, dtype=float) for p in x]
+    forces = [np.asarray(f, dtype=float) for f in forces]
+    lmin = 0.3 * frame.quality.min_side if min_side is None else min_side
+    bounds = np.array([np.radians(min_angle), np.radians(max_angle), lmin])
+    search, exact, free, lift = _scenes(frame, x, forces, bounds)
+    outside = max(frame.locate(p).outside.max() for p in x)
+    if outside > 1e-8:
+        raise ContactError(
+            f"design by positions: contact points stand up to {outside:.1e} of a cell outside the "
+            "frame, whose outline is kept. Predict a frame that covers all points"
+        )
+    n_q = search.Z.shape[1]
+    starts = int(np.clip(28000 // max(n_q, 1), 16, 2000)) if starts is None else starts
+    work = search.corners.size * n_q + len(search.x) * len(search.cells) * 8
+    batch = int(np.clip(4_000_000 // max(work, 1), 1, 400))
+    far = max(np.abs(a).max() for a in (frame.x, *x)) / np.linalg.norm(lift[0])
+    tol = max(tol, 20.0 * np.finfo(float).eps * far)
+
+    rng, reached = np.random.default_rng(seed), np.inf
+    for done in range(0, starts if n_q else 0, batch):
+        q = _starts(search, min(batch, starts - done), rng)
+        q[0] *= float(done > 0)
+        q, rows = _descend(search, q)
+        reached = min(reached, rows.min())
+        found = []
+        for candidate in q[rows < 1e-7]:
+            moved = _finish(frame, exact, free, lift, candidate, tol)
+            ratio = None if moved is None else _certify(moved, x, forces, bounds, tol)
+            if ratio is not None:
+                found.append((-round(ratio, 4), float(np.abs(moved.x - frame.x).max()), moved))
+        if found:
+            return min(found, key=lambda f: f[:2])[2]
+    raise ContactError(
+        f"design by positions: none of {starts} starts with {n_q} free parameters passes within "
+        f"the bounds (angles {min_angle:g} to {max_angle:g} degrees, sides from {lmin:.3g}, "
+        f"sigma_min/sigma_max of L_b from {_RANK:g}, residual up to {tol:.1e}); the closest left "
+        f"{reached:.1e} of residual or violation. Use design='weights', more starts, wider bounds "
+        "or another prediction"
+    )
+
+
+def _finish(frame, exact: _Scene, free, lift, q, tol: float) -> Frame | None:
+    """Frame of search parameters q, polished with the exact positions; None if it degenerates."""
+    Y, least = _polish(exact, exact.nodes(q[None])[0], exact.Z)
+    if least > 0.5 * tol:
+        Y, _ = _polish(exact, Y, free)
+    try:
+        return Frame(frame.x + (Y - exact.Y) @ lift, frame.cells)
+    except ContactError:
+        return None

@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
+import dolfinx.fem
+import dolfinx.io
 import numpy as np
 import ufl
 
@@ -32,3 +34,88 @@ def write_csv(path, header, rows) -> None:
         writer = csv.writer(file)
         writer.writerow(header)
         writer.writerows(rows)
+
+
+def cell_maximum(expression, mesh, degree: int = 2):
+    """Largest value of a scalar UFL expression per cell, as a piecewise constant Function."""
+    V = compat.function_space(mesh, "DG", 0)
+    function = dolfinx.fem.Function(V)
+    values = at_quadrature_points(expression, mesh, degree)
+    function.x.array[compat.cell_dofs(V)[: len(values), 0]] = values.max(axis=1)
+    function.x.scatter_forward()
+    return function
+
+
+def write_bodies(path, u, cell_fields: dict | None = None) -> None:
+    """Displacement and piecewise constant fields of one mesh as XDMF, for ParaView. Collective.
+
+    Args:
+        path: file that ends on .xdmf; its folder is made.
+        u: displacement Function.
+        cell_fields: name to scalar UFL expression.
+    """
+    path, mesh = Path(path), u.function_space.mesh
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with dolfinx.io.XDMFFile(mesh.comm, str(path), "w") as file:
+        file.write_mesh(mesh)
+        u.name = "displacement"
+        file.write_function(u)
+        for name, expression in (cell_fields or {}).items():
+            function = cell_maximum(expression, mesh)
+            function.name = name
+            file.write_function(function)
+
+
+def write_interface(folder, result) -> None:
+    """Frame and both sides as VTK polydata with their fields; call it on one rank.
+
+    Writes frame.vtk (displacement v), side_0.vtk and side_1.vtk (points with displacement, force,
+    normal force, gap, slip, status, area) and the same sides as CSV.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    frame = result.frame
+    _write_vtk(folder / "frame.vtk", frame.x, frame.cells, {"displacement": frame.v})
+    for k, side in enumerate(result.sides):
+        fields = {
+            "displacement": side.u,
+            "force": side.force,
+            "normal_force": side.normal_force,
+            "gap": side.gap,
+            "slip": side.slip,
+            "status": side.status.astype(float),
+            "area": side.area,
+        }
+        vertices = np.arange(len(side.x))[:, None]
+        _write_vtk(folder / f"side_{k}.vtk", side.x, vertices, fields)
+        columns = {"x": side.x, **fields}
+        header = [
+            name if np.ndim(values) == 1 else f"{name}_{'xyz'[i]}"
+            for name, values in columns.items()
+            for i in range(1 if np.ndim(values) == 1 else values.shape[1])
+        ]
+        table = np.column_stack([np.asarray(v).reshape(len(side.x), -1) for v in columns.values()])
+        write_csv(folder / f"side_{k}.csv", header, table.tolist())
+
+
+def _write_vtk(path: Path, x: np.ndarray, cells: np.ndarray, fields: dict) -> None:
+    """Legacy VTK polydata in ASCII with fields at the points."""
+
+    def three(values):
+        return np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
+
+    kind = {1: "VERTICES", 2: "LINES"}.get(cells.shape[1], "POLYGONS")
+    with open(path, "w", encoding="ascii") as file:
+        file.write("# vtk DataFile Version 3.0\ndolfinx_llm\nASCII\nDATASET POLYDATA\n")
+        file.write(f"POINTS {len(x)} double\n")
+        np.savetxt(file, three(x), fmt="%.16g")
+        file.write(f"{kind} {len(cells)} {cells.size + len(cells)}\n")
+        np.savetxt(file, np.column_stack([np.full(len(cells), cells.shape[1]), cells]), fmt="%d")
+        file.write(f"POINT_DATA {len(x)}\n")
+        for name, values in fields.items():
+            if values.ndim == 2:
+                file.write(f"VECTORS {name} double\n")
+                np.savetxt(file, three(values), fmt="%.16g")
+            else:
+                file.write(f"SCALARS {name} double 1\nLOOKUP_TABLE default\n")
+                np.savetxt(file, values, fmt="%.16g")

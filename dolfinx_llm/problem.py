@@ -7,6 +7,7 @@ import time
 from dataclasses import replace
 
 import numpy as np
+import scipy.sparse
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
@@ -137,12 +138,33 @@ class ContactProblem:
                 operators.interface_operator(model.pairs, model.directions)
                 for model in self.models
             ]
+            self._find_prescribed(bodies[1])
+            kept = scipy.sparse.diags((~self._redundant).astype(float))
+            L = (kept @ _block_diag(self._L_csr)).tocsr()
+            L.eliminate_zeros()
             self.L_b = operators.assemble_L_b(
-                self.comm, _block_diag(self._L_csr), self._multipliers, self._frame_unknowns
+                self.comm, L, self._multipliers, self._frame_unknowns
             )
         self.scale = self._stiffness_scale(bodies[1])
         with self._timed("support check"):
             self._check_support()
+
+    def _find_prescribed(self, start: int):
+        """Rows of L_b at prescribed dofs, and the redundant ones, which (31) leaves out."""
+        mine = self._multipliers.mine
+        fixed = self._fixed[np.concatenate(self._dofs)[mine] - start]
+        base = np.concatenate([p.base for p in self._pairs])[mine]
+        prescribed = (fixed[:, None, :] | (base == 0.0)).all(axis=2)
+        prescribed = self._gather(self._multipliers, prescribed).ravel()
+        self._redundant = np.zeros(len(prescribed), dtype=bool)
+        self._prescribed, first = [], 0
+        for L in self._L_csr:
+            rows, basis, redundant = operators.prescribed_rows(
+                L, prescribed[first : first + L.shape[0]]
+            )
+            self._prescribed.append((first + rows, basis))
+            self._redundant[first + redundant] = True
+            first += L.shape[0]
 
     def _global_dofs(self, spaces) -> list[np.ndarray]:
         """Per side (n, gdim) numbers of its nodes' dofs in the vector of all bodies."""
@@ -235,14 +257,19 @@ class ContactProblem:
         rows = np.concatenate(self._dofs)[mine] - self.K.getOwnershipRange()[0]
         prescribed = np.where(self._fixed[rows], f[rows], 0.0)
         base = np.concatenate([p.base for p in self._pairs])[mine]
-        return values + np.einsum("nci,ni->nc", base, prescribed).ravel()
+        values += np.einsum("nci,ni->nc", base, prescribed).ravel()
+        redundant = self._redundant.reshape(-1, base.shape[1])[mine].ravel()
+        return np.where(redundant, 0.0, values)
 
     def _gather(self, numbering, local: np.ndarray) -> np.ndarray:
         """(items, bs) values of all ranks in the items' own order."""
         return gather_rows(self.comm, local.reshape(-1, numbering.bs))[numbering.number]
 
     def _store(self, u, multiplier, v):
-        multiplier = self._gather(self._multipliers, multiplier)
+        multiplier = self._gather(self._multipliers, multiplier).ravel()
+        for rows, basis in self._prescribed:  # the smallest that have the same effect
+            multiplier[rows] = basis @ (basis.T @ multiplier[rows])
+        multiplier = multiplier.reshape(-1, self._multipliers.bs)
         v = self._gather(self._frame_unknowns, v)
         mine = self._multipliers.mine
         rows = np.concatenate(self._dofs)[mine] - self.K.getOwnershipRange()[0]
@@ -271,9 +298,15 @@ class ContactProblem:
             first += n
         return functions
 
+    @property
+    def unknowns(self) -> dict[str, int]:
+        """Global number of unknowns: displacements u, multipliers lambda, frame v."""
+        n_l, n_v = self.L_b.getSize()
+        return {"u": self.K.getSize()[0], "lambda": n_l, "v": n_v}
+
     def __str__(self) -> str:
         """Anatomy: sizes, blocks present, what was left out and why."""
-        n_u, n_l, n_v = self.K.getSize()[0], *self.L_b.getSize()
+        n_u, n_l, n_v = self.unknowns.values()
         lines = [
             f"ContactProblem: {len(self.spaces)} mesh(es), {self.bodies.count} bodies, "
             f"{len(self.models)} interface(s), {self.comm.size} rank(s)",

@@ -1,4 +1,4 @@
-"""The frame-augmented system (31), solved with PETSc's MUMPS."""
+"""The frame-augmented system (31) or the classical one (6), solved with PETSc's MUMPS."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class SaddleSystem:
     Args:
         K: stiffness of the bodies with Dirichlet conditions applied.
         B: (31), or None without an interface.
-        L_b: (31), or None without frame unknowns.
+        L_b: (31), or None without frame unknowns: (6), with B = Qᵀ.
         scale: mean diagonal of K on the surface dofs [force / length].
         prefix: of the PETSc options.
         options: PETSc options on top of ``SADDLE_OPTIONS``.
@@ -36,24 +36,24 @@ class SaddleSystem:
         self.K = K
         B_t = B.copy()
         B_t.transpose()
-        L_t = L_b.copy()
-        L_t.transpose()
-        self._sB, self._sB_t, self._sL, self._sL_t = (
-            self._scaled(M, f)
-            for M, f in ((B, scale), (B_t, scale), (L_b, -scale), (L_t, -scale))
-        )
+        sB, sB_t = self._scaled(B, scale), self._scaled(B_t, scale)
         # PETSc hands MUMPS the upper triangle from each row's stored diagonal on: on several ranks
         # rows without one lose entries.
-        zero_l, zero_v = (_stored_zero_diagonal(M.getSizes()[1], K.comm) for M in (B, L_b))
-        nest = PETSc.Mat().createNest(
-            [[K, self._sB, None], [self._sB_t, zero_l, self._sL], [None, self._sL_t, zero_v]],
-            comm=K.comm,
-        )
+        zero_l = _stored_zero_diagonal(B.getSizes()[1], K.comm)
+        blocks, parts = [[K, sB], [sB_t, zero_l]], [B_t, sB, sB_t, zero_l]
+        if L_b is not None:
+            L_t = L_b.copy()
+            L_t.transpose()
+            sL, sL_t = self._scaled(L_b, -scale), self._scaled(L_t, -scale)
+            zero_v = _stored_zero_diagonal(L_b.getSizes()[1], K.comm)
+            blocks = [[K, sB, None], [sB_t, zero_l, sL], [None, sL_t, zero_v]]
+            parts += [L_t, sL, sL_t, zero_v]
+        nest = PETSc.Mat().createNest(blocks, comm=K.comm)
         self.matrix = nest.convert("aij", PETSc.Mat())
         # The nest interleaves the blocks by rank: this rank's rows of u, λ and v.
         start = self.matrix.getOwnershipRange()[0]
         self.rows = [block.getIndices() - start for block in nest.getNestISs()[0]]
-        for M in (self._sB, self._sB_t, self._sL, self._sL_t, nest, B_t, L_t):
+        for M in (nest, *parts):
             M.destroy()
         self.symmetric = _is_symmetric(K)
         self.solution, self.rhs = self.matrix.createVecs()
@@ -104,19 +104,19 @@ class SaddleSystem:
             )
 
     def solve(self, f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """This rank's parts of u, λ, v for loads f and gaps g.
+        """This rank's parts of u, λ, v for loads f and gaps g; v is empty without L_b.
 
         Raises:
-            ContactError: the factorisation failed or the residual of (31) is not small.
+            ContactError: the factorisation failed or the residual is not small.
         """
-        rows_u, rows_l, _ = self.rows
+        rows_u, rows_l = self.rows[:2]
         rhs = np.zeros(self.rhs.local_size)
         rhs[rows_u], rhs[rows_l] = f, -self.scale * g
         self.rhs.array_w[:] = rhs
         self.ksp.solve(self.rhs, self.solution)
         self._check_solution()
-        u, multiplier, v = (self.solution.array_r[rows] for rows in self.rows)
-        return u, self.scale * multiplier, v
+        u, multiplier, *v = (self.solution.array_r[rows] for rows in self.rows)
+        return u, self.scale * multiplier, v[0] if v else np.empty(0)
 
     def _check_solution(self):
         reason = self.ksp.getConvergedReason()
@@ -131,8 +131,8 @@ class SaddleSystem:
         residual.destroy()
         if reason < 0 or not self.residual < 1e-9:
             raise ContactError(
-                f"the solve of (31) failed: relative residual {self.residual:.1e} (allowed 1e-9), "
-                f"PETSc's reason {reason}, MUMPS {self.infog}. Check supports, material data and "
+                f"the solve failed: relative residual {self.residual:.1e} (allowed 1e-9), PETSc's "
+                f"reason {reason}, MUMPS {self.infog}. Check supports, material data and "
                 "the petsc_options given"
             )
 

@@ -1,0 +1,165 @@
+"""Pictures with Matplotlib, without a display. Libraries are imported when a picture is made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from dolfinx_llm import compat, post
+from dolfinx_llm.patch import Plane
+
+
+def _pyplot():
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    return plt
+
+
+def _save(plt, figure, path) -> None:
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=150, bbox_inches="tight")
+    plt.close(figure)
+
+
+def frame_design(result, before, path) -> None:
+    """Frame before and after design with both sides' nodes and forces (paper, Figures 11, 12).
+
+    Draws on rank 0 when called on all ranks.
+
+    Args:
+        result: of an interface between flat surfaces in 3D.
+        before: the frame's prediction, or None.
+        path: PNG to write.
+    """
+    if not _on_root():
+        return
+    plt = _pyplot()
+    plane = _plane(result.frame)
+    frames = [("prediction", before)] if before is not None else []
+    frames.append(("frame", result.frame))
+    figure, axes = plt.subplots(1, len(frames), figsize=(6.5 * len(frames), 6), squeeze=False)
+    largest = max(side.normal_force.max() for side in result.sides)
+    for axis, (title, frame) in zip(axes[0], frames):
+        s = plane.project(frame.x)
+        _draw_cells(axis, s, frame.cells)
+        for k, side in enumerate(result.sides):
+            p = plane.project(side.x)
+            size = 120.0 * np.maximum(side.normal_force, 0.0) / largest
+            axis.scatter(*p.T, s=size, alpha=0.45, color=f"C{k}", label=f"side {k}: force")
+            axis.plot(*p.T, "." if k else "x", color=f"C{k}", markersize=4)
+        axis.set(aspect="equal", title=f"{title}: {len(frame.x)} nodes, {len(frame.cells)} cells")
+        axis.legend(loc="upper right", fontsize=8)
+    _save(plt, figure, path)
+
+
+def _on_root() -> bool:
+    from mpi4py import MPI
+
+    return MPI.COMM_WORLD.rank == 0
+
+
+def _plane(frame) -> Plane:
+    from dolfinx_llm.frame import vector_areas
+
+    normal = vector_areas(frame.x, frame.cells).sum(axis=0)
+    normal /= np.linalg.norm(normal)
+    axis = np.eye(3)[np.argmin(np.abs(normal))]
+    t1 = axis - (axis @ normal) * normal
+    t1 /= np.linalg.norm(t1)
+    return Plane(frame.x.mean(axis=0), np.array([t1, np.cross(normal, t1), normal]))
+
+
+def _draw_cells(axis, s, cells) -> None:
+    from matplotlib.collections import PolyCollection
+
+    axis.add_collection(PolyCollection(s[cells], facecolors="none", edgecolors="k", linewidths=1))
+    axis.plot(*s.T, "ks", markersize=3)
+
+
+def bodies(u, expression, path, *, label: str = "", scale: float | None = None) -> None:
+    """Deformed bodies coloured by a scalar (paper, Figure 13). Collective.
+
+    Args:
+        u: displacement Function of a mesh in 3D or 2D.
+        expression: scalar UFL expression, its largest value per cell is shown.
+        path: PNG to write.
+        label: of the colour bar.
+        scale: factor on the displacement; None: such that it is a tenth of the size at most, or 1.
+    """
+    mesh = u.function_space.mesh
+    field = post.cell_maximum(expression, mesh)
+    gathered = mesh.comm.gather(_skin(u, field), root=0)
+    if mesh.comm.rank:
+        return
+    x, v, values = (np.concatenate(part) for part in zip(*gathered))
+    if scale is None:
+        size, motion = np.ptp(x.reshape(-1, x.shape[2]), axis=0).max(), np.abs(v).max()
+        scale = 1.0 if motion > 0.02 * size or motion == 0.0 else 0.05 * size / motion
+    plt = _pyplot()
+    figure = plt.figure(figsize=(8, 6))
+    low, high = values.min(), values.max()
+    if high - low < 1e-6 * max(abs(high), 1e-300):  # constant: do not paint rounding
+        low, high = low - 0.5 * abs(low) - 1e-300, high + 0.5 * abs(high) + 1e-300
+    norm = plt.Normalize(low, high)
+    colours = plt.cm.viridis(norm(values))
+    _draw_skin(figure, x + scale * v, colours)
+    figure.colorbar(
+        plt.cm.ScalarMappable(norm, "viridis"), ax=figure.axes, shrink=0.7,
+        label=f"{label} ({values.min():.6g} to {values.max():.6g}); displacement × {scale:.3g}",
+    )  # fmt: skip
+    _save(plt, figure, path)
+
+
+def _skin(u, field):
+    """This rank's outer facets (cells in 2D): corners, their displacement, the cell's value."""
+    V, mesh = u.function_space, u.function_space.mesh
+    tdim, gdim = mesh.topology.dim, mesh.geometry.dim
+    dofs = compat.cell_dofs(V)
+    values = field.x.array[compat.cell_dofs(field.function_space)[:, 0]]
+    n_owned = mesh.topology.index_map(tdim).size_local
+    layout = V.dofmap.dof_layout
+    if tdim == 2:
+        order = [0, 1, 2] if layout.num_dofs == 3 else [0, 1, 3, 2]
+        nodes, cells = dofs[:n_owned][:, order], np.arange(n_owned)
+    else:
+        mesh.topology.create_connectivity(2, 3)
+        mesh.topology.create_connectivity(3, 2)
+        to_cell, to_facet = mesh.topology.connectivity(2, 3), mesh.topology.connectivity(3, 2)
+        outer = np.flatnonzero(np.diff(to_cell.offsets) == 1)
+        cells = to_cell.array[to_cell.offsets[outer]]
+        outer, cells = outer[cells < n_owned], cells[cells < n_owned]
+        n_facets = 4 if layout.num_dofs == 4 else 6
+        local = (to_facet.array.reshape(-1, n_facets)[cells] == outer[:, None]).argmax(axis=1)
+        table = np.array([layout.entity_closure_dofs(2, i) for i in range(n_facets)])
+        table = table[:, [0, 1, 3, 2]] if table.shape[1] == 4 else table
+        nodes = dofs[cells[:, None], table[local]]
+    x = V.tabulate_dof_coordinates()[:, :gdim]
+    motion = u.x.array.reshape(-1, gdim)
+    return x[nodes], motion[nodes], values[cells]
+
+
+def _draw_skin(figure, polygons, colours) -> None:
+    if polygons.shape[2] == 2:
+        from matplotlib.collections import PolyCollection
+
+        axis = figure.add_subplot()
+        axis.add_collection(
+            PolyCollection(polygons, facecolors=colours, edgecolors="k", linewidths=0.1)
+        )
+        axis.autoscale_view()
+        axis.set_aspect("equal")
+        return
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    axis = figure.add_subplot(projection="3d")
+    axis.add_collection3d(
+        Poly3DCollection(polygons, facecolors=colours, edgecolors="k", linewidths=0.2)
+    )
+    low, high = polygons.min(axis=(0, 1)), polygons.max(axis=(0, 1))
+    for k, name in enumerate("xyz"):
+        getattr(axis, f"set_{name}lim")(low[k], high[k])
+    axis.set_box_aspect(high - low)
