@@ -315,6 +315,7 @@ class Elimination(_ClassicalForm):
         with collective(problem.comm):
             if problem.comm.rank == 0:
                 L = block_diag(problem._L_csr).toarray()
+                L[problem._redundant] = 0.0
                 basis, R = np.linalg.qr(L, mode="complete")
                 Phi = _acting(basis[:, m:], self._base, fixed)
                 factors = basis[:, :m], R[:m], Phi
@@ -352,6 +353,8 @@ class Elimination(_ClassicalForm):
         gap = problem._gather(rows, g).ravel()
         u, reduced = self._solve(f, (self._basis.T @ gap)[first:last])
         multiplier = self._basis @ gather_rows(problem.comm, reduced)
+        for at, least in problem._prescribed:
+            multiplier[at] = least @ (least.T @ multiplier[at])
         motion = gap + problem._gather(rows, self._surface_motion(u)).ravel()
         v = solve_triangular(self._R, self._range.T @ motion)  # (33)
         self.multiplier = multiplier.reshape(self._base.shape[:2])

@@ -22,7 +22,8 @@ def free_surface_load(V, facet_tags, tag: int, pressure: float, covered_by=None)
         facet_tags: mesh tags of facets.
         tag: the loaded surface.
         pressure: positive when it presses on the body [force / area].
-        covered_by: (facet tags, tag) of a surface of the same mesh that covers part of it, or None.
+        covered_by: (facet tags, tag) of a surface of the same mesh that covers part of it, or
+            (function space, facet tags, tag) of one of another mesh, or None.
 
     Returns:
         Function of V that holds nodal forces; pass it as ``nodal_loads``.
@@ -41,7 +42,7 @@ def free_surface_load(V, facet_tags, tag: int, pressure: float, covered_by=None)
             np.repeat((vector / side.facets.shape[1])[:, None, :], side.facets.shape[1], axis=1)
         )
     else:
-        other = extract_surface(V, *covered_by)
+        other = extract_surface(*(covered_by if len(covered_by) == 3 else (V, *covered_by)))
         plane = common_plane(side, other)
         s = plane.project(side.x)
         area = common_area(side, other, plane)

@@ -101,10 +101,13 @@ def rank_certificate(frame: Frame, N, bound: float = 1e-3) -> tuple[float, float
     m = L.shape[1]
     free = np.flatnonzero(support <= 1e-12)
     if L.shape[0] < m or len(free):
+        weak = np.argsort(support)[:10]  # of those that are too many, the least supported
         at = f"; no surface node touches the cells of the frame nodes {free[:10].tolist()}"
+        if not len(free):
+            at = f"; least supported are the frame nodes {weak.tolist()}"
         raise ContactError(
             f"the frame is too fine: {m} nodes against {N[0].shape[0]} + {N[1].shape[0]} surface "
-            f"nodes in contact{at if len(free) else ''}. L_b needs full column rank; take cells "
+            f"nodes in contact{at}. L_b needs full column rank; take cells "
             "about as large as those of the coarser side, or frame=None"
         )
     if m <= 600:

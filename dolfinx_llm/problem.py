@@ -86,6 +86,10 @@ class ContactProblem:
         ]
         if sum(map(len, self._nodal)) != len(nodal_loads):
             raise ContactInputError("a nodal load lives on none of the forms' meshes")
+        for V, loads in zip(self.spaces, self._nodal):
+            wrong = [load.name for load in loads if _layout(load.function_space) != _layout(V)]
+            text = f"nodal load(s) {wrong}: must be Functions of the space of the form"
+            check(self.comm, bool(wrong), text, ContactInputError)
         self.models = [build_model(interface, self.spaces) for interface in interfaces]
         for model in self.models:
             for stage, seconds in model.times.items():
@@ -123,6 +127,11 @@ class ContactProblem:
         with self._timed("assembly of K"):
             blocks = [compat.assemble_matrix(a, b, 1.0) for a, b in zip(self._a, self._bcs)]
             self.K = blocks[0] if len(blocks) == 1 else _block_diagonal(blocks)
+        if not np.isfinite(self.K.norm()):
+            raise ContactError(
+                "the stiffness has entries that are NaN or infinite. Check the coefficients of the "
+                "forms a and the mesh for degenerate cells"
+            )
         with self._timed("operators"):
             self._pairs = [pairs for model in self.models for pairs in model.pairs]
             spaces = [space for model in self.models for space in model.spaces]
@@ -328,9 +337,17 @@ class ContactProblem:
             ]
         return "\n".join(lines)
 
-    def __del__(self):
-        if getattr(self, "_system", None) is not None:
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective.
+
+        Not left to Python's garbage collector, which runs at another time on every rank: in loops
+        over many problems on several ranks call it when done with each.
+        """
+        if self._system is not None:
             self._system.destroy()
+            self._system = None
+        for matrix in (self.K, self.B, self.L_b):
+            matrix.destroy()
 
 
 class _Timer:
@@ -342,6 +359,12 @@ class _Timer:
 
     def __exit__(self, *_):
         self.problem._add_time(self.stage, time.perf_counter() - self.start)
+
+
+def _layout(V) -> tuple[int, ...]:
+    """Number of this rank's nodes of a space, of a cell's, and of components."""
+    dofmap = V.dofmap
+    return dofmap.index_map.size_local, dofmap.dof_layout.num_dofs, dofmap.index_map_bs
 
 
 def _argument_space(form):

@@ -92,7 +92,7 @@ class Bodies:
         return modes
 
     def name(self, body: int) -> str:
-        low, high = self.low[body].round(6).tolist(), self.high[body].round(6).tolist()
+        low, high = ((x[body].round(6) + 0.0).tolist() for x in (self.low, self.high))
         return f"body {body} (from {low} to {high})"
 
 

@@ -112,10 +112,11 @@ def extract_surface(V, facet_tags, tag: int) -> Surface:
     outward = x[facets].mean(axis=1) - centres
     turned = np.einsum("fi,fi->f", vector_areas(x, facets), outward) < 0.0
     facets[turned] = facets[turned, ::-1]
-    start = np.take_along_axis(
-        facets, (facets.argmin(axis=1)[:, None] + np.arange(facets.shape[1])) % facets.shape[1], 1
-    )
-    facets = start[np.lexsort(start.T[::-1])]
+    k = facets.shape[1]
+    if k > 2:  # begin with the smallest node; a segment has no cycle to turn
+        turn = (facets.argmin(axis=1)[:, None] + np.arange(k)) % k
+        facets = np.take_along_axis(facets, turn, axis=1)
+    facets = facets[np.lexsort(facets.T[::-1])]
     return Surface(
         x, facets, dofs.ravel()[first][order], owners.ravel()[first][order], f"tag {tag}"
     )

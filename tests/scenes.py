@@ -149,7 +149,7 @@ def sorted_nodes(u):
     V = u.function_space
     gdim, n = V.mesh.geometry.dim, V.dofmap.index_map.size_local
     x, value = V.tabulate_dof_coordinates()[:n, :gdim], u.x.array[: n * gdim].reshape(n, gdim)
-    # Bodies that touch have two nodes at one place: the cell's centre tells them apart.
+    # Bodies that touch have two nodes at one place: that its cells are below or above tells.
     dofs = compat.cell_dofs(V)
     centre = np.zeros((n + V.dofmap.index_map.num_ghosts, gdim))
     count = np.zeros(len(centre))
@@ -159,5 +159,5 @@ def sorted_nodes(u):
         np.add.at(count, column, 1.0)
     side = np.sign(np.round((centre / np.maximum(count, 1.0)[:, None])[:n] - x, 6))
     rows = np.concatenate(V.mesh.comm.allgather(np.column_stack([x, side[:, -1], value])))
-    order = np.lexsort(np.round(rows[:, : gdim + 1], 8).T)
+    order = np.lexsort(np.round(rows[:, [gdim, *range(gdim)]], 8).T)
     return rows[order, :gdim], rows[order, gdim + 1 :]

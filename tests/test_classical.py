@@ -1,24 +1,17 @@
 """Node-to-segment multipliers (2)-(6) and the elimination of the frame (32)-(36)."""
 
 import json
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
+import patch3d
 import pytest
+from conftest import run_mpi_json
 from dolfinx import fem
 from mpi4py import MPI
+from paper_data import PRESSURE, scene
 
-DEMOS = Path(__file__).resolve().parents[1] / "demos"
-sys.path.insert(0, str(DEMOS))
-
-import patch3d  # noqa: E402
-from paper_data import PRESSURE, scene  # noqa: E402
-
-from dolfinx_llm import ContactError, ContactInputError, classical, compat, post  # noqa: E402
-from dolfinx_llm.classical import Elimination, NodeToSegment  # noqa: E402
+from dolfinx_llm import ContactError, ContactInputError, classical, compat, post
+from dolfinx_llm.classical import Elimination, NodeToSegment
 
 SIDES = {"foundation": 0, "punch": 1}
 
@@ -71,23 +64,6 @@ def elimination(contact_and_u):
     return form
 
 
-def run_two_ranks() -> str:
-    """This file's main part on two ranks, without the variables of this process's MPI."""
-    inside = ("OMPI_COMM", "OMPI_FILE", "OMPI_APP", "OMPI_UNIVERSE", "PMIX_", "PMI_", "OPAL_")
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(inside)}
-    environment |= {
-        "OMPI_ALLOW_RUN_AS_ROOT": "1",
-        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-        "OMPI_MCA_rmaps_base_oversubscribe": "1",
-        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
-        "OMP_NUM_THREADS": "1",
-    }
-    command = ["mpirun", "-n", "2", sys.executable, __file__]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
-
-
 def assert_equivalent(found: dict):
     print(found)
     assert found["u"] < 1e-11
@@ -102,7 +78,7 @@ def test_elimination_is_the_frame_form(contact_and_u):
 
 
 def test_two_ranks(contact_and_u):
-    found = json.loads(run_two_ranks().splitlines()[-1])
+    found = run_mpi_json(__file__, 2)
     assert_equivalent(found)
     alone = differences(*contact_and_u)
     assert found["classical"] == pytest.approx(alone["classical"], rel=1e-9)
@@ -194,8 +170,12 @@ def test_prescribed_surface_dofs(monkeypatch):
         monkeypatch.setattr(patch3d, "supports", lambda V, shift=shift: shifted_supports(V, shift))
         contact, u = build(MPI.COMM_SELF)
         forms = [NodeToSegment(contact, slave=0), NodeToSegment(contact, slave=1)]
-        solutions = [u, Elimination(contact).solve(), *(form.solve() for form in forms)]
+        elimination, result = Elimination(contact), contact.results[0]
+        solutions = [u, elimination.solve(), *(form.solve() for form in forms)]
         found.append([w.x.array.reshape(-1, 3) for w in solutions])
+        force = np.concatenate([side.force for side in result.sides])
+        assert relative(elimination.force, force) < 1e-10
+        assert relative(elimination.v, result.frame.v) < 1e-10
         # Constraints between prescribed dofs alone, along y at y = 0, are left out.
         on_axis = [int((np.abs(form.x[:, 1]) < 1e-9).sum()) for form in forms]
         lost = [3 * len(form.x) - form.stats.constraints for form in forms]
@@ -245,11 +225,4 @@ def main():
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except BaseException:
-        import traceback
-
-        traceback.print_exc()
-        sys.stderr.flush()
-        MPI.COMM_WORLD.Abort(1)
+    main()

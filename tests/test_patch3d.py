@@ -15,7 +15,7 @@ BOUNDS = {1: 1e-12, 2: 1e-11}
 
 
 def solve(kind, refine):
-    domain, tags = patch3d.scene(MPI.COMM_SELF, refine)
+    domain, tags = paper.scene(MPI.COMM_SELF, refine)
     V = compat.function_space(domain, shape=(3,))
     contact = patch3d.problem(V, tags, kind, refine)
     return contact, contact.solve()

@@ -1,0 +1,383 @@
+"""Scenes that must be refused, on all ranks together and with the same words.
+
+Every case is a function of a communicator and a pattern of what its message must tell.
+"""
+
+import json
+import re
+import sys
+
+import numpy as np
+import scenes
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat
+
+CASES = {}
+
+
+def case(words: str, kind=llm.ContactError):
+    """Register a scene; ``kind`` is the error's class."""
+
+    def register(function):
+        CASES[function.__name__] = (function, words, kind)
+        return function
+
+    return register
+
+
+INPUT = llm.ContactInputError
+
+
+def blocks(comm, solve=False, **kwargs):
+    """The two blocks with something wrong about them."""
+    V, tags = scenes.two_blocks(comm)
+    contact = scenes.block_problem(V, tags, **kwargs)
+    return contact.solve() if solve else contact
+
+
+def flat_frame(n, low=(0.0, 0.0), high=(1.0, 1.0)):
+    x, quads = scenes.grid(n, n, low, high)
+    return np.column_stack([x, np.ones(len(x))]), quads
+
+
+# Surfaces
+
+
+@case(r"no facet has tag 99; .*\[1, 2, 3, 4\]", INPUT)
+def tag_without_facets(comm):
+    blocks(comm, sides=(2, 99))
+
+
+@case(r"no facet has tag 77", INPUT)
+def load_on_a_tag_without_facets(comm):
+    V, tags = scenes.two_blocks(comm)
+    llm.free_surface_load(V, tags, 77, 1.0)
+
+
+@case(r"tags 2|tag 2 and tag 3 do not overlap: .* span .*Check tags")
+def surfaces_apart(comm):
+    sections = (scenes.grid(4, 4), scenes.grid(3, 3, low=(5.0, 0.0), high=(6.0, 1.0)))
+    domain, tags = scenes.stacked(comm, sections, (0.0, 1.0, 2.0))
+    scenes.block_problem(compat.function_space(domain, shape=(3,)), tags)
+
+
+@case(r"do not overlap")
+def surfaces_that_meet_at_an_edge(comm):
+    sections = (scenes.grid(4, 4), scenes.grid(3, 3, low=(1.0, 0.0), high=(2.0, 1.0)))
+    domain, tags = scenes.stacked(comm, sections, (0.0, 1.0, 2.0))
+    scenes.block_problem(compat.function_space(domain, shape=(3,)), tags)
+
+
+def one_box(comm):
+    domain = mesh.create_box(comm, [[0, 0, 0], [1, 1, 2]], [3, 3, 4], mesh.CellType.hexahedron)
+    return domain, compat.function_space(domain, shape=(3,))
+
+
+@case(r"tag 2: 9 tagged facets lie inside the mesh", INPUT)
+def facets_inside_one_body(comm):
+    domain, V = one_box(comm)
+    inside = mesh.locate_entities(domain, 2, scenes.on(2, 1.0))
+    top = mesh.locate_entities_boundary(domain, 2, scenes.on(2, 2.0))
+    values = [np.full(len(f), t, np.int32) for f, t in ((inside, 2), (top, 4))]
+    tags = scenes.tags_from(domain, [inside, top], values)
+    scenes.block_problem(V, tags, sides=(2, 4))
+
+
+@case(r"tag 2 and tag 3 share 4 nodes, e.g. at \[\[1.0")
+def surfaces_that_share_nodes(comm):
+    domain, V = one_box(comm)
+    one = mesh.locate_entities_boundary(domain, 2, scenes.on(2, 2.0))
+    two = mesh.locate_entities_boundary(domain, 2, scenes.on(0, 1.0))
+    values = [np.full(len(f), t, np.int32) for f, t in ((one, 2), (two, 3))]
+    scenes.block_problem(V, scenes.tags_from(domain, [one, two], values), loads=[])
+
+
+@case(r"share 25 nodes")
+def one_surface_on_both_sides(comm):
+    blocks(comm, sides=(2, 2))
+
+
+@case(r"tag 2, \[.*1.0\], and tag 4, \[.*1.0\], point the same way")
+def surfaces_that_face_the_same_way(comm):
+    blocks(comm, sides=(2, 4))
+
+
+@case(r"is not flat, or the sides are not parallel")
+def curved_surfaces(comm):
+    def bend(x):
+        return x + np.column_stack([np.zeros((len(x), 2)), 0.1 * x[:, 0] ** 2])
+
+    V, tags = scenes.two_blocks(comm, transform=bend)
+    scenes.block_problem(V, tags, bcs=[], loads=[])
+
+
+@case(r"facet tags of dimension 3 do not mark facets, which have dimension 2", INPUT)
+def tags_of_cells(comm):
+    V, _ = scenes.two_blocks(comm)
+    cells = np.arange(V.mesh.topology.index_map(3).size_local, dtype=np.int32)
+    tags = mesh.meshtags(V.mesh, 3, cells, np.full(len(cells), 2, dtype=np.int32))
+    scenes.block_problem(V, tags, loads=[])
+
+
+@case(r"facet tags belong to none of the meshes", INPUT)
+def tags_of_another_mesh(comm):
+    made = [scenes.two_blocks(comm) for _ in range(3)]
+    a, L = zip(*(scenes.forms(V) for V, _ in made[:2]), strict=True)
+    llm.ContactProblem(a, L, interfaces=[llm.Interface(made[2][1], (2, 3))])
+
+
+@case(r"node\(s\), e.g. at .*, take part in two interfaces")
+def one_surface_in_two_interfaces(comm):
+    V, tags = scenes.two_blocks(comm)
+    a, L = scenes.forms(V)
+    both = [llm.Interface(tags, (2, 3)), llm.Interface(tags, (3, 2))]
+    llm.ContactProblem(a, L, bcs=scenes.hold(V, scenes.SYMMETRY), interfaces=both)
+
+
+# Frames
+
+
+@case(r"does not cover the contact area: \d+ of 25 nodes of tag 2 .*Extend the frame", INPUT)
+def frame_too_small(comm):
+    blocks(comm, frame=llm.Frame(*flat_frame(3, high=(0.6, 1.0))))
+
+
+@case(r"cells \[0, 4, 5, 6, 7, 8\]|cells \[\d.*are inverted or degenerate", INPUT)
+def frame_with_an_inverted_cell(comm):
+    x, cells = flat_frame(3)
+    x[5, :2] = [0.9, 0.9]
+    blocks(comm, frame=llm.Frame(x, cells))
+
+
+@case(r"inverted", INPUT)
+def frame_with_a_turned_cell(comm):
+    x, cells = flat_frame(3)
+    cells[4] = cells[4][::-1]
+    blocks(comm, frame=llm.Frame(x, cells))
+
+
+@case(r"cells \[0\] are inverted or degenerate", INPUT)
+def frame_with_a_degenerate_cell(comm):
+    x, cells = flat_frame(3)
+    x[0] = 0.5 * (x[1] + x[4])
+    blocks(comm, frame=llm.Frame(x, cells))
+
+
+@case(r"3 coordinates are not finite", INPUT)
+def frame_with_nan(comm):
+    x, cells = flat_frame(3)
+    x[7] = np.nan
+    blocks(comm, frame=llm.Frame(x, cells))
+
+
+@case(r"frame lies in 2D, the bodies in 3D", INPUT)
+def frame_of_another_dimension(comm):
+    blocks(comm, frame=llm.Frame([[0.0, 1.0], [1.0, 1.0]], [[0, 1]]))
+
+
+@case(r"frame='fine': give a dolfinx_llm.Frame", INPUT)
+def frame_of_another_type(comm):
+    blocks(comm, frame="fine")
+
+
+@case(r"frame is too fine: 169 nodes against 25 \+ 16 .*frame nodes \[\d+, \d+")
+def frame_with_more_nodes_than_the_surfaces(comm):
+    blocks(comm, frame=llm.Frame(*flat_frame(12)), design=None)
+
+
+@case(r"frame is too fine.* singular values .* hold the frame nodes \[\d+, \d+.* at \[\[")
+def frame_without_full_rank(comm):
+    """Fewer nodes than the surfaces together, cells finer than either side's."""
+    blocks(comm, frame=llm.Frame(*flat_frame(5)), design=None)
+
+
+@case(r"frame nodes \[\d+, \d+")
+def frame_too_fine_for_the_design(comm):
+    blocks(comm, frame=llm.Frame(*flat_frame(6)), design="weights")
+
+
+@case(r"frame is too fine.*frame nodes \[\d+, \d+")
+def large_frame_without_full_rank(comm):
+    """Over 600 frame nodes: singular values by Lanczos' method. Cells are fine near a corner."""
+    V, tags = scenes.two_blocks(comm, 25, 22, layers=(1, 1))
+    x, cells = flat_frame(26)
+    scenes.block_problem(V, tags, frame=llm.Frame(x**1.7, cells), design=None)
+
+
+# Supports
+
+
+@case(r"3 rigid motion\(s\) are held by no support .*body 0 \(from .*body 1 \(from .* in 3 ind")
+def bodies_free_to_slide(comm):
+    V, tags = scenes.two_blocks(comm)
+    scenes.block_problem(V, tags, bcs=scenes.hold(V, scenes.SYMMETRY[:1]))
+
+
+@case(r"6 rigid motion\(s\) .*body 0 .*body 1 .* in 6 independent")
+def bodies_without_supports(comm):
+    V, tags = scenes.two_blocks(comm)
+    scenes.block_problem(V, tags, bcs=[])
+
+
+@case(r"6 rigid motion\(s\) .* move body \d \(from \[0.0, 0.0, 2.0\] to .* in 6 independent")
+def a_body_that_nothing_holds(comm):
+    sections = [scenes.grid(n, n) for n in (4, 3, 2)]
+    domain, tags = scenes.stacked(comm, sections, (0.0, 1.0, 2.0, 3.0), layers=(2, 2, 1))
+    V = compat.function_space(domain, shape=(3,))
+    bcs = scenes.hold(V, [(k, scenes.on(2, 0.0)) for k in range(3)])
+    scenes.block_problem(V, tags, bcs=bcs, loads=[])
+
+
+# Loads, forms and spaces
+
+
+@case(r"the load has \d+ entries that are NaN or infinite")
+def nan_in_the_form(comm):
+    V, tags = scenes.two_blocks(comm)
+    a, _ = scenes.forms(V)
+    force = fem.Constant(V.mesh, np.array([0.0, np.nan, 0.0]))
+    llm.ContactProblem(
+        a,
+        ufl.inner(force, ufl.TestFunction(V)) * ufl.dx,
+        bcs=scenes.hold(V, scenes.SYMMETRY),
+        interfaces=[llm.Interface(tags, (2, 3))],
+    ).solve()
+
+
+@case(r"the load has 1 entries that are NaN or infinite")
+def nan_in_a_nodal_load(comm):
+    V, tags = scenes.two_blocks(comm)
+    load = fem.Function(V)
+    x = V.tabulate_dof_coordinates()
+    corner = np.flatnonzero((np.abs(x - [1.0, 1.0, 2.0]) < 1e-9).all(axis=1))
+    load.x.array[3 * corner + 1] = np.nan
+    scenes.block_problem(V, tags, loads=[load]).solve()
+
+
+@case(r"NaN or infinite")
+def nan_in_a_support(comm):
+    V, tags = scenes.two_blocks(comm)
+    bcs = scenes.hold(V, scenes.SYMMETRY, lambda p: np.full_like(p, np.nan))
+    scenes.block_problem(V, tags, bcs=bcs).solve()
+
+
+@case(r"NaN|not finite|infinite")
+def nan_in_the_stiffness(comm):
+    V, tags = scenes.two_blocks(comm)
+    scenes.block_problem(V, tags, scale=fem.Constant(V.mesh, np.nan)).solve()
+
+
+@case(r"pressure=nan: must be finite", INPUT)
+def nan_pressure(comm):
+    V, tags = scenes.two_blocks(comm)
+    llm.free_surface_load(V, tags, 4, np.nan)
+
+
+@case(r"vector space of first order .* 27 nodes per cell of 8 vertices", INPUT)
+def second_order_space(comm):
+    V, tags = scenes.two_blocks(comm, 2, 1)
+    W = compat.function_space(V.mesh, degree=2, shape=(3,))
+    a, L = scenes.forms(W)
+    llm.ContactProblem(a, L, interfaces=[llm.Interface(tags, (2, 3))])
+
+
+@case(r"vector space of first order .* 1 component\(s\)", INPUT)
+def scalar_space(comm):
+    V, tags = scenes.two_blocks(comm)
+    W = compat.function_space(V.mesh)
+    u, w = ufl.TrialFunction(W), ufl.TestFunction(W)
+    a = ufl.inner(ufl.grad(u), ufl.grad(w)) * ufl.dx
+    L = fem.Constant(V.mesh, 0.0) * w * ufl.dx
+    llm.ContactProblem(a, L, interfaces=[llm.Interface(tags, (2, 3))])
+
+
+@case(r"vector space of first order", INPUT)
+def discontinuous_space(comm):
+    V, tags = scenes.two_blocks(comm, 2, 1)
+    W = compat.function_space(V.mesh, family="DG", shape=(3,))
+    llm.free_surface_load(W, tags, 4, 1.0)
+
+
+@case(r"must be bilinear, has 1 argument", INPUT)
+def linear_form_for_a_bilinear_one(comm):
+    V, tags = scenes.two_blocks(comm)
+    _, L = scenes.forms(V)
+    llm.ContactProblem(L, L, interfaces=[llm.Interface(tags, (2, 3))])
+
+
+@case(r"nodal load lives on none of the forms' meshes", INPUT)
+def load_on_another_mesh(comm):
+    V, tags = scenes.two_blocks(comm)
+    W, other = scenes.two_blocks(comm)
+    scenes.block_problem(V, tags, loads=[llm.free_surface_load(W, other, 4, 1.0)])
+
+
+@case(r"nodal load", INPUT)
+def load_of_a_scalar_space(comm):
+    V, tags = scenes.two_blocks(comm)
+    scenes.block_problem(V, tags, loads=[fem.Function(compat.function_space(V.mesh))])
+
+
+@case(r"Dirichlet condition belongs to none of the forms' spaces", INPUT)
+def support_on_another_space(comm):
+    V, tags = scenes.two_blocks(comm)
+    W = compat.function_space(V.mesh, shape=(3,))
+    scenes.block_problem(V, tags, bcs=scenes.hold(W, scenes.SYMMETRY))
+
+
+# Options
+
+
+@case(r"design='magic': choose one of", INPUT)
+def unknown_design(comm):
+    blocks(comm, design="magic")
+
+
+@case(r"law='sticky': choose", INPUT)
+def unknown_law(comm):
+    blocks(comm, law="sticky")
+
+
+@case(r"solver='magic': choose one of", INPUT)
+def unknown_solver(comm):
+    blocks(comm, options={"solver": "magic"})
+
+
+@case(r"sides=.*: give two facet tags", INPUT)
+def three_sides(comm):
+    blocks(comm, sides=(2, 3, 4))
+
+
+@case(r"give at least one Interface", INPUT)
+def no_interface(comm):
+    V, _ = scenes.two_blocks(comm)
+    a, L = scenes.forms(V)
+    llm.ContactProblem(a, L)
+
+
+def outcome(comm, name: str):
+    """What this rank got: the error's class and message, or what went wrong instead."""
+    function, words, kind = CASES[name]
+    try:
+        function(comm)
+    except kind as error:
+        text = str(error)
+        return [type(error).__name__, text, bool(re.search(words, text, re.DOTALL))]
+    except Exception as error:
+        return [type(error).__name__, repr(error), False]
+    return ["none", "no error", False]
+
+
+if __name__ == "__main__":
+    comm = MPI.COMM_WORLD
+    found = {}
+    for name in sys.argv[1:] or CASES:
+        if comm.rank == 0:
+            print(name, file=sys.stderr, flush=True)  # says where a run stopped
+        found[name] = comm.gather(outcome(comm, name))
+    if comm.rank == 0:
+        print(json.dumps(found))

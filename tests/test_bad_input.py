@@ -1,0 +1,49 @@
+"""Bad input: a clear error, on all ranks together."""
+
+import bad_input
+import pytest
+from conftest import run_mpi_json
+from mpi4py import MPI
+
+
+@pytest.mark.parametrize("name", bad_input.CASES)
+def test_error(name):
+    function, words, kind = bad_input.CASES[name]
+    with pytest.raises(kind, match=f"(?s){words}"):
+        function(MPI.COMM_SELF)
+
+
+def test_input_errors_are_value_errors():
+    assert issubclass(bad_input.INPUT, ValueError)
+    assert issubclass(bad_input.INPUT, bad_input.llm.ContactError)
+    assert issubclass(bad_input.llm.ContactError, RuntimeError)
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_errors_on_all_ranks(n):
+    """Every rank raises, the same words everywhere; else the others would hang."""
+    found = run_mpi_json("bad_input.py", n)
+    assert list(found) == list(bad_input.CASES)
+    wrong = {
+        name: outcomes
+        for name, outcomes in found.items()
+        if len(outcomes) != n or not all(o == outcomes[0] and o[2] for o in outcomes)
+    }
+    assert wrong == {}
+
+
+def test_a_good_scene_is_accepted():
+    """What the bad scenes are made from."""
+    bad_input.blocks(MPI.COMM_SELF, solve=True)
+    bad_input.blocks(MPI.COMM_SELF, frame=bad_input.llm.Frame(*bad_input.flat_frame(3)))
+
+
+def test_a_failing_rank_ends_the_run():
+    """The tests' own guard: an exception on one rank is no hang and no success."""
+    with pytest.raises(pytest.fail.Exception, match="only on rank 1"):
+        run_mpi_json("fails_on_rank_1.py", 2, seconds=30.0)
+
+
+def test_a_hanging_run_is_ended():
+    with pytest.raises(pytest.fail.Exception, match="took over 4"):
+        run_mpi_json("hangs.py", 2, seconds=4.0)
