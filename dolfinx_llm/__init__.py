@@ -1,16 +1,14 @@
 """Mortar-free contact for FEniCSx by localised Lagrange multipliers."""
 
 from dolfinx_llm import compat as _compat  # noqa: F401  (first: says what is missing)
+from dolfinx_llm import classical, post
 from dolfinx_llm._parallel import ContactError, ContactInputError
 from dolfinx_llm.design import design_weights
 from dolfinx_llm.frame import Frame
 from dolfinx_llm.interface import Interface
 from dolfinx_llm.laws import Tied
 from dolfinx_llm.loads import free_surface_load
-try:
-    from dolfinx_llm.positions import design_positions
-except ImportError:
-    design_positions=None
+from dolfinx_llm.positions import design_positions
 from dolfinx_llm.problem import ContactProblem
 
 __version__ = "0.1.0"
@@ -22,7 +20,9 @@ __all__ = [
     "Frame",
     "Interface",
     "Tied",
+    "classical",
     "design_positions",
     "design_weights",
     "free_surface_load",
+    "post",
 ]

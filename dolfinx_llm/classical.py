@@ -92,9 +92,12 @@ class _ClassicalForm:
         functions = self.problem._functions(u)
         return functions if self.problem._several else functions[0]
 
-    def __del__(self):
-        if getattr(self, "_system", None) is not None:
+    def destroy(self) -> None:
+        """Free Q and the factorised system; collective, as ``ContactProblem.destroy``."""
+        if self._system is not None:
             self._system.destroy()
+            self._system = None
+        self.Q.destroy()
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,7 @@ from dolfinx_llm.frame import Frame, outside_distance, vector_areas
 from dolfinx_llm.laws import Tied
 from dolfinx_llm.pairs import ContactPairs, locate_pairs, rank_certificate, with_weights
 from dolfinx_llm.patch import Plane, common_area, common_plane, covered_forces, nodal_forces
-try:
-    from dolfinx_llm.positions import design_positions
-except ImportError:
-    design_positions=None
+from dolfinx_llm.positions import design_positions
 from dolfinx_llm.surface import Surface, check_sides, extract_surface
 
 log = logging.getLogger("dolfinx_llm")

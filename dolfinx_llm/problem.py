@@ -144,16 +144,13 @@ class ContactProblem:
                 self.comm, self._pairs, self._dofs, self._multipliers, bodies, self._fixed
             )
             self._L_csr = [
-                operators.interface_operator(model.pairs, model.directions)
-                for model in self.models
+                operators.interface_operator(model.pairs, model.directions) for model in self.models
             ]
             self._find_prescribed(bodies[1])
             kept = scipy.sparse.diags((~self._redundant).astype(float))
             L = (kept @ _block_diag(self._L_csr)).tocsr()
             L.eliminate_zeros()
-            self.L_b = operators.assemble_L_b(
-                self.comm, L, self._multipliers, self._frame_unknowns
-            )
+            self.L_b = operators.assemble_L_b(self.comm, L, self._multipliers, self._frame_unknowns)
         self.scale = self._stiffness_scale(bodies[1])
         with self._timed("support check"):
             self._check_support()

@@ -87,17 +87,22 @@ def extract_surface(V, facet_tags, tag: int) -> Surface:
     present = np.unique(gather_rows(comm, np.unique(facet_tags.values)))
     if not len(dofs):
         raise ContactInputError(
-            f"no facet has tag {tag}; the facet tags given have the values "
-            f"{present[:20].tolist()}"
+            f"no facet has tag {tag}; the facet tags given have the values {present[:20].tolist()}"
         )
+    # A facet can be known to several ranks: keep one of each. Where they know it by different
+    # cells it lies inside the mesh, on a boundary between ranks.
+    _, first, same = np.unique(
+        np.sort(dofs, axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    same = same.ravel()
+    apart = np.abs(centres - centres[first][same]).max(axis=1)
+    inside |= apart > 1e-6 * np.ptp(points, axis=1).max(axis=1)
     if inside.any():
         raise ContactInputError(
-            f"tag {tag}: {int(inside.sum())} tagged facets lie inside the mesh. The two sides of "
-            "an interface need nodes of their own: mesh the bodies apart (in gmsh: do not fragment "
-            "them, or use the Crack plugin), then tag each body's own boundary"
+            f"tag {tag}: {len(np.unique(same[inside]))} tagged facets lie inside the mesh. The two "
+            "sides of an interface need nodes of their own: mesh the bodies apart (in gmsh: do not "
+            "fragment them, or use the Crack plugin), then tag each body's own boundary"
         )
-    # A facet can be known to several ranks: keep one of each.
-    _, first = np.unique(np.sort(dofs, axis=1), axis=0, return_index=True)
     dofs, owners, source, points, centres = (
         a[first] for a in (dofs, owners, source, points, centres)
     )

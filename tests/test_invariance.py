@@ -158,9 +158,7 @@ def solve_moved(length=1.0, R=None, shift=0.0, scale=1.0, kind="predicted", pres
         a,
         L,
         bcs=[fem.dirichletbc(value, dofs)],
-        interfaces=[
-            llm.Interface(tags, (paper.FOUNDATION_TOP, paper.PUNCH_BOTTOM), frame=frame)
-        ],
+        interfaces=[llm.Interface(tags, (paper.FOUNDATION_TOP, paper.PUNCH_BOTTOM), frame=frame)],
         nodal_loads=[
             llm.free_surface_load(V, tags, paper.PUNCH_TOP, pressure),
             llm.free_surface_load(V, tags, paper.FOUNDATION_TOP, pressure, covered_by=covered),
@@ -247,8 +245,9 @@ def test_symmetry_planes_through_the_contact(n0, n1, design):
     for side in result.sides:
         force = scenes.PRESSURE * side.area
         assert np.abs(side.normal_force - force).max() <= 1e-12 * force.max()
-        # Tangential ones as well: nothing undetermined is left in the multipliers.
-        assert np.abs(side.tangential_force).max() <= 1e-11 * force.max()
+        # Tangential ones as well: nothing undetermined is left in the multipliers. Rounding grows
+        # by 1 / 0.005, the smallest singular value of the rows of L_b at prescribed dofs.
+        assert np.abs(side.tangential_force).max() <= 1e-10 * force.max()
 
 
 @pytest.mark.parametrize("n1", [3, 5])

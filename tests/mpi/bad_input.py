@@ -58,7 +58,7 @@ def load_on_a_tag_without_facets(comm):
     llm.free_surface_load(V, tags, 77, 1.0)
 
 
-@case(r"tags 2|tag 2 and tag 3 do not overlap: .* span .*Check tags")
+@case(r"tag 2 and tag 3 do not overlap: .* span .*Check tags")
 def surfaces_apart(comm):
     sections = (scenes.grid(4, 4), scenes.grid(3, 3, low=(5.0, 0.0), high=(6.0, 1.0)))
     domain, tags = scenes.stacked(comm, sections, (0.0, 1.0, 2.0))
@@ -72,19 +72,27 @@ def surfaces_that_meet_at_an_edge(comm):
     scenes.block_problem(compat.function_space(domain, shape=(3,)), tags)
 
 
-def one_box(comm):
-    domain = mesh.create_box(comm, [[0, 0, 0], [1, 1, 2]], [3, 3, 4], mesh.CellType.hexahedron)
+def one_box(comm, ghosts=mesh.GhostMode.shared_facet):
+    kind = mesh.CellType.hexahedron
+    domain = mesh.create_box(
+        comm, [[0, 0, 0], [1, 1, 2]], [3, 3, 4], cell_type=kind, ghost_mode=ghosts
+    )
     return domain, compat.function_space(domain, shape=(3,))
 
 
 @case(r"tag 2: 9 tagged facets lie inside the mesh", INPUT)
-def facets_inside_one_body(comm):
-    domain, V = one_box(comm)
+def facets_inside_one_body(comm, ghosts=mesh.GhostMode.shared_facet):
+    domain, V = one_box(comm, ghosts)
     inside = mesh.locate_entities(domain, 2, scenes.on(2, 1.0))
     top = mesh.locate_entities_boundary(domain, 2, scenes.on(2, 2.0))
     values = [np.full(len(f), t, np.int32) for f, t in ((inside, 2), (top, 4))]
     tags = scenes.tags_from(domain, [inside, top], values)
     scenes.block_problem(V, tags, sides=(2, 4))
+
+
+@case(r"tag 2: 9 tagged facets lie inside the mesh", INPUT)
+def facets_inside_one_body_without_ghost_cells(comm):
+    facets_inside_one_body(comm, mesh.GhostMode.none)
 
 
 @case(r"tag 2 and tag 3 share 4 nodes, e.g. at \[\[1.0")
@@ -146,7 +154,7 @@ def frame_too_small(comm):
     blocks(comm, frame=llm.Frame(*flat_frame(3, high=(0.6, 1.0))))
 
 
-@case(r"cells \[0, 4, 5, 6, 7, 8\]|cells \[\d.*are inverted or degenerate", INPUT)
+@case(r"cells \[\d.*are inverted or degenerate", INPUT)
 def frame_with_an_inverted_cell(comm):
     x, cells = flat_frame(3)
     x[5, :2] = [0.9, 0.9]
