@@ -68,17 +68,20 @@ def design_weights(frame: Frame, s: np.ndarray, N, cells, forces):
         permc_spec="MMD_AT_PLUS_A",
         options={"SymmetricMode": True},
     )
-    mu = np.zeros(m)
+    delta = np.zeros(nodes.shape)
     designed = N
-    for _ in range(4):  # the first solve, then refinement against rounding
+    for _ in range(5):  # the first solve, then refinement against rounding
         residual = patch_residual(designed, forces)
         if np.abs(residual).max() <= 0.01 * TOLERANCE:
             break
-        mu += factor.solve(_without_affine(residual, parts))
-        delta = np.einsum("est,et->es", P, np.where(mask, mu[nodes], 0.0))
+        mu = factor.solve(_without_affine(residual, parts))
+        # P takes away nearly all of a large smooth mu. Applied twice, the rounding that this
+        # leaves keeps the rows' constraints; summed as corrections, the next round sees it.
+        change = np.einsum("est,et->es", P, np.where(mask, mu[nodes], 0.0))
+        delta += np.einsum("est,et->es", P, change)
         designed = [
             M - sign * _expand(delta[c], nodes[c], mask[c], m)
-            for M, c, sign in zip(N, cells, (1.0, -1.0))
+            for M, c, sign in zip(N, cells, (1.0, -1.0), strict=True)
         ]
     residual = np.abs(patch_residual(designed, forces))
     if not residual.max() <= TOLERANCE:
@@ -92,11 +95,11 @@ def design_weights(frame: Frame, s: np.ndarray, N, cells, forces):
     return designed
 
 
-def _stencils(cells: np.ndarray, s: np.ndarray):
-    """Stencil of every cell (its nodes and those of the cells around it) and its projector.
+def _around(cells: np.ndarray):
+    """Nodes of every cell and of the cells around it.
 
     Returns:
-        nodes (n_cells, w), padded with node 0; mask (n_cells, w); P (n_cells, w, w).
+        nodes (n_cells, w), padded with node 0; mask (n_cells, w).
     """
     n, k = cells.shape
     incidence = csr_matrix((np.ones(n * k), (np.repeat(np.arange(n), k), cells.ravel())))
@@ -106,6 +109,16 @@ def _stencils(cells: np.ndarray, s: np.ndarray):
     mask = np.arange(width.max()) < width[:, None]
     nodes = np.zeros(mask.shape, dtype=np.int64)
     nodes[mask] = around.indices
+    return nodes, mask
+
+
+def _stencils(cells: np.ndarray, s: np.ndarray):
+    """Stencil of every cell (its nodes and those of the cells around it) and its projector.
+
+    Returns:
+        nodes (n_cells, w), padded with node 0; mask (n_cells, w); P (n_cells, w, w).
+    """
+    nodes, mask = _around(cells)
     local = s[nodes] - s[cells].mean(axis=1)[:, None, :]
     local /= np.abs(np.where(mask[..., None], local, 0.0)).max(axis=(1, 2))[:, None, None]
     C = np.concatenate([np.ones((*mask.shape, 1)), local], axis=2) * mask[..., None]

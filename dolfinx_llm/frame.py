@@ -39,12 +39,12 @@ def shape_functions(k: int, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return N, np.broadcast_to(dN, (n, k, k - 1))
 
 
-def outside_distance(k: int, xi: np.ndarray) -> np.ndarray:
-    """How far reference coordinates lie outside their cell, in units of the cell (0 inside)."""
+def _clamp(k: int, xi: np.ndarray) -> np.ndarray:
+    """Reference coordinates moved into their cell."""
     if k == 4:
-        return np.maximum(np.abs(xi).max(axis=1) - 1.0, 0.0) / 2.0
-    barycentric = np.column_stack([1.0 - xi.sum(axis=1), xi])
-    return np.maximum(-barycentric.min(axis=1), 0.0)
+        return np.clip(xi, -1.0, 1.0)
+    xi = np.clip(xi, 0.0, 1.0)
+    return xi / np.maximum(xi.sum(axis=1, keepdims=True), 1.0)
 
 
 def vector_areas(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
@@ -85,9 +85,9 @@ class Location:
     """Points located on a frame: where each lies and how far from it."""
 
     cell: np.ndarray  # (n,) frame cell
-    xi: np.ndarray  # (n, d) reference coordinates in that cell
-    N: np.ndarray  # (n, k) shape functions of that cell's nodes
-    outside: np.ndarray  # (n,) distance outside the cell in units of the cell, 0 inside
+    xi: np.ndarray  # (n, d) reference coordinates of the closest point
+    N: np.ndarray  # (n, k) shape functions of that cell's nodes, continued linearly outside
+    outside: np.ndarray  # (n,) tangential distance from the cell in units of its size, 0 inside
 
 
 @dataclass(frozen=True)
@@ -224,9 +224,8 @@ class Frame:
     def locate(self, points: np.ndarray) -> Location:
         """Closest point of the frame for each given point (inverse isoparametric mapping).
 
-        A point beyond the frame's outline gets the cell that it is least outside of, with
-        coordinates beyond that cell's range: the shape functions still sum to 1 and still
-        reproduce linear fields there.
+        Beyond the closest point (outside the outline) the shape functions are continued by their
+        gradient: they still sum to 1 and still reproduce linear fields.
 
         Args:
             points: (n, gdim) positions [length].
@@ -234,14 +233,30 @@ class Frame:
         x = np.asarray(points, dtype=np.float64)
         point, cell = self._candidates(x)
         xi = self._invert(x[point], cell)
-        outside = outside_distance(self.cells.shape[1], xi)
-        # On a curved frame a point projects into several cells: there the distance decides.
         _, y, _ = self.evaluate(cell, xi)
         distance = np.linalg.norm(x[point] - y, axis=1) / self.cell_size[cell]
-        order = np.lexsort((cell, np.round(outside + distance, 9), point))
+        order = np.lexsort((cell, np.round(distance, 9), point))
         best = order[np.unique(point[order], return_index=True)[1]]
-        N, _ = shape_functions(self.cells.shape[1], xi[best])
-        return Location(cell[best], xi[best], N, outside[best])
+        cell, xi = cell[best], xi[best]
+        step, offset = self._step(x, cell, xi)
+        N, dN = shape_functions(self.cells.shape[1], xi)
+        N = N + np.einsum("nkd,nd->nk", dN, step)
+        outside = np.linalg.norm(offset, axis=1) / self.cell_size[cell]
+        outside[outside < 1e-11] = 0.0  # rounding of the coordinates
+        return Location(cell, xi, N, outside)
+
+    def _step(self, x: np.ndarray, cell: np.ndarray, xi: np.ndarray):
+        """Newton step towards the foot of points x, and how far it moves in space."""
+        _, y, t = self.evaluate(cell, xi)
+        JJ = np.einsum("nai,nbi->nab", t, t)
+        rhs = np.einsum("nai,ni->na", t, x - y)
+        if JJ.shape[1] == 1:
+            step = rhs / JJ[:, 0]
+        else:
+            a, b, c = JJ[:, 0, 0], JJ[:, 0, 1], JJ[:, 1, 1]
+            adjugate = np.column_stack([c * rhs[:, 0] - b * rhs[:, 1], a * rhs[:, 1] - b * rhs[:, 0]])
+            step = adjugate / np.maximum(a * c - b * b, 1e-300)[:, None]
+        return step, np.einsum("na,nai->ni", step, t)
 
     def _candidates(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pairs (point, cell) that contain the closest cell: cells whose ball holds the point,
@@ -261,19 +276,17 @@ class Frame:
         return point, cell
 
     def _invert(self, x: np.ndarray, cell: np.ndarray) -> np.ndarray:
-        """Reference coordinates by Newton's method on the tangential distance."""
+        """Reference coordinates of the closest point in a cell, by projected Newton steps."""
         k = self.cells.shape[1]
-        xi = np.zeros((len(x), 1 if k == 2 else 2))
-        for _ in range(2 if k < 4 else 30):
-            _, y, t = self.evaluate(cell, xi)
-            JJ = np.einsum("nai,nbi->nab", t, t)
-            rhs = np.einsum("nai,ni->na", t, x - y)
-            # Near-singular far outside a distorted cell: such a candidate is never the best.
-            scale = np.trace(JJ, axis1=1, axis2=2)[:, None, None]
-            JJ += 1e-14 * scale * np.eye(JJ.shape[1])
-            step = np.clip(np.linalg.solve(JJ, rhs[..., None])[..., 0], -2.0, 2.0)
-            xi = np.clip(xi + step, -6.0, 6.0) if k == 4 else xi + step
-            if k == 4 and np.abs(step).max(initial=0.0) < 1e-15:
+        xi = np.full((len(x), 1 if k == 2 else 2), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
+        active = np.arange(len(x))
+        for _ in range(2 if k < 4 else 20):
+            step, _ = self._step(x[active], cell[active], xi[active])
+            new = _clamp(k, xi[active] + step)
+            moved = np.abs(new - xi[active]).max(axis=1) > 1e-15
+            xi[active] = new
+            active = active[moved]
+            if not len(active):
                 break
         return xi
 

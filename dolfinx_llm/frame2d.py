@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dolfinx_llm._parallel import ContactError
+from dolfinx_llm.design import TOLERANCE
 from dolfinx_llm.frame import Frame
 from dolfinx_llm.patch import covered_forces
 
@@ -208,14 +209,16 @@ def frame_at_roots(sides, plane, area, frame: Frame | None = None) -> tuple[Fram
         s = choose_nodes(roots, x0, x1)
         height = np.mean([plane.height(side.x).mean() for side in sides])
         x = plane.lift(way * s[:, None]) + height * plane.normal
-        cells = np.column_stack([np.arange(len(s) - 1), np.arange(1, len(s))])
-        new = Frame(x, cells if way > 0.0 else cells[:, ::-1])
+        new = Frame(x, np.column_stack([np.arange(len(s) - 1), np.arange(1, len(s))]))
         start = "closed form"
     else:
         given = way * plane.project(frame.x)[:, 0]
         order = np.argsort(given, kind="stable")
         place = np.argsort(order)
-        if len(frame.cells) != len(given) - 1 or not (np.ptp(place[frame.cells], axis=1) == 1).all():
+        if (
+            len(frame.cells) != len(given) - 1
+            or not (np.ptp(place[frame.cells], axis=1) == 1).all()
+        ):
             raise ContactError(
                 f"the frame's {len(frame.cells)} cells are no chain along its {len(given)} nodes: "
                 "in closed form it must be one line without gaps or folds"
@@ -224,9 +227,25 @@ def frame_at_roots(sides, plane, area, frame: Frame | None = None) -> tuple[Fram
         s[order] = nearest_nodes(given[order], roots)
         new = Frame(frame.x + np.outer(way * (s - given), t), frame.cells)
         start = "given, moved"
-    if new.cells.size and _turned(new, plane):
+    if _turned(new, plane):
         new = new.flipped()
     return new, f"frame: {start}, {len(s)} of {len(roots.points)} zeros of the moment of the forces"
+
+
+def check_closed_form(residual: float, pairs, frame: Frame) -> None:
+    """Require that a frame passes (28) as far as the rounding of its coordinates allows.
+
+    Raises:
+        ContactError: it does not; both sides do not carry the same force there.
+    """
+    size = max(np.abs(p.x).max() for p in pairs)
+    bound = max(TOLERANCE, 16.0 * _EPS * size / frame.cell_size.min())
+    if not residual <= bound:
+        raise ContactError(
+            f"the closed form leaves a patch residual of {residual:.1e} of the largest nodal force "
+            f"(allowed {bound:.1e}): the surfaces are no straight lines that both cover the "
+            'contact area without gaps. Mend the tags, or use design="weights"'
+        )
 
 
 def _turned(frame: Frame, plane) -> bool:

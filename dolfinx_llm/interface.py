@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.sparse import identity
@@ -12,8 +12,11 @@ from scipy.spatial import cKDTree
 
 from dolfinx_llm import compat
 from dolfinx_llm._parallel import ContactError, ContactInputError
+from dolfinx_llm.covered import is_flat, vector_areas_in_contact
+from dolfinx_llm.curved import balance, curved_rows, vector_residual
 from dolfinx_llm.design import TOLERANCE, design_weights, patch_residual
-from dolfinx_llm.frame import Frame, outside_distance, vector_areas
+from dolfinx_llm.frame import Frame, bases, vector_areas
+from dolfinx_llm.frame2d import check_closed_form, frame_at_roots
 from dolfinx_llm.laws import Tied
 from dolfinx_llm.pairs import ContactPairs, locate_pairs, rank_certificate, with_weights
 from dolfinx_llm.patch import Plane, common_area, common_plane, covered_forces, nodal_forces
@@ -35,8 +38,9 @@ class Interface:
         law: contact law, ``Tied()``.
         frame: contact frame; None: predicted from the two surfaces.
         design: how the frame is made to pass the patch test (28): "weights" corrects the rows of
-            L_b, "positions" moves the frame's nodes (paper, section 5), None leaves it as it is,
-            "auto" corrects weights where the frame does not pass already.
+            L_b, "positions" moves the frame's nodes (paper, section 5; in 2D to the closed form
+            of ``frame2d``), None leaves it as it is, "auto" takes the closed form in 2D and
+            corrects weights where the frame does not pass already.
 
     Raises:
         ContactInputError: unknown design or law, or sides that are no pair.
@@ -126,14 +130,17 @@ def build_model(interface: Interface, spaces) -> ContactModel:
     )
     check_sides(*sides, same_mesh=owners[0] == owners[1])
     clock.stop("surfaces")
+    size = max(side.diameter for side in sides)
+    if not all(is_flat(side, 1e-6 * size) for side in sides):
+        return _curved_model(interface, sides, owners, clock)
     plane = common_plane(*sides)
     _check_flat(sides, plane)
     area = common_area(*sides, plane)
     forces = [nodal_forces(side, plane.project(side.x), area) for side in sides]
     clock.stop("patch forces")
-    frame, notes, reach = _frame(interface, sides, forces, plane)
+    frame, notes, reach = _frame(interface, sides, forces, plane, area)
     clock.stop("frame")
-    if interface.design == "positions":
+    if interface.design == "positions" and frame.gdim == 3:
         in_contact = [f > 0.0 for f in forces]
         frame = design_positions(
             frame,
@@ -156,6 +163,72 @@ def build_model(interface: Interface, spaces) -> ContactModel:
         interface, sides, tuple(owners), tuple(pairs), frame, directions, total, certificate,
         tuple(notes), clock.times,
     )  # fmt: skip
+
+
+def _curved_model(interface: Interface, sides, owners, clock) -> ContactModel:
+    """The same between curved surfaces: vector areas, smooth rows, balance in least squares."""
+    if interface.design == "positions":
+        raise ContactInputError("design='positions' needs flat sides; use 'weights' or 'auto'")
+    vectors = vector_areas_in_contact(*sides)
+    forces = [np.linalg.norm(a, axis=1) for a in vectors]
+    clock.stop("patch forces")
+    frame, notes = _curved_frame(interface, sides, forces)
+    clock.stop("frame")
+    pairs = [
+        locate_pairs(side, f, frame, sign, 3.0, local_base=False)
+        for side, f, sign in zip(sides, forces, (1.0, -1.0), strict=True)
+    ]
+    vectors = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
+    plain = [p.N for p in pairs]
+    clock.stop("location")
+    if interface.design is not None:
+        pairs, *groups = curved_rows(frame, pairs, interface.law.close_gap)
+        N = balance(frame, pairs, vectors, *groups)
+        pairs = [replace(p, N=M) for p, M in zip(pairs, N, strict=True)]
+    N = [p.N for p in pairs]
+    before, after = (np.linalg.norm(vector_residual(M, vectors), axis=1) for M in (plain, N))
+    size = max(side.diameter for side in sides)
+    certificate = Certificate(
+        float(after.max()),
+        float(before.max()),
+        rank_certificate(frame, N),
+        float(max(np.abs(p.x - M @ frame.x).max() for p, M in zip(pairs, N, strict=True)) / size),
+        float(max(np.abs(a - b).max() for a, b in zip(N, plain, strict=True))),
+        0.0,
+    )
+    notes.append(
+        f"curved: vector areas, in least squares; root mean square of the patch residual "
+        f"{np.sqrt(np.mean(after**2)):.1e} (before design {np.sqrt(np.mean(before**2)):.1e})"
+    )
+    gap = max(np.abs(np.einsum("ni,ni->n", p.gap, p.normal)).max() for p in pairs)
+    closed = "is closed" if interface.law.close_gap else "is kept, tied as drawn without stress"
+    notes.append(f"initial gap or overlap up to {gap:.3g} {closed}")
+    clock.stop("design")
+    directions = np.broadcast_to(np.eye(frame.gdim), (len(frame.x), frame.gdim, frame.gdim))
+    log.info("interface %s: %s", interface.sides, certificate)
+    return ContactModel(
+        interface, sides, tuple(owners), tuple(pairs), frame, directions,
+        float(pairs[0].forces.sum()), certificate, tuple(notes), clock.times,
+    )  # fmt: skip
+
+
+def _curved_frame(interface: Interface, sides, forces) -> tuple[Frame, list[str]]:
+    """The user's frame, turned to point out of side 0, or the facets of the coarser side."""
+    if interface.frame is None:
+        k, facets = coarser_facets(sides, forces)
+        nodes, cells = np.unique(facets, return_inverse=True)
+        cells = cells.reshape(facets.shape)
+        frame = Frame(sides[k].x[nodes], cells if k == 0 else cells[:, ::-1])
+        note = f"frame: predicted, the {len(cells)} facets in contact of {sides[k].name}"
+        return frame, [note + ", the coarser side"]
+    frame, gdim = interface.frame, sides[0].x.shape[1]
+    if frame.gdim != gdim:
+        raise ContactInputError(f"the frame lies in {frame.gdim}D, the bodies in {gdim}D")
+    area = vector_areas(sides[0].x, sides[0].facets)
+    at = frame.locate(sides[0].x[sides[0].facets].mean(axis=1))
+    normal = bases(frame.evaluate(at.cell, at.xi)[2])[:, -1]
+    turned = np.einsum("fi,fi->", normal, area) < 0.0
+    return (frame.flipped() if turned else frame), ["frame: given"]
 
 
 def _space_of(tags, spaces) -> int:
@@ -185,9 +258,8 @@ def _check_flat(sides, plane: Plane) -> None:
             )
 
 
-def _frame(interface: Interface, sides, forces, plane: Plane):
+def _frame(interface: Interface, sides, forces, plane: Plane, area):
     """The user's frame, turned to point out of side 0, or a predicted one."""
-    notes = []
     if interface.frame is not None:
         frame = interface.frame
         if frame.gdim != len(plane.origin):
@@ -196,7 +268,18 @@ def _frame(interface: Interface, sides, forces, plane: Plane):
             )
         if vector_areas(frame.x, frame.cells).sum(axis=0) @ plane.normal < 0.0:
             frame = frame.flipped()
+        if frame.gdim == 2 and interface.design == "positions":
+            frame, note = frame_at_roots(sides, plane, area, frame)
+            return frame, [note], 1e-6
         return frame, ["frame: given"], 1e-6
+    if len(plane.origin) == 2 and interface.design in ("positions", "auto"):
+        try:
+            frame, note = frame_at_roots(sides, plane, area)
+            return frame, [note], 1e-6
+        except ContactError as error:
+            if interface.design == "positions":
+                raise
+            log.info("closed form of the frame left out: %s", error)
     frame, note = predict_frame(sides, forces, plane)
     return frame, [note], 3.0
 
@@ -215,6 +298,20 @@ def predict_frame(sides, forces, plane: Plane) -> tuple[Frame, str]:
     Returns:
         The frame and a sentence that says what it is.
     """
+    k, facets = coarser_facets(sides, forces)
+    nodes, cells = np.unique(facets, return_inverse=True)
+    x = sides[k].x[nodes]
+    heights = [plane.height(side.x).mean() for side in sides]
+    x = x + np.outer(np.mean(heights) - plane.height(x), plane.normal)
+    frame = Frame(x, cells.reshape(facets.shape))
+    if vector_areas(frame.x, frame.cells).sum(axis=0) @ plane.normal < 0.0:
+        frame = frame.flipped()
+    note = f"frame: predicted, the {len(cells.reshape(facets.shape))} facets in contact of the coarser side ({sides[k].name})"
+    return frame, note
+
+
+def coarser_facets(sides, forces) -> tuple[int, np.ndarray]:
+    """Which side is coarser, 0 or 1, and its facets (m, k) whose nodes all carry force."""
     touched = []
     for side, f in zip(sides, forces):
         # A facet counts if all its nodes carry force: those that the area merely borders do not.
@@ -228,16 +325,7 @@ def predict_frame(sides, forces, plane: Plane) -> tuple[Frame, str]:
         keys = [(-len(facets), tuple(side.x[facets].sum(axis=(0, 1)))) for side, (facets, _) in
                 zip(sides, touched)]  # fmt: skip
         k = 0 if keys[0] <= keys[1] else 1
-    facets = touched[k][0]
-    nodes, cells = np.unique(facets, return_inverse=True)
-    x = sides[k].x[nodes]
-    heights = [plane.height(side.x).mean() for side in sides]
-    x = x + np.outer(np.mean(heights) - plane.height(x), plane.normal)
-    frame = Frame(x, cells.reshape(facets.shape))
-    if vector_areas(frame.x, frame.cells).sum(axis=0) @ plane.normal < 0.0:
-        frame = frame.flipped()
-    note = f"frame: predicted, the {len(cells.reshape(facets.shape))} facets in contact of the coarser side ({sides[k].name})"
-    return frame, note
+    return k, touched[k][0]
 
 
 def _designed(interface: Interface, frame: Frame, plane: Plane, pairs, notes: list):
@@ -256,6 +344,8 @@ def _designed(interface: Interface, frame: Frame, plane: Plane, pairs, notes: li
     elif interface.design is None:
         notes.append(f"design: none, as asked; patch residual {before:.1e}")
     residual = float(np.abs(patch_residual(N, forces)).max())
+    if interface.design == "positions" and frame.gdim == 2:
+        check_closed_form(residual, pairs, frame)
     singular = rank_certificate(frame, N)
     size = max(p.surface.diameter for p in pairs)
     linear = max(np.abs(plane.project(p.x) - plane.project(p.x - p.gap)).max() for p in pairs)

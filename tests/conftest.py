@@ -72,7 +72,8 @@ def run_mpi(script: str, n: int, *args, seconds: float = 90.0) -> str:
 
 
 def run_mpi_json(script: str, n: int, *args, seconds: float = 90.0):
-    """The same, for scripts whose rank 0 prints one line of JSON last."""
-    lines = run_mpi(script, n, *args, seconds=seconds).strip().splitlines()
-    assert lines, f"{script} printed nothing"
-    return json.loads(lines[-1])
+    """The same, for scripts whose rank 0 prints one line of JSON; PETSc may add others."""
+    out = run_mpi(script, n, *args, seconds=seconds)
+    lines = [line for line in out.splitlines() if line.startswith("{")]
+    assert len(lines) == 1, f"{script} printed no line of JSON, or several: {out[-2000:]}"
+    return json.loads(lines[0])

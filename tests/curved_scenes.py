@@ -1,0 +1,99 @@
+"""Curved surfaces and rings for the tests."""
+
+import numpy as np
+from dolfinx import mesh as dmesh
+from mpi4py import MPI  # noqa: F401  (before dolfinx in any import order)
+
+import dolfinx_llm as llm
+import scenes
+from dolfinx_llm import compat
+from dolfinx_llm.surface import Surface
+
+BORE, FACE_0, FACE_1, RIM = 1, 2, 3, 4
+
+
+def surface(x, facets, name="tag"):
+    """A surface without a body."""
+    n = np.arange(len(x))
+    return Surface(np.asarray(x, float), np.asarray(facets), n, 0 * n, name)
+
+
+def arc(radius, n, low=0.0, high=90.0, outward=True):
+    """Polygon on a circle, in degrees; a closed one from 0 to 360."""
+    closed = high - low >= 360.0
+    t = np.radians(np.linspace(low, high, n + 1)[: n + 1 - closed])
+    first = np.arange(n)
+    facets = np.column_stack([first, (first + 1) % len(t)])
+    x = radius * np.column_stack([np.cos(t), np.sin(t)])
+    return surface(x, facets[:, ::-1] if outward else facets)
+
+
+def patch(shape, nx, ny, low, high, outward=True, triangles=False, seed=2001):
+    """Jittered quads or triangles of a rectangle, mapped by ``shape`` (n, 2) -> (n, 3)."""
+    s, quads = scenes.grid(nx, ny, low, high, jitter=0.2, seed=seed)
+    if triangles:
+        quads = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    return surface(shape(s), quads if outward else quads[:, ::-1])
+
+
+def cylinder(radius):
+    """Angle and height to positions; anticlockwise rectangles point outwards."""
+    return lambda s: np.column_stack([radius * np.cos(s[:, 0]), radius * np.sin(s[:, 0]), s[:, 1]])
+
+
+def sphere(radius):
+    """Gnomonic map of a rectangle to the sphere."""
+
+    def shape(s):
+        x = np.column_stack([s, np.ones(len(s))])
+        return radius * x / np.linalg.norm(x, axis=1)[:, None]
+
+    return shape
+
+
+def rings(comm, counts, radii=((1.0, 1.5), (1.5, 2.0)), degrees=90.0):
+    """Two rings of quads (n around, k radial) on one mesh, with tags of their four circles."""
+    points, cells, first = [], [], 0
+    closed = degrees >= 360.0
+    for (n, k), (low, high) in zip(counts, radii, strict=True):
+        m = n if closed else n + 1
+        t = np.radians(np.linspace(0.0, degrees, n + 1)[:m])
+        r = np.linspace(low, high, k + 1)
+        points.append((r[:, None, None] * np.column_stack([np.cos(t), np.sin(t)])).reshape(-1, 2))
+        i, j = (g.ravel() for g in np.meshgrid(np.arange(k), np.arange(n), indexing="ij"))
+        a, b = first + i * m + j, first + i * m + (j + 1) % m
+        cells.append(np.column_stack([a, a + m, b, b + m]))
+        first += m * (k + 1)
+    points, cells = np.concatenate(points), np.concatenate(cells)
+    ends = [0, len(points) - first, first]
+    ends = np.cumsum([0] + [(n if closed else n + 1) * (k + 1) for n, k in counts])
+    if comm.rank > 0:
+        points, cells = points[:0], cells[:0]
+    domain = compat.create_mesh(comm, cells, points, "quadrilateral")
+    node = np.asarray(domain.geometry.input_global_indices)
+    body = np.searchsorted(ends, node[compat.cell_dofs(domain.geometry)[:, 0]], side="right") - 1
+    domain.topology.create_connectivity(1, 2)
+    to_cell = domain.topology.connectivity(1, 2)
+    entities, values = [], []
+    for tag, k, radius in zip((BORE, FACE_0, FACE_1, RIM), (0, 0, 1, 1), np.ravel(radii), strict=True):
+        where = lambda p, r=radius: np.isclose(np.hypot(p[0], p[1]), r)  # noqa: E731
+        found = dmesh.locate_entities_boundary(domain, 1, where)
+        found = found[body[to_cell.array[to_cell.offsets[found]]] == k]
+        entities.append(found)
+        values.append(np.full(len(found), tag, dtype=np.int32))
+    return compat.function_space(domain, shape=(2,)), scenes.tags_from(domain, entities, values, 1)
+
+
+def ring_problem(V, tags, conditions, value=None, loads=None, law=None, sides=(FACE_0, FACE_1)):
+    """The rings tied to each other, plane strain."""
+    a, L = scenes.forms(V)
+    return llm.ContactProblem(
+        a,
+        L,
+        bcs=scenes.hold(V, conditions, value),
+        interfaces=[llm.Interface(tags, sides, law=law or llm.Tied())],
+        nodal_loads=loads or [],
+    )
+
+
+QUARTER = ((0, scenes.on(0, 0.0)), (1, scenes.on(1, 0.0)))
