@@ -68,9 +68,7 @@ def mirror(nodes: np.ndarray, quads: np.ndarray, axis_edges: np.ndarray):
     """
     n = len(nodes)
     images = [nodes * sign for sign in ([1, 1], [-1, 1], [-1, -1], [1, -1])]
-    cells = [
-        (quads if k % 2 == 0 else quads[:, ::-1]) + k * n for k in range(4)
-    ]
+    cells = [(quads if k % 2 == 0 else quads[:, ::-1]) + k * n for k in range(4)]
     a, b = axis_edges.T
     cells.append(np.column_stack([a + n, a, b, b + n]))
     cells.append(np.column_stack([a + 3 * n, a + 2 * n, b + 2 * n, b + 3 * n]))
@@ -96,7 +94,9 @@ def refine(x: np.ndarray, quads: np.ndarray, n: int):
     s, t = (g.ravel() for g in np.meshgrid(u, u, indexing="ij"))
     N = np.column_stack([(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t])
     points = np.einsum("gk,mki->mgi", N, x[quads])
-    corner = np.array([[i, i + n + 1, i + n + 2, i + 1] for i in range((n + 1) * n) if (i + 1) % (n + 1)])
+    corner = np.array(
+        [[i, i + n + 1, i + n + 2, i + 1] for i in range((n + 1) * n) if (i + 1) % (n + 1)]
+    )
     cells = (np.arange(len(quads))[:, None, None] * (n + 1) ** 2 + corner).reshape(-1, 4)
     _, first, inverse = np.unique(
         np.round(points.reshape(-1, 2), 9) + 0.0, axis=0, return_index=True, return_inverse=True

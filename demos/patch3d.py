@@ -20,11 +20,15 @@ from paper_data import FOUNDATION_TOP, PUNCH_BOTTOM, PUNCH_TOP, scene
 import dolfinx_llm as llm
 from dolfinx_llm import compat, post
 
+
 # ## The problem
 # The user's forms, supports and loads come in as they are.
 def stress(u, scale=1.0):
     """Hooke's law."""
-    mu, lam = paper.E / (2 * (1 + paper.NU)), paper.E * paper.NU / (1 + paper.NU) / (1 - 2 * paper.NU)
+    mu, lam = (
+        paper.E / (2 * (1 + paper.NU)),
+        paper.E * paper.NU / (1 + paper.NU) / (1 - 2 * paper.NU),
+    )
     eps = ufl.sym(ufl.grad(u))
     return scale * (2 * mu * eps + lam * ufl.tr(eps) * ufl.Identity(3))
 
@@ -165,7 +169,9 @@ def compare_classical(contact):
         classical = llm.classical.NodeToSegment(contact, slave=slave)
         error = stress_error(classical.solve())
         fill = classical.stats.node_fill
-        lines.append(f"  node to segment, {name} as slave: {100 * error:6.1f} %, {fill:5.1f} % filled")
+        lines.append(
+            f"  node to segment, {name} as slave: {100 * error:6.1f} %, {fill:5.1f} % filled"
+        )
         classical.destroy()
     frame = llm.classical.Elimination(contact)
     error = stress_error(frame.solve())
@@ -185,7 +191,9 @@ def main(arguments=None):
     parser.add_argument("--frame", choices=kinds, default="optimised")
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--plot", type=Path, metavar="DIR", help="Figures 11 to 13 as PNG")
-    parser.add_argument("--output", type=Path, metavar="DIR", help="files for ParaView, tables as CSV")
+    parser.add_argument(
+        "--output", type=Path, metavar="DIR", help="files for ParaView, tables as CSV"
+    )
     args = parser.parse_args(arguments)
     if args.refine < 1:
         parser.error(f"--refine {args.refine}: must be 1 or more")

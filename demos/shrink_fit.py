@@ -64,34 +64,30 @@ def rings(comm, refine=1, dim=2, delta=DELTA, around=(16, 11), radial=(5, 6)):
 def tag_groups(dim, radii):
     """Physical groups: bodies in the order they were made, arcs by the radius of a point."""
     model = gmsh.model
-    for group, (_, body) in zip((INNER, OUTER), model.getEntities(dim), strict=True):
+    faces = {INNER: {BORE: A, INNER_FACE: radii[0][1]}, OUTER: {OUTER_FACE: radii[1][0]}}
+    for group, (_, body) in zip(faces, model.getEntities(dim), strict=True):
         model.addPhysicalGroup(dim, [body], group)
-        boundary = model.getBoundary([(dim, body)], oriented=False)
-        for tag, radius in ((BORE, A), (INNER_FACE, radii[0][1]), (OUTER_FACE, radii[1][0])):
-            if (tag == OUTER_FACE) != (group == OUTER):
-                continue
-            for d, entity in boundary:
-                low, high = model.getParametrizationBounds(d, entity)
-                ends = [model.getValue(d, entity, p)[:2] for p in (low, (low + high) / 2)]
-                if np.allclose([np.hypot(*p) for p in ends], radius, atol=1e-6):
+        for d, entity in model.getBoundary([(dim, body)], oriented=False):
+            low, high = model.getParametrizationBounds(d, entity)
+            points = [model.getValue(d, entity, p) for p in (low, (low + high) / 2)]
+            x, y, _ = np.transpose(points)
+            for tag, radius in faces[group].items():
+                if np.allclose(np.hypot(x, y), radius, atol=1e-6):
                     model.addPhysicalGroup(d, [entity], tag)
 
 
 # ## The problem
 def stress(u):
     """Hooke's law: plane stress in 2D."""
-    mu, lam = E / (2 * (1 + NU)), E * NU / (1 + NU) / (1 - 2 * NU)
-    if len(u) == 2:
-        lam = 2 * mu * lam / (lam + 2 * mu)
+    mu, lam = E / (2 * (1 + NU)), E * NU / (1 + NU) / (1 - (1 if len(u) == 2 else 2) * NU)
     eps = ufl.sym(ufl.grad(u))
     return 2 * mu * eps + lam * ufl.tr(eps) * ufl.Identity(len(u))
 
 
 def von_mises(u):
-    s, d = stress(u), len(u)
-    return post.von_mises(
-        ufl.as_tensor([[s[i, j] if max(i, j) < d else 0 for j in range(3)] for i in range(3)])
-    )
+    s, n = stress(u), len(u)
+    rows = [[s[i, j] if max(i, j) < n else 0 for j in range(3)] for i in range(3)]
+    return post.von_mises(ufl.as_tensor(rows))
 
 
 def symmetry(V):

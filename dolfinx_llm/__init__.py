@@ -1,7 +1,7 @@
 """Mortar-free contact for FEniCSx by localised Lagrange multipliers."""
 
-from dolfinx_llm import compat as _compat  # noqa: F401  (first: says what is missing)
 from dolfinx_llm import classical, post
+from dolfinx_llm import compat as _compat  # noqa: F401  (first: says what is missing)
 from dolfinx_llm._parallel import ContactError, ContactInputError
 from dolfinx_llm.design import design_weights
 from dolfinx_llm.frame import Frame

@@ -96,7 +96,7 @@ def _covered(side, other) -> np.ndarray:
     vectors = np.zeros(p.shape)
     whole = inside & within & (facing < FACING)
     vectors[whole] = facet_vectors(side.x, side.facets[whole])
-    clip = _Clip(other)
+    clip = _Clip(other, side) if border.any() else None
     for f in np.flatnonzero(border):  # the few facets at the outline
         vectors[f] = clip(p[f], normal[f], radius[f])
     a = np.zeros_like(side.x)
@@ -146,13 +146,20 @@ def _near_outline(other, centre, radius) -> np.ndarray:
 class _Clip:
     """Cuts facets with the projection of another surface's facets nearby."""
 
-    def __init__(self, other):
+    def __init__(self, other, side):
         self.p = other.x[other.facets]
         self.centre = self.p.mean(axis=1)
         self.radius = np.linalg.norm(self.p - self.centre[:, None], axis=2).max()
         area = vector_areas(other.x, other.facets)
         self.normal = area / np.linalg.norm(area, axis=1)[:, None]
-        self.on_outline = np.isin(other.facets, outline_edges(other.facets))
+        # How far the outline's nodes lie off this side, along its normal.
+        nodes = np.unique(outline_edges(other.facets))
+        surface = Frame(side.x, side.facets)
+        at = surface.locate(other.x[nodes])
+        _, y, tangents = surface.evaluate(at.cell, at.xi)
+        off = np.zeros(len(other.x))
+        off[nodes] = np.abs(np.einsum("ni,ni->n", other.x[nodes] - y, bases(tangents)[:, -1]))
+        self.off = off[other.facets].max(axis=1)
         self.tree = cKDTree(self.centre)
 
     def __call__(self, p: np.ndarray, normal: np.ndarray, radius: float) -> np.ndarray:
@@ -169,9 +176,8 @@ class _Clip:
             return np.zeros(p.shape)
         # Ends that lie a gap apart are the same line; seen along this facet's normal they differ
         # by gap times tilt.
-        ends = np.abs(height[keep])[self.on_outline[near[keep]]].max(initial=0.0)
         tilt = np.sqrt(1.0 - np.clip(facing[keep].max(), -1.0, 0.0) ** 2)
-        margin = 1e-9 * radius + 2.0 * ends * tilt
+        margin = 1e-9 * radius + 0.75 * self.off[near[keep]].max() * tilt
         s, t = (p - centre) @ base.T, (self.p[near[keep]] - centre) @ base.T
         cell = np.arange(k)[None, :]
         if gdim == 2:

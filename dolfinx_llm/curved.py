@@ -143,7 +143,7 @@ def _smooth_pairs(frame: Frame, pairs, clamped: _Clamped, st: Stencils, M, group
     chord = st.to_local(cell, N @ frame.x)
     point, normal = st.smooth(cell, chord[:, :-1])
     delta = np.zeros((len(cell), st.mask.shape[1]))
-    free = N.max(axis=1).toarray().ravel() < 1.0 - 1e-9  # not at a node of the frame
+    free = np.abs(N.max(axis=1).toarray().ravel() - 1.0) > 1e-9  # not at a node of the frame
     targets = [point] if close_gap else [point, pairs.x]
     for target in targets:  # the later one where it takes no large correction
         change = np.einsum("nwd,nd->nw", M[group], st.to_local(cell, target) - chord)
@@ -201,14 +201,18 @@ def balance(frame: Frame, pairs, vectors, st: Stencils, P, groups):
     A = csr_matrix((blocks.ravel(), (rows.ravel(), cols.ravel())), (m, m))
     factor = splu((A + diags(np.full(m, DAMPING * A.diagonal().mean() + 1e-300))).tocsc())
     plain, mu = [p.N for p in pairs], np.zeros(m)
-    N = plain
-    for _ in range(4):  # each time what depends on the corrections falls by DAMPING or so
-        mu += factor.solve(np.einsum("mi,mi->m", vector_residual(N, vectors), normal))
+    N, r = plain, np.einsum("mi,mi->m", vector_residual(plain, vectors), normal)
+    for _ in range(30):  # each time the damping counts for less; ends when nothing is won
+        mu = mu + factor.solve(r)
         delta = np.einsum("gwv,gv->gw", P, D * mu[st.nodes])
-        N = [
+        better = [
             M - sign * _expand(delta[g], st.nodes[g], st.mask[g], m)
             for M, g, sign in zip(plain, groups, (1.0, -1.0), strict=True)
         ]
+        left = np.einsum("mi,mi->m", vector_residual(better, vectors), normal)
+        if not np.linalg.norm(left) < 0.98 * np.linalg.norm(r):
+            break
+        N, r = better, left
     return N
 
 

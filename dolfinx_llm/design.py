@@ -32,7 +32,7 @@ def patch_residual(N, forces) -> np.ndarray:
     return (N[0].T @ (forces[0] / scale)) - (N[1].T @ (forces[1] / scale))
 
 
-def design_weights(frame: Frame, s: np.ndarray, N, cells, forces):
+def design_weights(frame: Frame, s: np.ndarray, N, cells, forces, keep=None):
     """Correct the rows of L_b so that the frame passes, by the smallest change.
 
     Minimises sum_p f_p |delta_p|^2 over corrections delta_p on the cell of p and the cells around
@@ -46,6 +46,7 @@ def design_weights(frame: Frame, s: np.ndarray, N, cells, forces):
         N: pair of (n_i, m) interpolation matrices.
         cells: pair of (n_i,) frame cells of the rows.
         forces: pair of (n_i,) forces of unit pressure [area].
+        keep: pair of (n_i,) whether a row stays as it is; None: all may change.
 
     Returns:
         Pair of corrected (n_i, m) CSR matrices.
@@ -55,8 +56,10 @@ def design_weights(frame: Frame, s: np.ndarray, N, cells, forces):
     """
     nodes, mask, P = _stencils(frame.cells, s)
     scale = max(f.max() for f in forces)
+    change = [np.ones(len(c)) if keep is None else 1.0 - k for c, k in zip(cells, keep or cells)]
     weight = sum(
-        np.bincount(c, f / scale, minlength=len(nodes)) for c, f in zip(cells, forces)
+        np.bincount(c, f * free / scale, minlength=len(nodes))
+        for c, f, free in zip(cells, forces, change, strict=True)
     )
     m = len(s)
     rows = np.broadcast_to(nodes[:, :, None], P.shape)
@@ -77,11 +80,11 @@ def design_weights(frame: Frame, s: np.ndarray, N, cells, forces):
         mu = factor.solve(_without_affine(residual, parts))
         # P takes away nearly all of a large smooth mu. Applied twice, the rounding that this
         # leaves keeps the rows' constraints; summed as corrections, the next round sees it.
-        change = np.einsum("est,et->es", P, np.where(mask, mu[nodes], 0.0))
-        delta += np.einsum("est,et->es", P, change)
+        step = np.einsum("est,et->es", P, np.where(mask, mu[nodes], 0.0))
+        delta += np.einsum("est,et->es", P, step)
         designed = [
-            M - sign * _expand(delta[c], nodes[c], mask[c], m)
-            for M, c, sign in zip(N, cells, (1.0, -1.0), strict=True)
+            M - sign * _expand(delta[c] * free[:, None], nodes[c], mask[c], m)
+            for M, c, sign, free in zip(N, cells, (1.0, -1.0), change, strict=True)
         ]
     residual = np.abs(patch_residual(designed, forces))
     if not residual.max() <= TOLERANCE:

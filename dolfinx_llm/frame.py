@@ -254,7 +254,9 @@ class Frame:
             step = rhs / JJ[:, 0]
         else:
             a, b, c = JJ[:, 0, 0], JJ[:, 0, 1], JJ[:, 1, 1]
-            adjugate = np.column_stack([c * rhs[:, 0] - b * rhs[:, 1], a * rhs[:, 1] - b * rhs[:, 0]])
+            adjugate = np.column_stack(
+                [c * rhs[:, 0] - b * rhs[:, 1], a * rhs[:, 1] - b * rhs[:, 0]]
+            )
             step = adjugate / np.maximum(a * c - b * b, 1e-300)[:, None]
         return step, np.einsum("na,nai->ni", step, t)
 

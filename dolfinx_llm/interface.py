@@ -7,11 +7,9 @@ import time
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.sparse import identity
-from scipy.spatial import cKDTree
 
 from dolfinx_llm import compat
-from dolfinx_llm._parallel import ContactError, ContactInputError
+from dolfinx_llm._parallel import ContactError, ContactInputError, collective
 from dolfinx_llm.covered import is_flat, vector_areas_in_contact
 from dolfinx_llm.curved import balance, curved_rows, vector_residual
 from dolfinx_llm.design import TOLERANCE, design_weights, patch_residual
@@ -19,7 +17,7 @@ from dolfinx_llm.frame import Frame, bases, vector_areas
 from dolfinx_llm.frame2d import check_closed_form, frame_at_roots
 from dolfinx_llm.laws import Tied
 from dolfinx_llm.pairs import ContactPairs, locate_pairs, rank_certificate, with_weights
-from dolfinx_llm.patch import Plane, common_area, common_plane, covered_forces, nodal_forces
+from dolfinx_llm.patch import Plane, common_area, common_plane, nodal_forces
 from dolfinx_llm.positions import design_positions
 from dolfinx_llm.surface import Surface, check_sides, extract_surface
 
@@ -65,6 +63,11 @@ class Interface:
             n = 0
         if n != 2:
             raise ContactInputError(f"sides={self.sides!r}: give two facet tags")
+
+    @property
+    def name(self) -> str:
+        """The two tags, for messages."""
+        return " | ".join(str(tag) for _, tag in self.tagged_sides())
 
     def tagged_sides(self):
         """The two sides as (facet tags, tag)."""
@@ -114,10 +117,15 @@ class _Clock:
         self._last = now
 
 
-def build_model(interface: Interface, spaces) -> ContactModel:
+def build_model(interface: Interface, spaces, fixed=None) -> ContactModel:
     """Surfaces, common area, frame, design and pairs of an interface.
 
     Collective. Everything after the gathering of the surfaces is computed alike on all ranks.
+
+    Args:
+        interface: the user's choices.
+        spaces: function spaces, one per mesh.
+        fixed: per space (n_owned dofs,) whether a dof is prescribed; None: none is.
 
     Raises:
         ContactError, ContactInputError: see the functions called.
@@ -141,12 +149,7 @@ def build_model(interface: Interface, spaces) -> ContactModel:
     frame, notes, reach = _frame(interface, sides, forces, plane, area)
     clock.stop("frame")
     if interface.design == "positions" and frame.gdim == 3:
-        in_contact = [f > 0.0 for f in forces]
-        frame = design_positions(
-            frame,
-            [side.x[k] for side, k in zip(sides, in_contact)],
-            [f[k] for f, k in zip(forces, in_contact)],
-        )
+        frame = _moved(frame, sides, forces, spaces[0].mesh.comm)
         notes.append("design: frame nodes moved (positions)")
         clock.stop("design")
     pairs = [
@@ -154,11 +157,13 @@ def build_model(interface: Interface, spaces) -> ContactModel:
         for side, f, sign in zip(sides, forces, (1.0, -1.0))
     ]
     clock.stop("location")
-    pairs, certificate = _designed(interface, frame, plane, pairs, notes)
+    keep = None if fixed is None else [_fixed_nodes(p, spaces[i], fixed[i])
+                                       for p, i in zip(pairs, owners)]
+    pairs, certificate = _designed(interface, frame, plane, pairs, notes, keep)
     clock.stop("design")
     directions = np.broadcast_to(np.eye(frame.gdim), (len(frame.x), frame.gdim, frame.gdim))
     total = float(sum(pairs[0].forces))
-    log.info("interface %s: %s", interface.sides, certificate)
+    log.info("interface %s: %s", interface.name, certificate)
     return ContactModel(
         interface, sides, tuple(owners), tuple(pairs), frame, directions, total, certificate,
         tuple(notes), clock.times,
@@ -205,7 +210,7 @@ def _curved_model(interface: Interface, sides, owners, clock) -> ContactModel:
     notes.append(f"initial gap or overlap up to {gap:.3g} {closed}")
     clock.stop("design")
     directions = np.broadcast_to(np.eye(frame.gdim), (len(frame.x), frame.gdim, frame.gdim))
-    log.info("interface %s: %s", interface.sides, certificate)
+    log.info("interface %s: %s", interface.name, certificate)
     return ContactModel(
         interface, sides, tuple(owners), tuple(pairs), frame, directions,
         float(pairs[0].forces.sum()), certificate, tuple(notes), clock.times,
@@ -328,7 +333,27 @@ def coarser_facets(sides, forces) -> tuple[int, np.ndarray]:
     return k, touched[k][0]
 
 
-def _designed(interface: Interface, frame: Frame, plane: Plane, pairs, notes: list):
+def _moved(frame: Frame, sides, forces, comm) -> Frame:
+    """The frame with its nodes moved, found on one rank: the search feels rounding, which need not
+    be the same on all."""
+    in_contact = [f > 0.0 for f in forces]
+    with collective(comm):
+        if comm.rank == 0:
+            x = [side.x[k] for side, k in zip(sides, in_contact)]
+            frame = design_positions(frame, x, [f[k] for f, k in zip(forces, in_contact)])
+    return comm.bcast(frame, root=0)
+
+
+def _fixed_nodes(pairs: ContactPairs, V, fixed: np.ndarray) -> np.ndarray:
+    """(n,) whether a Dirichlet condition prescribes something at a node, on all ranks."""
+    mine = pairs.owner == V.mesh.comm.rank
+    start = V.dofmap.index_map.local_range[0]
+    held = np.zeros(len(mine), dtype=np.int64)
+    held[mine] = fixed.reshape(-1, pairs.x.shape[1])[pairs.dofs[mine] - start].any(axis=1)
+    return V.mesh.comm.allreduce(held) > 0
+
+
+def _designed(interface: Interface, frame: Frame, plane: Plane, pairs, notes: list, keep):
     """Pairs after design by weights where it is asked for or needed, and their certificate."""
     forces = [p.forces for p in pairs]
     plain = [p.N for p in pairs]
@@ -336,7 +361,11 @@ def _designed(interface: Interface, frame: Frame, plane: Plane, pairs, notes: li
     N = plain
     if interface.design == "weights" or (interface.design == "auto" and before > TOLERANCE):
         s = plane.project(frame.x)
-        N = design_weights(frame, s, plain, [p.cell for p in pairs], forces)
+        cells = [p.cell for p in pairs]
+        try:  # rows at supports bind the frame's edge: better left as they are, where that is enough
+            N = design_weights(frame, s, plain, cells, forces, keep)
+        except ContactError:
+            N = design_weights(frame, s, plain, cells, forces)
         pairs = [with_weights(p, M, frame) for p, M in zip(pairs, N)]
         notes.append("design: rows of L_b corrected (weights)")
     elif interface.design == "auto":

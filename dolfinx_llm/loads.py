@@ -38,8 +38,12 @@ def free_surface_load(V, facet_tags, tag: int, pressure: float, covered_by=None)
     side = extract_surface(V, facet_tags, tag)
     if covered_by is None:
         vector = vector_areas(side.x, side.facets)
-        forces = _curved_forces(side) if side.facets.shape[1] == 4 else (
-            np.repeat((vector / side.facets.shape[1])[:, None, :], side.facets.shape[1], axis=1)
+        forces = (
+            _curved_forces(side)
+            if side.facets.shape[1] == 4
+            else (
+                np.repeat((vector / side.facets.shape[1])[:, None, :], side.facets.shape[1], axis=1)
+            )
         )
     else:
         other = extract_surface(*(covered_by if len(covered_by) == 3 else (V, *covered_by)))

@@ -122,7 +122,8 @@ def covered_forces(s: np.ndarray, facets: np.ndarray, area) -> np.ndarray:
         thickness = 1e-13 * np.abs(s).max()
         real = shapely.area(pieces) > thickness * shapely.length(shapes[partial])
         partial, pieces = partial[real], pieces[real]
-        forces[partial] = _integrate_pieces(p[partial], pieces)
+        if len(partial):
+            forces[partial] = _integrate_pieces(p[partial], pieces)
     return forces
 
 
@@ -202,7 +203,9 @@ def common_area(side0, side1, plane: Plane):
         area = shapely.intersection(*(outline(q, f) for q, f in zip(s, facets)))
         empty = not area.area > 1e-12 * min(side0.diameter, side1.diameter) ** 2
     if empty:
-        boxes = [f"{q.min(axis=0).round(6).tolist()} to {q.max(axis=0).round(6).tolist()}" for q in s]
+        boxes = [
+            f"{q.min(axis=0).round(6).tolist()} to {q.max(axis=0).round(6).tolist()}" for q in s
+        ]
         raise ContactError(
             f"the surfaces {side0.name} and {side1.name} do not overlap: seen along the normal "
             f"{plane.normal.round(6).tolist()} they span {boxes[0]} and {boxes[1]} in the "

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.sparse
-import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
@@ -90,11 +89,14 @@ class ContactProblem:
             wrong = [load.name for load in loads if _layout(load.function_space) != _layout(V)]
             text = f"nodal load(s) {wrong}: must be Functions of the space of the form"
             check(self.comm, bool(wrong), text, ContactInputError)
-        self.models = [build_model(interface, self.spaces) for interface in interfaces]
+        fixed = [compat.prescribed_values(V, bcs) for V, bcs in zip(self.spaces, self._bcs)]
+        self._sizes = [V.dofmap.index_map.size_local * V.mesh.geometry.dim for V in self.spaces]
+        fixed = [~np.isnan(values[:n]) for values, n in zip(fixed, self._sizes)]
+        self._fixed = np.concatenate(fixed)
+        self.models = [build_model(interface, self.spaces, fixed) for interface in interfaces]
         for model in self.models:
             for stage, seconds in model.times.items():
                 self._add_time(stage, seconds)
-        self._check_shared_nodes()
         self._assemble_operators()
 
     def _timed(self, stage: str):
@@ -103,27 +105,9 @@ class ContactProblem:
     def _add_time(self, stage: str, seconds: float):
         self.times[stage] = self.times.get(stage, 0.0) + seconds
 
-    def _check_shared_nodes(self):
-        """A node tied in two interfaces would get the same constraint twice."""
-        seen: dict[int, np.ndarray] = {}
-        for model in self.models:
-            for space, side in zip(model.spaces, model.pairs):
-                shared = np.intersect1d(seen.get(space, np.empty(0, dtype=np.int64)), side.dofs)
-                if len(shared):
-                    at = side.x[np.isin(side.dofs, shared)][0].tolist()
-                    raise ContactError(
-                        f"{len(shared)} node(s), e.g. at {at}, take part in two interfaces; this "
-                        "is not supported yet: end one interface before the shared edge"
-                    )
-                seen[space] = np.concatenate([seen.get(space, side.dofs[:0]), side.dofs])
-
     def _assemble_operators(self):
         """K, B and L_b."""
         gdim = self.spaces[0].mesh.geometry.dim
-        fixed = [compat.prescribed_values(V, bcs) for V, bcs in zip(self.spaces, self._bcs)]
-        sizes = [V.dofmap.index_map.size_local * gdim for V in self.spaces]
-        self._fixed = np.concatenate([~np.isnan(f[:n]) for f, n in zip(fixed, sizes)])
-        self._sizes = sizes
         with self._timed("assembly of K"):
             blocks = [compat.assemble_matrix(a, b, 1.0) for a, b in zip(self._a, self._bcs)]
             self.K = blocks[0] if len(blocks) == 1 else _block_diagonal(blocks)
@@ -194,22 +178,58 @@ class ContactProblem:
 
     def _check_support(self):
         self.bodies = Bodies(self.spaces)
-        constraints = []
-        for i, model in enumerate(self.models):
-            rows = []
-            for k in (0, 1):
-                side, number = model.pairs[k], 2 * i + k
-                local = self._dofs[number][:, 0] - self.K.getOwnershipRange()[0]
-                mine = side.owner == self.comm.rank
-                gdim = side.x.shape[1]
-                labels = np.zeros(len(side.x), dtype=np.int64)
-                labels[mine] = self.bodies.label[local[mine] // gdim]
-                labels = self.comm.allreduce(labels)
-                modes = self.bodies.modes(labels, side.x)
-                rows.append(np.einsum("nci,nibm->ncbm", side.base, modes))
-            rows = np.concatenate([r.reshape(-1, *r.shape[2:]) for r in rows])
-            constraints.append((self._L_csr[i], rows))
+        start, gdim = self.K.getOwnershipRange()[0], self.spaces[0].mesh.geometry.dim
+        labels = []
+        for side, dofs in zip(self._pairs, self._dofs, strict=True):
+            mine = side.owner == self.comm.rank
+            label = np.zeros(len(mine), dtype=np.int64)
+            label[mine] = self.bodies.label[(dofs[mine, 0] - start) // gdim]
+            labels.append(self.comm.allreduce(label))
+        self._check_loops(labels)
+        moves = [
+            np.einsum("nci,nibm->ncbm", side.base, self.bodies.modes(label, side.x))
+            for side, label in zip(self._pairs, labels, strict=True)
+        ]
+        moves = [m.reshape(-1, *m.shape[2:]) for m in moves]
+        constraints = [
+            (L, np.concatenate(moves[2 * i : 2 * i + 2])) for i, L in enumerate(self._L_csr)
+        ]
         check_support(self.bodies, self.K, self._fixed, constraints)
+
+    def _check_loops(self, labels):
+        """Refuse interfaces that share nodes and close a loop of bodies.
+
+        A node may take part in several interfaces: each adds a constraint with a frame of its own.
+        Round a loop (two interfaces between the same two bodies, three bodies that meet in an
+        edge) the constraints repeat each other and the contact forces there are not unique.
+        """
+        n = len(self.models)
+        group = np.arange(n)
+        example = {}
+        for i in range(n):
+            for j in range(i):
+                shared = [
+                    side.x[np.isin(side.dofs, other.dofs)]
+                    for side, a in zip(self.models[i].pairs, self.models[i].spaces, strict=True)
+                    for other, b in zip(self.models[j].pairs, self.models[j].spaces, strict=True)
+                    if a == b
+                ]
+                shared = np.concatenate([np.empty((0, self.models[i].frame.gdim)), *shared])
+                if len(shared):
+                    example[i] = len(shared), shared[0].tolist()
+                    group[group == group[i]] = group[j]
+        for g in np.unique(group):
+            members = np.flatnonzero(group == g)
+            bodies = np.unique(np.concatenate([labels[2 * i + k] for i in members for k in (0, 1)]))
+            if len(members) > 1 and len(members) >= len(bodies):
+                names = ", ".join(self.models[i].interface.name for i in members)
+                count, at = example[members[-1]]
+                raise ContactError(
+                    f"{count} node(s), e.g. at {at}, take part in two interfaces, and the "
+                    f"interfaces {names} close a loop of {len(bodies)} bodies: the contact forces "
+                    "where they meet are not unique. Leave the facets next to the common edge out "
+                    "of one interface's tag"
+                )
 
     def solve(self):
         """Assemble the load, solve (31), and fill ``results``.
@@ -292,7 +312,11 @@ class ContactProblem:
                 first = rows.stop
                 sides.append(_side_result(pairs, multiplier[rows], surface_u[rows], v_frame))
             frame = replace(model.frame, v=v_frame)
-            self.results.append(InterfaceResult(frame, tuple(sides), model.certificate))
+            force = model.pairs[0].N.T @ sides[0].normal_force
+            area = model.pairs[0].N.T @ sides[0].area
+            self.results.append(
+                InterfaceResult(frame, tuple(sides), model.certificate, force, area)
+            )
 
     def _functions(self, u: np.ndarray):
         functions, first = [], 0
@@ -321,7 +345,7 @@ class ContactProblem:
         for model in self.models:
             c, q = model.certificate, model.frame.quality
             lines += [
-                f"  interface {model.interface.sides}, {model.interface.law}: "
+                f"  interface {model.interface.name}, {model.interface.law}: "
                 f"{len(model.pairs[0].nodes)} + {len(model.pairs[1].nodes)} nodes in contact, "
                 f"frame of {len(model.frame.x)} nodes, area {model.area:.9g}",
                 f"    patch residual {c.residual:.1e} (before design {c.residual_before:.1e}), "

@@ -40,6 +40,18 @@ class InterfaceResult:
     frame: Frame  # with its displacement v, (m, gdim) [length]
     sides: tuple[SideResult, SideResult]
     certificate: Certificate
+    frame_force: np.ndarray  # (m,) normal force of side 0 at the frame's nodes, L_bᵀ λ_n [force]
+    frame_area: np.ndarray  # (m,) tributary area of the frame's nodes, L_bᵀ of the sides' [area]
+
+    @property
+    def pressure(self) -> np.ndarray:
+        """(m,) contact pressure at the frame's nodes [force / area].
+
+        Nodal force over tributary area misleads on the finer side; on the frame both sides carry
+        the same force.
+        """
+        area = self.frame_area
+        return np.where(area > 0.0, self.frame_force / np.where(area > 0.0, area, 1.0), 0.0)
 
     @cached_property
     def resultant(self) -> np.ndarray:

@@ -8,13 +8,12 @@ from petsc4py import PETSc
 from dolfinx_llm._parallel import ContactError
 
 # Richardson on top of the factorisation is iterative refinement on any number of ranks: MUMPS's
-# own works on one rank only. ICNTL(14): spare memory for delayed pivots; ICNTL(24): null pivots.
+# own works on one rank only. ICNTL(24): null pivots.
 SADDLE_OPTIONS = {
     "ksp_type": "richardson",
     "ksp_max_it": 3,
     "ksp_norm_type": "none",
     "pc_factor_mat_solver_type": "mumps",
-    "mat_mumps_icntl_14": 80,
     "mat_mumps_icntl_24": 1,
 }
 
@@ -66,17 +65,34 @@ class SaddleSystem:
         return M
 
     def _factorise(self, prefix: str, options: dict):
-        """Set up and factorise; options do not stay in PETSc's global database."""
+        """Set up and factorise, with more spare memory where delayed pivots outgrow it."""
         if self.symmetric:
             self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        for spare in (80, 400, 2000):
+            chosen = {
+                **SADDLE_OPTIONS,
+                "mat_mumps_icntl_14": spare,
+                "pc_type": "cholesky" if self.symmetric else "lu",
+                **options,
+            }
+            ksp = self._set_up(prefix, chosen)
+            self.infog = _mumps_infog(ksp)
+            if self.infog.get(1, 0) not in (-8, -9):
+                break
+            ksp.destroy()
+        if self.infog.get(1, 0) < 0:
+            raise ContactError(
+                f"MUMPS could not factorise the system: INFOG(1) = {self.infog[1]}, INFOG(2) = "
+                f"{self.infog[2]}. -9: raise petsc_options mat_mumps_icntl_14; -10: the matrix is "
+                "singular, a body or the frame is not held; -13: out of memory"
+            )
+        return ksp
+
+    def _set_up(self, prefix: str, chosen: dict):
+        """A solver with these options, which do not stay in PETSc's global database."""
         ksp = PETSc.KSP().create(self.matrix.comm)
         ksp.setOperators(self.matrix)
         ksp.setOptionsPrefix(prefix)
-        chosen = {
-            **SADDLE_OPTIONS,
-            "pc_type": "cholesky" if self.symmetric else "lu",
-            **options,
-        }
         database = PETSc.Options()
         added = [prefix + key for key in chosen if not database.hasName(prefix + key)]
         for key in added:
@@ -84,24 +100,10 @@ class SaddleSystem:
         ksp.setFromOptions()
         try:
             ksp.setUp()
-            self._check_factor(ksp)
         finally:
             for key in added:
                 database.delValue(key)
         return ksp
-
-    def _check_factor(self, ksp):
-        self.infog = {}
-        if ksp.getPC().getFactorSolverType() != "mumps":
-            return
-        factor = ksp.getPC().getFactorMatrix()
-        self.infog = {i: factor.getMumpsInfog(i) for i in (1, 2, 12, 28)}
-        if self.infog[1] < 0:
-            raise ContactError(
-                f"MUMPS could not factorise the system: INFOG(1) = {self.infog[1]}, INFOG(2) = "
-                f"{self.infog[2]}. -9: raise petsc_options mat_mumps_icntl_14; -10: the matrix is "
-                "singular, a body or the frame is not held; -13: out of memory"
-            )
 
     def solve(self, f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """This rank's parts of u, λ, v for loads f and gaps g; v is empty without L_b.
@@ -144,6 +146,14 @@ class SaddleSystem:
     def destroy(self):
         for item in (self.ksp, self.matrix, self.solution, self.rhs):
             item.destroy()
+
+
+def _mumps_infog(ksp) -> dict[int, int]:
+    """MUMPS's INFOG(1), (2): error; (12): negative pivots; (28): null pivots."""
+    if ksp.getPC().getFactorSolverType() != "mumps":
+        return {}
+    factor = ksp.getPC().getFactorMatrix()
+    return {i: factor.getMumpsInfog(i) for i in (1, 2, 12, 28)}
 
 
 def _stored_zero_diagonal(sizes, comm):

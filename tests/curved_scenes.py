@@ -1,11 +1,10 @@
 """Curved surfaces and rings for the tests."""
 
 import numpy as np
+import scenes
 from dolfinx import mesh as dmesh
-from mpi4py import MPI  # noqa: F401  (before dolfinx in any import order)
 
 import dolfinx_llm as llm
-import scenes
 from dolfinx_llm import compat
 from dolfinx_llm.surface import Surface
 
@@ -65,7 +64,6 @@ def rings(comm, counts, radii=((1.0, 1.5), (1.5, 2.0)), degrees=90.0):
         cells.append(np.column_stack([a, a + m, b, b + m]))
         first += m * (k + 1)
     points, cells = np.concatenate(points), np.concatenate(cells)
-    ends = [0, len(points) - first, first]
     ends = np.cumsum([0] + [(n if closed else n + 1) * (k + 1) for n, k in counts])
     if comm.rank > 0:
         points, cells = points[:0], cells[:0]
@@ -75,7 +73,9 @@ def rings(comm, counts, radii=((1.0, 1.5), (1.5, 2.0)), degrees=90.0):
     domain.topology.create_connectivity(1, 2)
     to_cell = domain.topology.connectivity(1, 2)
     entities, values = [], []
-    for tag, k, radius in zip((BORE, FACE_0, FACE_1, RIM), (0, 0, 1, 1), np.ravel(radii), strict=True):
+    for tag, k, radius in zip(
+        (BORE, FACE_0, FACE_1, RIM), (0, 0, 1, 1), np.ravel(radii), strict=True
+    ):
         where = lambda p, r=radius: np.isclose(np.hypot(p[0], p[1]), r)  # noqa: E731
         found = dmesh.locate_entities_boundary(domain, 1, where)
         found = found[body[to_cell.array[to_cell.offsets[found]]] == k]

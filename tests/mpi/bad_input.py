@@ -114,15 +114,6 @@ def surfaces_that_face_the_same_way(comm):
     blocks(comm, sides=(2, 4))
 
 
-@case(r"is not flat, or the sides are not parallel")
-def curved_surfaces(comm):
-    def bend(x):
-        return x + np.column_stack([np.zeros((len(x), 2)), 0.1 * x[:, 0] ** 2])
-
-    V, tags = scenes.two_blocks(comm, transform=bend)
-    scenes.block_problem(V, tags, bcs=[], loads=[])
-
-
 @case(r"facet tags of dimension 3 do not mark facets, which have dimension 2", INPUT)
 def tags_of_cells(comm):
     V, _ = scenes.two_blocks(comm)

@@ -1,0 +1,122 @@
+"""The patch test on any flat pair: kinds of cells, ratios, overlaps, outlines, stacks."""
+
+import numpy as np
+import pairs
+import pytest
+from conftest import run_mpi_json
+from mpi4py import MPI
+
+import dolfinx_llm as llm
+
+COMM = MPI.COMM_SELF
+
+
+@pytest.mark.parametrize("first", range(100, 140, 10))
+def test_random_pairs(first):
+    for seed in range(first, first + 10):
+        problem, error = pairs.random_pair(COMM, seed)
+        assert error <= 1e-11, (seed, error)
+        smallest, largest = problem.results[0].certificate.singular_values
+        assert smallest > 0.02 * largest, seed
+
+
+OUTLINES = {
+    "L": lambda c: (c[:, 0] < 0.5) | (c[:, 1] < 0.5),
+    "annulus": lambda c: np.abs(c - 0.5).max(axis=1) > 0.25,
+    "two pieces": lambda c: np.abs(c[:, 0] - 0.5) > 0.25,
+}
+
+
+@pytest.mark.parametrize("kind", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("name", OUTLINES)
+@pytest.mark.parametrize("n", [(4, 6), (8, 5)])
+def test_outlines(name, kind, n):
+    """Contact area with a corner, a hole or in two pieces: the upper block stands on feet."""
+    low, high = (-1.0, -1.0, 0.0), (1.0, 1.0, 1.0)
+    mask = OUTLINES[name]
+    n_upper = 4 * n[1]
+
+    lower = pairs.block(COMM, (n[0], n[0] + 1, 2), low, high, "hexahedron")
+    upper = pairs.block(
+        COMM, (n_upper, n_upper, 1), (-0.9, -0.8, 1.0), (0.7, 0.9, 2.0), kind, mask=mask
+    )
+    problem, error = pairs.stack([lower, upper], low, high)
+    assert error <= 1e-11
+    fraction = {"L": 0.75, "annulus": 0.75, "two pieces": 0.5}[name]
+    assert abs(problem.models[0].area - fraction * 1.6 * 1.7) < 1e-12
+
+
+def test_three_blocks():
+    """Two interfaces, one body touched on both sides."""
+    low, high = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+    blocks = [
+        pairs.block(COMM, (4, 4, 2), low, high, "hexahedron"),
+        pairs.block(COMM, (3, 5, 1), (0.1, 0.0, 1.0), (0.9, 1.0, 1.5), "tetrahedron"),
+        pairs.block(COMM, (6, 4, 2), (0.0, 0.2, 1.5), (1.0, 1.3, 2.5), "hexahedron"),
+    ]
+    problem, error = pairs.stack(blocks, low, high)
+    assert error <= 1e-11
+    assert len(problem.results) == 2
+    areas = [problem.models[k].area for k in (0, 1)]
+    assert np.allclose(areas, [0.8, 0.8 * 0.8], rtol=1e-12)
+    for result, area in zip(problem.results, areas, strict=True):
+        assert np.allclose(result.resultant, [0, 0, pairs.PRESSURE * area], atol=1e-9)
+        assert np.abs(result.pressure / pairs.PRESSURE - 1.0).max() < 1e-11
+
+
+def side_by_side(lateral):
+    """A base that carries two blocks; ``lateral``: these are tied to each other as well."""
+    low, high = (0.0, 0.0, 0.0), (2.0, 1.0, 1.0)
+    return pairs.stack(
+        [
+            pairs.block(COMM, (5, 4, 2), low, high, "hexahedron"),
+            pairs.block(COMM, (3, 4, 2), (0.0, 0.0, 1.0), (0.9, 1.0, 2.0), "hexahedron", x_high=7),
+            pairs.block(COMM, (4, 3, 3), (0.9, 0.0, 1.0), (2.0, 1.0, 2.0), "tetrahedron", x_low=8),
+        ],
+        low,
+        high,
+        ties=[(0, pairs.ABOVE, 1, pairs.BELOW), (0, pairs.ABOVE, 2, pairs.BELOW)]
+        + ([(1, 7, 2, 8)] if lateral else []),
+    )
+
+
+def test_nodes_in_two_interfaces():
+    """Nodes of the base under the joint of two blocks take part in both interfaces."""
+    problem, error = side_by_side(lateral=False)
+    shared = np.intersect1d(*(model.pairs[0].dofs for model in problem.models))
+    assert len(shared) > 0
+    assert error <= 1e-11
+    for result in problem.results:
+        assert np.abs(result.pressure / pairs.PRESSURE - 1.0).max() < 1e-11
+
+
+def test_loop_of_bodies_is_refused():
+    with pytest.raises(llm.ContactError, match="close a loop of 3 bodies"):
+        side_by_side(lateral=True)
+
+
+def test_users_frame_of_triangles():
+    """A frame of the user's own, triangles between bricks and tetrahedra."""
+    low, high = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+    line = np.linspace(0.0, 1.0, 5)
+    x, y = (g.ravel() for g in np.meshgrid(line, line, indexing="ij"))
+    corner = (np.arange(4)[:, None] * 5 + np.arange(4)).ravel()[:, None]
+    cells = np.concatenate([corner + [0, 5, 6], corner + [0, 6, 1]])
+    frame = llm.Frame(np.column_stack([x, y, np.ones(25)]), cells)
+    blocks = [
+        pairs.block(COMM, (5, 5, 2), low, high, "hexahedron"),
+        pairs.block(COMM, (6, 7, 2), (0.0, 0.0, 1.0), (1.0, 1.0, 2.0), "tetrahedron"),
+    ]
+    problem, error = pairs.stack(blocks, low, high, frame)
+    assert error <= 1e-11
+    assert problem.results[0].frame.cells.shape == (32, 3)
+
+
+def test_ranks():
+    """Two meshes on 1, 2 and 3 ranks: the same forces and displacements."""
+    one, *others = [run_mpi_json("solve_pair.py", n) for n in (1, 2, 3)]
+    assert one["error"] <= 1e-11
+    for other in others:
+        for key in ("force", "u", "frame"):
+            scale = np.abs(one[key]).max()
+            assert np.abs(np.array(one[key]) - other[key]).max() <= 1e-12 * scale
