@@ -133,7 +133,8 @@ class Frame:
             )
         if cells.min() < 0 or cells.max() >= len(x):
             raise ContactInputError(
-                f"frame: cells name nodes {cells.min()} to {cells.max()}, there are 0 to {len(x) - 1}"
+                f"frame: cells name nodes {cells.min()} to {cells.max()}, there are 0 to "
+                f"{len(x) - 1}"
             )
         if not np.isfinite(x).all():
             raise ContactInputError(f"frame: {np.sum(~np.isfinite(x))} coordinates are not finite")
@@ -164,6 +165,25 @@ class Frame:
                 f"frame: neighbouring cells are turned against each other (inverted) or overlap "
                 f"at {where} {bad[:10].tolist()}"
             )
+
+    @classmethod
+    def from_gmsh(cls, model, physical_group: int, comm=None, gdim: int = 3) -> Frame:
+        """Frame from a physical group of a meshed gmsh model: surfaces, curves where gdim is 2.
+
+        Args:
+            model: gmsh.model; used on rank 0 only.
+            physical_group: tag of the group.
+            comm: MPI communicator, or None for a model that every rank has.
+            gdim: dimension of the space.
+
+        Raises:
+            ContactInputError: no first-order cells of one kind in the group; see ``Frame``.
+        """
+        data = None
+        if comm is None or comm.rank == 0:
+            data = _read_gmsh(model, physical_group, gdim)
+        x, cells = data if comm is None else comm.bcast(data, root=0)
+        return cls(x, cells)
 
     @property
     def gdim(self) -> int:
@@ -298,3 +318,21 @@ class Frame:
         rows = np.repeat(np.arange(n), k)
         cols = self.cells[location.cell].ravel()
         return csr_matrix((location.N.ravel(), (rows, cols)), shape=(n, len(self.x)))
+
+
+def _read_gmsh(model, physical_group: int, gdim: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and cells of a physical group; no cells where they are not of one first-order kind."""
+    nodes = {1: 2, 2: 3, 3: 4}  # gmsh's lines, triangles, quads
+    kinds, cells = set(), [np.empty(0, dtype=np.int64)]
+    if (gdim - 1, physical_group) in model.getPhysicalGroups():
+        for entity in model.getEntitiesForPhysicalGroup(gdim - 1, physical_group):
+            found = model.mesh.getElements(gdim - 1, entity)
+            kinds |= set(map(int, found[0]))
+            cells += [np.asarray(tags, dtype=np.int64) for tags in found[2]]
+    if len(kinds) != 1 or not kinds <= set(nodes):
+        return np.zeros((0, gdim)), np.zeros((0, gdim), dtype=np.int64)
+    tags, x, _ = model.mesh.getNodes()
+    used, cells = np.unique(np.concatenate(cells), return_inverse=True)
+    order = np.argsort(tags)
+    x = np.reshape(x, (-1, 3))[order[np.searchsorted(tags, used, sorter=order)], :gdim]
+    return x, cells.reshape(-1, nodes[kinds.pop()])

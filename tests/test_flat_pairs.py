@@ -112,6 +112,32 @@ def test_users_frame_of_triangles():
     assert problem.results[0].frame.cells.shape == (32, 3)
 
 
+def test_frame_from_gmsh():
+    """A frame that gmsh meshed, between two boxes; an unknown group is refused."""
+    import gmsh
+
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.occ.addRectangle(0, 0, 1, 1, 1)
+    gmsh.model.occ.synchronize()
+    gmsh.model.addPhysicalGroup(2, [1], 5)
+    for name in ("Mesh.MeshSizeMin", "Mesh.MeshSizeMax"):
+        gmsh.option.setNumber(name, 0.3)
+    gmsh.model.mesh.generate(2)
+    frame = llm.Frame.from_gmsh(gmsh.model, 5, COMM)
+    with pytest.raises(llm.ContactInputError, match="cells must be"):
+        llm.Frame.from_gmsh(gmsh.model, 6, COMM)
+    gmsh.finalize()
+    low, high = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+    blocks = [
+        pairs.block(COMM, (5, 4, 2), low, high, "hexahedron"),
+        pairs.block(COMM, (6, 7, 2), (0.0, 0.0, 1.0), (1.0, 1.0, 2.0), "tetrahedron"),
+    ]
+    problem, error = pairs.stack(blocks, low, high, frame)
+    assert error <= 1e-11
+    assert np.array_equal(problem.results[0].frame.x, frame.x)
+
+
 def test_ranks():
     """Two meshes on 1, 2 and 3 ranks: the same forces and displacements."""
     one, *others = [run_mpi_json("solve_pair.py", n) for n in (1, 2, 3)]
