@@ -1,10 +1,10 @@
-"""Convergence on non-matching meshes: a manufactured solution on two blocks tied together.
+"""Convergence on non-matching meshes: two blocks tied together, known displacement fields.
 
 Two unit cubes, one on the other, with n and about 1.5 n bricks a side, against a matching mesh of
 the coarser kind on both. Errors of the displacement in L2 and H1, and of the normal contact
 pressure, over refinements.
 
-    mpirun -n 2 python demos/convergence.py [--refinements K] [--json FILE]
+    mpirun -n 2 python demos/convergence.py [--field bending] [--refinements K] [--json FILE]
 """
 
 import argparse
@@ -24,7 +24,7 @@ MU, LAM = E / (2 * (1 + NU)), E * NU / (1 + NU) / (1 - 2 * NU)
 LOWER, UPPER = 1, 2
 
 
-def exact(x, lib=ufl):
+def manufactured(x, lib=ufl):
     """A smooth displacement; ``lib``: ufl or numpy."""
     s, c, pi = lib.sin, lib.cos, np.pi
     return (
@@ -32,6 +32,15 @@ def exact(x, lib=ufl):
         0.1 * c(pi * x[0] / 3) * s(x[1]) * s(x[2] + 0.3),
         -0.1 * x[2] * c(x[0]) * c(pi * x[1] / 4),
     )
+
+
+def bending(x, lib=ufl):
+    """Pure bending of a beam along z, split across: no body force, linear pressure and tension."""
+    b, k = x[0] - 0.5, 0.1
+    return (k / 2 * (x[2] ** 2 + NU * (b**2 - x[1] ** 2)), k * NU * x[1] * b, -k * x[2] * b)
+
+
+FIELDS = {"manufactured": manufactured, "bending": bending}
 
 
 def stress(u):
@@ -67,7 +76,7 @@ def blocks(comm, n_lower, n_upper):
     return domain, mesh.meshtags(domain, 2, facets, np.where(upper, UPPER, LOWER).astype(np.int32))
 
 
-def solve(comm, n_lower, n_upper):
+def solve(comm, n_lower, n_upper, exact=manufactured):
     """Errors in L2 and H1 (relative), of the pressure, and the unknowns.
 
     The exact displacement is prescribed on the lower block's bottom and the upper one's top; on the
@@ -103,12 +112,12 @@ def solve(comm, n_lower, n_upper):
     l2 = norm(ufl.inner(gap, gap) * dx) / norm(ufl.inner(u_exact, u_exact) * dx)
     grad = ufl.grad(u_exact)
     h1 = norm(ufl.inner(ufl.grad(gap), ufl.grad(gap)) * dx) / norm(ufl.inner(grad, grad) * dx)
-    unknowns, pressure = sum(problem.unknowns.values()), pressure_error(problem.results[0])
+    unknowns, pressure = sum(problem.unknowns.values()), pressure_error(problem.results[0], exact)
     problem.destroy()
     return {"l2": l2, "h1": h1, "pressure": pressure, "unknowns": unknowns}
 
 
-def pressure_error(result):
+def pressure_error(result, exact):
     """Relative L2 error of the frame's pressure against the exact normal stress."""
     x, area, pressure = result.frame.x, result.frame_area, result.pressure
     step = 1e-5  # central differences of the exact field
@@ -127,12 +136,18 @@ def pressure_error(result):
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--refinements", type=int, default=3)
+    parser.add_argument("--field", choices=FIELDS, default="manufactured")
     parser.add_argument("--json", type=Path, metavar="FILE")
     args = parser.parse_args(arguments)
     comm = MPI.COMM_WORLD
     rows = []
     for n in [2 * 2**k for k in range(args.refinements)]:
-        row = {"n": n, "tied": solve(comm, n, 3 * n // 2), "matching": solve(comm, n, n)}
+        field = FIELDS[args.field]
+        row = {
+            "n": n,
+            "tied": solve(comm, n, 3 * n // 2, field),
+            "matching": solve(comm, n, n, field),
+        }
         rows.append(row)
         if comm.rank == 0:
             for name in ("tied", "matching"):

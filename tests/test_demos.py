@@ -1,0 +1,50 @@
+"""The demos as users run them: their figures, files and pictures."""
+
+import json
+
+import numpy as np
+from conftest import TESTS, run_mpi
+
+DEMOS = TESTS.parent / "demos"
+
+
+def test_patch3d_on_two_ranks(tmp_path):
+    """Tables, JSON, pictures and files for ParaView of the 3D patch test."""
+    report = tmp_path / "report.json"
+    out = run_mpi(
+        DEMOS / "patch3d.py", 2, "--json", report, "--plot", tmp_path, "--output", tmp_path / "out"
+    )
+    for words in ("Table 2", "Table 3", "Table 4", "Table 5", "node to segment", "left out"):
+        assert words in out
+    figures = json.loads(report.read_text())
+    assert figures["ranks"] == 2
+    assert max(figures["errors"].values()) <= 1e-12
+    assert figures["frame"]["residual"] <= 1e-13
+    assert 25 <= figures["frame"]["min_angle"] <= figures["frame"]["max_angle"] <= 155
+    for name in ("frame.png", "von_mises.png", "displacement.png"):
+        assert (tmp_path / name).read_bytes()[:4] == b"\x89PNG"
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"bodies.xdmf", "bodies.h5", "frame.vtk", "side_0.vtk", "table_3.csv"} <= written
+    table = np.genfromtxt(tmp_path / "out" / "side_1.csv", delimiter=",", names=True)
+    assert abs(table["normal_force"].sum() - 789.668405) < 1e-6
+
+
+def test_convergence():
+    """Rates on non-matching cubes, and no loss against the matching mesh of the coarser kind."""
+    import convergence
+
+    for field in ("manufactured", "bending"):
+        first, second = convergence.main(["--field", field, "--refinements", "3"])[-2:]
+        for key, least in (("l2", 1.95), ("h1", 0.98), ("pressure", 1.0)):
+            assert np.log2(first["tied"][key] / second["tied"][key]) >= least, (field, key)
+        for key in ("l2", "h1"):
+            assert second["tied"][key] <= 1.2 * second["matching"][key]
+
+
+def test_scale():
+    """Design by weights passes at 10^4 nodes a side."""
+    import scale
+
+    rows = scale.main(["--largest", "10000"])
+    assert rows[-1]["nodes"][1] > 10_000
+    assert all(row["residual"] <= 1e-13 for row in rows)
