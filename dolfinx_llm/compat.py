@@ -52,7 +52,7 @@ def function_space(mesh, family: str = "Lagrange", degree: int = 1, shape: tuple
 
 def cell_dofs(space_or_geometry) -> np.ndarray:
     """(n_cells, k) dofs of a function space's cells, or nodes of a mesh geometry's."""
-    if hasattr(space_or_geometry, "dofmaps") and hasattr(space_or_geometry, "cmap"):
+    if hasattr(space_or_geometry, "dofmaps") and hasattr(space_or_geometry, "x"):
         dofmaps = space_or_geometry.dofmaps  # a mesh geometry, one dofmap per kind of cell
         dofmap = dofmaps(0) if callable(dofmaps) else dofmaps[0]
     else:

@@ -157,8 +157,11 @@ def build_model(interface: Interface, spaces, fixed=None) -> ContactModel:
         for side, f, sign in zip(sides, forces, (1.0, -1.0))
     ]
     clock.stop("location")
-    keep = None if fixed is None else [_fixed_nodes(p, spaces[i], fixed[i])
-                                       for p, i in zip(pairs, owners)]
+    keep = (
+        None
+        if fixed is None
+        else [_fixed_nodes(p, spaces[i], fixed[i]) for p, i in zip(pairs, owners)]
+    )
     pairs, certificate = _designed(interface, frame, plane, pairs, notes, keep)
     clock.stop("design")
     directions = np.broadcast_to(np.eye(frame.gdim), (len(frame.x), frame.gdim, frame.gdim))
@@ -224,7 +227,10 @@ def _curved_frame(interface: Interface, sides, forces) -> tuple[Frame, list[str]
         nodes, cells = np.unique(facets, return_inverse=True)
         cells = cells.reshape(facets.shape)
         frame = Frame(sides[k].x[nodes], cells if k == 0 else cells[:, ::-1])
-        note = f"frame: predicted, the {len(cells)} facets in contact of {sides[k].name}"
+        note = (
+            f"frame: predicted, the {len(facets)} facets in contact of the coarser side "
+            f"({sides[k].name})"
+        )
         return frame, [note + ", the coarser side"]
     frame, gdim = interface.frame, sides[0].x.shape[1]
     if frame.gdim != gdim:
@@ -362,7 +368,7 @@ def _designed(interface: Interface, frame: Frame, plane: Plane, pairs, notes: li
     if interface.design == "weights" or (interface.design == "auto" and before > TOLERANCE):
         s = plane.project(frame.x)
         cells = [p.cell for p in pairs]
-        try:  # rows at supports bind the frame's edge: better left as they are, where that is enough
+        try:  # rows at supports bind the frame's edge: better left alone, where that is enough
             N = design_weights(frame, s, plain, cells, forces, keep)
         except ContactError:
             N = design_weights(frame, s, plain, cells, forces)
