@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from dolfinx_llm.design import design_weights, patch_residual
-from dolfinx_llm.interface import predict_frame
 from dolfinx_llm.operators import interface_operator
 from dolfinx_llm.pairs import locate_pairs, rank_certificate, with_weights
 from dolfinx_llm.patch import common_area, common_plane, nodal_forces
+from dolfinx_llm.predict import predict_frame
 from dolfinx_llm.surface import Surface
 
 STAGES = ("patch forces", "frame", "location", "design", "certificate", "operators")

@@ -13,16 +13,18 @@ from dolfinx_llm._parallel import ContactError, ContactInputError, collective
 from dolfinx_llm.covered import is_flat, vector_areas_in_contact
 from dolfinx_llm.curved import balance, curved_rows, vector_residual
 from dolfinx_llm.design import TOLERANCE, design_weights, patch_residual
-from dolfinx_llm.frame import Frame, bases, vector_areas
+from dolfinx_llm.frame import Frame, vector_areas
 from dolfinx_llm.frame2d import check_closed_form, frame_at_roots
 from dolfinx_llm.laws import Tied
 from dolfinx_llm.pairs import ContactPairs, locate_pairs, rank_certificate, with_weights
 from dolfinx_llm.patch import Plane, common_area, common_plane, nodal_forces
 from dolfinx_llm.positions import design_positions
+from dolfinx_llm.predict import face_side_1, predict_curved_frame, predict_frame
 from dolfinx_llm.surface import Surface, check_sides, extract_surface
 
 log = logging.getLogger("dolfinx_llm")
 
+COVERED, REACH = 1e-6, 3.0  # cells that a node may lie beyond a given, a predicted frame
 DESIGNS = ("auto", "positions", "weights", None)
 
 
@@ -86,7 +88,6 @@ class Certificate:
     singular_values: tuple[float, float]  # smallest and largest of the scalar L_b
     linear: float  # max |sum_J N_J Y_J - X_p| in the plane, over the diameter
     largest_correction: float  # of an entry of L_b by design
-    beyond: float  # how far pairs lie beyond the frame's outline, in cells
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,8 @@ def build_model(interface: Interface, spaces, fixed=None) -> ContactModel:
     area = common_area(*sides, plane)
     forces = [nodal_forces(side, plane.project(side.x), area) for side in sides]
     clock.stop("patch forces")
-    frame, notes, reach = _frame(interface, sides, forces, plane, area)
+    frame, note, reach = _frame(interface, sides, forces, plane, area)
+    notes = [note]
     clock.stop("frame")
     if interface.design == "positions" and frame.gdim == 3:
         frame = _moved(frame, sides, forces, spaces[0].mesh.comm)
@@ -157,11 +159,7 @@ def build_model(interface: Interface, spaces, fixed=None) -> ContactModel:
         for side, f, sign in zip(sides, forces, (1.0, -1.0))
     ]
     clock.stop("location")
-    keep = (
-        None
-        if fixed is None
-        else [_fixed_nodes(p, spaces[i], fixed[i]) for p, i in zip(pairs, owners)]
-    )
+    keep = fixed and [_fixed_nodes(p, spaces[i], fixed[i]) for p, i in zip(pairs, owners)]
     pairs, certificate = _designed(interface, frame, plane, pairs, notes, keep)
     clock.stop("design")
     directions = np.broadcast_to(np.eye(frame.gdim), (len(frame.x), frame.gdim, frame.gdim))
@@ -180,10 +178,14 @@ def _curved_model(interface: Interface, sides, owners, clock) -> ContactModel:
     vectors = vector_areas_in_contact(*sides)
     forces = [np.linalg.norm(a, axis=1) for a in vectors]
     clock.stop("patch forces")
-    frame, notes = _curved_frame(interface, sides, forces)
+    if interface.frame is None:
+        frame, note = predict_curved_frame(sides, forces)
+    else:
+        frame, note = face_side_1(interface.frame, sides[0]), "frame: given"
+    notes = [note]
     clock.stop("frame")
     pairs = [
-        locate_pairs(side, f, frame, sign, 3.0, local_base=False)
+        locate_pairs(side, f, frame, sign, REACH, local_base=False)
         for side, f, sign in zip(sides, forces, (1.0, -1.0), strict=True)
     ]
     vectors = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
@@ -202,7 +204,6 @@ def _curved_model(interface: Interface, sides, owners, clock) -> ContactModel:
         rank_certificate(frame, N),
         float(max(np.abs(p.x - M @ frame.x).max() for p, M in zip(pairs, N, strict=True)) / size),
         float(max(np.abs(a - b).max() for a, b in zip(N, plain, strict=True))),
-        0.0,
     )
     notes.append(
         f"curved: vector areas, in least squares; root mean square of the patch residual "
@@ -220,28 +221,6 @@ def _curved_model(interface: Interface, sides, owners, clock) -> ContactModel:
     )  # fmt: skip
 
 
-def _curved_frame(interface: Interface, sides, forces) -> tuple[Frame, list[str]]:
-    """The user's frame, turned to point out of side 0, or the facets of the coarser side."""
-    if interface.frame is None:
-        k, facets = coarser_facets(sides, forces)
-        nodes, cells = np.unique(facets, return_inverse=True)
-        cells = cells.reshape(facets.shape)
-        frame = Frame(sides[k].x[nodes], cells if k == 0 else cells[:, ::-1])
-        note = (
-            f"frame: predicted, the {len(facets)} facets in contact of the coarser side "
-            f"({sides[k].name})"
-        )
-        return frame, [note + ", the coarser side"]
-    frame, gdim = interface.frame, sides[0].x.shape[1]
-    if frame.gdim != gdim:
-        raise ContactInputError(f"the frame lies in {frame.gdim}D, the bodies in {gdim}D")
-    area = vector_areas(sides[0].x, sides[0].facets)
-    at = frame.locate(sides[0].x[sides[0].facets].mean(axis=1))
-    normal = bases(frame.evaluate(at.cell, at.xi)[2])[:, -1]
-    turned = np.einsum("fi,fi->", normal, area) < 0.0
-    return (frame.flipped() if turned else frame), ["frame: given"]
-
-
 def _space_of(tags, spaces) -> int:
     """Index of the function space whose mesh the tags mark."""
     if len(spaces) == 1:
@@ -256,87 +235,47 @@ def _space_of(tags, spaces) -> int:
 
 
 def _check_flat(sides, plane: Plane) -> None:
-    """Require flat sides, parallel to each other."""
+    """Require flat sides parallel to each other, closer than a facet's size."""
     size = max(side.diameter for side in sides)
-    for side in sides:
-        height = plane.height(side.x)
-        bow = np.ptp(height)
-        if bow > 1e-6 * size:
+    heights = [plane.height(side.x) for side in sides]
+    for side, height in zip(sides, heights):
+        if np.ptp(height) > 1e-6 * size:
             raise ContactError(
-                f"{side.name} is not flat, or the sides are not parallel: its nodes lie within "
-                f"{bow:.3g} along the normal {plane.normal.round(6).tolist()} (allowed "
-                f"{1e-6 * size:.3g}); curved interfaces are not supported yet"
+                f"{side.name} is flat, but not parallel to the other side: its nodes lie within "
+                f"{np.ptp(height):.3g} along the normal {plane.normal.round(6).tolist()} (allowed "
+                f"{1e-6 * size:.3g}). Check the geometry"
             )
+    gap = heights[1].mean() - heights[0].mean()
+    areas = [np.linalg.norm(vector_areas(side.x, side.facets), axis=1).max() for side in sides]
+    facet = max(areas) ** (1.0 / (len(plane.origin) - 1))
+    if abs(gap) > facet:
+        raise ContactError(
+            f"the surfaces {sides[0].name} and {sides[1].name} lie {gap:.3g} apart along the "
+            f"normal, more than the largest facet's size, {facet:.3g}; Tied() is for surfaces that "
+            "touch. Check tags, positions and units"
+        )
 
 
 def _frame(interface: Interface, sides, forces, plane: Plane, area):
-    """The user's frame, turned to point out of side 0, or a predicted one."""
+    """The user's frame, turned to point out of side 0, or a predicted one.
+
+    Returns:
+        The frame, a sentence that says what it is, and how many cells a node may lie beyond its
+        outline.
+    """
     if interface.frame is not None:
-        frame = interface.frame
-        if frame.gdim != len(plane.origin):
-            raise ContactInputError(
-                f"the frame lies in {frame.gdim}D, the bodies in {len(plane.origin)}D"
-            )
-        if vector_areas(frame.x, frame.cells).sum(axis=0) @ plane.normal < 0.0:
-            frame = frame.flipped()
+        frame = face_side_1(interface.frame, sides[0])
         if frame.gdim == 2 and interface.design == "positions":
-            frame, note = frame_at_roots(sides, plane, area, frame)
-            return frame, [note], 1e-6
-        return frame, ["frame: given"], 1e-6
+            return *frame_at_roots(sides, plane, area, frame), COVERED
+        return frame, "frame: given", COVERED
     if len(plane.origin) == 2 and interface.design in ("positions", "auto"):
         try:
-            frame, note = frame_at_roots(sides, plane, area)
-            return frame, [note], 1e-6
+            return *frame_at_roots(sides, plane, area), COVERED
         except ContactError as error:
             if interface.design == "positions":
                 raise
             log.info("closed form of the frame left out: %s", error)
-    frame, note = predict_frame(sides, forces, plane)
-    return frame, [note], 3.0
-
-
-def predict_frame(sides, forces, plane: Plane) -> tuple[Frame, str]:
-    """Frame for two flat surfaces: the facets in contact of the coarser side, on the mid-plane.
-
-    Its nodes are then nodes of that side, so that L_b has full column rank whatever the other side
-    looks like, and it is as dense as the coarser side.
-
-    Args:
-        sides: the two surfaces.
-        forces: pair of (n_i,) forces of unit pressure.
-        plane: contact plane.
-
-    Returns:
-        The frame and a sentence that says what it is.
-    """
-    k, facets = coarser_facets(sides, forces)
-    nodes, cells = np.unique(facets, return_inverse=True)
-    x = sides[k].x[nodes]
-    heights = [plane.height(side.x).mean() for side in sides]
-    x = x + np.outer(np.mean(heights) - plane.height(x), plane.normal)
-    frame = Frame(x, cells.reshape(facets.shape))
-    if vector_areas(frame.x, frame.cells).sum(axis=0) @ plane.normal < 0.0:
-        frame = frame.flipped()
-    note = f"frame: predicted, the {len(cells.reshape(facets.shape))} facets in contact of the coarser side ({sides[k].name})"
-    return frame, note
-
-
-def coarser_facets(sides, forces) -> tuple[int, np.ndarray]:
-    """Which side is coarser, 0 or 1, and its facets (m, k) whose nodes all carry force."""
-    touched = []
-    for side, f in zip(sides, forces):
-        # A facet counts if all its nodes carry force: those that the area merely borders do not.
-        facets = side.facets[(f[side.facets] > 0.0).all(axis=1)]
-        size = np.linalg.norm(vector_areas(side.x, facets), axis=1).mean()
-        touched.append((facets, size))
-    sizes = [size for _, size in touched]
-    if abs(sizes[0] - sizes[1]) > 1e-9 * max(sizes):
-        k = int(np.argmax(sizes))
-    else:  # equally coarse: what does not depend on the order of the sides decides
-        keys = [(-len(facets), tuple(side.x[facets].sum(axis=(0, 1)))) for side, (facets, _) in
-                zip(sides, touched)]  # fmt: skip
-        k = 0 if keys[0] <= keys[1] else 1
-    return k, touched[k][0]
+    return *predict_frame(sides, forces, plane), REACH
 
 
 def _moved(frame: Frame, sides, forces, comm) -> Frame:
@@ -385,4 +324,4 @@ def _designed(interface: Interface, frame: Frame, plane: Plane, pairs, notes: li
     size = max(p.surface.diameter for p in pairs)
     linear = max(np.abs(plane.project(p.x) - plane.project(p.x - p.gap)).max() for p in pairs)
     change = max(np.abs(a - b).max() for a, b in zip(N, plain))
-    return pairs, Certificate(residual, before, singular, float(linear / size), float(change), 0.0)
+    return pairs, Certificate(residual, before, singular, float(linear / size), float(change))

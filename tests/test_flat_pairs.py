@@ -95,6 +95,19 @@ def test_loop_of_bodies_is_refused():
         side_by_side(lateral=True)
 
 
+@pytest.mark.parametrize(
+    "lift, words", [((4.0, 0.0), "lie 4 apart"), ((0.1, 0.05), "not parallel")]
+)
+def test_sides_apart_or_tilted(lift, words):
+    low, high = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+    lower = pairs.block(COMM, (4, 4, 2), low, high, "hexahedron")
+    upper = pairs.block(COMM, (3, 3, 2), (0.0, 0.0, 1.0), (1.0, 1.0, 2.0), "hexahedron")
+    x = upper[0].geometry.x
+    x[:, 2] += lift[0] + lift[1] * x[:, 0]
+    with pytest.raises(llm.ContactError, match=words):
+        pairs.stack([lower, upper], low, high, ties=[(0, pairs.ABOVE, 1, pairs.BELOW)])
+
+
 def test_users_frame_of_triangles():
     """A frame of the user's own, triangles between bricks and tetrahedra."""
     low, high = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)

@@ -1,0 +1,91 @@
+"""Prediction of a frame from the two surfaces, and its orientation.
+
+The facets in contact of the coarser side: the frame's nodes are then nodes of that side, so that
+L_b has full column rank whatever the other side looks like, and it is as dense as the coarser side.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dolfinx_llm._parallel import ContactInputError
+from dolfinx_llm.frame import Frame, bases, vector_areas
+from dolfinx_llm.patch import Plane
+
+
+def predict_frame(sides, forces, plane: Plane) -> tuple[Frame, str]:
+    """Frame for two flat surfaces: the facets in contact of the coarser side, on the mid-plane.
+
+    Its nodes are then nodes of that side, so that L_b has full column rank whatever the other side
+    looks like, and it is as dense as the coarser side.
+
+    Args:
+        sides: the two surfaces.
+        forces: pair of (n_i,) forces of unit pressure.
+        plane: contact plane.
+
+    Returns:
+        The frame and a sentence that says what it is.
+    """
+    k, facets = coarser_facets(sides, forces)
+    nodes, cells = np.unique(facets, return_inverse=True)
+    x = sides[k].x[nodes]
+    heights = [plane.height(side.x).mean() for side in sides]
+    x = x + np.outer(np.mean(heights) - plane.height(x), plane.normal)
+    frame = Frame(x, cells.reshape(facets.shape))
+    return face_side_1(frame, sides[0]), _note(facets, sides[k])
+
+
+def coarser_facets(sides, forces) -> tuple[int, np.ndarray]:
+    """Which side is coarser, 0 or 1, and its facets (m, k) whose nodes all carry force."""
+    touched = []
+    for side, f in zip(sides, forces):
+        # A facet counts if all its nodes carry force: those that the area merely borders do not.
+        facets = side.facets[(f[side.facets] > 0.0).all(axis=1)]
+        size = np.linalg.norm(vector_areas(side.x, facets), axis=1).mean()
+        touched.append((facets, size))
+    sizes = [size for _, size in touched]
+    if abs(sizes[0] - sizes[1]) > 1e-9 * max(sizes):
+        k = int(np.argmax(sizes))
+    else:  # equally coarse: what does not depend on the order of the sides decides
+        keys = [(-len(facets), tuple(side.x[facets].sum(axis=(0, 1)))) for side, (facets, _) in
+                zip(sides, touched)]  # fmt: skip
+        k = 0 if keys[0] <= keys[1] else 1
+    return k, touched[k][0]
+
+
+def predict_curved_frame(sides, forces) -> tuple[Frame, str]:
+    """Frame for two curved surfaces: the facets in contact of the coarser side, where they are.
+
+    Args:
+        sides: the two surfaces.
+        forces: pair of (n_i,) tributary areas; 0 at nodes that are not in contact.
+
+    Returns:
+        The frame and a sentence that says what it is.
+    """
+    k, facets = coarser_facets(sides, forces)
+    nodes, cells = np.unique(facets, return_inverse=True)
+    cells = cells.reshape(facets.shape)
+    return Frame(sides[k].x[nodes], cells if k == 0 else cells[:, ::-1]), _note(facets, sides[k])
+
+
+def _note(facets: np.ndarray, side) -> str:
+    return (
+        f"frame: predicted, the {len(facets)} facets in contact of the coarser side ({side.name})"
+    )
+
+
+def face_side_1(frame: Frame, side0) -> Frame:
+    """The frame with its normal out of side 0.
+
+    Raises:
+        ContactInputError: frame and body are not of the same dimension.
+    """
+    gdim = side0.x.shape[1]
+    if frame.gdim != gdim:
+        raise ContactInputError(f"the frame lies in {frame.gdim}D, the bodies in {gdim}D")
+    area = vector_areas(side0.x, side0.facets)
+    at = frame.locate(side0.x[side0.facets].mean(axis=1))
+    normal = bases(frame.evaluate(at.cell, at.xi)[2])[:, -1]
+    return frame.flipped() if np.einsum("fi,fi->", normal, area) < 0.0 else frame
