@@ -1,7 +1,9 @@
 """Mortar-free contact for FEniCSx by localised Lagrange multipliers."""
 
+# First, since it says what to install where dolfinx is missing.
+from dolfinx_llm import compat  # noqa: F401  # isort: skip
+
 from dolfinx_llm import classical, post
-from dolfinx_llm import compat as _compat  # noqa: F401  (first: says what is missing)
 from dolfinx_llm._parallel import ContactError, ContactInputError
 from dolfinx_llm.design import design_weights
 from dolfinx_llm.frame import Frame

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
+from tqdm import tqdm
 
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.frame import Frame, shape_functions, vector_areas
@@ -436,7 +437,8 @@ def design_positions(
     if near is not None and _certify(near, x, forces, bounds, tol) is not None:
         return near
     rng, reached = np.random.default_rng(seed), np.inf
-    for done in range(0, starts if n_q else 0, batch):
+    batches = range(0, starts if n_q else 0, batch)
+    for done in tqdm(batches, desc="frame design", leave=False, disable=None):
         q = _starts(search, min(batch, starts - done), rng)
         q[0] *= float(done > 0)
         q, rows = _descend(search, q)

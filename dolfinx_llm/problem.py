@@ -250,7 +250,10 @@ class ContactProblem:
         g = self._assemble_gap(f)
         with self._timed("solve"):
             u, multiplier, v = self._system.solve(f, g)
-        self.history = [{"iteration": 1, "residual": self._system.residual}]
+        n = sum(len(pairs.nodes) for pairs in self._pairs)
+        self.history = [
+            {"iteration": 1, "active": n, "stick": n, "slip": 0, "residual": self._system.residual}
+        ]
         self._store(u, multiplier, v)
         functions = self._functions(u)
         return functions if self._several else functions[0]

@@ -126,7 +126,7 @@ def check_support(bodies: Bodies, K, fixed: np.ndarray, interfaces) -> None:
     rows = [np.concatenate(bodies.comm.allgather(np.concatenate(rows)))]
     for L, BtR in interfaces:
         BtR = BtR.reshape(len(BtR), -1)
-        rows.append(BtR - L @ splu((L.T @ L).tocsc()).solve(L.T @ BtR))
+        rows.append(BtR - L @ _least_squares(L, BtR))
     _, values, vectors = np.linalg.svd(np.concatenate(rows), full_matrices=False)
     free = vectors[values < 1e-11 * values[0]]
     if not len(free):
@@ -138,3 +138,28 @@ def check_support(bodies: Bodies, K, fixed: np.ndarray, interfaces) -> None:
         f"{len(free)} rigid motion(s) are held by no support and no interface; they move "
         f"{', '.join(names)} independent way(s). Add Dirichlet conditions or springs that hold them"
     )
+
+
+def _least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:
+    """Solution of min |L v - b| for every column of b (n, k), by conjugate gradients on LᵀL.
+
+    LᵀL is like a mass matrix, so that a large frame needs no factorisation; a frame with small
+    singular values, on which the iteration is slow, gets one.
+    """
+    v = np.zeros((L.shape[1], b.shape[1]))
+    r = L.T @ b
+    p, size = r.copy(), np.einsum("nk,nk->k", r, r)
+    goal = 1e-28 * size
+    for _ in range(300):
+        if (size <= goal).all():
+            return v
+        Lp = L @ p
+        # A column that is done, or zero, stays as it is.
+        length = np.where(size > goal, size, 0.0) / np.maximum(
+            np.einsum("nk,nk->k", Lp, Lp), 1e-300
+        )
+        v += length * p
+        r -= length * (L.T @ Lp)
+        before, size = size, np.where(size > goal, np.einsum("nk,nk->k", r, r), size)
+        p = r + size / np.maximum(before, 1e-300) * p
+    return splu((L.T @ L).tocsc()).solve(L.T @ b)

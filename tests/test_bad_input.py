@@ -1,8 +1,11 @@
 """Bad input: a clear error, on all ranks together."""
 
+import subprocess
+import sys
+
 import bad_input
 import pytest
-from conftest import run_mpi_json
+from conftest import clean_environment, run_mpi_json
 from mpi4py import MPI
 
 
@@ -47,3 +50,14 @@ def test_a_failing_rank_ends_the_run():
 def test_a_hanging_run_is_ended():
     with pytest.raises(pytest.fail.Exception, match="took over 4"):
         run_mpi_json("hangs.py", 2, seconds=4.0)
+
+
+def test_missing_dolfinx_is_said():
+    """The import names the package and the way to get it."""
+    code = "import sys; sys.modules['dolfinx'] = None; import dolfinx_llm"
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=clean_environment()
+    )
+    assert run.returncode == 1
+    assert "ImportError: dolfinx_llm needs dolfinx" in run.stderr
+    assert "apt install python3-dolfinx" in run.stderr
