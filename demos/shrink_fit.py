@@ -152,7 +152,8 @@ def main(arguments=None):
     if args.plot:
         from dolfinx_llm import plot
 
-        plot.bodies(u, von_mises(u), args.plot / "shrink_fit.png", label="von Mises")
+        path = args.plot / "shrink_fit.png"
+        plot.bodies(u, von_mises(u), path, label="von Mises", scale=1.0)
     return {"exact": exact, "pressures": found, "certificate": contact.models[0].certificate}
 
 

@@ -60,8 +60,10 @@ def cell_dofs(space_or_geometry) -> np.ndarray:
     dofs = getattr(dofmap, "list", dofmap)
     if isinstance(dofs, np.ndarray):
         return dofs
-    offsets = dofs.offsets
-    return dofs.array.reshape(len(offsets) - 1, -1)
+    n = len(dofs.offsets) - 1
+    # A rank may own no cell: then the width stands nowhere in the list.
+    width = dofs.offsets[1] if n else getattr(dofmap, "dof_layout", None)
+    return dofs.array.reshape(n, width if n else (width.num_dofs if width else 1))
 
 
 def tags_belong_to(tags, mesh) -> bool:

@@ -52,7 +52,7 @@ def frame_design(result, before, path) -> None:
             axis.scatter(*p.T, s=size, alpha=0.45, color=f"C{k}", label=f"side {k}: force")
             axis.plot(*p.T, "." if k else "x", color=f"C{k}", markersize=4)
         axis.set(aspect="equal", title=f"{title}: {len(frame.x)} nodes, {len(frame.cells)} cells")
-        axis.legend(loc="upper right", fontsize=8)
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=2, fontsize=8)
     _save(plt, figure, path)
 
 
