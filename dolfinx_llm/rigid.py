@@ -66,21 +66,24 @@ class Bodies:
     def __init__(self, spaces):
         self.comm = spaces[0].mesh.comm
         self.gdim = spaces[0].mesh.geometry.dim
-        self.labels, self.x, first = [], [], 0
+        labels, points, first = [], [], 0
         for V in spaces:
             label, count = body_labels(V)
             n = V.dofmap.index_map.size_local
-            self.labels.append(label[:n] + first)
-            self.x.append(V.tabulate_dof_coordinates()[:n, : self.gdim])
+            labels.append(label[:n] + first)
+            points.append(V.tabulate_dof_coordinates()[:n, : self.gdim])
             first += count
         self.count = first
-        label, x = np.concatenate(self.labels), np.concatenate(self.x)
+        label, x = np.concatenate(labels), np.concatenate(points)
         low, high = np.full((first, self.gdim), np.inf), np.full((first, self.gdim), -np.inf)
         np.minimum.at(low, label, x)
         np.maximum.at(high, label, x)
         low, high = self.comm.allgather(low), self.comm.allgather(high)
-        self.low, self.high = np.min(low, axis=0), np.max(high, axis=0)
-        self.label, self.points = label, x
+        low, high = np.min(low, axis=0), np.max(high, axis=0)
+        # Numbered by position, so that messages do not depend on the number of ranks.
+        order = np.lexsort(np.concatenate([high.T[::-1], low.T[::-1]]).round(12))
+        self.low, self.high = low[order], high[order]
+        self.label, self.points = np.argsort(order)[label], x
 
     def modes(self, label: np.ndarray, x: np.ndarray) -> np.ndarray:
         """(n, gdim, bodies, modes per body) rigid motions at points of labelled bodies, about the
