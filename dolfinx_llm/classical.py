@@ -186,10 +186,7 @@ class NodeToSegment(_ClassicalForm):
         motion.destroy()
         moved.destroy()
         change = gather_rows(self.problem.comm, change)
-        # There is no frame to follow: its operator has an empty row per constraint, and one more.
-        change = np.concatenate([change, np.zeros((1, modes.shape[1]))])
-        frame = csr_matrix(([1.0], ([len(change) - 1], [0])), shape=(len(change), 1))
-        check_support(bodies, self.problem.K, fixed, [(frame, change)])
+        check_support(bodies, self.problem.K, fixed, [(None, change)])
 
     def solve(self):
         """Assemble the load and solve (6).
@@ -236,7 +233,7 @@ def _tie(problem, model, slave: int, components: str) -> _Ties:
     base = np.broadcast_to(np.eye(gdim), (len(on), gdim, gdim))
     if components == "normal":
         base = bases(tangents)[:, -1:]
-    dofs = [_dofs(problem, space, side) for space, side in zip(spaces, sides, strict=True)]
+    dofs = [problem._global_dofs(*side) for side in zip(spaces, sides, strict=True)]
     shape = (len(on), base.shape[1], dofs[0].size + dofs[1].size)
     rows = _constraint_rows(weights, on, base, dofs[0].size, shape)
     x = sides[0].x[on]
@@ -264,15 +261,6 @@ def _values_at(problem, dofs: np.ndarray, local: np.ndarray) -> np.ndarray:
     values = np.zeros(at.shape)
     values[mine] = local[at[mine]]
     return problem.comm.allreduce(values)
-
-
-def _dofs(problem, space: int, surface) -> np.ndarray:
-    """(n, gdim) numbers of a surface's dofs in the vector of all bodies, as for the pairs."""
-    comm, gdim = problem.comm, surface.x.shape[1]
-    start = problem.spaces[space].dofmap.index_map.local_range[0] * gdim
-    shift = problem.K.getOwnershipRange()[0] + sum(problem._sizes[:space]) - start
-    shift = np.array(comm.allgather(shift))[surface.owner]
-    return surface.dofs[:, None] * gdim + np.arange(gdim) + shift[:, None]
 
 
 class Elimination(_ClassicalForm):

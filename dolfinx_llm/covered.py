@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.frame import Frame, bases, shape_functions, vector_areas
-from dolfinx_llm.patch import covered_forces
+from dolfinx_llm.patch import covered_forces, orthonormal_base, outline_edges
 
 FACING = -0.5  # cosine between the outward normals of facets that face each other, at most
 REACH = 0.5  # distance between the surfaces, in facets, at most
@@ -24,18 +24,6 @@ def is_flat(surface, tolerance: float) -> bool:
     x = surface.x - surface.x.mean(axis=0)
     normal = np.linalg.svd(x, full_matrices=False)[2][-1]
     return bool(np.ptp(x @ normal) <= tolerance)
-
-
-def outline_edges(facets: np.ndarray) -> np.ndarray:
-    """(e, 2) edges of one facet only, (e, 1) end nodes of segments; empty on closed surfaces."""
-    if facets.shape[1] == 2:
-        nodes, count = np.unique(facets, return_counts=True)
-        return nodes[count == 1][:, None]
-    edges = np.stack([facets, np.roll(facets, -1, axis=1)], axis=2).reshape(-1, 2)
-    _, first, count = np.unique(
-        np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True
-    )
-    return edges[first[count == 1]]
 
 
 def facet_vectors(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
@@ -167,7 +155,7 @@ class _Clip:
         k, gdim = p.shape
         centre = p.mean(axis=0)
         near = np.array(self.tree.query_ball_point(centre, 1.5 * (radius + self.radius)), int)
-        base = _tangents(normal)
+        base = orthonormal_base(normal)[:-1]
         height = (self.p[near] - centre) @ normal
         facing = self.normal[near] @ normal
         close = np.abs(height).min(axis=1) <= 2.0 * REACH * max(radius, self.radius)
@@ -188,16 +176,6 @@ class _Clip:
                 return facet_vectors(p, cell)[0]
             part = covered_forces(s, cell, cover)
         return part[0][:, None] * normal
-
-
-def _tangents(normal: np.ndarray) -> np.ndarray:
-    """(gdim - 1, gdim) tangents to a unit normal, right-handed with it."""
-    if len(normal) == 2:
-        return np.array([[normal[1], -normal[0]]])
-    axis = np.eye(3)[np.argmin(np.abs(normal))]
-    t1 = axis - (axis @ normal) * normal
-    t1 /= np.linalg.norm(t1)
-    return np.array([t1, np.cross(normal, t1)])
 
 
 def _merged(t: np.ndarray, margin: float) -> list[tuple[float, float]]:

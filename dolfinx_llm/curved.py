@@ -16,9 +16,9 @@ from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from dolfinx_llm.covered import outline_edges
 from dolfinx_llm.design import _expand
 from dolfinx_llm.frame import Frame, vector_areas
+from dolfinx_llm.patch import outline_edges
 from dolfinx_llm.smooth import Stencils, cell_stencils, projectors
 
 LARGEST = 0.3  # correction of an entry of L_b by geometry; larger ones are left out

@@ -6,7 +6,7 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_llm._parallel import ContactInputError
-from dolfinx_llm.frame import shape_functions, vector_areas
+from dolfinx_llm.covered import facet_vectors
 from dolfinx_llm.patch import common_area, common_plane, covered_forces, full_forces
 from dolfinx_llm.surface import check_space, extract_surface
 
@@ -37,7 +37,7 @@ def free_surface_load(V, facet_tags, tag: int, pressure: float, covered_by=None)
     check_space(V)
     side = extract_surface(V, facet_tags, tag)
     if covered_by is None:
-        forces = _vector_forces(side)
+        forces = facet_vectors(side.x, side.facets)
     else:
         other = extract_surface(*(covered_by if len(covered_by) == 3 else (V, *covered_by)))
         plane = common_plane(side, other)
@@ -55,15 +55,3 @@ def free_surface_load(V, facet_tags, tag: int, pressure: float, covered_by=None)
     load.x.array[dofs.ravel()] = nodal[mine].ravel()
     load.x.scatter_forward()
     return load
-
-
-def _vector_forces(side) -> np.ndarray:
-    """(m, k, gdim) integrals of N n dA over each facet, n out of the body, flat or not."""
-    k = side.facets.shape[1]
-    if k < 4:
-        vector = vector_areas(side.x, side.facets) / k
-        return np.repeat(vector[:, None, :], k, axis=1)
-    xi = np.array([[a, b] for a in (-1, 1) for b in (-1, 1)]) / np.sqrt(3.0)  # 2 x 2 are exact
-    N, dN = shape_functions(4, xi)
-    t = np.einsum("gkd,mki->mgdi", dN, side.x[side.facets])
-    return np.einsum("mgi,gk->mki", np.cross(t[:, :, 0], t[:, :, 1]), N)

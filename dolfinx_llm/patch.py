@@ -43,6 +43,16 @@ class Plane:
         return self.origin + s @ self.base[:-1]
 
 
+def orthonormal_base(normal: np.ndarray) -> np.ndarray:
+    """(gdim, gdim) rows t1, (t2,) n, right-handed, for a unit normal."""
+    if len(normal) == 2:
+        return np.array([[normal[1], -normal[0]], normal])
+    axis = np.eye(3)[np.argmin(np.round(np.abs(normal), 12))]
+    t1 = axis - (axis @ normal) * normal
+    t1 /= np.linalg.norm(t1)
+    return np.array([t1, np.cross(normal, t1), normal])
+
+
 def common_plane(side0, side1) -> Plane:
     """Plane between two surfaces, its normal from side 0 into side 1.
 
@@ -62,26 +72,28 @@ def common_plane(side0, side1) -> Plane:
     normal = normal / np.linalg.norm(normal)
     normal[np.abs(normal) < 4e-16] = 0.0
     normal = normal / np.linalg.norm(normal)
-    if len(normal) == 2:
-        base = np.array([[normal[1], -normal[0]], normal])
-    else:
-        axis = np.eye(3)[np.argmin(np.round(np.abs(normal), 12))]
-        t1 = axis - (axis @ normal) * normal
-        t1 /= np.linalg.norm(t1)
-        base = np.array([t1, np.cross(normal, t1), normal])
     boxes = [(s.x.min(axis=0), s.x.max(axis=0)) for s in (side0, side1)]
     low, high = np.maximum(boxes[0][0], boxes[1][0]), np.minimum(boxes[0][1], boxes[1][1])
-    return Plane(0.5 * (low + high), base)
+    return Plane(0.5 * (low + high), orthonormal_base(normal))
 
 
-def outline(s: np.ndarray, facets: np.ndarray):
-    """Polygon of a flat surface (a set of intervals in 1D), from the edges of one facet only."""
+def outline_edges(facets: np.ndarray) -> np.ndarray:
+    """(e, 2) edges of one facet only, (e, 1) end nodes of segments; empty on closed surfaces."""
+    if facets.shape[1] == 2:
+        nodes, count = np.unique(facets, return_counts=True)
+        return nodes[count == 1][:, None]
     edges = np.stack([facets, np.roll(facets, -1, axis=1)], axis=2).reshape(-1, 2)
     _, first, count = np.unique(
         np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True
     )
-    border = edges[first[count == 1]]
-    return shapely.build_area(shapely.multilinestrings(shapely.linestrings(s[border])))
+    return edges[first[count == 1]]
+
+
+def outline(s: np.ndarray, facets: np.ndarray):
+    """Polygon of a flat surface (a set of intervals in 1D), from the edges of one facet only."""
+    return shapely.build_area(
+        shapely.multilinestrings(shapely.linestrings(s[outline_edges(facets)]))
+    )
 
 
 def full_forces(s: np.ndarray, facets: np.ndarray) -> np.ndarray:

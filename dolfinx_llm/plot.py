@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from dolfinx_llm import compat, post
-from dolfinx_llm.patch import Plane
+from dolfinx_llm.frame import vector_areas
+from dolfinx_llm.patch import Plane, orthonormal_base
+from dolfinx_llm.surface import facet_corners
 
 
 def _pyplot():
@@ -63,14 +65,9 @@ def _on_root() -> bool:
 
 
 def _plane(frame) -> Plane:
-    from dolfinx_llm.frame import vector_areas
-
     normal = vector_areas(frame.x, frame.cells).sum(axis=0)
     normal /= np.linalg.norm(normal)
-    axis = np.eye(3)[np.argmin(np.abs(normal))]
-    t1 = axis - (axis @ normal) * normal
-    t1 /= np.linalg.norm(t1)
-    return Plane(frame.x.mean(axis=0), np.array([t1, np.cross(normal, t1), normal]))
+    return Plane(frame.x.mean(axis=0), orthonormal_base(normal))
 
 
 def _draw_cells(axis, s, cells) -> None:
@@ -128,15 +125,10 @@ def _skin(u, field):
     else:
         mesh.topology.create_connectivity(2, 3)
         mesh.topology.create_connectivity(3, 2)
-        to_cell, to_facet = mesh.topology.connectivity(2, 3), mesh.topology.connectivity(3, 2)
-        outer = np.flatnonzero(np.diff(to_cell.offsets) == 1)
-        cells = to_cell.array[to_cell.offsets[outer]]
-        outer, cells = outer[cells < n_owned], cells[cells < n_owned]
-        n_facets = 4 if layout.num_dofs == 4 else 6
-        local = (to_facet.array.reshape(-1, n_facets)[cells] == outer[:, None]).argmax(axis=1)
-        table = np.array([layout.entity_closure_dofs(2, i) for i in range(n_facets)])
-        table = table[:, [0, 1, 3, 2]] if table.shape[1] == 4 else table
-        nodes = dofs[cells[:, None], table[local]]
+        outer = np.flatnonzero(np.diff(mesh.topology.connectivity(2, 3).offsets) == 1)
+        cells, corners = facet_corners(V, outer)
+        nodes = dofs[cells[:, None], corners][cells < n_owned]
+        cells = cells[cells < n_owned]
     x = V.tabulate_dof_coordinates()[:, :gdim]
     motion = u.x.array.reshape(-1, gdim)
     return x[nodes], motion[nodes], values[cells]

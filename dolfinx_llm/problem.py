@@ -119,7 +119,7 @@ class ContactProblem:
         with self._timed("operators"):
             self._pairs = [pairs for model in self.models for pairs in model.pairs]
             spaces = [space for model in self.models for space in model.spaces]
-            self._dofs = self._global_dofs(spaces)
+            self._dofs = [self._global_dofs(*side) for side in zip(spaces, self._pairs)]
             self._multipliers = operators.multiplier_numbering(self._pairs, self.comm)
             frames = [model.frame for model in self.models]
             self._frame_unknowns = operators.frame_numbering(frames, self._pairs, self.comm, gdim)
@@ -156,19 +156,13 @@ class ContactProblem:
             self._redundant[first + redundant] = True
             first += L.shape[0]
 
-    def _global_dofs(self, spaces) -> list[np.ndarray]:
-        """Per side (n, gdim) numbers of its nodes' dofs in the vector of all bodies."""
-        gdim = self.spaces[0].mesh.geometry.dim
-        starts = np.array(
-            self.comm.allgather([V.dofmap.index_map.local_range[0] * gdim for V in self.spaces])
-        )
-        before = np.array(self.comm.allgather(np.concatenate([[0], np.cumsum(self._sizes)[:-1]])))
-        total = np.array(self.comm.allgather(self.K.getOwnershipRange()[0]))
-        numbers = []
-        for space, pairs in zip(spaces, self._pairs):
-            shift = (total + before[:, space] - starts[:, space])[pairs.owner]
-            numbers.append(pairs.dofs[:, None] * gdim + np.arange(gdim) + shift[:, None])
-        return numbers
+    def _global_dofs(self, space: int, nodes) -> np.ndarray:
+        """(n, gdim) numbers, in the vector of all bodies, of the dofs of pairs or a surface."""
+        gdim = self.spaces[space].mesh.geometry.dim
+        start = self.spaces[space].dofmap.index_map.local_range[0] * gdim
+        shift = self.K.getOwnershipRange()[0] + sum(self._sizes[:space]) - start
+        shift = np.array(self.comm.allgather(shift))[nodes.owner]
+        return nodes.dofs[:, None] * gdim + np.arange(gdim) + shift[:, None]
 
     def _stiffness_scale(self, start: int) -> float:
         """Mean diagonal of K on the free surface dofs [force / length]."""

@@ -109,7 +109,8 @@ def check_support(bodies: Bodies, K, fixed: np.ndarray, interfaces) -> None:
         bodies: the bodies.
         K: their stiffness, identity rows at prescribed dofs.
         fixed: (n_local,) whether a local dof is prescribed.
-        interfaces: per interface (L, R): its operator L_b and Bᵀ R as (rows, modes).
+        interfaces: per interface (L, R): its operator L_b, or None without a frame, and Bᵀ R as
+            (rows, modes).
 
     Raises:
         ContactError: some motion is not held.
@@ -129,7 +130,7 @@ def check_support(bodies: Bodies, K, fixed: np.ndarray, interfaces) -> None:
     rows = [np.concatenate(bodies.comm.allgather(np.concatenate(rows)))]
     for L, BtR in interfaces:
         BtR = BtR.reshape(len(BtR), -1)
-        rows.append(BtR - L @ _least_squares(L, BtR))
+        rows.append(BtR if L is None else BtR - L @ _least_squares(L, BtR))
     _, values, vectors = np.linalg.svd(np.concatenate(rows), full_matrices=False)
     free = vectors[values < 1e-11 * values[0]]
     if not len(free):

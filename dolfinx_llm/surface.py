@@ -127,24 +127,38 @@ def extract_surface(V, facet_tags, tag: int) -> Surface:
     )
 
 
-def _local_facets(V, facets: np.ndarray) -> tuple[np.ndarray, ...]:
-    """This rank's facets: global dofs, owners, input numbers, whether inside, points, centres."""
-    mesh, topology = V.mesh, V.mesh.topology
-    tdim, gdim = topology.dim, mesh.geometry.dim
+def facet_corners(V, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A cell of each local facet, and which of that cell's nodes are the facet's, in a cycle.
+
+    Args:
+        V: first-order function space whose mesh has the connectivities of facets and cells.
+        facets: (m,) local facets.
+
+    Returns:
+        (m,) local cells; (m, k) positions in the cells' lists of nodes.
+    """
+    topology, layout = V.mesh.topology, V.dofmap.dof_layout
+    tdim = topology.dim
     to_cell = topology.connectivity(tdim - 1, tdim)
     to_facet = topology.connectivity(tdim, tdim - 1)
-    layout = V.dofmap.dof_layout
     n_facets = {2: 3, 3: 4}[tdim] if layout.num_dofs == tdim + 1 else {2: 4, 3: 6}[tdim]
     table = np.array([layout.entity_closure_dofs(tdim - 1, i) for i in range(n_facets)])
     if table.shape[1] == 4:
         table = table[:, [0, 1, 3, 2]]  # dolfinx counts a quad's nodes by rows; make it a cycle
     cells = to_cell.array[to_cell.offsets[facets]]
-    inside = (to_cell.offsets[facets + 1] - to_cell.offsets[facets]) > 1
     cell_facets = to_facet.array.reshape(-1, n_facets)[cells]
-    nodes = table[(cell_facets == facets[:, None]).argmax(axis=1)]
+    return cells, table[(cell_facets == facets[:, None]).argmax(axis=1)]
+
+
+def _local_facets(V, facets: np.ndarray) -> tuple[np.ndarray, ...]:
+    """This rank's facets: global dofs, owners, input numbers, whether inside, points, centres."""
+    mesh, gdim = V.mesh, V.mesh.geometry.dim
+    to_cell = mesh.topology.connectivity(mesh.topology.dim - 1, mesh.topology.dim)
+    inside = (to_cell.offsets[facets + 1] - to_cell.offsets[facets]) > 1
+    cells, nodes = facet_corners(V, facets)
     rows = np.arange(len(facets))[:, None]
     dofs = compat.cell_dofs(V)[cells]
-    geometry = compat.cell_dofs(mesh.geometry)[cells][:, : layout.num_dofs]
+    geometry = compat.cell_dofs(mesh.geometry)[cells][:, : V.dofmap.dof_layout.num_dofs]
     index_map = V.dofmap.index_map
     local = dofs[rows, nodes].astype(np.int32)
     dofs_global = index_map.local_to_global(local.ravel()).reshape(local.shape)

@@ -23,7 +23,7 @@ class SaddleSystem:
 
     Args:
         K: stiffness of the bodies with Dirichlet conditions applied.
-        B: (31), or None without an interface.
+        B: (31).
         L_b: (31), or None without frame unknowns: (6), with B = Qᵀ.
         scale: mean diagonal of K on the surface dofs [force / length].
         prefix: of the PETSc options.
