@@ -1,0 +1,219 @@
+"""The bodies as their interfaces see them: factorised once, then a small dense system.
+
+With few contact pairs the cheapest way through opening and friction is to ask the bodies only once
+how their surfaces answer to contact forces, y = Bᵀu = h - F λ + G α with F = Bᵀ K⁻¹ B (α: motion of
+bodies that supports alone do not hold), and to iterate on that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+
+from dolfinx_llm._parallel import ContactError
+from dolfinx_llm.rigid import floating_modes
+from dolfinx_llm.system import DirectSolver
+
+SOFT = 1e-11  # compliance, relative to the surface's, that makes forces at supports unique
+COLUMNS = 64  # right-hand sides solved at once
+
+
+@dataclass(frozen=True)
+class InterfaceSystem:
+    """One linear step of a contact law, in the unknowns' own order; the same on every rank.
+
+    Rows that are in contact: y - L w = -g; the others: λ = 0. Frame rows: E λ + D w = rhs.
+    """
+
+    active: np.ndarray  # (n,) multiplier rows in contact
+    L: csr_matrix  # (n, m) motion of the frame as the rows see it
+    g: np.ndarray  # (n,) [length]
+    E: csr_matrix  # (m, n)
+    D: csr_matrix  # (m, m) [force / length]
+    rhs: np.ndarray  # (m,) [force]
+
+
+class Flexibility:
+    """K factorised, and the answer of the surfaces to unit multipliers.
+
+    Args:
+        K: stiffness, identity rows at prescribed dofs.
+        B: (31).
+        rows: the multipliers' ``Numbering``.
+        bodies: ``Bodies`` of the meshes.
+        fixed: (n_local,) prescribed dofs.
+        scale: mean stiffness of the surface [force / length].
+        prefix, options: PETSc options, of the factorisation.
+        soft: (n,) rows of prescribed dofs, which get a compliance ``SOFT``: they may say the same.
+        progress: called with the share that is done.
+    """
+
+    def __init__(
+        self, K, B, rows, bodies, fixed, scale, prefix, options=None, *, soft, progress=None
+    ):
+        self.K, self.B, self.rows, self.scale = K, B, rows, scale
+        self.comm = bodies.comm
+        self.modes = floating_modes(bodies, K, fixed)
+        self._local_B = _local_csr(B)
+        self._solver = DirectSolver(self._pinned(K), prefix, options, own=True)
+        self.G = self._interface_sum(self._local_B.T @ self.modes)
+        self.F = self._flexibility(progress or (lambda share: None))
+        if self.F is not None:
+            self.F[soft, soft] += SOFT / scale
+
+    def _pinned(self, K):
+        """K with a spring per floating mode, at dofs that hold them best: their forces vanish."""
+        rest, pins = self.modes.copy(), []
+        start = K.getOwnershipRange()[0]
+        for _ in range(rest.shape[1]):
+            size = np.einsum("nk,nk->n", rest, rest)
+            best = int(size.argmax()) if len(size) else 0
+            candidates = self.comm.allgather(
+                (float(size[best]), rest[best]) if len(size) else (-1.0, None)
+            )
+            rank = int(np.argmax([round(c[0], 12) for c in candidates]))
+            direction = candidates[rank][1]
+            if rank == self.comm.rank:
+                pins.append(start + best)
+            rest = rest - np.outer(rest @ direction, direction) / (direction @ direction)
+        pinned = K.copy()
+        diagonal = K.getDiagonal()
+        pinned.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
+        for pin in pins:
+            pinned.setValue(pin, pin, diagonal.array_r[pin - start], addv=True)
+        pinned.assemble()
+        diagonal.destroy()
+        return pinned
+
+    def _interface_sum(self, part: np.ndarray) -> np.ndarray:
+        """Sum over ranks of a part with one row per multiplier, in their own order."""
+        return self.comm.allreduce(part)[self.rows.number]
+
+    def _flexibility(self, progress) -> np.ndarray | None:
+        """F on rank 0, None elsewhere."""
+        n = self.rows.sizes[1]
+        F = np.empty((n, n)) if self.comm.rank == 0 else None
+        columns = self._local_B.tocsc()
+        for first in range(0, n, COLUMNS):
+            last = min(first + COLUMNS, n)
+            solved = self._solver.solve_many(columns[:, first:last].toarray())
+            part = self.comm.reduce(self._local_B.T @ solved, root=0)
+            if F is not None:
+                F[:, first:last] = part
+            progress(last / n)
+        if F is None:
+            return None
+        F = F[np.ix_(self.rows.number, self.rows.number)]
+        return 0.5 * (F + F.T)
+
+    def load(self, f: np.ndarray):
+        """Take this rank's load: h, and the resultant along the floating modes."""
+        self.f = f
+        self.h = self._interface_sum(self._local_B.T @ self._solver.solve(f))
+        self.r = self.comm.allreduce(self.modes.T @ f)
+
+    def solve(self, step: InterfaceSystem, spring: float, centre: np.ndarray):
+        """One linear step.
+
+        Args:
+            step: the law's equations.
+            spring: stiffness that holds floating modes at ``centre`` [force / length]; with
+                centre at the solution it carries nothing.
+            centre: (k,) their last values.
+
+        Returns:
+            λ (n,), y (n,), w (m,), α (k,) on every rank.
+        """
+        result, error = None, ""
+        if self.comm.rank == 0:
+            try:
+                result = self._dense(step, spring, centre)
+            except (np.linalg.LinAlgError, ValueError) as failed:
+                error = str(failed)
+        result, error = self.comm.bcast((result, error))
+        if result is None:
+            raise ContactError(f"a step of the contact law is singular: {error}")
+        return result
+
+    def _dense(self, step: InterfaceSystem, spring: float, centre: np.ndarray):
+        on, c = np.flatnonzero(step.active), self.scale
+        n, m, k = len(on), step.L.shape[1], len(centre)
+        A = np.zeros((n + m + k, n + m + k))
+        # Unknowns λ / c, w, α: every entry is then a pure number.
+        A[:n, :n] = c * self.F[np.ix_(on, on)]
+        A[:n, n : n + m] = step.L[on].toarray()
+        A[:n, n + m :] = -self.G[on]
+        A[n : n + m, :n] = step.E[:, on].toarray()
+        A[n : n + m, n : n + m] = step.D.toarray() / c
+        A[n + m :, :n] = self.G[on].T
+        A[n + m :, n + m :] = spring / c * np.eye(k)
+        rhs = np.concatenate(
+            [self.h[on] + step.g[on], step.rhs / c, self.r / c + spring / c * centre]
+        )
+        x = _solve_refined(A, rhs)
+        multiplier = np.zeros(len(step.active))
+        multiplier[on] = c * x[:n]
+        alpha = x[n + m :]
+        y = self.h - self.F @ multiplier + self.G @ alpha
+        return multiplier, y, x[n : n + m], alpha
+
+    def displacement(self, multiplier: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+        """This rank's u for multipliers and floating motions; sets ``residual``."""
+        load = self.f - self._local_B @ self._in_petsc_order(multiplier)
+        u = self._solver.solve(load) + self.modes @ alpha
+        x, y = self.K.createVecs()
+        x.array_w[:] = u
+        self.K.mult(x, y)
+        miss = np.abs(y.array_r - load).max(initial=0.0)
+        sizes = [np.abs(self.f), np.abs(load), self.scale * np.abs(u)]
+        size = max(a.max(initial=0.0) for a in sizes)
+        for vector in (x, y):
+            vector.destroy()
+        found = np.max(self.comm.allgather((miss, size)), axis=0)
+        self.residual = found[0] / max(found[1], 1e-300)
+        return u
+
+    def correct(self, multiplier: np.ndarray, alpha: np.ndarray) -> None:
+        """Take h from the displacement for these multipliers: F and the pinned solve of the load
+        alone are subject to rounding that the forces together are not."""
+        u = self.displacement(multiplier, alpha)
+        y = self._interface_sum(self._local_B.T @ u) - self.G @ alpha
+        if self.comm.rank == 0:
+            self.h = y + self.F @ multiplier
+
+    def _in_petsc_order(self, values: np.ndarray) -> np.ndarray:
+        """Values of the multipliers by their global number."""
+        ordered = np.empty_like(values)
+        ordered[self.rows.number] = values
+        return ordered
+
+    def destroy(self):
+        self._solver.destroy()
+
+
+def _local_csr(M) -> csr_matrix:
+    """This rank's rows of a PETSc matrix, all columns."""
+    indptr, indices, data = M.getValuesCSR()
+    return csr_matrix((data, indices, indptr), (len(indptr) - 1, M.getSize()[1]))
+
+
+def _solve_refined(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Solve a dense system with rows scaled and one step of refinement.
+
+    Raises:
+        numpy.linalg.LinAlgError: singular.
+    """
+    scale = 1.0 / np.maximum(np.abs(A).max(axis=1), 1e-300)
+    A, b = A * scale[:, None], b * scale
+    factor = scipy.linalg.lu_factor(A, check_finite=False)
+    if not np.abs(np.diagonal(factor[0])).min(initial=np.inf) > 0.0:
+        raise np.linalg.LinAlgError("a pivot is zero")
+    x = scipy.linalg.lu_solve(factor, b, check_finite=False)
+    x += scipy.linalg.lu_solve(factor, b - A @ x, check_finite=False)
+    if not np.isfinite(x).all():
+        raise np.linalg.LinAlgError("the solution is not finite")
+    return x
