@@ -54,7 +54,7 @@ def measure(n):
     frame, _ = predict_frame(sides, forces, plane)
     stop("frame")
     pairs = [
-        locate_pairs(side, f, frame, sign, reach=3.0, local_base=False)
+        locate_pairs(side, f, frame, sign, 3.0, plane)
         for side, f, sign in zip(sides, forces, (1.0, -1.0), strict=True)
     ]
     stop("location")

@@ -163,7 +163,7 @@ class NodeToSegment(_ClassicalForm):
         self._kept = np.flatnonzero(np.asarray(abs(rows).sum(axis=1)).ravel())
         owner = np.concatenate([t.owner for t in ties])
         owner = np.repeat(owner, self._base.shape[1])[self._kept]
-        self._numbering = operators.Numbering(owner, problem.comm.rank, 1)
+        self._numbering = operators.Numbering(owner, problem.comm.rank)
         local = rows[self._kept[self._numbering.mine]].tocoo()
         sizes = problem.K.getSizes()[0]
         columns = self._surface_dofs[~fixed][local.col]
@@ -207,7 +207,7 @@ class NodeToSegment(_ClassicalForm):
         g = (np.concatenate(gaps) + self._prescribed @ prescribed)[self._kept]
         u, multiplier = self._solve(f, g[self._numbering.mine])
         values = np.zeros(self._base.shape[0] * self._base.shape[1])
-        values[self._kept] = problem._gather(self._numbering, multiplier).ravel()
+        values[self._kept] = problem._gather(self._numbering, multiplier)
         self.multiplier = values.reshape(self._base.shape[:2])
         self.force = np.einsum("nc,nci->ni", self.multiplier, self._base)
         return self._functions(u)
@@ -317,11 +317,10 @@ class Elimination(_ClassicalForm):
 
     def _operator(self, problem):
         """Q = (B P Φ)ᵀ of (36)."""
-        rows, comm = problem._multipliers, problem.comm
+        rows, comm = problem._rows.numbering, problem.comm
         n_hat = self.Phi.shape[1]
         columns = n_hat // comm.size + (comm.rank < n_hat % comm.size), n_hat
-        mine = (rows.mine[:, None] * rows.bs + np.arange(rows.bs)).ravel()
-        local = csr_matrix(self._basis[mine])
+        local = csr_matrix(self._basis[rows.mine])
         basis = operators._create_aij(comm, rows.sizes, columns, local)
         Q = problem.B.matMult(basis)
         Q.transpose()
@@ -337,16 +336,16 @@ class Elimination(_ClassicalForm):
         Raises:
             ContactError: the system cannot be solved.
         """
-        problem, rows = self.problem, self.problem._multipliers
+        problem, rows = self.problem, self.problem._rows.numbering
         f = problem._assemble_load()
         g = problem._assemble_gap(f)
         first, last = self.Q.getOwnershipRange()
-        gap = problem._gather(rows, g).ravel()
+        gap = problem._gather(rows, g)
         u, reduced = self._solve(f, (self._basis.T @ gap)[first:last])
         multiplier = self._basis @ gather_rows(problem.comm, reduced)
         for at, least in problem._prescribed:
             multiplier[at] = least @ (least.T @ multiplier[at])
-        motion = gap + problem._gather(rows, self._surface_motion(u)).ravel()
+        motion = gap + problem._gather(rows, self._surface_motion(u))
         v = solve_triangular(self._R, self._range.T @ motion)  # (33)
         self.multiplier = multiplier.reshape(self._base.shape[:2])
         self.force = np.einsum("nc,nci->ni", self.multiplier, self._base)

@@ -188,7 +188,7 @@ def balance(frame: Frame, pairs, vectors, st: Stencils, P, groups):
     Returns:
         Pair of (n_i, m) CSR matrices.
     """
-    m, normal = len(frame.x), _nodal_normals(frame)
+    m, normal = len(frame.x), nodal_normals(frame)
     scale = max(np.linalg.norm(a, axis=1).max() for a in vectors)
     weight = sum(
         np.bincount(g, np.linalg.norm(a, axis=1) / scale, minlength=len(st.cell))
@@ -216,7 +216,7 @@ def balance(frame: Frame, pairs, vectors, st: Stencils, P, groups):
     return N
 
 
-def _nodal_normals(frame: Frame) -> np.ndarray:
+def nodal_normals(frame: Frame) -> np.ndarray:
     """(m, gdim) unit normals, the mean of the cells around each node by area."""
     area = vector_areas(frame.x, frame.cells)
     normal = np.zeros_like(frame.x)

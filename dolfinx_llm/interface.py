@@ -7,17 +7,20 @@ import time
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
 
 from dolfinx_llm import compat
 from dolfinx_llm._parallel import ContactError, ContactInputError, collective
-from dolfinx_llm.covered import is_flat, vector_areas_in_contact
-from dolfinx_llm.curved import balance, curved_rows, vector_residual
+from dolfinx_llm.covered import facet_vectors, is_flat, vector_areas_in_contact
+from dolfinx_llm.curved import balance, curved_rows, nodal_normals, vector_residual
 from dolfinx_llm.design import TOLERANCE, design_weights, patch_residual
 from dolfinx_llm.frame import Frame, vector_areas
 from dolfinx_llm.frame2d import check_closed_form, frame_at_roots
-from dolfinx_llm.laws import Tied
+from dolfinx_llm.laws import LAWS, Coulomb, Frictionless, Tied
+from dolfinx_llm.obstacles import _Obstacle
 from dolfinx_llm.pairs import ContactPairs, locate_pairs, rank_certificate, with_weights
-from dolfinx_llm.patch import Plane, common_area, common_plane, nodal_forces
+from dolfinx_llm.patch import Plane, common_area, common_plane, local_bases, nodal_forces
 from dolfinx_llm.positions import design_positions
 from dolfinx_llm.predict import face_side_1, predict_curved_frame, predict_frame
 from dolfinx_llm.surface import Surface, check_sides, extract_surface
@@ -26,6 +29,7 @@ log = logging.getLogger("dolfinx_llm")
 
 COVERED, REACH = 1e-6, 3.0  # cells that a node may lie beyond a given, a predicted frame
 DESIGNS = ("auto", "positions", "weights", None)
+TILT = 30.0  # [degree] up to which surfaces that may part are treated in their common plane
 
 
 @dataclass(frozen=True)
@@ -34,8 +38,9 @@ class Interface:
 
     Args:
         facet_tags: dolfinx mesh tags of facets; unused where ``sides`` brings its own.
-        sides: the two facet tags, e.g. (3, 7); or ((tags_0, 3), (tags_1, 7)) for two meshes.
-        law: contact law, ``Tied()``.
+        sides: the two facet tags, e.g. (3, 7); or ((tags_0, 3), (tags_1, 7)) for two meshes. One
+            of them may be a rigid obstacle, e.g. ``RigidPlane``.
+        law: contact law: ``Tied()``, ``Frictionless()`` or ``Coulomb(mu)``.
         frame: contact frame; None: predicted from the two surfaces.
         design: how the frame is made to pass the patch test (28): "weights" corrects the rows of
             L_b, "positions" moves the frame's nodes (paper, section 5; in 2D to the closed form
@@ -48,15 +53,17 @@ class Interface:
 
     facet_tags: object
     sides: tuple
-    law: Tied = field(default_factory=Tied)
+    law: Tied | Frictionless | Coulomb = field(default_factory=Tied)
     frame: Frame | None = None
     design: str | None = "auto"
 
     def __post_init__(self):
         if self.design not in DESIGNS:
             raise ContactInputError(f"design={self.design!r}: choose one of {DESIGNS}")
-        if not isinstance(self.law, Tied):
-            raise ContactInputError(f"law={self.law!r}: choose Tied()")
+        if not isinstance(self.law, LAWS):
+            raise ContactInputError(
+                f"law={self.law!r}: choose Tied(), Frictionless() or Coulomb(mu)"
+            )
         if self.frame is not None and not isinstance(self.frame, Frame):
             raise ContactInputError(f"frame={self.frame!r}: give a dolfinx_llm.Frame or None")
         try:
@@ -65,18 +72,33 @@ class Interface:
             n = 0
         if n != 2:
             raise ContactInputError(f"sides={self.sides!r}: give two facet tags")
+        rigid = sum(isinstance(side, _Obstacle) for side in self.sides)
+        if rigid == 2:
+            raise ContactInputError("both sides are rigid obstacles: one must be a body")
+        if rigid and self.frame is not None:
+            raise ContactInputError("against a rigid obstacle there is no frame: leave frame=None")
 
     @property
     def name(self) -> str:
-        """The two tags, for messages."""
-        return " | ".join(str(tag) for _, tag in self.tagged_sides())
-
-    def tagged_sides(self):
-        """The two sides as (facet tags, tag)."""
-        return [
-            side if isinstance(side, (tuple, list)) else (self.facet_tags, side)
+        """The two sides, for messages."""
+        names = [
+            type(side).__name__ if isinstance(side, _Obstacle) else str(_tagged(self, side)[1])
             for side in self.sides
         ]
+        return " | ".join(names)
+
+    @property
+    def obstacle(self) -> _Obstacle | None:
+        """The rigid side, if there is one."""
+        return next((side for side in self.sides if isinstance(side, _Obstacle)), None)
+
+    def tagged_sides(self):
+        """The sides that are bodies, as (facet tags, tag)."""
+        return [_tagged(self, side) for side in self.sides if not isinstance(side, _Obstacle)]
+
+
+def _tagged(interface: Interface, side):
+    return side if isinstance(side, (tuple, list)) else (interface.facet_tags, side)
 
 
 @dataclass(frozen=True)
@@ -95,13 +117,13 @@ class ContactModel:
     """An interface, ready for assembly; the same on every rank."""
 
     interface: Interface
-    sides: tuple[Surface, Surface]
-    spaces: tuple[int, int]  # index of the function space of each side
-    pairs: tuple[ContactPairs, ContactPairs]
-    frame: Frame
+    sides: tuple[Surface, ...]  # two; one against a rigid obstacle
+    spaces: tuple[int, ...]  # index of the function space of each side
+    pairs: tuple[ContactPairs, ...]
+    frame: Frame | None  # None against a rigid obstacle
     directions: np.ndarray  # (m, d, gdim) directions in which the frame's nodes move
-    area: float  # of contact [area]
-    certificate: Certificate
+    area: float  # of contact, for laws that let bodies part the area where they may touch [area]
+    certificate: Certificate | None
     notes: tuple[str, ...]  # what was chosen or left out, and why
     times: dict  # seconds per stage
 
@@ -137,44 +159,143 @@ def build_model(interface: Interface, spaces, fixed=None) -> ContactModel:
         extract_surface(spaces[i], tags, tag)
         for i, (tags, tag) in zip(owners, interface.tagged_sides())
     )
+    if interface.obstacle is not None:
+        return _obstacle_model(interface, sides[0], owners, clock)
     check_sides(*sides, same_mesh=owners[0] == owners[1])
     clock.stop("surfaces")
+    notes: list[str] = []
     size = max(side.diameter for side in sides)
-    if not all(is_flat(side, 1e-6 * size) for side in sides):
+    flat = all(is_flat(side, 1e-6 * size) for side in sides)
+    if interface.law.unilateral and not _conformal(sides):
+        sides = _facing(sides, common_plane(*sides), notes)
+    elif not flat:
         return _curved_model(interface, sides, owners, clock)
     plane = common_plane(*sides)
-    _check_flat(sides, plane)
+    if not interface.law.unilateral:
+        _check_flat(sides, plane)
     area = common_area(*sides, plane)
     forces = [nodal_forces(side, plane.project(side.x), area) for side in sides]
     clock.stop("patch forces")
     frame, note, reach = _frame(interface, sides, forces, plane, area)
-    notes = [note]
+    notes.append(note)
     clock.stop("frame")
     if interface.design == "positions" and frame.gdim == 3:
         frame = _moved(frame, sides, forces, spaces[0].mesh.comm)
         notes.append("design: frame nodes moved (positions)")
         clock.stop("design")
     pairs = [
-        locate_pairs(side, f, frame, sign, reach, local_base=False)
+        locate_pairs(side, f, frame, sign, reach, plane)
         for side, f, sign in zip(sides, forces, (1.0, -1.0))
     ]
     clock.stop("location")
     keep = fixed and [_fixed_nodes(p, spaces[i], fixed[i]) for p, i in zip(pairs, owners)]
     pairs, certificate = _designed(interface, frame, plane, pairs, notes, keep)
     clock.stop("design")
-    directions = np.broadcast_to(np.eye(frame.gdim), (len(frame.x), frame.gdim, frame.gdim))
-    total = float(sum(pairs[0].forces))
+    base = np.broadcast_to(plane.base, (len(frame.x), *plane.base.shape))
+    return _model(interface, sides, owners, pairs, frame, base, certificate, notes, clock)
+
+
+def _model(interface, sides, owners, pairs, frame, base, certificate, notes, clock):
+    """The model with the base vectors and frame directions that the law needs.
+
+    Args:
+        base: (m, gdim, gdim) tangents and normal, out of side 0, at the frame's nodes.
+    """
+    gdim = sides[0].x.shape[1]
+    law = interface.law
+    if law.unilateral:  # normals alone without friction
+        first = 0 if law.friction else gdim - 1
+        signs = (1.0, -1.0)
+        pairs = [
+            replace(p, base=(sign * local_bases(sign * p.normal))[:, first:])
+            for p, sign in zip(pairs, signs)
+        ]
+        base = base[:, first:]
+    else:
+        base = np.broadcast_to(np.eye(gdim), base.shape)
     log.info("interface %s: %s", interface.name, certificate)
     return ContactModel(
-        interface, sides, tuple(owners), tuple(pairs), frame, directions, total, certificate,
-        tuple(notes), clock.times,
+        interface, sides, tuple(owners), tuple(pairs), frame, base, float(pairs[0].forces.sum()),
+        certificate, tuple(notes), clock.times,
     )  # fmt: skip
+
+
+def _obstacle_model(interface: Interface, side: Surface, owners, clock) -> ContactModel:
+    """A body against a rigid obstacle: every surface node against its point of the obstacle."""
+    obstacle, gdim = interface.obstacle, side.x.shape[1]
+    if obstacle.gdim != gdim:
+        raise ContactInputError(
+            f"the {type(obstacle).__name__} lies in {obstacle.gdim}D, the body in {gdim}D"
+        )
+    distance, normal = obstacle.clearance(side.x)
+    vectors = np.zeros_like(side.x)
+    np.add.at(vectors, side.facets, facet_vectors(side.x, side.facets))
+    area = np.linalg.norm(vectors, axis=1)
+    facing = np.einsum("ni,ni->n", vectors, normal)
+    reachable = np.isfinite(distance) & (facing > 0.0)
+    if not reachable.any():
+        raise ContactError(
+            f"no node of {side.name} faces the {type(obstacle).__name__}: seen from the body it "
+            "must lie on the outer side of the surface. Check the obstacle's normal, `inside`, the "
+            "tag and positions"
+        )
+    clock.stop("surfaces")
+    nodes = np.flatnonzero(reachable)
+    pairs = ContactPairs(
+        surface=side,
+        nodes=nodes,
+        forces=area[nodes],
+        cell=np.zeros(len(nodes), dtype=np.int64),
+        N=csr_matrix((len(nodes), 0)),
+        normal=normal[nodes],
+        base=np.broadcast_to(np.eye(gdim), (len(nodes), gdim, gdim)).copy(),
+        gap=-distance[nodes, None] * normal[nodes],
+    )
+    notes = [f"rigid {type(obstacle).__name__}: {len(nodes)} nodes face it"]
+    base = np.empty((0, gdim, gdim))
+    return _model(interface, (side,), owners, [pairs], None, base, None, notes, clock)
+
+
+def _facing(sides, plane: Plane, notes: list):
+    """The facets of surfaces that may part which tilt at most TILT against their common plane."""
+    out = []
+    for side, sign in zip(sides, (1.0, -1.0)):
+        area = vector_areas(side.x, side.facets)
+        cosine = sign * (area @ plane.normal) / np.linalg.norm(area, axis=1)
+        keep = cosine >= np.cos(np.radians(TILT))
+        if not keep.any():
+            raise ContactError(
+                f"no facet of {side.name} lies within {TILT:g}° of the plane with the normal "
+                f"{plane.normal.round(6).tolist()} between the two surfaces. Tag only the parts "
+                "of both surfaces that may touch"
+            )
+        if not keep.all():
+            notes.append(f"{(~keep).sum()} facets of {side.name} left out: tilted beyond {TILT:g}°")
+        out.append(replace(side, facets=side.facets[keep]))
+    return tuple(out)
+
+
+def _conformal(sides) -> bool:
+    """Whether two curved surfaces follow each other, as a pin does its bore: facets tilted beyond
+    TILT against the mean plane mostly face the nearest facet of the other side."""
+    areas = [vector_areas(side.x, side.facets) for side in sides]
+    normals = [a / np.linalg.norm(a, axis=1)[:, None] for a in areas]
+    centres = [side.x[side.facets].mean(axis=1) for side in sides]
+    limit, mean = np.cos(np.radians(TILT)), areas[0].sum(axis=0) - areas[1].sum(axis=0)
+    size, length = np.linalg.norm(areas[0], axis=1).sum(), np.linalg.norm(mean)
+    tilted = np.ones(len(centres[0]), dtype=bool)
+    if length > 1e-6 * size:
+        tilted = normals[0] @ (mean / length) < limit
+    nearest = cKDTree(centres[1]).query(centres[0])[1]
+    facing = np.einsum("fi,fi->f", normals[0], normals[1][nearest]) < -limit
+    return bool(tilted.any() and facing[tilted].mean() > 0.5)
 
 
 def _curved_model(interface: Interface, sides, owners, clock) -> ContactModel:
     """The same between curved surfaces: vector areas, smooth rows, balance in least squares."""
     if interface.design == "positions":
         raise ContactInputError("design='positions' needs flat sides; use 'weights' or 'auto'")
+    close_gap = interface.law.unilateral or interface.law.close_gap
     vectors = vector_areas_in_contact(*sides)
     forces = [np.linalg.norm(a, axis=1) for a in vectors]
     clock.stop("patch forces")
@@ -185,14 +306,14 @@ def _curved_model(interface: Interface, sides, owners, clock) -> ContactModel:
     notes = [note]
     clock.stop("frame")
     pairs = [
-        locate_pairs(side, f, frame, sign, REACH, local_base=False)
+        locate_pairs(side, f, frame, sign, REACH)
         for side, f, sign in zip(sides, forces, (1.0, -1.0), strict=True)
     ]
     vectors = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
     plain = [p.N for p in pairs]
     clock.stop("location")
     if interface.design is not None:
-        pairs, *groups = curved_rows(frame, pairs, interface.law.close_gap)
+        pairs, *groups = curved_rows(frame, pairs, close_gap)
         N = balance(frame, pairs, vectors, *groups)
         pairs = [replace(p, N=M) for p, M in zip(pairs, N, strict=True)]
     N = [p.N for p in pairs]
@@ -210,15 +331,12 @@ def _curved_model(interface: Interface, sides, owners, clock) -> ContactModel:
         f"{np.sqrt(np.mean(after**2)):.1e} (before design {np.sqrt(np.mean(before**2)):.1e})"
     )
     gap = max(np.abs(np.einsum("ni,ni->n", p.gap, p.normal)).max() for p in pairs)
-    closed = "is closed" if interface.law.close_gap else "is kept, tied as drawn without stress"
-    notes.append(f"initial gap or overlap up to {gap:.3g} {closed}")
+    closed = "is closed" if close_gap else "is kept, tied as drawn without stress"
+    if not interface.law.unilateral:
+        notes.append(f"initial gap or overlap up to {gap:.3g} {closed}")
     clock.stop("design")
-    directions = np.broadcast_to(np.eye(frame.gdim), (len(frame.x), frame.gdim, frame.gdim))
-    log.info("interface %s: %s", interface.name, certificate)
-    return ContactModel(
-        interface, sides, tuple(owners), tuple(pairs), frame, directions,
-        float(pairs[0].forces.sum()), certificate, tuple(notes), clock.times,
-    )  # fmt: skip
+    base = local_bases(nodal_normals(frame))
+    return _model(interface, sides, owners, pairs, frame, base, certificate, notes, clock)
 
 
 def _space_of(tags, spaces) -> int:
@@ -325,3 +443,32 @@ def _designed(interface: Interface, frame: Frame, plane: Plane, pairs, notes: li
     linear = max(np.abs(plane.project(p.x) - plane.project(p.x - p.gap)).max() for p in pairs)
     change = max(np.abs(a - b).max() for a, b in zip(N, plain))
     return pairs, Certificate(residual, before, singular, float(linear / size), float(change))
+
+
+def describe(model: ContactModel) -> list[str]:
+    """Lines for ``print(problem)``: what an interface consists of, what it leaves out and why."""
+    law, nodes = model.interface.law, " + ".join(str(len(p.nodes)) for p in model.pairs)
+    kind = "that may touch" if law.unilateral else "in contact"
+    frame = "no frame" if model.frame is None else f"frame of {len(model.frame.x)} nodes"
+    lines = [
+        f"  interface {model.interface.name}, {law}: {nodes} nodes {kind}, {frame}, "
+        f"area {model.area:.9g}"
+    ]
+    if model.frame is not None:
+        c, q = model.certificate, model.frame.quality
+        lines += [
+            f"    patch residual {c.residual:.1e} (before design {c.residual_before:.1e}), "
+            f"singular values of L_b {c.singular_values[0]:.3g} to "
+            f"{c.singular_values[1]:.3g}, linear fields to {c.linear:.1e}",
+            f"    frame: angles {q.min_angle:.1f}° to {q.max_angle:.1f}°, shortest side "
+            f"{q.min_side:.3g}",
+        ]
+    lines += [f"    {note}" for note in model.notes]
+    out = []
+    if model.frame is None:
+        out.append("frame, second side and proximal term (rigid obstacle)")
+    if not law.unilateral:
+        out.append("active set and local bases (tied)")
+    elif not law.friction:
+        out.append("tangential multipliers, tangential frame unknowns and slip (no friction)")
+    return lines + [f"    left out: {text}" for text in out]

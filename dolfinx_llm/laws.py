@@ -1,8 +1,15 @@
-"""Contact laws."""
+"""Contact laws: what the user chooses. The equations they stand for are in ``iteration`` and
+``friction``."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+import numpy as np
+
+from dolfinx_llm._parallel import ContactInputError
+
+METHODS = ("newton", "switch")
 
 
 @dataclass(frozen=True)
@@ -15,3 +22,46 @@ class Tied:
     """
 
     close_gap: bool = False
+    unilateral, friction = False, False
+
+
+@dataclass(frozen=True)
+class Frictionless:
+    """The bodies may part and slide: contact forces are normal and press, (12) and (15).
+
+    On each side λ_n >= 0, gap >= 0 and λ_n gap = 0.
+    """
+
+    unilateral, friction = True, False
+
+
+@dataclass(frozen=True)
+class Coulomb:
+    """The bodies may part, stick, and slip under friction, (11)-(17).
+
+    Args:
+        mu: coefficient of friction, at least 0.
+        method: "newton": semismooth Newton on the projection form; "switch": the paper's own
+            switch between stick and slip with the direction of the last iterate (16), (17), which
+            settles gross sliding, and does not settle first slip where directions turn.
+
+    Raises:
+        ContactInputError: mu negative or not finite, unknown method.
+    """
+
+    mu: float
+    method: str = "newton"
+    unilateral, friction = True, True
+
+    def __post_init__(self):
+        try:
+            good = np.isfinite(self.mu) and self.mu >= 0.0
+        except TypeError:
+            good = False
+        if not good:
+            raise ContactInputError(f"Coulomb(mu={self.mu!r}): give a number of at least 0")
+        if self.method not in METHODS:
+            raise ContactInputError(f"Coulomb(method={self.method!r}): choose one of {METHODS}")
+
+
+LAWS = (Tied, Frictionless, Coulomb)

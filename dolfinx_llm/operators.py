@@ -18,47 +18,60 @@ from scipy.spatial import cKDTree
 
 @dataclass(frozen=True)
 class Numbering:
-    """Global PETSc numbers of items known to every rank: by owner, then in their own order."""
+    """Global PETSc numbers of unknowns known to every rank: by owner, then in their own order."""
 
-    owner: np.ndarray  # (n,) rank that owns each item
+    owner: np.ndarray  # (n,) rank that owns each unknown
     rank: int
-    bs: int  # unknowns per item
 
     @cached_property
     def number(self) -> np.ndarray:
-        """(n,) global number of each item."""
+        """(n,) global number of each unknown."""
         number = np.empty(len(self.owner), dtype=np.int64)
         number[np.argsort(self.owner, kind="stable")] = np.arange(len(self.owner))
         return number
 
     @cached_property
     def mine(self) -> np.ndarray:
-        """Items of this rank, in the order of their numbers."""
+        """This rank's unknowns, in the order of their numbers."""
         return np.flatnonzero(self.owner == self.rank)
 
     @property
     def sizes(self) -> tuple[int, int]:
         """Local and global number of unknowns."""
-        return len(self.mine) * self.bs, len(self.owner) * self.bs
-
-    def unknowns(self, items: np.ndarray) -> np.ndarray:
-        """(k, bs) global numbers of the unknowns of items."""
-        return self.number[items][:, None] * self.bs + np.arange(self.bs)
+        return len(self.mine), len(self.owner)
 
 
-def multiplier_numbering(pairs, comm) -> Numbering:
-    """Numbers of the multipliers of several sides, one after the other."""
-    return Numbering(np.concatenate([p.owner for p in pairs]), comm.rank, pairs[0].base.shape[1])
+@dataclass(frozen=True)
+class Rows:
+    """The multipliers of several sides, one after the other: pair by pair, base by base vector."""
+
+    base: np.ndarray  # (n, gdim) base vector of each
+    dofs: np.ndarray  # (n, gdim) numbers of its node's dofs in the vector of all bodies
+    numbering: Numbering
+
+    @classmethod
+    def of(cls, comm, pairs, dofs) -> Rows:
+        """Rows of sides whose nodes' dofs are given, per side (n, gdim)."""
+        counts = [p.base.shape[1] for p in pairs]
+        owner = [np.repeat(p.owner, c) for p, c in zip(pairs, counts)]
+        gdim = pairs[0].base.shape[2]
+        return cls(
+            np.concatenate([p.base.reshape(-1, gdim) for p in pairs]),
+            np.concatenate([np.repeat(d, c, axis=0) for d, c in zip(dofs, counts)]),
+            Numbering(np.concatenate(owner), comm.rank),
+        )
 
 
-def frame_numbering(frames, pairs, comm, bs: int) -> Numbering:
-    """Numbers of the frame unknowns; ``pairs`` holds two sides per frame."""
-    owners = []
-    for frame, sides in zip(frames, zip(pairs[::2], pairs[1::2])):
-        x = np.concatenate([side.x for side in sides])
-        owner = np.concatenate([side.owner for side in sides])
-        owners.append(owner[cKDTree(x).query(frame.x)[1]])
-    return Numbering(np.concatenate(owners), comm.rank, bs)
+def frame_numbering(models, comm) -> Numbering:
+    """Numbers of the frame unknowns, d per node; they live with the nearest surface node."""
+    owners = [np.empty(0, dtype=np.int64)]
+    for model in models:
+        if model.frame is not None:
+            x = np.concatenate([side.x for side in model.pairs])
+            owner = np.concatenate([side.owner for side in model.pairs])
+            nearest = owner[cKDTree(x).query(model.frame.x)[1]]
+            owners.append(np.repeat(nearest, model.directions.shape[1]))
+    return Numbering(np.concatenate(owners), comm.rank)
 
 
 def _create_aij(comm, rows: tuple[int, int], cols: tuple[int, int], local: csr_matrix) -> PETSc.Mat:
@@ -70,30 +83,22 @@ def _create_aij(comm, rows: tuple[int, int], cols: tuple[int, int], local: csr_m
     return matrix
 
 
-def assemble_B(comm, pairs, dofs, multipliers: Numbering, bodies, fixed: np.ndarray) -> PETSc.Mat:
+def assemble_B(comm, rows: Rows, bodies, fixed: np.ndarray) -> PETSc.Mat:
     """B of (31): one column per surface node and component, the base vector at the node's dofs.
 
     Args:
         comm: MPI communicator.
-        pairs: sides, in the order of ``multipliers``.
-        dofs: per side (n, gdim) numbers of the nodes' dofs in the vector of all bodies.
-        multipliers: numbers of the multipliers.
+        rows: the multipliers.
         bodies: local and global number of the bodies' dofs, and this rank's first one.
         fixed: (n_local,) whether a Dirichlet condition prescribes a dof of this rank; its row of B
             stays empty, since K holds an identity row there.
     """
     (n_local, n_global), start = bodies
-    row = np.concatenate(dofs)  # (n, gdim)
-    base = np.concatenate([p.base for p in pairs])  # (n, c, gdim)
-    mine = multipliers.mine
-    columns = multipliers.unknowns(mine)
-    value = base[mine]
-    rows = np.broadcast_to((row[mine] - start)[:, None, :], value.shape)
-    cols = np.broadcast_to(columns[:, :, None], value.shape)
-    keep = (value != 0.0) & ~fixed[rows]
-    local = csr_matrix(
-        (value[keep], (rows[keep], cols[keep])), shape=(n_local, multipliers.sizes[1])
-    )
+    mine, multipliers = rows.numbering.mine, rows.numbering
+    value, at = rows.base[mine], rows.dofs[mine] - start
+    cols = np.broadcast_to(multipliers.number[mine][:, None], value.shape)
+    keep = (value != 0.0) & ~fixed[at]
+    local = csr_matrix((value[keep], (at[keep], cols[keep])), (n_local, multipliers.sizes[1]))
     return _create_aij(comm, (n_local, n_global), multipliers.sizes, local)
 
 
@@ -149,20 +154,18 @@ def assemble_L_b(comm, L: csr_matrix, multipliers: Numbering, frames: Numbering)
 
     Args:
         comm: MPI communicator.
-        L: the operator of all frames in the items' own order (``interface_operator``).
+        L: the operator of all frames in the unknowns' own order (``interface_operator``).
         multipliers: numbers of the rows.
         frames: numbers of the columns.
     """
-    rows = (multipliers.mine[:, None] * multipliers.bs + np.arange(multipliers.bs)).ravel()
-    local = L[rows].tocoo()
-    number = frames.unknowns(np.arange(len(frames.owner))).ravel()
-    local = csr_matrix((local.data, (local.row, number[local.col])), shape=local.shape)
+    local = L[multipliers.mine].tocoo()
+    local = csr_matrix((local.data, (local.row, frames.number[local.col])), shape=local.shape)
     return _create_aij(comm, multipliers.sizes, frames.sizes, local)
 
 
 def assemble_gap(comm, pairs, multipliers: Numbering, gaps) -> PETSc.Vec:
     """g of (31): a_i · (X_p - sum_J N_J Y_J) per multiplier, from the given (n, gdim) gaps."""
-    value = np.concatenate([np.einsum("nci,ni->nc", p.base, g) for p, g in zip(pairs, gaps)])
+    value = [np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in zip(pairs, gaps)]
     g = PETSc.Vec().createMPI(multipliers.sizes, comm=comm)
-    g.array_w[:] = value[multipliers.mine].ravel()
+    g.array_w[:] = np.concatenate(value)[multipliers.mine]
     return g

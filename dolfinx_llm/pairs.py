@@ -10,6 +10,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from dolfinx_llm._parallel import ContactError, ContactInputError
 from dolfinx_llm.frame import Frame, bases
+from dolfinx_llm.patch import Plane
 from dolfinx_llm.surface import Surface
 
 
@@ -48,7 +49,7 @@ def locate_pairs(
     frame: Frame,
     sign: float,
     reach: float,
-    local_base: bool,
+    plane: Plane | None = None,
 ) -> ContactPairs:
     """Locate the nodes of a side that carry force on the frame.
 
@@ -58,14 +59,22 @@ def locate_pairs(
         frame: the frame, its normal out of side 0.
         sign: +1 for side 0, -1 for side 1, whose bases change sign (paper, after (9)).
         reach: how far, in cells, a node may lie beyond the frame's outline.
-        local_base: bases (t1, t2, n) of the frame; else the Cartesian one.
+        plane: contact plane, along whose normal nodes meet a flat frame; None: they meet the
+            closest point of the frame.
+
+    Returns:
+        The pairs, in the Cartesian base.
 
     Raises:
         ContactInputError: the frame does not cover nodes that carry force.
     """
     nodes = np.flatnonzero(forces > 0.0)
     x = surface.x[nodes]
-    at = frame.locate(x)
+    points = x
+    if plane is not None:
+        off = plane.height(x) - plane.height(frame.x).mean()
+        points = x - np.outer(off, plane.normal)
+    at = frame.locate(points)
     beyond = np.flatnonzero(at.outside > reach)
     if len(beyond):
         worst = beyond[at.outside[beyond].argmax()]
@@ -75,12 +84,12 @@ def locate_pairs(
             f"{x[worst].round(6).tolist()} by {at.outside[worst]:.3g} cells. Extend the frame over "
             "all facets that the contact area touches, or use frame=None for a predicted one"
         )
-    tangents = frame.evaluate(at.cell, at.xi)[2]
-    base = sign * bases(tangents)
     gdim = frame.gdim
-    normal = base[:, -1]
-    if not local_base:
-        base = np.broadcast_to(sign * np.eye(gdim), (len(nodes), gdim, gdim)).copy()
+    if plane is None:
+        normal = sign * bases(frame.evaluate(at.cell, at.xi)[2])[:, -1]
+    else:
+        normal = np.broadcast_to(sign * plane.normal, x.shape).copy()
+    base = np.broadcast_to(sign * np.eye(gdim), (len(nodes), gdim, gdim)).copy()
     N = frame.interpolation(at)
     return ContactPairs(surface, nodes, forces[nodes], at.cell, N, normal, base, x - N @ frame.x)
 

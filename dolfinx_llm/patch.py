@@ -45,12 +45,17 @@ class Plane:
 
 def orthonormal_base(normal: np.ndarray) -> np.ndarray:
     """(gdim, gdim) rows t1, (t2,) n, right-handed, for a unit normal."""
-    if len(normal) == 2:
-        return np.array([[normal[1], -normal[0]], normal])
-    axis = np.eye(3)[np.argmin(np.round(np.abs(normal), 12))]
-    t1 = axis - (axis @ normal) * normal
-    t1 /= np.linalg.norm(t1)
-    return np.array([t1, np.cross(normal, t1), normal])
+    return local_bases(normal[None])[0]
+
+
+def local_bases(normals: np.ndarray) -> np.ndarray:
+    """(n, gdim, gdim) rows t1, (t2,) n, right-handed, for unit normals (n, gdim)."""
+    if normals.shape[1] == 2:
+        return np.stack([np.column_stack([normals[:, 1], -normals[:, 0]]), normals], axis=1)
+    axis = np.eye(3)[np.argmin(np.round(np.abs(normals), 12), axis=1)]
+    t1 = axis - np.einsum("ni,ni->n", axis, normals)[:, None] * normals
+    t1 /= np.linalg.norm(t1, axis=1)[:, None]
+    return np.stack([t1, np.cross(normals, t1), normals], axis=1)
 
 
 def common_plane(side0, side1) -> Plane:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import replace
 
 import numpy as np
 import scipy.sparse
@@ -13,9 +12,11 @@ from petsc4py import PETSc
 
 from dolfinx_llm import compat, operators
 from dolfinx_llm._parallel import ContactError, ContactInputError, check, gather_rows
-from dolfinx_llm.interface import Interface, build_model
-from dolfinx_llm.results import STICK, InterfaceResult, SideResult
-from dolfinx_llm.rigid import Bodies, check_support
+from dolfinx_llm.flexibility import Flexibility
+from dolfinx_llm.interface import Interface, build_model, describe
+from dolfinx_llm.iteration import ContactIteration
+from dolfinx_llm.results import InterfaceResult, collect_results
+from dolfinx_llm.rigid import Bodies, check_loops, check_support
 from dolfinx_llm.surface import check_space
 from dolfinx_llm.system import SaddleSystem, mean_diagonal
 
@@ -67,7 +68,7 @@ class ContactProblem:
         self.times: dict[str, float] = {}
         self.history: list[dict] = []
         self.results: list[InterfaceResult] = []
-        self._system = None
+        self._system, self._iteration = None, None
         self._prefix, self._options = petsc_options_prefix, petsc_options
         with self._timed("form compilation"):
             self._a = [fem.form(form) for form in forms_a]
@@ -107,7 +108,6 @@ class ContactProblem:
 
     def _assemble_operators(self):
         """K, B and L_b."""
-        gdim = self.spaces[0].mesh.geometry.dim
         with self._timed("assembly of K"):
             blocks = [compat.assemble_matrix(a, b, 1.0) for a, b in zip(self._a, self._bcs)]
             self.K = blocks[0] if len(blocks) == 1 else _block_diagonal(blocks)
@@ -120,13 +120,10 @@ class ContactProblem:
             self._pairs = [pairs for model in self.models for pairs in model.pairs]
             spaces = [space for model in self.models for space in model.spaces]
             self._dofs = [self._global_dofs(*side) for side in zip(spaces, self._pairs)]
-            self._multipliers = operators.multiplier_numbering(self._pairs, self.comm)
-            frames = [model.frame for model in self.models]
-            self._frame_unknowns = operators.frame_numbering(frames, self._pairs, self.comm, gdim)
+            self._rows = operators.Rows.of(self.comm, self._pairs, self._dofs)
+            self._frame_unknowns = operators.frame_numbering(self.models, self.comm)
             bodies = (self.K.getSizes()[0], self.K.getOwnershipRange()[0])
-            self.B = operators.assemble_B(
-                self.comm, self._pairs, self._dofs, self._multipliers, bodies, self._fixed
-            )
+            self.B = operators.assemble_B(self.comm, self._rows, bodies, self._fixed)
             self._L_csr = [
                 operators.interface_operator(model.pairs, model.directions) for model in self.models
             ]
@@ -134,27 +131,27 @@ class ContactProblem:
             kept = scipy.sparse.diags((~self._redundant).astype(float))
             L = (kept @ _block_diag(self._L_csr)).tocsr()
             L.eliminate_zeros()
-            self.L_b = operators.assemble_L_b(self.comm, L, self._multipliers, self._frame_unknowns)
+            numbering = self._rows.numbering
+            self.L_b = operators.assemble_L_b(self.comm, L, numbering, self._frame_unknowns)
         self.scale = self._stiffness_scale(bodies[1])
         with self._timed("support check"):
             self._check_support()
 
     def _find_prescribed(self, start: int):
-        """Rows of L_b at prescribed dofs, and the redundant ones, which (31) leaves out."""
-        mine = self._multipliers.mine
-        fixed = self._fixed[np.concatenate(self._dofs)[mine] - start]
-        base = np.concatenate([p.base for p in self._pairs])[mine]
-        prescribed = (fixed[:, None, :] | (base == 0.0)).all(axis=2)
-        prescribed = self._gather(self._multipliers, prescribed).ravel()
-        self._redundant = np.zeros(len(prescribed), dtype=bool)
+        """Rows of L_b at prescribed dofs, and the redundant ones of ties, which (31) leaves out."""
+        mine = self._rows.numbering.mine
+        fixed = self._fixed[self._rows.dofs[mine] - start]
+        prescribed = (fixed | (self._rows.base[mine] == 0.0)).all(axis=1)
+        self._prescribed_rows = self._gather(self._rows.numbering, prescribed)
+        self._redundant = np.zeros(len(self._prescribed_rows), dtype=bool)
         self._prescribed, first = [], 0
-        for L in self._L_csr:
-            rows, basis, redundant = operators.prescribed_rows(
-                L, prescribed[first : first + L.shape[0]]
-            )
-            self._prescribed.append((first + rows, basis))
-            self._redundant[first + redundant] = True
-            first += L.shape[0]
+        for model, L in zip(self.models, self._L_csr, strict=True):
+            place = slice(first, first + L.shape[0])
+            if not model.interface.law.unilateral:
+                rows, basis, redundant = operators.prescribed_rows(L, self._prescribed_rows[place])
+                self._prescribed.append((first + rows, basis))
+                self._redundant[first + redundant] = True
+            first = place.stop
 
     def _global_dofs(self, space: int, nodes) -> np.ndarray:
         """(n, gdim) numbers, in the vector of all bodies, of the dofs of pairs or a surface."""
@@ -166,7 +163,7 @@ class ContactProblem:
 
     def _stiffness_scale(self, start: int) -> float:
         """Mean diagonal of K on the free surface dofs [force / length]."""
-        rows = np.concatenate(self._dofs).ravel() - start
+        rows = self._rows.dofs.ravel() - start
         rows = rows[(rows >= 0) & (rows < len(self._fixed))]
         return mean_diagonal(self.K, rows[~self._fixed[rows]])
 
@@ -179,78 +176,96 @@ class ContactProblem:
             label = np.zeros(len(mine), dtype=np.int64)
             label[mine] = self.bodies.label[(dofs[mine, 0] - start) // gdim]
             labels.append(self.comm.allreduce(label))
-        self._check_loops(labels)
+        check_loops(self.models, labels)
         moves = [
             np.einsum("nci,nibm->ncbm", side.base, self.bodies.modes(label, side.x))
             for side, label in zip(self._pairs, labels, strict=True)
         ]
         moves = [m.reshape(-1, *m.shape[2:]) for m in moves]
-        constraints = [
-            (L, np.concatenate(moves[2 * i : 2 * i + 2])) for i, L in enumerate(self._L_csr)
-        ]
+        constraints = []
+        for model, L in zip(self.models, self._L_csr, strict=True):
+            of_model, moves = moves[: len(model.pairs)], moves[len(model.pairs) :]
+            constraints.append((L if L.shape[1] else None, np.concatenate(of_model)))
         check_support(self.bodies, self.K, self._fixed, constraints)
 
-    def _check_loops(self, labels):
-        """Refuse interfaces that share nodes and close a loop of bodies.
+    def solve(self, increments: int = 1):
+        """Assemble the load, solve, and fill ``results``.
 
-        A node may take part in several interfaces: each adds a constraint with a frame of its own.
-        Round a loop (two interfaces between the same two bodies, three bodies that meet in an
-        edge) the constraints repeat each other and the contact forces there are not unique.
-        """
-        n = len(self.models)
-        group = np.arange(n)
-        example = {}
-        for i in range(n):
-            for j in range(i):
-                shared = [
-                    side.x[np.isin(side.dofs, other.dofs)]
-                    for side, a in zip(self.models[i].pairs, self.models[i].spaces, strict=True)
-                    for other, b in zip(self.models[j].pairs, self.models[j].spaces, strict=True)
-                    if a == b
-                ]
-                shared = np.concatenate([np.empty((0, self.models[i].frame.gdim)), *shared])
-                if len(shared):
-                    example[i] = len(shared), shared[0].tolist()
-                    group[group == group[i]] = group[j]
-        for g in np.unique(group):
-            members = np.flatnonzero(group == g)
-            bodies = np.unique(np.concatenate([labels[2 * i + k] for i in members for k in (0, 1)]))
-            if len(members) > 1 and len(members) >= len(bodies):
-                names = ", ".join(self.models[i].interface.name for i in members)
-                count, at = example[members[-1]]
-                raise ContactError(
-                    f"{count} node(s), e.g. at {at}, take part in two interfaces, and the "
-                    f"interfaces {names} close a loop of {len(bodies)} bodies: the contact forces "
-                    "where they meet are not unique. Leave the facets next to the common edge out "
-                    "of one interface's tag"
-                )
+        With a law that lets bodies part or slip, each call is a load step that starts from the
+        state of the one before; ``reset()`` forgets it.
 
-    def solve(self):
-        """Assemble the load, solve (31), and fill ``results``.
+        Args:
+            increments: equal parts in which the change of the load since the last call is applied;
+                more are taken by themselves where the law does not converge. Tied: not used.
 
         Returns:
             The displacement: a dolfinx Function, or a list of them for several meshes.
 
         Raises:
-            ContactError: NaN in the load, or a system that cannot be solved.
+            ContactInputError: increments below 1.
+            ContactError: NaN in the load, a system that cannot be solved, a law that does not
+                converge.
         """
+        if not increments >= 1:
+            raise ContactInputError(f"increments={increments!r}: give a number of at least 1")
         with self._timed("assembly of f"):
             f = self._assemble_load()
+        g = self._assemble_gap(f)
+        if any(model.interface.law.unilateral for model in self.models):
+            u, multiplier, w, status = self._iterate(f, g, increments)
+        else:
+            u, multiplier, w = self._solve_tied(f, g)
+            status = None
+        with self._timed("results"):
+            self.results = collect_results(self, u, multiplier, w, status)
+        functions = self._functions(u)
+        return functions if self._several else functions[0]
+
+    def _solve_tied(self, f: np.ndarray, g: np.ndarray):
+        """One solve of (31)."""
         if self._system is None:
             with self._timed("factorisation"):
+                L_b = self.L_b if self.L_b.getSize()[1] else None
                 self._system = SaddleSystem(
-                    self.K, self.B, self.L_b, self.scale, self._prefix, self._options
+                    self.K, self.B, L_b, self.scale, self._prefix, self._options
                 )
-        g = self._assemble_gap(f)
         with self._timed("solve"):
             u, multiplier, v = self._system.solve(f, g)
+        multiplier = self._gather(self._rows.numbering, multiplier)
+        for rows, basis in self._prescribed:  # the smallest that have the same effect
+            multiplier[rows] = basis @ (basis.T @ multiplier[rows])
         n = sum(len(pairs.nodes) for pairs in self._pairs)
         self.history = [
             {"iteration": 1, "active": n, "stick": n, "slip": 0, "residual": self._system.residual}
         ]
-        self._store(u, multiplier, v)
-        functions = self._functions(u)
-        return functions if self._several else functions[0]
+        return u, multiplier, self._gather(self._frame_unknowns, v)
+
+    def _iterate(self, f: np.ndarray, g: np.ndarray, increments: int):
+        """Load steps of the contact laws, smaller ones where they do not converge."""
+        if self._iteration is None:
+            self._start_iteration()
+        with self._timed("iteration of contact laws"):
+            outcome = self._iteration.advance(f, self._gather(self._rows.numbering, g), increments)
+        self.history = self._iteration.history
+        return outcome
+
+    def _start_iteration(self):
+        with self._timed("factorisation"):
+            backend = Flexibility(
+                self.K, self.B, self._rows.numbering, self.bodies, self._fixed, self.scale,
+                self._prefix, self._options, soft=self._prescribed_rows,
+            )  # fmt: skip
+        rest = self._gather(
+            self._rows.numbering, self._assemble_gap(np.zeros(len(self._fixed)), False)
+        )
+        self._iteration = ContactIteration(
+            self.models, self._redundant, self.scale, backend, np.zeros(len(self._fixed)), rest
+        )
+
+    def reset(self) -> None:
+        """Forget the last load steps: contact state, slip and loads."""
+        if self._iteration is not None:
+            self._iteration.forget()
 
     def _assemble_load(self) -> np.ndarray:
         loads = [
@@ -266,54 +281,36 @@ class ContactProblem:
             )
         return f
 
-    def _assemble_gap(self, f: np.ndarray) -> np.ndarray:
-        """This rank's g, with the prescribed displacements, whose rows of B are empty."""
-        gaps = [
-            side.gap if model.interface.law.close_gap else np.zeros_like(side.gap)
-            for model in self.models
-            for side in model.pairs
-        ]
-        g = operators.assemble_gap(self.comm, self._pairs, self._multipliers, gaps)
+    def _assemble_gap(self, f: np.ndarray, moved: bool = True) -> np.ndarray:
+        """This rank's g, with the prescribed displacements, whose rows of B are empty;
+        with obstacles where they are now, or as drawn."""
+        g = operators.assemble_gap(self.comm, self._pairs, self._rows.numbering, self._gaps(moved))
         values = g.array_r.copy()
         g.destroy()
-        mine = self._multipliers.mine
-        rows = np.concatenate(self._dofs)[mine] - self.K.getOwnershipRange()[0]
+        mine = self._rows.numbering.mine
+        rows = self._rows.dofs[mine] - self.K.getOwnershipRange()[0]
         prescribed = np.where(self._fixed[rows], f[rows], 0.0)
-        base = np.concatenate([p.base for p in self._pairs])[mine]
-        values += np.einsum("nci,ni->nc", base, prescribed).ravel()
-        redundant = self._redundant.reshape(-1, base.shape[1])[mine].ravel()
-        return np.where(redundant, 0.0, values)
+        values += np.einsum("ni,ni->n", self._rows.base[mine], prescribed)
+        return np.where(self._redundant[mine], 0.0, values)
+
+    def _gaps(self, moved: bool = True) -> list[np.ndarray]:
+        """Per side (n, gdim) the gaps that the law sees: along the normal where bodies may part."""
+        gaps = []
+        for model in self.models:
+            for side in model.pairs:
+                law, gap = model.interface.law, side.gap
+                if law.unilateral:
+                    gap = np.einsum("ni,ni->n", gap, side.normal)[:, None] * side.normal
+                elif not law.close_gap:
+                    gap = np.zeros_like(gap)
+                if moved and model.interface.obstacle is not None:
+                    gap = gap - model.interface.obstacle.motion(gap.shape[1])
+                gaps.append(gap)
+        return gaps
 
     def _gather(self, numbering, local: np.ndarray) -> np.ndarray:
-        """(items, bs) values of all ranks in the items' own order."""
-        return gather_rows(self.comm, local.reshape(-1, numbering.bs))[numbering.number]
-
-    def _store(self, u, multiplier, v):
-        multiplier = self._gather(self._multipliers, multiplier).ravel()
-        for rows, basis in self._prescribed:  # the smallest that have the same effect
-            multiplier[rows] = basis @ (basis.T @ multiplier[rows])
-        multiplier = multiplier.reshape(-1, self._multipliers.bs)
-        v = self._gather(self._frame_unknowns, v)
-        mine = self._multipliers.mine
-        rows = np.concatenate(self._dofs)[mine] - self.K.getOwnershipRange()[0]
-        surface_u = self._gather(
-            operators.Numbering(self._multipliers.owner, self.comm.rank, rows.shape[1]), u[rows]
-        )
-        self.results, first, node = [], 0, 0
-        for model in self.models:
-            sides = []
-            v_frame = np.einsum("md,mdi->mi", v[node : node + len(model.frame.x)], model.directions)
-            node += len(model.frame.x)
-            for pairs in model.pairs:
-                rows = slice(first, first + len(pairs.nodes))
-                first = rows.stop
-                sides.append(_side_result(pairs, multiplier[rows], surface_u[rows], v_frame))
-            frame = replace(model.frame, v=v_frame)
-            force = model.pairs[0].N.T @ sides[0].normal_force
-            area = model.pairs[0].N.T @ sides[0].area
-            self.results.append(
-                InterfaceResult(frame, tuple(sides), model.certificate, force, area)
-            )
+        """Values of all ranks in the unknowns' own order."""
+        return gather_rows(self.comm, local)[numbering.number]
 
     def _functions(self, u: np.ndarray):
         functions, first = [], 0
@@ -340,19 +337,7 @@ class ContactProblem:
             f"  unknowns: {n_u + n_l + n_v} = {n_u} u + {n_l} λ + {n_v} v; solver: {self.solver}",
         ]
         for model in self.models:
-            c, q = model.certificate, model.frame.quality
-            lines += [
-                f"  interface {model.interface.name}, {model.interface.law}: "
-                f"{len(model.pairs[0].nodes)} + {len(model.pairs[1].nodes)} nodes in contact, "
-                f"frame of {len(model.frame.x)} nodes, area {model.area:.9g}",
-                f"    patch residual {c.residual:.1e} (before design {c.residual_before:.1e}), "
-                f"singular values of L_b {c.singular_values[0]:.3g} to "
-                f"{c.singular_values[1]:.3g}, linear fields to {c.linear:.1e}",
-                f"    frame: angles {q.min_angle:.1f}° to {q.max_angle:.1f}°, shortest side "
-                f"{q.min_side:.3g}",
-                *(f"    {note}" for note in model.notes),
-                "    left out: active set and local bases (tied)",
-            ]
+            lines += describe(model)
         return "\n".join(lines)
 
     def destroy(self) -> None:
@@ -361,9 +346,10 @@ class ContactProblem:
         Not left to Python's garbage collector, which runs at another time on every rank: in loops
         over many problems on several ranks call it when done with each.
         """
-        if self._system is not None:
-            self._system.destroy()
-            self._system = None
+        for part in (self._system, self._iteration and self._iteration.backend):
+            if part is not None:
+                part.destroy()
+        self._system = self._iteration = None
         for matrix in (self.K, self.B, self.L_b):
             matrix.destroy()
 
@@ -403,21 +389,3 @@ def _block_diag(matrices):
     from scipy.sparse import block_diag
 
     return block_diag(matrices, format="csr")
-
-
-def _side_result(pairs, multiplier, u, v) -> SideResult:
-    """Forces, gap and slip of one side from its multipliers (n, c), u (n, gdim) and frame v."""
-    force = np.einsum("nc,nci->ni", multiplier, pairs.base)
-    motion = u - pairs.N @ v
-    normal_motion = np.einsum("ni,ni->n", motion, pairs.normal)
-    return SideResult(
-        x=pairs.x,
-        u=u,
-        force=force,
-        normal=pairs.normal,
-        normal_force=np.einsum("ni,ni->n", force, pairs.normal),
-        gap=-normal_motion,
-        slip=motion - normal_motion[:, None] * pairs.normal,
-        status=np.full(len(u), STICK),
-        area=pairs.forces,
-    )

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import identity
+from scipy.sparse.linalg import splu
 
 from dolfinx_llm.frame import Frame
+from dolfinx_llm.friction import STICK
 from dolfinx_llm.interface import Certificate
-
-OPEN, STICK, SLIP = 0, 1, 2
 
 
 @dataclass(frozen=True)
@@ -35,13 +36,19 @@ class SideResult:
 
 @dataclass(frozen=True)
 class InterfaceResult:
-    """Result of one interface."""
+    """Result of one interface; against a rigid obstacle the side's nodes take the frame's place."""
 
-    frame: Frame  # with its displacement v, (m, gdim) [length]
-    sides: tuple[SideResult, SideResult]
-    certificate: Certificate
-    frame_force: np.ndarray  # (m,) normal force of side 0 at the frame's nodes, L_bᵀ λ_n [force]
+    frame: Frame | None  # with its displacement v, (m, gdim) [length]
+    sides: tuple[SideResult, ...]  # two, in the interface's order; one against an obstacle
+    certificate: Certificate | None
+    frame_force: np.ndarray  # (m,) normal force at the frame's nodes, L_bᵀ λ_n of a side [force]
     frame_area: np.ndarray  # (m,) tributary area of the frame's nodes, L_bᵀ of the sides' [area]
+    frame_friction: np.ndarray  # (m, gdim) tangential force of side 0 at the frame's nodes [force]
+
+    @property
+    def x(self) -> np.ndarray:
+        """(m, gdim) where pressure and friction are given: the frame's nodes [length]."""
+        return self.sides[0].x if self.frame is None else self.frame.x
 
     @property
     def pressure(self) -> np.ndarray:
@@ -53,7 +60,105 @@ class InterfaceResult:
         area = self.frame_area
         return np.where(area > 0.0, self.frame_force / np.where(area > 0.0, area, 1.0), 0.0)
 
+    @property
+    def traction(self) -> np.ndarray:
+        """(m, gdim) tangential traction of side 0 on the frame at its nodes [force / area]."""
+        area = np.where(self.frame_area > 0.0, self.frame_area, np.inf)
+        return self.frame_friction / area[:, None]
+
     @cached_property
     def resultant(self) -> np.ndarray:
-        """(gdim,) total force of side 0 on the frame [force]."""
+        """(gdim,) total force of side 0 (of the body, against an obstacle) [force]."""
         return self.sides[0].force.sum(axis=0)
+
+    def moment(self, about=None) -> np.ndarray:
+        """Moment of the same forces: (3,), or (1,) in 2D [force length].
+
+        Args:
+            about: (gdim,) point; the origin by default [length].
+        """
+        side = self.sides[0]
+        arm = side.x - (0.0 if about is None else np.asarray(about, dtype=float))
+        total = np.cross(arm, side.force)
+        return np.atleast_1d(total.sum(axis=0))
+
+
+def collect_results(problem, u: np.ndarray, multiplier: np.ndarray, w: np.ndarray, status):
+    """Results of all interfaces from this rank's u and the multipliers and frame unknowns of all.
+
+    Args:
+        problem: the ``ContactProblem``.
+        u: this rank's displacement.
+        multiplier, w: in their own order, the same on every rank.
+        status: per interface (n,) status of its pairs; None: all tied.
+    """
+    results, row, col, side = [], 0, 0, 0
+    gaps = problem._gaps(moved=False)
+    for i, model in enumerate(problem.models):
+        m, d, gdim = model.directions.shape
+        moved = [_surface_motion(problem, k, u) for k in range(side, side + len(model.pairs))]
+        v = np.einsum("md,mdi->mi", w[col : col + m * d].reshape(m, d), model.directions)
+        if d == 1 and m:  # without tangential unknowns the frame follows both bodies
+            v = v + _tangential_average(model, moved)
+        if model.frame is None:
+            v = np.zeros((0, gdim))
+        sides, first = [], 0
+        for p, motion in zip(model.pairs, moved, strict=True):
+            n, c = p.base.shape[:2]
+            force = multiplier[row : row + n * c].reshape(n, c)
+            state = np.full(n, STICK) if status is None else status[i][first : first + n]
+            follows = p.N @ v
+            if model.frame is None:
+                follows = follows + model.interface.obstacle.motion(gdim)
+            sides.append(_side_result(p, force, motion, follows, gaps[side], state))
+            row, first, side = row + n * c, first + n, side + 1
+        results.append(_interface_result(model, sides, v))
+        col += m * d
+    return results
+
+
+def _surface_motion(problem, side: int, u: np.ndarray) -> np.ndarray:
+    """(n, gdim) displacement of a side's nodes, on every rank."""
+    pairs, dofs = problem._pairs[side], problem._dofs[side]
+    mine = pairs.owner == problem.comm.rank
+    motion = np.zeros(dofs.shape)
+    motion[mine] = u[dofs[mine] - problem.K.getOwnershipRange()[0]]
+    return problem.comm.allreduce(motion)
+
+
+def _tangential_average(model, moved) -> np.ndarray:
+    """(m, gdim) mean of the tangential motions of both sides, fitted to the frame's nodes."""
+    total = np.zeros((len(model.frame.x), moved[0].shape[1]))
+    for p, motion in zip(model.pairs, moved, strict=True):
+        A = p.N.T @ p.N + 1e-10 * identity(p.N.shape[1])
+        total += 0.5 * splu(A.tocsc()).solve(p.N.T @ motion)
+    normal = model.directions[:, -1]
+    return total - np.einsum("mi,mi->m", total, normal)[:, None] * normal
+
+
+def _side_result(pairs, multiplier, u, follows, gap, status) -> SideResult:
+    """Forces, gap and slip of one side from its multipliers (n, c), u and the motion of the point
+    it touches (n, gdim), the initial gap that counts (n, gdim) and the status (n,)."""
+    force = np.einsum("nc,nci->ni", multiplier, pairs.base)
+    motion = u - follows
+    normal_motion = np.einsum("ni,ni->n", motion, pairs.normal)
+    return SideResult(
+        x=pairs.x,
+        u=u,
+        force=force,
+        normal=pairs.normal,
+        normal_force=np.einsum("ni,ni->n", force, pairs.normal),
+        gap=-normal_motion - np.einsum("ni,ni->n", gap, pairs.normal),
+        slip=motion - normal_motion[:, None] * pairs.normal,
+        status=status,
+        area=pairs.forces,
+    )
+
+
+def _interface_result(model, sides, v) -> InterfaceResult:
+    side, pairs = sides[0], model.pairs[0]
+    if model.frame is None:
+        parts = side.normal_force, side.area, side.tangential_force
+        return InterfaceResult(None, tuple(sides), None, *parts)
+    parts = (pairs.N.T @ a for a in (side.normal_force, side.area, side.tangential_force))
+    return InterfaceResult(replace(model.frame, v=v), tuple(sides), model.certificate, *parts)

@@ -99,6 +99,38 @@ class Bodies:
         return f"body {body} (from {low} to {high})"
 
 
+def _held_without_interfaces(bodies: Bodies, K, fixed: np.ndarray) -> np.ndarray:
+    """(k, modes) rows that vanish for combinations of rigid motions that supports do not hold."""
+    R = bodies.modes(bodies.label, bodies.points).reshape(len(fixed), -1)
+    x, y = K.createVecs()
+    diagonal = K.getDiagonal()
+    scale = np.where(diagonal.array_r == 0.0, 1.0, np.abs(diagonal.array_r))
+    KR = np.empty_like(R)
+    for k in range(R.shape[1]):
+        x.array_w[:] = np.where(fixed, 0.0, R[:, k])
+        K.mult(x, y)
+        KR[:, k] = y.array_r / scale
+    for vector in (x, y, diagonal):
+        vector.destroy()
+    # Orthogonal reduction, not the Gram matrix, whose rounding would hide the zeros.
+    rows = [np.linalg.qr(part, mode="r") for part in (R[fixed], KR)]
+    return np.concatenate(bodies.comm.allgather(np.concatenate(rows)))
+
+
+def floating_modes(bodies: Bodies, K, fixed: np.ndarray) -> np.ndarray:
+    """(n_local, k) rigid motions that supports alone leave free, on this rank's dofs.
+
+    Args:
+        bodies, K, fixed: as in ``check_support``.
+    """
+    rows = _held_without_interfaces(bodies, K, fixed)
+    _, values, vectors = np.linalg.svd(rows)
+    free = vectors[np.count_nonzero(values >= 1e-11 * max(values[0], 1.0)) :]
+    R = bodies.modes(bodies.label, bodies.points).reshape(len(fixed), -1) @ free.T
+    R[fixed] = 0.0
+    return R
+
+
 def check_support(bodies: Bodies, K, fixed: np.ndarray, interfaces) -> None:
     """Require that supports and tied interfaces hold every body.
 
@@ -115,19 +147,7 @@ def check_support(bodies: Bodies, K, fixed: np.ndarray, interfaces) -> None:
     Raises:
         ContactError: some motion is not held.
     """
-    R = bodies.modes(bodies.label, bodies.points).reshape(len(fixed), -1)
-    x, y = K.createVecs()
-    diagonal = K.getDiagonal().array_r
-    KR = np.empty_like(R)
-    for k in range(R.shape[1]):
-        x.array_w[:] = np.where(fixed, 0.0, R[:, k])
-        K.mult(x, y)
-        KR[:, k] = y.array_r / np.where(diagonal == 0.0, 1.0, np.abs(diagonal))
-    x.destroy()
-    y.destroy()
-    # Orthogonal reduction, not the Gram matrix, whose rounding would hide the zeros.
-    rows = [np.linalg.qr(part, mode="r") for part in (R[fixed], KR)]
-    rows = [np.concatenate(bodies.comm.allgather(np.concatenate(rows)))]
+    rows = [_held_without_interfaces(bodies, K, fixed)]
     for L, BtR in interfaces:
         BtR = BtR.reshape(len(BtR), -1)
         rows.append(BtR if L is None else BtR - L @ _least_squares(L, BtR))
@@ -142,6 +162,49 @@ def check_support(bodies: Bodies, K, fixed: np.ndarray, interfaces) -> None:
         f"{len(free)} rigid motion(s) are held by no support and no interface; they move "
         f"{', '.join(names)} independent way(s). Add Dirichlet conditions or springs that hold them"
     )
+
+
+def check_loops(models, labels) -> None:
+    """Refuse interfaces that share nodes and close a loop of bodies.
+
+    A node may take part in several interfaces: each adds a constraint with a frame of its own.
+    Round a loop (two interfaces between the same two bodies, three bodies that meet in an
+    edge) the constraints repeat each other and the contact forces there are not unique.
+
+    Args:
+        models: the interfaces.
+        labels: per side (n,) body of each node.
+
+    Raises:
+        ContactError: nodes are shared and a loop is closed.
+    """
+    n = len(models)
+    group = np.arange(n)
+    example = {}
+    for i in range(n):
+        for j in range(i):
+            shared = [
+                side.x[np.isin(side.dofs, other.dofs)]
+                for side, a in zip(models[i].pairs, models[i].spaces, strict=True)
+                for other, b in zip(models[j].pairs, models[j].spaces, strict=True)
+                if a == b
+            ]
+            shared = np.concatenate([np.empty((0, models[i].frame.gdim)), *shared])
+            if len(shared):
+                example[i] = len(shared), shared[0].tolist()
+                group[group == group[i]] = group[j]
+    for g in np.unique(group):
+        members = np.flatnonzero(group == g)
+        bodies = np.unique(np.concatenate([labels[2 * i + k] for i in members for k in (0, 1)]))
+        if len(members) > 1 and len(members) >= len(bodies):
+            names = ", ".join(models[i].interface.name for i in members)
+            count, at = example[members[-1]]
+            raise ContactError(
+                f"{count} node(s), e.g. at {at}, take part in two interfaces, and the "
+                f"interfaces {names} close a loop of {len(bodies)} bodies: the contact forces "
+                "where they meet are not unique. Leave the facets next to the common edge out "
+                "of one interface's tag"
+            )
 
 
 def _least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:

@@ -18,6 +18,92 @@ SADDLE_OPTIONS = {
 }
 
 
+class DirectSolver:
+    """A matrix factorised by MUMPS; solves are refined.
+
+    Args:
+        matrix: PETSc AIJ.
+        prefix: of the PETSc options.
+        options: PETSc options on top of ``SADDLE_OPTIONS``.
+        own: destroy the matrix with the solver.
+
+    Raises:
+        ContactError: MUMPS could not factorise.
+    """
+
+    def __init__(self, matrix, prefix: str, options: dict | None = None, own: bool = False):
+        self.matrix, self._own = matrix, own
+        self.symmetric = _is_symmetric(matrix)
+        self.solution, self.rhs = matrix.createVecs()
+        self.ksp = self._factorise(prefix, options or {})
+
+    def _factorise(self, prefix: str, options: dict):
+        """Set up and factorise, with more spare memory where delayed pivots outgrow it."""
+        if self.symmetric:
+            self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        for spare in (80, 400, 2000):
+            chosen = {
+                **SADDLE_OPTIONS,
+                "mat_mumps_icntl_14": spare,
+                "pc_type": "cholesky" if self.symmetric else "lu",
+                **options,
+            }
+            ksp = set_up_solver(self.matrix, prefix, chosen)
+            self.infog = _mumps_infog(ksp)
+            if self.infog.get(1, 0) not in (-8, -9):
+                break
+            ksp.destroy()
+        if self.infog.get(1, 0) < 0:
+            raise ContactError(
+                f"MUMPS could not factorise the system: INFOG(1) = {self.infog[1]}, INFOG(2) = "
+                f"{self.infog[2]}. -9: raise petsc_options mat_mumps_icntl_14; -10: the matrix is "
+                "singular, a body or the frame is not held; -13: out of memory"
+            )
+        return ksp
+
+    def solve(self, b: np.ndarray) -> np.ndarray:
+        """This rank's part of the solution for its part of a load."""
+        self.rhs.array_w[:] = b
+        self.ksp.solve(self.rhs, self.solution)
+        return self.solution.array_r.copy()
+
+    def solve_many(self, b: np.ndarray) -> np.ndarray:
+        """The same for several loads, the columns of b (n_local, k), without refinement."""
+        comm, k = self.matrix.comm, b.shape[1]
+        sizes = (self.matrix.getSizes()[0], (PETSc.DECIDE, k))
+        loads = PETSc.Mat().createDense(sizes, array=np.asfortranarray(b), comm=comm)
+        loads.assemble()
+        found = loads.duplicate()
+        found.assemble()
+        self.ksp.getPC().getFactorMatrix().matSolve(loads, found)
+        x = found.getDenseArray().copy()
+        loads.destroy()
+        found.destroy()
+        return x
+
+    def destroy(self):
+        for item in (self.ksp, self.solution, self.rhs, *([self.matrix] * self._own)):
+            item.destroy()
+
+
+def set_up_solver(matrix, prefix: str, chosen: dict):
+    """A KSP with these options, which do not stay in PETSc's global database."""
+    ksp = PETSc.KSP().create(matrix.comm)
+    ksp.setOperators(matrix)
+    ksp.setOptionsPrefix(prefix)
+    database = PETSc.Options()
+    added = [prefix + key for key in chosen if not database.hasName(prefix + key)]
+    for key in added:
+        database[key] = chosen[key[len(prefix) :]]
+    ksp.setFromOptions()
+    try:
+        ksp.setUp()
+    finally:
+        for key in added:
+            database.delValue(key)
+    return ksp
+
+
 class SaddleSystem:
     """Factorised block matrix of (31) with λ scaled by a stiffness, so that units vanish.
 
@@ -54,56 +140,13 @@ class SaddleSystem:
         self.rows = [block.getIndices() - start for block in nest.getNestISs()[0]]
         for M in (nest, *parts):
             M.destroy()
-        self.symmetric = _is_symmetric(K)
-        self.solution, self.rhs = self.matrix.createVecs()
-        self.ksp = self._factorise(prefix, options or {})
+        self._solver = DirectSolver(self.matrix, prefix, options, own=True)
 
     @staticmethod
     def _scaled(M, factor):
         M = M.copy()
         M.scale(factor)
         return M
-
-    def _factorise(self, prefix: str, options: dict):
-        """Set up and factorise, with more spare memory where delayed pivots outgrow it."""
-        if self.symmetric:
-            self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-        for spare in (80, 400, 2000):
-            chosen = {
-                **SADDLE_OPTIONS,
-                "mat_mumps_icntl_14": spare,
-                "pc_type": "cholesky" if self.symmetric else "lu",
-                **options,
-            }
-            ksp = self._set_up(prefix, chosen)
-            self.infog = _mumps_infog(ksp)
-            if self.infog.get(1, 0) not in (-8, -9):
-                break
-            ksp.destroy()
-        if self.infog.get(1, 0) < 0:
-            raise ContactError(
-                f"MUMPS could not factorise the system: INFOG(1) = {self.infog[1]}, INFOG(2) = "
-                f"{self.infog[2]}. -9: raise petsc_options mat_mumps_icntl_14; -10: the matrix is "
-                "singular, a body or the frame is not held; -13: out of memory"
-            )
-        return ksp
-
-    def _set_up(self, prefix: str, chosen: dict):
-        """A solver with these options, which do not stay in PETSc's global database."""
-        ksp = PETSc.KSP().create(self.matrix.comm)
-        ksp.setOperators(self.matrix)
-        ksp.setOptionsPrefix(prefix)
-        database = PETSc.Options()
-        added = [prefix + key for key in chosen if not database.hasName(prefix + key)]
-        for key in added:
-            database[key] = chosen[key[len(prefix) :]]
-        ksp.setFromOptions()
-        try:
-            ksp.setUp()
-        finally:
-            for key in added:
-                database.delValue(key)
-        return ksp
 
     def solve(self, f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """This rank's parts of u, λ, v for loads f and gaps g; v is empty without L_b.
@@ -112,12 +155,11 @@ class SaddleSystem:
             ContactError: the factorisation failed or the residual is not small.
         """
         rows_u, rows_l = self.rows[:2]
-        rhs = np.zeros(self.rhs.local_size)
+        rhs = np.zeros(self.matrix.getLocalSize()[0])
         rhs[rows_u], rhs[rows_l] = f, -self.scale * g
-        self.rhs.array_w[:] = rhs
-        self.ksp.solve(self.rhs, self.solution)
+        solution = self._solver.solve(rhs)
         self._check_solution()
-        u, multiplier, *v = (self.solution.array_r[rows] for rows in self.rows)
+        u, multiplier, *v = (solution[rows] for rows in self.rows)
         return u, self.scale * multiplier, v[0] if v else np.empty(0)
 
     def _check_solution(self):
@@ -127,25 +169,26 @@ class SaddleSystem:
         pass.
         """
         infinity = PETSc.NormType.NORM_INFINITY
-        residual = self.rhs.duplicate()
-        self.matrix.mult(self.solution, residual)
-        size = max(residual.norm(infinity), self.scale * self.solution.norm(infinity))
-        residual.aypx(-1.0, self.rhs)
-        miss, load = residual.norm(infinity), self.rhs.norm(infinity)
+        rhs, solution = self._solver.rhs, self._solver.solution
+        residual = rhs.duplicate()
+        self.matrix.mult(solution, residual)
+        size = max(residual.norm(infinity), self.scale * solution.norm(infinity))
+        residual.aypx(-1.0, rhs)
+        miss, load = residual.norm(infinity), rhs.norm(infinity)
         residual.destroy()
         self.residual = miss / max(size, load, 1e-300)
         against_load = miss / load if load > 0.0 else self.residual
-        reason = self.ksp.getConvergedReason()
+        reason = self._solver.ksp.getConvergedReason()
         if reason < 0 or not (self.residual < 1e-9 and against_load < 1e-6):
             raise ContactError(
                 f"the solve failed: residual {self.residual:.1e} of the unknowns' size (allowed "
                 f"1e-9), {against_load:.1e} of the load's (allowed 1e-6), PETSc's reason {reason}, "
-                f"MUMPS {self.infog}. Check supports, material data and the petsc_options given"
+                f"MUMPS {self._solver.infog}. Check supports, material data and the petsc_options "
+                "given"
             )
 
     def destroy(self):
-        for item in (self.ksp, self.matrix, self.solution, self.rhs):
-            item.destroy()
+        self._solver.destroy()
 
 
 def _mumps_infog(ksp) -> dict[int, int]:

@@ -104,7 +104,7 @@ def test_operator_of_the_elimination(contact_and_u, elimination):
     contact, _ = contact_and_u
     B = contact.B.convert("dense").getDenseArray().copy()
     Q = elimination.Q.convert("dense").getDenseArray().copy()
-    number = contact._multipliers.unknowns(np.arange(len(contact._multipliers.owner))).ravel()
+    number = contact._rows.numbering.number
     assert np.abs(Q.T - B[:, number] @ elimination.P @ elimination.Phi).max() < 1e-14
 
 

@@ -73,7 +73,7 @@ def rows(sides, k=1, close_gap=False):
     frame = Frame(sides[k].x, facets)
     areas = [np.linalg.norm(a, axis=1) for a in vectors]
     plain = [
-        locate_pairs(side, f, frame, sign, 3.0, local_base=False)
+        locate_pairs(side, f, frame, sign, 3.0)
         for side, f, sign in zip(sides, areas, (1.0, -1.0), strict=True)
     ]
     vectors = [a[p.nodes] for a, p in zip(vectors, plain, strict=True)]

@@ -43,7 +43,7 @@ def errors(comm, conditions) -> dict:
     for k, where in conditions:
         fixed[3 * np.flatnonzero(where(x.T)) + k] = True
     # Which column is which pair is the code's choice: each is found by its rows below.
-    item = contact._multipliers.number
+    item = contact._rows.numbering.number
     column = contact._frame_unknowns.number
     expected_B, expected_L = np.zeros_like(B), np.zeros_like(L)
     p = 0
@@ -54,9 +54,9 @@ def errors(comm, conditions) -> dict:
             assert len(node) == 1
             for i in range(3):
                 a = pairs[side].base[q, i]
-                expected_B[3 * node[0] + np.arange(3), 3 * item[p] + i] = a
+                expected_B[3 * node[0] + np.arange(3), item[3 * p + i]] = a
                 for J in range(len(frame.x)):
-                    expected_L[3 * item[p] + i, 3 * column[J] + np.arange(3)] = N[q, J] * a
+                    expected_L[item[3 * p + i], column[3 * J + np.arange(3)]] = N[q, J] * a
             p += 1
     expected_B[fixed] = 0.0
     free = np.abs(expected_B).max(axis=0) > 0.0
@@ -64,7 +64,7 @@ def errors(comm, conditions) -> dict:
     unit = np.zeros_like(B.T @ B)
     unit[free, free] = 1.0
     Y = np.zeros(L.shape[1])
-    Y.reshape(-1, 3)[column] = frame.x
+    Y[column] = frame.x.ravel()
     X = np.zeros(len(fixed))
     X[:] = x.ravel()
     K_fixed = np.zeros_like(K[fixed])
