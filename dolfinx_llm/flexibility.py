@@ -7,37 +7,19 @@ bodies that supports alone do not hold), and to iterate on that.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
-from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.complementarity import complementarity
-from dolfinx_llm.rigid import floating_modes
-from dolfinx_llm.system import DirectSolver
+from dolfinx_llm.linear_step import SOFT, InterfaceSystem, wrong_signs
+from dolfinx_llm.rigid import floating_modes, pins
+from dolfinx_llm.system import DirectSolver, with_springs
 
-SOFT = 1e-11  # compliance, relative to the surface's, that makes forces at supports unique
-SIGN = 1e-11  # relative: what rounding may not switch
-GRAZING = 1e-3  # forces below this part of scale times motion count as none
 COLUMNS = 64  # right-hand sides solved at once
-
-
-@dataclass(frozen=True)
-class InterfaceSystem:
-    """One linear step of a contact law, in the unknowns' own order; the same on every rank.
-
-    Rows that are in contact: y - L w = -g; the others: λ = 0. Frame rows: E λ + D w = rhs.
-    """
-
-    active: np.ndarray  # (n,) multiplier rows in contact
-    L: csr_matrix  # (n, m) motion of the frame as the rows see it
-    g: np.ndarray  # (n,) [length]
-    E: csr_matrix  # (m, n)
-    D: csr_matrix  # (m, m) [force / length]
-    rhs: np.ndarray  # (m,) [force]
 
 
 class Flexibility:
@@ -62,35 +44,16 @@ class Flexibility:
         self.comm = bodies.comm
         self.modes = floating_modes(bodies, K, fixed)
         self._local_B = _local_csr(B)
-        self._solver = DirectSolver(self._pinned(K), prefix, options, own=True)
+        # Springs hold the floating modes; under forces in balance they carry nothing.
+        diagonal = K.getDiagonal()
+        pinned = with_springs(K, pins(bodies.comm, self.modes), diagonal.array_r)
+        diagonal.destroy()
+        self._solver = DirectSolver(pinned, prefix, options, own=True)
+        self.floating = self.modes.shape[1]
         self.G = self._interface_sum(self._local_B.T @ self.modes)
         self.F = self._flexibility(progress or (lambda share: None))
         if self.F is not None:
             self.F[soft, soft] += SOFT / scale
-
-    def _pinned(self, K):
-        """K with a spring per floating mode, at dofs that hold them best: their forces vanish."""
-        rest, pins = self.modes.copy(), []
-        start = K.getOwnershipRange()[0]
-        for _ in range(rest.shape[1]):
-            size = np.einsum("nk,nk->n", rest, rest)
-            best = int(size.argmax()) if len(size) else 0
-            candidates = self.comm.allgather(
-                (float(size[best]), rest[best]) if len(size) else (-1.0, None)
-            )
-            rank = int(np.argmax([round(c[0], 12) for c in candidates]))
-            direction = candidates[rank][1]
-            if rank == self.comm.rank:
-                pins.append(start + best)
-            rest = rest - np.outer(rest @ direction, direction) / (direction @ direction)
-        pinned = K.copy()
-        diagonal = K.getDiagonal()
-        pinned.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
-        for pin in pins:
-            pinned.setValue(pin, pin, diagonal.array_r[pin - start], addv=True)
-        pinned.assemble()
-        diagonal.destroy()
-        return pinned
 
     def _interface_sum(self, part: np.ndarray) -> np.ndarray:
         """Sum over ranks of a part with one row per multiplier, in their own order."""
@@ -227,21 +190,6 @@ class Flexibility:
 
     def destroy(self):
         self._solver.destroy()
-
-
-def wrong_signs(step: InterfaceSystem, may_open, multiplier, y, w, scale: float) -> np.ndarray:
-    """(n,) rows with tension in contact or overlap out of it, beyond what rounding can do."""
-    gap = step.L @ w - y - step.g
-    band = SIGN * force_level(multiplier, y + step.g, scale)
-    wrong = np.where(step.active, multiplier < -band, scale * gap < -band)
-    return wrong & may_open
-
-
-def force_level(multiplier: np.ndarray, position: np.ndarray, scale: float) -> float:
-    """Size of forces; where bodies hardly touch, of a part of those that closing gaps would take
-    [force]."""
-    apart = GRAZING * scale * np.abs(position).max(initial=0.0)
-    return max(np.abs(multiplier).max(initial=0.0), apart, 1e-300)
 
 
 def _local_csr(M) -> csr_matrix:

@@ -18,8 +18,8 @@ from scipy.sparse import vstack as stack
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm._parallel import ContactError
-from dolfinx_llm.flexibility import InterfaceSystem, force_level
 from dolfinx_llm.friction import OPEN, SLIP, STICK, newton_rows, projection_miss, switch_rows
+from dolfinx_llm.linear_step import InterfaceSystem, force_level
 from dolfinx_llm.states import InterfaceState, interface_states
 
 log = logging.getLogger("dolfinx_llm")
@@ -131,7 +131,7 @@ class ContactIteration:
         first, known = len(self.history), self.w is not None
         w = self.w if known else np.zeros(self.m)
         centre = w if known else self._middle(g)
-        alpha = self.alpha if known else np.zeros(self.backend.G.shape[1])
+        alpha = self.alpha if known else np.zeros(self.backend.floating)
         alpha_centre, multiplier, phase, calm = alpha, np.zeros(self.n), 0, 0
         for s in self.states:
             s.closings[:] = 0
