@@ -58,6 +58,30 @@ def frame_design(result, before, path) -> None:
     _save(plt, figure, path)
 
 
+def curves(lines, path, *, xlabel: str = "", ylabel: str = "", title: str = "") -> None:
+    """Curves and points in one diagram, e.g. pressure along a contact against theory.
+
+    Draws on rank 0 when called on all ranks.
+
+    Args:
+        lines: sequence of (label, Matplotlib's style, x, y), or of lists of these for several
+            diagrams side by side.
+        path: PNG to write.
+        xlabel, ylabel, title: of all diagrams.
+    """
+    if not _on_root():
+        return
+    plt = _pyplot()
+    diagrams = lines if isinstance(lines[0], list) else [lines]
+    figure, axes = plt.subplots(1, len(diagrams), figsize=(6.5 * len(diagrams), 5), squeeze=False)
+    for axis, diagram in zip(axes[0], diagrams):
+        for label, style, x, y in diagram:
+            axis.plot(x, y, style, label=label, markersize=4, linewidth=1)
+        axis.set(xlabel=xlabel, ylabel=ylabel, title=title)
+        axis.legend(fontsize=8)
+    _save(plt, figure, path)
+
+
 def _on_root() -> bool:
     from mpi4py import MPI
 

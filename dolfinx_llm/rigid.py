@@ -193,7 +193,12 @@ def check_loops(models, labels) -> None:
     Raises:
         ContactError: nodes are shared and a loop is closed.
     """
-    n = len(models)
+    n, gdim = len(models), models[0].sides[0].x.shape[1]
+    first = np.cumsum([0, *(len(model.pairs) for model in models)])
+    touched = [labels[a:b] for a, b in zip(first, first[1:])]
+    for i, model in enumerate(models):
+        if model.frame is None:  # a rigid obstacle counts as a body of its own
+            touched[i] = [*touched[i], np.array([-1 - i])]
     group = np.arange(n)
     example = {}
     for i in range(n):
@@ -204,13 +209,13 @@ def check_loops(models, labels) -> None:
                 for other, b in zip(models[j].pairs, models[j].spaces, strict=True)
                 if a == b
             ]
-            shared = np.concatenate([np.empty((0, models[i].frame.gdim)), *shared])
+            shared = np.concatenate([np.empty((0, gdim)), *shared])
             if len(shared):
                 example[i] = len(shared), shared[0].tolist()
                 group[group == group[i]] = group[j]
     for g in np.unique(group):
         members = np.flatnonzero(group == g)
-        bodies = np.unique(np.concatenate([labels[2 * i + k] for i in members for k in (0, 1)]))
+        bodies = np.unique(np.concatenate([label for i in members for label in touched[i]]))
         if len(members) > 1 and len(members) >= len(bodies):
             names = ", ".join(models[i].interface.name for i in members)
             count, at = example[members[-1]]
