@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-BLOCKS = 10  # exchanges of whole blocks without progress before single ones
+BLOCKS = 10  # exchanges of whole blocks without progress
 
 
 def complementarity(M: np.ndarray, q: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Which λ are positive, by block principal pivoting.
+    """Which λ are positive.
 
-    All wrong signs are exchanged at once; where their number does not fall for a while, only the
-    last one is (Murty), which ends for every matrix with positive principal minors. Júdice and
-    Pires, Computers & Operations Research 21 (1994) 587-596.
+    All wrong signs are exchanged at once (Júdice and Pires, Computers & Operations Research 21
+    (1994) 587-596); where that turns in circles, Lemke's method (Management Science 11 (1965)
+    681-689) ends for every matrix with positive principal minors.
 
     Args:
         M: (n, n) matrix with positive principal minors, as that of a convex problem.
@@ -20,31 +20,65 @@ def complementarity(M: np.ndarray, q: np.ndarray, start: np.ndarray) -> np.ndarr
         start: (n,) a guess of the result.
 
     Returns:
-        (n,) whether λ is in the basis; with friction M may lack the property, and the basis with
-        the fewest wrong signs is given where none has been found without.
+        (n,) whether λ is positive. With friction M may lack the property; where both methods fail,
+        the result with the fewest wrong signs.
 
     Raises:
         numpy.linalg.LinAlgError: M is singular on a set of λ.
     """
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(M)), 1e-300))
     M, q = M * scale[:, None] * scale, q * scale
-    basis, best_basis, best, left = start.copy(), start, len(q) + 1, BLOCKS
-    tolerance = 1e-13 * np.abs(q).max(initial=0.0)
-    for _ in range(50 + 3 * len(q)):
-        value = np.zeros(len(q))
-        on = np.flatnonzero(basis)
-        x = np.linalg.solve(M[np.ix_(on, on)], -q[on])
-        value[on] = x
-        off = ~basis
-        value[off] = M[np.ix_(off, basis)] @ x + q[off]
-        wrong = np.flatnonzero(value < -tolerance)
+    positive, best, fewest, left = start.copy(), start, len(q) + 1, BLOCKS
+    while left:
+        wrong = _wrong(M, q, positive)
         if not len(wrong):
-            return basis
-        if len(wrong) < best:
-            best, left, best_basis = len(wrong), BLOCKS, basis.copy()
-        elif left:
-            left -= 1
-        else:
-            wrong = wrong[-1:]
-        basis[wrong] ^= True
-    return best_basis
+            return positive
+        left -= 1
+        if len(wrong) < fewest:
+            best, fewest, left = positive.copy(), len(wrong), BLOCKS
+        positive[wrong] ^= True
+    found = _lemke(M, q)
+    if found is not None and len(_wrong(M, q, found)) < fewest:
+        return found
+    return best
+
+
+def _wrong(M: np.ndarray, q: np.ndarray, positive: np.ndarray) -> np.ndarray:
+    """Where λ or s is negative beyond rounding, for a choice of the positive λ."""
+    x = np.linalg.solve(M[np.ix_(positive, positive)], -q[positive])
+    rows = M[np.ix_(~positive, positive)]
+    value, noise = np.empty(len(q)), np.empty(len(q))
+    value[positive], value[~positive] = x, rows @ x + q[~positive]
+    noise[positive] = np.abs(x).max(initial=0.0)
+    noise[~positive] = np.abs(rows) @ np.abs(x) + np.abs(q[~positive])
+    return np.flatnonzero(value < -1e-13 * noise)
+
+
+def _lemke(M: np.ndarray, q: np.ndarray) -> np.ndarray | None:
+    """Lemke's complementary pivoting; None where it ends on a ray."""
+    n = len(q)
+    if (q >= 0.0).all():
+        return np.zeros(n, dtype=bool)
+    # Columns: s (0 .. n-1), λ (n .. 2n-1), the artificial variable (2n), right-hand side.
+    T = np.hstack([np.eye(n), -M, -np.ones((n, 1)), q[:, None]])
+    basis = np.arange(n)
+    row, entering = int(q.argmin()), 2 * n
+    for _ in range(50 * (n + 1)):
+        T[row] /= T[row, entering]
+        others = np.arange(n) != row
+        T[others] -= np.outer(T[others, entering], T[row])
+        leaving, basis[row] = basis[row], entering
+        if leaving == 2 * n:
+            positive = np.zeros(n, dtype=bool)
+            positive[basis[basis >= n] - n] = True
+            return positive
+        entering = (leaving + n) % (2 * n)
+        column = T[:, entering]
+        rising = column > 1e-12 * np.abs(column).max()
+        if not rising.any():
+            return None
+        ratio = np.where(rising, T[:, -1] / np.where(rising, column, 1.0), np.inf)
+        ties = np.flatnonzero(ratio <= ratio.min() + 1e-14 * abs(ratio.min()))
+        artificial = ties[basis[ties] == 2 * n]
+        row = int(artificial[0] if len(artificial) else ties[0])
+    return None
