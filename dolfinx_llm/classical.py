@@ -168,7 +168,7 @@ class NodeToSegment(_ClassicalForm):
         sizes = problem.K.getSizes()[0]
         columns = self._surface_dofs[~fixed][local.col]
         local = csr_matrix((local.data, (local.row, columns)), (local.shape[0], sizes[1]))
-        Q = operators._create_aij(problem.comm, self._numbering.sizes, sizes, local)
+        Q = operators.create_aij(problem.comm, self._numbering.sizes, sizes, local)
         super().__init__(problem, Q, petsc_options)
         self._check_support()
 
@@ -321,7 +321,7 @@ class Elimination(_ClassicalForm):
         n_hat = self.Phi.shape[1]
         columns = n_hat // comm.size + (comm.rank < n_hat % comm.size), n_hat
         local = csr_matrix(self._basis[rows.mine])
-        basis = operators._create_aij(comm, rows.sizes, columns, local)
+        basis = operators.create_aij(comm, rows.sizes, columns, local)
         Q = problem.B.matMult(basis)
         Q.transpose()
         basis.destroy()

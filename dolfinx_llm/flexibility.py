@@ -7,34 +7,19 @@ bodies that supports alone do not hold), and to iterate on that.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
-from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm._parallel import ContactError
-from dolfinx_llm.rigid import floating_modes
-from dolfinx_llm.system import DirectSolver
+from dolfinx_llm.complementarity import complementarity
+from dolfinx_llm.linear_step import SOFT, InterfaceSystem, wrong_signs
+from dolfinx_llm.rigid import floating_modes, pins
+from dolfinx_llm.system import DirectSolver, with_springs
 
-SOFT = 1e-11  # compliance, relative to the surface's, that makes forces at supports unique
 COLUMNS = 64  # right-hand sides solved at once
-
-
-@dataclass(frozen=True)
-class InterfaceSystem:
-    """One linear step of a contact law, in the unknowns' own order; the same on every rank.
-
-    Rows that are in contact: y - L w = -g; the others: λ = 0. Frame rows: E λ + D w = rhs.
-    """
-
-    active: np.ndarray  # (n,) multiplier rows in contact
-    L: csr_matrix  # (n, m) motion of the frame as the rows see it
-    g: np.ndarray  # (n,) [length]
-    E: csr_matrix  # (m, n)
-    D: csr_matrix  # (m, m) [force / length]
-    rhs: np.ndarray  # (m,) [force]
 
 
 class Flexibility:
@@ -59,35 +44,16 @@ class Flexibility:
         self.comm = bodies.comm
         self.modes = floating_modes(bodies, K, fixed)
         self._local_B = _local_csr(B)
-        self._solver = DirectSolver(self._pinned(K), prefix, options, own=True)
+        # Springs hold the floating modes; under forces in balance they carry nothing.
+        diagonal = K.getDiagonal()
+        pinned = with_springs(K, pins(bodies.comm, self.modes), diagonal.array_r)
+        diagonal.destroy()
+        self._solver = DirectSolver(pinned, prefix, options, own=True)
+        self.floating = self.modes.shape[1]
         self.G = self._interface_sum(self._local_B.T @ self.modes)
         self.F = self._flexibility(progress or (lambda share: None))
         if self.F is not None:
             self.F[soft, soft] += SOFT / scale
-
-    def _pinned(self, K):
-        """K with a spring per floating mode, at dofs that hold them best: their forces vanish."""
-        rest, pins = self.modes.copy(), []
-        start = K.getOwnershipRange()[0]
-        for _ in range(rest.shape[1]):
-            size = np.einsum("nk,nk->n", rest, rest)
-            best = int(size.argmax()) if len(size) else 0
-            candidates = self.comm.allgather(
-                (float(size[best]), rest[best]) if len(size) else (-1.0, None)
-            )
-            rank = int(np.argmax([round(c[0], 12) for c in candidates]))
-            direction = candidates[rank][1]
-            if rank == self.comm.rank:
-                pins.append(start + best)
-            rest = rest - np.outer(rest @ direction, direction) / (direction @ direction)
-        pinned = K.copy()
-        diagonal = K.getDiagonal()
-        pinned.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
-        for pin in pins:
-            pinned.setValue(pin, pin, diagonal.array_r[pin - start], addv=True)
-        pinned.assemble()
-        diagonal.destroy()
-        return pinned
 
     def _interface_sum(self, part: np.ndarray) -> np.ndarray:
         """Sum over ranks of a part with one row per multiplier, in their own order."""
@@ -116,22 +82,35 @@ class Flexibility:
         self.h = self._interface_sum(self._local_B.T @ self._solver.solve(f))
         self.r = self.comm.allreduce(self.modes.T @ f)
 
-    def solve(self, step: InterfaceSystem, spring: float, centre: np.ndarray):
-        """One linear step.
+    def solve(self, step: InterfaceSystem, spring: float, centre: np.ndarray, may_open: np.ndarray):
+        """One linear step, and which pairs are in contact.
+
+        Contact is first taken as ``step.active`` says; where that gives tension or overlap, the
+        complementarity λ >= 0, gap >= 0, λ gap = 0 is solved.
 
         Args:
             step: the law's equations.
             spring: stiffness that holds floating modes at ``centre`` [force / length]; with
                 centre at the solution it carries nothing.
             centre: (k,) their last values.
+            may_open: (n,) rows of normal forces that may open.
 
         Returns:
-            λ (n,), y (n,), w (m,), α (k,) on every rank.
+            λ (n,), y (n,), w (m,), α (k,), (n,) rows in contact and (n,) those where a sign is
+            still wrong; on every rank.
         """
         result, error = None, ""
         if self.comm.rank == 0:
             try:
-                result = self._dense(step, spring, centre)
+                active = step.active
+                found = self._dense(step, spring, centre)
+                wrong = wrong_signs(step, may_open, *found[:3], self.scale)
+                if wrong.any():
+                    active = self._choose(step, spring, centre, may_open)
+                    chosen = replace(step, active=active)
+                    found = self._dense(chosen, spring, centre)
+                    wrong = wrong_signs(chosen, may_open, *found[:3], self.scale)
+                result = *found, active, wrong
             except (np.linalg.LinAlgError, ValueError) as failed:
                 error = str(failed)
         result, error = self.comm.bcast((result, error))
@@ -139,11 +118,13 @@ class Flexibility:
             raise ContactError(f"a step of the contact law is singular: {error}")
         return result
 
-    def _dense(self, step: InterfaceSystem, spring: float, centre: np.ndarray):
-        on, c = np.flatnonzero(step.active), self.scale
-        n, m, k = len(on), step.L.shape[1], len(centre)
+    def _equations(self, step: InterfaceSystem, on: np.ndarray, spring: float, centre):
+        """Matrix and right-hand side of the rows ``on``, the frame and the floating modes.
+
+        Unknowns λ / c, w, α: every entry is then a pure number.
+        """
+        c, n, m, k = self.scale, len(on), step.L.shape[1], len(centre)
         A = np.zeros((n + m + k, n + m + k))
-        # Unknowns λ / c, w, α: every entry is then a pure number.
         A[:n, :n] = c * self.F[np.ix_(on, on)]
         A[:n, n : n + m] = step.L[on].toarray()
         A[:n, n + m :] = -self.G[on]
@@ -154,12 +135,28 @@ class Flexibility:
         rhs = np.concatenate(
             [self.h[on] + step.g[on], step.rhs / c, self.r / c + spring / c * centre]
         )
-        x = _solve_refined(A, rhs)
-        multiplier = np.zeros(len(step.active))
+        return A, rhs
+
+    def _dense(self, step: InterfaceSystem, spring: float, centre: np.ndarray):
+        on, c, m = np.flatnonzero(step.active), self.scale, step.L.shape[1]
+        x = _solve_refined(*self._equations(step, on, spring, centre))
+        multiplier, n = np.zeros(len(step.active)), len(on)
         multiplier[on] = c * x[:n]
         alpha = x[n + m :]
         y = self.h - self.F @ multiplier + self.G @ alpha
         return multiplier, y, x[n : n + m], alpha
+
+    def _choose(self, step: InterfaceSystem, spring: float, centre, choose) -> np.ndarray:
+        """Rows in contact: all else eliminated, a linear complementarity problem in λ_n is left."""
+        on = np.concatenate([np.flatnonzero(choose), np.flatnonzero(step.active & ~choose)])
+        A, rhs = self._equations(step, on, spring, centre)
+        n = int(choose.sum())
+        factor = scipy.linalg.lu_factor(A[n:, n:], check_finite=False)
+        rest = scipy.linalg.lu_solve(factor, np.column_stack([A[n:, :n], rhs[n:]]))
+        M, q = A[:n, :n] - A[:n, n:] @ rest[:, :-1], A[:n, n:] @ rest[:, -1] - rhs[:n]
+        active = step.active.copy()
+        active[on[:n]] = complementarity(M, q, step.active[on[:n]])
+        return active
 
     def displacement(self, multiplier: np.ndarray, alpha: np.ndarray) -> np.ndarray:
         """This rank's u for multipliers and floating motions; sets ``residual``."""

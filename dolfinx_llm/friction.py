@@ -34,14 +34,14 @@ def _length(a: np.ndarray) -> np.ndarray:
     return np.linalg.norm(a, axis=1)
 
 
-def projection_miss(T, N, delta, mu: float, c: float) -> np.ndarray:
+def projection_miss(T, N, delta, mu: float, c: np.ndarray) -> np.ndarray:
     """(n,) distance of T from the projection of z = T + c δ on the disc of radius μ N [force]."""
-    z, s = T + c * delta, mu * np.maximum(N, 0.0)
+    z, s = T + c[:, None] * delta, mu * np.maximum(N, 0.0)
     size = _length(z)
     return _length(T - z * np.minimum(1.0, s / np.maximum(size, 1e-300))[:, None])
 
 
-def newton_rows(T, N, delta, mu: float, c: float) -> FrictionRows:
+def newton_rows(T, N, delta, mu: float, c: np.ndarray) -> FrictionRows:
     """Semismooth Newton on T = projection of z = T + c δ, in the stabilised form of Hüeber, Stadler
     and Wohlmuth, SIAM J. Sci. Comput. 30 (2008) 572-596.
 
@@ -50,10 +50,10 @@ def newton_rows(T, N, delta, mu: float, c: float) -> FrictionRows:
         N: (n,) normal forces [force].
         delta: (n, d) slip of this load step [length].
         mu: coefficient of friction.
-        c: positive [force / length]; the solution does not depend on it.
+        c: (n,) positive [force / length]; the solution does not depend on it.
     """
     n, d = T.shape
-    z, s = T + c * delta, mu * np.maximum(N, 0.0)
+    z, s = T + c[:, None] * delta, mu * np.maximum(N, 0.0)
     size, t = _length(z), _length(T)
     status = np.where(N <= 0.0, OPEN, np.where(size < s, STICK, SLIP))
     safe = np.maximum(size, 1e-300)
@@ -66,7 +66,7 @@ def newton_rows(T, N, delta, mu: float, c: float) -> FrictionRows:
     M = e[:, None, None] * (np.eye(d) - beta[:, None, None] * outer)
     slip = (status == SLIP)[:, None, None]
     stick = (status == STICK)[:, None, None]
-    unit = np.broadcast_to(np.eye(d), (n, d, d))
+    unit, c = np.broadcast_to(np.eye(d), (n, d, d)), c[:, None, None]
     return FrictionRows(
         status,
         C_T=np.where(stick, 0.0, np.where(slip, unit - M, unit)),
@@ -76,7 +76,7 @@ def newton_rows(T, N, delta, mu: float, c: float) -> FrictionRows:
     )
 
 
-def switch_rows(T, N, delta, mu: float, c: float, before: np.ndarray) -> FrictionRows:
+def switch_rows(T, N, delta, mu: float, c: np.ndarray, before: np.ndarray) -> FrictionRows:
     """The paper's switch: stick until |T| exceeds μ N, slip until the slip turns round.
 
     A node that begins to slip takes the direction of its force (16), one that slips that of its
@@ -98,7 +98,7 @@ def switch_rows(T, N, delta, mu: float, c: float, before: np.ndarray) -> Frictio
         T / np.maximum(force, 1e-300)[:, None],
     )
     stick = (status == STICK)[:, None, None]
-    unit = np.broadcast_to(np.eye(d), (n, d, d))
+    unit, c = np.broadcast_to(np.eye(d), (n, d, d)), c[:, None, None]
     return FrictionRows(
         status,
         C_T=np.where(stick, 0.0, unit),

@@ -74,7 +74,21 @@ def frame_numbering(models, comm) -> Numbering:
     return Numbering(np.concatenate(owners), comm.rank)
 
 
-def _create_aij(comm, rows: tuple[int, int], cols: tuple[int, int], local: csr_matrix) -> PETSc.Mat:
+def slip_numbering(models, frames: Numbering) -> Numbering:
+    """Numbers of frame unknowns followed by slip unknowns κ, which live with their frame node (with
+    their surface node against a rigid obstacle)."""
+    owners, first = [frames.owner], 0
+    for model in models:
+        m, d, gdim = model.directions.shape
+        at = frames.owner[first : first + m * d : max(d, 1)]
+        first += m * d
+        if model.interface.law.friction:
+            at = model.pairs[0].owner if model.frame is None else at
+            owners.append(np.repeat(at, gdim - 1))
+    return Numbering(np.concatenate(owners), frames.rank)
+
+
+def create_aij(comm, rows: tuple[int, int], cols: tuple[int, int], local: csr_matrix) -> PETSc.Mat:
     """AIJ from this rank's rows; CSR fixes the preallocation exactly."""
     local.sort_indices()
     csr = (local.indptr.astype(PETSc.IntType), local.indices.astype(PETSc.IntType), local.data)
@@ -99,7 +113,7 @@ def assemble_B(comm, rows: Rows, bodies, fixed: np.ndarray) -> PETSc.Mat:
     cols = np.broadcast_to(multipliers.number[mine][:, None], value.shape)
     keep = (value != 0.0) & ~fixed[at]
     local = csr_matrix((value[keep], (at[keep], cols[keep])), (n_local, multipliers.sizes[1]))
-    return _create_aij(comm, (n_local, n_global), multipliers.sizes, local)
+    return create_aij(comm, (n_local, n_global), multipliers.sizes, local)
 
 
 def interface_operator(pairs, directions) -> csr_matrix:
@@ -160,7 +174,7 @@ def assemble_L_b(comm, L: csr_matrix, multipliers: Numbering, frames: Numbering)
     """
     local = L[multipliers.mine].tocoo()
     local = csr_matrix((local.data, (local.row, frames.number[local.col])), shape=local.shape)
-    return _create_aij(comm, multipliers.sizes, frames.sizes, local)
+    return create_aij(comm, multipliers.sizes, frames.sizes, local)
 
 
 def assemble_gap(comm, pairs, multipliers: Numbering, gaps) -> PETSc.Vec:

@@ -17,12 +17,14 @@ from dolfinx_llm.interface import Interface, build_model, describe
 from dolfinx_llm.iteration import ContactIteration
 from dolfinx_llm.results import InterfaceResult, collect_results
 from dolfinx_llm.rigid import Bodies, check_loops, check_support
+from dolfinx_llm.sparse_steps import SparseSteps
 from dolfinx_llm.surface import check_space
 from dolfinx_llm.system import SaddleSystem, mean_diagonal
 
 log = logging.getLogger("dolfinx_llm")
 
 SOLVERS = ("saddle",)
+FLEXIBLE = 1500  # multipliers up to which contact laws iterate on the surfaces' flexibility
 
 
 class ContactProblem:
@@ -250,16 +252,20 @@ class ContactProblem:
         return outcome
 
     def _start_iteration(self):
+        """Set up what solves the linear steps of contact laws."""
+        rows, at_rest = self._rows.numbering, np.zeros(len(self._fixed))
+        common = self.bodies, self._fixed, self.scale, self._prefix, self._options
         with self._timed("factorisation"):
-            backend = Flexibility(
-                self.K, self.B, self._rows.numbering, self.bodies, self._fixed, self.scale,
-                self._prefix, self._options, soft=self._prescribed_rows,
-            )  # fmt: skip
-        rest = self._gather(
-            self._rows.numbering, self._assemble_gap(np.zeros(len(self._fixed)), False)
-        )
+            if rows.sizes[1] <= FLEXIBLE:
+                backend = Flexibility(self.K, self.B, rows, *common, soft=self._prescribed_rows)
+            else:
+                frames = operators.slip_numbering(self.models, self._frame_unknowns)
+                backend = SparseSteps(
+                    self.K, self.B, rows, frames, *common, soft=self._prescribed_rows
+                )
+        rest = self._gather(rows, self._assemble_gap(at_rest, moved=False))
         self._iteration = ContactIteration(
-            self.models, self._redundant, self.scale, backend, np.zeros(len(self._fixed)), rest
+            self.models, self._redundant, self.scale, backend, at_rest, rest
         )
 
     def reset(self) -> None:

@@ -131,6 +131,21 @@ def floating_modes(bodies: Bodies, K, fixed: np.ndarray) -> np.ndarray:
     return R
 
 
+def pins(comm, modes: np.ndarray) -> list[int]:
+    """This rank's dofs (local numbers) that together hold the modes (n_local, k) best, k in all."""
+    rest, chosen = modes.copy(), []
+    for _ in range(rest.shape[1]):
+        size = np.einsum("nk,nk->n", rest, rest)
+        best = int(size.argmax()) if len(size) else 0
+        found = comm.allgather((float(size[best]), rest[best]) if len(size) else (-1.0, None))
+        rank = int(np.argmax([round(length, 12) for length, _ in found]))
+        direction = found[rank][1]
+        if rank == comm.rank:
+            chosen.append(best)
+        rest = rest - np.outer(rest @ direction, direction) / (direction @ direction)
+    return chosen
+
+
 def check_support(bodies: Bodies, K, fixed: np.ndarray, interfaces) -> None:
     """Require that supports and tied interfaces hold every body.
 

@@ -133,12 +133,8 @@ class SaddleSystem:
             zero_v = _stored_zero_diagonal(L_b.getSizes()[1], K.comm)
             blocks = [[K, sB, None], [sB_t, zero_l, sL], [None, sL_t, zero_v]]
             parts += [L_t, sL, sL_t, zero_v]
-        nest = PETSc.Mat().createNest(blocks, comm=K.comm)
-        self.matrix = nest.convert("aij", PETSc.Mat())
-        # The nest interleaves the blocks by rank: this rank's rows of u, λ and v.
-        start = self.matrix.getOwnershipRange()[0]
-        self.rows = [block.getIndices() - start for block in nest.getNestISs()[0]]
-        for M in (nest, *parts):
+        self.matrix, self.rows = join_blocks(blocks)
+        for M in parts:
             M.destroy()
         self._solver = DirectSolver(self.matrix, prefix, options, own=True)
 
@@ -189,6 +185,26 @@ class SaddleSystem:
 
     def destroy(self):
         self._solver.destroy()
+
+
+def with_springs(K, at, stiffness):
+    """Copy of K with springs at local dofs: stiffness[i] is added to their diagonal entries."""
+    held, start = K.copy(), K.getOwnershipRange()[0]
+    for i in at:
+        held.setValue(start + i, start + i, stiffness[i], addv=True)
+    held.assemble()
+    return held
+
+
+def join_blocks(blocks):
+    """AIJ from a nest of blocks, and this rank's rows of each block row: the nest interleaves the
+    blocks by rank."""
+    nest = PETSc.Mat().createNest(blocks)
+    matrix = nest.convert("aij", PETSc.Mat())
+    start = matrix.getOwnershipRange()[0]
+    rows = [block.getIndices() - start for block in nest.getNestISs()[0]]
+    nest.destroy()
+    return matrix, rows
 
 
 def _mumps_infog(ksp) -> dict[int, int]:

@@ -1,0 +1,138 @@
+"""Steps of contact laws on the whole system, factorised anew in each: for large interfaces.
+
+The same as ``flexibility``, where the surfaces have so many nodes that asking the bodies for their
+answer to every multiplier costs more than a few factorisations.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags
+
+from dolfinx_llm import operators
+from dolfinx_llm._parallel import gather_rows
+from dolfinx_llm.linear_step import SOFT, InterfaceSystem, wrong_signs
+from dolfinx_llm.rigid import floating_modes, pins
+from dolfinx_llm.system import DirectSolver, join_blocks, with_springs
+
+
+class SparseSteps:
+    """Frame-augmented system (31) with the rows of a contact law.
+
+    Args:
+        K, B, bodies, fixed, scale, prefix, options, soft: as of ``Flexibility``.
+        rows: the multipliers' ``Numbering``.
+        frames: ``Numbering`` of frame and slip unknowns.
+    """
+
+    def __init__(self, K, B, rows, frames, bodies, fixed, scale, prefix, options=None, *, soft):
+        self.K, self.B, self.rows, self.frames, self.scale = K, B, rows, frames, scale
+        self.comm, self._prefix, self._options = bodies.comm, prefix, options
+        modes = floating_modes(bodies, K, fixed)
+        self._pins, self._soft = pins(self.comm, modes), soft
+        self.floating, self._u = modes.shape[1], None
+
+    def load(self, f: np.ndarray) -> None:
+        """Take this rank's load."""
+        self.f = f
+
+    def correct(self, multiplier: np.ndarray, alpha: np.ndarray) -> None:
+        """Nothing to correct: every step solves the whole system."""
+
+    def solve(self, step: InterfaceSystem, spring: float, centre: np.ndarray, may_open: np.ndarray):
+        """One linear step; see ``Flexibility.solve``. α: motion of the dofs that springs hold."""
+        on, c = step.active, self.scale
+        f = self.f.copy()
+        first = sum(self.comm.allgather(len(self._pins))[: self.comm.rank])
+        f[self._pins] += spring * centre[first : first + len(self._pins)]
+        blocks = self._blocks(step, spring)
+        matrix, places = join_blocks(blocks)
+        for row in blocks:
+            for M in row:
+                if M is not None:
+                    M.destroy()
+        solver = DirectSolver(matrix, self._prefix, self._options, own=True)
+        rhs = np.zeros(matrix.getLocalSize()[0])
+        rhs[places[0]] = f
+        rhs[places[1]] = np.where(on, -c * step.g, 0.0)[self.rows.mine]
+        if len(places) > 2:
+            rhs[places[2]] = -step.rhs[self.frames.mine]
+        x = solver.solve(rhs)
+        solver.destroy()
+        u, multiplier = x[places[0]], self._gather(self.rows, c * x[places[1]])
+        w = self._gather(self.frames, x[places[2]]) if len(places) > 2 else np.zeros(0)
+        self._u = u
+        y = self._gather(self.rows, self._times(self.B, u, transposed=True))
+        alpha = gather_rows(self.comm, u[self._pins])
+        wrong = wrong_signs(step, may_open, multiplier, y, w, c)
+        return multiplier, y, w, alpha, step.active, wrong
+
+    def _blocks(self, step: InterfaceSystem, spring: float):
+        """Blocks of the system in u, λ / c and w, symmetric without friction."""
+        c, comm = self.scale, self.comm
+        rows, frames = self.rows, self.frames
+        springs = np.full(self.K.getLocalSize()[0], spring)
+        K = with_springs(self.K, self._pins, springs)
+        on = step.active.astype(float)
+        picked = _aij(comm, diags(c * on).tocsr(), rows, rows)
+        B = self.B.matMult(picked)
+        picked.destroy()
+        B_t = B.copy()
+        B_t.transpose()
+        idle = diags(np.where(step.active, np.where(self._soft, -SOFT * c, 0.0), c)).tocsr()
+        own = _aij(comm, idle, rows, rows)
+        if not step.L.shape[1]:
+            return [[K, B], [B_t, own]]
+        L = _aij(comm, (diags(-c * on) @ step.L).tocsr(), rows, frames)
+        E = _aij(comm, (step.E @ diags(-c * on)).tocsr(), frames, rows)
+        D = _aij(comm, (-step.D).tocsr(), frames, frames)
+        return [[K, B, None], [B_t, own, L], [None, E, D]]
+
+    def displacement(self, multiplier: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+        """This rank's u of the last step; sets ``residual``, of K u + B λ = f."""
+        local = multiplier[self.rows.mine]
+        load = self.f - self._times(self.B, local)
+        miss = np.abs(self._times(self.K, self._u) - load).max(initial=0.0)
+        sizes = [np.abs(self.f), np.abs(load), self.scale * np.abs(self._u)]
+        found = self.comm.allgather((miss, max(a.max(initial=0.0) for a in sizes)))
+        miss, size = np.max(found, axis=0)
+        self.residual = miss / max(size, 1e-300)
+        return self._u
+
+    def _times(self, M, x: np.ndarray, transposed: bool = False) -> np.ndarray:
+        """This rank's part of M x or Mᵀ x."""
+        right, left = M.createVecs()
+        source, target = (left, right) if transposed else (right, left)
+        source.array_w[:] = x
+        (M.multTranspose if transposed else M.mult)(source, target)
+        values = target.array_r.copy()
+        right.destroy()
+        left.destroy()
+        return values
+
+    def _gather(self, numbering, local: np.ndarray) -> np.ndarray:
+        return gather_rows(self.comm, local)[numbering.number]
+
+    def destroy(self) -> None:
+        """Nothing outlives a step."""
+
+
+def _aij(comm, M: csr_matrix, rows, cols):
+    """PETSc AIJ of a matrix known to every rank, with a stored diagonal where it is square: without
+    one MUMPS loses entries on several ranks."""
+    if rows is cols:
+        pattern = csr_matrix(
+            (np.ones(M.shape[0]), np.arange(M.shape[0]), np.arange(M.shape[0] + 1))
+        )
+        M = _union(M.tocsr(), pattern)
+    local = M[rows.mine].tocoo()
+    local = csr_matrix((local.data, (local.row, cols.number[local.col])), shape=local.shape)
+    return operators.create_aij(comm, rows.sizes, cols.sizes, local)
+
+
+def _union(M: csr_matrix, pattern: csr_matrix) -> csr_matrix:
+    """M with stored zeros where the pattern has entries."""
+    a, b = M.tocoo(), pattern.tocoo()
+    data = np.concatenate([a.data, np.zeros(b.nnz)])
+    index = np.concatenate([a.row, b.row]), np.concatenate([a.col, b.col])
+    return csr_matrix((data, index), M.shape)
