@@ -140,11 +140,11 @@ class ContactIteration:
             step = self._step(multiplier, w, g, centre, epsilon, EPSILON[0] * 0.1**calm)
             if not known and iteration == 1:
                 step = self._all_stick(step)
-            multiplier, y, w, alpha, *contact = self.backend.solve(
+            multiplier, y, w, alpha, active, wrong = self.backend.solve(
                 step, epsilon * self.scale, alpha_centre, self._normal
             )
             largest = force_level(multiplier, y + g, self.scale)
-            changes = sum(self._take(s, *contact, multiplier, w) for s in self.states)
+            changes = sum(self._take(s, active, wrong, multiplier, w) for s in self.states)
             miss = max(self._imbalance(multiplier), self._friction_miss(multiplier, w)) / largest
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
@@ -154,13 +154,28 @@ class ContactIteration:
                 if phase and miss <= EQUILIBRIUM:
                     self.w, self.alpha = w, alpha
                     return multiplier, y, w
-                phase, centre, alpha_centre = phase + 1, w, alpha
+                ahead = 0.0
+                if phase >= len(EPSILON) and calm > 1:
+                    ahead = self._until_next(active, y, w, w - centre, g)
+                phase, centre, alpha_centre = phase + 1, w + ahead * (w - centre), alpha
                 self.backend.correct(multiplier, alpha)
             elif phase == 0:
                 centre, alpha_centre = self._middle(y + g), alpha
             else:  # tangentially the centre follows, normally it waits
                 centre = np.where(self._waits, centre, w)
         raise ContactError(self._failure(self.history[first:]))
+
+    def _until_next(self, active, y, w, drift, g) -> float:
+        """How many steps like the last one the frame drifts until it touches the next pair.
+
+        A frame node that few pairs hold moves steadily under a force that is too small for the
+        proximal term to feel, by force / (ε c) a step.
+        """
+        gap, rate = self.L @ w - y - g, self.L @ np.where(self._waits, drift, 0.0)
+        closing = self._normal & ~active & (rate < -1e-12 * np.abs(rate).max(initial=0.0))
+        if not closing.any():
+            return 0.0
+        return float((gap[closing] / -rate[closing]).clip(0.0).min())
 
     def _failure(self, history) -> str:
         last = history[-5:]
