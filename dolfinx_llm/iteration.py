@@ -27,6 +27,7 @@ log = logging.getLogger("dolfinx_llm")
 EPSILON = (1e-4, 1e-6, 1e-8)  # ε about the mid-surface; about the values settled on before
 EQUILIBRIUM = 1e-13  # residual of L_bᵀ λ and of the friction law, over the largest multiplier
 MAXIMUM = 60  # iterations
+STEADY = 1e-3  # relative change of a frame's motion below which it drifts
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
 
 
@@ -133,6 +134,7 @@ class ContactIteration:
         centre = w if known else self._middle(g)
         alpha = self.alpha if known else np.zeros(self.backend.floating)
         alpha_centre, multiplier, phase, calm = alpha, np.zeros(self.n), 0, 0
+        drift = np.full(self.m, np.inf)
         for s in self.states:
             s.closings[:] = 0
         for iteration in range(1, MAXIMUM + 1):
@@ -154,10 +156,10 @@ class ContactIteration:
                 if phase and miss <= EQUILIBRIUM:
                     self.w, self.alpha = w, alpha
                     return multiplier, y, w
-                ahead = 0.0
-                if phase >= len(EPSILON) and calm > 1:
-                    ahead = self._until_next(active, y, w, w - centre, g)
-                phase, centre, alpha_centre = phase + 1, w + ahead * (w - centre), alpha
+                last, drift, ahead = drift, np.where(self._waits, w - centre, 0.0), 0.0
+                if np.abs(drift - last).max(initial=0.0) <= STEADY * np.abs(drift).max(initial=0.0):
+                    ahead = self._until_next(active, y, w, drift, g)
+                phase, centre, alpha_centre = phase + 1, w + ahead * drift, alpha
                 self.backend.correct(multiplier, alpha)
             elif phase == 0:
                 centre, alpha_centre = self._middle(y + g), alpha
@@ -171,7 +173,7 @@ class ContactIteration:
         A frame node that few pairs hold moves steadily under a force that is too small for the
         proximal term to feel, by force / (ε c) a step.
         """
-        gap, rate = self.L @ w - y - g, self.L @ np.where(self._waits, drift, 0.0)
+        gap, rate = self.L @ w - y - g, self.L @ drift
         closing = self._normal & ~active & (rate < -1e-12 * np.abs(rate).max(initial=0.0))
         if not closing.any():
             return 0.0
