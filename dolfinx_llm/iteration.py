@@ -28,6 +28,7 @@ EPSILON = (1e-4, 1e-6, 1e-8)  # ε about the mid-surface; about the values settl
 EQUILIBRIUM = 1e-13  # residual of L_bᵀ λ and of the friction law, over the largest multiplier
 UNBALANCED = 1e-8  # residual of K u + B λ = f, over the forces' size
 MAXIMUM = 60  # iterations
+STEADY = 1e-3  # relative change of a frame's motion below which it drifts
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
 
 
@@ -141,6 +142,7 @@ class ContactIteration:
         centre = w if known else self._middle(g)
         alpha = self.alpha if known else np.zeros(self.backend.floating)
         alpha_centre, about, before, phase, calm = alpha, (np.zeros(self.n), w), np.inf, 0, 0
+        drift = np.full(self.m, np.inf)
         for s in self.states:
             s.closings[:] = 0
         for iteration in range(1, MAXIMUM + 1):
@@ -148,11 +150,11 @@ class ContactIteration:
             step = self._step(*about, g, centre, epsilon, EPSILON[0] * 0.1**calm)
             if not known and iteration == 1:
                 step = self._all_stick(step)
-            multiplier, y, w, alpha, *contact = self.backend.solve(
+            multiplier, y, w, alpha, active, wrong = self.backend.solve(
                 step, epsilon * self.scale, alpha_centre, self._normal
             )
             largest = force_level(multiplier, y + g, self.scale)
-            changes = sum(self._take(s, *contact, multiplier, w) for s in self.states)
+            changes = sum(self._take(s, active, wrong, multiplier, w) for s in self.states)
             miss = max(self._imbalance(multiplier), self._friction_miss(multiplier, w)) / largest
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
@@ -166,13 +168,28 @@ class ContactIteration:
                 if phase and miss <= EQUILIBRIUM:
                     self.w, self.alpha = w, alpha
                     return multiplier, y, w
-                phase, centre, alpha_centre = phase + 1, w, alpha
+                last, drift, ahead = drift, np.where(self._waits, w - centre, 0.0), 0.0
+                if np.abs(drift - last).max(initial=0.0) <= STEADY * np.abs(drift).max(initial=0.0):
+                    ahead = self._until_next(active, y, w, drift, g)
+                phase, centre, alpha_centre = phase + 1, w + ahead * drift, alpha
                 self.backend.correct(multiplier, alpha)
             elif phase == 0:
                 centre, alpha_centre = self._middle(y + g), alpha
             else:  # tangentially the centre follows, normally it waits
                 centre = np.where(self._waits, centre, w)
         raise ContactError(self._failure(self.history[first:]))
+
+    def _until_next(self, active, y, w, drift, g) -> float:
+        """How many steps like the last one the frame drifts until it touches the next pair.
+
+        A frame node that few pairs hold moves steadily under a force that is too small for the
+        proximal term to feel, by force / (ε c) a step.
+        """
+        gap, rate = self.L @ w - y - g, self.L @ drift
+        closing = self._normal & ~active & (rate < -1e-12 * np.abs(rate).max(initial=0.0))
+        if not closing.any():
+            return 0.0
+        return float((gap[closing] / -rate[closing]).clip(0.0).min())
 
     def _failure(self, history) -> str:
         last = history[-5:]
