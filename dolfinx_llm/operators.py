@@ -61,11 +61,13 @@ def frame_numbering(frames, pairs, comm, bs: int) -> Numbering:
     return Numbering(np.concatenate(owners), comm.rank, bs)
 
 
-def _create_aij(comm, rows: tuple[int, int], cols: tuple[int, int], local: csr_matrix) -> PETSc.Mat:
+def create_aij(
+    comm, rows: tuple[int, int], cols: tuple[int, int], local: csr_matrix, bs: int = 1
+) -> PETSc.Mat:
     """AIJ from this rank's rows; CSR fixes the preallocation exactly."""
     local.sort_indices()
     csr = (local.indptr.astype(PETSc.IntType), local.indices.astype(PETSc.IntType), local.data)
-    matrix = PETSc.Mat().createAIJ(size=(rows, cols), csr=csr, comm=comm)
+    matrix = PETSc.Mat().createAIJ(size=(rows, cols), bsize=bs, csr=csr, comm=comm)
     matrix.assemble()
     return matrix
 
@@ -94,7 +96,7 @@ def assemble_B(comm, pairs, dofs, multipliers: Numbering, bodies, fixed: np.ndar
     local = csr_matrix(
         (value[keep], (rows[keep], cols[keep])), shape=(n_local, multipliers.sizes[1])
     )
-    return _create_aij(comm, (n_local, n_global), multipliers.sizes, local)
+    return create_aij(comm, (n_local, n_global), multipliers.sizes, local)
 
 
 def interface_operator(pairs, directions) -> csr_matrix:
@@ -157,7 +159,7 @@ def assemble_L_b(comm, L: csr_matrix, multipliers: Numbering, frames: Numbering)
     local = L[rows].tocoo()
     number = frames.unknowns(np.arange(len(frames.owner))).ravel()
     local = csr_matrix((local.data, (local.row, number[local.col])), shape=local.shape)
-    return _create_aij(comm, multipliers.sizes, frames.sizes, local)
+    return create_aij(comm, multipliers.sizes, frames.sizes, local)
 
 
 def assemble_gap(comm, pairs, multipliers: Numbering, gaps) -> PETSc.Vec:

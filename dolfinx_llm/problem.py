@@ -16,12 +16,11 @@ from dolfinx_llm._parallel import ContactError, ContactInputError, check, gather
 from dolfinx_llm.interface import Interface, build_model
 from dolfinx_llm.results import STICK, InterfaceResult, SideResult
 from dolfinx_llm.rigid import Bodies, check_support
+from dolfinx_llm.solvers import SOLVERS, build_system, choose_solver, describe
 from dolfinx_llm.surface import check_space
-from dolfinx_llm.system import SaddleSystem, mean_diagonal
+from dolfinx_llm.system import mean_diagonal
 
 log = logging.getLogger("dolfinx_llm")
-
-SOLVERS = ("saddle",)
 
 
 class ContactProblem:
@@ -33,7 +32,9 @@ class ContactProblem:
         bcs: Dirichlet conditions.
         interfaces: the ``Interface`` objects.
         nodal_loads: Functions of nodal forces, added to the assembled L.
-        solver: "saddle": (31) with MUMPS.
+        solver: "saddle": (31) with MUMPS; "condensed": the surfaces' displacements written in the
+            frame's, by conjugate gradients with GAMG, or by Cholesky with petsc_options
+            {"ksp_type": "preonly", "pc_type": "cholesky"}; "auto": by size.
         petsc_options_prefix: of the options of the linear solver.
         petsc_options: PETSc options on top of the solver's own.
 
@@ -50,7 +51,7 @@ class ContactProblem:
         bcs=(),
         interfaces=(),
         nodal_loads=(),
-        solver: str = "saddle",
+        solver: str = "auto",
         petsc_options_prefix: str = "llm_",
         petsc_options: dict | None = None,
     ):
@@ -138,6 +139,8 @@ class ContactProblem:
         self.scale = self._stiffness_scale(bodies[1])
         with self._timed("support check"):
             self._check_support()
+        unknowns = sum(self.unknowns.values())
+        self.form, self._why = choose_solver(self.solver, unknowns, self.K, gdim)
 
     def _find_prescribed(self, start: int):
         """Rows of L_b at prescribed dofs, and the redundant ones, which (31) leaves out."""
@@ -238,9 +241,7 @@ class ContactProblem:
             f = self._assemble_load()
         if self._system is None:
             with self._timed("factorisation"):
-                self._system = SaddleSystem(
-                    self.K, self.B, self.L_b, self.scale, self._prefix, self._options
-                )
+                self._system = build_system(self)
         g = self._assemble_gap(f)
         with self._timed("solve"):
             u, multiplier, v = self._system.solve(f, g)
@@ -337,7 +338,8 @@ class ContactProblem:
         lines = [
             f"ContactProblem: {len(self.spaces)} mesh(es), {self.bodies.count} bodies, "
             f"{len(self.models)} interface(s), {self.comm.size} rank(s)",
-            f"  unknowns: {n_u + n_l + n_v} = {n_u} u + {n_l} λ + {n_v} v; solver: {self.solver}",
+            f"  unknowns: {n_u + n_l + n_v} = {n_u} u + {n_l} λ + {n_v} v",
+            f"  solver: {describe(self.form, self._system)} ({self._why})",
         ]
         for model in self.models:
             c, q = model.certificate, model.frame.quality

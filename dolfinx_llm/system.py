@@ -54,7 +54,7 @@ class SaddleSystem:
         self.rows = [block.getIndices() - start for block in nest.getNestISs()[0]]
         for M in (nest, *parts):
             M.destroy()
-        self.symmetric = _is_symmetric(K)
+        self.symmetric = is_symmetric(K)
         self.solution, self.rhs = self.matrix.createVecs()
         self.ksp = self._factorise(prefix, options or {})
 
@@ -75,8 +75,8 @@ class SaddleSystem:
                 "pc_type": "cholesky" if self.symmetric else "lu",
                 **options,
             }
-            ksp = self._set_up(prefix, chosen)
-            self.infog = _mumps_infog(ksp)
+            ksp = set_up_ksp(self.matrix, prefix, chosen)
+            self.infog = mumps_infog(ksp)
             if self.infog.get(1, 0) not in (-8, -9):
                 break
             ksp.destroy()
@@ -86,23 +86,6 @@ class SaddleSystem:
                 f"{self.infog[2]}. -9: raise petsc_options mat_mumps_icntl_14; -10: the matrix is "
                 "singular, a body or the frame is not held; -13: out of memory"
             )
-        return ksp
-
-    def _set_up(self, prefix: str, chosen: dict):
-        """A solver with these options, which do not stay in PETSc's global database."""
-        ksp = PETSc.KSP().create(self.matrix.comm)
-        ksp.setOperators(self.matrix)
-        ksp.setOptionsPrefix(prefix)
-        database = PETSc.Options()
-        added = [prefix + key for key in chosen if not database.hasName(prefix + key)]
-        for key in added:
-            database[key] = chosen[key[len(prefix) :]]
-        ksp.setFromOptions()
-        try:
-            ksp.setUp()
-        finally:
-            for key in added:
-                database.delValue(key)
         return ksp
 
     def solve(self, f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -148,7 +131,25 @@ class SaddleSystem:
             item.destroy()
 
 
-def _mumps_infog(ksp) -> dict[int, int]:
+def set_up_ksp(matrix, prefix: str, chosen: dict):
+    """A solver with these options, which do not stay in PETSc's global database."""
+    ksp = PETSc.KSP().create(matrix.comm)
+    ksp.setOperators(matrix)
+    ksp.setOptionsPrefix(prefix)
+    database = PETSc.Options()
+    added = [prefix + key for key in chosen if not database.hasName(prefix + key)]
+    for key in added:
+        database[key] = chosen[key[len(prefix) :]]
+    try:
+        ksp.setFromOptions()
+        ksp.setUp()
+    finally:
+        for key in added:
+            database.delValue(key)
+    return ksp
+
+
+def mumps_infog(ksp) -> dict[int, int]:
     """MUMPS's INFOG(1), (2): error; (12): negative pivots; (28): null pivots."""
     if ksp.getPC().getFactorSolverType() != "mumps":
         return {}
@@ -164,7 +165,7 @@ def _stored_zero_diagonal(sizes, comm):
     return matrix
 
 
-def _is_symmetric(K) -> bool:
+def is_symmetric(K) -> bool:
     """Whether xᵀKy = yᵀKx for two random vectors."""
     x, y = K.createVecs()
     Kx, Ky = x.duplicate(), x.duplicate()

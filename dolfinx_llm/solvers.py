@@ -1,0 +1,97 @@
+"""Which form of the system a problem is solved in, and the system itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse
+
+from dolfinx_llm._parallel import ContactError
+from dolfinx_llm.condensed import CondensedSystem
+from dolfinx_llm.rigid import rigid_modes
+from dolfinx_llm.slaving import SlavedRows
+from dolfinx_llm.system import SaddleSystem, is_symmetric
+
+SOLVERS = ("auto", "saddle", "condensed")
+# Unknowns from which on CG + GAMG on the condensed form is faster than a factorisation of (31).
+CROSSOVER = {2: 50_000, 3: 10_000}
+
+
+def choose_solver(asked: str, unknowns: int, K, gdim: int) -> tuple[str, str]:
+    """The form, "saddle" or "condensed", and why.
+
+    Raises:
+        ContactError: the condensed form of a stiffness that is not symmetric.
+    """
+    symmetric = is_symmetric(K)
+    if asked == "condensed" and not symmetric:
+        raise ContactError(
+            "solver='condensed' needs a symmetric stiffness, and the form a is not symmetric: use "
+            "solver='saddle'"
+        )
+    if asked != "auto":
+        return asked, "as asked"
+    if not symmetric:
+        return "saddle", "chosen: the form a is not symmetric"
+    limit = CROSSOVER[gdim]
+    if unknowns < limit:
+        return "saddle", f"chosen: fewer than {limit} unknowns, where factorising is quickest"
+    return "condensed", f"chosen: from {limit} unknowns on CG + GAMG is quicker"
+
+
+def build_system(problem):
+    """The system of a ContactProblem in the form that was chosen."""
+    if problem.form == "saddle":
+        return SaddleSystem(
+            problem.K, problem.B, problem.L_b, problem.scale, problem._prefix, problem._options
+        )
+    return CondensedSystem(
+        problem.K,
+        slaved_rows(problem),
+        problem._fixed,
+        problem.scale,
+        modes=near_null_space(problem),
+        prefix=problem._prefix,
+        options=problem._options,
+    )
+
+
+def slaved_rows(problem) -> SlavedRows:
+    """All components of all nodes in contact, tied to the frames."""
+    base = np.concatenate([p.base for p in problem._pairs])
+    kept = scipy.sparse.diags((~problem._redundant).astype(float))
+    L = (kept @ scipy.sparse.block_diag(problem._L_csr, format="csr")).tocsr()
+    L.eliminate_zeros()
+    return SlavedRows(
+        np.concatenate(problem._dofs),
+        base,
+        np.ones(base.shape[:2], dtype=bool),
+        L,
+        problem._multipliers,
+        problem._frame_unknowns,
+    )
+
+
+def near_null_space(problem) -> tuple[np.ndarray, np.ndarray]:
+    """Rigid modes at this rank's dofs of the bodies (n_local, k) and at all frame unknowns (m, k).
+
+    About the middle of the scene and of its size, so that far coordinates cost no digits.
+    """
+    low, high = problem.bodies.low.min(axis=0), problem.bodies.high.max(axis=0)
+    centre, size = 0.5 * (low + high), np.linalg.norm(high - low)
+    body = rigid_modes((problem.bodies.points - centre) / size)
+    frame = [
+        np.einsum("mdi,mik->mdk", model.directions, rigid_modes((model.frame.x - centre) / size))
+        for model in problem.models
+    ]
+    k = body.shape[2]
+    return body.reshape(-1, k), np.concatenate([modes.reshape(-1, k) for modes in frame])
+
+
+def describe(form: str, system) -> str:
+    """A line for ``print(problem)``: the form, the method and what the last solve took."""
+    if form == "saddle":
+        return "saddle, (31) factorised by MUMPS"
+    if system is None:
+        return "condensed, symmetric positive definite"
+    took = f", {system.iterations} iterations" if system.iterations else ""
+    return "; ".join([f"condensed, {system.method}{took}", *system.notes])
