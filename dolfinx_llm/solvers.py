@@ -49,7 +49,7 @@ def build_system(problem):
         slaved_rows(problem),
         problem._fixed,
         problem.scale,
-        modes=near_null_space(problem),
+        modes=rigid_modes_of(problem),
         prefix=problem._prefix,
         options=problem._options,
     )
@@ -71,7 +71,7 @@ def slaved_rows(problem) -> SlavedRows:
     )
 
 
-def near_null_space(problem) -> tuple[np.ndarray, np.ndarray]:
+def rigid_modes_of(problem) -> tuple[np.ndarray, np.ndarray]:
     """Rigid modes at this rank's dofs of the bodies (n_local, k) and at all frame unknowns (m, k).
 
     About the middle of the scene and of its size, so that far coordinates cost no digits.
