@@ -195,7 +195,8 @@ class CondensedSystem:
             size = b.norm()
             if goal is None:  # a factorisation refines while that gains
                 goal = 0.0 if self.ksp.getType() == "preonly" else tolerances[0] * size
-            if not size > 2.0 * goal or not size < 0.5 * last or attempt == PASSES:
+            ended = attempt and (attempt == PASSES or self.ksp.getConvergedReason() < 0)
+            if ended or not size > 2.0 * goal or not size < 0.5 * last:
                 break
             last = size
             if attempt and goal:
@@ -234,6 +235,7 @@ class CondensedSystem:
             log.warning(self.notes[-1])
             self.ksp.destroy()
             self.ksp = self._set_up(DIRECT)
+            self.own = False
             self.ksp.solve(b, x)
 
     def _check(self, f, g, u, multiplier, v, force, centre):
