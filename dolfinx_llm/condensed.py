@@ -34,6 +34,7 @@ GAMG = {
 DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
 PATIENCE = 400  # iterations of the default options, then a factorisation takes over
 PASSES = 4  # solves for what the residual of the unreduced system still holds
+ROUNDING = 4.0 * np.finfo(float).eps  # of a residual of the scaled system, per size of its unknowns
 
 
 class CondensedSystem:
@@ -183,7 +184,7 @@ class CondensedSystem:
         full, image = self.K.createVecs()
         q, u = np.zeros(x.local_size), u_0.copy()
         tolerances = self.ksp.getTolerances()
-        self.iterations, last, goal = 0, np.inf, None
+        self.iterations, last, length = 0, np.inf, 0.0
         for attempt in range(PASSES + 1):
             full.array_w[:] = u
             self.K.mult(full, image)
@@ -193,15 +194,19 @@ class CondensedSystem:
             b.array_w[:] += push - self._penalty_forces(q)
             b.pointwiseMult(b, self.S)
             size = b.norm()
-            if goal is None:  # a factorisation refines while that gains
-                goal = 0.0 if self.ksp.getType() == "preonly" else tolerances[0] * size
+            if not attempt:
+                goal = tolerances[0] * size
+            enough = max(2.0 * goal, ROUNDING * length)
+            if self.ksp.getType() == "preonly":  # a factorisation refines while that gains
+                enough = 0.0
             ended = attempt and (attempt == PASSES or self.ksp.getConvergedReason() < 0)
-            if ended or not size > 2.0 * goal or not size < 0.5 * last:
+            if ended or not size > enough or not size < 0.5 * last:
                 break
             last = size
-            if attempt and goal:
+            if attempt and self.ksp.getType() != "preonly":
                 self.ksp.setTolerances(rtol=goal / size)
             self._solve_once(b, x)
+            length += x.norm()
             x.pointwiseMult(x, self.S)
             q += x.array_r
             self.form.T.mult(x, full)
