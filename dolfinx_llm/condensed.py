@@ -16,7 +16,7 @@ from petsc4py import PETSc
 
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.slaving import SlavedRows
-from dolfinx_llm.system import is_symmetric, mumps_infog, set_up_ksp
+from dolfinx_llm.system import is_symmetric, mumps_infog, rounding_error, set_up_ksp
 from dolfinx_llm.transformation import Transformation
 
 log = logging.getLogger("dolfinx_llm")
@@ -33,6 +33,7 @@ GAMG = {
 }
 DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
 PATIENCE = 400  # iterations of the default options, then a factorisation takes over
+WIDEST = 4096  # nodes that PETSc's GAMG allows a row to couple with; more end in an error
 PASSES = 4  # solves for what the residual of the unreduced system still holds
 ROUNDING = 4.0 * np.finfo(float).eps  # of a residual of the scaled system, per size of its unknowns
 
@@ -83,7 +84,15 @@ class CondensedSystem:
         self._scale_to_unit_diagonal(modes)
         reduced = time.perf_counter()
         self._prefix = prefix
-        self.ksp = self._set_up(options or {})
+        options = dict(options or {})
+        if rows.widest > WIDEST and options.get("pc_type", "gamg") == "gamg":
+            self.notes.append(
+                f"a frame node couples with some {rows.widest:.0f} nodes of a side that is much "
+                "finer than the frame, too many for GAMG: Cholesky by MUMPS instead"
+            )
+            log.warning(self.notes[-1])
+            options = DIRECT
+        self.ksp = self._set_up(options)
         self.times = {"reduction": reduced - began, "set-up": time.perf_counter() - reduced}
 
     def _reduce(self):
@@ -258,6 +267,7 @@ class CondensedSystem:
         sizes = np.max(self.comm.allgather(sizes), axis=0)
         worst, load = sizes[:3].max(), sizes[3]
         self.residual = worst / max(sizes[3:].max(), 1e-300)
+        self.rounding = rounding_error(self.K, u, f, multiplier)
         against_load = worst / load if load > 0.0 else self.residual
         if not (self.residual < 1e-9 and against_load < 1e-6):
             raise ContactError(

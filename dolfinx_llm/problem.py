@@ -16,7 +16,7 @@ from dolfinx_llm._parallel import ContactError, ContactInputError, check, gather
 from dolfinx_llm.interface import Interface, build_model
 from dolfinx_llm.results import STICK, InterfaceResult, SideResult
 from dolfinx_llm.rigid import Bodies, check_support
-from dolfinx_llm.solvers import SOLVERS, build_system, choose_solver, describe
+from dolfinx_llm.solvers import SOLVERS, build_system, choose_solver, describe, warn
 from dolfinx_llm.surface import check_space
 from dolfinx_llm.system import mean_diagonal
 
@@ -139,8 +139,7 @@ class ContactProblem:
         self.scale = self._stiffness_scale(bodies[1])
         with self._timed("support check"):
             self._check_support()
-        unknowns = sum(self.unknowns.values())
-        self.form, self._why = choose_solver(self.solver, unknowns, self.K, gdim)
+        self.form, self._why = choose_solver(self)
 
     def _find_prescribed(self, start: int):
         """Rows of L_b at prescribed dofs, and the redundant ones, which (31) leaves out."""
@@ -245,6 +244,7 @@ class ContactProblem:
         g = self._assemble_gap(f)
         with self._timed("solve"):
             u, multiplier, v = self._system.solve(f, g)
+        warn(self)
         n = sum(len(pairs.nodes) for pairs in self._pairs)
         self.history = [
             {"iteration": 1, "active": n, "stick": n, "slip": 0, "residual": self._system.residual}

@@ -50,6 +50,13 @@ class SlavedRows:
         node, component = (index[self.mine] for index in np.nonzero(self.slaved))
         return self.dofs[node], self.base[node, component]
 
+    @property
+    def widest(self) -> float:
+        """Nodes that the row of a frame node couples with in the condensed matrix, about: those of
+        two layers of cells next to the c surface nodes that follow it, 2 (sqrt(c) + 2)^2."""
+        c = np.bincount(self.L.indices, minlength=1).max()
+        return 2.0 * (c ** (1.0 / (self.dofs.shape[1] - 1)) + 2.0) ** (self.dofs.shape[1] - 1)
+
 
 @dataclass(frozen=True)
 class NodeElimination:

@@ -2,40 +2,48 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 import scipy.sparse
 
 from dolfinx_llm._parallel import ContactError
-from dolfinx_llm.condensed import CondensedSystem
+from dolfinx_llm.condensed import WIDEST, CondensedSystem
 from dolfinx_llm.rigid import rigid_modes
 from dolfinx_llm.slaving import SlavedRows
 from dolfinx_llm.system import SaddleSystem, is_symmetric
+
+log = logging.getLogger("dolfinx_llm")
 
 SOLVERS = ("auto", "saddle", "condensed")
 # Unknowns from which on CG + GAMG on the condensed form is faster than a factorisation of (31), as
 # measured on two blocks and on two rings.
 CROSSOVER = {2: 500_000, 3: 20_000}
+ROUNDING_WARNING = 1e-9  # relative error of the forces
 
 
-def choose_solver(asked: str, unknowns: int, K, gdim: int) -> tuple[str, str]:
-    """The form, "saddle" or "condensed", and why.
+def choose_solver(problem) -> tuple[str, str]:
+    """The form for a ContactProblem, "saddle" or "condensed", and why.
 
     Raises:
-        ContactError: the condensed form of a stiffness that is not symmetric.
+        ContactError: the condensed form was asked for, of a stiffness that is not symmetric.
     """
-    symmetric = is_symmetric(K)
-    if asked == "condensed" and not symmetric:
+    symmetric = is_symmetric(problem.K)
+    if problem.solver == "condensed" and not symmetric:
         raise ContactError(
             "solver='condensed' needs a symmetric stiffness, and the form a is not symmetric: use "
             "solver='saddle'"
         )
-    if asked != "auto":
-        return asked, "as asked"
+    if problem.solver != "auto":
+        return problem.solver, "as asked"
     if not symmetric:
         return "saddle", "chosen: the form a is not symmetric"
-    limit = CROSSOVER[gdim]
-    if unknowns < limit:
+    limit = CROSSOVER[problem.spaces[0].mesh.geometry.dim]
+    if sum(problem.unknowns.values()) < limit:
         return "saddle", f"chosen: fewer than {limit} unknowns, where factorising is quickest"
+    widest = slaved_rows(problem).widest
+    if widest > WIDEST:
+        return "saddle", f"chosen: a frame node couples with some {widest:.0f} nodes, too many"
     return "condensed", f"chosen: from {limit} unknowns on CG + GAMG is quicker"
 
 
@@ -91,8 +99,29 @@ def rigid_modes_of(problem) -> tuple[np.ndarray, np.ndarray]:
 def describe(form: str, system) -> str:
     """A line for ``print(problem)``: the form, the method and what the last solve took."""
     if form == "saddle":
-        return "saddle, (31) factorised by MUMPS"
-    if system is None:
-        return "condensed, symmetric positive definite"
-    took = f", {system.iterations} iterations" if system.iterations else ""
-    return "; ".join([f"condensed, {system.method}{took}", *system.notes])
+        words = ["saddle, (31) factorised by MUMPS"]
+    elif system is None:
+        words = ["condensed, symmetric positive definite"]
+    else:
+        took = f", {system.iterations} iterations" if system.iterations else ""
+        words = [f"condensed, {system.method}{took}", *system.notes]
+    return "; ".join(words + lost_digits(system))
+
+
+def lost_digits(system) -> list[str]:
+    """What the last solve may have lost to rounding, where that is more than usual."""
+    lost = getattr(system, "rounding", 0.0)
+    if not lost > ROUNDING_WARNING:
+        return []
+    return [
+        f"forces may be off by {lost:.0e}, by rounding alone: stiffness times displacement is that "
+        "much larger than the loads. A stiff body hangs on a soft one (hold it by a support or a "
+        "spring), or cells are slivers"
+    ]
+
+
+def warn(problem) -> None:
+    """Log what the last solve may have lost to rounding."""
+    for words in lost_digits(problem._system):
+        if problem.comm.rank == 0:
+            log.warning(words)

@@ -101,6 +101,7 @@ class SaddleSystem:
         self.ksp.solve(self.rhs, self.solution)
         self._check_solution()
         u, multiplier, *v = (self.solution.array_r[rows] for rows in self.rows)
+        self.rounding = rounding_error(self.K, u, f, self.scale * multiplier)
         return u, self.scale * multiplier, v[0] if v else np.empty(0)
 
     def _check_solution(self):
@@ -178,6 +179,24 @@ def is_symmetric(K) -> bool:
     for vector in (x, y, Kx, Ky):
         vector.destroy()
     return gap <= 1e-10 * size
+
+
+def rounding_error(K, u: np.ndarray, f: np.ndarray, multiplier: np.ndarray) -> float:
+    """Relative error of the forces that rounding alone may cause, whatever the solver.
+
+    A stiff body that hangs on a soft one moves far: the forces in it are differences of terms of
+    the size K_ii u_i, and their rounding is not small against the loads.
+    """
+    diagonal = K.getDiagonal()
+    k = diagonal.array_r.copy()
+    diagonal.destroy()
+    free = (k != 1.0) | (np.abs(u - f) > 1e-12 * np.abs(u))  # not an identity row
+    largest = [
+        np.abs(k * u)[free].max(initial=0.0),
+        max(np.abs(f)[free].max(initial=0.0), np.abs(multiplier).max(initial=0.0)),
+    ]
+    terms, forces = np.max(K.comm.tompi4py().allgather(largest), axis=0)
+    return float(np.finfo(float).eps * terms / forces) if forces > 0.0 else 0.0
 
 
 def mean_diagonal(K, rows: np.ndarray) -> float:
