@@ -81,7 +81,7 @@ def matching(comm, n):
     from petsc4py import PETSc
 
     from dolfinx_llm import compat
-    from dolfinx_llm.condensed import GAMG, ITERATIVE, near_null_space
+    from dolfinx_llm.krylov import GAMG, ITERATIVE, near_null_space
     from dolfinx_llm.rigid import rigid_modes
     from dolfinx_llm.system import set_up_ksp
 

@@ -168,7 +168,7 @@ class NodeToSegment(_ClassicalForm):
         sizes = problem.K.getSizes()[0]
         columns = self._surface_dofs[~fixed][local.col]
         local = csr_matrix((local.data, (local.row, columns)), (local.shape[0], sizes[1]))
-        Q = operators._create_aij(problem.comm, self._numbering.sizes, sizes, local)
+        Q = operators.create_aij(problem.comm, self._numbering.sizes, sizes, local)
         super().__init__(problem, Q, petsc_options)
         self._check_support()
 
@@ -322,7 +322,7 @@ class Elimination(_ClassicalForm):
         columns = n_hat // comm.size + (comm.rank < n_hat % comm.size), n_hat
         mine = (rows.mine[:, None] * rows.bs + np.arange(rows.bs)).ravel()
         local = csr_matrix(self._basis[mine])
-        basis = operators._create_aij(comm, rows.sizes, columns, local)
+        basis = operators.create_aij(comm, rows.sizes, columns, local)
         Q = problem.B.matMult(basis)
         Q.transpose()
         basis.destroy()

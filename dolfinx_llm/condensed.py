@@ -15,25 +15,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm._parallel import ContactError
+from dolfinx_llm.krylov import DIRECT, WIDEST, near_null_space, solver_of, triple_product
 from dolfinx_llm.slaving import SlavedRows
-from dolfinx_llm.system import is_symmetric, mumps_infog, rounding_error, set_up_ksp
+from dolfinx_llm.system import is_symmetric, rounding_error
 from dolfinx_llm.transformation import Transformation
 
 log = logging.getLogger("dolfinx_llm")
 
-# The unpreconditioned norm is that of the system scaled to unit diagonal.
-ITERATIVE = {"ksp_type": "cg", "ksp_norm_type": "unpreconditioned", "ksp_rtol": 1e-13}
-GAMG = {
-    "pc_type": "gamg",
-    "pc_gamg_agg_nsmooths": 1,
-    "pc_gamg_threshold": 0.01,
-    "mg_levels_ksp_type": "chebyshev",
-    "mg_levels_pc_type": "jacobi",
-    "mg_levels_ksp_max_it": 3,
-}
-DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
-PATIENCE = 400  # iterations of the default options, then a factorisation takes over
-WIDEST = 4096  # nodes that PETSc's GAMG allows a row to couple with; more end in an error
 PASSES = 4  # solves for what the residual of the unreduced system still holds
 ROUNDING = 4.0 * np.finfo(float).eps  # of a residual of the scaled system, per size of its unknowns
 
@@ -98,7 +86,7 @@ class CondensedSystem:
     def _reduce(self):
         """Tᵀ K T with the proximal term, and ones where q has a place without an unknown."""
         form = self.form
-        matrix, penalty = _product(self.K, form.T), form.penalty(self.K.comm)
+        matrix, penalty = triple_product(self.K, form.T), form.penalty(self.K.comm)
         if penalty is not None:
             matrix.axpy(1.0, penalty, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         diagonal = matrix.getDiagonal()
@@ -128,38 +116,7 @@ class CondensedSystem:
     # Solver
 
     def _set_up(self, given: dict):
-        """KSP of the options, those of PETSc's database first; says what it is in ``method``."""
-        database = PETSc.Options(self._prefix)
-
-        def chosen(key, default):
-            return database.getString(key) if database.hasName(key) else given.get(key, default)
-
-        pc, krylov = chosen("pc_type", "gamg"), chosen("ksp_type", "cg")
-        options = dict(ITERATIVE) if krylov == "cg" else {}
-        options |= GAMG if pc == "gamg" else {}
-        factor = pc in ("cholesky", "lu")
-        if factor:
-            options["pc_factor_mat_solver_type"] = "mumps"
-        self.own = krylov == "cg" and pc == "gamg" and "ksp_max_it" not in given
-        if self.own:
-            options["ksp_max_it"] = PATIENCE
-        options |= given
-        names = {"gamg": "GAMG", "cholesky": "Cholesky", "cg": "CG"}
-        parts = [names.get(krylov, krylov)] * (krylov != "preonly") + [names.get(pc, pc)]
-        self.method = " + ".join(parts)
-        for spare in (50, 400, 2000):
-            more = {"mat_mumps_icntl_14": spare} if factor else {}
-            ksp = set_up_ksp(self.matrix, self._prefix, more | options)
-            infog = mumps_infog(ksp) if factor else {}
-            if infog.get(1, 0) not in (-8, -9):
-                break
-            ksp.destroy()
-        if infog.get(1, 0) < 0:
-            raise ContactError(
-                f"MUMPS could not factorise the condensed matrix: INFOG(1) = {infog[1]}, INFOG(2) "
-                f"= {infog[2]}. -10: it is singular, a body or the frame is not held; -13: out of "
-                "memory, leave petsc_options to their defaults for CG + GAMG"
-            )
+        ksp, self.method, self.own = solver_of(self.matrix, self._prefix, given)
         return ksp
 
     def solve(
@@ -282,37 +239,3 @@ class CondensedSystem:
         for item in (self.ksp, self.matrix, self.penalty, self.form.T, self.S):
             if item is not None:
                 item.destroy()
-
-
-def _product(K, T):
-    """Tᵀ K T, quickly, and without the intermediate product that PETSc would keep."""
-    database = PETSc.Options()
-    added = {"mat_product_clear": True}
-    if K.comm.size == 1:
-        added["matptap_via"] = "rap"  # in half the time of the default; ranks have none of it
-    added = {key: value for key, value in added.items() if not database.hasName(key)}
-    for key, value in added.items():
-        database[key] = value
-    try:
-        return K.PtAP(T)
-    finally:
-        for key in added:
-            database.delValue(key)
-
-
-def near_null_space(matrix, S, modes: np.ndarray) -> None:
-    """Give a matrix scaled by S on both sides the near-null space S⁻¹ modes (n_local, k)."""
-    values = modes / S.array_r[:, None]
-    # PETSc wants them orthonormal.
-    size, vectors = np.linalg.eigh(matrix.comm.tompi4py().allreduce(values.T @ values))
-    kept = size > 1e-12 * size[-1]
-    values = values @ (vectors[:, kept] / np.sqrt(size[kept]))
-    found = []
-    for column in values.T:
-        vector = S.duplicate()
-        vector.array_w[:] = column
-        found.append(vector)
-    space = PETSc.NullSpace().create(vectors=found, comm=matrix.comm)
-    matrix.setNearNullSpace(space)
-    for item in (space, *found):
-        item.destroy()

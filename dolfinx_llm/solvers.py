@@ -8,7 +8,8 @@ import numpy as np
 import scipy.sparse
 
 from dolfinx_llm._parallel import ContactError
-from dolfinx_llm.condensed import WIDEST, CondensedSystem
+from dolfinx_llm.condensed import CondensedSystem
+from dolfinx_llm.krylov import WIDEST
 from dolfinx_llm.rigid import rigid_modes
 from dolfinx_llm.slaving import SlavedRows
 from dolfinx_llm.system import SaddleSystem, is_symmetric
