@@ -69,8 +69,8 @@ class CondensedSystem:
         began = time.perf_counter()
         self.form = Transformation(K, rows, fixed, proximal)
         self.matrix, self.penalty = self._reduce()
-        self._scale_to_unit_diagonal(modes)
         reduced = time.perf_counter()
+        self._scale_to_unit_diagonal(modes)
         self._prefix = prefix
         options = dict(options or {})
         if rows.widest > WIDEST and options.get("pc_type", "gamg") == "gamg":
@@ -78,7 +78,7 @@ class CondensedSystem:
                 f"a frame node couples with some {rows.widest:.0f} nodes of a side that is much "
                 "finer than the frame, too many for GAMG: Cholesky by MUMPS instead"
             )
-            log.warning(self.notes[-1])
+            self._warn()
             options = DIRECT
         self.ksp = self._set_up(options)
         self.times = {"reduction": reduced - began, "set-up": time.perf_counter() - reduced}
@@ -114,6 +114,10 @@ class CondensedSystem:
             near_null_space(self.matrix, diagonal, self.form.modes(*modes))
 
     # Solver
+
+    def _warn(self):
+        if self.comm.rank == 0:
+            log.warning(self.notes[-1])
 
     def _set_up(self, given: dict):
         ksp, self.method, self.own = solver_of(self.matrix, self._prefix, given)
@@ -203,7 +207,7 @@ class CondensedSystem:
                 f"CG + GAMG ended without an answer after {self.ksp.getIterationNumber()} "
                 f"iterations (PETSc's reason {reason}): Cholesky by MUMPS instead"
             )
-            log.warning(self.notes[-1])
+            self._warn()
             self.ksp.destroy()
             self.ksp = self._set_up(DIRECT)
             self.own = False
