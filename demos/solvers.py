@@ -168,10 +168,15 @@ def main(arguments=None):
     print(f"{'':<22}{'unknowns':>10}" + "".join(f"{c:>12}" for c in columns) + f"{'residual':>12}")
     rows = []
     for size, n in SIZES.items():
-        for method in METHODS:
-            if size > min(args.largest, LARGEST.get(method, size)):
-                continue
-            runs = [run(method, n, args.ranks) for _ in range(args.repeat)]
+        if size > args.largest:
+            break
+        methods = [m for m in METHODS if size <= LARGEST.get(m, size)]
+        found = {method: [] for method in methods}
+        for k in range(args.repeat):  # one after the other, so that all see the same machine
+            for method in methods:
+                if k == 0 or method not in LARGEST or size < 100_000:
+                    found[method].append(run(method, n, args.ranks))
+        for method, runs in found.items():
             row = {k: statistics.median(r[k] for r in runs) for k in runs[0]}
             rows.append({"method": method, "n": n, **row})
             figures = "".join(f"{row[c]:12.4g}" for c in columns)
