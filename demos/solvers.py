@@ -85,10 +85,11 @@ def matching(comm, n):
     from dolfinx_llm.rigid import rigid_modes
     from dolfinx_llm.system import set_up_ksp
 
-    nodes = ((n + 1) ** 3 + (round(1.2 * n) + 1) ** 3) / 2
-    m = round(nodes ** (1 / 3) - 0.7)
+    nodes = (n + 1) ** 3 + (round(1.2 * n) + 1) ** 3
+    m = round((nodes / 2) ** (1 / 3)) - 1
     corners = [np.zeros(3), np.array([1.0, 1.0, 2.0])]
-    domain = mesh.create_box(comm, corners, [m, m, 2 * m], mesh.CellType.hexahedron)
+    cells = [m, m, round(nodes / (m + 1) ** 2) - 1]
+    domain = mesh.create_box(comm, corners, cells, mesh.CellType.hexahedron)
     V = compat.function_space(domain, shape=(3,))
     bcs = clamped(V)
     a, L = (fem.form(form) for form in forms(V))
