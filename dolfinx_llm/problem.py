@@ -14,20 +14,16 @@ from petsc4py import PETSc
 
 from dolfinx_llm import compat, operators
 from dolfinx_llm._parallel import ContactError, ContactInputError, check, gather_rows
-from dolfinx_llm.flexibility import Flexibility
 from dolfinx_llm.interface import Interface, build_model, describe
 from dolfinx_llm.iteration import ContactIteration
 from dolfinx_llm.results import InterfaceResult, collect_results
 from dolfinx_llm.rigid import Bodies, check_loops, check_support
-from dolfinx_llm.solvers import SOLVERS, build_system, choose_solver, warn
+from dolfinx_llm.solvers import SOLVERS, build_steps, build_system, choose_solver, warn
 from dolfinx_llm.solvers import describe as describe_solver
-from dolfinx_llm.sparse_steps import SparseSteps
 from dolfinx_llm.surface import check_space
 from dolfinx_llm.system import mean_diagonal
 
 log = logging.getLogger("dolfinx_llm")
-
-FLEXIBLE = 1500  # multipliers up to which contact laws iterate on the surfaces' flexibility
 
 
 class ContactProblem:
@@ -276,13 +272,8 @@ class ContactProblem:
     def _start_iteration(self):
         """Set up what solves the linear steps of contact laws."""
         rows, at_rest = self._rows.numbering, np.zeros(len(self._fixed))
-        common = self.bodies, self._fixed, self.scale, self._prefix, self._options
         with self._timed("factorisation"):
-            if rows.sizes[1] <= FLEXIBLE:
-                backend = Flexibility(self.K, self.B, rows, *common, soft=self._soft)
-            else:
-                frames = operators.slip_numbering(self.models, self._frame_unknowns)
-                backend = SparseSteps(self.K, self.B, rows, frames, *common, soft=self._soft)
+            backend = build_steps(self)
         rest = self._gather(rows, self._assemble_gap(at_rest, moved=False))
         self._iteration = ContactIteration(
             self.models, self._redundant, self.scale, backend, at_rest, rest

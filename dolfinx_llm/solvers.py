@@ -9,9 +9,13 @@ import scipy.sparse
 
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.condensed import CondensedSystem
+from dolfinx_llm.condensed_steps import CondensedSteps
+from dolfinx_llm.flexibility import Flexibility
 from dolfinx_llm.krylov import WIDEST
+from dolfinx_llm.operators import slip_numbering
 from dolfinx_llm.rigid import rigid_modes
 from dolfinx_llm.slaving import SlavedRows
+from dolfinx_llm.sparse_steps import SparseSteps
 from dolfinx_llm.system import SaddleSystem, is_symmetric
 
 log = logging.getLogger("dolfinx_llm")
@@ -20,6 +24,7 @@ SOLVERS = ("auto", "saddle", "condensed")
 # Unknowns from which on CG + GAMG on the condensed form is faster than a factorisation of (31), as
 # measured on two blocks and on two rings.
 CROSSOVER = {2: 500_000, 3: 20_000}
+FLEXIBLE = 1500  # multipliers up to which contact laws iterate on the surfaces' flexibility
 ROUNDING_WARNING = 1e-9  # relative error of the forces
 
 
@@ -35,6 +40,8 @@ def choose_solver(problem) -> tuple[str, str]:
             "solver='condensed' needs a symmetric stiffness, and the form a is not symmetric: use "
             "solver='saddle'"
         )
+    if any(model.interface.law.unilateral for model in problem.models):
+        return _choose_steps(problem, symmetric)
     if problem.solver != "auto":
         return problem.solver, "as asked"
     if not symmetric:
@@ -45,6 +52,23 @@ def choose_solver(problem) -> tuple[str, str]:
     widest = slaved_rows(problem).widest
     if widest > WIDEST:
         return "saddle", f"chosen: a frame node couples with some {widest:.0f} nodes, too many"
+    return "condensed", f"chosen: from {limit} unknowns on CG + GAMG is quicker"
+
+
+def _choose_steps(problem, symmetric: bool) -> tuple[str, str]:
+    """The same for laws that let bodies part or slip, which take several steps."""
+    rows, unknowns = problem.unknowns["lambda"], sum(problem.unknowns.values())
+    if problem.solver == "condensed":
+        return "condensed", "as asked"
+    if rows <= FLEXIBLE and symmetric:
+        asked = "as asked, " if problem.solver == "saddle" else ""
+        return "flexibility", f"{asked}with up to {FLEXIBLE} multipliers the bodies are asked once"
+    if problem.solver == "saddle":
+        return "saddle", "as asked"
+    friction = any(model.interface.law.friction for model in problem.models)
+    limit = CROSSOVER[problem.spaces[0].mesh.geometry.dim]
+    if not symmetric or friction or unknowns < limit or slaved_rows(problem).widest > WIDEST:
+        return "saddle", f"chosen: {rows} multipliers, factorised in each step"
     return "condensed", f"chosen: from {limit} unknowns on CG + GAMG is quicker"
 
 
@@ -66,19 +90,38 @@ def build_system(problem):
     )
 
 
+def build_steps(problem):
+    """What solves the linear steps of laws that let bodies part or slip."""
+    K, rows, options = problem.K, problem._rows, (problem._prefix, problem._options)
+    common = problem.bodies, problem._fixed, problem.scale, *options
+    if problem.form == "flexibility":
+        return Flexibility(K, problem.B, rows.numbering, *common, soft=problem._soft)
+    frames = slip_numbering(problem.models, problem._frame_unknowns)
+    if problem.form == "saddle":
+        return SparseSteps(K, problem.B, rows.numbering, frames, *common, soft=problem._soft)
+    friction = any(model.interface.law.friction for model in problem.models)
+    modes = None if friction else rigid_modes_of(problem)
+    return CondensedSteps(K, rows, frames, 1 if friction else block_size(problem), modes, *common)
+
+
+def block_size(problem) -> int:
+    """Frame unknowns per node where all frames have as many, else 1."""
+    sizes = {model.directions.shape[1] for model in problem.models if model.frame is not None}
+    return sizes.pop() if len(sizes) == 1 else 1
+
+
 def slaved_rows(problem) -> SlavedRows:
     """All multiplier rows, tied to the frames."""
     kept = scipy.sparse.diags((~problem._redundant).astype(float))
     L = (kept @ scipy.sparse.block_diag(problem._L_csr, format="csr")).tocsr()
     L.eliminate_zeros()
-    block = {model.directions.shape[1] for model in problem.models if model.frame is not None}
     return SlavedRows(
         problem._rows.dofs,
         problem._rows.base,
         L,
         problem._rows.numbering,
         problem._frame_unknowns,
-        block.pop() if len(block) == 1 else 1,
+        block_size(problem),
     )
 
 
@@ -103,7 +146,9 @@ def rigid_modes_of(problem) -> tuple[np.ndarray, np.ndarray]:
 
 def describe(form: str, system) -> str:
     """A line for ``print(problem)``: the form, the method and what the last solve took."""
-    if form == "saddle":
+    if form == "flexibility":
+        words = ["saddle, on the flexibility of the surfaces, K factorised once by MUMPS"]
+    elif form == "saddle":
         words = ["saddle, (31) factorised by MUMPS"]
     elif system is None:
         words = ["condensed, symmetric positive definite"]
