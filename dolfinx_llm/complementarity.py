@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-BLOCKS = 10  # exchanges of whole blocks without progress before single ones
+BLOCKS = 10  # exchanges of whole blocks without progress
 
 
 def complementarity(M: np.ndarray, q: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Which λ are positive, by block principal pivoting.
+    """Which λ are positive.
 
-    All wrong signs are exchanged at once. Where their number does not fall for a while and M is
-    symmetric (no friction), descent takes over, which ends. Otherwise only the last wrong sign is
-    exchanged (Murty), which ends for every matrix with positive principal minors, if late. Júdice
-    and Pires, Computers & Operations Research 21 (1994) 587-596.
+    All wrong signs are exchanged at once (Júdice and Pires, Computers & Operations Research 21
+    (1994) 587-596). Where that turns in circles and M is symmetric (no friction), descent takes
+    over from the best choice; without symmetry Lemke's method (Management Science 11 (1965)
+    681-689), which starts from nothing and ends for every matrix with positive principal minors.
 
     Args:
         M: (n, n) matrix with positive principal minors, as that of a convex problem.
@@ -21,64 +21,69 @@ def complementarity(M: np.ndarray, q: np.ndarray, start: np.ndarray) -> np.ndarr
         start: (n,) a guess of the result.
 
     Returns:
-        (n,) whether λ is in the basis; with friction M may lack the property, and the basis with
-        the fewest wrong signs is given where none has been found without.
+        (n,) whether λ is positive. With friction M may lack the property; where both methods fail,
+        the result with the fewest wrong signs.
 
     Raises:
         numpy.linalg.LinAlgError: M is singular on a set of λ.
     """
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(M)), 1e-300))
     M, q = M * scale[:, None] * scale, q * scale
-    basis, best_basis, best, left = start.copy(), start, len(q) + 1, BLOCKS
-    tolerance = 1e-13 * np.abs(q).max(initial=0.0)
-    for _ in range(50 + 3 * len(q)):
-        value = np.zeros(len(q))
-        on = np.flatnonzero(basis)
-        x = np.linalg.solve(M[np.ix_(on, on)], -q[on])
-        value[on] = x
-        off = ~basis
-        value[off] = M[np.ix_(off, basis)] @ x + q[off]
-        wrong = np.flatnonzero(value < -tolerance)
+    positive, best, fewest, left = start.copy(), start, len(q) + 1, BLOCKS
+    while left:
+        wrong = _wrong(M, q, positive)
         if not len(wrong):
-            return basis
-        if len(wrong) < best:
-            best, left, best_basis = len(wrong), BLOCKS, basis.copy()
-        elif left:
-            left -= 1
-        elif np.abs(M - M.T).max() <= 1e-12 * np.abs(M).max():
-            return _descent(M, q, best_basis, tolerance)
-        else:
-            wrong = wrong[-1:]
-        basis[wrong] ^= True
-    return best_basis
+            return positive
+        left -= 1
+        if len(wrong) < fewest:
+            best, fewest, left = positive.copy(), len(wrong), BLOCKS
+        positive[wrong] ^= True
+    symmetric = np.abs(M - M.T).max() <= 1e-12 * np.abs(M).max()
+    found = _descent(M, q, best) if symmetric else _lemke(M, q)
+    if found is not None and len(_wrong(M, q, found)) < fewest:
+        return found
+    return best
 
 
-def _descent(M: np.ndarray, q: np.ndarray, basis: np.ndarray, tolerance: float) -> np.ndarray:
+def _wrong(M: np.ndarray, q: np.ndarray, positive: np.ndarray) -> np.ndarray:
+    """Where λ or s is negative beyond rounding, for a choice of the positive λ."""
+    x = np.linalg.solve(M[np.ix_(positive, positive)], -q[positive])
+    rows = M[np.ix_(~positive, positive)]
+    value, noise = np.empty(len(q)), np.empty(len(q))
+    value[positive], value[~positive] = x, rows @ x + q[~positive]
+    noise[positive] = np.abs(x).max(initial=0.0)
+    noise[~positive] = np.abs(rows) @ np.abs(x) + np.abs(q[~positive])
+    return np.flatnonzero(value < -1e-13 * noise)
+
+
+def _descent(M: np.ndarray, q: np.ndarray, positive: np.ndarray) -> np.ndarray:
     """Least λᵀMλ / 2 + qᵀλ over λ >= 0, M positive definite: the set where λ > 0.
 
     The active set method of Lawson and Hanson: λ stays feasible and the energy falls, so that no
     set comes back. Rows that pull join several at a time as long as that moves λ.
     """
-    x, basis = np.zeros(len(q)), basis.copy()
-    on = np.flatnonzero(basis)
+    x, on = np.zeros(len(q)), np.flatnonzero(positive)
     x[on] = np.maximum(np.linalg.solve(M[np.ix_(on, on)], -q[on]), 0.0)
-    basis = x > 0.0
+    positive = x > 0.0
     for _ in range(50 + 3 * len(q)):
         before = x
-        x, basis = _descend(M, q, x, basis)
-        slope = np.where(basis, 0.0, M @ x + q)
-        if not slope.min() < -tolerance:
+        x, positive = _descend(M, q, x, positive)
+        wrong = _wrong(M, q, positive)
+        if not len(wrong):
             break
+        slope = M[wrong] @ x + q[wrong]
         moved = np.abs(x - before).max() > 1e-14 * np.abs(x).max()
-        basis = basis | (slope <= (0.1 if moved else 1.0) * slope.min())
-    return basis
+        positive = positive.copy()
+        positive[wrong[slope <= (0.1 if moved else 1.0) * slope.min()]] = True
+    return positive
 
 
-def _descend(M, q, x, basis):
-    """From x to the least energy over its basis, or as many faces of x >= 0 as are in the way."""
-    x, basis = x.copy(), basis.copy()
-    while basis.any():
-        on = np.flatnonzero(basis)
+def _descend(M, q, x, positive):
+    """From x to the least energy over the positive λ, or as far as they stay positive: those that
+    do not are left out."""
+    x, positive = x.copy(), positive.copy()
+    while positive.any():
+        on = np.flatnonzero(positive)
         target = np.linalg.solve(M[np.ix_(on, on)], -q[on])
         down = target <= 0.0
         if not down.any():
@@ -86,8 +91,37 @@ def _descend(M, q, x, basis):
             break
         ratio = np.full(len(on), np.inf)
         ratio[down] = x[on[down]] / (x[on[down]] - target[down])
-        step = ratio.min()
-        leaves = ratio <= step * (1.0 + 1e-12)
-        x[on] = np.where(leaves, 0.0, x[on] + step * (target - x[on]))
-        basis[on[leaves]] = False
-    return x, basis
+        leaves = ratio <= ratio.min() * (1.0 + 1e-12)
+        x[on] = np.where(leaves, 0.0, x[on] + ratio.min() * (target - x[on]))
+        positive[on[leaves]] = False
+    return x, positive
+
+
+def _lemke(M: np.ndarray, q: np.ndarray) -> np.ndarray | None:
+    """Lemke's complementary pivoting; None where it ends on a ray."""
+    n = len(q)
+    if (q >= 0.0).all():
+        return np.zeros(n, dtype=bool)
+    # Columns: s (0 .. n-1), λ (n .. 2n-1), the artificial variable (2n), right-hand side.
+    T = np.hstack([np.eye(n), -M, -np.ones((n, 1)), q[:, None]])
+    basis = np.arange(n)
+    row, entering = int(q.argmin()), 2 * n
+    for _ in range(50 * (n + 1)):
+        T[row] /= T[row, entering]
+        others = np.arange(n) != row
+        T[others] -= np.outer(T[others, entering], T[row])
+        leaving, basis[row] = basis[row], entering
+        if leaving == 2 * n:
+            positive = np.zeros(n, dtype=bool)
+            positive[basis[basis >= n] - n] = True
+            return positive
+        entering = (leaving + n) % (2 * n)
+        column = T[:, entering]
+        rising = column > 1e-12 * np.abs(column).max()
+        if not rising.any():
+            return None
+        ratio = np.where(rising, T[:, -1] / np.where(rising, column, 1.0), np.inf)
+        ties = np.flatnonzero(ratio <= ratio.min() + 1e-14 * abs(ratio.min()))
+        artificial = ties[basis[ties] == 2 * n]
+        row = int(artificial[0] if len(artificial) else ties[0])
+    return None

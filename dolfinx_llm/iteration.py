@@ -26,6 +26,7 @@ log = logging.getLogger("dolfinx_llm")
 
 EPSILON = (1e-4, 1e-6, 1e-8)  # ε about the mid-surface; about the values settled on before
 EQUILIBRIUM = 1e-13  # residual of L_bᵀ λ and of the friction law, over the largest multiplier
+UNBALANCED = 1e-8  # residual of K u + B λ = f, over the forces' size
 MAXIMUM = 60  # iterations
 STEADY = 1e-3  # relative change of a frame's motion below which it drifts
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
@@ -99,10 +100,17 @@ class ContactIteration:
                 part /= 2.0
                 log.info("no convergence: the load is applied in parts of %.3g", part)
                 continue
+            u = self.backend.displacement(multiplier, self.alpha)
+            if not self.backend.residual <= UNBALANCED:
+                self._restore(first)
+                raise ContactError(
+                    f"contact and supports do not balance the load: {self.backend.residual:.1e} of "
+                    "the forces' size is left. A body that only contact holds is pulled off, or "
+                    "slides away. Add supports, or springs, or prescribe its motion"
+                )
             self._accept(y, w, g_t)
             done = reached
         self.f, self.g = end
-        u = self.backend.displacement(multiplier, self.alpha)
         return u, multiplier, w[: self.n_v], [s.pair_status() for s in self.states]
 
     def _snapshot(self):

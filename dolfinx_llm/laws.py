@@ -40,7 +40,7 @@ class Coulomb:
     """The bodies may part, stick, and slip under friction, (11)-(17).
 
     Args:
-        mu: coefficient of friction, at least 0.
+        mu: coefficient of friction, at least 0; 0 leaves out all that friction needs.
         method: "newton": semismooth Newton on the projection form; "switch": the paper's own
             switch between stick and slip with the direction of the last iterate (16), (17), which
             settles gross sliding, and does not settle first slip where directions turn.
@@ -51,7 +51,11 @@ class Coulomb:
 
     mu: float
     method: str = "newton"
-    unilateral, friction = True, True
+    unilateral = True
+
+    @property
+    def friction(self) -> bool:
+        return self.mu > 0.0
 
     def __post_init__(self):
         try:

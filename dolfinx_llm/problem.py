@@ -143,14 +143,15 @@ class ContactProblem:
         """Rows of L_b at prescribed dofs, and the redundant ones of ties, which (31) leaves out."""
         mine = self._rows.numbering.mine
         fixed = self._fixed[self._rows.dofs[mine] - start]
-        prescribed = (fixed | (self._rows.base[mine] == 0.0)).all(axis=1)
-        self._prescribed_rows = self._gather(self._rows.numbering, prescribed)
-        self._redundant = np.zeros(len(self._prescribed_rows), dtype=bool)
+        free = np.where(fixed, 0.0, self._rows.base[mine])
+        free = np.linalg.norm(self._gather(self._rows.numbering, free), axis=1)
+        self._soft, prescribed = free < 1e-3, free == 0.0
+        self._redundant = np.zeros(len(prescribed), dtype=bool)
         self._prescribed, first = [], 0
         for model, L in zip(self.models, self._L_csr, strict=True):
             place = slice(first, first + L.shape[0])
             if not model.interface.law.unilateral:
-                rows, basis, redundant = operators.prescribed_rows(L, self._prescribed_rows[place])
+                rows, basis, redundant = operators.prescribed_rows(L, prescribed[place])
                 self._prescribed.append((first + rows, basis))
                 self._redundant[first + redundant] = True
             first = place.stop
@@ -257,12 +258,10 @@ class ContactProblem:
         common = self.bodies, self._fixed, self.scale, self._prefix, self._options
         with self._timed("factorisation"):
             if rows.sizes[1] <= FLEXIBLE:
-                backend = Flexibility(self.K, self.B, rows, *common, soft=self._prescribed_rows)
+                backend = Flexibility(self.K, self.B, rows, *common, soft=self._soft)
             else:
                 frames = operators.slip_numbering(self.models, self._frame_unknowns)
-                backend = SparseSteps(
-                    self.K, self.B, rows, frames, *common, soft=self._prescribed_rows
-                )
+                backend = SparseSteps(self.K, self.B, rows, frames, *common, soft=self._soft)
         rest = self._gather(rows, self._assemble_gap(at_rest, moved=False))
         self._iteration = ContactIteration(
             self.models, self._redundant, self.scale, backend, at_rest, rest

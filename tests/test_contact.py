@@ -1,0 +1,341 @@
+"""Opening and friction: patch tests, limits of friction, obstacles, random scenes."""
+
+import json
+
+import contact_scenes as scenes
+import numpy as np
+import paper_data as paper
+import patch2d
+import patch3d
+import pytest
+import ufl
+from conftest import run_mpi_json
+from contact_scenes import Pressed, random_pressed, rectangle, violations
+from dolfinx import fem
+from mpi4py import MPI
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat
+
+COMM = MPI.COMM_SELF
+LAWS = [llm.Frictionless(), llm.Coulomb(0.0), llm.Coulomb(0.3), llm.Coulomb(1e8)]
+
+
+def hold_exactly(V, points, exact):
+    """Tangential supports that carry nothing: exact displacements, all but rotation at one point,
+    the component across at the other."""
+    gdim = V.mesh.geometry.dim
+    bcs = []
+    for point, components in zip(points, ([0], [1])) if gdim == 2 else zip(points, ([0, 1], [1])):
+        for k in components if gdim == 3 else [0]:
+            Vk, _ = V.sub(k).collapse()
+            value = fem.Function(Vk)
+            value.interpolate(lambda p, k=k: exact(p)[k])
+            near = lambda p, x=point: np.isclose(p.T[:, :gdim], x).all(axis=1)  # noqa: E731
+            dofs = fem.locate_dofs_geometrical((V.sub(k), Vk), near)
+            assert len(dofs[0]) == 1
+            bcs.append(fem.dirichletbc(value, dofs, V.sub(k)))
+        if gdim == 2:
+            break
+    return bcs
+
+
+@pytest.mark.parametrize("law", LAWS, ids=str)
+@pytest.mark.parametrize("refine", [1, 2])
+def test_patch_2d(law, refine):
+    scene = patch2d.bodies(COMM, refine=refine, separate=True)
+    spaces = [compat.function_space(d, shape=(2,)) for d, _ in scene]
+    (low, high), (low_tags, high_tags) = spaces, [t for _, t in scene]
+    bottom, corner = (lambda p, n=n: np.isclose(p[n:2], 0.0).all(axis=0) for n in (1, 0))
+    bcs = []
+    for k, where in ((1, bottom), (0, corner)):
+        Vk, _ = low.sub(k).collapse()
+        dofs = fem.locate_dofs_geometrical((low.sub(k), Vk), where)
+        bcs.append(fem.dirichletbc(fem.Function(Vk), dofs, low.sub(k)))
+    if not law.friction or law.mu == 0.0:
+        x = high.tabulate_dof_coordinates()[:, :2]
+        point = x[np.isclose(x[:, 1], 2.0)][0]
+        bcs += hold_exactly(high, [point], lambda p: patch2d.exact(p[:2].T).T)
+    cover = (high, high_tags, patch2d.PUNCH_BOTTOM)
+    q = patch2d.PRESSURE
+    forms = [(ufl.TrialFunction(V), ufl.TestFunction(V)) for V in spaces]
+    sides = ((low_tags, patch2d.FOUNDATION_TOP), (high_tags, patch2d.PUNCH_BOTTOM))
+    problem = llm.ContactProblem(
+        [ufl.inner(patch2d.stress(u), ufl.grad(w)) * ufl.dx for u, w in forms],
+        [
+            ufl.inner(fem.Constant(V.mesh, np.zeros(2)), w) * ufl.dx
+            for V, (_, w) in zip(spaces, forms, strict=True)
+        ],
+        bcs=bcs,
+        interfaces=[llm.Interface(None, sides, law=law)],
+        nodal_loads=[
+            llm.free_surface_load(high, high_tags, patch2d.PUNCH_TOP, q),
+            llm.free_surface_load(low, low_tags, patch2d.FOUNDATION_TOP, q, covered_by=cover),
+        ],
+    )
+    u, result = problem.solve(), problem.results[0]
+    found = patch2d.errors(u, *zip(*((s.normal_force, s.area) for s in result.sides), strict=True))
+    assert max(found.values()) < 1e-11
+    assert all((s.status > 0).all() for s in result.sides)
+    assert len(problem.history) <= 5
+    assert result.resultant == pytest.approx([0.0, 2.0 * q], abs=1e-10 * q)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=str)
+def test_patch_3d(law):
+    domain, tags = paper.scene(COMM, 1)
+    V = compat.function_space(domain, shape=(3,))
+    strain = np.array([paper.NU, paper.NU, -1.0]) * paper.PRESSURE / paper.E
+    bcs = patch3d.supports(V)
+    if not law.friction or law.mu == 0.0:
+        x = V.tabulate_dof_coordinates()
+        top = x[np.isclose(x[:, 2], 2.0)]
+        points = top[[top[:, 0].argmin(), top[:, 0].argmax()]]
+        bcs += hold_exactly(V, points, lambda p: strain[:, None] * p)
+    u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
+    problem = llm.ContactProblem(
+        ufl.inner(patch3d.stress(u), ufl.grad(w)) * ufl.dx,
+        ufl.inner(fem.Constant(domain, np.zeros(3)), w) * ufl.dx,
+        bcs=bcs,
+        interfaces=[llm.Interface(tags, (paper.FOUNDATION_TOP, paper.PUNCH_BOTTOM), law=law)],
+        nodal_loads=patch3d.loads(V, tags),
+    )
+    u = problem.solve()
+    assert patch3d.stress_error(u) < 1e-11
+    for side in problem.results[0].sides:
+        exact = paper.PRESSURE * side.area
+        assert np.abs(side.normal_force - exact).max() < 1e-11 * exact.max()
+        assert np.abs(side.tangential_force).max() < 1e-11 * exact.max()
+
+
+def blocks(comm=COMM, n=(7, 5), half=0.6, gap=0.0, seed=5):
+    """Two rectangles on each other, meshes without common nodes."""
+    rng = np.random.default_rng(seed)
+    low = rectangle(comm, (n[0], 4), (-1.0, 0.0), (1.0, 1.0), "quadrilateral", 0.2, rng)
+    high = rectangle(comm, (n[1], 4), (-half, 1.0 + gap), (half, 2.0 + gap), "triangle", 0.2, rng)
+    return [low, high]
+
+
+def pressed(law, top=2.0, **kwargs):
+    options = {k: kwargs.pop(k) for k in ("swap", "design") if k in kwargs}
+    where = lambda p: p[1] > top - 1e-9  # noqa: E731
+    return Pressed(blocks(**kwargs), law, where, lambda p: p[1] < 1e-9, **options)
+
+
+def down(amount, drag=0.0, turn=0.0):
+    return lambda p: np.array([drag + 0.0 * p[0], turn * p[0] - amount, 0.0 * p[0]])
+
+
+def nodal(u):
+    return np.concatenate([f.x.array for f in u])
+
+
+def test_no_friction_and_endless_friction():
+    """μ = 0 is frictionless; μ → ∞ is tied, where nothing opens."""
+    motion = down(0.02, drag=0.01)
+    smooth, zero, rough, tied = (
+        pressed(law) for law in (llm.Frictionless(), llm.Coulomb(0.0), llm.Coulomb(1e9), llm.Tied())
+    )
+    u = [nodal(s.move(motion)) for s in (smooth, zero)]
+    assert np.abs(u[0] - u[1]).max() < 1e-12 * np.abs(u[0]).max()
+    small = down(0.02, drag=0.0005)  # so little that nothing opens
+    u = [nodal(s.move(small)) for s in (rough, tied)]
+    assert all((side.status == 1).all() for side in rough.problem.results[0].sides)
+    assert np.abs(u[0] - u[1]).max() < 1e-12 * np.abs(u[0]).max()
+
+
+def test_lift_off_and_closing_again():
+    """Pressed, lifted, pressed again: the state depends on the load alone, and open is free."""
+    scene = pressed(llm.Frictionless(), gap=0.01, top=2.01)
+    first = nodal(scene.move(down(0.03, turn=0.01)))
+    iterations = len(scene.problem.history)
+    scene.move(down(-0.05))
+    result = scene.problem.results[0]
+    for side in result.sides:
+        assert (side.status == 0).all() and not side.force.any()
+    gap = sum(
+        p.N.T @ (s.gap * p.forces) for p, s in zip(scene.problem.models[0].pairs, result.sides)
+    )
+    assert gap.sum() / scene.problem.models[0].area == pytest.approx(0.06, rel=1e-10)
+    again = nodal(scene.move(down(0.03, turn=0.01)))
+    assert np.abs(again - first).max() < 1e-12 * np.abs(first).max()
+    assert iterations <= 12 and len(scene.problem.history) <= 12
+
+
+def test_gross_slip_has_the_friction_of_coulomb():
+    mu = 0.3
+    scene = pressed(llm.Coulomb(mu))
+    scene.move(down(0.03))
+    scene.move(down(0.03, drag=0.05), increments=2)
+    result = scene.problem.results[0]
+    x, y = result.resultant
+    assert abs(x) == pytest.approx(mu * y, rel=1e-10)
+    assert np.sign(x) == -1.0 or np.sign(x) == 1.0
+    assert result.frame_friction[:, 0].sum() == pytest.approx(x, rel=1e-12)
+    # The upper body (side 1) is dragged to the right: the frame, held by side 0, to the left.
+    assert x < 0.0
+    assert max(violations(scene.problem).values()) < 1e-10
+
+
+def test_switch_settles_gross_slip():
+    answers = []
+    for method in ("newton", "switch"):
+        scene = pressed(llm.Coulomb(0.3, method=method))
+        scene.move(down(0.03))
+        answers.append(nodal(scene.move(down(0.03, drag=0.05))))
+    assert np.abs(answers[0] - answers[1]).max() < 1e-9 * np.abs(answers[0]).max()
+
+
+def test_sides_swapped():
+    motion = down(0.02, drag=0.01, turn=0.02)
+    for law in (llm.Frictionless(), llm.Coulomb(0.4)):
+        u = [nodal(pressed(law, swap=swap).move(motion)) for swap in (False, True)]
+        assert np.abs(u[0] - u[1]).max() < 1e-11 * np.abs(u[0]).max()
+
+
+def against(obstacle, law, comm=COMM, where=scenes.BELOW, **kwargs):
+    """The upper block alone, pressed on an obstacle below it."""
+    block = blocks(comm=comm)[1]
+    V = compat.function_space(block[0], shape=(2,))
+    motion = fem.Function(V)
+    dofs = fem.locate_dofs_geometrical(V, lambda p: p[1] > 2.0 - 1e-9)
+    u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
+    problem = llm.ContactProblem(
+        ufl.inner(scenes.stress(u), ufl.grad(w)) * ufl.dx,
+        ufl.inner(fem.Constant(V.mesh, np.zeros(2)), w) * ufl.dx,
+        bcs=[fem.dirichletbc(motion, dofs)],
+        interfaces=[llm.Interface(block[1], (where, obstacle), law=law)],
+        **kwargs,
+    )
+    return problem, motion
+
+
+def test_obstacle_moved_or_body_moved():
+    """Pushing the plane up by d is the same as pushing the body down by d; no frame unknowns."""
+    plane = llm.RigidPlane((0.0, 1.0), (0.0, 2.0))
+    for law in (llm.Frictionless(), llm.Coulomb(0.2)):
+        problem, motion = against(plane, law)
+        assert problem.unknowns["v"] == 0
+        assert problem.results == []
+        motion.interpolate(lambda p: np.array([0.01 + 0.0 * p[0], -0.02 + 0.0 * p[0]]))
+        u = problem.solve().x.array - motion.x.array.mean() * 0.0
+        force = problem.results[0].sides[0].force
+        problem.reset()
+        motion.x.array[:] = 0.0
+        plane.displacement = (-0.01, 0.02)
+        v = problem.solve().x.array
+        plane.displacement = None
+        shift = np.tile([0.01, -0.02], len(u) // 2)
+        assert np.abs(u - shift - v).max() < 1e-13
+        assert np.abs(force - problem.results[0].sides[0].force).max() < 1e-11 * np.abs(force).max()
+        assert max(violations(problem)[k] for k in ("pull", "overlap", "product")) < 1e-10
+
+
+def test_rigid_surface_is_the_plane():
+    frame = llm.Frame(np.array([[-2.0, 1.0], [0.0, 1.0], [2.0, 1.0]]), [[0, 1], [1, 2]])
+    answers = []
+    for obstacle in (llm.RigidPlane((5.0, 1.0), (0.0, 1.0)), llm.RigidSurface(frame)):
+        problem, motion = against(obstacle, llm.Coulomb(0.2))
+        motion.interpolate(lambda p: np.array([0.01 + 0.0 * p[0], 0.01 * p[0] - 0.02]))
+        answers.append(problem.solve().x.array.copy())
+    assert np.abs(answers[0] - answers[1]).max() < 1e-14
+
+
+def test_rigid_sphere_has_its_clearance():
+    """Distances and normals by hand, outside and inside."""
+    x = np.array([[0.0, 3.0], [4.0, 0.0]])
+    distance, normal = llm.RigidSphere((0.0, 0.0), 1.0).clearance(x)
+    assert distance == pytest.approx([2.0, 3.0])
+    assert normal == pytest.approx(np.array([[0.0, -1.0], [-1.0, 0.0]]))
+    distance, normal = llm.RigidSphere((0.0, 0.0), 5.0, inside=True).clearance(x)
+    assert distance == pytest.approx([2.0, 1.0])
+    assert normal == pytest.approx(np.array([[0.0, 1.0], [1.0, 0.0]]))
+    cylinder = llm.RigidCylinder((0.0, 0.0, 7.0), (0.0, 0.0, 3.0), 2.0)
+    distance, normal = cylinder.clearance(np.array([[0.0, 5.0, -1.0]]))
+    assert distance == pytest.approx([3.0])
+    assert normal == pytest.approx(np.array([[0.0, -1.0, 0.0]]))
+
+
+SEEDS = range(300, 316)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_random_scenes(seed):
+    """Converged with all conditions met, or a clear error; never in between."""
+    scene, motions = random_pressed(COMM, seed)
+    for motion in motions:
+        try:
+            scene.move(motion)
+        except llm.ContactError as error:
+            assert "did not converge" in str(error)
+            assert isinstance(scene.problem.interfaces[0].law, llm.Coulomb)
+            return
+        assert max(violations(scene.problem).values()) < 1e-10
+
+
+def test_sparse_steps_agree(monkeypatch):
+    """The whole sparse system in each step and the surfaces' flexibility give the same answer."""
+    from dolfinx_llm import problem
+
+    for seed in (103, 104, 113):
+        answers = []
+        for limit in (10**6, 0):
+            monkeypatch.setattr(problem, "FLEXIBLE", limit)
+            scene, motions = random_pressed(COMM, seed)
+            answers.append(np.concatenate([nodal(scene.move(m)) for m in motions]))
+        assert np.abs(answers[0] - answers[1]).max() < 1e-11 * np.abs(answers[0]).max()
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks(ranks):
+    """On several ranks as on one: displacements, forces, states."""
+    found = [run_mpi_json("contact_ranks.py", n) for n in (1, ranks)]
+    assert found[0].keys() == found[1].keys()
+    for key, one in found[0].items():
+        size = np.abs(found[0][key.replace("gap", "u")]).max()
+        assert np.abs(np.array(one) - found[1][key]).max() <= 1e-11 * max(size, 1e-300), key
+
+
+@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.3)], ids=str)
+@pytest.mark.parametrize("limit", [10**6, 0])
+def test_body_that_nothing_holds_down(law, limit, monkeypatch):
+    """A block that is drawn up from the plane it stands on, and one that is pressed on it."""
+    from dolfinx_llm import problem as module
+
+    monkeypatch.setattr(module, "FLEXIBLE", limit)
+    block, tags = blocks()[1]
+    V = compat.function_space(block, shape=(2,))
+    u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
+    x = V.tabulate_dof_coordinates()
+    corner = x[np.lexsort((x[:, 0], x[:, 1]))[0], :2]
+    bcs = hold_exactly(V, [corner], lambda p: 0.0 * p) if not law.friction else []
+    pull = llm.free_surface_load(V, tags, scenes.ABOVE, -5.0)
+    problem = llm.ContactProblem(
+        ufl.inner(scenes.stress(u), ufl.grad(w)) * ufl.dx,
+        ufl.inner(fem.Constant(block, np.zeros(2)), w) * ufl.dx,
+        bcs=bcs,
+        interfaces=[llm.Interface(tags, (scenes.BELOW, llm.RigidPlane((0, 1), (0, 1))), law=law)],
+        nodal_loads=[pull],
+    )
+    with pytest.raises(llm.ContactError, match="pulled off"):
+        problem.solve()
+    pull.x.array[:] *= -1.0
+    problem.solve()
+    side = problem.results[0].sides[0]
+    # The normal points out of the body, down; it presses down on the plane.
+    assert problem.results[0].resultant == pytest.approx([0.0, -6.0], abs=1e-10)
+    if not law.friction:  # friction hinders the block's spreading
+        assert np.abs(side.normal_force / side.area - 5.0).max() < 1e-10
+
+
+def test_history_and_anatomy():
+    scene = pressed(llm.Frictionless())
+    scene.move(down(0.02))
+    last = scene.problem.history[-1]
+    assert last["active"] == last["slip"] > 0 and last["stick"] == last["changes"] == 0
+    text = str(scene.problem)
+    assert "tangential multipliers" in text and "Frictionless()" in text
+    n = sum(len(p.nodes) for p in scene.problem.models[0].pairs)
+    m = len(scene.problem.models[0].frame.x)
+    assert scene.problem.unknowns["lambda"] == n and scene.problem.unknowns["v"] == m
+    json.dumps(scene.problem.history)
