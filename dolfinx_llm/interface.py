@@ -300,7 +300,7 @@ def _curved_model(interface: Interface, sides, owners, clock) -> ContactModel:
     forces = [np.linalg.norm(a, axis=1) for a in vectors]
     clock.stop("patch forces")
     if interface.frame is None:
-        frame, note = predict_curved_frame(sides, forces)
+        frame, note = predict_curved_frame(sides, forces, interface.law.unilateral)
     else:
         frame, note = face_side_1(interface.frame, sides[0]), "frame: given"
     notes = [note]
@@ -393,7 +393,7 @@ def _frame(interface: Interface, sides, forces, plane: Plane, area):
             if interface.design == "positions":
                 raise
             log.info("closed form of the frame left out: %s", error)
-    return *predict_frame(sides, forces, plane), REACH
+    return *predict_frame(sides, forces, plane, interface.law.unilateral), REACH
 
 
 def _moved(frame: Frame, sides, forces, comm) -> Frame:

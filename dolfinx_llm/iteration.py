@@ -141,13 +141,13 @@ class ContactIteration:
         w = self.w if known else np.zeros(self.m)
         centre = w if known else self._middle(g)
         alpha = self.alpha if known else np.zeros(self.backend.floating)
-        alpha_centre, multiplier, phase, calm = alpha, np.zeros(self.n), 0, 0
+        alpha_centre, about, before, phase, calm = alpha, (np.zeros(self.n), w), np.inf, 0, 0
         drift = np.full(self.m, np.inf)
         for s in self.states:
             s.closings[:] = 0
         for iteration in range(1, MAXIMUM + 1):
             epsilon = EPSILON[min(phase, len(EPSILON) - 1)]
-            step = self._step(multiplier, w, g, centre, epsilon, EPSILON[0] * 0.1**calm)
+            step = self._step(*about, g, centre, epsilon, EPSILON[0] * 0.1**calm)
             if not known and iteration == 1:
                 step = self._all_stick(step)
             multiplier, y, w, alpha, active, wrong = self.backend.solve(
@@ -159,7 +159,11 @@ class ContactIteration:
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
             log.debug("contact law: %s", entry)
-            calm = 0 if changes else calm + 1
+            calm = 0 if changes or miss > before else calm + 1
+            # Friction is linearised about the last iterate, or halfway where that did not help.
+            half = iteration > 1 and miss > 0.9 * before
+            about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
+            before = miss
             if changes == 0:  # settled about this centre: go on about the values found
                 if phase and miss <= EQUILIBRIUM:
                     self.w, self.alpha = w, alpha

@@ -13,7 +13,7 @@ from dolfinx_llm.frame import Frame, bases, vector_areas
 from dolfinx_llm.patch import Plane
 
 
-def predict_frame(sides, forces, plane: Plane) -> tuple[Frame, str]:
+def predict_frame(sides, forces, plane: Plane, by_nodes: bool = False) -> tuple[Frame, str]:
     """Frame for two flat surfaces: the facets in contact of the coarser side, on the mid-plane.
 
     Its nodes are then nodes of that side, so that L_b has full column rank whatever the other side
@@ -23,11 +23,12 @@ def predict_frame(sides, forces, plane: Plane) -> tuple[Frame, str]:
         sides: the two surfaces.
         forces: pair of (n_i,) forces of unit pressure.
         plane: contact plane.
+        by_nodes: of ``coarser_facets``.
 
     Returns:
         The frame and a sentence that says what it is.
     """
-    k, facets = coarser_facets(sides, forces)
+    k, facets = coarser_facets(sides, forces, by_nodes)
     nodes, cells = np.unique(facets, return_inverse=True)
     x = sides[k].x[nodes]
     heights = [plane.height(side.x).mean() for side in sides]
@@ -36,17 +37,24 @@ def predict_frame(sides, forces, plane: Plane) -> tuple[Frame, str]:
     return face_side_1(frame, sides[0]), _note(facets, sides[k])
 
 
-def coarser_facets(sides, forces) -> tuple[int, np.ndarray]:
-    """Which side is coarser, 0 or 1, and its facets (m, k) whose nodes all carry force."""
+def coarser_facets(sides, forces, by_nodes: bool = False) -> tuple[int, np.ndarray]:
+    """Which side is coarser, 0 or 1, and its facets (m, k) whose nodes all carry force.
+
+    By the size of the facets; or by the number of nodes: where contact may open no side may have
+    fewer nodes than the frame, or pressures arise that it does not feel.
+    """
     touched = []
     for side, f in zip(sides, forces):
         # A facet counts if all its nodes carry force: those that the area merely borders do not.
         facets = side.facets[(f[side.facets] > 0.0).all(axis=1)]
         size = np.linalg.norm(vector_areas(side.x, facets), axis=1).mean()
         touched.append((facets, size))
-    sizes = [size for _, size in touched]
-    if abs(sizes[0] - sizes[1]) > 1e-9 * max(sizes):
-        k = int(np.argmax(sizes))
+    counts = [len(np.unique(facets)) for facets, _ in touched]
+    (_, size0), (_, size1) = touched
+    if by_nodes and counts[0] != counts[1]:
+        k = int(np.argmin(counts))
+    elif abs(size0 - size1) > 1e-9 * max(size0, size1):
+        k = int(size1 > size0)
     else:  # equally coarse: what does not depend on the order of the sides decides
         keys = [(-len(facets), tuple(side.x[facets].sum(axis=(0, 1)))) for side, (facets, _) in
                 zip(sides, touched)]  # fmt: skip
@@ -54,17 +62,18 @@ def coarser_facets(sides, forces) -> tuple[int, np.ndarray]:
     return k, touched[k][0]
 
 
-def predict_curved_frame(sides, forces) -> tuple[Frame, str]:
+def predict_curved_frame(sides, forces, by_nodes: bool = False) -> tuple[Frame, str]:
     """Frame for two curved surfaces: the facets in contact of the coarser side, where they are.
 
     Args:
         sides: the two surfaces.
         forces: pair of (n_i,) tributary areas; 0 at nodes that are not in contact.
+        by_nodes: of ``coarser_facets``.
 
     Returns:
         The frame and a sentence that says what it is.
     """
-    k, facets = coarser_facets(sides, forces)
+    k, facets = coarser_facets(sides, forces, by_nodes)
     nodes, cells = np.unique(facets, return_inverse=True)
     cells = cells.reshape(facets.shape)
     return Frame(sides[k].x[nodes], cells if k == 0 else cells[:, ::-1]), _note(facets, sides[k])
