@@ -2,8 +2,8 @@
 
 Plane strain, meshes that do not match. The block is pressed by a uniform pressure on its top, which
 is then moved sideways in equal steps. In full slip the friction is mu N whatever the meshes; the
-paper's switch between stick and slip runs beside the semismooth Newton iteration. The second part is
-the benchmark SSNV128: a plate pressed onto a rigid plane and pushed from the side.
+paper's switch between stick and slip runs beside the semismooth Newton iteration. The second part
+is the benchmark SSNV128: a plate pressed onto a rigid plane and pushed from the side.
 
     mpirun -n 2 python demos/friction_block.py [--mu MU] [--elements 16 23] [--plot DIR] ...
 """
