@@ -75,7 +75,7 @@ class ContactIteration:
         """One load step to this rank's load f and gaps g, in parts; halved where one fails.
 
         Returns:
-            u of this rank, λ (n,), frame displacement (n_v,) and the pairs' status per interface.
+            u of this rank, λ (n,) and the frames' displacement (n_v,).
 
         Raises:
             ContactError: no convergence even in small parts.
@@ -111,7 +111,7 @@ class ContactIteration:
             self._accept(y, w, g_t)
             done = reached
         self.f, self.g = end
-        return u, multiplier, w[: self.n_v], [s.pair_status() for s in self.states]
+        return u, multiplier, w[: self.n_v]
 
     def _snapshot(self):
         """What a load step may have to be taken back to."""

@@ -33,6 +33,14 @@ class ContactPairs:
         return self.surface.x[self.nodes]
 
     @property
+    def facets(self) -> np.ndarray:
+        """(m, k) facets of the surface between nodes that take part, by place in ``nodes``."""
+        place = np.full(len(self.surface.x), -1)
+        place[self.nodes] = np.arange(len(self.nodes))
+        facets = place[self.surface.facets]
+        return facets[(facets >= 0).all(axis=1)]
+
+    @property
     def dofs(self) -> np.ndarray:
         """(n,) global numbers of the nodes' blocks of dofs."""
         return self.surface.dofs[self.nodes]

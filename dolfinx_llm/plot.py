@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dolfinx_llm import compat, post
-from dolfinx_llm.frame import vector_areas
+from dolfinx_llm.frame import Frame, vector_areas
 from dolfinx_llm.patch import Plane, orthonormal_base
 from dolfinx_llm.surface import facet_corners
 
@@ -179,3 +179,43 @@ def _draw_skin(figure, polygons, colours) -> None:
     for k, name in enumerate("xyz"):
         getattr(axis, f"set_{name}lim")(low[k], high[k])
     axis.set_box_aspect(high - low)
+
+
+def interface(result, path, field: str = "pressure") -> None:
+    """A field of an interface: over the contact in 2D, on the deformed frame in 3D.
+
+    Draws on rank 0 when called on all ranks. Status is shown by marks: open nodes are hollow.
+
+    Args:
+        result: an ``InterfaceResult``.
+        path: PNG to write.
+        field: "pressure", "status", or "traction" (its length).
+    """
+    if not _on_root():
+        return
+    plt, x = _pyplot(), result.x
+    values = {"pressure": result.pressure, "status": result.frame_status.astype(float)}
+    values["traction"] = np.linalg.norm(result.traction, axis=1)
+    value, side = values[field], result.sides[0]
+    cells = side.facets if result.frame is None else result.frame.cells
+    figure = plt.figure(figsize=(7, 5))
+    if x.shape[1] == 2:
+        axis, order = figure.add_subplot(), np.lexsort(x.T)
+        along = x[order] - x[order[0]]
+        s = np.linalg.norm(along, axis=1)
+        axis.plot(s, value[order], "-", color="0.6")
+        for k, name in enumerate(("open", "stick", "slip")):
+            at = result.frame_status[order] == k
+            axis.plot(s[at], value[order][at], f"C{k}o", mfc=None if k else "none", label=name)
+        axis.set(xlabel="distance along the contact", ylabel=field)
+        axis.legend()
+    else:
+        plane = _plane(result.frame or Frame(x, cells))
+        axis, s = figure.add_subplot(), plane.project(x)
+        triangles = np.concatenate([cells[:, [0, i, i + 1]] for i in range(1, cells.shape[1] - 1)])
+        drawn = axis.tripcolor(*s.T, triangles, value, shading="gouraud")
+        figure.colorbar(drawn, label=field)
+        for k, mark in enumerate(("wo", "k.", "r.")):
+            axis.plot(*s[result.frame_status == k].T, mark, markersize=3)
+        axis.set(aspect="equal", title="white: open, black: stick, red: slip")
+    _save(plt, figure, path)

@@ -66,18 +66,19 @@ def write_bodies(path, u, cell_fields: dict | None = None) -> None:
             file.write_function(function)
 
 
-def write_interface(folder, result) -> None:
-    """Frame and both sides as VTK polydata with their fields; call it on one rank.
+def interface_fields(result) -> dict[str, tuple[np.ndarray, np.ndarray, dict]]:
+    """Points, cells and fields of the frame ("frame") and of each side ("side_0", "side_1").
 
-    Writes frame.vtk (displacement v), side_0.vtk and side_1.vtk (points with displacement, force,
-    normal force, gap, slip, status, area) and the same sides as CSV.
+    Against a rigid obstacle there is no frame; pressure and traction then stand with the side.
     """
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    frame = result.frame
-    _write_vtk(folder / "frame.vtk", frame.x, frame.cells, {"displacement": frame.v})
+    parts = {}
+    own = {"pressure": result.pressure, "traction": result.traction, "area": result.frame_area}
+    if result.frame is not None:
+        frame = result.frame
+        fields = {"displacement": frame.v, **own, "status": result.frame_status.astype(float)}
+        parts["frame"] = frame.x, frame.cells, fields
     for k, side in enumerate(result.sides):
-        fields = {
+        parts[f"side_{k}"] = side.x, side.facets, {
             "displacement": side.u,
             "force": side.force,
             "normal_force": side.normal_force,
@@ -85,17 +86,29 @@ def write_interface(folder, result) -> None:
             "slip": side.slip,
             "status": side.status.astype(float),
             "area": side.area,
-        }
-        vertices = np.arange(len(side.x))[:, None]
-        _write_vtk(folder / f"side_{k}.vtk", side.x, vertices, fields)
-        columns = {"x": side.x, **fields}
+            **({} if result.frame is not None else own),
+        }  # fmt: skip
+    return parts
+
+
+def write_interface(folder, result) -> None:
+    """Frame and sides as VTK polydata with their fields, and as CSV; call it on one rank.
+
+    Writes frame.vtk (displacement, pressure, traction, status) and per side side_0.vtk, side_1.vtk
+    (displacement, force, normal force, gap, slip, status, area), with a CSV beside each.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, (x, cells, fields) in interface_fields(result).items():
+        _write_vtk(folder / f"{name}.vtk", x, cells, fields)
+        columns = {"x": x, **fields}
         header = [
-            name if np.ndim(values) == 1 else f"{name}_{'xyz'[i]}"
-            for name, values in columns.items()
+            key if np.ndim(values) == 1 else f"{key}_{'xyz'[i]}"
+            for key, values in columns.items()
             for i in range(1 if np.ndim(values) == 1 else values.shape[1])
         ]
-        table = np.column_stack([np.asarray(v).reshape(len(side.x), -1) for v in columns.values()])
-        write_csv(folder / f"side_{k}.csv", header, table.tolist())
+        table = np.column_stack([np.asarray(v).reshape(len(x), -1) for v in columns.values()])
+        write_csv(folder / f"{name}.csv", header, table.tolist())
 
 
 def _write_vtk(path: Path, x: np.ndarray, cells: np.ndarray, fields: dict) -> None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import logging
 import time
+from pathlib import Path
 
 import numpy as np
 import scipy.sparse
+import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
@@ -215,14 +217,31 @@ class ContactProblem:
             f = self._assemble_load()
         g = self._assemble_gap(f)
         if any(model.interface.law.unilateral for model in self.models):
-            u, multiplier, w, status = self._iterate(f, g, increments)
+            u, multiplier, w = self._iterate(f, g, increments)
         else:
             u, multiplier, w = self._solve_tied(f, g)
-            status = None
         with self._timed("results"):
-            self.results = collect_results(self, u, multiplier, w, status)
-        functions = self._functions(u)
-        return functions if self._several else functions[0]
+            states = self._iteration and self._iteration.states
+            self.results = collect_results(self, u, multiplier, w, states)
+        self._u = self._functions(u)
+        return self._u if self._several else self._u[0]
+
+    def plot(self, folder, field: str = "pressure") -> None:
+        """Pictures of the last solve as PNG, without a display: bodies_0.png ... coloured by the
+        displacement's length, interface_0.png ... by a field of ``plot.interface``. Collective.
+
+        Raises:
+            ContactError: nothing has been solved.
+        """
+        from dolfinx_llm import plot
+
+        if not self.results:
+            raise ContactError("there is nothing to draw yet: call solve() first")
+        for i, u in enumerate(self._u):
+            length = ufl.sqrt(ufl.inner(u, u))
+            plot.bodies(u, length, Path(folder) / f"bodies_{i}.png", label="|u|")
+        for i, result in enumerate(self.results):
+            plot.interface(result, Path(folder) / f"interface_{i}.png", field)
 
     def _solve_tied(self, f: np.ndarray, g: np.ndarray):
         """One solve of (31)."""

@@ -10,7 +10,7 @@ from scipy.sparse import identity
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.frame import Frame
-from dolfinx_llm.friction import STICK
+from dolfinx_llm.friction import OPEN, SLIP, STICK
 from dolfinx_llm.interface import Certificate
 
 
@@ -27,6 +27,7 @@ class SideResult:
     slip: np.ndarray  # (n, gdim) tangential motion relative to the frame [length]
     status: np.ndarray  # (n,) 0 open, 1 stick, 2 slip
     area: np.ndarray  # (n,) tributary area: the force of unit pressure [area]
+    facets: np.ndarray  # (m, k) facets of the surface that lie between these nodes
 
     @property
     def tangential_force(self) -> np.ndarray:
@@ -44,6 +45,7 @@ class InterfaceResult:
     frame_force: np.ndarray  # (m,) normal force at the frame's nodes, L_bᵀ λ_n of a side [force]
     frame_area: np.ndarray  # (m,) tributary area of the frame's nodes, L_bᵀ of the sides' [area]
     frame_friction: np.ndarray  # (m, gdim) tangential force of side 0 at the frame's nodes [force]
+    frame_status: np.ndarray  # (m,) of the frame's nodes: 0 open, 1 stick, 2 slip
 
     @property
     def x(self) -> np.ndarray:
@@ -83,14 +85,14 @@ class InterfaceResult:
         return np.atleast_1d(total.sum(axis=0))
 
 
-def collect_results(problem, u: np.ndarray, multiplier: np.ndarray, w: np.ndarray, status):
+def collect_results(problem, u: np.ndarray, multiplier: np.ndarray, w: np.ndarray, states=None):
     """Results of all interfaces from this rank's u and the multipliers and frame unknowns of all.
 
     Args:
         problem: the ``ContactProblem``.
         u: this rank's displacement.
         multiplier, w: in their own order, the same on every rank.
-        status: per interface (n,) status of its pairs; None: all tied.
+        states: per interface its ``InterfaceState``; None: all tied.
     """
     results, row, col, side = [], 0, 0, 0
     gaps = problem._gaps(moved=False)
@@ -103,16 +105,18 @@ def collect_results(problem, u: np.ndarray, multiplier: np.ndarray, w: np.ndarra
         if model.frame is None:
             v = np.zeros((0, gdim))
         sides, first = [], 0
+        n_pairs = sum(len(p.nodes) for p in model.pairs)
+        status = states[i].pair_status() if states else np.full(n_pairs, STICK)
         for p, motion in zip(model.pairs, moved, strict=True):
             n, c = p.base.shape[:2]
             force = multiplier[row : row + n * c].reshape(n, c)
-            state = np.full(n, STICK) if status is None else status[i][first : first + n]
+            state = status[first : first + n]
             follows = p.N @ v
             if model.frame is None:
                 follows = follows + model.interface.obstacle.motion(gdim)
             sides.append(_side_result(p, force, motion, follows, gaps[side], state))
             row, first, side = row + n * c, first + n, side + 1
-        results.append(_interface_result(model, sides, v))
+        results.append(_interface_result(model, sides, v, states and states[i]))
         col += m * d
     return results
 
@@ -152,13 +156,20 @@ def _side_result(pairs, multiplier, u, follows, gap, status) -> SideResult:
         slip=motion - normal_motion[:, None] * pairs.normal,
         status=status,
         area=pairs.forces,
+        facets=pairs.facets,
     )
 
 
-def _interface_result(model, sides, v) -> InterfaceResult:
+def _interface_result(model, sides, v, state) -> InterfaceResult:
     side, pairs = sides[0], model.pairs[0]
     if model.frame is None:
         parts = side.normal_force, side.area, side.tangential_force
-        return InterfaceResult(None, tuple(sides), None, *parts)
-    parts = (pairs.N.T @ a for a in (side.normal_force, side.area, side.tangential_force))
-    return InterfaceResult(replace(model.frame, v=v), tuple(sides), model.certificate, *parts)
+        return InterfaceResult(None, tuple(sides), None, *parts, side.status)
+    parts = [pairs.N.T @ a for a in (side.normal_force, side.area, side.tangential_force)]
+    status = np.where(parts[0] > 0.0, SLIP, OPEN)
+    if state is None or not model.interface.law.unilateral:
+        status = np.full(len(parts[0]), STICK)
+    elif model.interface.law.friction:
+        status = state.status
+    frame = replace(model.frame, v=v)
+    return InterfaceResult(frame, tuple(sides), model.certificate, *parts, status)

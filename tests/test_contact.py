@@ -339,3 +339,25 @@ def test_history_and_anatomy():
     m = len(scene.problem.models[0].frame.x)
     assert scene.problem.unknowns["lambda"] == n and scene.problem.unknowns["v"] == m
     json.dumps(scene.problem.history)
+
+
+def test_pictures_and_files(tmp_path):
+    scene = pressed(llm.Coulomb(0.3))
+    with pytest.raises(llm.ContactError, match="solve"):
+        scene.problem.plot(tmp_path)
+    scene.move(down(0.02, drag=0.01))
+    scene.problem.plot(tmp_path, "traction")
+    llm.post.write_interface(tmp_path, scene.problem.results[0])
+    problem, motion = against(llm.RigidPlane((0.0, 1.0), (0.0, 1.0)), llm.Frictionless())
+    motion.x.array[1::2] = -0.01
+    problem.solve()
+    problem.plot(tmp_path / "rigid")
+    llm.post.write_interface(tmp_path / "rigid", problem.results[0])
+    written = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.*")}
+    assert {"bodies_1.png", "interface_0.png", "frame.csv", "side_1.vtk"} <= written
+    assert {"rigid/interface_0.png", "rigid/side_0.csv"} <= written
+    assert "rigid/frame.vtk" not in written
+    table = np.genfromtxt(tmp_path / "side_0.csv", delimiter=",", names=True)
+    side = scene.problem.results[0].sides[0]
+    assert table["normal_force"] == pytest.approx(side.normal_force)
+    assert table["slip_x"] == pytest.approx(side.slip[:, 0])
