@@ -11,8 +11,9 @@ def complementarity(M: np.ndarray, q: np.ndarray, start: np.ndarray) -> np.ndarr
     """Which λ are positive.
 
     All wrong signs are exchanged at once (Júdice and Pires, Computers & Operations Research 21
-    (1994) 587-596); where that turns in circles, Lemke's method (Management Science 11 (1965)
-    681-689) ends for every matrix with positive principal minors.
+    (1994) 587-596). Where that turns in circles and M is symmetric (no friction), descent takes
+    over from the best choice; without symmetry Lemke's method (Management Science 11 (1965)
+    681-689), which starts from nothing and ends for every matrix with positive principal minors.
 
     Args:
         M: (n, n) matrix with positive principal minors, as that of a convex problem.
@@ -37,7 +38,8 @@ def complementarity(M: np.ndarray, q: np.ndarray, start: np.ndarray) -> np.ndarr
         if len(wrong) < fewest:
             best, fewest, left = positive.copy(), len(wrong), BLOCKS
         positive[wrong] ^= True
-    found = _lemke(M, q)
+    symmetric = np.abs(M - M.T).max() <= 1e-12 * np.abs(M).max()
+    found = _descent(M, q, best) if symmetric else _lemke(M, q)
     if found is not None and len(_wrong(M, q, found)) < fewest:
         return found
     return best
@@ -52,6 +54,47 @@ def _wrong(M: np.ndarray, q: np.ndarray, positive: np.ndarray) -> np.ndarray:
     noise[positive] = np.abs(x).max(initial=0.0)
     noise[~positive] = np.abs(rows) @ np.abs(x) + np.abs(q[~positive])
     return np.flatnonzero(value < -1e-13 * noise)
+
+
+def _descent(M: np.ndarray, q: np.ndarray, positive: np.ndarray) -> np.ndarray:
+    """Least λᵀMλ / 2 + qᵀλ over λ >= 0, M positive definite: the set where λ > 0.
+
+    The active set method of Lawson and Hanson: λ stays feasible and the energy falls, so that no
+    set comes back. Rows that pull join several at a time as long as that moves λ.
+    """
+    x, on = np.zeros(len(q)), np.flatnonzero(positive)
+    x[on] = np.maximum(np.linalg.solve(M[np.ix_(on, on)], -q[on]), 0.0)
+    positive = x > 0.0
+    for _ in range(50 + 3 * len(q)):
+        before = x
+        x, positive = _descend(M, q, x, positive)
+        wrong = _wrong(M, q, positive)
+        if not len(wrong):
+            break
+        slope = M[wrong] @ x + q[wrong]
+        moved = np.abs(x - before).max() > 1e-14 * np.abs(x).max()
+        positive = positive.copy()
+        positive[wrong[slope <= (0.1 if moved else 1.0) * slope.min()]] = True
+    return positive
+
+
+def _descend(M, q, x, positive):
+    """From x to the least energy over the positive λ, or as far as they stay positive: those that
+    do not are left out."""
+    x, positive = x.copy(), positive.copy()
+    while positive.any():
+        on = np.flatnonzero(positive)
+        target = np.linalg.solve(M[np.ix_(on, on)], -q[on])
+        down = target <= 0.0
+        if not down.any():
+            x[on] = target
+            break
+        ratio = np.full(len(on), np.inf)
+        ratio[down] = x[on[down]] / (x[on[down]] - target[down])
+        leaves = ratio <= ratio.min() * (1.0 + 1e-12)
+        x[on] = np.where(leaves, 0.0, x[on] + ratio.min() * (target - x[on]))
+        positive[on[leaves]] = False
+    return x, positive
 
 
 def _lemke(M: np.ndarray, q: np.ndarray) -> np.ndarray | None:

@@ -68,6 +68,8 @@ class InterfaceState:
     def _tied(self) -> np.ndarray:
         """(n,) pairs that follow the frame tangentially. One that opens and closes by turns, at the
         rim of contact, carries hardly any force; without friction it comes to rest."""
+        if self.model.frame is None:  # each pair has a friction node of its own
+            return self.active
         return self.active & (self.closings < LOOSE)
 
     def closed_rows(self) -> np.ndarray:
