@@ -67,7 +67,7 @@ class ContactIteration:
         """Start anew: at rest, all in contact, no slip history."""
         for state in self.states:
             state.forget()
-        self.w = self.alpha = None
+        self.multiplier = self.w = self.alpha = None
         self.f, self.g = self._rest
         self.history: list[dict] = []
 
@@ -115,10 +115,10 @@ class ContactIteration:
 
     def _snapshot(self):
         """What a load step may have to be taken back to."""
-        return [s.snapshot() for s in self.states], self.w, self.alpha
+        return [s.snapshot() for s in self.states], self.multiplier, self.w, self.alpha
 
     def _restore(self, snapshot):
-        states, self.w, self.alpha = snapshot
+        states, self.multiplier, self.w, self.alpha = snapshot
         for state, kept in zip(self.states, states, strict=True):
             state.restore(kept)
 
@@ -141,7 +141,8 @@ class ContactIteration:
         w = self.w if known else np.zeros(self.m)
         centre = w if known else self._middle(g)
         alpha = self.alpha if known else np.zeros(self.backend.floating)
-        alpha_centre, about, before, phase, calm = alpha, (np.zeros(self.n), w), np.inf, 0, 0
+        about = (self.multiplier if known else np.zeros(self.n), w)
+        alpha_centre, before, phase, calm = alpha, np.inf, 0, 0
         drift = np.full(self.m, np.inf)
         for s in self.states:
             s.closings[:] = 0
@@ -166,7 +167,7 @@ class ContactIteration:
             before = miss
             if changes == 0:  # settled about this centre: go on about the values found
                 if phase and miss <= self.backend.accuracy:
-                    self.w, self.alpha = w, alpha
+                    self.multiplier, self.w, self.alpha = multiplier, w, alpha
                     return multiplier, y, w
                 last, drift, ahead = drift, np.where(self._waits, w - centre, 0.0), 0.0
                 if np.abs(drift - last).max(initial=0.0) <= STEADY * np.abs(drift).max(initial=0.0):
