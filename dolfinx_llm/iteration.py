@@ -26,6 +26,7 @@ log = logging.getLogger("dolfinx_llm")
 
 EPSILON = (1e-4, 1e-6, 1e-8)  # ε about the mid-surface; about the values settled on before
 UNBALANCED = 1e-8  # residual of K u + B λ = f, over the forces' size
+STALLED = 100.0  # times the accuracy asked for: what a residual may stop falling at
 MAXIMUM = 60  # iterations
 STEADY = 1e-3  # relative change of a frame's motion below which it drifts
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
@@ -160,13 +161,13 @@ class ContactIteration:
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
             log.debug("contact law: %s", entry)
-            calm = 0 if changes or miss > before else calm + 1
+            calm, last_miss = 0 if changes or miss > before else calm + 1, before
             # Friction is linearised about the last iterate, or halfway where that did not help.
             half = iteration > 1 and miss > 0.9 * before
             about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
             before = miss
             if changes == 0:  # settled about this centre: go on about the values found
-                if phase and miss <= self.backend.accuracy:
+                if phase and self._accurate(miss, last_miss):
                     self.multiplier, self.w, self.alpha = multiplier, w, alpha
                     return multiplier, y, w
                 last, drift, ahead = drift, np.where(self._waits, w - centre, 0.0), 0.0
@@ -179,6 +180,11 @@ class ContactIteration:
             else:  # tangentially the centre follows, normally it waits
                 centre = np.where(self._waits, centre, w)
         raise ContactError(self._failure(self.history[first:]))
+
+    def _accurate(self, miss: float, before: float) -> bool:
+        """Whether the residual is small, or as small as rounding lets it become."""
+        goal = self.backend.accuracy
+        return miss <= goal or (miss <= STALLED * goal and miss > 0.5 * before)
 
     def _until_next(self, active, y, w, drift, g) -> float:
         """How many steps like the last one the frame drifts until it touches the next pair.
