@@ -37,6 +37,8 @@ class Flexibility:
         progress: called with the share that is done.
     """
 
+    accuracy = 1e-13  # of balance and law, relative
+
     def __init__(
         self, K, B, rows, bodies, fixed, scale, prefix, options=None, *, soft, progress=None
     ):

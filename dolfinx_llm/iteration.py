@@ -25,7 +25,6 @@ from dolfinx_llm.states import InterfaceState, interface_states
 log = logging.getLogger("dolfinx_llm")
 
 EPSILON = (1e-4, 1e-6, 1e-8)  # ε about the mid-surface; about the values settled on before
-EQUILIBRIUM = 1e-13  # residual of L_bᵀ λ and of the friction law, over the largest multiplier
 UNBALANCED = 1e-8  # residual of K u + B λ = f, over the forces' size
 MAXIMUM = 60  # iterations
 STEADY = 1e-3  # relative change of a frame's motion below which it drifts
@@ -39,8 +38,9 @@ class ContactIteration:
         models: the interfaces.
         redundant: (n,) multiplier rows that stay out.
         scale: mean stiffness of the surfaces, c [force / length].
-        backend: solves linear steps: load(f), solve(step, spring, centre, choose),
-            correct(multiplier, alpha) and displacement(multiplier, alpha), as ``Flexibility``.
+        backend: solves linear steps: load(f), solve(step, spring, centre, may_open),
+            correct(multiplier, alpha) and displacement(multiplier, alpha), to ``accuracy`` of the
+            largest multiplier in L_bᵀ λ and the law of friction; see ``Flexibility``.
         f, g: this rank's load and the gaps at rest, from which the first load step starts.
     """
 
@@ -165,7 +165,7 @@ class ContactIteration:
             about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
             before = miss
             if changes == 0:  # settled about this centre: go on about the values found
-                if phase and miss <= EQUILIBRIUM:
+                if phase and miss <= self.backend.accuracy:
                     self.w, self.alpha = w, alpha
                     return multiplier, y, w
                 last, drift, ahead = drift, np.where(self._waits, w - centre, 0.0), 0.0

@@ -88,11 +88,13 @@ def slip_numbering(models, frames: Numbering) -> Numbering:
     return Numbering(np.concatenate(owners), frames.rank)
 
 
-def create_aij(comm, rows: tuple[int, int], cols: tuple[int, int], local: csr_matrix) -> PETSc.Mat:
+def create_aij(
+    comm, rows: tuple[int, int], cols: tuple[int, int], local: csr_matrix, bs: int = 1
+) -> PETSc.Mat:
     """AIJ from this rank's rows; CSR fixes the preallocation exactly."""
     local.sort_indices()
     csr = (local.indptr.astype(PETSc.IntType), local.indices.astype(PETSc.IntType), local.data)
-    matrix = PETSc.Mat().createAIJ(size=(rows, cols), csr=csr, comm=comm)
+    matrix = PETSc.Mat().createAIJ(size=(rows, cols), bsize=bs, csr=csr, comm=comm)
     matrix.assemble()
     return matrix
 

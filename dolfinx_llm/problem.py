@@ -14,19 +14,16 @@ from petsc4py import PETSc
 
 from dolfinx_llm import compat, operators
 from dolfinx_llm._parallel import ContactError, ContactInputError, check, gather_rows
-from dolfinx_llm.flexibility import Flexibility
 from dolfinx_llm.interface import Interface, build_model, describe
 from dolfinx_llm.iteration import ContactIteration
 from dolfinx_llm.results import InterfaceResult, collect_results
 from dolfinx_llm.rigid import Bodies, check_loops, check_support
-from dolfinx_llm.sparse_steps import SparseSteps
+from dolfinx_llm.solvers import SOLVERS, build_steps, build_system, choose_solver, warn
+from dolfinx_llm.solvers import describe as describe_solver
 from dolfinx_llm.surface import check_space
-from dolfinx_llm.system import SaddleSystem, mean_diagonal
+from dolfinx_llm.system import mean_diagonal
 
 log = logging.getLogger("dolfinx_llm")
-
-SOLVERS = ("saddle",)
-FLEXIBLE = 1500  # multipliers up to which contact laws iterate on the surfaces' flexibility
 
 
 class ContactProblem:
@@ -38,7 +35,9 @@ class ContactProblem:
         bcs: Dirichlet conditions.
         interfaces: the ``Interface`` objects.
         nodal_loads: Functions of nodal forces, added to the assembled L.
-        solver: "saddle": (31) with MUMPS.
+        solver: "saddle": (31) with MUMPS; "condensed": the surfaces' displacements written in the
+            frame's, by conjugate gradients with GAMG, or by Cholesky with petsc_options
+            {"ksp_type": "preonly", "pc_type": "cholesky"}; "auto": by size.
         petsc_options_prefix: of the options of the linear solver.
         petsc_options: PETSc options on top of the solver's own.
 
@@ -55,7 +54,7 @@ class ContactProblem:
         bcs=(),
         interfaces=(),
         nodal_loads=(),
-        solver: str = "saddle",
+        solver: str = "auto",
         petsc_options_prefix: str = "llm_",
         petsc_options: dict | None = None,
     ):
@@ -140,6 +139,7 @@ class ContactProblem:
         self.scale = self._stiffness_scale(bodies[1])
         with self._timed("support check"):
             self._check_support()
+        self.form, self._why = choose_solver(self)
 
     def _find_prescribed(self, start: int):
         """Rows of L_b at prescribed dofs, and the redundant ones of ties, which (31) leaves out."""
@@ -247,12 +247,10 @@ class ContactProblem:
         """One solve of (31)."""
         if self._system is None:
             with self._timed("factorisation"):
-                L_b = self.L_b if self.L_b.getSize()[1] else None
-                self._system = SaddleSystem(
-                    self.K, self.B, L_b, self.scale, self._prefix, self._options
-                )
+                self._system = build_system(self)
         with self._timed("solve"):
             u, multiplier, v = self._system.solve(f, g)
+        warn(self)
         multiplier = self._gather(self._rows.numbering, multiplier)
         for rows, basis in self._prescribed:  # the smallest that have the same effect
             multiplier[rows] = basis @ (basis.T @ multiplier[rows])
@@ -274,13 +272,8 @@ class ContactProblem:
     def _start_iteration(self):
         """Set up what solves the linear steps of contact laws."""
         rows, at_rest = self._rows.numbering, np.zeros(len(self._fixed))
-        common = self.bodies, self._fixed, self.scale, self._prefix, self._options
         with self._timed("factorisation"):
-            if rows.sizes[1] <= FLEXIBLE:
-                backend = Flexibility(self.K, self.B, rows, *common, soft=self._soft)
-            else:
-                frames = operators.slip_numbering(self.models, self._frame_unknowns)
-                backend = SparseSteps(self.K, self.B, rows, frames, *common, soft=self._soft)
+            backend = build_steps(self)
         rest = self._gather(rows, self._assemble_gap(at_rest, moved=False))
         self._iteration = ContactIteration(
             self.models, self._redundant, self.scale, backend, at_rest, rest
@@ -358,7 +351,8 @@ class ContactProblem:
         lines = [
             f"ContactProblem: {len(self.spaces)} mesh(es), {self.bodies.count} bodies, "
             f"{len(self.models)} interface(s), {self.comm.size} rank(s)",
-            f"  unknowns: {n_u + n_l + n_v} = {n_u} u + {n_l} λ + {n_v} v; solver: {self.solver}",
+            f"  unknowns: {n_u + n_l + n_v} = {n_u} u + {n_l} λ + {n_v} v",
+            f"  solver: {describe_solver(self.form, self._system)} ({self._why})",
         ]
         for model in self.models:
             lines += describe(model)

@@ -85,14 +85,28 @@ class Bodies:
         self.low, self.high = low[order], high[order]
         self.label, self.points = np.argsort(order)[label], x
 
-    def modes(self, label: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """(n, gdim, bodies, modes per body) rigid motions at points of labelled bodies, about the
-        body's centre, rotations scaled to size 1."""
+    def own_modes(self, label: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """(n, gdim, modes per body) rigid motions of each point's own body, about the body's
+        centre, rotations scaled to size 1."""
         centre, size = 0.5 * (self.low + self.high), np.linalg.norm(self.high - self.low, axis=1)
-        local = 2.0 * (x - centre[label]) / size[label, None]
+        return rigid_modes(2.0 * (x - centre[label]) / size[label, None])
+
+    def modes(self, label: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """(n, gdim, bodies, modes per body) the same, zero for the other bodies' motions."""
         modes = np.zeros((len(x), self.gdim, self.count, 3 * (self.gdim - 1)))
-        modes[np.arange(len(x)), :, label] = rigid_modes(local)
+        modes[np.arange(len(x)), :, label] = self.own_modes(label, x)
         return modes
+
+    def triangle(self, rows: np.ndarray, label: np.ndarray) -> np.ndarray:
+        """R of a QR decomposition of rows (n, modes per body), each about the labelled body, as
+        rows about all bodies' motions."""
+        k = rows.shape[1]
+        parts = []
+        for b in range(self.count):
+            part = np.linalg.qr(rows[label == b], mode="r")
+            parts.append(np.zeros((len(part), self.count * k)))
+            parts[-1][:, b * k : (b + 1) * k] = part
+        return np.concatenate(parts)
 
     def name(self, body: int) -> str:
         low, high = ((x[body].round(6) + 0.0).tolist() for x in (self.low, self.high))
@@ -101,19 +115,20 @@ class Bodies:
 
 def _held_without_interfaces(bodies: Bodies, K, fixed: np.ndarray) -> np.ndarray:
     """(k, modes) rows that vanish for combinations of rigid motions that supports do not hold."""
-    R = bodies.modes(bodies.label, bodies.points).reshape(len(fixed), -1)
+    R = bodies.own_modes(bodies.label, bodies.points).reshape(len(fixed), -1)
+    label = np.repeat(bodies.label, bodies.gdim)
     x, y = K.createVecs()
     diagonal = K.getDiagonal()
     scale = np.where(diagonal.array_r == 0.0, 1.0, np.abs(diagonal.array_r))
     KR = np.empty_like(R)
-    for k in range(R.shape[1]):
+    for k in range(R.shape[1]):  # of all bodies at once: K does not couple them
         x.array_w[:] = np.where(fixed, 0.0, R[:, k])
         K.mult(x, y)
         KR[:, k] = y.array_r / scale
     for vector in (x, y, diagonal):
         vector.destroy()
     # Orthogonal reduction, not the Gram matrix, whose rounding would hide the zeros.
-    rows = [np.linalg.qr(part, mode="r") for part in (R[fixed], KR)]
+    rows = [bodies.triangle(R[fixed], label[fixed]), bodies.triangle(KR, label)]
     return np.concatenate(bodies.comm.allgather(np.concatenate(rows)))
 
 

@@ -25,6 +25,8 @@ class SparseSteps:
         frames: ``Numbering`` of frame and slip unknowns.
     """
 
+    accuracy = 1e-13  # of balance and law, relative
+
     def __init__(self, K, B, rows, frames, bodies, fixed, scale, prefix, options=None, *, soft):
         self.K, self.B, self.rows, self.frames, self.scale = K, B, rows, frames, scale
         self.comm, self._prefix, self._options = bodies.comm, prefix, options

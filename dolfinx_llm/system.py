@@ -33,7 +33,7 @@ class DirectSolver:
 
     def __init__(self, matrix, prefix: str, options: dict | None = None, own: bool = False):
         self.matrix, self._own = matrix, own
-        self.symmetric = _is_symmetric(matrix)
+        self.symmetric = is_symmetric(matrix)
         self.solution, self.rhs = matrix.createVecs()
         self.ksp = self._factorise(prefix, options or {})
 
@@ -48,8 +48,8 @@ class DirectSolver:
                 "pc_type": "cholesky" if self.symmetric else "lu",
                 **options,
             }
-            ksp = set_up_solver(self.matrix, prefix, chosen)
-            self.infog = _mumps_infog(ksp)
+            ksp = set_up_ksp(self.matrix, prefix, chosen)
+            self.infog = mumps_infog(ksp)
             if self.infog.get(1, 0) not in (-8, -9):
                 break
             ksp.destroy()
@@ -86,7 +86,7 @@ class DirectSolver:
             item.destroy()
 
 
-def set_up_solver(matrix, prefix: str, chosen: dict):
+def set_up_ksp(matrix, prefix: str, chosen: dict):
     """A KSP with these options, which do not stay in PETSc's global database."""
     ksp = PETSc.KSP().create(matrix.comm)
     ksp.setOperators(matrix)
@@ -95,8 +95,8 @@ def set_up_solver(matrix, prefix: str, chosen: dict):
     added = [prefix + key for key in chosen if not database.hasName(prefix + key)]
     for key in added:
         database[key] = chosen[key[len(prefix) :]]
-    ksp.setFromOptions()
     try:
+        ksp.setFromOptions()
         ksp.setUp()
     finally:
         for key in added:
@@ -156,6 +156,7 @@ class SaddleSystem:
         solution = self._solver.solve(rhs)
         self._check_solution()
         u, multiplier, *v = (solution[rows] for rows in self.rows)
+        self.rounding = rounding_error(self.K, u, f, self.scale * multiplier)
         return u, self.scale * multiplier, v[0] if v else np.empty(0)
 
     def _check_solution(self):
@@ -207,7 +208,7 @@ def join_blocks(blocks):
     return matrix, rows
 
 
-def _mumps_infog(ksp) -> dict[int, int]:
+def mumps_infog(ksp) -> dict[int, int]:
     """MUMPS's INFOG(1), (2): error; (12): negative pivots; (28): null pivots."""
     if ksp.getPC().getFactorSolverType() != "mumps":
         return {}
@@ -223,7 +224,7 @@ def _stored_zero_diagonal(sizes, comm):
     return matrix
 
 
-def _is_symmetric(K) -> bool:
+def is_symmetric(K) -> bool:
     """Whether xᵀKy = yᵀKx for two random vectors."""
     x, y = K.createVecs()
     Kx, Ky = x.duplicate(), x.duplicate()
@@ -236,6 +237,24 @@ def _is_symmetric(K) -> bool:
     for vector in (x, y, Kx, Ky):
         vector.destroy()
     return gap <= 1e-10 * size
+
+
+def rounding_error(K, u: np.ndarray, f: np.ndarray, multiplier: np.ndarray) -> float:
+    """Relative error of the forces that rounding alone may cause, whatever the solver.
+
+    A stiff body that hangs on a soft one moves far: the forces in it are differences of terms of
+    the size K_ii u_i, and their rounding is not small against the loads.
+    """
+    diagonal = K.getDiagonal()
+    k = diagonal.array_r.copy()
+    diagonal.destroy()
+    free = (k != 1.0) | (np.abs(u - f) > 1e-12 * np.abs(u))  # not an identity row
+    largest = [
+        np.abs(k * u)[free].max(initial=0.0),
+        max(np.abs(f)[free].max(initial=0.0), np.abs(multiplier).max(initial=0.0)),
+    ]
+    terms, forces = np.max(K.comm.tompi4py().allgather(largest), axis=0)
+    return float(np.finfo(float).eps * terms / forces) if forces > 0.0 else 0.0
 
 
 def mean_diagonal(K, rows: np.ndarray) -> float:

@@ -64,7 +64,7 @@ class Pressed:
         base: the same for the fixed ones.
     """
 
-    def __init__(self, blocks, law, top, base, swap=False, **options):
+    def __init__(self, blocks, law, top, base, swap=False, solver="auto", **options):
         self.spaces = [compat.function_space(d, shape=(d.geometry.dim,)) for d, _ in blocks]
         low, high = self.spaces
         self.motion = fem.Function(high)
@@ -79,6 +79,7 @@ class Pressed:
                 for V, (_, w) in zip(self.spaces, forms, strict=True)
             ],
             bcs=bcs,
+            solver=solver,
             interfaces=[llm.Interface(None, sides[::-1] if swap else sides, law=law, **options)],
         )
 

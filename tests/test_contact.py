@@ -273,17 +273,22 @@ def test_random_scenes(seed):
         assert max(violations(scene.problem).values()) < 1e-10
 
 
-def test_sparse_steps_agree(monkeypatch):
-    """The whole sparse system in each step and the surfaces' flexibility give the same answer."""
-    from dolfinx_llm import problem
+@pytest.mark.parametrize("solver", ["saddle", "condensed"])
+@pytest.mark.parametrize("seed", [103, 104, 111, 113])
+def test_solvers_agree(seed, solver, monkeypatch):
+    """The whole system in each step, saddle or condensed, and the surfaces' flexibility."""
+    from dolfinx_llm import solvers
 
-    for seed in (103, 104, 113):
-        answers = []
-        for limit in (10**6, 0):
-            monkeypatch.setattr(problem, "FLEXIBLE", limit)
-            scene, motions = random_pressed(COMM, seed)
-            answers.append(np.concatenate([nodal(scene.move(m)) for m in motions]))
-        assert np.abs(answers[0] - answers[1]).max() < 1e-11 * np.abs(answers[0]).max()
+    answers, forces, forms = [], [], []
+    for limit, chosen in ((10**6, "auto"), (0, solver)):
+        monkeypatch.setattr(solvers, "FLEXIBLE", limit)
+        scene, motions = random_pressed(COMM, seed, solver=chosen)
+        forms.append(scene.problem.form)
+        answers.append(np.concatenate([nodal(scene.move(m)) for m in motions]))
+        forces.append(np.concatenate([s.force for s in scene.problem.results[0].sides]))
+    assert forms == ["flexibility", solver]
+    for one, other in (answers, forces):
+        assert np.abs(one - other).max() < 1e-10 * np.abs(one).max()
 
 
 @pytest.mark.parametrize("ranks", [2, 3])
@@ -300,7 +305,7 @@ def test_ranks(ranks):
 @pytest.mark.parametrize("limit", [10**6, 0])
 def test_body_that_nothing_holds_down(law, limit, monkeypatch):
     """A block that is drawn up from the plane it stands on, and one that is pressed on it."""
-    from dolfinx_llm import problem as module
+    from dolfinx_llm import solvers as module
 
     monkeypatch.setattr(module, "FLEXIBLE", limit)
     block, tags = blocks()[1]

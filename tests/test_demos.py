@@ -1,9 +1,11 @@
 """The demos as users run them: their figures, files and pictures."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
-from conftest import TESTS, run_mpi
+from conftest import TESTS, clean_environment, run_mpi
 
 DEMOS = TESTS.parent / "demos"
 
@@ -48,3 +50,32 @@ def test_scale():
     rows = scale.main(["--largest", "10000"])
     assert rows[-1]["nodes"][1] > 10_000
     assert all(row["residual"] <= 1e-13 for row in rows)
+
+
+def test_solvers(tmp_path):
+    """Iterations of the condensed form against the matching mesh's, each in its own process."""
+    report = tmp_path / "report.json"
+    command = [sys.executable, str(DEMOS / "solvers.py"), "--largest", "8500", "--repeat", "1"]
+    out = subprocess.run(
+        [*command, "--json", str(report)],
+        env=clean_environment(),
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=90,
+    ).stdout
+    rows = {row["method"]: row for row in json.loads(report.read_text())}
+    assert len(rows) == 4 and all(name in out for name in rows)
+    condensed, matching = (rows[f"{kind} CG + GAMG"] for kind in ("condensed", "matching"))
+    assert 0 < condensed["iterations"] <= 1.3 * matching["iterations"]
+    assert max(row["residual"] for row in rows.values()) <= 1e-12
+
+
+def test_stiff_cases(capsys):
+    """The table says of every case how it went, and none is wrong in silence."""
+    import stiff_cases
+
+    rows = stiff_cases.main(["--size", "4", "--only", "ratio"])
+    assert len(rows) == 2 * (6 + 4 + 4 + 5)
+    assert {row["verdict"] for row in rows} == {"passed", "warned of"}
+    assert "by rounding alone" in capsys.readouterr().out

@@ -1,0 +1,191 @@
+"""What a contact costs: the forms of the system against a matching mesh of equal size.
+
+Two cubes, one on the other, meshes of n and about 1.2 n bricks a side, clamped below and under a
+body force that bends and twists; the reference is one mesh of the same two cubes, matching, with
+as many unknowns. Every case runs in a process of its own, so that its peak memory is its own.
+
+    python demos/solvers.py [--largest N] [--repeat K] [--ranks R] [--json FILE]
+"""
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+METHODS = ("saddle", "condensed Cholesky", "condensed CG + GAMG", "matching CG + GAMG")
+DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky"}
+SIZES = {8_500: 9, 60_000: 19, 190_000: 28, 440_000: 37}  # unknowns, about: bricks a side
+LARGEST = {"saddle": 200_000, "condensed Cholesky": 200_000}  # a factor's memory grows faster
+E, NU = 100.0, 0.3
+
+
+# ## The bodies
+def forms(V):
+    import ufl
+
+    u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
+    mu, lam = E / (2 * (1 + NU)), E * NU / (1 + NU) / (1 - 2 * NU)
+    strain = ufl.sym(ufl.grad(u))
+    stress = 2 * mu * strain + lam * ufl.tr(strain) * ufl.Identity(3)
+    x = ufl.SpatialCoordinate(V.mesh)
+    force = ufl.as_vector([0.2 * x[1] - 0.05, 0.1 + 0.08 * x[2], -0.6 * x[0] - 0.1])
+    return ufl.inner(stress, ufl.grad(w)) * ufl.dx, ufl.inner(force, w) * ufl.dx
+
+
+def clamped(V):
+    import numpy as np
+    from dolfinx import fem
+
+    dofs = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[2], 0.0))
+    return [fem.dirichletbc(np.zeros(3), dofs, V)]
+
+
+# ## Two meshes that do not match
+def contact(comm, n, solver, options=None):
+    from convergence import LOWER, UPPER, blocks
+
+    import dolfinx_llm as llm
+    from dolfinx_llm import compat
+
+    domain, tags = blocks(comm, n, round(1.2 * n))
+    V = compat.function_space(domain, shape=(3,))
+    a, L = forms(V)
+    problem = llm.ContactProblem(
+        a, L, bcs=clamped(V), interfaces=[llm.Interface(tags, (LOWER, UPPER))],
+        solver=solver, petsc_options=options,
+    )  # fmt: skip
+    problem.solve()
+    times, system = problem.times, problem._system
+    reduction = getattr(system, "times", {}).get("reduction", 0.0)
+    bulk = times["assembly of K"] + times["assembly of f"]
+    left_out = ("form compilation", "assembly of K", "assembly of f", "factorisation", "solve")
+    return {
+        "unknowns": problem.unknowns["u"],
+        "iterations": getattr(system, "iterations", 0),
+        "assembly": bulk,
+        "contact": sum(t for stage, t in times.items() if stage not in left_out) + reduction,
+        "set-up": times["factorisation"] - reduction,
+        "solve": times["solve"],
+        "residual": system.residual,
+    }
+
+
+# ## One mesh, with the same options
+def matching(comm, n):
+    import numpy as np
+    from dolfinx import fem, mesh
+    from petsc4py import PETSc
+
+    from dolfinx_llm import compat
+    from dolfinx_llm.krylov import GAMG, ITERATIVE, near_null_space
+    from dolfinx_llm.rigid import rigid_modes
+    from dolfinx_llm.system import set_up_ksp
+
+    nodes = (n + 1) ** 3 + (round(1.2 * n) + 1) ** 3
+    m = round((nodes / 2) ** (1 / 3)) - 1
+    corners = [np.zeros(3), np.array([1.0, 1.0, 2.0])]
+    cells = [m, m, round(nodes / (m + 1) ** 2) - 1]
+    domain = mesh.create_box(comm, corners, cells, mesh.CellType.hexahedron)
+    V = compat.function_space(domain, shape=(3,))
+    bcs = clamped(V)
+    a, L = (fem.form(form) for form in forms(V))
+    began = time.perf_counter()
+    K = compat.assemble_matrix(a, bcs, 1.0)
+    f = compat.assemble_load(L, a, bcs, V, [])
+    assembled = time.perf_counter()
+    x, b = K.createVecs()
+    b.array_w[:] = f
+    S = K.getDiagonal()
+    S.sqrtabs()
+    S.reciprocal()
+    K.diagonalScale(S, S)
+    b.pointwiseMult(b, S)
+    K.setOption(PETSc.Mat.Option.SPD, True)
+    n_local = len(f) // 3
+    modes = rigid_modes(V.tabulate_dof_coordinates()[:n_local] - 0.5).reshape(len(f), -1)
+    fixed = ~np.isnan(compat.prescribed_values(V, bcs)[: len(f)])
+    modes[fixed] = 0.0
+    near_null_space(K, S, modes)
+    ksp = set_up_ksp(K, "matching_", {**ITERATIVE, **GAMG})
+    ready = time.perf_counter()
+    ksp.solve(b, x)
+    x.pointwiseMult(x, S)
+    solved = time.perf_counter()
+    return {
+        "unknowns": K.getSize()[0],
+        "iterations": ksp.getIterationNumber(),
+        "assembly": assembled - began,
+        "contact": 0.0,
+        "set-up": ready - assembled,
+        "solve": solved - ready,
+        "residual": ksp.getResidualNorm() / b.norm(),
+    }
+
+
+# ## The table
+def case(method, n):
+    """One method at one size, in this process; rank 0 prints a line of JSON."""
+    import resource
+
+    from mpi4py import MPI
+
+    comm = MPI.COMM_WORLD
+    if method == "matching CG + GAMG":
+        row = matching(comm, n)
+    else:
+        options = DIRECT if "Cholesky" in method else None
+        row = contact(comm, n, method.split()[0], options)
+    row["memory_gb"] = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1024**2
+    if comm.rank == 0:
+        print(json.dumps(row))
+
+
+def run(method, n, ranks):
+    command = [sys.executable, __file__, "--case", method, str(n)]
+    command = ["mpirun", "-n", str(ranks), *command] if ranks > 1 else command
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
+    if done.returncode or not lines:
+        raise RuntimeError(f"{' '.join(command)}\n{done.stdout}\n{done.stderr}")
+    return json.loads(lines[-1])
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--largest", type=int, default=60_000, help="unknowns")
+    parser.add_argument("--repeat", type=int, default=3, help="runs, of which the median is shown")
+    parser.add_argument("--ranks", type=int, default=1)
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    parser.add_argument("--case", nargs=2, metavar=("METHOD", "N"), help=argparse.SUPPRESS)
+    args = parser.parse_args(arguments)
+    if args.case:
+        return case(args.case[0], int(args.case[1]))
+    columns = ("iterations", "assembly", "contact", "set-up", "solve", "memory_gb")
+    print(f"{'':<22}{'unknowns':>10}" + "".join(f"{c:>12}" for c in columns) + f"{'residual':>12}")
+    rows = []
+    for size, n in SIZES.items():
+        if size > args.largest:
+            break
+        methods = [m for m in METHODS if size <= LARGEST.get(m, size)]
+        found = {method: [] for method in methods}
+        for k in range(args.repeat):  # one after the other, so that all see the same machine
+            for method in methods:
+                if k == 0 or method not in LARGEST or size < 100_000:
+                    found[method].append(run(method, n, args.ranks))
+        for method, runs in found.items():
+            row = {k: statistics.median(r[k] for r in runs) for k in runs[0]}
+            rows.append({"method": method, "n": n, **row})
+            figures = "".join(f"{row[c]:12.4g}" for c in columns)
+            print(f"{method:<22}{row['unknowns']:10}{figures}{row['residual']:12.1e}", flush=True)
+    if args.json:
+        args.json.write_text(json.dumps(rows, indent=2) + "\n")
+    return rows
+
+
+if __name__ == "__main__":
+    main()

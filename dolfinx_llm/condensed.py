@@ -1,0 +1,253 @@
+"""The condensed form of (31): the surfaces' displacements written in terms of the frame's.
+
+With u = T q + u_0 (``slaving``) the unknowns q are the bodies' free displacements and the frame's,
+and Tᵀ K T q = Tᵀ (f - K u_0) is symmetric positive definite. The multipliers are the reactions
+f - K u of what was eliminated.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from dolfinx_llm._parallel import ContactError
+from dolfinx_llm.krylov import DIRECT, WIDEST, near_null_space, solver_of, triple_product
+from dolfinx_llm.slaving import SlavedRows
+from dolfinx_llm.system import is_symmetric, rounding_error
+from dolfinx_llm.transformation import Transformation
+
+log = logging.getLogger("dolfinx_llm")
+
+PASSES = 4  # solves for what the residual of the unreduced system still holds
+ROUNDING = 4.0 * np.finfo(float).eps  # of a residual of the scaled system, per size of its unknowns
+
+
+class CondensedSystem:
+    """Tᵀ K T with a preconditioner or a factorisation, set up once for any number of loads.
+
+    After a solve ``iterations``, ``residual`` (of (31), over the size of its unknowns),
+    ``rounding`` (relative error of the forces that no solver can avoid) and ``notes`` tell how it
+    went.
+
+    Args:
+        K: stiffness of the bodies, AIJ, identity rows and columns at prescribed dofs.
+        rows: what is slaved to the frames.
+        fixed: (n_local,) whether a dof of this rank is prescribed; f holds its value.
+        scale: mean diagonal of K on the surface dofs [force / length].
+        modes: near-null space for GAMG, rigid modes at the bodies' dofs (n_local, k) and at the
+            frames' unknowns (m, k); None: none.
+        proximal: (m,) non-negative stiffness d of the frames' unknowns, which adds
+            1/2 sum_J d_J (v_J - c_J)² to the energy [force / length]; None: none.
+        prefix: of the PETSc options.
+        options: PETSc options on top of ``ITERATIVE`` and ``GAMG``, or of ``DIRECT`` with
+            {"ksp_type": "preonly", "pc_type": "cholesky"}.
+
+    Raises:
+        ContactError: K is not symmetric or the reduced matrix not positive definite.
+    """
+
+    def __init__(
+        self,
+        K,
+        rows: SlavedRows,
+        fixed: np.ndarray,
+        scale: float,
+        *,
+        modes=None,
+        proximal: np.ndarray | None = None,
+        prefix: str = "llm_",
+        options: dict | None = None,
+    ):
+        if not is_symmetric(K):
+            raise ContactError(
+                "the condensed form needs a symmetric stiffness, K has none: use solver='saddle'"
+            )
+        self.K, self.fixed, self.scale = K, fixed, scale
+        self.comm = K.comm.tompi4py()
+        self.notes: list[str] = []
+        self.iterations, self.residual = 0, np.nan
+        began = time.perf_counter()
+        self.form = Transformation(K, rows, fixed, proximal)
+        self.matrix, self.penalty = self._reduce()
+        reduced = time.perf_counter()
+        self._scale_to_unit_diagonal(modes)
+        self._prefix = prefix
+        options = dict(options or {})
+        if rows.widest > WIDEST and options.get("pc_type", "gamg") == "gamg":
+            self.notes.append(
+                f"a frame node couples with some {rows.widest:.0f} nodes of a side that is much "
+                "finer than the frame, too many for GAMG: Cholesky by MUMPS instead"
+            )
+            self._warn()
+            options = DIRECT
+        self.ksp = self._set_up(options)
+        self.times = {"reduction": reduced - began, "set-up": time.perf_counter() - reduced}
+
+    def _reduce(self):
+        """Tᵀ K T with the proximal term, and ones where q has a place without an unknown."""
+        form = self.form
+        matrix, penalty = triple_product(self.K, form.T), form.penalty(self.K.comm)
+        if penalty is not None:
+            matrix.axpy(1.0, penalty, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        diagonal = matrix.getDiagonal()
+        diagonal.array_w[form.idle] = 1.0
+        matrix.setDiagonal(diagonal)
+        diagonal.destroy()
+        return matrix, penalty
+
+    def _scale_to_unit_diagonal(self, modes):
+        """S Tᵀ K T S, S the inverse square root of the diagonal, and its near-null space."""
+        diagonal = self.matrix.getDiagonal()
+        least = self.comm.allreduce(diagonal.array_r.min(initial=np.inf), op=MPI.MIN)
+        if not least > 0.0:
+            raise ContactError(
+                f"the condensed matrix has the diagonal entry {least:.3g}: it is not positive "
+                "definite. Check the material data of the forms a"
+            )
+        diagonal.sqrtabs()
+        diagonal.reciprocal()
+        self.S = diagonal
+        self.matrix.diagonalScale(diagonal, diagonal)
+        self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self.matrix.setOption(PETSc.Mat.Option.SPD, True)
+        if modes is not None:
+            near_null_space(self.matrix, diagonal, self.form.modes(*modes))
+
+    # Solver
+
+    def _warn(self):
+        if self.comm.rank == 0:
+            log.warning(self.notes[-1])
+
+    def _set_up(self, given: dict):
+        ksp, self.method, self.own = solver_of(self.matrix, self._prefix, given)
+        return ksp
+
+    def solve(
+        self, f: np.ndarray, g: np.ndarray, centre: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """This rank's parts of u, λ, v for loads f and gaps g.
+
+        Args:
+            f: (n_local,) loads, prescribed values at fixed dofs.
+            g: (R,) gaps of this rank's multipliers [length].
+            centre: (m,) c of the proximal term, on every rank; None: zero.
+
+        Raises:
+            ContactError: the solver did not reach a small residual of (31).
+        """
+        form = self.form
+        u_0, v_0 = form.offsets(f, g)
+        u, q, force = self._iterate(f, u_0, form.push(centre, v_0))
+        v = form.frame_motion(q, v_0)
+        multiplier = form.multipliers(np.where(self.fixed, 0.0, force), v, centre)
+        self._check(f, g, u, multiplier, v, force, centre)
+        return u, multiplier, v[form.mine_v]
+
+    def _iterate(self, f, u_0, push):
+        """Solve for q; repeat for the residual of the unreduced system while that gains.
+
+        Returns:
+            u, q and f - K u of this rank.
+        """
+        x, b = self.matrix.createVecs()
+        full, image = self.K.createVecs()
+        q, u = np.zeros(x.local_size), u_0.copy()
+        tolerances = self.ksp.getTolerances()
+        self.iterations, last, length = 0, np.inf, 0.0
+        for attempt in range(PASSES + 1):
+            full.array_w[:] = u
+            self.K.mult(full, image)
+            force = f - image.array_r
+            full.array_w[:] = force
+            self.form.T.multTranspose(full, b)
+            b.array_w[:] += push - self._penalty_forces(q)
+            b.pointwiseMult(b, self.S)
+            size = b.norm()
+            if not attempt:
+                goal = tolerances[0] * size
+            enough = max(2.0 * goal, ROUNDING * length)
+            if self.ksp.getType() == "preonly":  # a factorisation refines while that gains
+                enough = 0.0
+            ended = attempt and (attempt == PASSES or self.ksp.getConvergedReason() < 0)
+            if ended or not size > enough or not size < 0.5 * last:
+                break
+            last = size
+            if attempt and self.ksp.getType() != "preonly":
+                self.ksp.setTolerances(rtol=goal / size)
+            self._solve_once(b, x)
+            length += x.norm()
+            x.pointwiseMult(x, self.S)
+            q += x.array_r
+            self.form.T.mult(x, full)
+            u = u + full.array_r
+        self.ksp.setTolerances(*tolerances)
+        for vector in (x, b, full, image):
+            vector.destroy()
+        return u, q, force
+
+    def _penalty_forces(self, q):
+        if self.penalty is None:
+            return 0.0
+        x, y = self.penalty.createVecs()
+        x.array_w[:] = q
+        self.penalty.mult(x, y)
+        forces = y.array_r.copy()
+        x.destroy()
+        y.destroy()
+        return forces
+
+    def _solve_once(self, b, x):
+        """One solve; where the default options do not get there, a factorisation takes over."""
+        self.ksp.solve(b, x)
+        self.iterations += self.ksp.getIterationNumber()
+        reason = self.ksp.getConvergedReason()
+        if reason < 0 and self.own:
+            self.notes.append(
+                f"CG + GAMG ended without an answer after {self.ksp.getIterationNumber()} "
+                f"iterations (PETSc's reason {reason}): Cholesky by MUMPS instead"
+            )
+            self._warn()
+            self.ksp.destroy()
+            self.ksp = self._set_up(DIRECT)
+            self.own = False
+            self.ksp.solve(b, x)
+
+    def _check(self, f, g, u, multiplier, v, force, centre):
+        """Require a small residual of (31), as ``system.SaddleSystem`` does."""
+        residual, miss = self.form.residual(u, multiplier, v, g, force)
+        frame = self.form.frame_forces(multiplier, v, centre)
+        sizes = [
+            np.abs(residual).max(initial=0.0),
+            self.scale * np.abs(miss).max(initial=0.0),
+            np.abs(frame).max(initial=0.0),
+            max(np.abs(f).max(initial=0.0), self.scale * np.abs(g).max(initial=0.0)),
+            self.scale * max(np.abs(u).max(initial=0.0), np.abs(v).max(initial=0.0)),
+            np.abs(multiplier).max(initial=0.0),
+        ]
+        sizes = np.max(self.comm.allgather(sizes), axis=0)
+        worst, load = sizes[:3].max(), sizes[3]
+        self.residual = worst / max(sizes[3:].max(), 1e-300)
+        self.rounding = rounding_error(self.K, u, f, multiplier)
+        against_load = worst / load if load > 0.0 else self.residual
+        # A tolerance that the user made larger is the user's choice.
+        asked = 0.0 if self.ksp.getType() == "preonly" else 10.0 * self.ksp.getTolerances()[0]
+        allowed = max(1e-9, asked), max(1e-6, asked)
+        if not (self.residual < allowed[0] and against_load < allowed[1]):
+            raise ContactError(
+                f"the condensed solve failed: residual {self.residual:.1e} of the unknowns' size "
+                f"(allowed {allowed[0]:.0e}), {against_load:.1e} of the load's (allowed "
+                f"{allowed[1]:.0e}), after "
+                f"{self.iterations} iterations of {self.method}, PETSc's reason "
+                f"{self.ksp.getConvergedReason()}. Check supports, material data and the "
+                "petsc_options given, or use solver='saddle'"
+            )
+
+    def destroy(self):
+        for item in (self.ksp, self.matrix, self.penalty, self.form.T, self.S):
+            if item is not None:
+                item.destroy()

@@ -1,0 +1,201 @@
+"""The condensed form against the saddle form, against dense oracles, and its own manners."""
+
+import both_forms
+import numpy as np
+import patch3d
+import pytest
+import scenes
+import solve_scenes
+import ufl
+from conftest import run_mpi_json
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import dolfinx_llm as llm
+from dolfinx_llm import condensed, krylov, solvers
+
+COMM = MPI.COMM_SELF
+DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky"}
+
+# Against the saddle form
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_forms_agree(n):
+    """u, λ, v by Cholesky and by CG + GAMG at the default tolerance."""
+    found = run_mpi_json("both_forms.py", n, *both_forms.SCENES)
+    assert len(found) == 2 * len(both_forms.SCENES)
+    wrong = {
+        name: errors for name, errors in found.items() if not max(errors.values()) <= bound(name)
+    }
+    assert wrong == {}
+
+
+def bound(name):
+    return 1e-10 if name.endswith("CG") else 1e-12
+
+
+@pytest.mark.parametrize("seed", range(120, 135))
+def test_random_pairs(seed):
+    problem = both_forms.random_pair(seed)(COMM)
+    for options in (DIRECT, None):
+        errors = both_forms.differences(problem, options)
+        assert max(errors.values()) <= 1e-10, (options, errors)
+
+
+# Against a dense solution, with other components slaved than a tied interface's
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_parts_of_the_components(n):
+    """Normals only; random components of turned bases at symmetry planes, open nodes, and frame
+    unknowns that a proximal term alone holds."""
+    found = run_mpi_json("condensed_oracle.py", n)
+    assert len(found) == 8
+    for name, errors in found.items():
+        assert errors.pop("idle") > 0, name
+        assert max(errors.values()) <= 1e-10, (name, errors)
+
+
+# Patch test
+
+
+def von_mises_error(options):
+    problem = solve_scenes.paper_scene(COMM, "predicted")
+    problem.form, problem._options = "condensed", options
+    return patch3d.stress_error(problem.solve())
+
+
+def test_patch_test():
+    assert von_mises_error(DIRECT) <= 1e-12
+    assert von_mises_error({"ksp_rtol": 1e-14}) <= 1e-10
+
+
+@pytest.mark.parametrize(("n0", "n1"), [(4, 3), (3, 4), (5, 5)])
+def test_symmetry_planes_through_the_contact(n0, n1):
+    V, tags = scenes.two_blocks(COMM, n0, n1)
+    options = {"solver": "condensed", "petsc_options": DIRECT}
+    contact = scenes.block_problem(V, tags, options=options)
+    assert scenes.displacement_error(contact.solve(), scenes.uniaxial) <= 1e-12
+    result = contact.results[0]
+    assert np.abs(result.frame.v - scenes.STRAIN * result.frame.x).max() <= 1e-13
+    for side in result.sides:
+        force = scenes.PRESSURE * side.area
+        assert np.abs(side.normal_force - force).max() <= 1e-12 * force.max()
+        assert np.abs(side.tangential_force).max() <= 1e-10 * force.max()
+
+
+# Set-up and options
+
+
+def blocks(solver="condensed", options=None, a=None, **chosen):
+    """Clamped blocks under a load that ``load`` scales."""
+    V, tags = scenes.two_blocks(COMM)
+    stiffness, L = solve_scenes.loaded_forms(V)
+    load = fem.Constant(V.mesh, 1.0)
+    contact = llm.ContactProblem(
+        stiffness if a is None else a(V),
+        load * L,
+        bcs=scenes.hold(V, solve_scenes.CLAMPED),
+        interfaces=[llm.Interface(tags, (2, 3))],
+        solver=solver,
+        petsc_options=options,
+        **chosen,
+    )
+    return contact, load
+
+
+@pytest.mark.parametrize("options", [None, DIRECT])
+def test_second_solve_keeps_the_set_up(options, monkeypatch):
+    contact, load = blocks(options=options)
+    first = contact.solve().x.array.copy()
+    calls = []
+    for name in ("solver_of", "triple_product", "Transformation"):
+        monkeypatch.setattr(condensed, name, lambda *args, name=name: calls.append(name))
+    load.value = -3.0
+    second = contact.solve().x.array
+    assert calls == []
+    assert np.abs(second + 3.0 * first).max() <= 1e-11 * np.abs(second).max()
+
+
+def test_sizes():
+    """Tied nodes have no unknowns in the reduced system, and no place is idle."""
+    contact, _ = blocks()
+    contact.solve()
+    n_u, n_l, n_v = contact.unknowns.values()
+    size = contact._system.matrix.getSize()
+    assert size == (n_u - n_l + n_v,) * 2
+    assert contact._system.matrix.getBlockSize() == 3
+    assert not contact._system.form.idle.any()
+
+
+def test_options_leave_no_trace():
+    before = PETSc.Options().getAll()
+    contact, _ = blocks(options={"ksp_rtol": 1e-8, "pc_gamg_threshold": 0.02})
+    contact.solve()
+    system = contact._system
+    assert system.ksp.getTolerances()[0] == 1e-8
+    assert system.ksp.getPC().getType() == "gamg"
+    assert PETSc.Options().getAll() == before
+    contact, _ = blocks(options=DIRECT)
+    contact.solve()
+    assert contact._system.ksp.getPC().getFactorSolverType() == "mumps"
+    assert PETSc.Options().getAll() == before
+
+
+def test_options_of_the_command_line():
+    """By prefix, before all others."""
+    PETSc.Options()["mine_pc_type"] = "cholesky"
+    try:
+        contact, _ = blocks(petsc_options_prefix="mine_")
+        contact.solve()
+        assert contact._system.ksp.getPC().getFactorSolverType() == "mumps"
+        assert contact._system.iterations <= 3
+    finally:
+        PETSc.Options().delValue("mine_pc_type")
+
+
+def test_too_few_iterations_are_refused():
+    contact, _ = blocks(options={"ksp_max_it": 2})
+    with pytest.raises(llm.ContactError, match="condensed solve failed: .* 2 iterations of CG"):
+        contact.solve()
+
+
+def test_factorisation_takes_over(monkeypatch):
+    """Where the default options do not converge, and says so."""
+    known = blocks("saddle")[0].solve().x.array
+    monkeypatch.setattr(krylov, "PATIENCE", 3)
+    contact, load = blocks()
+    for value in (1.0, 2.0):
+        load.value = value
+        found = contact.solve().x.array
+        assert np.abs(found - value * known).max() <= 1e-12 * np.abs(found).max()
+    assert "Cholesky by MUMPS instead" in str(contact)
+    assert len(contact._system.notes) == 1
+
+
+def unsymmetric(V):
+    u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
+    return ufl.inner(scenes.stress(u), ufl.grad(w)) * ufl.dx + 500.0 * u[0] * w[1] * ufl.dx
+
+
+def test_unsymmetric_stiffness():
+    with pytest.raises(llm.ContactError, match="needs a symmetric stiffness"):
+        blocks(a=unsymmetric)
+    contact, _ = blocks("auto", a=unsymmetric)
+    contact.solve()
+    assert "saddle" in str(contact) and "not symmetric" in str(contact)
+
+
+def test_auto(monkeypatch):
+    """By size; either way the same answer, and ``print`` says what was chosen and why."""
+    contact, _ = blocks("auto")
+    small = contact.solve().x.array.copy()
+    assert f"fewer than {solvers.CROSSOVER[3]} unknowns" in str(contact)
+    assert contact.form == "saddle"
+    monkeypatch.setitem(solvers.CROSSOVER, 3, 100)
+    contact, _ = blocks("auto")
+    large = contact.solve().x.array
+    assert "condensed, CG + GAMG" in str(contact) and "from 100 unknowns on" in str(contact)
+    assert np.abs(large - small).max() <= 1e-12 * np.abs(small).max()

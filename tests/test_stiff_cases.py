@@ -1,0 +1,51 @@
+"""The hard cases of the demo at small size: right, refused with reason, or said to be inexact."""
+
+import pytest
+import stiff_cases
+from mpi4py import MPI
+
+CASES = [(name, key, value) for name, cases in stiff_cases.CASES.items() for key, value in cases]
+REFUSED = {("density", 2.0): "frame is too fine", ("density", 4.0): "patch residual"}
+INEXACT = {("ratio", 1e8), ("sliver", 1e-8)}
+
+
+@pytest.mark.parametrize("solver", ["saddle", "condensed"])
+@pytest.mark.parametrize(("name", "key", "value"), CASES)
+def test_case(name, key, value, solver):
+    size = 2 if value == 16.0 else 4
+    row = stiff_cases.solve(size, MPI.COMM_SELF, solver=solver, **{key: value})
+    if (key, value) in REFUSED:
+        assert REFUSED[key, value] in row["refused"]
+        return
+    assert "refused" not in row, row["refused"]
+    error = max(row["displacement"], row["pressure"])
+    if (key, value) in INEXACT:  # said, and by about how much
+        assert len(row["lost"]) == 1
+        assert error <= 1e-6
+    else:
+        assert row["lost"] == []
+        assert error <= (1e-8 if key in ("offset", "sliver", "aspect") else 1e-10)
+
+
+@pytest.mark.parametrize("exponent", [5, 6, 7, 8])
+def test_lost_digits_are_foreseen(exponent):
+    """Of a stiff body on a soft one, by the factorisation of (31)."""
+    contact, exact = stiff_cases.scene(MPI.COMM_SELF, 4, ratio=10.0**exponent, solver="saddle")
+    contact.solve()
+    error = abs(contact.results[0].pressure / stiff_cases.PRESSURE - 1.0).max()
+    assert error <= 10.0 * contact._system.rounding
+    assert contact._system.rounding <= 1e-16 * 10.0 ** (exponent + 2)
+
+
+def test_row_too_long_for_gamg(monkeypatch):
+    """A factorisation takes over, and "auto" takes the saddle form."""
+    from dolfinx_llm import condensed, solvers
+
+    for module in (condensed, solvers):
+        monkeypatch.setattr(module, "WIDEST", 50.0)
+    monkeypatch.setitem(solvers.CROSSOVER, 3, 100)
+    row = stiff_cases.solve(4, MPI.COMM_SELF, solver="condensed")
+    assert row["method"] == "Cholesky" and "too many for GAMG" in row["notes"][0]
+    assert max(row["displacement"], row["pressure"]) <= 1e-12
+    contact, _ = stiff_cases.scene(MPI.COMM_SELF, 4)
+    assert contact.form == "saddle" and "too many" in str(contact)
