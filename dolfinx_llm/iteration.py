@@ -28,6 +28,7 @@ EPSILON = (1e-4, 1e-6, 1e-8)  # ε about the mid-surface; about the values settl
 UNBALANCED = 1e-8  # residual of K u + B λ = f, over the forces' size
 MAXIMUM = 60  # iterations
 STEADY = 1e-3  # relative change of a frame's motion below which it drifts
+PATIENCE = 8  # iterations before steps are halved; earlier that only delays Newton's
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
 
 
@@ -159,9 +160,9 @@ class ContactIteration:
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
             log.debug("contact law: %s", entry)
-            calm = 0 if changes or miss > before else calm + 1
-            # Friction is linearised about the last iterate, or halfway where that did not help.
-            half = iteration > 1 and miss > 0.9 * before
+            calm = 0 if changes else calm + 1
+            # Friction is linearised about the last iterate; halfway where that keeps not helping.
+            half = iteration > PATIENCE and changes and miss > 0.9 * before
             about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
             before = miss
             if changes == 0:  # settled about this centre: go on about the values found
