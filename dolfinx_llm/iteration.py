@@ -143,7 +143,7 @@ class ContactIteration:
         centre = w if known else self._middle(g)
         alpha = self.alpha if known else np.zeros(self.backend.floating)
         alpha_centre, about, before, phase, calm = alpha, (np.zeros(self.n), w), np.inf, 0, 0
-        drift = np.full(self.m, np.inf)
+        drift, frictional = np.full(self.m, np.inf), any(s.kappa.size for s in self.states)
         for s in self.states:
             s.closings[:] = 0
         for iteration in range(1, MAXIMUM + 1):
@@ -165,7 +165,9 @@ class ContactIteration:
             half = iteration > PATIENCE and changes and miss > 0.9 * before
             about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
             before = miss
-            if changes == 0:  # settled about this centre: go on about the values found
+            # About a centre that stays, without friction, a step chooses its pairs exactly.
+            if changes == 0 or (phase and not (frictional or wrong.any())):
+                # Settled about this centre: go on about the values found.
                 if phase and miss <= self.backend.accuracy:
                     self.w, self.alpha = w, alpha
                     return multiplier, y, w
