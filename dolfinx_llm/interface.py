@@ -124,6 +124,7 @@ class ContactModel:
     directions: np.ndarray  # (m, d, gdim) directions in which the frame's nodes move
     area: float  # of contact, for laws that let bodies part the area where they may touch [area]
     certificate: Certificate | None
+    rims: tuple[np.ndarray, ...]  # per side (n,) pairs next to facets that were left out
     notes: tuple[str, ...]  # what was chosen or left out, and why
     times: dict  # seconds per stage
 
@@ -155,7 +156,7 @@ def build_model(interface: Interface, spaces, fixed=None) -> ContactModel:
     """
     clock = _Clock()
     owners = [_space_of(tags, spaces) for tags, _ in interface.tagged_sides()]
-    sides = tuple(
+    sides = whole = tuple(
         extract_surface(spaces[i], tags, tag)
         for i, (tags, tag) in zip(owners, interface.tagged_sides())
     )
@@ -192,10 +193,18 @@ def build_model(interface: Interface, spaces, fixed=None) -> ContactModel:
     pairs, certificate = _designed(interface, frame, plane, pairs, notes, keep)
     clock.stop("design")
     base = np.broadcast_to(plane.base, (len(frame.x), *plane.base.shape))
-    return _model(interface, sides, owners, pairs, frame, base, certificate, notes, clock)
+    rims = [_rim(p, side) for p, side in zip(pairs, whole)]
+    return _model(interface, sides, owners, pairs, frame, base, certificate, notes, clock, rims)
 
 
-def _model(interface, sides, owners, pairs, frame, base, certificate, notes, clock):
+def _rim(pairs: ContactPairs, whole: Surface) -> np.ndarray:
+    """(n,) whether a facet of the tagged surface next to a node of the pairs is left out."""
+    n = len(whole.x)
+    facets = [np.bincount(f.ravel(), minlength=n) for f in (whole.facets, pairs.surface.facets)]
+    return (facets[0] > facets[1])[pairs.nodes]
+
+
+def _model(interface, sides, owners, pairs, frame, base, certificate, notes, clock, rims=None):
     """The model with the base vectors and frame directions that the law needs.
 
     Args:
@@ -216,7 +225,8 @@ def _model(interface, sides, owners, pairs, frame, base, certificate, notes, clo
     log.info("interface %s: %s", interface.name, certificate)
     return ContactModel(
         interface, sides, tuple(owners), tuple(pairs), frame, base, float(pairs[0].forces.sum()),
-        certificate, tuple(notes), clock.times,
+        certificate, tuple(rims or [np.zeros(len(p.nodes), dtype=bool) for p in pairs]),
+        tuple(notes), clock.times,
     )  # fmt: skip
 
 

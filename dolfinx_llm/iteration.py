@@ -26,6 +26,7 @@ log = logging.getLogger("dolfinx_llm")
 
 EPSILON = (1e-4, 1e-6, 1e-8)  # ε about the mid-surface; about the values settled on before
 UNBALANCED = 1e-8  # residual of K u + B λ = f, over the forces' size
+STALLED = 100.0  # times the accuracy asked for: what a residual may stop falling at
 MAXIMUM = 60  # iterations
 STEADY = 1e-3  # relative change of a frame's motion below which it drifts
 PATIENCE = 8  # iterations before steps are halved; earlier that only delays Newton's
@@ -68,7 +69,7 @@ class ContactIteration:
         """Start anew: at rest, all in contact, no slip history."""
         for state in self.states:
             state.forget()
-        self.w = self.alpha = None
+        self.multiplier = self.w = self.alpha = None
         self.f, self.g = self._rest
         self.history: list[dict] = []
 
@@ -116,10 +117,10 @@ class ContactIteration:
 
     def _snapshot(self):
         """What a load step may have to be taken back to."""
-        return [s.snapshot() for s in self.states], self.w, self.alpha
+        return [s.snapshot() for s in self.states], self.multiplier, self.w, self.alpha
 
     def _restore(self, snapshot):
-        states, self.w, self.alpha = snapshot
+        states, self.multiplier, self.w, self.alpha = snapshot
         for state, kept in zip(self.states, states, strict=True):
             state.restore(kept)
 
@@ -142,7 +143,8 @@ class ContactIteration:
         w = self.w if known else np.zeros(self.m)
         centre = w if known else self._middle(g)
         alpha = self.alpha if known else np.zeros(self.backend.floating)
-        alpha_centre, about, before, phase, calm = alpha, (np.zeros(self.n), w), np.inf, 0, 0
+        about = (self.multiplier if known else np.zeros(self.n), w)
+        alpha_centre, before, phase, calm = alpha, np.inf, 0, 0
         drift, frictional = np.full(self.m, np.inf), any(s.kappa.size for s in self.states)
         for s in self.states:
             s.closings[:] = 0
@@ -160,7 +162,7 @@ class ContactIteration:
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
             log.debug("contact law: %s", entry)
-            calm = 0 if changes else calm + 1
+            calm, last_miss = 0 if changes else calm + 1, before
             # Friction is linearised about the last iterate; halfway where that keeps not helping.
             half = iteration > PATIENCE and changes and miss > 0.9 * before
             about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
@@ -168,8 +170,8 @@ class ContactIteration:
             # About a centre that stays, without friction, a step chooses its pairs exactly.
             if changes == 0 or (phase and not (frictional or wrong.any())):
                 # Settled about this centre: go on about the values found.
-                if phase and miss <= self.backend.accuracy:
-                    self.w, self.alpha = w, alpha
+                if phase and self._accurate(miss, last_miss):
+                    self.multiplier, self.w, self.alpha = multiplier, w, alpha
                     return multiplier, y, w
                 last, drift, ahead = drift, np.where(self._waits, w - centre, 0.0), 0.0
                 if np.abs(drift - last).max(initial=0.0) <= STEADY * np.abs(drift).max(initial=0.0):
@@ -181,6 +183,11 @@ class ContactIteration:
             else:  # tangentially the centre follows, normally it waits
                 centre = np.where(self._waits, centre, w)
         raise ContactError(self._failure(self.history[first:]))
+
+    def _accurate(self, miss: float, before: float) -> bool:
+        """Whether the residual is small, or as small as rounding lets it become."""
+        goal = self.backend.accuracy
+        return miss <= goal or (miss <= STALLED * goal and miss > 0.5 * before)
 
     def _until_next(self, active, y, w, drift, g) -> float:
         """How many steps like the last one the frame drifts until it touches the next pair.

@@ -16,7 +16,7 @@ from dolfinx_llm import compat, operators
 from dolfinx_llm._parallel import ContactError, ContactInputError, check, gather_rows
 from dolfinx_llm.interface import Interface, build_model, describe
 from dolfinx_llm.iteration import ContactIteration
-from dolfinx_llm.results import InterfaceResult, collect_results
+from dolfinx_llm.results import InterfaceResult, collect_results, doubts
 from dolfinx_llm.rigid import Bodies, check_loops, check_support
 from dolfinx_llm.solvers import SOLVERS, build_steps, build_system, choose_solver, warn
 from dolfinx_llm.solvers import describe as describe_solver
@@ -223,6 +223,8 @@ class ContactProblem:
         with self._timed("results"):
             states = self._iteration and self._iteration.states
             self.results = collect_results(self, u, multiplier, w, states)
+        for warning in doubts(self.models, self.results) if self.comm.rank == 0 else []:
+            log.warning(warning)
         self._u = self._functions(u)
         return self._u if self._several else self._u[0]
 

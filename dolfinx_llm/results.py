@@ -122,6 +122,30 @@ def collect_results(problem, u: np.ndarray, multiplier: np.ndarray, w: np.ndarra
     return results
 
 
+def doubts(models, results) -> list[str]:
+    """What in a solution lies outside of what the geometry, which is not updated, allows for."""
+    out = []
+    for model, result in zip(models, results, strict=True):
+        for pairs, side, rim in zip(model.pairs, result.sides, model.rims, strict=True):
+            reached = int((rim & (side.status != OPEN)).sum())
+            if reached:
+                out.append(
+                    f"interface {model.interface.name}: contact reaches {reached} node(s) at the "
+                    f"rim of what {pairs.surface.name} may touch with; facets beyond were left out "
+                    "as too steep. Check the tags, or split the surface into several interfaces"
+                )
+            closed = side.status != OPEN
+            slip = np.linalg.norm(side.slip[closed], axis=1).max(initial=0.0)
+            size = np.abs(pairs.forces).max() ** (1.0 / (side.x.shape[1] - 1))
+            if model.interface.law.unilateral and slip > size:
+                out.append(
+                    f"interface {model.interface.name}: nodes of {pairs.surface.name} slide by "
+                    f"{slip:.3g}, more than a facet's size, {size:.3g}: contact is found for the "
+                    "drawn positions (small sliding). Move the bodies in the drawing instead"
+                )
+    return out
+
+
 def _surface_motion(problem, side: int, u: np.ndarray) -> np.ndarray:
     """(n, gdim) displacement of a side's nodes, on every rank."""
     pairs, dofs = problem._pairs[side], problem._dofs[side]

@@ -92,16 +92,17 @@ def build_system(problem):
 
 def build_steps(problem):
     """What solves the linear steps of laws that let bodies part or slip."""
-    K, rows, options = problem.K, problem._rows, (problem._prefix, problem._options)
-    common = problem.bodies, problem._fixed, problem.scale, *options
+    rows, frames = problem._rows, slip_numbering(problem.models, problem._frame_unknowns)
+    common = problem.bodies, problem._fixed, problem.scale, problem._prefix, problem._options
     if problem.form == "flexibility":
-        return Flexibility(K, problem.B, rows.numbering, *common, soft=problem._soft)
-    frames = slip_numbering(problem.models, problem._frame_unknowns)
+        return Flexibility(problem.K, problem.B, rows.numbering, *common, soft=problem._soft)
     if problem.form == "saddle":
-        return SparseSteps(K, problem.B, rows.numbering, frames, *common, soft=problem._soft)
-    friction = any(model.interface.law.friction for model in problem.models)
-    modes = None if friction else rigid_modes_of(problem)
-    return CondensedSteps(K, rows, frames, 1 if friction else block_size(problem), modes, *common)
+        numbers = rows.numbering, frames
+        return SparseSteps(problem.K, problem.B, *numbers, *common, soft=problem._soft)
+    if any(model.interface.law.friction for model in problem.models):
+        return CondensedSteps(rows, 1, None, problem.K, problem.B, frames, *common)
+    modes = rigid_modes_of(problem)
+    return CondensedSteps(rows, block_size(problem), modes, problem.K, problem.B, frames, *common)
 
 
 def block_size(problem) -> int:

@@ -1,4 +1,4 @@
-"""Steps of contact laws on the whole system, factorised anew in each: for large interfaces.
+"""Steps of contact laws on the whole system, set up anew in each: for large interfaces.
 
 The same as ``flexibility``, where the surfaces have so many nodes that asking the bodies for their
 answer to every multiplier costs more than a few factorisations.
@@ -13,26 +13,25 @@ from dolfinx_llm import operators
 from dolfinx_llm._parallel import gather_rows
 from dolfinx_llm.linear_step import SOFT, InterfaceSystem, wrong_signs
 from dolfinx_llm.rigid import floating_modes, pins
-from dolfinx_llm.system import DirectSolver, join_blocks, with_springs
+from dolfinx_llm.system import DirectSolver, join_blocks, times, with_springs
 
 
-class SparseSteps:
-    """Frame-augmented system (31) with the rows of a contact law.
+class WholeSteps:
+    """What steps on the whole system share.
 
     Args:
-        K, B, bodies, fixed, scale, prefix, options, soft: as of ``Flexibility``.
+        K, B, bodies, fixed, scale, prefix, options: as of ``Flexibility``.
         rows: the multipliers' ``Numbering``.
         frames: ``Numbering`` of frame and slip unknowns.
     """
 
     accuracy = 1e-13  # of balance and law, relative
 
-    def __init__(self, K, B, rows, frames, bodies, fixed, scale, prefix, options=None, *, soft):
+    def __init__(self, K, B, rows, frames, bodies, fixed, scale, prefix, options=None):
         self.K, self.B, self.rows, self.frames, self.scale = K, B, rows, frames, scale
-        self.comm, self._prefix, self._options = bodies.comm, prefix, options
+        self.comm, self.fixed, self._prefix, self._options = bodies.comm, fixed, prefix, options
         modes = floating_modes(bodies, K, fixed)
-        self._pins, self._soft = pins(self.comm, modes), soft
-        self.floating, self._u = modes.shape[1], None
+        self._pins, self.floating = pins(self.comm, modes), modes.shape[1]
 
     def load(self, f: np.ndarray) -> None:
         """Take this rank's load."""
@@ -43,38 +42,71 @@ class SparseSteps:
 
     def solve(self, step: InterfaceSystem, spring: float, centre: np.ndarray, may_open: np.ndarray):
         """One linear step; see ``Flexibility.solve``. α: motion of the dofs that springs hold."""
-        on, c = step.active, self.scale
         f = self.f.copy()
         first = sum(self.comm.allgather(len(self._pins))[: self.comm.rank])
         f[self._pins] += spring * centre[first : first + len(self._pins)]
-        blocks = self._blocks(step, spring)
+        K = with_springs(self.K, self._pins, np.full(len(f), spring))
+        self._u, multiplier, w = self._solve(K, f, step)
+        K.destroy()
+        y = self._gather(self.rows, times(self.B, self._u, transposed=True))
+        alpha = gather_rows(self.comm, self._u[self._pins])
+        wrong = wrong_signs(step, may_open, multiplier, y, w, self.scale)
+        return multiplier, y, w, alpha, step.active, wrong
+
+    def _solve(self, K, f: np.ndarray, step: InterfaceSystem):
+        """u of this rank; λ (n,) and w (m,) on every rank."""
+        raise NotImplementedError
+
+    def displacement(self, multiplier: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+        """This rank's u of the last step; sets ``residual``, of K u + B λ = f."""
+        load = self.f - times(self.B, multiplier[self.rows.mine])
+        miss = np.abs(times(self.K, self._u) - load).max(initial=0.0)
+        sizes = [np.abs(self.f), np.abs(load), self.scale * np.abs(self._u)]
+        found = self.comm.allgather((miss, max(a.max(initial=0.0) for a in sizes)))
+        miss, size = np.max(found, axis=0)
+        self.residual = miss / max(size, 1e-300)
+        return self._u
+
+    def _gather(self, numbering, local: np.ndarray) -> np.ndarray:
+        return gather_rows(self.comm, local)[numbering.number]
+
+    def destroy(self) -> None:
+        """Nothing outlives a step."""
+
+
+class SparseSteps(WholeSteps):
+    """Frame-augmented system (31) with the rows of a contact law, factorised in each step.
+
+    Args:
+        *arguments: of ``WholeSteps``.
+        soft: (n,) rows of prescribed dofs, as of ``Flexibility``.
+    """
+
+    def __init__(self, *arguments, soft):
+        super().__init__(*arguments)
+        self._soft = soft
+
+    def _solve(self, K, f, step: InterfaceSystem):
+        blocks = self._blocks(K, step)
         matrix, places = join_blocks(blocks)
-        for row in blocks:
-            for M in row:
-                if M is not None:
-                    M.destroy()
+        for M in (M for row in blocks for M in row if M is not None and M is not K):
+            M.destroy()
         solver = DirectSolver(matrix, self._prefix, self._options, own=True)
         rhs = np.zeros(matrix.getLocalSize()[0])
         rhs[places[0]] = f
-        rhs[places[1]] = np.where(on, -c * step.g, 0.0)[self.rows.mine]
+        rhs[places[1]] = np.where(step.active, -self.scale * step.g, 0.0)[self.rows.mine]
         if len(places) > 2:
             rhs[places[2]] = -step.rhs[self.frames.mine]
         x = solver.solve(rhs)
         solver.destroy()
-        u, multiplier = x[places[0]], self._gather(self.rows, c * x[places[1]])
+        multiplier = self._gather(self.rows, self.scale * x[places[1]])
         w = self._gather(self.frames, x[places[2]]) if len(places) > 2 else np.zeros(0)
-        self._u = u
-        y = self._gather(self.rows, self._times(self.B, u, transposed=True))
-        alpha = gather_rows(self.comm, u[self._pins])
-        wrong = wrong_signs(step, may_open, multiplier, y, w, c)
-        return multiplier, y, w, alpha, step.active, wrong
+        return x[places[0]], multiplier, w
 
-    def _blocks(self, step: InterfaceSystem, spring: float):
+    def _blocks(self, K, step: InterfaceSystem):
         """Blocks of the system in u, λ / c and w, symmetric without friction."""
         c, comm = self.scale, self.comm
         rows, frames = self.rows, self.frames
-        springs = np.full(self.K.getLocalSize()[0], spring)
-        K = with_springs(self.K, self._pins, springs)
         on = step.active.astype(float)
         picked = _aij(comm, diags(c * on).tocsr(), rows, rows)
         B = self.B.matMult(picked)
@@ -89,34 +121,6 @@ class SparseSteps:
         E = _aij(comm, (step.E @ diags(-c * on)).tocsr(), frames, rows)
         D = _aij(comm, (-step.D).tocsr(), frames, frames)
         return [[K, B, None], [B_t, own, L], [None, E, D]]
-
-    def displacement(self, multiplier: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-        """This rank's u of the last step; sets ``residual``, of K u + B λ = f."""
-        local = multiplier[self.rows.mine]
-        load = self.f - self._times(self.B, local)
-        miss = np.abs(self._times(self.K, self._u) - load).max(initial=0.0)
-        sizes = [np.abs(self.f), np.abs(load), self.scale * np.abs(self._u)]
-        found = self.comm.allgather((miss, max(a.max(initial=0.0) for a in sizes)))
-        miss, size = np.max(found, axis=0)
-        self.residual = miss / max(size, 1e-300)
-        return self._u
-
-    def _times(self, M, x: np.ndarray, transposed: bool = False) -> np.ndarray:
-        """This rank's part of M x or Mᵀ x."""
-        right, left = M.createVecs()
-        source, target = (left, right) if transposed else (right, left)
-        source.array_w[:] = x
-        (M.multTranspose if transposed else M.mult)(source, target)
-        values = target.array_r.copy()
-        right.destroy()
-        left.destroy()
-        return values
-
-    def _gather(self, numbering, local: np.ndarray) -> np.ndarray:
-        return gather_rows(self.comm, local)[numbering.number]
-
-    def destroy(self) -> None:
-        """Nothing outlives a step."""
 
 
 def _aij(comm, M: csr_matrix, rows, cols):

@@ -197,6 +197,18 @@ def with_springs(K, at, stiffness):
     return held
 
 
+def times(M, x: np.ndarray, transposed: bool = False) -> np.ndarray:
+    """This rank's part of M x or Mᵀ x."""
+    right, left = M.createVecs()
+    source, target = (left, right) if transposed else (right, left)
+    source.array_w[:] = x
+    (M.multTranspose if transposed else M.mult)(source, target)
+    values = target.array_r.copy()
+    right.destroy()
+    left.destroy()
+    return values
+
+
 def join_blocks(blocks):
     """AIJ from a nest of blocks, and this rank's rows of each block row: the nest interleaves the
     blocks by rank."""

@@ -366,3 +366,76 @@ def test_pictures_and_files(tmp_path):
     side = scene.problem.results[0].sides[0]
     assert table["normal_force"] == pytest.approx(side.normal_force)
     assert table["slip_x"] == pytest.approx(side.slip[:, 0])
+
+
+BAD = {
+    "negative": (lambda: llm.Coulomb(-0.1), "mu=-0.1"),
+    "nan": (lambda: llm.Coulomb(float("nan")), "mu=nan"),
+    "text": (lambda: llm.Coulomb("a lot"), "a lot"),
+    "method": (lambda: llm.Coulomb(0.1, method="bisection"), "bisection"),
+    "normal": (lambda: llm.RigidPlane((0, 0), (0, 0)), "no direction"),
+    "sizes": (lambda: llm.RigidPlane((0, 0), (0, 0, 1)), "give 2 numbers"),
+    "radius": (lambda: llm.RigidSphere((0, 0), -1.0), "radius=-1.0"),
+    "axis": (lambda: llm.RigidCylinder((0, 0, 0), (0, 0, np.inf), 1.0), "finite"),
+    "mesh": (lambda: llm.RigidSurface("a file"), "a file"),
+    "two obstacles": (
+        lambda: llm.Interface(None, (llm.RigidSphere((0, 0), 1), llm.RigidSphere((9, 0), 1))),
+        "both sides",
+    ),
+    "frame": (
+        lambda: llm.Interface(
+            None, (1, llm.RigidSphere((0, 0), 1)), frame=llm.Frame([[0, 0], [1, 0]], [[0, 1]])
+        ),
+        "no frame",
+    ),
+    "dimension": (lambda: against(llm.RigidSphere((0, 0, 0), 1.0), llm.Frictionless()), "3D"),
+    "wrong side": (
+        lambda: against(llm.RigidPlane((0, 1), (0, 1)), llm.Frictionless(), where=scenes.ABOVE),
+        "faces",
+    ),
+    "centre": (lambda: against(llm.RigidSphere((-0.6, 1.0), 1.0), llm.Frictionless()), "centre"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input(name):
+    make, text = BAD[name]
+    with pytest.raises(llm.ContactError, match=text):
+        make()
+
+
+def test_bad_steps():
+    plane = llm.RigidPlane((0.0, 1.0), (0.0, 1.0))
+    problem, _ = against(plane, llm.Frictionless())
+    with pytest.raises(ValueError, match="increments=0"):
+        problem.solve(increments=0)
+    plane.displacement = (0.0, np.nan)
+    with pytest.raises(ValueError, match="finite"):
+        problem.solve()
+    plane.displacement = (0.0, 0.0, 1.0)
+    with pytest.raises(ValueError, match="2 numbers"):
+        problem.solve()
+
+
+def test_doubts_are_logged(caplog):
+    """Sliding farther than a facet, and contact up to facets that are too steep."""
+    scene = pressed(llm.Frictionless())
+    scene.move(down(0.02, drag=0.9))
+    assert any("more than a facet" in r.message for r in caplog.records)
+    caplog.clear()
+    rng = np.random.default_rng(5)
+    low = rectangle(COMM, (20, 4), (-1.0, 0.0), (1.0, 1.0), "triangle", 0.2, rng)
+
+    def bulge(x):  # a parabola as steep as 45 degrees at its ends
+        share = np.clip(2.0 - x[:, 1:], 0.0, 1.0)
+        return np.column_stack([x[:, 0], x[:, 1] + share[:, 0] * x[:, 0] ** 2 / 1.2])
+
+    high = rectangle(COMM, (16, 4), (-0.6, 1.0), (0.6, 2.0), "triangle", 0.2, rng, bulge)
+    scene = Pressed(
+        [low, high], llm.Frictionless(), lambda p: p[1] > 2.0 - 1e-9, lambda p: p[1] < 1e-9
+    )
+    assert any("tilted beyond 30" in note for note in scene.problem.models[0].notes)
+    scene.move(down(0.01))
+    assert not caplog.records
+    scene.move(down(0.4))
+    assert any("reaches" in r.message for r in caplog.records)
