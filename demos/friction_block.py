@@ -75,10 +75,10 @@ class Dragged:
         self.top.g.x.array[:] = drag
         self.problem.solve()
         result = self.problem.results[0]
-        friction, N = np.abs(result.resultant[0]), np.abs(result.resultant[1])
+        T, N = result.resultant
         last = self.problem.history[-1]
         return {
-            "drag": drag, "friction": friction, "normal": N, "stick": last["stick"],
+            "drag": drag, "friction": -np.sign(N) * T, "normal": abs(N), "stick": last["stick"],
             "slip": last["slip"], "iterations": len(self.problem.history),
         }  # fmt: skip
 

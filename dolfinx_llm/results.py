@@ -81,8 +81,9 @@ class InterfaceResult:
         """
         side = self.sides[0]
         arm = side.x - (0.0 if about is None else np.asarray(about, dtype=float))
-        total = np.cross(arm, side.force)
-        return np.atleast_1d(total.sum(axis=0))
+        if arm.shape[1] == 2:  # NumPy 2 has no cross product in the plane
+            return np.array([np.sum(arm[:, 0] * side.force[:, 1] - arm[:, 1] * side.force[:, 0])])
+        return np.cross(arm, side.force).sum(axis=0)
 
 
 def collect_results(problem, u: np.ndarray, multiplier: np.ndarray, w: np.ndarray, states=None):

@@ -1,0 +1,234 @@
+"""The contact demos at small sizes, against theory and against the conditions of contact."""
+
+import json
+
+import cattaneo_mindlin
+import friction_block
+import hertz2d
+import hertz3d
+import lift_off
+import numpy as np
+import pytest
+from conftest import run_mpi_json
+
+LIMITS = {"cold": 12, "later": 4}  # iterations: of a first step, of one that changes no contact
+
+
+def contact_conditions(problem, load):
+    """Complementarity over the largest force and displacement; both sides' forces over the load."""
+    sides = problem.results[0].sides
+    totals = [side.force.sum(axis=0) for side in sides]
+    if len(sides) == 2:
+        assert np.abs(totals[0] + totals[1]).max() <= 1e-10 * load
+    assert abs(abs(totals[0][-1]) - load) <= 1e-10 * load
+    assert lift_off.complementarity(problem) <= 1e-10
+
+
+# Hertz
+
+
+@pytest.mark.parametrize(
+    "scene, elements, bound",
+    [
+        ("cylinders", (16, 23), 0.01),
+        ("cylinders", (48, 16), 0.01),
+        ("cylinders", (32, 47), 0.005),
+        ("plane", (16, 16), 0.01),
+        ("plane", (32, 32), 0.005),
+    ],
+)
+def test_hertz_2d(scene, elements, bound):
+    """Peak pressure and half-width on the frame and on both sides."""
+    a, p0 = hertz2d.hertz(scene)
+    if scene == "cylinders":
+        assert (a, p0) == pytest.approx((0.68078, 9.3513), rel=2e-5)
+    problem = hertz2d.problem(scene, elements)
+    problem.solve()
+    assert len(problem.history) <= LIMITS["cold"]
+    contact_conditions(problem, hertz2d.LOAD[scene])
+    for name, row in hertz2d.figures(problem, a, p0).items():
+        assert abs(row["peak"] - 1) <= bound, name
+        assert abs(row["half-width"] - 1) <= bound, name
+        assert abs(row["largest"] - 1) <= 0.01, name  # the largest of all nodes, without a fit
+        assert row["L2 error"] <= 0.02, name
+
+
+def test_hertz_2d_reads_no_theory():
+    """The fit finds peak and half-width of a pressure that it was not made for."""
+    x = np.linspace(-2.0, 2.0, 81)
+    p = 3.0 * np.sqrt(np.maximum(1 - (x / 1.7) ** 2, 0.0))
+    assert hertz2d.fit(x, p) == pytest.approx((3.0, 1.7), rel=1e-12)
+
+
+def test_averages_over_hats():
+    """Averages of a parabola over hats of uneven width, against the integrals by hand."""
+    x = np.array([1.0, 0.0, 3.0])
+    # Hats of [0, 1, 3]: x² averages to 1/6 at 0, to 13/6 at 1 and to 17/3 at 3.
+    by_hand = [13 / 6, 1 / 6, 17 / 3]
+    np.testing.assert_allclose(hertz2d.averages(x, lambda s: s**2), by_hand, rtol=1e-3)
+
+
+def test_swapped_sides():
+    """The order of the sides does not matter."""
+    found = []
+    for order in ((0, 1), (1, 0)):
+        problem = hertz2d.problem("cylinders", (8, 11), growth=0.2, order=order)
+        problem.solve()
+        found.append([problem.results[0].sides[k].normal_force for k in order])
+    for one, other in zip(*found):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-11 * one.max())
+
+
+def test_hertz_3d_on_a_rigid_plane():
+    """0.5 % of the peak and 1 % of the radius at 9 elements over a."""
+    problem = hertz3d.problem("plane", (9, 9))
+    problem.solve()
+    assert len(problem.history) <= LIMITS["cold"]
+    contact_conditions(problem, hertz3d.hertz("plane")[1] / 4)
+    row = hertz3d.figures(problem, "plane")["frame"]
+    assert abs(row["peak"] - 1) <= 0.005
+    assert abs(row["radius"] - 1) <= 0.01
+
+
+def test_hertz_3d_on_a_block():
+    """Coarse meshes that do not match: the frame's peak within 1 %, all conditions met."""
+    problem = hertz3d.problem("block", (4, 6), growth=1.4)
+    problem.solve()
+    assert len(problem.history) <= LIMITS["cold"]
+    contact_conditions(problem, hertz3d.hertz("block")[1] / 4)
+    assert abs(hertz3d.figures(problem, "block")["frame"]["peak"] - 1) <= 0.01
+
+
+def test_boussinesq():
+    """The displacements that hold the block: no body force, and the force P on a hemisphere."""
+    P, E, nu, h = 2.0, 3.0, 0.25, 1e-4
+    rng = np.random.default_rng(11)
+    n = rng.standard_normal((3, 200000))
+    n /= np.linalg.norm(n, axis=0)
+    n[2] = -np.abs(n[2])
+    moved = [
+        [hertz3d.boussinesq(n + s * h * np.eye(3)[:, [k]], P, E, nu) for s in (1, -1)]
+        for k in range(3)
+    ]
+    grad = np.array([(a - b) / (2 * h) for a, b in moved])
+    eps = (grad + grad.transpose(1, 0, 2)) / 2
+    trace = np.einsum("kkn->n", eps)
+    sigma = E / (1 + nu) * (eps + nu / (1 - 2 * nu) * trace * np.eye(3)[:, :, None])
+    force = 2 * np.pi * np.einsum("kin,in->kn", sigma, n).mean(axis=1)
+    assert force[2] == pytest.approx(P, rel=0.01)
+    assert np.abs(force[:2]).max() <= 0.02 * P
+
+
+# Friction
+
+
+def test_cattaneo_mindlin():
+    """Stick half-width within one element, tangential traction within 2 % in L2."""
+    load, elements = 0.1, (32, 32)
+    discs = cattaneo_mindlin.Discs(elements, load)
+    discs.run(2)
+    found = cattaneo_mindlin.figures(discs.problem, elements, load)
+    contact_conditions(discs.problem, load * cattaneo_mindlin.P)
+    assert abs(found["stick half-width / c"] - 1) <= found["element / c"]
+    assert found["L2 error of q"] <= 0.02
+    assert found["friction / Q"] == pytest.approx(1.0, abs=1e-10)
+    assert found["beyond mu N"] <= 1e-10
+
+
+def test_dragged_block():
+    """Full stick, partial slip, full slip: friction proportional to the motion, then mu N."""
+    scene = friction_block.Dragged(0.5, (8, 11))
+    rows = [scene.step(drag) for drag in (0.0, 0.0002, 0.0004, 0.004, 0.01, 0.012)]
+    start, *friction = [row["friction"] for row in rows]
+    assert [row["slip"] for row in rows[:3]] == [0, 0, 0]
+    assert (friction[1] - start) / (friction[0] - start) == pytest.approx(2.0, rel=1e-9)
+    assert rows[3]["slip"] > 0 and rows[3]["stick"] > 0
+    for row in rows[4:]:
+        assert row["stick"] == 0
+        assert row["friction"] == pytest.approx(0.5 * row["normal"], rel=1e-10)
+    assert all(row["iterations"] <= LIMITS["cold"] for row in rows)
+    contact_conditions(scene.problem, 2 * friction_block.PRESSURE)
+
+
+def test_methods_agree():
+    """The paper's switch, where it settles, finds what Newton's iteration finds."""
+    rows = [friction_block.Dragged(0.3, (8, 11), method) for method in ("newton", "switch")]
+    for drag in (0.001, 0.0025):
+        one, other = (scene.step(drag) for scene in rows)
+        assert one["stick"] > 0 and one["slip"] > 0
+        assert one["friction"] == pytest.approx(other["friction"], rel=1e-9)
+
+
+def test_ssnv128():
+    """Tangential displacements inside the published scatter of 5 %."""
+    problem, found = friction_block.ssnv128(32)
+    np.testing.assert_allclose(found, friction_block.SSNV_U, rtol=0.05)
+    side = problem.results[0].sides[0]
+    T, N = np.linalg.norm(side.tangential_force, axis=1), side.normal_force
+    slips, sticks = side.status == 2, side.status == 1
+    assert slips.any() and sticks.any()
+    np.testing.assert_allclose(T[slips], N[slips], rtol=0, atol=1e-10 * N.max())
+    assert (T[sticks] <= N[sticks] + 1e-10 * N.max()).all()
+    assert np.abs(side.slip[sticks]).max() <= 1e-10 * np.abs(side.u).max()
+
+
+# Lift-off
+
+
+def test_lift_off():
+    """Forces and moments balance at every step; contact opens, and closes again as it was."""
+    rows = lift_off.main([])
+    assert rows[0]["iterations"] <= LIMITS["cold"]
+    for row in rows:
+        assert max(row["force"], row["moment"], row["complementarity"]) <= 1e-10
+    open_, closed = [r for r in rows if r["e"] > 0.18], [r for r in rows if r["e"] < 0.16]
+    element = lift_off.L / 16
+    for row in open_:
+        assert row["contact"] < lift_off.L
+        assert abs(row["contact"] - row["Navier"]) <= element
+    assert all(row["iterations"] <= LIMITS["cold"] for row in open_)  # 5
+    for row in closed:
+        assert row["iterations"] <= LIMITS["later"]
+        assert row["contact"] == pytest.approx(lift_off.L)
+    for row in (rows[0], rows[-1]):  # central: uniform
+        assert row["off linear"] <= 1e-10
+    # The way back is the way there: without friction nothing is remembered.
+    assert rows[4]["peak"] == pytest.approx(rows[6]["peak"], rel=1e-10)
+    assert rows[1]["peak"] == pytest.approx(rows[7]["peak"], rel=1e-10)
+
+
+def test_bending_of_a_tower():
+    """While contact is closed its pressure tends to the linear one of pure bending."""
+    errors = [lift_off.Tower((n, 3 * n // 2)).step(0.1)["off linear"] for n in (6, 12, 24)]
+    assert errors[0] / errors[1] >= 1.7 and errors[1] / errors[2] >= 1.7
+
+
+# Ranks, files
+
+
+def test_ranks():
+    """Two ranks find what one finds."""
+    one, two = (run_mpi_json("contact_demo_ranks.py", n) for n in (1, 2))
+    for scene, values in one.items():
+        for name, value in values.items():
+            off = np.abs(np.array(value) - np.array(two[scene][name])).max()
+            assert off <= 1e-10, (scene, name)
+
+
+@pytest.mark.parametrize(
+    "demo, arguments",
+    [
+        (hertz2d, ["--elements", "4", "6", "--growth", "0.3"]),
+        (hertz3d, ["--elements", "2", "2", "--growth", "2"]),
+        (cattaneo_mindlin, ["--elements", "4", "6", "--steps", "1"]),
+        (friction_block, ["--elements", "4", "6", "--steps", "1"]),
+        (lift_off, ["--elements", "4", "6"]),
+    ],
+)
+def test_files(demo, arguments, tmp_path):
+    """A picture and a report, also in folders that are not there yet."""
+    report, pictures = tmp_path / "report.json", tmp_path / "new"
+    demo.main([*arguments, "--json", str(report), "--plot", str(pictures)])
+    assert json.loads(report.read_text())
+    assert all(path.read_bytes()[:4] == b"\x89PNG" for path in pictures.glob("*"))
+    assert any(pictures.iterdir())
