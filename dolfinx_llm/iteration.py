@@ -58,6 +58,7 @@ class ContactIteration:
         self._L_t = self.L[:, : self.n_v].T.tocsr()
         self._fit = splu((self.L.T @ self.L + 1e-10 * identity(self.m)).tocsc()) if self.m else None
         self._normal = np.zeros(self.n, dtype=bool)  # rows that may open
+        self._slips = np.arange(self.m) >= self.n_v  # κ
         self._waits = np.zeros(self.m, dtype=bool)  # normal motion of frames that may open
         for s in self.states:
             self._normal[s.rows[:, -1]] = s.law.unilateral
@@ -144,7 +145,7 @@ class ContactIteration:
         centre = w if known else self._middle(g)
         alpha = self.alpha if known else np.zeros(self.backend.floating)
         about = (self.multiplier if known else np.zeros(self.n), w)
-        alpha_centre, before, phase, calm = alpha, np.inf, 0, 0
+        alpha_centre, before, phase, calm, w_last = alpha, np.inf, 0, 0, w
         drift, frictional = np.full(self.m, np.inf), any(s.kappa.size for s in self.states)
         for s in self.states:
             s.closings[:] = 0
@@ -166,6 +167,10 @@ class ContactIteration:
             # Friction is linearised about the last iterate; halfway where that keeps not helping.
             half = iteration > PATIENCE and changes and miss > 0.9 * before
             about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
+            if calm > 2 and miss > 0.5 * before:  # slip that creeps: go on to where it turns round
+                w = w + self._until_reversal(w, w - w_last) * np.where(self._slips, w - w_last, 0.0)
+                about = multiplier, w
+            w_last = w
             before = miss
             # About a centre that stays, without friction, a step chooses its pairs exactly.
             if changes == 0 or (phase and not (frictional or wrong.any())):
@@ -188,6 +193,26 @@ class ContactIteration:
         """Whether the residual is small, or as small as rounding lets it become."""
         goal = self.backend.accuracy
         return miss <= goal or (miss <= STALLED * goal and miss > 0.5 * before)
+
+    def _until_reversal(self, w, drift) -> float:
+        """How many steps like the last one it takes until slip at some friction node turns round.
+
+        At the rim of contact, where a node's slip moves hardly any pair, the wrong sense of slip
+        is felt by a tiny force only, and slip creeps towards the right one.
+        """
+        least = np.inf
+        for s in self.states:
+            if s.kappa.size:
+                delta, rate = (
+                    s.slip(w)[s.status == SLIP],
+                    drift[s.kappa][s.status == SLIP] / s.theta,
+                )
+                towards = -np.einsum("ni,ni->n", delta, rate)
+                speed = np.linalg.norm(rate, axis=1)
+                quick = (towards > 0.0) & (speed > STEADY * speed.max(initial=0.0))
+                size = np.linalg.norm(delta, axis=1)[quick]
+                least = min(least, (size / speed[quick]).min(initial=np.inf))
+        return 1.01 * least if np.isfinite(least) else 0.0
 
     def _until_next(self, active, y, w, drift, g) -> float:
         """How many steps like the last one the frame drifts until it touches the next pair.
