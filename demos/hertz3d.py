@@ -5,6 +5,8 @@ Quarters of blocks, bricks graded towards the contact. Peak pressure and radius 
 of p² = p0² - (p0 / a)² r², as in ``hertz2d.py``. Blocks are 10 a wide and high: what they differ
 from half-spaces by falls with (a / width)³ where the load is given. Where the depth is given, as
 for the rigid sphere, it falls with a / width only: there Boussinesq's displacements hold the block.
+The rigid sphere's load is 2.3 % above Hertz's at a / R = 0.1, 0.8 % at 0.025: contact is found
+along the sphere's own normals, Hertz leaves the slope of the surface out.
 
     mpirun -n 2 python demos/hertz3d.py [--scene block] [--elements 9 13] [--plot DIR] ...
 """

@@ -153,9 +153,11 @@ class Flexibility:
         on = np.concatenate([np.flatnonzero(choose), np.flatnonzero(step.active & ~choose)])
         A, rhs = self._equations(step, on, spring, centre)
         n = int(choose.sum())
-        factor = scipy.linalg.lu_factor(A[n:, n:], check_finite=False)
-        rest = scipy.linalg.lu_solve(factor, np.column_stack([A[n:, :n], rhs[n:]]))
-        M, q = A[:n, :n] - A[:n, n:] @ rest[:, :-1], A[:n, n:] @ rest[:, -1] - rhs[:n]
+        M, q = A[:n, :n], -rhs[:n]
+        if len(A) > n:  # a body that supports hold, against an obstacle, leaves nothing over
+            factor = scipy.linalg.lu_factor(A[n:, n:], check_finite=False)
+            rest = scipy.linalg.lu_solve(factor, np.column_stack([A[n:, :n], rhs[n:]]))
+            M, q = M - A[:n, n:] @ rest[:, :-1], q + A[:n, n:] @ rest[:, -1]
         active = step.active.copy()
         active[on[:n]] = complementarity(M, q, step.active[on[:n]])
         return active

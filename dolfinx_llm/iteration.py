@@ -29,8 +29,8 @@ UNBALANCED = 1e-8  # residual of K u + B λ = f, over the forces' size
 STALLED = 100.0  # times the accuracy asked for: what a residual may stop falling at
 MAXIMUM = 60  # iterations
 STEADY = 1e-3  # relative change of a frame's motion below which it drifts
+CREEPS = 5  # calm iterations before slip that still moves steadily counts as creep
 PATIENCE = 8  # iterations before steps are halved; earlier that only delays Newton's
-CALM = 2.0  # growth of the residual up to which states that do not change count as calm
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
 
 
@@ -164,11 +164,11 @@ class ContactIteration:
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
             log.debug("contact law: %s", entry)
-            calm, last_miss = 0 if changes or miss > CALM * before else calm + 1, before
+            calm, last_miss = 0 if changes else calm + 1, before
             # Friction is linearised about the last iterate; halfway where that keeps not helping.
             half = iteration > PATIENCE and changes and miss > 0.9 * before
             about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
-            if calm > 2 and miss > 0.5 * before:  # slip that creeps: go on to where it turns round
+            if calm > CREEPS and miss > 0.5 * before:  # slip creeps: go on to where it turns round
                 w = w + self._until_reversal(w, w - w_last) * np.where(self._slips, w - w_last, 0.0)
                 about = multiplier, w
             w_last = w

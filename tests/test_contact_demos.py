@@ -232,3 +232,13 @@ def test_files(demo, arguments, tmp_path):
     assert json.loads(report.read_text())
     assert all(path.read_bytes()[:4] == b"\x89PNG" for path in pictures.glob("*"))
     assert any(pictures.iterdir())
+
+
+def test_rigid_sphere():
+    """A block that supports hold, pressed by a sphere: radius and load, Boussinesq's far field."""
+    problem = hertz3d.problem("sphere", (6, 6))
+    problem.solve()
+    assert lift_off.complementarity(problem) <= 1e-10
+    row = hertz3d.figures(problem, "sphere")["frame"]
+    assert abs(row["radius"] - 1) <= 0.02
+    assert abs(row["load"] - 1) <= 0.03
