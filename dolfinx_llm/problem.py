@@ -223,7 +223,7 @@ class ContactProblem:
         with self._timed("results"):
             states = self._iteration and self._iteration.states
             self.results = collect_results(self, u, multiplier, w, states)
-        for warning in doubts(self.models, self.results) if self.comm.rank == 0 else []:
+        for warning in doubts(self.models, self.results, states) if self.comm.rank == 0 else []:
             log.warning(warning)
         self._u = self._functions(u)
         return self._u if self._several else self._u[0]

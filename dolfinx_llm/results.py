@@ -13,6 +13,8 @@ from dolfinx_llm.frame import Frame
 from dolfinx_llm.friction import OPEN, SLIP, STICK
 from dolfinx_llm.interface import Certificate
 
+LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
+
 
 @dataclass(frozen=True)
 class SideResult:
@@ -122,9 +124,20 @@ def collect_results(problem, u: np.ndarray, multiplier: np.ndarray, w: np.ndarra
     return results
 
 
-def doubts(models, results) -> list[str]:
-    """What in a solution lies outside of what the geometry, which is not updated, allows for."""
+def doubts(models, results, states=None) -> list[str]:
+    """What in a solution lies outside of what the method allows for: contact at the rim of what may
+    touch, sliding farther than a facet, pairs that lost their friction."""
     out = []
+    for state in states or []:
+        share = state.loose_share(
+            [side.normal_force for side in results[states.index(state)].sides]
+        )
+        if share > LOOSE_SHARE:
+            out.append(
+                f"interface {state.model.interface.name}: pairs that opened and closed by turns "
+                f"have been left without friction of their own, and carry {share:.1%} of the "
+                "normal force. Apply the load in more increments"
+            )
     for model, result in zip(models, results, strict=True):
         for pairs, side, rim in zip(model.pairs, result.sides, model.rims, strict=True):
             reached = int((rim & (side.status != OPEN)).sum())

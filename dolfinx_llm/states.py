@@ -72,6 +72,16 @@ class InterfaceState:
             return self.active
         return self.active & (self.closings < LOOSE)
 
+    def loose_share(self, normal_forces) -> float:
+        """Share of the normal force on pairs in contact that do not follow the frame tangentially.
+
+        Args:
+            normal_forces: per side (n_i,) [force].
+        """
+        force = np.concatenate(normal_forces)
+        loose = self.active & ~self._tied
+        return float(np.abs(force[loose]).sum() / max(np.abs(force).sum(), 1e-300))
+
     def closed_rows(self) -> np.ndarray:
         """(n c,) rows in contact."""
         closed = np.repeat(self._tied[:, None], self.rows.shape[1], axis=1)
