@@ -213,11 +213,13 @@ def _model(interface, sides, owners, pairs, frame, base, certificate, notes, clo
         base = base[:, first:]
     else:
         base = np.broadcast_to(np.eye(gdim), base.shape)
-    log.info("interface %s: %s", interface.name, certificate)
-    return ContactModel(
+    model = ContactModel(
         interface, sides, tuple(owners), tuple(pairs), frame, base, float(pairs[0].forces.sum()),
         certificate, tuple(notes), clock.times,
     )  # fmt: skip
+    stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())
+    log.info("%s\n    %s", "\n".join(describe(model)).strip(), stages)
+    return model
 
 
 def _obstacle_model(interface: Interface, side: Surface, owners, clock) -> ContactModel:

@@ -16,7 +16,9 @@ import numpy as np
 from scipy.sparse import block_diag, bsr_matrix, coo_matrix, csr_matrix, diags, hstack, identity
 from scipy.sparse import vstack as stack
 from scipy.sparse.linalg import splu
+from tqdm import tqdm
 
+from dolfinx_llm._log import tell_iteration
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.friction import OPEN, SLIP, STICK, newton_rows, projection_miss, switch_rows
 from dolfinx_llm.linear_step import InterfaceSystem, force_level
@@ -46,6 +48,7 @@ class ContactIteration:
 
     def __init__(self, models, redundant: np.ndarray, scale: float, backend, f, g):
         self.scale, self.backend, self._rest = scale, backend, (f, g)
+        self.bar: tqdm | None = None  # progress line, while there is one
         self.states = interface_states(models, redundant)
         self.n = sum(state.rows.size for state in self.states)
         L = block_diag([state.L for state in self.states], format="csr")
@@ -158,7 +161,7 @@ class ContactIteration:
             miss = max(self._imbalance(multiplier), self._friction_miss(multiplier, w)) / largest
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
-            log.debug("contact law: %s", entry)
+            tell_iteration(entry, self.bar)
             calm = 0 if changes or miss > before else calm + 1
             # Friction is linearised about the last iterate, or halfway where that did not help.
             half = iteration > 1 and miss > 0.9 * before

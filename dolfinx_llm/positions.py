@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
-from tqdm import tqdm
 
+from dolfinx_llm._log import progress
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.frame import Frame, shape_functions, vector_areas
 
@@ -438,7 +438,7 @@ def design_positions(
         return near
     rng, reached = np.random.default_rng(seed), np.inf
     batches = range(0, starts if n_q else 0, batch)
-    for done in tqdm(batches, desc="frame design", leave=False, disable=None):
+    for done in progress(batches, "frame design"):
         q = _starts(search, min(batch, starts - done), rng)
         q[0] *= float(done > 0)
         q, rows = _descend(search, q)

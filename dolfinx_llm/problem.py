@@ -13,6 +13,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from dolfinx_llm import compat, operators
+from dolfinx_llm._log import progress
 from dolfinx_llm._parallel import ContactError, ContactInputError, check, gather_rows
 from dolfinx_llm.interface import Interface, build_model, describe
 from dolfinx_llm.iteration import ContactIteration
@@ -264,7 +265,8 @@ class ContactProblem:
         """Load steps of the contact laws, smaller ones where they do not converge."""
         if self._iteration is None:
             self._start_iteration()
-        with self._timed("iteration of contact laws"):
+        stage = "iteration of contact laws"
+        with self._timed(stage), progress(None, stage) as self._iteration.bar:
             outcome = self._iteration.advance(f, self._gather(self._rows.numbering, g), increments)
         self.history = self._iteration.history
         return outcome
@@ -380,7 +382,9 @@ class _Timer:
         self.start = time.perf_counter()
 
     def __exit__(self, *_):
-        self.problem._add_time(self.stage, time.perf_counter() - self.start)
+        seconds = time.perf_counter() - self.start
+        log.info("%s: %.3g s", self.stage, seconds)
+        self.problem._add_time(self.stage, seconds)
 
 
 def _layout(V) -> tuple[int, ...]:
