@@ -42,7 +42,8 @@ class CondensedSteps:
         self.comm, self.fixed, self.scale = bodies.comm, fixed, scale
         self._prefix, self._options = prefix, options
         floating = floating_modes(bodies, K, fixed)
-        self._pins, self.floating, self._u = pins(self.comm, floating), floating.shape[1], None
+        self._pins, self.floating = pins(self.comm, floating), floating.shape[1]
+        self._u = np.zeros(0)  # of the last step
         self.iterations = 0
 
     def load(self, f: np.ndarray) -> None:

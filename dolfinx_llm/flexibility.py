@@ -8,6 +8,7 @@ bodies that supports alone do not hold), and to iterate on that.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -51,7 +52,7 @@ class Flexibility:
         self._solver = DirectSolver(pinned, prefix, options, own=True)
         self.floating = self.modes.shape[1]
         self.G = self._interface_sum(self._local_B.T @ self.modes)
-        self.F = self._flexibility()
+        self.F: Any = self._flexibility()  # (n, n) on rank 0, None elsewhere
         if self.F is not None:
             self.F[soft, soft] += SOFT / scale
 
@@ -103,12 +104,12 @@ class Flexibility:
             try:
                 active = step.active
                 found = self._dense(step, spring, centre)
-                wrong = wrong_signs(step, may_open, *found[:3], self.scale)
+                wrong = wrong_signs(step, may_open, found[0], found[1], found[2], self.scale)
                 if wrong.any():
                     active = self._choose(step, spring, centre, may_open)
                     chosen = replace(step, active=active)
                     found = self._dense(chosen, spring, centre)
-                    wrong = wrong_signs(chosen, may_open, *found[:3], self.scale)
+                    wrong = wrong_signs(chosen, may_open, found[0], found[1], found[2], self.scale)
                 result = *found, active, wrong
             except (np.linalg.LinAlgError, ValueError) as failed:
                 error = str(failed)

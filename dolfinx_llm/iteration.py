@@ -11,6 +11,7 @@ same on every rank.
 from __future__ import annotations
 
 import logging
+from typing import Any
 
 import numpy as np
 from scipy.sparse import block_diag, bsr_matrix, coo_matrix, csr_matrix, diags, hstack, identity
@@ -57,7 +58,9 @@ class ContactIteration:
         self.L = (kept @ hstack([L, L_kappa])).tocsr()
         self.n_v, self.m = L.shape[1], self.L.shape[1]
         self._L_t = self.L[:, : self.n_v].T.tocsr()
-        self._fit = splu((self.L.T @ self.L + 1e-10 * identity(self.m)).tocsc()) if self.m else None
+        self._fit: Any = (
+            splu((self.L.T @ self.L + 1e-10 * identity(self.m)).tocsc()) if self.m else None
+        )
         self._normal = np.zeros(self.n, dtype=bool)  # rows that may open
         self._waits = np.zeros(self.m, dtype=bool)  # normal motion of frames that may open
         for s in self.states:
@@ -70,7 +73,8 @@ class ContactIteration:
         """Start anew: at rest, all in contact, no slip history."""
         for state in self.states:
             state.forget()
-        self.w = self.alpha = None
+        self.w: Any = None  # (m,) [length]; None: nothing has been solved
+        self.alpha: Any = None  # motion of floating bodies
         self.f, self.g = self._rest
         self.history: list[dict] = []
 

@@ -32,7 +32,8 @@ class SparseSteps:
         self.comm, self._prefix, self._options = bodies.comm, prefix, options
         modes = floating_modes(bodies, K, fixed)
         self._pins, self._soft = pins(self.comm, modes), soft
-        self.floating, self._u = modes.shape[1], None
+        self.floating = modes.shape[1]
+        self._u = np.zeros(0)  # of the last step
 
     def load(self, f: np.ndarray) -> None:
         """Take this rank's load."""
