@@ -2,7 +2,7 @@ VENV ?= .venv
 ACTIVATE = . $(VENV)/bin/activate
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test patch3d lint clean
+.PHONY: help setup tools test patch3d coverage check lint types docs clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -16,12 +16,26 @@ test: setup ## run the tests; ARGS="-k word" is passed on to pytest
 patch3d: setup ## run the 3D patch test on two ranks
 	$(ACTIVATE) && mpirun -n 2 python demos/patch3d.py
 
-lint: setup ## check style and format; installs ruff from PyPI into .venv
-	@test -x $(VENV)/bin/ruff || $(VENV)/bin/pip install -q -c $(VENV)/constraints.txt \
-		--no-build-isolation -e '.[dev]'
+coverage: tools ## run the tests, their demos and ranks, and report what they do not reach
+	@mkdir -p build/coverage
+	$(ACTIVATE) && COVERAGE_FILE=$(CURDIR)/build/coverage/data pytest --cov --cov-report=term $(ARGS)
+
+check: lint types docs ## all checks that run no test
+
+lint: tools ## check style and format
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 
+types: tools ## check types
+	$(VENV)/bin/mypy
+
+docs: tools ## build the documentation of all public names in build/docs
+	$(ACTIVATE) && python .ci/docs.py build/docs
+
+tools: setup # from PyPI into .venv; a new .venv has none of them
+	@test -e $(VENV)/tools || { $(VENV)/bin/pip install -q --disable-pip-version-check \
+		-c $(VENV)/constraints.txt --no-build-isolation -e '.[dev]' && touch $(VENV)/tools; }
+
 clean: ## remove .venv and what builds and tests left
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -3,7 +3,7 @@
 # First, since it says what to install where dolfinx is missing.
 from dolfinx_llm import compat  # noqa: F401  # isort: skip
 
-from dolfinx_llm import classical, post
+from dolfinx_llm import classical, plot, post
 from dolfinx_llm._parallel import ContactError, ContactInputError
 from dolfinx_llm.design import design_weights
 from dolfinx_llm.frame import Frame
@@ -33,5 +33,6 @@ __all__ = [
     "design_positions",
     "design_weights",
     "free_surface_load",
+    "plot",
     "post",
 ]

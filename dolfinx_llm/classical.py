@@ -9,8 +9,11 @@ couples every constraint with every node. Only in this module sides are called m
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from dolfinx import fem
+from petsc4py import PETSc
 from scipy.linalg import solve_triangular
 from scipy.sparse import block_diag, csr_matrix
 
@@ -18,6 +21,7 @@ from dolfinx_llm import operators
 from dolfinx_llm._parallel import ContactError, ContactInputError, collective, gather_rows
 from dolfinx_llm.frame import Frame, bases
 from dolfinx_llm.laws import Tied
+from dolfinx_llm.problem import ContactProblem
 from dolfinx_llm.rigid import check_support
 from dolfinx_llm.system import SaddleSystem
 
@@ -39,7 +43,7 @@ class ConstraintStats:
     node_fill: float  # coupled pairs (constraint, node) over all such pairs [per cent]
 
 
-def constraint_stats(Q, gdim: int) -> ConstraintStats:
+def constraint_stats(Q: PETSc.Mat, gdim: int) -> ConstraintStats:
     """Count the entries of Q above 1e-12 of the largest; collective.
 
     A constraint of a flat interface acts along one axis, so that ``fill`` of a tied one cannot
@@ -74,7 +78,8 @@ class _ClassicalForm:
         self.problem, self.Q = problem, Q
         self.stats = constraint_stats(Q, problem.spaces[0].mesh.geometry.dim)
         self.residual = None  # of (6) after a solve, relative
-        self._system, self._options = None, petsc_options
+        self._system: Any = None
+        self._options = petsc_options
 
     def _solve(self, f: np.ndarray, g: np.ndarray):
         """This rank's u and multipliers of (6)."""
@@ -142,7 +147,12 @@ class NodeToSegment(_ClassicalForm):
     """
 
     def __init__(
-        self, problem, *, slave: int, components: str = "all", petsc_options: dict | None = None
+        self,
+        problem: ContactProblem,
+        *,
+        slave: int,
+        components: str = "all",
+        petsc_options: dict | None = None,
     ):
         if slave not in (0, 1):
             raise ContactInputError(f"slave={slave!r}: choose side 0 or 1")
@@ -188,7 +198,7 @@ class NodeToSegment(_ClassicalForm):
         change = gather_rows(self.problem.comm, change)
         check_support(bodies, self.problem.K, fixed, [(None, change)])
 
-    def solve(self):
+    def solve(self) -> fem.Function | list[fem.Function]:
         """Assemble the load and solve (6).
 
         Returns:
@@ -291,7 +301,7 @@ class Elimination(_ClassicalForm):
         ContactInputError: more than ``MAX_ROWS`` multipliers.
     """
 
-    def __init__(self, problem, *, petsc_options: dict | None = None):
+    def __init__(self, problem: ContactProblem, *, petsc_options: dict | None = None):
         n, m = problem.L_b.getSize()
         if n > MAX_ROWS:
             raise ContactInputError(
@@ -327,7 +337,7 @@ class Elimination(_ClassicalForm):
         basis.destroy()
         return Q
 
-    def solve(self):
+    def solve(self) -> fem.Function | list[fem.Function]:
         """Assemble the load and solve (36).
 
         Returns:

@@ -26,6 +26,10 @@ def complementarity(M: np.ndarray, q: np.ndarray, start: np.ndarray) -> np.ndarr
 
     Raises:
         numpy.linalg.LinAlgError: M is singular on a set of λ.
+
+    >>> M, q = np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([-4.0, 1.0])
+    >>> complementarity(M, q, np.array([True, True]))  # λ = (2, 0), s = (0, 3)
+    array([ True, False])
     """
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(M)), 1e-300))
     M, q = M * scale[:, None] * scale, q * scale

@@ -7,6 +7,8 @@ tangent plane (Shapely); closed surfaces have no outline.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import shapely
 from scipy.spatial import cKDTree
@@ -84,7 +86,7 @@ def _covered(side, other) -> np.ndarray:
     vectors = np.zeros(p.shape)
     whole = inside & within & (facing < FACING)
     vectors[whole] = facet_vectors(side.x, side.facets[whole])
-    clip = _Clip(other, side) if border.any() else None
+    clip: Any = _Clip(other, side) if border.any() else None
     for f in np.flatnonzero(border):  # the few facets at the outline
         vectors[f] = clip(p[f], normal[f], radius[f])
     a = np.zeros_like(side.x)
@@ -169,7 +171,8 @@ class _Clip:
         s, t = (p - centre) @ base.T, (self.p[near[keep]] - centre) @ base.T
         cell = np.arange(k)[None, :]
         if gdim == 2:
-            part = sum(covered_forces(s, cell, piece) for piece in _merged(t[..., 0], margin))
+            pieces = _merged(t[..., 0], margin)
+            part = np.sum([covered_forces(s, cell, piece) for piece in pieces], axis=0)
         else:
             cover = shapely.union_all(shapely.polygons(t)).buffer(margin, join_style="mitre")
             if cover.covers(shapely.polygons(s)):
@@ -186,4 +189,4 @@ def _merged(t: np.ndarray, margin: float) -> list[tuple[float, float]]:
             merged[-1][1] = max(merged[-1][1], high)
         else:
             merged.append([low, high])
-    return [tuple(m) for m in merged]
+    return [(low, high) for low, high in merged]

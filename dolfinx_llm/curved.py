@@ -190,10 +190,11 @@ def balance(frame: Frame, pairs, vectors, st: Stencils, P, groups):
     """
     m, normal = len(frame.x), nodal_normals(frame)
     scale = max(np.linalg.norm(a, axis=1).max() for a in vectors)
-    weight = sum(
+    weights = [
         np.bincount(g, np.linalg.norm(a, axis=1) / scale, minlength=len(st.cell))
         for g, a in zip(groups, vectors, strict=True)
-    )
+    ]
+    weight = weights[0] + weights[1]
     D = np.einsum("gwi,gi->gw", normal[st.nodes], st.base[st.cell, -1]) * st.mask
     blocks = weight[:, None, None] * D[:, :, None] * P * D[:, None, :]
     rows = np.broadcast_to(st.nodes[:, :, None], P.shape)

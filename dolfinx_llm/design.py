@@ -7,6 +7,8 @@ change of the rows of L_b, ``positions.design_positions`` by moving the frame's 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.sparse import csr_matrix, diags
 from scipy.sparse.csgraph import connected_components
@@ -18,7 +20,7 @@ from dolfinx_llm.frame import Frame
 TOLERANCE = 1e-13  # a frame with max|r| / max f below this passes
 
 
-def patch_residual(N, forces) -> np.ndarray:
+def patch_residual(N: Sequence[csr_matrix], forces: Sequence[np.ndarray]) -> np.ndarray:
     """Residual (28) at the frame's nodes over the largest force.
 
     Args:
@@ -32,7 +34,14 @@ def patch_residual(N, forces) -> np.ndarray:
     return (N[0].T @ (forces[0] / scale)) - (N[1].T @ (forces[1] / scale))
 
 
-def design_weights(frame: Frame, s: np.ndarray, N, cells, forces, keep=None):
+def design_weights(
+    frame: Frame,
+    s: np.ndarray,
+    N: Sequence[csr_matrix],
+    cells: Sequence[np.ndarray],
+    forces: Sequence[np.ndarray],
+    keep: Sequence[np.ndarray] | None = None,
+) -> Sequence[csr_matrix]:
     """Correct the rows of L_b so that the frame passes, by the smallest change.
 
     Minimises sum_p f_p |delta_p|^2 over corrections delta_p on the cell of p and the cells around
@@ -53,14 +62,30 @@ def design_weights(frame: Frame, s: np.ndarray, N, cells, forces, keep=None):
 
     Raises:
         ContactError: the stencils leave too little freedom; the message names the frame nodes.
+
+    Three segments between sides of two and of three facets; forces are those of unit pressure:
+
+    >>> frame = Frame([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]], [[0, 1], [1, 2], [2, 3]])
+    >>> x = np.array([0.0, 1.5, 3.0]), np.array([0.0, 0.8, 2.0, 3.0])
+    >>> forces = np.array([0.75, 1.5, 0.75]), np.array([0.4, 1.0, 1.1, 0.5])
+    >>> at = [frame.locate(np.column_stack([s, 0.0 * s])) for s in x]
+    >>> N = [frame.interpolation(a) for a in at]
+    >>> (patch_residual(N, forces) * 1.5).round(3) + 0.0
+    array([ 0.15, -0.05, -0.35,  0.25])
+    >>> designed = design_weights(frame, frame.x[:, :1], N, [a.cell for a in at], forces)
+    >>> bool(np.abs(patch_residual(designed, forces)).max() < 1e-13)
+    True
+    >>> (designed[0] @ frame.x[:, 0]).round(12)  # linear fields still pass
+    array([0. , 1.5, 3. ])
     """
     nodes, mask, P = _stencils(frame.cells, s)
     scale = max(f.max() for f in forces)
     change = [np.ones(len(c)) if keep is None else 1.0 - k for c, k in zip(cells, keep or cells)]
-    weight = sum(
+    weights = [
         np.bincount(c, f * free / scale, minlength=len(nodes))
         for c, f, free in zip(cells, forces, change, strict=True)
-    )
+    ]
+    weight = weights[0] + weights[1]
     m = len(s)
     rows = np.broadcast_to(nodes[:, :, None], P.shape)
     cols = np.broadcast_to(nodes[:, None, :], P.shape)

@@ -8,11 +8,13 @@ bodies that supports alone do not hold), and to iterate on that.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm._log import progress
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.complementarity import complementarity
 from dolfinx_llm.linear_step import SOFT, InterfaceSystem, wrong_signs
@@ -34,14 +36,11 @@ class Flexibility:
         scale: mean stiffness of the surface [force / length].
         prefix, options: PETSc options, of the factorisation.
         soft: (n,) rows of prescribed dofs, which get a compliance ``SOFT``: they may say the same.
-        progress: called with the share that is done.
     """
 
     accuracy = 1e-13  # of balance and law, relative
 
-    def __init__(
-        self, K, B, rows, bodies, fixed, scale, prefix, options=None, *, soft, progress=None
-    ):
+    def __init__(self, K, B, rows, bodies, fixed, scale, prefix, options=None, *, soft):
         self.K, self.B, self.rows, self.scale = K, B, rows, scale
         self.comm = bodies.comm
         self.modes = floating_modes(bodies, K, fixed)
@@ -53,7 +52,7 @@ class Flexibility:
         self._solver = DirectSolver(pinned, prefix, options, own=True)
         self.floating = self.modes.shape[1]
         self.G = self._interface_sum(self._local_B.T @ self.modes)
-        self.F = self._flexibility(progress or (lambda share: None))
+        self.F: Any = self._flexibility()  # (n, n) on rank 0, None elsewhere
         if self.F is not None:
             self.F[soft, soft] += SOFT / scale
 
@@ -61,18 +60,17 @@ class Flexibility:
         """Sum over ranks of a part with one row per multiplier, in their own order."""
         return self.comm.allreduce(part)[self.rows.number]
 
-    def _flexibility(self, progress) -> np.ndarray | None:
+    def _flexibility(self) -> np.ndarray | None:
         """F on rank 0, None elsewhere."""
         n = self.rows.sizes[1]
         F = np.empty((n, n)) if self.comm.rank == 0 else None
         columns = self._local_B.tocsc()
-        for first in range(0, n, COLUMNS):
+        for first in progress(range(0, n, COLUMNS), "flexibility of the surfaces"):
             last = min(first + COLUMNS, n)
             solved = self._solver.solve_many(columns[:, first:last].toarray())
             part = self.comm.reduce(self._local_B.T @ solved, root=0)
             if F is not None:
                 F[:, first:last] = part
-            progress(last / n)
         if F is None:
             return None
         F = F[np.ix_(self.rows.number, self.rows.number)]
@@ -106,12 +104,12 @@ class Flexibility:
             try:
                 active = step.active
                 found = self._dense(step, spring, centre)
-                wrong = wrong_signs(step, may_open, *found[:3], self.scale)
+                wrong = wrong_signs(step, may_open, found[0], found[1], found[2], self.scale)
                 if wrong.any():
                     active = self._choose(step, spring, centre, may_open)
                     chosen = replace(step, active=active)
                     found = self._dense(chosen, spring, centre)
-                    wrong = wrong_signs(chosen, may_open, *found[:3], self.scale)
+                    wrong = wrong_signs(chosen, may_open, found[0], found[1], found[2], self.scale)
                 result = *found, active, wrong
             except (np.linalg.LinAlgError, ValueError) as failed:
                 error = str(failed)

@@ -9,8 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from mpi4py import MPI
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
@@ -108,17 +111,27 @@ class Frame:
         x: (m, gdim) node positions [length].
         cells: (n, 2), (n, 3) or (n, 4) node numbers; quads in cyclic order. Neighbouring cells
             must be oriented alike; which of the two ways is found out from the bodies.
+        v: (m, gdim) displacement of the nodes, in results [length].
 
     Raises:
         ContactInputError: for wrong shapes, node numbers out of range, unused nodes, NaN, cells
             that are inverted, degenerate or turned against their neighbours.
+
+    >>> frame = Frame([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
+    >>> at = frame.locate([[0.5, 0.5, 0.0]])
+    >>> at.xi.tolist(), at.N.tolist()  # bilinear on [-1, 1]²
+    ([[-0.5, 0.0]], [[0.375, 0.125, 0.125, 0.375]])
+    >>> frame.interpolation(at) @ frame.x
+    array([[0.5, 0.5, 0. ]])
+    >>> frame.quality.max_angle, frame.quality.min_side
+    (90.0, 1.0)
     """
 
     x: np.ndarray
     cells: np.ndarray
-    v: np.ndarray | None = field(default=None, compare=False)  # (m, gdim) displacement
+    v: np.ndarray | None = field(default=None, compare=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         x = np.ascontiguousarray(self.x, dtype=np.float64)
         cells = np.ascontiguousarray(self.cells, dtype=np.int64)
         object.__setattr__(self, "x", x)
@@ -167,7 +180,9 @@ class Frame:
             )
 
     @classmethod
-    def from_gmsh(cls, model, physical_group: int, comm=None, gdim: int = 3) -> Frame:
+    def from_gmsh(
+        cls, model: Any, physical_group: int, comm: MPI.Comm | None = None, gdim: int = 3
+    ) -> Frame:
         """Frame from a physical group of a meshed gmsh model: surfaces, curves where gdim is 2.
 
         Args:
@@ -179,14 +194,14 @@ class Frame:
         Raises:
             ContactInputError: no first-order cells of one kind in the group; see ``Frame``.
         """
-        data = None
-        if comm is None or comm.rank == 0:
-            data = _read_gmsh(model, physical_group, gdim)
-        x, cells = data if comm is None else comm.bcast(data, root=0)
-        return cls(x, cells)
+        if comm is None:
+            return cls(*_read_gmsh(model, physical_group, gdim))
+        data = _read_gmsh(model, physical_group, gdim) if comm.rank == 0 else None
+        return cls(*comm.bcast(data, root=0))
 
     @property
     def gdim(self) -> int:
+        """Dimension of the space, 2 or 3."""
         return self.x.shape[1]
 
     @cached_property
@@ -236,12 +251,21 @@ class Frame:
         return replace(self, cells=self.cells[:, ::-1])
 
     def evaluate(self, cell: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Shape functions (n, k), positions (n, gdim) and tangents (n, d, gdim) at points."""
+        """Shape functions, positions and tangents at points of the frame, (23).
+
+        Args:
+            cell: (n,) frame cells.
+            xi: (n, d) reference coordinates in them.
+
+        Returns:
+            N (n, k), positions (n, gdim) [length] and derivatives of the position by the
+            reference coordinates (n, d, gdim) [length].
+        """
         N, dN = shape_functions(self.cells.shape[1], xi)
         p = self.x[self.cells[cell]]
         return N, np.einsum("nk,nki->ni", N, p), np.einsum("nkd,nki->ndi", dN, p)
 
-    def locate(self, points: np.ndarray) -> Location:
+    def locate(self, points: ArrayLike) -> Location:
         """Closest point of the frame for each given point (inverse isoparametric mapping).
 
         Beyond the closest point (outside the outline) the shape functions are continued by their
@@ -249,6 +273,9 @@ class Frame:
 
         Args:
             points: (n, gdim) positions [length].
+
+        Returns:
+            A ``Location`` with one row per point.
         """
         x = np.asarray(points, dtype=np.float64)
         point, cell = self._candidates(x)
@@ -313,7 +340,11 @@ class Frame:
         return xi
 
     def interpolation(self, location: Location) -> csr_matrix:
-        """(n, m) matrix of the shape functions N_J(xi_p): the scalar L_b before any design."""
+        """(n, m) matrix of the shape functions N_J(xi_p): the scalar L_b before any design.
+
+        Args:
+            location: of n points, as ``locate`` gives it.
+        """
         n, k = location.N.shape
         rows = np.repeat(np.arange(n), k)
         cols = self.cells[location.cell].ravel()
@@ -323,16 +354,17 @@ class Frame:
 def _read_gmsh(model, physical_group: int, gdim: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes and cells of a physical group; no cells where they are not of one first-order kind."""
     nodes = {1: 2, 2: 3, 3: 4}  # gmsh's lines, triangles, quads
-    kinds, cells = set(), [np.empty(0, dtype=np.int64)]
+    kinds: set[int] = set()
+    parts = [np.empty(0, dtype=np.int64)]
     if (gdim - 1, physical_group) in model.getPhysicalGroups():
         for entity in model.getEntitiesForPhysicalGroup(gdim - 1, physical_group):
             found = model.mesh.getElements(gdim - 1, entity)
             kinds |= set(map(int, found[0]))
-            cells += [np.asarray(tags, dtype=np.int64) for tags in found[2]]
+            parts += [np.asarray(tags, dtype=np.int64) for tags in found[2]]
     if len(kinds) != 1 or not kinds <= set(nodes):
         return np.zeros((0, gdim)), np.zeros((0, gdim), dtype=np.int64)
     tags, x, _ = model.mesh.getNodes()
-    used, cells = np.unique(np.concatenate(cells), return_inverse=True)
+    used, cells = np.unique(np.concatenate(parts), return_inverse=True)
     order = np.argsort(tags)
     x = np.reshape(x, (-1, 3))[order[np.searchsorted(tags, used, sorter=order)], :gdim]
     return x, cells.reshape(-1, nodes[kinds.pop()])

@@ -34,14 +34,18 @@ def _length(a: np.ndarray) -> np.ndarray:
     return np.linalg.norm(a, axis=1)
 
 
-def projection_miss(T, N, delta, mu: float, c: np.ndarray) -> np.ndarray:
+def projection_miss(
+    T: np.ndarray, N: np.ndarray, delta: np.ndarray, mu: float, c: np.ndarray
+) -> np.ndarray:
     """(n,) distance of T from the projection of z = T + c δ on the disc of radius μ N [force]."""
     z, s = T + c[:, None] * delta, mu * np.maximum(N, 0.0)
     size = _length(z)
     return _length(T - z * np.minimum(1.0, s / np.maximum(size, 1e-300))[:, None])
 
 
-def newton_rows(T, N, delta, mu: float, c: np.ndarray) -> FrictionRows:
+def newton_rows(
+    T: np.ndarray, N: np.ndarray, delta: np.ndarray, mu: float, c: np.ndarray
+) -> FrictionRows:
     """Semismooth Newton on T = projection of z = T + c δ, in the stabilised form of Hüeber, Stadler
     and Wohlmuth, SIAM J. Sci. Comput. 30 (2008) 572-596.
 
@@ -51,6 +55,10 @@ def newton_rows(T, N, delta, mu: float, c: np.ndarray) -> FrictionRows:
         delta: (n, d) slip of this load step [length].
         mu: coefficient of friction.
         c: (n,) positive [force / length]; the solution does not depend on it.
+
+    >>> T, N, delta = np.array([[1.0], [4.0], [1.0]]), np.array([10.0, 10.0, 0.0]), np.zeros((3, 1))
+    >>> newton_rows(T, N, delta, 0.3, np.ones(3)).status.tolist() == [STICK, SLIP, OPEN]
+    True
     """
     n, d = T.shape
     z, s = T + c[:, None] * delta, mu * np.maximum(N, 0.0)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -51,7 +53,7 @@ class Interface:
         ContactInputError: unknown design or law, or sides that are no pair.
     """
 
-    facet_tags: object
+    facet_tags: Any
     sides: tuple
     law: Tied | Frictionless | Coulomb = field(default_factory=Tied)
     frame: Frame | None = None
@@ -92,7 +94,7 @@ class Interface:
         """The rigid side, if there is one."""
         return next((side for side in self.sides if isinstance(side, _Obstacle)), None)
 
-    def tagged_sides(self):
+    def tagged_sides(self) -> list[tuple[Any, int]]:
         """The sides that are bodies, as (facet tags, tag)."""
         return [_tagged(self, side) for side in self.sides if not isinstance(side, _Obstacle)]
 
@@ -116,14 +118,14 @@ class Certificate:
 class ContactModel:
     """An interface, ready for assembly; the same on every rank."""
 
-    interface: Interface
+    interface: Interface  # the user's choices
     sides: tuple[Surface, ...]  # two; one against a rigid obstacle
     spaces: tuple[int, ...]  # index of the function space of each side
-    pairs: tuple[ContactPairs, ...]
+    pairs: tuple[ContactPairs, ...]  # of each side
     frame: Frame | None  # None against a rigid obstacle
     directions: np.ndarray  # (m, d, gdim) directions in which the frame's nodes move
     area: float  # of contact, for laws that let bodies part the area where they may touch [area]
-    certificate: Certificate | None
+    certificate: Certificate | None  # None against a rigid obstacle
     rims: tuple[np.ndarray, ...]  # per side (n,) pairs next to facets that were left out
     notes: tuple[str, ...]  # what was chosen or left out, and why
     times: dict  # seconds per stage
@@ -156,13 +158,14 @@ def build_model(interface: Interface, spaces, fixed=None) -> ContactModel:
     """
     clock = _Clock()
     owners = [_space_of(tags, spaces) for tags, _ in interface.tagged_sides()]
+    sides: Any
     sides = whole = tuple(
         extract_surface(spaces[i], tags, tag)
         for i, (tags, tag) in zip(owners, interface.tagged_sides())
     )
     if interface.obstacle is not None:
         return _obstacle_model(interface, sides[0], owners, clock)
-    check_sides(*sides, same_mesh=owners[0] == owners[1])
+    check_sides(sides[0], sides[1], same_mesh=owners[0] == owners[1])
     clock.stop("surfaces")
     notes: list[str] = []
     size = max(side.diameter for side in sides)
@@ -174,7 +177,7 @@ def build_model(interface: Interface, spaces, fixed=None) -> ContactModel:
     plane = common_plane(*sides)
     if not interface.law.unilateral:
         _check_flat(sides, plane)
-    area = common_area(*sides, plane)
+    area = common_area(sides[0], sides[1], plane)
     forces = [nodal_forces(side, plane.project(side.x), area) for side in sides]
     clock.stop("patch forces")
     frame, note, reach = _frame(interface, sides, forces, plane, area)
@@ -222,17 +225,20 @@ def _model(interface, sides, owners, pairs, frame, base, certificate, notes, clo
         base = base[:, first:]
     else:
         base = np.broadcast_to(np.eye(gdim), base.shape)
-    log.info("interface %s: %s", interface.name, certificate)
-    return ContactModel(
+    model = ContactModel(
         interface, sides, tuple(owners), tuple(pairs), frame, base, float(pairs[0].forces.sum()),
         certificate, tuple(rims or [np.zeros(len(p.nodes), dtype=bool) for p in pairs]),
         tuple(notes), clock.times,
     )  # fmt: skip
+    stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())
+    log.info("%s\n    %s", "\n".join(describe(model)).strip(), stages)
+    return model
 
 
 def _obstacle_model(interface: Interface, side: Surface, owners, clock) -> ContactModel:
     """A body against a rigid obstacle: every surface node against its point of the obstacle."""
-    obstacle, gdim = interface.obstacle, side.x.shape[1]
+    obstacle: Any = interface.obstacle
+    gdim = side.x.shape[1]
     if obstacle.gdim != gdim:
         raise ContactInputError(
             f"the {type(obstacle).__name__} lies in {obstacle.gdim}D, the body in {gdim}D"
@@ -431,7 +437,7 @@ def _designed(interface: Interface, frame: Frame, plane: Plane, pairs, notes: li
     forces = [p.forces for p in pairs]
     plain = [p.N for p in pairs]
     before = float(np.abs(patch_residual(plain, forces)).max())
-    N = plain
+    N: Sequence[csr_matrix] = plain
     if interface.design == "weights" or (interface.design == "auto" and before > TOLERANCE):
         s = plane.project(frame.x)
         cells = [p.cell for p in pairs]
@@ -464,7 +470,7 @@ def describe(model: ContactModel) -> list[str]:
         f"  interface {model.interface.name}, {law}: {nodes} nodes {kind}, {frame}, "
         f"area {model.area:.9g}"
     ]
-    if model.frame is not None:
+    if model.frame is not None and model.certificate is not None:
         c, q = model.certificate, model.frame.quality
         lines += [
             f"    patch residual {c.residual:.1e} (before design {c.residual_before:.1e}), "

@@ -11,12 +11,15 @@ same on every rank.
 from __future__ import annotations
 
 import logging
+from typing import Any
 
 import numpy as np
 from scipy.sparse import block_diag, bsr_matrix, coo_matrix, csr_matrix, diags, hstack, identity
 from scipy.sparse import vstack as stack
 from scipy.sparse.linalg import splu
+from tqdm import tqdm
 
+from dolfinx_llm._log import tell_iteration
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.friction import OPEN, SLIP, STICK, newton_rows, projection_miss, switch_rows
 from dolfinx_llm.linear_step import InterfaceSystem, force_level
@@ -49,6 +52,7 @@ class ContactIteration:
 
     def __init__(self, models, redundant: np.ndarray, scale: float, backend, f, g):
         self.scale, self.backend, self._rest = scale, backend, (f, g)
+        self.bar: tqdm | None = None  # progress line, while there is one
         self.states = interface_states(models, redundant)
         self.n = sum(state.rows.size for state in self.states)
         L = block_diag([state.L for state in self.states], format="csr")
@@ -57,7 +61,9 @@ class ContactIteration:
         self.L = (kept @ hstack([L, L_kappa])).tocsr()
         self.n_v, self.m = L.shape[1], self.L.shape[1]
         self._L_t = self.L[:, : self.n_v].T.tocsr()
-        self._fit = splu((self.L.T @ self.L + 1e-10 * identity(self.m)).tocsc()) if self.m else None
+        self._fit: Any = (
+            splu((self.L.T @ self.L + 1e-10 * identity(self.m)).tocsc()) if self.m else None
+        )
         self._normal = np.zeros(self.n, dtype=bool)  # rows that may open
         self._slips = np.arange(self.m) >= self.n_v  # κ
         self._waits = np.zeros(self.m, dtype=bool)  # normal motion of frames that may open
@@ -71,7 +77,9 @@ class ContactIteration:
         """Start anew: at rest, all in contact, no slip history."""
         for state in self.states:
             state.forget()
-        self.multiplier = self.w = self.alpha = None
+        self.multiplier: Any = None  # (n,) [force]; None: nothing has been solved
+        self.w: Any = None  # (m,) [length]
+        self.alpha: Any = None  # motion of floating bodies
         self.f, self.g = self._rest
         self.history: list[dict] = []
 
@@ -163,7 +171,7 @@ class ContactIteration:
             miss = max(self._imbalance(multiplier), self._friction_miss(multiplier, w)) / largest
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
-            log.debug("contact law: %s", entry)
+            tell_iteration(entry, self.bar)
             calm, last_miss = 0 if changes else calm + 1, before
             # Friction is linearised about the last iterate; halfway where that keeps not helping.
             half = iteration > PATIENCE and changes and miss > 0.9 * before

@@ -69,7 +69,7 @@ def solver_of(matrix, prefix: str, given: dict):
 def triple_product(K, T):
     """Tᵀ K T, quickly, and without the intermediate product that PETSc would keep."""
     database = PETSc.Options()
-    added = {"mat_product_clear": True}
+    added: dict[str, bool | str] = {"mat_product_clear": True}
     if K.comm.size == 1:
         added["matptap_via"] = "rap"  # in half the time of the default; ranks have none of it
     added = {key: value for key, value in added.items() if not database.hasName(key)}

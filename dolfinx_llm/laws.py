@@ -19,6 +19,9 @@ class Tied:
     Args:
         close_gap: close the initial gap between the bodies, which strains them. By default they
             are tied as drawn, free of stress.
+
+    >>> Tied()
+    Tied(close_gap=False)
     """
 
     close_gap: bool = False
@@ -30,9 +33,12 @@ class Frictionless:
     """The bodies may part and slide: contact forces are normal and press, (12) and (15).
 
     On each side λ_n >= 0, gap >= 0 and λ_n gap = 0.
+
+    >>> Frictionless().unilateral, Frictionless().friction
+    (True, False)
     """
 
-    unilateral, friction = True, False
+    unilateral, friction, close_gap = True, False, True
 
 
 @dataclass(frozen=True)
@@ -47,17 +53,23 @@ class Coulomb:
 
     Raises:
         ContactInputError: mu negative or not finite, unknown method.
+
+    >>> Coulomb(0.3)
+    Coulomb(mu=0.3, method='newton')
+    >>> Coulomb(0.0).friction
+    False
     """
 
     mu: float
     method: str = "newton"
-    unilateral = True
+    unilateral, close_gap = True, True
 
     @property
     def friction(self) -> bool:
+        """Whether there are tangential forces at all."""
         return self.mu > 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         try:
             good = np.isfinite(self.mu) and self.mu >= 0.0
         except TypeError:

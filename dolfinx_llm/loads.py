@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from dolfinx import fem
 
@@ -11,7 +13,13 @@ from dolfinx_llm.patch import common_area, common_plane, covered_forces, full_fo
 from dolfinx_llm.surface import check_space, extract_surface
 
 
-def free_surface_load(V, facet_tags, tag: int, pressure: float, covered_by=None):
+def free_surface_load(
+    V: fem.FunctionSpace,
+    facet_tags: Any,
+    tag: int,
+    pressure: float,
+    covered_by: tuple | None = None,
+) -> fem.Function:
     """Energy-equivalent nodal forces of a uniform pressure on a flat surface.
 
     Where another surface covers part of it, its facets are clipped with that surface's outline and

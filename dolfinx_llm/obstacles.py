@@ -35,7 +35,7 @@ def _unit(name: str, value, size: int) -> np.ndarray:
     return vector / length
 
 
-def _radius(value, inside: bool) -> float:
+def _radius(value: float, inside: bool) -> float:
     if not (np.isscalar(value) and np.isfinite(value) and value > 0.0):
         raise ContactInputError(f"radius={value!r}: give a positive number")
     return float(value)
@@ -49,14 +49,33 @@ class _Obstacle:
     displacement: np.ndarray | None = field(default=None, kw_only=True)
 
     def motion(self, gdim: int) -> np.ndarray:
-        """(gdim,) the displacement, checked."""
+        """(gdim,) the displacement [length], zeros where none is set.
+
+        Args:
+            gdim: dimension of the space, 2 or 3.
+
+        Raises:
+            ContactInputError: another size, or values that are not finite.
+        """
         if self.displacement is None:
             return np.zeros(gdim)
         return _vector("displacement", self.displacement, gdim)
 
     def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance to the surface (n,), negative inside the obstacle, and the unit direction
-        (n, gdim) into it, for points x (n, gdim)."""
+        """Distance of points to the surface, and the direction into the obstacle.
+
+        Args:
+            x: (n, gdim) points of a body, as drawn [length].
+
+        Returns:
+            (n,) distance, negative inside the obstacle [length], and (n, gdim) unit vectors into
+            it.
+        """
+        raise NotImplementedError
+
+    @property
+    def gdim(self) -> int:
+        """Dimension of the space, 2 or 3."""
         raise NotImplementedError
 
 
@@ -67,15 +86,23 @@ class RigidPlane(_Obstacle):
     Args:
         point: (gdim,) any point of the surface [length].
         normal: (gdim,) out of the obstacle, towards the body.
+        displacement: (gdim,) motion since the drawing [length]; None: at rest.
 
     Raises:
         ContactInputError: wrong sizes, a zero normal, values that are not finite.
+
+    >>> floor = RigidPlane((0.0, 0.0), (0.0, 2.0))
+    >>> distance, direction = floor.clearance(np.array([[3.0, 0.5], [1.0, -0.25]]))
+    >>> distance
+    array([ 0.5 , -0.25])
+    >>> direction[0].tolist()
+    [-0.0, -1.0]
     """
 
     point: np.ndarray
     normal: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self.point = _vector("point", self.point)
         self.normal = _unit("normal", self.normal, len(self.point))
 
@@ -83,7 +110,7 @@ class RigidPlane(_Obstacle):
     def gdim(self) -> int:
         return len(self.point)
 
-    def clearance(self, x):
+    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return (x - self.point) @ self.normal, np.broadcast_to(-self.normal, x.shape).copy()
 
 
@@ -95,16 +122,23 @@ class RigidSphere(_Obstacle):
         centre: (gdim,) [length].
         radius: positive [length].
         inside: the body lies inside.
+        displacement: (gdim,) motion since the drawing [length]; None: at rest.
 
     Raises:
         ContactInputError: wrong sizes, a radius that is not positive.
+
+    >>> points = np.array([[0.0, 0.0, 3.0], [0.0, 1.0, 0.0]])
+    >>> RigidSphere((0.0, 0.0, 0.0), 2.0).clearance(points)[0]
+    array([ 1., -1.])
+    >>> RigidSphere((0.0, 0.0, 0.0), 2.0, inside=True).clearance(points)[0]
+    array([-1.,  1.])
     """
 
     centre: np.ndarray
     radius: float
     inside: bool = False
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self.centre = _vector("centre", self.centre)
         self.radius = _radius(self.radius, self.inside)
 
@@ -112,7 +146,7 @@ class RigidSphere(_Obstacle):
     def gdim(self) -> int:
         return len(self.centre)
 
-    def clearance(self, x):
+    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return _round(x - self.centre, self.radius, self.inside)
 
 
@@ -125,9 +159,15 @@ class RigidCylinder(_Obstacle):
         axis: (3,) its direction.
         radius: positive [length].
         inside: the body lies inside.
+        displacement: (gdim,) motion since the drawing [length]; None: at rest.
 
     Raises:
         ContactInputError: wrong sizes, a zero axis, a radius that is not positive.
+
+    >>> bore = RigidCylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 2.0, inside=True)
+    >>> distance, direction = bore.clearance(np.array([[1.5, 0.0, 7.0]]))
+    >>> distance.item(), direction.tolist()
+    (0.5, [[1.0, 0.0, 0.0]])
     """
 
     point: np.ndarray
@@ -136,12 +176,12 @@ class RigidCylinder(_Obstacle):
     inside: bool = False
     gdim = 3
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self.point = _vector("point", self.point, 3)
         self.axis = _unit("axis", self.axis, 3)
         self.radius = _radius(self.radius, self.inside)
 
-    def clearance(self, x):
+    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         d = x - self.point
         return _round(d - np.outer(d @ self.axis, self.axis), self.radius, self.inside)
 
@@ -152,11 +192,22 @@ class RigidSurface(_Obstacle):
 
     Args:
         mesh: a ``Frame`` whose normals point out of the obstacle, towards the body.
+        displacement: (gdim,) motion since the drawing [length]; None: at rest.
+
+    Raises:
+        ContactInputError: mesh is no ``Frame``.
+
+    >>> ramp = RigidSurface(Frame([[0.0, 0.0], [4.0, 3.0]], [[0, 1]]))  # rises by 3 over 4
+    >>> distance, direction = ramp.clearance(np.array([[0.0, 2.5]]))
+    >>> distance.round(12).item(), direction.round(12).tolist()
+    (2.0, [[0.6, -0.8]])
+    >>> ramp.clearance(np.array([[-1.0, 0.0]]))[0]  # beyond its rim
+    array([inf])
     """
 
     mesh: Frame
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not isinstance(self.mesh, Frame):
             raise ContactInputError(f"mesh={self.mesh!r}: give a dolfinx_llm.Frame")
 
@@ -164,7 +215,7 @@ class RigidSurface(_Obstacle):
     def gdim(self) -> int:
         return self.mesh.gdim
 
-    def clearance(self, x):
+    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         at = self.mesh.locate(x)
         _, y, tangents = self.mesh.evaluate(at.cell, at.xi)
         normal = bases(tangents)[:, -1]

@@ -73,7 +73,7 @@ def common_plane(side0, side1) -> Plane:
             "contact face each other. Check the tags, and the cells for negative Jacobians"
         )
     # Neither side may be preferred: the difference of the unit normals, the mean of the centres.
-    normal = (a0 / n0 if n0 > 0.0 else 0.0) - (a1 / n1 if n1 > 0.0 else 0.0)
+    normal = np.subtract(a0 / n0 if n0 > 0.0 else 0.0, a1 / n1 if n1 > 0.0 else 0.0)
     normal = normal / np.linalg.norm(normal)
     normal[np.abs(normal) < 4e-16] = 0.0
     normal = normal / np.linalg.norm(normal)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from dolfinx.fem import Function
+from ufl.core.expr import Expr
 
 from dolfinx_llm import compat, post
 from dolfinx_llm.frame import Frame, vector_areas
 from dolfinx_llm.patch import Plane, orthonormal_base
+from dolfinx_llm.results import InterfaceResult
 from dolfinx_llm.surface import facet_corners
 
 
@@ -27,7 +32,7 @@ def _save(plt, figure, path) -> None:
     plt.close(figure)
 
 
-def frame_design(result, before, path) -> None:
+def frame_design(result: InterfaceResult, before: Frame | None, path: str | Path) -> None:
     """Frame before and after design with both sides' nodes and forces (paper, Figures 11, 12).
 
     Draws on rank 0 when called on all ranks.
@@ -41,7 +46,7 @@ def frame_design(result, before, path) -> None:
         return
     plt = _pyplot()
     plane = _plane(result.frame)
-    frames = [("prediction", before)] if before is not None else []
+    frames: list[tuple[str, Any]] = [("prediction", before)] if before is not None else []
     frames.append(("frame", result.frame))
     figure, axes = plt.subplots(1, len(frames), figsize=(6.5 * len(frames), 6), squeeze=False)
     largest = max(side.normal_force.max() for side in result.sides)
@@ -58,7 +63,9 @@ def frame_design(result, before, path) -> None:
     _save(plt, figure, path)
 
 
-def curves(lines, path, *, xlabel: str = "", ylabel: str = "", title: str = "") -> None:
+def curves(
+    lines: Sequence[Any], path: str | Path, *, xlabel: str = "", ylabel: str = "", title: str = ""
+) -> None:
     """Curves and points in one diagram, e.g. pressure along a contact against theory.
 
     Draws on rank 0 when called on all ranks.
@@ -101,7 +108,14 @@ def _draw_cells(axis, s, cells) -> None:
     axis.plot(*s.T, "ks", markersize=3)
 
 
-def bodies(u, expression, path, *, label: str = "", scale: float | None = None) -> None:
+def bodies(
+    u: Function,
+    expression: Expr,
+    path: str | Path,
+    *,
+    label: str = "",
+    scale: float | None = None,
+) -> None:
     """Deformed bodies coloured by a scalar (paper, Figure 13). Collective.
 
     Args:
@@ -181,7 +195,7 @@ def _draw_skin(figure, polygons, colours) -> None:
     axis.set_box_aspect(high - low)
 
 
-def interface(result, path, field: str = "pressure") -> None:
+def interface(result: InterfaceResult, path: str | Path, field: str = "pressure") -> None:
     """A field of an interface: over the contact in 2D, on the deformed frame in 3D.
 
     Draws on rank 0 when called on all ranks. Status is shown by marks: open nodes are hollow.

@@ -8,12 +8,13 @@ constraints; the best shaped of the frames that pass is chosen.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
-from tqdm import tqdm
 
+from dolfinx_llm._log import progress
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.frame import Frame, shape_functions, vector_areas
 
@@ -251,12 +252,13 @@ def _symmetry(Y, cells, points, forces):
     angles = 0.5 * (phi[far] + phi[radius > radius.max() - _SAME])
     angles = np.concatenate([angles, angles + np.pi / 2])
     angles = (angles + np.pi / 2 - 1e-6) % np.pi - np.pi / 2 + 1e-6  # in (-pi/2, pi/2]
-    axes, best = np.eye(2), []
+    axes = np.eye(2)
+    best: list[tuple] = []
     for a in angles[np.argsort(np.round(np.abs(angles), 7), kind="stable")]:
         R = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
         signs = np.array([[1, -1], [-1, 1]])
-        images = [(g, _images(Y, cells, points, forces, R.T @ np.diag(g) @ R)) for g in signs]
-        images = [(g, *f) for g, f in images if f is not None]
+        found = [(g, _images(Y, cells, points, forces, R.T @ np.diag(g) @ R)) for g in signs]
+        images = [(g, *f) for g, f in found if f is not None]
         if len(images) > len(best):
             axes, best = R, images
         if len(best) == 2:
@@ -378,8 +380,8 @@ def _certify(frame: Frame, x, forces, bounds, tol: float):
 
 def design_positions(
     frame: Frame,
-    x,
-    forces,
+    x: Sequence[np.ndarray],
+    forces: Sequence[np.ndarray],
     *,
     min_angle: float = 25.0,
     max_angle: float = 155.0,
@@ -438,7 +440,7 @@ def design_positions(
         return near
     rng, reached = np.random.default_rng(seed), np.inf
     batches = range(0, starts if n_q else 0, batch)
-    for done in tqdm(batches, desc="frame design", leave=False, disable=None):
+    for done in progress(batches, "frame design"):
         q = _starts(search, min(batch, starts - done), rng)
         q[0] *= float(done > 0)
         q, rows = _descend(search, q)
@@ -447,7 +449,7 @@ def design_positions(
         for candidate in q[rows < 1e-7]:
             moved = _finish(frame, exact, free, lift, candidate, tol)
             ratio = None if moved is None else _certify(moved, x, forces, bounds, tol)
-            if ratio is not None:
+            if moved is not None and ratio is not None:
                 found.append((-round(ratio, 4), float(np.abs(moved.x - frame.x).max()), moved))
         if found:
             return min(found, key=lambda f: f[:2])[2]

@@ -3,24 +3,38 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import dolfinx.fem
 import dolfinx.io
+import dolfinx.mesh
 import numpy as np
 import ufl
+from ufl.core.expr import Expr
 
 from dolfinx_llm import compat
+from dolfinx_llm.results import InterfaceResult
 
 
-def von_mises(sigma):
-    """UFL expression of the von Mises stress of a (3, 3) stress."""
+def von_mises(sigma: Expr) -> Expr:
+    """UFL expression of the von Mises stress, sqrt(3/2 s:s) of the deviator s [force / area].
+
+    Args:
+        sigma: (3, 3) UFL expression of the stress [force / area].
+    """
     s = sigma - ufl.tr(sigma) / 3 * ufl.Identity(3)
     return ufl.sqrt(1.5 * ufl.inner(s, s))
 
 
-def at_quadrature_points(expression, mesh, degree: int = 2) -> np.ndarray:
+def at_quadrature_points(expression: Expr, mesh: dolfinx.mesh.Mesh, degree: int = 2) -> np.ndarray:
     """Values of a scalar UFL expression at the quadrature points of this rank's cells.
+
+    Args:
+        expression: scalar UFL expression.
+        mesh: the mesh that it lives on.
+        degree: of the quadrature.
 
     Returns:
         (n_cells, n_points).
@@ -28,16 +42,30 @@ def at_quadrature_points(expression, mesh, degree: int = 2) -> np.ndarray:
     return compat.evaluate(expression, compat.quadrature_points(mesh, degree), mesh)
 
 
-def write_csv(path, header, rows) -> None:
-    """Table as CSV; call it on one rank."""
+def write_csv(path: str | Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Table as CSV; call it on one rank.
+
+    Args:
+        path: file to write.
+        header: names of the columns.
+        rows: one sequence of values each.
+    """
     with open(Path(path), "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(header)
         writer.writerows(rows)
 
 
-def cell_maximum(expression, mesh, degree: int = 2):
-    """Largest value of a scalar UFL expression per cell, as a piecewise constant Function."""
+def cell_maximum(
+    expression: Expr, mesh: dolfinx.mesh.Mesh, degree: int = 2
+) -> dolfinx.fem.Function:
+    """Largest value of a scalar UFL expression per cell, as a piecewise constant Function.
+
+    Args:
+        expression: scalar UFL expression.
+        mesh: the mesh that it lives on.
+        degree: of the quadrature, at whose points the expression is evaluated.
+    """
     V = compat.function_space(mesh, "DG", 0)
     function = dolfinx.fem.Function(V)
     values = at_quadrature_points(expression, mesh, degree)
@@ -46,7 +74,9 @@ def cell_maximum(expression, mesh, degree: int = 2):
     return function
 
 
-def write_bodies(path, u, cell_fields: dict | None = None) -> None:
+def write_bodies(
+    path: str | Path, u: dolfinx.fem.Function, cell_fields: dict[str, Expr] | None = None
+) -> None:
     """Displacement and piecewise constant fields of one mesh as XDMF, for ParaView. Collective.
 
     Args:
@@ -66,12 +96,21 @@ def write_bodies(path, u, cell_fields: dict | None = None) -> None:
             file.write_function(function)
 
 
-def interface_fields(result) -> dict[str, tuple[np.ndarray, np.ndarray, dict]]:
+def interface_fields(
+    result: InterfaceResult,
+) -> dict[str, tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]]:
     """Points, cells and fields of the frame ("frame") and of each side ("side_0", "side_1").
 
     Against a rigid obstacle there is no frame; pressure and traction then stand with the side.
+
+    Args:
+        result: of a solve, ``problem.results[i]``.
+
+    Returns:
+        Name of a part to its points (n, gdim) [length], cells (m, k), and name to field (n,) or
+        (n, gdim), with the units of ``SideResult`` and ``InterfaceResult``.
     """
-    parts = {}
+    parts: dict[str, Any] = {}
     own = {"pressure": result.pressure, "traction": result.traction, "area": result.frame_area}
     if result.frame is not None:
         frame = result.frame
@@ -91,11 +130,15 @@ def interface_fields(result) -> dict[str, tuple[np.ndarray, np.ndarray, dict]]:
     return parts
 
 
-def write_interface(folder, result) -> None:
+def write_interface(folder: str | Path, result: InterfaceResult) -> None:
     """Frame and sides as VTK polydata with their fields, and as CSV; call it on one rank.
 
     Writes frame.vtk (displacement, pressure, traction, status) and per side side_0.vtk, side_1.vtk
     (displacement, force, normal force, gap, slip, status, area), with a CSV beside each.
+
+    Args:
+        folder: where the files go; it is made.
+        result: of a solve, ``problem.results[i]``.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

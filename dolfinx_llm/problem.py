@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -13,6 +15,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from dolfinx_llm import compat, operators
+from dolfinx_llm._log import progress
 from dolfinx_llm._parallel import ContactError, ContactInputError, check, gather_rows
 from dolfinx_llm.interface import Interface, build_model, describe
 from dolfinx_llm.iteration import ContactIteration
@@ -41,6 +44,16 @@ class ContactProblem:
         petsc_options_prefix: of the options of the linear solver.
         petsc_options: PETSc options on top of the solver's own.
 
+    Attributes:
+        results: after ``solve``, an ``InterfaceResult`` per interface, the same on every rank.
+        history: of the last ``solve``, a dict per iteration: "iteration", "active" (pairs in
+            contact), "stick", "slip", "residual" (relative), with laws that iterate "changes".
+        times: seconds per stage, summed over all calls.
+        models: a ``ContactModel`` per interface: surfaces, frame, pairs and certificate.
+        spaces: function space of each mesh.
+        K, B, L_b: PETSc matrices of (31).
+        scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
+
     Raises:
         ContactInputError: arguments that do not fit.
         ContactError: a scene that cannot be solved.
@@ -48,12 +61,12 @@ class ContactProblem:
 
     def __init__(
         self,
-        a,
-        L,
+        a: ufl.Form | Sequence[ufl.Form],
+        L: ufl.Form | Sequence[ufl.Form],
         *,
-        bcs=(),
-        interfaces=(),
-        nodal_loads=(),
+        bcs: Sequence[Any] = (),
+        interfaces: Interface | Sequence[Interface] = (),
+        nodal_loads: Sequence[fem.Function] = (),
         solver: str = "auto",
         petsc_options_prefix: str = "llm_",
         petsc_options: dict | None = None,
@@ -71,7 +84,8 @@ class ContactProblem:
         self.times: dict[str, float] = {}
         self.history: list[dict] = []
         self.results: list[InterfaceResult] = []
-        self._system, self._iteration = None, None
+        self._system: Any = None  # of (31), factorised
+        self._iteration: Any = None  # ContactIteration, once there is one
         self._prefix, self._options = petsc_options_prefix, petsc_options
         with self._timed("form compilation"):
             self._a = [fem.form(form) for form in forms_a]
@@ -193,7 +207,7 @@ class ContactProblem:
             constraints.append((L if L.shape[1] else None, np.concatenate(of_model)))
         check_support(self.bodies, self.K, self._fixed, constraints)
 
-    def solve(self, increments: int = 1):
+    def solve(self, increments: int = 1) -> fem.Function | list[fem.Function]:
         """Assemble the load, solve, and fill ``results``.
 
         With a law that lets bodies part or slip, each call is a load step that starts from the
@@ -228,9 +242,13 @@ class ContactProblem:
         self._u = self._functions(u)
         return self._u if self._several else self._u[0]
 
-    def plot(self, folder, field: str = "pressure") -> None:
+    def plot(self, folder: str | Path, field: str = "pressure") -> None:
         """Pictures of the last solve as PNG, without a display: bodies_0.png ... coloured by the
         displacement's length, interface_0.png ... by a field of ``plot.interface``. Collective.
+
+        Args:
+            folder: where the pictures go; it is made.
+            field: "pressure", "status" or "traction".
 
         Raises:
             ContactError: nothing has been solved.
@@ -266,7 +284,8 @@ class ContactProblem:
         """Load steps of the contact laws, smaller ones where they do not converge."""
         if self._iteration is None:
             self._start_iteration()
-        with self._timed("iteration of contact laws"):
+        stage = "iteration of contact laws"
+        with self._timed(stage), progress(None, stage) as self._iteration.bar:
             outcome = self._iteration.advance(f, self._gather(self._rows.numbering, g), increments)
         self.history = self._iteration.history
         return outcome
@@ -382,7 +401,9 @@ class _Timer:
         self.start = time.perf_counter()
 
     def __exit__(self, *_):
-        self.problem._add_time(self.stage, time.perf_counter() - self.start)
+        seconds = time.perf_counter() - self.start
+        log.info("%s: %.3g s", self.stage, seconds)
+        self.problem._add_time(self.stage, seconds)
 
 
 def _layout(V) -> tuple[int, ...]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import identity
 from scipy.sparse.linalg import splu
 
@@ -43,7 +44,7 @@ class InterfaceResult:
 
     frame: Frame | None  # with its displacement v, (m, gdim) [length]
     sides: tuple[SideResult, ...]  # two, in the interface's order; one against an obstacle
-    certificate: Certificate | None
+    certificate: Certificate | None  # of the frame; None against an obstacle
     frame_force: np.ndarray  # (m,) normal force at the frame's nodes, L_bᵀ λ_n of a side [force]
     frame_area: np.ndarray  # (m,) tributary area of the frame's nodes, L_bᵀ of the sides' [area]
     frame_friction: np.ndarray  # (m, gdim) tangential force of side 0 at the frame's nodes [force]
@@ -75,7 +76,7 @@ class InterfaceResult:
         """(gdim,) total force of side 0 (of the body, against an obstacle) [force]."""
         return self.sides[0].force.sum(axis=0)
 
-    def moment(self, about=None) -> np.ndarray:
+    def moment(self, about: ArrayLike | None = None) -> np.ndarray:
         """Moment of the same forces: (3,), or (1,) in 2D [force length].
 
         Args:
@@ -201,13 +202,15 @@ def _side_result(pairs, multiplier, u, follows, gap, status) -> SideResult:
 def _interface_result(model, sides, v, state) -> InterfaceResult:
     side, pairs = sides[0], model.pairs[0]
     if model.frame is None:
-        parts = side.normal_force, side.area, side.tangential_force
-        return InterfaceResult(None, tuple(sides), None, *parts, side.status)
-    parts = [pairs.N.T @ a for a in (side.normal_force, side.area, side.tangential_force)]
-    status = np.where(parts[0] > 0.0, SLIP, OPEN)
+        own = side.normal_force, side.area, side.tangential_force
+        return InterfaceResult(None, tuple(sides), None, *own, side.status)
+    force, area, friction = (
+        pairs.N.T @ a for a in (side.normal_force, side.area, side.tangential_force)
+    )
+    status = np.where(force > 0.0, SLIP, OPEN)
     if state is None or not model.interface.law.unilateral:
-        status = np.full(len(parts[0]), STICK)
+        status = np.full(len(force), STICK)
     elif model.interface.law.friction:
         status = state.status
     frame = replace(model.frame, v=v)
-    return InterfaceResult(frame, tuple(sides), model.certificate, *parts, status)
+    return InterfaceResult(frame, tuple(sides), model.certificate, force, area, friction, status)

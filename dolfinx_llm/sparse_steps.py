@@ -32,6 +32,7 @@ class WholeSteps:
         self.comm, self.fixed, self._prefix, self._options = bodies.comm, fixed, prefix, options
         modes = floating_modes(bodies, K, fixed)
         self._pins, self.floating = pins(self.comm, modes), modes.shape[1]
+        self._u = np.zeros(0)  # of the last step
 
     def load(self, f: np.ndarray) -> None:
         """Take this rank's load."""

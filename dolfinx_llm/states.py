@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, identity, vstack
 
 from dolfinx_llm.friction import OPEN, SLIP, STICK
+from dolfinx_llm.interface import ContactModel
 from dolfinx_llm.operators import interface_operator
 
 LOOSE = 3  # a pair that has closed so often in a load step has no friction of its own
@@ -22,7 +23,7 @@ class InterfaceState:
     sides T = L_kappaᵀ λ / 2 and δ = 2 Δκ, since both slip by κ; theta is that 1/2, or 1.
     """
 
-    model: object
+    model: ContactModel
     rows: np.ndarray  # (n, c) its multiplier rows
     v: np.ndarray  # (m d,) its frame unknowns
     kappa: np.ndarray  # (k, t) its slip unknowns; empty without friction
@@ -104,7 +105,7 @@ class InterfaceState:
 
     def slip_stiffness(self, scale: float) -> np.ndarray:
         """(k,) what slip at a friction node meets, about [force / length]."""
-        return scale * self.theta * sum(self.support(tied=True))
+        return scale * self.theta * np.sum(self.support(tied=True), axis=0)
 
     def forces(self, multiplier: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tangential (k, t) and normal forces (k,) at the friction nodes [force]."""

@@ -24,7 +24,7 @@ DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky"}
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_forms_agree(n):
     """u, λ, v by Cholesky and by CG + GAMG at the default tolerance."""
-    found = run_mpi_json("both_forms.py", n, *both_forms.SCENES)
+    found = run_mpi_json("both_forms.py", n, *both_forms.SCENES, seconds=300.0)
     assert len(found) == 2 * len(both_forms.SCENES)
     wrong = {
         name: errors for name, errors in found.items() if not max(errors.values()) <= bound(name)

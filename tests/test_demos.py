@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import numpy as np
-from conftest import TESTS, clean_environment, run_mpi
+from conftest import TESTS, clean_environment, run_mpi, run_mpi_json
 
 DEMOS = TESTS.parent / "demos"
 
@@ -79,3 +79,21 @@ def test_stiff_cases(capsys):
     assert len(rows) == 2 * (6 + 4 + 4 + 5)
     assert {row["verdict"] for row in rows} == {"passed", "warned of"}
     assert "by rounding alone" in capsys.readouterr().out
+
+
+def test_tutorial(tmp_path):
+    """Forces and friction against theory, pictures and files, and the same on three ranks."""
+    import tutorial
+
+    assert len((DEMOS / "tutorial.py").read_text().splitlines()) < 80
+    result, shares = tutorial.main(tmp_path)
+    assert abs(result.resultant[2] + tutorial.PRESSURE) <= 1e-9
+    assert np.all(np.diff(shares) > 0.0) and shares[-2] < 0.9 and abs(shares[-1] - 1.0) <= 1e-9
+    for name in ("bodies_0.png", "interface_0.png"):
+        assert (tmp_path / name).read_bytes()[:4] == b"\x89PNG"
+    written = {path.name for path in tmp_path.iterdir()}
+    assert {"bodies.xdmf", "bodies.h5", "frame.vtk", "side_0.vtk", "side_1.csv"} <= written
+    ranks = run_mpi_json("tutorial_ranks.py", 3, tmp_path / "ranks")
+    np.testing.assert_allclose(ranks["shares"], shares, atol=1e-9)
+    np.testing.assert_allclose(ranks["force"], result.resultant, atol=1e-9)
+    np.testing.assert_allclose(ranks["pressure"], result.pressure, atol=1e-7)

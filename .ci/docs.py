@@ -1,0 +1,75 @@
+"""Builds the API documentation from the docstrings with pdoc: .ci/docs.py FOLDER
+
+Fields of records are described by a comment behind each, which pdoc does not read: their classes
+get an Attributes section from these comments. Any warning ends the build.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import io
+import sys
+import tokenize
+import warnings
+from pathlib import Path
+
+# What users call or get back. "compat" and the rest are the developers'.
+MODULES = {
+    "dolfinx_llm": None,  # with SUBMODULES
+    "dolfinx_llm.results": ("InterfaceResult", "SideResult"),
+    "dolfinx_llm.frame": ("Frame", "Location", "Quality"),
+    "dolfinx_llm.interface": ("Interface", "Certificate", "ContactModel"),
+    "dolfinx_llm.pairs": ("ContactPairs",),
+}
+SUBMODULES = ("dolfinx_llm.classical", "dolfinx_llm.plot", "dolfinx_llm.post")
+
+
+def field_comments(cls: type) -> dict[str, str]:
+    """Comments behind the fields of a dataclass, or those that stand on lines of their own before
+    them, by name."""
+    source = inspect.cleandoc("\n" + inspect.getsource(cls))
+    comments: dict[str, str] = {}
+    names = {field.name for field in dataclasses.fields(cls)}
+    line, above = [], []
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            text = token.string.lstrip("# ")
+            (above if not line else line).append(text)
+        elif token.type == tokenize.NEWLINE:
+            if line and line[0] in names and (above or line[-1] is not line[0]):
+                comments[line[0]] = " ".join(above + line[1:])
+            line, above = [], []
+        elif token.type == tokenize.NAME and not line:
+            line.append(token.string)
+    return comments
+
+
+def describe_fields(cls: type) -> None:
+    """Append the comments of a dataclass's fields to its docstring."""
+    comments = field_comments(cls)
+    if comments:
+        lines = [f"    {name}: {text}" for name, text in comments.items()]
+        cls.__doc__ = "\n".join([inspect.getdoc(cls) or "", "", "Attributes:", *lines])
+
+
+def build(folder: Path) -> None:
+    import pdoc
+    import pdoc.render
+
+    for name in (*MODULES, *SUBMODULES):
+        module = importlib.import_module(name)
+        if MODULES.get(name):
+            module.__all__ = list(MODULES[name])
+        for item in vars(module).values():
+            own = inspect.isclass(item) and item.__module__ == name
+            if own and dataclasses.is_dataclass(item):
+                describe_fields(item)
+    pdoc.render.configure(docformat="google", math=False)
+    pdoc.pdoc(*MODULES, output_directory=folder)
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("error")
+    build(Path(sys.argv[1]))

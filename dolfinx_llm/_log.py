@@ -1,0 +1,59 @@
+"""What long stages tell: lines of the logger "dolfinx_llm", and progress on a terminal.
+
+``logging.basicConfig(level=logging.INFO)`` in a script shows stages, interfaces and every iteration
+of the contact laws. All ranks do the same, so that lines of this level come from rank 0 alone;
+warnings and ``DEBUG`` come from all. Records carry their rank as ``%(rank)d``.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+
+from mpi4py import MPI
+from tqdm import tqdm
+
+RANK, SIZE = MPI.COMM_WORLD.rank, MPI.COMM_WORLD.size
+
+log = logging.getLogger("dolfinx_llm")
+
+
+class RankFilter(logging.Filter):
+    """Adds the rank to records, and drops those of level INFO on all ranks but the first."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        record.rank = RANK
+        if SIZE > 1:
+            record.msg = f"[rank {RANK}] {record.msg}"
+        return RANK == 0 or record.levelno != logging.INFO
+
+
+log.addFilter(RankFilter())
+
+
+def progress(steps: Iterable | None, stage: str) -> tqdm:
+    """The steps of a stage, with a line on rank 0 while it lasts if stderr is a terminal.
+
+    Where the log tells of the stages there is no such line: they would disturb each other.
+
+    Args:
+        steps: what is iterated over; None: the caller counts, with ``update()``.
+        stage: name of the stage.
+    """
+    quiet = True if RANK or log.isEnabledFor(logging.INFO) else None
+    return tqdm(steps, desc=stage, leave=False, disable=quiet)
+
+
+def tell_iteration(entry: dict, bar: tqdm | None) -> None:
+    """Log an iteration of a contact law, or show it on the progress line.
+
+    Args:
+        entry: of ``ContactProblem.history``.
+        bar: progress line of the iteration, if there is one.
+    """
+    text = "{active} in contact, {stick} stick, {slip} slip, {changes} changes, residual "
+    text = text.format(**entry) + f"{entry['residual']:.1e}"
+    log.info("contact law, iteration %d: %s", entry["iteration"], text)
+    if bar is not None:
+        bar.set_postfix_str(text, refresh=False)
+        bar.update()

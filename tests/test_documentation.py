@@ -1,0 +1,154 @@
+"""Every public name says what it is, and what of which shape goes in and out; examples are true."""
+
+import ast
+import dataclasses
+import doctest
+import importlib
+import importlib.util
+import inspect
+import re
+import textwrap
+from functools import cached_property
+
+import pytest
+from conftest import TESTS
+
+import dolfinx_llm
+
+spec = importlib.util.spec_from_file_location("ci_docs", TESTS.parent / ".ci" / "docs.py")
+docs = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(docs)
+
+EXAMPLES = ["frame", "laws", "obstacles", "design", "friction", "complementarity"]
+
+
+def public():
+    """Name to object of all that users call or get back: functions, classes and their methods."""
+    found = {}
+    for name in docs.MODULES | dict.fromkeys(docs.SUBMODULES):
+        module = importlib.import_module(name)
+        names = docs.MODULES.get(name) or getattr(module, "__all__", vars(module))
+        for key in names:
+            item = getattr(module, key)
+            ours = getattr(item, "__module__", "").startswith("dolfinx_llm")
+            if key.startswith("_") or not callable(item) or not ours:
+                continue
+            if names is vars(module) and item.__module__ != name:
+                continue
+            found[f"{item.__module__}.{key}"] = item
+            if inspect.isclass(item):
+                found |= members(f"{item.__module__}.{key}", item)
+    return found
+
+
+def members(name, cls):
+    """Public methods and properties, also inherited ones of the package's own classes."""
+    own = [base for base in cls.__mro__ if base.__module__.startswith("dolfinx_llm")]
+    keys = {key for base in own for key in vars(base) if not key.startswith("_")}
+    found = {f"{name}.{key}": inspect.getattr_static(cls, key) for key in sorted(keys)}
+    kinds = (property, classmethod, staticmethod, cached_property)
+    return {k: v for k, v in found.items() if inspect.isfunction(v) or isinstance(v, kinds)}
+
+
+def function_of(item):
+    """The function behind a method or property; of a class its __init__."""
+    if inspect.isclass(item):
+        return item.__init__
+    for attribute in ("fget", "func", "__func__"):
+        item = getattr(item, attribute, item)
+    return item
+
+
+def text_of(name, item):
+    """Docstring; of a method also that of the one it overrides."""
+    if inspect.isclass(item):
+        return item.__doc__ or ""
+    owner, _, key = name.rpartition(".")
+    cls = PUBLIC.get(owner)
+    return inspect.getdoc(getattr(cls, key, None) if cls else item) or inspect.getdoc(item) or ""
+
+
+def arguments(item):
+    if inspect.isclass(item) and issubclass(item, Exception):
+        return []
+    parameters = inspect.signature(function_of(item)).parameters.values()
+    return [p for p in parameters if p.name not in ("self", "cls")]
+
+
+def described(text):
+    """Argument to description, from the sections Args and Attributes."""
+    found, section, last = {}, "", ""
+    for line in inspect.cleandoc(text).splitlines():
+        if line and not line.startswith(" "):
+            section = line.strip()
+        elif section in ("Args:", "Attributes:"):
+            if entry := re.match(r"    ((?:\w+, )*\w+): (.*)", line):
+                last = entry[1]
+                found |= dict.fromkeys(last.split(", "), entry[2])
+            elif last:
+                for key in last.split(", "):
+                    found[key] += " " + line.strip()
+    return found
+
+
+PUBLIC = public()
+FUNCTIONS = {k: v for k, v in PUBLIC.items() if not isinstance(v, (property, cached_property))}
+
+
+def test_the_list_is_not_empty():
+    """What the checks below run over."""
+    assert set(dolfinx_llm.__all__) <= {k.rsplit(".")[-1] for k in [*PUBLIC, *docs.SUBMODULES]}
+    for name in ("problem.ContactProblem.solve", "results.SideResult.tangential_force",
+                 "obstacles.RigidPlane.clearance", "classical.NodeToSegment", "plot.interface",
+                 "frame.Frame.from_gmsh", "post.write_interface"):  # fmt: skip
+        assert f"dolfinx_llm.{name}" in PUBLIC, name
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_documented(name):
+    item, text = PUBLIC[name], text_of(name, PUBLIC[name])
+    assert len(text.split()) >= 3 and not re.match(r"\w+\(.*\)$", text.strip()), "no docstring"
+    entries = described(text)
+    if dataclasses.is_dataclass(item):
+        entries = docs.field_comments(item) | entries
+    for argument in [] if name not in FUNCTIONS else arguments(item):
+        assert argument.name in entries, f"argument {argument.name} is not described"
+        annotation = str(argument.annotation)
+        if "ndarray" in annotation:
+            assert re.search(r"\(\w.*\)", entries[argument.name]), f"{argument.name}: which shape?"
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_annotated(name):
+    item = PUBLIC[name]
+    signature = inspect.signature(function_of(item))
+    for argument in arguments(item):
+        assert argument.annotation is not argument.empty, f"{argument.name} has no type"
+    if not inspect.isclass(item):
+        assert signature.return_annotation is not signature.empty, "no type of what it returns"
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_errors_are_named(name):
+    """The errors that a function or a class raises itself stand in its docstring."""
+    item = FUNCTIONS[name]
+    bodies = [function_of(item)]
+    if inspect.isclass(item):
+        bodies = [vars(item).get(key) for key in ("__init__", "__post_init__")]
+    raised = set()
+    for body in filter(inspect.isfunction, bodies):
+        if dataclasses.is_dataclass(item) and body.__name__ == "__init__":
+            continue  # generated
+        tree = ast.parse(textwrap.dedent(inspect.getsource(body)))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+                raised.add(node.exc.func.id)
+    text = text_of(name, item).partition("Raises:")[2]
+    missing = {error for error in raised - {"NotImplementedError"} if error not in text}
+    assert not missing, "not in the section Raises"
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_examples(name):
+    outcome = doctest.testmod(importlib.import_module(f"dolfinx_llm.{name}"))
+    assert outcome.attempted and not outcome.failed
