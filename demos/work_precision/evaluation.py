@@ -128,6 +128,7 @@ def diagrams(rows, path):
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from PIL import Image
 
     figure, axes = plt.subplots(2, 2, figsize=(11, 8.5))
     shown = {}
@@ -142,8 +143,9 @@ def diagrams(rows, path):
     names = sorted(shown, key=lambda name: order.index(name.split(":")[0]))
     figure.tight_layout(rect=(0, 0.13, 1, 1))
     figure.legend([shown[k] for k in names], names, loc="lower center", ncol=4, fontsize=7)
-    figure.savefig(path, dpi=80)
+    figure.savefig(path, dpi=90)
     plt.close(figure)
+    Image.open(path).convert("P", palette=Image.Palette.ADAPTIVE, colors=64).save(path)  # a third
 
 
 def write(folder, about, rows):

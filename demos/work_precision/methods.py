@@ -4,6 +4,7 @@ import json
 import resource
 import sys
 import time
+from importlib import metadata
 
 import dolfinx
 import numpy as np
@@ -187,8 +188,10 @@ def solve(comm, name, method, solver, n):
 
 def versions(comm):
     """What the figures depend on."""
-    modules = {"numpy": np, "dolfinx": dolfinx, "dolfinx_mpc": dolfinx_mpc}
-    found = {name: getattr(m, "__version__", "there") for name, m in modules.items() if m}
+    packages = {d.metadata["Name"]: d.version for d in metadata.distributions()}
+    found = {name: packages[name] for name in ("numpy", "scipy") if name in packages}
+    found |= {"dolfinx": dolfinx.__version__}
+    found |= {"dolfinx_mpc": packages.get("dolfinx_mpc", "there")} if dolfinx_mpc else {}
     petsc = ".".join(map(str, PETSc.Sys.getVersion()))
     return {"ranks": comm.size, "python": sys.version.split()[0], "PETSc": petsc, **found}
 

@@ -105,7 +105,7 @@ class Hertz:
     def problem(self, comm, n, method, **options):
         import hertz2d  # needs gmsh
 
-        design = {WEIGHTS: "weights", UNDESIGNED: None}.get(method, "auto")
+        design = {POSITIONS: "positions", WEIGHTS: "weights", UNDESIGNED: None}.get(method, "auto")
         elements = (n, n) if method == MATCHING else (n, round(1.46 * n))
         return hertz2d.problem("cylinders", elements, comm=comm, design=design, **options)
 
