@@ -79,6 +79,12 @@ def compare(rows, earlier):
 
 
 # ## Table and diagrams
+def solver_name(method, solver):
+    """Only frames have a condensed form: the others' matrices are factorised as they are."""
+    framed = method in (POSITIONS, WEIGHTS, UNDESIGNED)
+    return solver if framed else solver.removeprefix("condensed ")
+
+
 def table(rows, scenes):
     """Lines for the terminal."""
     out = []
@@ -90,7 +96,7 @@ def table(rows, scenes):
         last = {}
         for row in (row for row in rows if row["scene"] == scene):
             case = row["method"], row["solver"]
-            line = f"{case[0]:<27}{case[1]:<21}{row['n']:>3}"
+            line = f"{case[0]:<27}{solver_name(*case):<21}{row['n']:>3}"
             if "failed" in row:
                 out.append(f"{line}  {row['failed'][:120]}")
                 continue
@@ -112,7 +118,8 @@ def verdict(rows, scenes):
         if scene in scenes:
             for case, ratios in against_rivals(rows, scene, error).items():
                 figures = " ".join(f"{ratio:7.2f}" for ratio in ratios)
-                out.append(f"  {title:<44} {', '.join(case):<46} {figures}")
+                name = f"{case[0]}, {solver_name(*case)}"
+                out.append(f"  {title:<44} {name:<38} {figures}")
     return out
 
 
@@ -134,7 +141,7 @@ def diagrams(rows, path):
     shown = {}
     for axis, (scene, error, title) in zip(axes.flat, DIAGRAMS):
         for (method, solver), found in curves(rows, scene, error).items():
-            shown[f"{method}: {solver}"], = axis.loglog(
+            shown[f"{method}: {solver_name(method, solver)}"], = axis.loglog(
                 [row["seconds"] for row in found], [row[error] for row in found], DASHES[solver],
                 color=STYLES[method], markersize=4, linewidth=1.2)  # fmt: skip
         axis.set(title=title, xlabel="run time [s]", ylabel="relative error")
