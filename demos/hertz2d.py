@@ -92,7 +92,8 @@ def hold(V, k, where):
     return fem.dirichletbc(fem.Function(Vk), dofs, V.sub(k))
 
 
-def problem(scene, elements=(16, 23), load=1.0, growth=0.06, order=(0, 1), comm=MPI.COMM_WORLD):
+def problem(scene, elements=(16, 23), load=1.0, growth=0.06, order=(0, 1), comm=MPI.COMM_WORLD,
+            design="auto", **options):  # fmt: skip
     """The contact problem; ``order`` of the sides, (0, 1): the upper disc first."""
     a, _ = hertz(scene, load)
     ups = (1, -1) if scene == "cylinders" else (1,)
@@ -111,8 +112,9 @@ def problem(scene, elements=(16, 23), load=1.0, growth=0.06, order=(0, 1), comm=
     sides = [(tags, CONTACT) for _, tags in discs]
     if scene == "plane":
         sides.append(llm.RigidPlane((0.0, 0.0), (0.0, 1.0)))
-    interface = llm.Interface(None, tuple(sides[i] for i in order), law=llm.Frictionless())
-    return llm.ContactProblem(forms, loads, bcs=bcs, interfaces=[interface])
+    sides = tuple(sides[i] for i in order)
+    interface = llm.Interface(None, sides, law=llm.Frictionless(), design=design)
+    return llm.ContactProblem(forms, loads, bcs=bcs, interfaces=[interface], **options)
 
 
 # ## Peak pressure and half-width

@@ -1,0 +1,167 @@
+"""What the rows of ``error_vs_time.py`` say: table, comparisons, diagrams, files."""
+
+import csv
+import json
+import statistics
+
+import numpy as np
+from work_precision.plan import (
+    CHOLESKY,
+    DIAGRAMS,
+    GAMG,
+    MATCHING,
+    MPC,
+    NODE_TO_SEGMENT,
+    POSITIONS,
+    ROUNDING,
+    SADDLE,
+    STAGES,
+    UNDESIGNED,
+    WEIGHTS,
+)
+
+
+# ## Comparisons
+def curves(rows, scene, error):
+    """Per method and solver: its rows over the sizes."""
+    found = {}
+    for row in rows:
+        if row["scene"] == scene and error in row:
+            found.setdefault((row["method"], row["solver"]), []).append(row)
+    return found
+
+
+def time_to(goal, rows, error):
+    """Seconds in which a method gets to an error; between sizes interpolated in logarithms."""
+    t, e = (np.array([row[key] for row in rows]) for key in ("seconds", error))
+    e = np.maximum(e, ROUNDING)
+    best = min(t[e <= goal], default=np.inf)
+    for k in range(len(e) - 1):
+        if e[k + 1] < goal < e[k]:
+            part = np.log(e[k] / goal) / np.log(e[k] / e[k + 1])
+            best = min(best, t[k] * (t[k + 1] / t[k]) ** part)
+    return float(best)
+
+
+def against_rivals(rows, scene, error):
+    """Per rival point: the quickest designed frame's time to its error, over the rival's time."""
+    every = curves(rows, scene, error)
+    frames = [found for (method, _), found in every.items() if method in (POSITIONS, WEIGHTS)]
+    out = {}
+    for case, found in every.items():
+        if case[0].startswith((NODE_TO_SEGMENT, MPC)):
+            goals = [max(row[error], ROUNDING) for row in found]
+            best = [min(time_to(goal, frame, error) for frame in frames) for goal in goals]
+            out[case] = [t / row["seconds"] for t, row in zip(best, found)]
+    return out
+
+
+def relative(rows):
+    """Run times over that of the frame by weights, saddle, on the same scene and size."""
+    unit = {(row["scene"], row["n"]): row["seconds"] for row in rows
+            if (row["method"], row["solver"]) == (WEIGHTS, SADDLE)}  # fmt: skip
+    return {(*(row[k] for k in ("scene", "method", "solver")), row["n"]):
+            row["seconds"] / unit[row["scene"], row["n"]] for row in rows if "seconds" in row
+            }  # fmt: skip
+
+
+def compare(rows, earlier):
+    """How far the ratios of two full runs lie apart, in words."""
+    new, old = relative(rows), relative(earlier)
+    change = {key: max(new[key] / old[key], old[key] / new[key]) - 1.0
+              for key in new if key in old}  # fmt: skip
+    worst, within = max(change, key=change.get), sum(c <= 0.15 for c in change.values())
+    return (
+        f"ratios against the earlier run: {within} of {len(change)} within 15 %, median "
+        f"{100 * statistics.median(change.values()):.0f} %, largest {100 * change[worst]:.0f} % "
+        f"({', '.join(map(str, worst))})"
+    )
+
+
+# ## Table and diagrams
+def solver_name(method, solver):
+    """Only frames have a condensed form: the others' matrices are factorised as they are."""
+    framed = method in (POSITIONS, WEIGHTS, UNDESIGNED)
+    return solver if framed else solver.removeprefix("condensed ")
+
+
+def table(rows, scenes):
+    """Lines for the terminal."""
+    out = []
+    for scene in scenes:
+        errors = [error for name, error, _ in DIAGRAMS if name == scene]
+        heads = [*errors, "rate", "its", *STAGES, "seconds", "wall", "cpu", "GB"]
+        out += ["", f"{scene:<27}{'solver':<21}{'n':>3}{'unknowns':>9}"
+                + "".join(f"{head[:8]:>9}" for head in heads)]  # fmt: skip
+        last = {}
+        for row in (row for row in rows if row["scene"] == scene):
+            case = row["method"], row["solver"]
+            line = f"{case[0]:<27}{solver_name(*case):<21}{row['n']:>3}"
+            if "failed" in row:
+                out.append(f"{line}  {row['failed'][:120]}")
+                continue
+            before, last[case] = last.get(case), row
+            rate = "" if before is None or row[errors[0]] < ROUNDING else (
+                f"{np.log(before[errors[0]] / row[errors[0]]) / np.log(row['n'] / before['n']):.2f}"
+            )  # fmt: skip
+            found = "".join(f"{row[e]:9.1e}" if e in row else f"{'-':>9}" for e in errors)
+            line += f"{row['unknowns']:>9}{found}{rate:>9}{row['iterations']:>9}"
+            keys = (*STAGES, "seconds", "wall", "cpu", "memory")
+            out.append(line + "".join(f"{row[key]:9.3f}" for key in keys))
+    return out
+
+
+def verdict(rows, scenes):
+    """Per diagram and rival, what the frames need for the rival's error."""
+    out = ["", "quickest designed frame's time to a rival's error, over the rival's, by size"]
+    for scene, error, title in DIAGRAMS:
+        if scene in scenes:
+            for case, ratios in against_rivals(rows, scene, error).items():
+                figures = " ".join(f"{ratio:7.2f}" for ratio in ratios)
+                name = f"{case[0]}, {solver_name(*case)}"
+                out.append(f"  {title:<44} {name:<38} {figures}")
+    return out
+
+
+STYLES = {POSITIONS: "C0", WEIGHTS: "C2", UNDESIGNED: "C1", f"{NODE_TO_SEGMENT}, slave 0": "C3",
+          f"{NODE_TO_SEGMENT}, slave 1": "C5", f"{MPC} tied, slave 0": "C6",
+          f"{MPC} tied, slave 1": "C9", f"{MPC} slip, slave 1": "C8", MATCHING: "k"}  # fmt: skip
+DASHES = {SADDLE: "o-", CHOLESKY: "s--", GAMG: "^:"}
+
+
+def diagrams(rows, path):
+    """Error against run time, a line for every method and solver."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+    from PIL import Image
+
+    figure, axes = plt.subplots(2, 2, figsize=(11, 8.5))
+    shown = {}
+    for axis, (scene, error, title) in zip(axes.flat, DIAGRAMS):
+        for (method, solver), found in curves(rows, scene, error).items():
+            shown[f"{method}: {solver_name(method, solver)}"], = axis.loglog(
+                [row["seconds"] for row in found], [row[error] for row in found], DASHES[solver],
+                color=STYLES[method], markersize=4, linewidth=1.2)  # fmt: skip
+        axis.set(title=title, xlabel="run time [s]", ylabel="relative error")
+        axis.grid(alpha=0.3)
+    order = list(STYLES)
+    names = sorted(shown, key=lambda name: order.index(name.split(":")[0]))
+    figure.tight_layout(rect=(0, 0.13, 1, 1))
+    figure.legend([shown[k] for k in names], names, loc="lower center", ncol=4, fontsize=7)
+    figure.savefig(path, dpi=90)
+    plt.close(figure)
+    Image.open(path).convert("P", palette=Image.Palette.ADAPTIVE, colors=64).save(path)  # a third
+
+
+def write(folder, about, rows):
+    """error_vs_time.png, .csv and .json."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps({"about": about, "rows": rows}, indent=1)
+    (folder / "error_vs_time.json").write_text(text + "\n")
+    with open(folder / "error_vs_time.csv", "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)))
+        writer.writeheader()
+        writer.writerows(rows)
+    diagrams(rows, folder / "error_vs_time.png")

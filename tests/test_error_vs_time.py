@@ -1,0 +1,129 @@
+"""Error against run time: errors of all methods against theory, and what is made of the rows."""
+
+import json
+
+import error_vs_time
+import numpy as np
+import pytest
+from mpi4py import MPI
+from work_precision import evaluation, methods, plan
+from work_precision.plan import (
+    CHOLESKY,
+    GAMG,
+    MATCHING,
+    MPC,
+    NODE_TO_SEGMENT,
+    POSITIONS,
+    SADDLE,
+    UNDESIGNED,
+    WEIGHTS,
+)
+
+needs_mpc = pytest.mark.skipif(methods.dolfinx_mpc is None, reason="dolfinx_mpc is not installed")
+
+
+def solve(*case):
+    return methods.solve(MPI.COMM_SELF, *case)
+
+
+@pytest.mark.parametrize("solver", [SADDLE, CHOLESKY, GAMG])
+def test_designed_frames_and_one_mesh_pass_the_patch_test(solver):
+    assert solve("patch test", WEIGHTS, solver, 1)["von_mises"] <= 1e-12
+    if solver == SADDLE:
+        assert solve("patch test", POSITIONS, solver, 1)["von_mises"] <= 1e-12
+    else:
+        assert solve("patch test", MATCHING, solver, 1)["von_mises"] <= 1e-11
+
+
+@pytest.mark.parametrize("method", [UNDESIGNED, *(f"{NODE_TO_SEGMENT}, slave {k}" for k in (0, 1))])
+def test_others_fail_the_patch_test_and_refinement_does_not_help(method):
+    coarse, fine = (solve("patch test", method, SADDLE, n)["von_mises"] for n in (1, 2))
+    assert min(coarse, fine) >= 0.05
+
+
+def test_rates_of_the_manufactured_field():
+    """Displacement of second order for all; pressure of first order with a designed frame alone."""
+    rows = {
+        method: [solve("manufactured", method, solver, n) for n in (4, 8)]
+        for method, solver in (
+            (WEIGHTS, GAMG), (MATCHING, CHOLESKY), (UNDESIGNED, SADDLE),
+            (f"{NODE_TO_SEGMENT}, slave 0", SADDLE), (f"{NODE_TO_SEGMENT}, slave 1", SADDLE),
+        )
+    }  # fmt: skip
+
+    def rate(method, key):
+        coarse, fine = rows[method]
+        return np.log2(coarse[key] / fine[key])
+
+    for method in (WEIGHTS, MATCHING):
+        assert rate(method, "l2") >= 1.9 and rate(method, "h1") >= 0.95
+    assert rate(WEIGHTS, "pressure") >= 1.0
+    for method in (UNDESIGNED, *(f"{NODE_TO_SEGMENT}, slave {k}" for k in (0, 1))):
+        assert rate(method, "pressure") <= 0.7
+    # The predicted frame is side 0's own surface: undesigned, it ties side 1 to that, no more.
+    tied = rows[f"{NODE_TO_SEGMENT}, slave 1"]
+    for a, b in zip(rows[UNDESIGNED], tied):
+        assert abs(a["l2"] / b["l2"] - 1.0) <= 1e-8
+
+
+@needs_mpc
+@pytest.mark.parametrize("slave", [0, 1])
+def test_dolfinx_mpc_ties_as_node_to_segment(slave):
+    segment = solve("manufactured", f"{NODE_TO_SEGMENT}, slave {slave}", SADDLE, 4)
+    for solver in (CHOLESKY, GAMG):
+        row = solve("manufactured", f"{MPC} tied, slave {slave}", solver, 4)
+        assert abs(row["h1"] / segment["h1"] - 1.0) <= 1e-8
+
+
+@needs_mpc
+def test_dolfinx_mpc_that_slips_fails_the_patch_test():
+    assert solve("patch test", f"{MPC} slip, slave 1", CHOLESKY, 1)["von_mises"] >= 0.05
+
+
+def test_hertz():
+    """A designed frame's pressure converges, an undesigned one's does not."""
+    for solver in (SADDLE, CHOLESKY):
+        coarse, fine = (solve("Hertz", POSITIONS, solver, n) for n in (8, 16))
+        assert fine["pressure"] <= 0.5 * coarse["pressure"] and fine["peak"] <= 0.003
+    assert solve("Hertz", UNDESIGNED, SADDLE, 16)["pressure"] >= 0.03
+
+
+def test_quick_form(tmp_path, capsys):
+    """Table, files and picture; every figure of the run is in them."""
+    rows = error_vs_time.main(["--quick", "--scenes", "Hertz", "--output", str(tmp_path)])
+    out = capsys.readouterr().out
+    cases = {(row["method"], row["solver"], row["n"]) for row in rows}
+    assert cases == {(*case, n) for case in plan.CASES["Hertz"] for n in plan.QUICK["Hertz"]}
+    assert all(f"{row['pressure']:.1e}" in out for row in rows)
+    for row in rows:
+        stages = sum(row[stage] for stage in plan.STAGES)
+        assert abs(stages - row["mesh"] - row["seconds"]) < 1e-9 and stages <= row["wall"]
+    report = json.loads((tmp_path / "error_vs_time.json").read_text())
+    assert report["rows"] == rows and report["about"]["ranks"] == 1
+    header, *lines = (tmp_path / "error_vs_time.csv").read_text().splitlines()
+    assert {"memory", "cpu", *plan.STAGES} <= set(header.split(",")) and len(lines) == len(rows)
+    assert (tmp_path / "error_vs_time.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def row(method, n, seconds, error, solver=SADDLE):
+    return {"scene": "manufactured", "method": method, "solver": solver, "n": n,
+            "seconds": seconds, "l2": error}  # fmt: skip
+
+
+def test_time_to_an_error():
+    """Between two sizes in logarithms; none where a method does not get there."""
+    line = [row(WEIGHTS, 4, 1.0, 1e-2), row(WEIGHTS, 8, 100.0, 1e-4)]
+    for goal, seconds in ((1e-1, 1.0), (1e-2, 1.0), (1e-3, 10.0), (1e-4, 100.0), (1e-5, np.inf)):
+        assert np.isclose(evaluation.time_to(goal, line, "l2"), seconds, rtol=1e-12)
+    rival = f"{NODE_TO_SEGMENT}, slave 0"
+    found = evaluation.against_rivals([*line, row(rival, 4, 5.0, 1e-3)], "manufactured", "l2")
+    assert np.allclose(found[rival, SADDLE], [2.0])
+
+
+def test_comparison_of_two_runs():
+    """A machine that is twice as slow changes nothing; one method that is, does."""
+    first = [row(WEIGHTS, 4, 1.0, 0.1), row(WEIGHTS, 4, 2.0, 0.1, GAMG)]
+    slower = [{**r, "seconds": 2.0 * r["seconds"]} for r in first]
+    assert "2 of 2 within 15 %, median 0 %, largest 0 %" in evaluation.compare(slower, first)
+    words = evaluation.compare([first[0], slower[1]], first)
+    assert "1 of 2 within 15 %" in words and "largest 100 %" in words and GAMG in words
