@@ -20,7 +20,8 @@ MODULES = {
     "dolfinx_llm": None,  # with SUBMODULES
     "dolfinx_llm.results": ("InterfaceResult", "SideResult"),
     "dolfinx_llm.frame": ("Frame", "Location", "Quality"),
-    "dolfinx_llm.interface": ("Interface", "Certificate", "ContactModel"),
+    "dolfinx_llm.interface": ("Interface",),
+    "dolfinx_llm.model": ("Certificate", "ContactModel"),
     "dolfinx_llm.pairs": ("ContactPairs",),
 }
 SUBMODULES = ("dolfinx_llm.classical", "dolfinx_llm.plot", "dolfinx_llm.post")

@@ -17,8 +17,9 @@ from petsc4py import PETSc
 from dolfinx_llm import compat, operators
 from dolfinx_llm._log import progress
 from dolfinx_llm._parallel import ContactError, ContactInputError, check, gather_rows
-from dolfinx_llm.interface import Interface, build_model, describe
+from dolfinx_llm.interface import Interface
 from dolfinx_llm.iteration import ContactIteration
+from dolfinx_llm.model import build_model, describe
 from dolfinx_llm.results import InterfaceResult, collect_results, doubts
 from dolfinx_llm.rigid import Bodies, check_loops, check_support
 from dolfinx_llm.solvers import SOLVERS, build_steps, build_system, choose_solver, warn

@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.frame import Frame
 from dolfinx_llm.friction import OPEN, SLIP, STICK
-from dolfinx_llm.interface import Certificate
+from dolfinx_llm.model import Certificate
 
 LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, identity, vstack
 
 from dolfinx_llm.friction import OPEN, SLIP, STICK
-from dolfinx_llm.interface import ContactModel
+from dolfinx_llm.model import ContactModel
 from dolfinx_llm.operators import interface_operator
 
 LOOSE = 3  # a pair that has closed so often in a load step has no friction of its own
