@@ -266,7 +266,7 @@ def _constraint_rows(weights, nodes, base, first: int, shape) -> csr_matrix:
 
 def _values_at(problem, dofs: np.ndarray, local: np.ndarray) -> np.ndarray:
     """Values at dofs given by number, on every rank, from this rank's values at its own."""
-    at = dofs - problem.K.getOwnershipRange()[0]
+    at = dofs - problem._first
     mine = (at >= 0) & (at < len(local))
     values = np.zeros(at.shape)
     values[mine] = local[at[mine]]

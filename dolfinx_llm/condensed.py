@@ -17,7 +17,7 @@ from petsc4py import PETSc
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.krylov import DIRECT, WIDEST, near_null_space, solver_of, triple_product
 from dolfinx_llm.slaving import SlavedRows
-from dolfinx_llm.system import is_symmetric, rounding_error
+from dolfinx_llm.system import is_symmetric, rounding_error, times
 from dolfinx_llm.transformation import Transformation
 
 log = logging.getLogger("dolfinx_llm")
@@ -66,13 +66,13 @@ class CondensedSystem:
             raise ContactError(
                 "the condensed form needs a symmetric stiffness, K has none: use solver='saddle'"
             )
-        self.K, self.fixed, self.scale = K, fixed, scale
-        self.comm = K.comm.tompi4py()
+        self.fixed, self.scale, self.comm = fixed, scale, K.comm.tompi4py()
         self.notes: list[str] = []
         self.iterations, self.residual = 0, np.nan
         began = time.perf_counter()
         self.form = Transformation(K, rows, fixed, proximal)
-        self.matrix, self.penalty = self._reduce()
+        self.matrix = self._reduce(K)
+        self._keep_surface(K)
         reduced = time.perf_counter()
         self._scale_to_unit_diagonal(modes)
         self._prefix = prefix
@@ -87,17 +87,31 @@ class CondensedSystem:
         self.ksp = self._set_up(options)
         self.times = {"reduction": reduced - began, "set-up": time.perf_counter() - reduced}
 
-    def _reduce(self):
+    def _reduce(self, K):
         """Tᵀ K T with the proximal term, and ones where q has a place without an unknown."""
         form = self.form
-        matrix, penalty = triple_product(self.K, form.T), form.penalty(self.K.comm)
+        matrix, penalty = triple_product(K, form.T), form.penalty(K.comm)
         if penalty is not None:
             matrix.axpy(1.0, penalty, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+            penalty.destroy()
         diagonal = matrix.getDiagonal()
         diagonal.array_w[form.idle] = 1.0
         matrix.setDiagonal(diagonal)
         diagonal.destroy()
-        return matrix, penalty
+        return matrix
+
+    def _keep_surface(self, K):
+        """The rows of K at slaved nodes, for the reactions there: elsewhere K is in Tᵀ K T, so that
+        K itself need not be kept."""
+        start, end = K.getOwnershipRange()
+        self.surface = np.unique(self.form.dofs)  # local dofs
+        rows = PETSc.IS().createGeneral((start + self.surface).astype(PETSc.IntType), K.comm)
+        columns = PETSc.IS().createStride(end - start, start, 1, K.comm)
+        self.K_surface = K.createSubMatrix(rows, columns)
+        diagonal = K.getDiagonal()
+        self._diagonal = diagonal.array_r.copy()
+        for item in (rows, columns, diagonal):
+            item.destroy()
 
     def _scale_to_unit_diagonal(self, modes):
         """S Tᵀ K T S, S the inverse square root of the diagonal, and its near-null space."""
@@ -155,18 +169,17 @@ class CondensedSystem:
             u, q and f - K u of this rank.
         """
         x, b = self.matrix.createVecs()
-        full, image = self.K.createVecs()
-        q, u = np.zeros(x.local_size), u_0.copy()
+        still = np.zeros(len(f))  # K u_0, u_0 being zero but at the surface and at supports
+        still[self.fixed] = u_0[self.fixed]
+        still[self.surface] = 0.0
+        still += times(self.K_surface, u_0[self.surface], transposed=True)
+        load = times(self.form.T, f - still, transposed=True) + push
+        q = np.zeros(x.local_size)
         tolerances = self.ksp.getTolerances()
         self.iterations, last, length = 0, np.inf, 0.0
         for attempt in range(PASSES + 1):
-            full.array_w[:] = u
-            self.K.mult(full, image)
-            force = f - image.array_r
-            full.array_w[:] = force
-            self.form.T.multTranspose(full, b)
-            b.array_w[:] += push - self._penalty_forces(q)
-            b.pointwiseMult(b, self.S)
+            left = load - times(self.matrix, q / self.S.array_r) / self.S.array_r
+            b.array_w[:] = left * self.S.array_r
             size = b.norm()
             if not attempt:
                 goal = tolerances[0] * size
@@ -181,25 +194,20 @@ class CondensedSystem:
                 self.ksp.setTolerances(rtol=goal / size)
             self._solve_once(b, x)
             length += x.norm()
-            x.pointwiseMult(x, self.S)
-            q += x.array_r
-            self.form.T.mult(x, full)
-            u = u + full.array_r
+            q += x.array_r * self.S.array_r
         self.ksp.setTolerances(*tolerances)
-        for vector in (x, b, full, image):
-            vector.destroy()
-        return u, q, force
-
-    def _penalty_forces(self, q):
-        if self.penalty is None:
-            return 0.0
-        x, y = self.penalty.createVecs()
-        x.array_w[:] = q
-        self.penalty.mult(x, y)
-        forces = y.array_r.copy()
         x.destroy()
-        y.destroy()
-        return forces
+        b.destroy()
+        u = times(self.form.T, q) + u_0
+        return u, q, self._forces(f, u, left)
+
+    def _forces(self, f, u, left) -> np.ndarray:
+        """f - K u of this rank: reactions at slaved nodes, elsewhere what is left of the system."""
+        force, place = np.zeros(len(f)), self.form.body
+        force[place >= 0] = left[place[place >= 0]]
+        force[self.surface] = f[self.surface] - times(self.K_surface, u)
+        force[self.fixed] = 0.0
+        return force
 
     def _solve_once(self, b, x):
         """One solve; where the default options do not get there, a factorisation takes over."""
@@ -232,7 +240,7 @@ class CondensedSystem:
         sizes = np.max(self.comm.allgather(sizes), axis=0)
         worst, load = sizes[:3].max(), sizes[3]
         self.residual = worst / max(sizes[3:].max(), 1e-300)
-        self.rounding = rounding_error(self.K, u, f, multiplier)
+        self.rounding = rounding_error(self.comm, self._diagonal, u, f, multiplier)
         against_load = worst / load if load > 0.0 else self.residual
         # A tolerance that the user made larger is the user's choice.
         asked = 0.0 if self.ksp.getType() == "preonly" else 10.0 * self.ksp.getTolerances()[0]
@@ -248,6 +256,5 @@ class CondensedSystem:
             )
 
     def destroy(self):
-        for item in (self.ksp, self.matrix, self.penalty, self.form.T, self.S):
-            if item is not None:
-                item.destroy()
+        for item in (self.ksp, self.matrix, self.K_surface, self.form.T, self.S):
+            item.destroy()

@@ -85,6 +85,7 @@ class ContactProblem:
         self.times: dict[str, float] = {}
         self.history: list[dict] = []
         self.results: list[InterfaceResult] = []
+        self._K: Any = None  # see K
         self._system: Any = None  # of (31), factorised
         self._iteration: Any = None  # ContactIteration, once there is one
         self._prefix, self._options = petsc_options_prefix, petsc_options
@@ -124,11 +125,26 @@ class ContactProblem:
     def _add_time(self, stage: str, seconds: float):
         self.times[stage] = self.times.get(stage, 0.0) + seconds
 
+    @property
+    def K(self):
+        """PETSc AIJ of the bodies' stiffness, identity rows and columns at prescribed dofs.
+
+        The condensed form lets go of it once it is set up; it is assembled anew when asked for.
+        """
+        if self._K is None:
+            with self._timed("assembly of K"):
+                blocks = [compat.assemble_matrix(a, b, 1.0) for a, b in zip(self._a, self._bcs)]
+                self._K = blocks[0] if len(blocks) == 1 else _block_diagonal(blocks)
+        return self._K
+
+    def _release_K(self) -> None:
+        if self._K is not None:
+            self._K.destroy()
+            self._K = None
+
     def _assemble_operators(self):
         """K, B and L_b."""
-        with self._timed("assembly of K"):
-            blocks = [compat.assemble_matrix(a, b, 1.0) for a, b in zip(self._a, self._bcs)]
-            self.K = blocks[0] if len(blocks) == 1 else _block_diagonal(blocks)
+        self._first = self.K.getOwnershipRange()[0]  # of this rank's dofs
         if not np.isfinite(self.K.norm()):
             raise ContactError(
                 "the stiffness has entries that are NaN or infinite. Check the coefficients of the "
@@ -140,7 +156,7 @@ class ContactProblem:
             self._dofs = [self._global_dofs(*side) for side in zip(spaces, self._pairs)]
             self._rows = operators.Rows.of(self.comm, self._pairs, self._dofs)
             self._frame_unknowns = operators.frame_numbering(self.models, self.comm)
-            bodies = (self.K.getSizes()[0], self.K.getOwnershipRange()[0])
+            bodies = (self.K.getSizes()[0], self._first)
             self.B = operators.assemble_B(self.comm, self._rows, bodies, self._fixed)
             self._L_csr = [
                 operators.interface_operator(model.pairs, model.directions) for model in self.models
@@ -177,7 +193,7 @@ class ContactProblem:
         """(n, gdim) numbers, in the vector of all bodies, of the dofs of pairs or a surface."""
         gdim = self.spaces[space].mesh.geometry.dim
         start = self.spaces[space].dofmap.index_map.local_range[0] * gdim
-        shift = self.K.getOwnershipRange()[0] + sum(self._sizes[:space]) - start
+        shift = self._first + sum(self._sizes[:space]) - start
         shift = np.array(self.comm.allgather(shift))[nodes.owner]
         return nodes.dofs[:, None] * gdim + np.arange(gdim) + shift[:, None]
 
@@ -189,7 +205,7 @@ class ContactProblem:
 
     def _check_support(self):
         self.bodies = Bodies(self.spaces)
-        start, gdim = self.K.getOwnershipRange()[0], self.spaces[0].mesh.geometry.dim
+        start, gdim = self._first, self.spaces[0].mesh.geometry.dim
         labels = []
         for side, dofs in zip(self._pairs, self._dofs, strict=True):
             mine = side.owner == self.comm.rank
@@ -269,6 +285,8 @@ class ContactProblem:
         if self._system is None:
             with self._timed("factorisation"):
                 self._system = build_system(self)
+            if self.form == "condensed":
+                self._release_K()
         with self._timed("solve"):
             u, multiplier, v = self._system.solve(f, g)
         warn(self)
@@ -327,7 +345,7 @@ class ContactProblem:
         values = g.array_r.copy()
         g.destroy()
         mine = self._rows.numbering.mine
-        rows = self._rows.dofs[mine] - self.K.getOwnershipRange()[0]
+        rows = self._rows.dofs[mine] - self._first
         prescribed = np.where(self._fixed[rows], f[rows], 0.0)
         values += np.einsum("ni,ni->n", self._rows.base[mine], prescribed)
         return np.where(self._redundant[mine], 0.0, values)
@@ -365,7 +383,7 @@ class ContactProblem:
     def unknowns(self) -> dict[str, int]:
         """Global number of unknowns: displacements u, multipliers lambda, frame v."""
         n_l, n_v = self.L_b.getSize()
-        return {"u": self.K.getSize()[0], "lambda": n_l, "v": n_v}
+        return {"u": self.B.getSize()[0], "lambda": n_l, "v": n_v}
 
     def __str__(self) -> str:
         """Anatomy: sizes, blocks present, what was left out and why."""
@@ -390,7 +408,8 @@ class ContactProblem:
             if part is not None:
                 part.destroy()
         self._system = self._iteration = None
-        for matrix in (self.K, self.B, self.L_b):
+        self._release_K()
+        for matrix in (self.B, self.L_b):
             matrix.destroy()
 
 
@@ -424,7 +443,11 @@ def _argument_space(form):
 def _block_diagonal(blocks):
     n = len(blocks)
     rows = [[blocks[i] if i == j else None for j in range(n)] for i in range(n)]
-    return PETSc.Mat().createNest(rows, comm=blocks[0].comm).convert("aij", PETSc.Mat())
+    nest = PETSc.Mat().createNest(rows, comm=blocks[0].comm)
+    matrix = nest.convert("aij", PETSc.Mat())
+    for M in (nest, *blocks):
+        M.destroy()
+    return matrix
 
 
 def _block_diag(matrices):

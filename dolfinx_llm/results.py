@@ -165,7 +165,7 @@ def _surface_motion(problem, side: int, u: np.ndarray) -> np.ndarray:
     pairs, dofs = problem._pairs[side], problem._dofs[side]
     mine = pairs.owner == problem.comm.rank
     motion = np.zeros(dofs.shape)
-    motion[mine] = u[dofs[mine] - problem.K.getOwnershipRange()[0]]
+    motion[mine] = u[dofs[mine] - problem._first]
     return problem.comm.allreduce(motion)
 
 

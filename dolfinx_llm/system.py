@@ -156,7 +156,11 @@ class SaddleSystem:
         solution = self._solver.solve(rhs)
         self._check_solution()
         u, multiplier, *v = (solution[rows] for rows in self.rows)
-        self.rounding = rounding_error(self.K, u, f, self.scale * multiplier)
+        diagonal = self.K.getDiagonal()
+        forces = self.scale * multiplier
+        comm = self.K.comm.tompi4py()
+        self.rounding = rounding_error(comm, diagonal.array_r, u, f, forces)
+        diagonal.destroy()
         return u, self.scale * multiplier, v[0] if v else np.empty(0)
 
     def _check_solution(self):
@@ -251,21 +255,23 @@ def is_symmetric(K) -> bool:
     return gap <= 1e-10 * size
 
 
-def rounding_error(K, u: np.ndarray, f: np.ndarray, multiplier: np.ndarray) -> float:
+def rounding_error(comm, diagonal, u: np.ndarray, f: np.ndarray, multiplier: np.ndarray) -> float:
     """Relative error of the forces that rounding alone may cause, whatever the solver.
 
     A stiff body that hangs on a soft one moves far: the forces in it are differences of terms of
     the size K_ii u_i, and their rounding is not small against the loads.
+
+    Args:
+        comm: MPI communicator.
+        diagonal: this rank's diagonal of K.
+        u, f, multiplier: this rank's displacements, loads and multipliers.
     """
-    diagonal = K.getDiagonal()
-    k = diagonal.array_r.copy()
-    diagonal.destroy()
-    free = (k != 1.0) | (np.abs(u - f) > 1e-12 * np.abs(u))  # not an identity row
+    free = (diagonal != 1.0) | (np.abs(u - f) > 1e-12 * np.abs(u))  # not an identity row
     largest = [
-        np.abs(k * u)[free].max(initial=0.0),
+        np.abs(diagonal * u)[free].max(initial=0.0),
         max(np.abs(f)[free].max(initial=0.0), np.abs(multiplier).max(initial=0.0)),
     ]
-    terms, forces = np.max(K.comm.tompi4py().allgather(largest), axis=0)
+    terms, forces = np.max(comm.allgather(largest), axis=0)
     return float(np.finfo(float).eps * terms / forces) if forces > 0.0 else 0.0
 
 
