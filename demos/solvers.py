@@ -113,8 +113,7 @@ def solve_scaled(K, f, modes, options=None):
     """Solution of K x = f, K scaled to unit diagonal, and what it took; CG + GAMG by default."""
     from petsc4py import PETSc
 
-    from dolfinx_llm.krylov import GAMG, ITERATIVE, near_null_space
-    from dolfinx_llm.system import set_up_ksp
+    from dolfinx_llm.krylov import near_null_space, solver_of
 
     began = time.perf_counter()
     x, b = K.createVecs()
@@ -126,7 +125,7 @@ def solve_scaled(K, f, modes, options=None):
     b.pointwiseMult(b, S)
     K.setOption(PETSc.Mat.Option.SPD, True)
     near_null_space(K, S, modes)
-    ksp = set_up_ksp(K, "matching_", options or {**ITERATIVE, **GAMG})
+    ksp, _, _ = solver_of(K, "matching_", options or {})  # MUMPS with more memory where needed
     ready = time.perf_counter()
     ksp.solve(b, x)
     solved = time.perf_counter()
@@ -143,6 +142,8 @@ def solve_scaled(K, f, modes, options=None):
     solution = x.array_r.copy()
     for item in (ksp, x, b, r, S):
         item.destroy()
+    if not row["residual"] < 1e-9:
+        raise RuntimeError(f"the solve failed: relative residual {row['residual']:.1e}")
     return solution, row
 
 

@@ -103,11 +103,15 @@ def test_quick_form(tmp_path, capsys):
     header, *lines = (tmp_path / "error_vs_time.csv").read_text().splitlines()
     assert {"memory", "cpu", *plan.STAGES} <= set(header.split(",")) and len(lines) == len(rows)
     assert (tmp_path / "error_vs_time.png").read_bytes()[:4] == b"\x89PNG"
+    file = str(tmp_path / "error_vs_time.json")
+    again = ["--read", file, "--against", file, "--scenes", "Hertz", "--output", str(tmp_path)]
+    assert error_vs_time.main(again) == rows
+    assert "of 10 within 15 %, median 0 %" in capsys.readouterr().out
 
 
 def row(method, n, seconds, error, solver=SADDLE):
     return {"scene": "manufactured", "method": method, "solver": solver, "n": n,
-            "seconds": seconds, "l2": error}  # fmt: skip
+            "cpu_seconds": seconds, "l2": error}  # fmt: skip
 
 
 def test_time_to_an_error():
@@ -122,8 +126,11 @@ def test_time_to_an_error():
 
 def test_comparison_of_two_runs():
     """A machine that is twice as slow changes nothing; one method that is, does."""
-    first = [row(WEIGHTS, 4, 1.0, 0.1), row(WEIGHTS, 4, 2.0, 0.1, GAMG)]
-    slower = [{**r, "seconds": 2.0 * r["seconds"]} for r in first]
-    assert "2 of 2 within 15 %, median 0 %, largest 0 %" in evaluation.compare(slower, first)
-    words = evaluation.compare([first[0], slower[1]], first)
-    assert "1 of 2 within 15 %" in words and "largest 100 %" in words and GAMG in words
+    first = [row(m, n, t, 0.1, solver) for n in (4, 8)
+             for m, t, solver in ((WEIGHTS, 1.0, SADDLE), (WEIGHTS, 2.0, GAMG))]  # fmt: skip
+    slower = [{**r, "cpu_seconds": 2.0 * r["cpu_seconds"]} for r in first]
+    every, finest = evaluation.compare(slower, first).splitlines()[1:]
+    assert "2 of 2 within 15 %, median 0 %, largest 0 %" in every
+    every, finest = evaluation.compare([*first[:3], slower[3]], first).splitlines()[1:]
+    assert "1 of 2 within 15 %" in every and "largest 100 %" in every and GAMG in every
+    assert "0 of 1 within 15 %, median 100 %" in finest

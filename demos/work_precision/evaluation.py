@@ -33,7 +33,7 @@ def curves(rows, scene, error):
 
 def time_to(goal, rows, error):
     """Seconds in which a method gets to an error; between sizes interpolated in logarithms."""
-    t, e = (np.array([row[key] for row in rows]) for key in ("seconds", error))
+    t, e = (np.array([row[key] for row in rows]) for key in ("cpu_seconds", error))
     e = np.maximum(e, ROUNDING)
     best = min(t[e <= goal], default=np.inf)
     for k in range(len(e) - 1):
@@ -52,17 +52,20 @@ def against_rivals(rows, scene, error):
         if case[0].startswith((NODE_TO_SEGMENT, MPC)):
             goals = [max(row[error], ROUNDING) for row in found]
             best = [min(time_to(goal, frame, error) for frame in frames) for goal in goals]
-            out[case] = [t / row["seconds"] for t, row in zip(best, found)]
+            out[case] = [t / row["cpu_seconds"] for t, row in zip(best, found)]
     return out
 
 
 def relative(rows):
-    """Run times over that of the frame by weights, saddle, on the same scene and size."""
-    unit = {(row["scene"], row["n"]): row["seconds"] for row in rows
+    """CPU times over that of the frame by weights, saddle, on the same scene and size."""
+    unit = {(row["scene"], row["n"]): row["cpu_seconds"] for row in rows
             if (row["method"], row["solver"]) == (WEIGHTS, SADDLE)}  # fmt: skip
-    return {(*(row[k] for k in ("scene", "method", "solver")), row["n"]):
-            row["seconds"] / unit[row["scene"], row["n"]] for row in rows if "seconds" in row
-            }  # fmt: skip
+    return {
+        (row["scene"], row["method"], row["solver"], row["n"]): row["cpu_seconds"]
+        / unit[row["scene"], row["n"]]
+        for row in rows
+        if "failed" not in row and (row["method"], row["solver"]) != (WEIGHTS, SADDLE)
+    }
 
 
 def compare(rows, earlier):
@@ -70,12 +73,19 @@ def compare(rows, earlier):
     new, old = relative(rows), relative(earlier)
     change = {key: max(new[key] / old[key], old[key] / new[key]) - 1.0
               for key in new if key in old}  # fmt: skip
-    worst, within = max(change, key=change.get), sum(c <= 0.15 for c in change.values())
-    return (
-        f"ratios against the earlier run: {within} of {len(change)} within 15 %, median "
-        f"{100 * statistics.median(change.values()):.0f} %, largest {100 * change[worst]:.0f} % "
-        f"({', '.join(map(str, worst))})"
-    )
+    finest = {scene: max(n for name, *_, n in change if name == scene) for scene, *_ in change}
+    words = "CPU times over the frame's, against the earlier run: "
+    for name, some in (
+        ("all sizes", change),
+        ("finest meshes", {key: c for key, c in change.items() if key[-1] == finest[key[0]]}),
+    ):
+        worst = max(some, key=some.get)
+        words += (
+            f"\n  {name}: {sum(c <= 0.15 for c in some.values())} of {len(some)} within 15 %, "
+            f"median {100 * statistics.median(some.values()):.0f} %, largest "
+            f"{100 * some[worst]:.0f} % ({', '.join(map(str, worst))})"
+        )
+    return words
 
 
 # ## Table and diagrams
@@ -90,7 +100,7 @@ def table(rows, scenes):
     out = []
     for scene in scenes:
         errors = [error for name, error, _ in DIAGRAMS if name == scene]
-        heads = [*errors, "rate", "its", *STAGES, "seconds", "wall", "cpu", "GB"]
+        heads = [*errors, "rate", "its", *STAGES, "seconds", "its CPU", "wall", "CPU", "GB"]
         out += ["", f"{scene:<27}{'solver':<21}{'n':>3}{'unknowns':>9}"
                 + "".join(f"{head[:8]:>9}" for head in heads)]  # fmt: skip
         last = {}
@@ -106,14 +116,14 @@ def table(rows, scenes):
             )  # fmt: skip
             found = "".join(f"{row[e]:9.1e}" if e in row else f"{'-':>9}" for e in errors)
             line += f"{row['unknowns']:>9}{found}{rate:>9}{row['iterations']:>9}"
-            keys = (*STAGES, "seconds", "wall", "cpu", "memory")
+            keys = (*STAGES, "seconds", "cpu_seconds", "wall", "cpu", "memory")
             out.append(line + "".join(f"{row[key]:9.3f}" for key in keys))
     return out
 
 
 def verdict(rows, scenes):
     """Per diagram and rival, what the frames need for the rival's error."""
-    out = ["", "quickest designed frame's time to a rival's error, over the rival's, by size"]
+    out = ["", "quickest designed frame's CPU time to a rival's error, over the rival's, by size"]
     for scene, error, title in DIAGRAMS:
         if scene in scenes:
             for case, ratios in against_rivals(rows, scene, error).items():
@@ -141,10 +151,11 @@ def diagrams(rows, path):
     shown = {}
     for axis, (scene, error, title) in zip(axes.flat, DIAGRAMS):
         for (method, solver), found in curves(rows, scene, error).items():
+            points = np.array([(row["cpu_seconds"], row[error]) for row in found]).T
             shown[f"{method}: {solver_name(method, solver)}"], = axis.loglog(
-                [row["seconds"] for row in found], [row[error] for row in found], DASHES[solver],
-                color=STYLES[method], markersize=4, linewidth=1.2)  # fmt: skip
-        axis.set(title=title, xlabel="run time [s]", ylabel="relative error")
+                *points, DASHES[solver], color=STYLES[method], markersize=4, linewidth=1.2
+            )  # fmt: skip
+        axis.set(title=title, xlabel="run time [CPU s]", ylabel="relative error")
         axis.grid(alpha=0.3)
     order = list(STYLES)
     names = sorted(shown, key=lambda name: order.index(name.split(":")[0]))

@@ -32,8 +32,7 @@ try:
 except ImportError:
     dolfinx_mpc = None
 
-MUMPS = {**DIRECT, "pc_factor_mat_solver_type": "mumps"}
-OPTIONS = {CHOLESKY: MUMPS, GAMG: None}
+OPTIONS = {CHOLESKY: DIRECT, GAMG: None}
 OF_PROBLEM = {  # stages of ContactProblem.times by the names of the table
     "surfaces": "surfaces", "patch forces": "patch forces", "frame": "design", "design": "design",
     "location": "location", "operators": "operators", "support check": "operators",
