@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import time
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -84,8 +85,9 @@ class CondensedSystem:
             )
             self._warn()
             options = DIRECT
-        self.ksp = self._set_up(options)
-        self.times = {"reduction": reduced - began, "set-up": time.perf_counter() - reduced}
+        self._options = options
+        self.ksp: Any = None  # once ``set_up``
+        self.times = {"reduction": reduced - began}
 
     def _reduce(self, K):
         """Tᵀ K T with the proximal term, and ones where q has a place without an unknown."""
@@ -137,6 +139,13 @@ class CondensedSystem:
         if self.comm.rank == 0:
             log.warning(self.notes[-1])
 
+    def set_up(self) -> None:
+        """Preconditioner or factorisation, if it is not there yet; K is no longer needed here."""
+        if self.ksp is None:
+            began = time.perf_counter()
+            self.ksp = self._set_up(self._options)
+            self.times["set-up"] = time.perf_counter() - began
+
     def _set_up(self, given: dict):
         ksp, self.method, self.own = solver_of(self.matrix, self._prefix, given)
         return ksp
@@ -154,6 +163,7 @@ class CondensedSystem:
         Raises:
             ContactError: the solver did not reach a small residual of (31).
         """
+        self.set_up()
         form = self.form
         u_0, v_0 = form.offsets(f, g)
         u, q, force = self._iterate(f, u_0, form.push(centre, v_0))
@@ -257,4 +267,5 @@ class CondensedSystem:
 
     def destroy(self):
         for item in (self.ksp, self.matrix, self.K_surface, self.form.T, self.S):
-            item.destroy()
+            if item is not None:
+                item.destroy()

@@ -285,8 +285,9 @@ class ContactProblem:
         if self._system is None:
             with self._timed("factorisation"):
                 self._system = build_system(self)
-            if self.form == "condensed":
-                self._release_K()
+                if self.form == "condensed":
+                    self._release_K()
+                    self._system.set_up()
         with self._timed("solve"):
             u, multiplier, v = self._system.solve(f, g)
         warn(self)
