@@ -67,16 +67,19 @@ def solver_of(matrix, prefix: str, given: dict):
 
 
 def triple_product(K, T):
-    """Tᵀ K T without the intermediate product that PETSc would keep."""
-    database, clear = PETSc.Options(), "mat_product_clear"
-    given = database.hasName(clear)
-    if not given:
-        database[clear] = True
+    """Tᵀ K T, quickly, and without the intermediate product that PETSc would keep."""
+    database = PETSc.Options()
+    added: dict[str, bool | str] = {"mat_product_clear": True}
+    if K.comm.size == 1:
+        added["matptap_via"] = "rap"  # in half the time of the default; ranks have none of it
+    added = {key: value for key, value in added.items() if not database.hasName(key)}
+    for key, value in added.items():
+        database[key] = value
     try:
         return K.PtAP(T)
     finally:
-        if not given:
-            database.delValue(clear)
+        for key in added:
+            database.delValue(key)
 
 
 def near_null_space(matrix, S, modes: np.ndarray) -> None:
