@@ -55,18 +55,24 @@ def describe_fields(cls: type) -> None:
         cls.__doc__ = "\n".join([inspect.getdoc(cls) or "", "", "Attributes:", *lines])
 
 
+def is_own_record(item: object) -> bool:
+    own = inspect.isclass(item) and item.__module__.startswith("dolfinx_llm")
+    return own and dataclasses.is_dataclass(item)
+
+
 def build(folder: Path) -> None:
     import pdoc
     import pdoc.render
 
+    records = set()
     for name in (*MODULES, *SUBMODULES):
         module = importlib.import_module(name)
         if MODULES.get(name):
             module.__all__ = list(MODULES[name])
-        for item in vars(module).values():
-            own = inspect.isclass(item) and item.__module__ == name
-            if own and dataclasses.is_dataclass(item):
-                describe_fields(item)
+        names = MODULES.get(name) or getattr(module, "__all__", vars(module))
+        records |= {item for item in map(vars(module).get, names) if is_own_record(item)}
+    for cls in records:
+        describe_fields(cls)
     pdoc.render.configure(docformat="google", math=False)
     pdoc.pdoc(*MODULES, output_directory=folder)
 

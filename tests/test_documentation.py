@@ -152,3 +152,55 @@ def test_errors_are_named(name):
 def test_examples(name):
     outcome = doctest.testmod(importlib.import_module(f"dolfinx_llm.{name}"))
     assert outcome.attempted and not outcome.failed
+
+
+# The README's tables, against the code.
+README = (TESTS.parent / "README.md").read_text()
+
+
+def section(title):
+    return README.partition(f"## {title}\n")[2].partition("\n## ")[0]
+
+
+def strings():
+    """All strings of the package, values that are filled in as {}."""
+    found = []
+    for path in sorted((TESTS.parent / "dolfinx_llm").glob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.JoinedStr):
+                parts = [getattr(part, "value", None) for part in node.values]
+                found.append("".join(p if isinstance(p, str) else "{}" for p in parts))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                found.append(node.value)
+    return "\n".join(found)
+
+
+def test_messages_of_the_readme_are_the_codes():
+    said = strings()
+    rows = re.findall(r"^\| `(.+?)`.* \| .+ \| .+ \|$", section("When something goes wrong"), re.M)
+    assert len(rows) > 15
+    assert [words for words in rows if words not in said] == []
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["Interface", "ContactProblem", "ContactProblem.solve", "ContactProblem.plot", "Tied",
+     "Coulomb", "RigidPlane", "RigidSphere", "RigidCylinder", "RigidSurface"],
+)  # fmt: skip
+def test_options_of_the_readme_are_complete(name):
+    item = dolfinx_llm
+    for part in name.split("."):
+        item = getattr(item, part)
+    quoted = " ".join(re.findall(r"`([^`]+)`", section("Options")))
+    words = set(re.findall(r"\w+", quoted))
+    assert {p.name for p in arguments(item)} <= words
+    assert {"reset", "solve", "destroy", "plot"} <= words
+
+
+def test_the_readme_does_not_name_what_is_not_there():
+    """Names of llm in the README, and make's targets."""
+    names = set(re.findall(r"\bllm\.(\w+)", README))
+    assert len(names) > 10 and names <= set(dolfinx_llm.__all__)
+    targets = set(re.findall(r"`make (\w+)`", README))
+    makefile = (TESTS.parent / "Makefile").read_text()
+    assert targets and all(f"\n{target}:" in makefile for target in targets)

@@ -5,6 +5,7 @@ import pty
 import re
 import subprocess
 import sys
+import termios
 
 import pytest
 from conftest import TESTS, clean_environment
@@ -59,6 +60,7 @@ def test_every_rank_tells_at_level_debug():
 def test_progress_on_a_terminal(level):
     """One line that is rewritten; none where the log tells of the iterations already."""
     ours, theirs = pty.openpty()
+    termios.tcsetwinsize(theirs, (24, 100))  # tqdm 4.70 shows nothing on one without lines
     process = subprocess.Popen(
         [sys.executable, str(TOLD), level], env=clean_environment(), text=True,
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=theirs,
