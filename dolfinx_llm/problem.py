@@ -126,7 +126,7 @@ class ContactProblem:
         self.times[stage] = self.times.get(stage, 0.0) + seconds
 
     @property
-    def K(self):
+    def K(self) -> PETSc.Mat:
         """PETSc AIJ of the bodies' stiffness, identity rows and columns at prescribed dofs.
 
         The condensed form lets go of it once it is set up; it is assembled anew when asked for.

@@ -14,6 +14,7 @@ from dolfinx_llm.frame import Frame
 from dolfinx_llm.friction import OPEN, SLIP, STICK
 from dolfinx_llm.model import Certificate
 
+WEAK = 1e-3  # of a frame node's mean support: what draws its tangential motion to the mean
 LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
 
 
@@ -173,8 +174,11 @@ def _tangential_average(model, moved) -> np.ndarray:
     """(m, gdim) mean of the tangential motions of both sides, fitted to the frame's nodes."""
     total = np.zeros((len(model.frame.x), moved[0].shape[1]))
     for p, motion in zip(model.pairs, moved, strict=True):
-        A = p.N.T @ p.N + 1e-10 * identity(p.N.shape[1])
-        total += 0.5 * splu(A.tocsc()).solve(p.N.T @ motion)
+        A = p.N.T @ p.N
+        # Frame nodes that hardly any pair of this side reaches move as the side does on average.
+        weak = WEAK * A.diagonal().mean() * identity(A.shape[0])
+        mean = motion.mean(axis=0)
+        total += 0.5 * (mean + splu((A + weak).tocsc()).solve(p.N.T @ (motion - mean)))
     normal = model.directions[:, -1]
     return total - np.einsum("mi,mi->m", total, normal)[:, None] * normal
 
