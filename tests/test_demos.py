@@ -88,8 +88,8 @@ def test_tutorial(tmp_path):
     assert len((DEMOS / "tutorial.py").read_text().splitlines()) < 80
     result, shares = tutorial.main(tmp_path)
     assert abs(result.resultant[2] + tutorial.PRESSURE) <= 1e-9
-    # The pad spreads while it slips: directions differ a little, and the resultant falls short.
-    assert np.all(np.diff(shares) > 0.0) and shares[-2] < 0.9 and -1e-9 <= 1.0 - shares[-1] <= 1e-5
+    # Just short of gross slip, where frame nodes at the rim may slip either way.
+    assert np.all(np.diff(shares) > 0.0) and shares[-2] < 0.9 and 0.98 < shares[-1] <= 1.0 + 1e-9
     for name in ("bodies_0.png", "interface_0.png"):
         assert (tmp_path / name).read_bytes()[:4] == b"\x89PNG"
     written = {path.name for path in tmp_path.iterdir()}
