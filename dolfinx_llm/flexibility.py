@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm._log import progress
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.complementarity import complementarity
-from dolfinx_llm.linear_step import SOFT, InterfaceSystem, wrong_signs
+from dolfinx_llm.linear_step import DRIFT, SOFT, InterfaceSystem, wrong_signs
 from dolfinx_llm.rigid import floating_modes, pins
 from dolfinx_llm.system import DirectSolver, with_springs
 
@@ -168,7 +168,7 @@ class Flexibility:
         x.array_w[:] = u
         self.K.mult(x, y)
         miss = np.abs(y.array_r - load).max(initial=0.0)
-        sizes = [np.abs(self.f), np.abs(load), self.scale * np.abs(u)]
+        sizes = [np.abs(self.f), np.abs(load), DRIFT * self.scale * np.abs(u)]
         size = max(a.max(initial=0.0) for a in sizes)
         for vector in (x, y):
             vector.destroy()

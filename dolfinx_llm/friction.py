@@ -29,6 +29,25 @@ class FrictionRows:
     C_N: np.ndarray  # (n, d)
     rhs: np.ndarray  # (n, d) [force]
 
+    def tied(self, speaker: np.ndarray, c: float) -> FrictionRows:
+        """The same, but that nodes for which others speak slip as those do: their δ, taken relative
+        to it, vanishes.
+
+        Args:
+            speaker: (n,) of ``rim.speakers``.
+            c: size of their rows [force / length].
+        """
+        own = speaker == np.arange(len(speaker))
+        kept = own[:, None, None]
+        unit = np.eye(self.rhs.shape[1])
+        return FrictionRows(
+            self.status[speaker],
+            C_T=np.where(kept, self.C_T, 0.0),
+            C_delta=np.where(kept, self.C_delta, c * unit),
+            C_N=np.where(kept[:, 0], self.C_N, 0.0),
+            rhs=np.where(kept[:, 0], self.rhs, 0.0),
+        )
+
 
 def _length(a: np.ndarray) -> np.ndarray:
     return np.linalg.norm(a, axis=1)

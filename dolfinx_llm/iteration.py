@@ -2,10 +2,11 @@
 
 Frictionless contact is a convex quadratic programme: the frame is a surface that separates the
 bodies; on each side λ_n >= 0, gap >= 0, λ_n gap = 0, and L_bᵀ λ = 0 ((12), (15)). v is free where
-contact is open; a proximal term -ε c (v - v_c) settles it, first about the mid-surface between the
-bodies, then about its own last value, where it carries no force. Friction adds Newton rows per
-frame node (``friction``) in the slip κ of (13). Works on the interface alone: arrays that are the
-same on every rank.
+contact is open; a proximal term -ε c (v - v_c) settles it, about the mid-surface between the bodies
+while contact changes, then about its own last value, where it carries no force. Friction adds
+Newton rows per frame node (``friction``) in the slip κ of (13). Each iteration finds the pairs in
+contact exactly, for the law of friction linearised about the last one. Works on the interface
+alone: arrays that are the same on every rank.
 """
 
 from __future__ import annotations
@@ -27,12 +28,11 @@ from dolfinx_llm.states import InterfaceState, interface_states
 
 log = logging.getLogger("dolfinx_llm")
 
-EPSILON = (1e-4, 1e-6, 1e-8)  # ε about the mid-surface; about the values settled on before
+EPSILON = 1e-10  # proximal term, of the surfaces' stiffness
 UNBALANCED = 1e-8  # residual of K u + B λ = f, over the forces' size
-STALLED = 100.0  # times the accuracy asked for: what a residual may stop falling at
+ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
-STEADY = 1e-3  # relative change of a frame's motion below which it drifts
-CREEPS = 5  # calm iterations before slip that still moves steadily counts as creep
+CALM = 2  # iterations without a change after which a residual may have stopped falling
 PATIENCE = 8  # iterations before steps are halved; earlier that only delays Newton's
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
 
@@ -65,12 +65,8 @@ class ContactIteration:
             splu((self.L.T @ self.L + 1e-10 * identity(self.m)).tocsc()) if self.m else None
         )
         self._normal = np.zeros(self.n, dtype=bool)  # rows that may open
-        self._slips = np.arange(self.m) >= self.n_v  # κ
-        self._waits = np.zeros(self.m, dtype=bool)  # normal motion of frames that may open
         for s in self.states:
             self._normal[s.rows[:, -1]] = s.law.unilateral
-            if len(s.v):
-                self._waits[s.v.reshape(-1, s.model.directions.shape[1])[:, -1]] = True
         self.forget()
 
     def forget(self):
@@ -154,17 +150,16 @@ class ContactIteration:
         centre = w if known else self._middle(g)
         alpha = self.alpha if known else np.zeros(self.backend.floating)
         about = (self.multiplier if known else np.zeros(self.n), w)
-        alpha_centre, before, phase, calm, w_last = alpha, np.inf, 0, 0, w
-        drift, frictional = np.full(self.m, np.inf), any(s.kappa.size for s in self.states)
+        calm, before = 0, np.inf  # iterations without a change of state, last residual
+        corrections = min(self.backend.floating, 1)  # what springs hold is corrected once at least
         for s in self.states:
             s.closings[:] = 0
         for iteration in range(1, MAXIMUM + 1):
-            epsilon = EPSILON[min(phase, len(EPSILON) - 1)]
-            step = self._step(*about, g, centre, epsilon, EPSILON[0] * 0.1**calm)
+            step = self._step(*about, g, centre)
             if not known and iteration == 1:
                 step = self._all_stick(step)
             multiplier, y, w, alpha, active, wrong = self.backend.solve(
-                step, epsilon * self.scale, alpha_centre, self._normal
+                step, EPSILON * self.scale, alpha, self._normal
             )
             largest = force_level(multiplier, y + g, self.scale)
             changes = sum(self._take(s, active, wrong, multiplier, w) for s in self.states)
@@ -172,68 +167,20 @@ class ContactIteration:
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
             tell_iteration(entry, self.bar)
-            calm, last_miss = 0 if changes else calm + 1, before
+            calm = 0 if changes else calm + 1
+            stalled = calm > CALM and miss > 0.5 * before
+            settled = miss <= self.backend.accuracy or (stalled and miss <= ENOUGH)
+            if settled and calm > corrections:
+                self.multiplier, self.w, self.alpha = multiplier, w, alpha
+                return multiplier, y, w
             # Friction is linearised about the last iterate; halfway where that keeps not helping.
             half = iteration > PATIENCE and changes and miss > 0.9 * before
             about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
-            if calm > CREEPS and miss > 0.5 * before:  # slip creeps: go on to where it turns round
-                w = w + self._until_reversal(w, w - w_last) * np.where(self._slips, w - w_last, 0.0)
-                about = multiplier, w
-            w_last = w
             before = miss
-            # About a centre that stays, without friction, a step chooses its pairs exactly.
-            if changes == 0 or (phase and not (frictional or wrong.any())):
-                # Settled about this centre: go on about the values found.
-                if phase and self._accurate(miss, last_miss):
-                    self.multiplier, self.w, self.alpha = multiplier, w, alpha
-                    return multiplier, y, w
-                last, drift, ahead = drift, np.where(self._waits, w - centre, 0.0), 0.0
-                if np.abs(drift - last).max(initial=0.0) <= STEADY * np.abs(drift).max(initial=0.0):
-                    ahead = self._until_next(active, y, w, drift, g)
-                phase, centre, alpha_centre = phase + 1, w + ahead * drift, alpha
+            centre = self._middle(y + g) if changes else w
+            if calm:
                 self.backend.correct(multiplier, alpha)
-            elif phase == 0:
-                centre, alpha_centre = self._middle(y + g), alpha
-            else:  # tangentially the centre follows, normally it waits
-                centre = np.where(self._waits, centre, w)
         raise ContactError(self._failure(self.history[first:]))
-
-    def _accurate(self, miss: float, before: float) -> bool:
-        """Whether the residual is small, or as small as rounding lets it become."""
-        goal = self.backend.accuracy
-        return miss <= goal or (miss <= STALLED * goal and miss > 0.5 * before)
-
-    def _until_reversal(self, w, drift) -> float:
-        """How many steps like the last one it takes until slip at some friction node turns round.
-
-        At the rim of contact, where a node's slip moves hardly any pair, the wrong sense of slip
-        is felt by a tiny force only, and slip creeps towards the right one.
-        """
-        least = np.inf
-        for s in self.states:
-            if s.kappa.size:
-                delta, rate = (
-                    s.slip(w)[s.status == SLIP],
-                    drift[s.kappa][s.status == SLIP] / s.theta,
-                )
-                towards = -np.einsum("ni,ni->n", delta, rate)
-                speed = np.linalg.norm(rate, axis=1)
-                quick = (towards > 0.0) & (speed > STEADY * speed.max(initial=0.0))
-                size = np.linalg.norm(delta, axis=1)[quick]
-                least = min(least, (size / speed[quick]).min(initial=np.inf))
-        return 1.01 * least if np.isfinite(least) else 0.0
-
-    def _until_next(self, active, y, w, drift, g) -> float:
-        """How many steps like the last one the frame drifts until it touches the next pair.
-
-        A frame node that few pairs hold moves steadily under a force that is too small for the
-        proximal term to feel, by force / (ε c) a step.
-        """
-        gap, rate = self.L @ w - y - g, self.L @ drift
-        closing = self._normal & ~active & (rate < -1e-12 * np.abs(rate).max(initial=0.0))
-        if not closing.any():
-            return 0.0
-        return float((gap[closing] / -rate[closing]).clip(0.0).min())
 
     def _failure(self, history) -> str:
         last = history[-5:]
@@ -249,24 +196,25 @@ class ContactIteration:
         """(m,) frame that fits the positions of all rows best."""
         return self._fit.solve(self.L.T @ position) if self.m else np.zeros(0)
 
-    def _step(self, multiplier, w, g, centre, epsilon: float, sideways: float) -> InterfaceSystem:
+    def _step(self, multiplier, w, g, centre) -> InterfaceSystem:
         """The linear equations of one iteration about λ and w.
 
         Args:
             multiplier, w: last iterate.
             g: gaps.
             centre: of the proximal term.
-            epsilon, sideways: its size along the normal and along tangents.
         """
         active = np.concatenate([s.closed_rows() for s in self.states])
-        P = self._proximal(epsilon, sideways)
+        P = self._proximal()
         E, D, rhs = [self._L_t], [P[: self.n_v]], [P[: self.n_v] @ centre]
         for s in self.states:
             if s.kappa.size:
                 rows = self._friction_rows(s, multiplier, w)
                 C_T, C_delta = _blocks(rows.C_T), _blocks(rows.C_delta) / s.theta
                 E.append(s.friction_operator(C_T, _blocks(rows.C_N[:, :, None]), self.n))
-                own = s.theta * C_T @ P[s.kappa.ravel()]  # the proximal force stands beside T
+                # The proximal force stands beside T.
+                own = s.theta * C_T @ s.gather @ P[s.kappa.ravel()]
+                C_delta = C_delta @ s.relative
                 D.append(own + C_delta @ s.selection(self.m))
                 rhs.append(own @ centre + rows.rhs.ravel() + C_delta @ s.kappa_before.ravel())
         return InterfaceSystem(
@@ -277,8 +225,10 @@ class ContactIteration:
         T, N = s.forces(multiplier)
         delta, c = s.slip(w), s.slip_stiffness(self.scale)
         if s.law.method == "switch":
-            return switch_rows(T, N, delta, s.law.mu, c, s.status)
-        return newton_rows(T, N, delta, s.law.mu, c)
+            rows = switch_rows(T, N, delta, s.law.mu, c, s.status)
+        else:
+            rows = newton_rows(T, N, delta, s.law.mu, c)
+        return rows.tied(s.speaker, self.scale)
 
     def _all_stick(self, step: InterfaceSystem) -> InterfaceSystem:
         """The first step, when nothing is known: all stick, as in the paper."""
@@ -293,7 +243,7 @@ class ContactIteration:
         rhs = np.concatenate([step.rhs[:first], self.scale * np.concatenate(before)])
         return InterfaceSystem(step.active, step.L, step.g, E, D, rhs)
 
-    def _proximal(self, epsilon: float, sideways: float) -> csr_matrix:
+    def _proximal(self) -> csr_matrix:
         """(m, m) matrix of the proximal term -ε c (w - w_c).
 
         With friction each side's own field, v + κ and v - κ, is held as firmly as its pairs are.
@@ -303,18 +253,18 @@ class ContactIteration:
         def add(i, j, x):
             row.append(i)
             col.append(j)
-            value.append(-self.scale * x)
+            value.append(-EPSILON * self.scale * x)
 
         for s in self.states:
             if not s.law.unilateral:
                 continue
             support, t = s.support(tied=True), s.kappa.shape[1] if s.kappa.size else 0
-            both = sideways * sum(support)
+            both = sum(support)
             if len(s.v):
                 v = s.v.reshape(-1, s.model.directions.shape[1])
-                add(v[:, -1], v[:, -1], epsilon * sum(s.support(tied=False)))
+                add(v[:, -1], v[:, -1], sum(s.support(tied=False)))
                 for i in range(t):
-                    difference = sideways * (support[0] - support[1])
+                    difference = support[0] - support[1]
                     add(v[:, i], v[:, i], both)
                     add(v[:, i], s.kappa[:, i], difference)
                     add(s.kappa[:, i], v[:, i], difference)
@@ -329,7 +279,7 @@ class ContactIteration:
         chosen = active[normal] ^ wrong[normal] if s.law.unilateral else s.active
         changes = int((chosen != s.active).sum())
         s.closings += chosen & ~s.active
-        s.active = chosen
+        s.touch(chosen)
         if s.kappa.size:
             status = self._friction_rows(s, multiplier, w).status
             changes += int((status != s.status).sum())

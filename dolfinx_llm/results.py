@@ -216,5 +216,6 @@ def _interface_result(model, sides, v, state) -> InterfaceResult:
         status = np.full(len(force), STICK)
     elif model.interface.law.friction:
         status = state.status
+        friction = state.share_out(friction, force)
     frame = replace(model.frame, v=v)
     return InterfaceResult(frame, tuple(sides), model.certificate, force, area, friction, status)

@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm import operators
 from dolfinx_llm._parallel import gather_rows
-from dolfinx_llm.linear_step import SOFT, InterfaceSystem, wrong_signs
+from dolfinx_llm.linear_step import DRIFT, SOFT, InterfaceSystem, wrong_signs
 from dolfinx_llm.rigid import floating_modes, pins
 from dolfinx_llm.system import DirectSolver, join_blocks, times, with_springs
 
@@ -62,7 +62,7 @@ class WholeSteps:
         """This rank's u of the last step; sets ``residual``, of K u + B λ = f."""
         load = self.f - times(self.B, multiplier[self.rows.mine])
         miss = np.abs(times(self.K, self._u) - load).max(initial=0.0)
-        sizes = [np.abs(self.f), np.abs(load), self.scale * np.abs(self._u)]
+        sizes = [np.abs(self.f), np.abs(load), DRIFT * self.scale * np.abs(self._u)]
         found = self.comm.allgather((miss, max(a.max(initial=0.0) for a in sizes)))
         miss, size = np.max(found, axis=0)
         self.residual = miss / max(size, 1e-300)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.sparse import csr_matrix, identity, vstack
+from scipy.sparse import csr_matrix, diags, identity, vstack
 
 from dolfinx_llm.friction import OPEN, SLIP, STICK
 from dolfinx_llm.model import ContactModel
 from dolfinx_llm.operators import interface_operator
+from dolfinx_llm.rim import follow, speakers
 
 LOOSE = 3  # a pair that has closed so often in a load step has no friction of its own
 FLOOR = 1e-3  # what pairs without contact add to the support of a frame node
@@ -20,7 +21,8 @@ class InterfaceState:
     """One interface: its place in the vectors of all, and what is in contact.
 
     Friction nodes are the frame's nodes, the pairs themselves against a rigid obstacle. With two
-    sides T = L_kappaᵀ λ / 2 and δ = 2 Δκ, since both slip by κ; theta is that 1/2, or 1.
+    sides T = L_kappaᵀ λ / 2 and δ = 2 Δκ, since both slip by κ; theta is that 1/2, or 1. Nodes at
+    the rim of contact slip as their ``speaker`` does (``rim``), where T and N of all are summed up.
     """
 
     model: ContactModel
@@ -32,15 +34,18 @@ class InterfaceState:
     L_kappa: csr_matrix  # (n c, k t)
     normal_weight: csr_matrix  # (k, n) normal force at the friction nodes from λ_n
     theta: float
-    active: np.ndarray = field(init=False)  # (n,) pairs in contact
+    active: np.ndarray = field(init=False)  # (n,) pairs in contact, changed by ``touch``
     closings: np.ndarray = field(init=False)  # (n,) how often they have closed in this load step
     status: np.ndarray = field(init=False)  # (k,) of the friction nodes
     kappa_before: np.ndarray = field(init=False)  # (k, t) at the end of the last load step [length]
+    speaker: np.ndarray = field(init=False)  # (k,) the friction node whose law holds for each
+    gather: csr_matrix = field(init=False)  # (k t, k t) tangential forces at the speakers
+    relative: csr_matrix = field(init=False)  # (k t, k t) slip; of the others against speakers'
 
     def __post_init__(self):
+        self._N = [p.N for p in self.model.pairs] if self.model.frame is not None else []
+        self._squares = [A.power(2).T.tocsr() for A in self._N or [identity(len(self.rows))]]
         self.forget()
-        N = [p.N for p in self.model.pairs] if self.model.frame is not None else []
-        self._squares = [A.power(2).T.tocsr() for A in N or [identity(len(self.rows))]]
 
     @property
     def law(self):
@@ -48,8 +53,8 @@ class InterfaceState:
 
     def forget(self):
         """All in contact, no slip."""
-        self.active = np.ones(len(self.rows), dtype=bool)
         self.closings = np.zeros(len(self.rows), dtype=np.int64)
+        self.touch(np.ones(len(self.rows), dtype=bool))
         self.status = np.full(len(self.kappa), STICK)
         self.kappa_before = np.zeros(self.kappa.shape)
 
@@ -57,7 +62,30 @@ class InterfaceState:
         return self.active.copy(), self.status.copy(), self.kappa_before.copy()
 
     def restore(self, snapshot: tuple):
-        self.active, self.status, self.kappa_before = (a.copy() for a in snapshot)
+        active, self.status, self.kappa_before = (a.copy() for a in snapshot)
+        self.touch(active)
+
+    def touch(self, active: np.ndarray):
+        """Take over the pairs (n,) in contact, and who speaks for whom."""
+        self.active = active
+        if not self.kappa.size:
+            return
+        k, t = self.kappa.shape
+        self.speaker, self.gather = np.arange(k), identity(k * t, format="csr")
+        self.relative = self.gather
+        if self._N:
+            tied, ends = self._tied, np.cumsum([len(p.nodes) for p in self.model.pairs])
+            on = [diags(a.astype(float)) for a in np.split(tied, ends[:-1])]
+            self.speaker = speakers([a @ N for a, N in zip(on, self._N, strict=True)])
+            alike = follow(self.speaker, self.model.directions[:, :-1])
+            self.gather = alike.T.tocsr()
+            weak = np.repeat(self.weak, t).astype(float)
+            self.relative = (identity(k * t) - diags(weak) @ alike).tocsr()
+
+    @property
+    def weak(self) -> np.ndarray:
+        """(k,) friction nodes that others speak for."""
+        return self.speaker != np.arange(len(self.speaker))
 
     def accept(self, w: np.ndarray, fitted: np.ndarray):
         """End a load step; where contact is open, κ follows the bodies."""
@@ -108,10 +136,25 @@ class InterfaceState:
         return scale * self.theta * np.sum(self.support(tied=True), axis=0)
 
     def forces(self, multiplier: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Tangential (k, t) and normal forces (k,) at the friction nodes [force]."""
+        """Tangential (k, t) and normal forces (k,) that the law holds for [force]."""
         own = multiplier[self.rows]
-        T = self.theta * (self.L_kappa.T @ own.ravel())
-        return T.reshape(self.kappa.shape), self.normal_weight @ own[:, -1]
+        T = self.gather @ (self.theta * (self.L_kappa.T @ own.ravel()))
+        return T.reshape(self.kappa.shape), self._sum_up(self.normal_weight @ own[:, -1])
+
+    def _sum_up(self, values: np.ndarray) -> np.ndarray:
+        """Values (k, ...) at the friction nodes, those that others speak for added to theirs."""
+        total = np.zeros_like(values)
+        np.add.at(total, self.speaker, values)
+        return total
+
+    def share_out(self, friction: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """Forces of friction (k, gdim) of those that speak for others, divided among them as the
+        normal forces (k,) are: what the law says of the sum then holds for each."""
+        pressed = np.maximum(normal, 0.0)
+        total = self._sum_up(pressed)[self.speaker]
+        part = np.where(total > 0.0, pressed / np.where(total > 0.0, total, 1.0), 0.0)
+        shared = part[:, None] * self._sum_up(friction)[self.speaker]
+        return np.where((total > 0.0)[:, None], shared, friction)
 
     def slip(self, w: np.ndarray) -> np.ndarray:
         """(k, t) slip of this load step, of side 0 against side 1 [length]."""
@@ -121,7 +164,10 @@ class InterfaceState:
         """C_T T + C_N N as a matrix (k t, n_all) that multiplies all multipliers."""
         n, c = self.rows.shape
         normal = csr_matrix((np.ones(n), (np.arange(n), c * np.arange(n) + c - 1)), (n, n * c))
-        own = C_T @ (self.theta * self.L_kappa.T) + C_N @ (self.normal_weight @ normal)
+        k = len(self.speaker)
+        sums = csr_matrix((np.ones(k), (self.speaker, np.arange(k))), (k, k))
+        own = C_T @ self.gather @ (self.theta * self.L_kappa.T)
+        own += C_N @ sums @ self.normal_weight @ normal
         own = own.tocoo()
         return csr_matrix((own.data, (own.row, own.col + self.rows[0, 0])), (own.shape[0], n_all))
 

@@ -1,0 +1,68 @@
+"""Frame nodes that hardly any pair holds, and the nodes that speak for them.
+
+At the rim of contact a frame node may be reached by the far ends of a few shape functions only.
+Its slip κ is then the small misfit of the pairs divided by these small numbers, and the law of
+friction, which asks for the sense of κ alone, could be met with the sense reversed. Such a node
+takes the slip of a neighbour, which carries the forces of both: the remedy for cells that are cut
+by a boundary, aggregation (Badia, Verdugo, Martín, CMAME 336 (2018) 533-553). Plain SciPy.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix, diags
+from scipy.sparse.csgraph import connected_components
+
+HELD = 0.3  # least sum of N² over the pairs of each side that tells the slip of a frame node
+
+
+def speakers(sides: list[csr_matrix]) -> np.ndarray:
+    """(k,) the node that speaks for each frame node: itself, where pairs of both sides hold it.
+
+    Nodes that no pair reaches, and the best one of every piece of contact, speak for themselves.
+
+    Args:
+        sides: per side (n, k) shape functions of the pairs that follow the frame.
+
+    >>> far = csr_matrix([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.9, 0.1]])
+    >>> speakers([far, far]).tolist()
+    [0, 1, 1]
+    """
+    k = sides[0].shape[1]
+    shared, support = csr_matrix((k, k)), np.full(k, np.inf)
+    for N in sides:
+        product = abs(N).T @ abs(N)
+        shared, support = shared + product, np.minimum(support, product.diagonal())
+    _, piece = connected_components(shared, directed=False)
+    best = np.zeros(piece.max(initial=0) + 1)
+    np.maximum.at(best, piece, support)
+    known = support >= np.minimum(HELD, best[piece])
+    speaker = np.where(known, np.arange(k), -1)
+    while not known.all():  # outwards, a ring of nodes at a time
+        ask = np.flatnonzero(~known)
+        near = (shared[ask] @ diags(known.astype(float))).tocsr()
+        near.eliminate_zeros()
+        speaker[ask] = speaker[np.asarray(near.argmax(axis=1)).ravel()]
+        reached = np.diff(near.indptr) > 0
+        if not reached.any():
+            break
+        known[ask[reached]] = True
+    return np.where(known, speaker, np.arange(k))
+
+
+def follow(speaker: np.ndarray, tangents: np.ndarray) -> csr_matrix:
+    """(k t, k t) slip of all nodes from that of those that speak for them.
+
+    Its transpose sums the forces up. Both are components along the nodes' own tangents.
+
+    Args:
+        speaker: (k,) of ``speakers``.
+        tangents: (k, t, gdim) unit tangents at the nodes.
+    """
+    k, t, _ = tangents.shape
+    turn = np.einsum("kai,kbi->kab", tangents, tangents[speaker])
+    turn[speaker == np.arange(k)] = np.eye(t)
+    index = np.arange(t)
+    row = np.broadcast_to(np.arange(k)[:, None, None] * t + index[:, None], turn.shape)
+    col = np.broadcast_to(speaker[:, None, None] * t + index, turn.shape)
+    return coo_matrix((turn.ravel(), (row.ravel(), col.ravel())), (k * t, k * t)).tocsr()
