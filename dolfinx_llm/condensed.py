@@ -8,7 +8,6 @@ f - K u of what was eliminated.
 from __future__ import annotations
 
 import logging
-import time
 from typing import Any
 
 import numpy as np
@@ -16,9 +15,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm._parallel import ContactError
-from dolfinx_llm.krylov import DIRECT, WIDEST, near_null_space, solver_of, triple_product
+from dolfinx_llm.krylov import DIRECT, WIDEST, near_null_space, solver_of
 from dolfinx_llm.slaving import SlavedRows
-from dolfinx_llm.system import is_symmetric, rounding_error, times
+from dolfinx_llm.splitting import SplitStiffness
+from dolfinx_llm.system import rounding_error, times
 from dolfinx_llm.transformation import Transformation
 
 log = logging.getLogger("dolfinx_llm")
@@ -32,51 +32,43 @@ class CondensedSystem:
 
     After a solve ``iterations``, ``residual`` (of (31), over the size of its unknowns),
     ``rounding`` (relative error of the forces that no solver can avoid) and ``notes`` tell how it
-    went.
+    went; ``set_ups`` counts preconditioners and factorisations.
 
     Args:
-        K: stiffness of the bodies, AIJ, identity rows and columns at prescribed dofs.
+        split: stiffness of the bodies, identity rows and columns at prescribed dofs, parted at the
+            nodes of all rows that will be slaved. It is destroyed with the system; what is not
+            needed for solving may be released before.
         rows: what is slaved to the frames.
         fixed: (n_local,) whether a dof of this rank is prescribed; f holds its value.
         scale: mean diagonal of K on the surface dofs [force / length].
+        prefix: of the PETSc options.
+        options: PETSc options on top of ``ITERATIVE`` and ``GAMG``, or of ``DIRECT`` with
+            {"ksp_type": "preonly", "pc_type": "cholesky"}.
         modes: near-null space for GAMG, rigid modes at the bodies' dofs (n_local, k) and at the
             frames' unknowns (m, k); None: none.
         proximal: (m,) non-negative stiffness d of the frames' unknowns, which adds
             1/2 sum_J d_J (v_J - c_J)² to the energy [force / length]; None: none.
-        prefix: of the PETSc options.
-        options: PETSc options on top of ``ITERATIVE`` and ``GAMG``, or of ``DIRECT`` with
-            {"ksp_type": "preonly", "pc_type": "cholesky"}.
 
     Raises:
-        ContactError: K is not symmetric or the reduced matrix not positive definite.
+        ContactError: the reduced matrix is not positive definite.
     """
 
     def __init__(
         self,
-        K,
+        split: SplitStiffness,
         rows: SlavedRows,
         fixed: np.ndarray,
         scale: float,
+        prefix: str = "llm_",
+        options: dict | None = None,
         *,
         modes=None,
         proximal: np.ndarray | None = None,
-        prefix: str = "llm_",
-        options: dict | None = None,
     ):
-        if not is_symmetric(K):
-            raise ContactError(
-                "the condensed form needs a symmetric stiffness, K has none: use solver='saddle'"
-            )
-        self.fixed, self.scale, self.comm = fixed, scale, K.comm.tompi4py()
+        self.split, self.fixed, self.scale, self.comm = split, fixed, scale, split.comm
         self.notes: list[str] = []
-        self.iterations, self.residual = 0, np.nan
-        began = time.perf_counter()
-        self.form = Transformation(K, rows, fixed, proximal)
-        self.matrix = self._reduce(K)
-        self._keep_surface(K)
-        reduced = time.perf_counter()
-        self._scale_to_unit_diagonal(modes)
-        self._prefix = prefix
+        self.iterations, self.residual, self.set_ups = 0, np.nan, 0
+        self._modes, self._prefix = modes, prefix
         options = dict(options or {})
         if rows.widest > WIDEST and options.get("pc_type", "gamg") == "gamg":
             self.notes.append(
@@ -87,33 +79,14 @@ class CondensedSystem:
             options = DIRECT
         self._options = options
         self.ksp: Any = None  # once ``set_up``
-        self.times = {"reduction": reduced - began}
+        self._last: Any = None  # u and v
+        self._reduce(rows, proximal)
 
-    def _reduce(self, K):
-        """Tᵀ K T with the proximal term, and ones where q has a place without an unknown."""
-        form = self.form
-        matrix, penalty = triple_product(K, form.T), form.penalty(K.comm)
-        if penalty is not None:
-            matrix.axpy(1.0, penalty, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-            penalty.destroy()
-        diagonal = matrix.getDiagonal()
-        diagonal.array_w[form.idle] = 1.0
-        matrix.setDiagonal(diagonal)
-        diagonal.destroy()
-        return matrix
-
-    def _keep_surface(self, K):
-        """The rows of K at slaved nodes, for the reactions there: elsewhere K is in Tᵀ K T, so that
-        K itself need not be kept."""
-        start, end = K.getOwnershipRange()
-        self.surface = np.unique(self.form.dofs)  # local dofs
-        rows = PETSc.IS().createGeneral((start + self.surface).astype(PETSc.IntType), K.comm)
-        columns = PETSc.IS().createStride(end - start, start, 1, K.comm)
-        self.K_surface = K.createSubMatrix(rows, columns)
-        diagonal = K.getDiagonal()
-        self._diagonal = diagonal.array_r.copy()
-        for item in (rows, columns, diagonal):
-            item.destroy()
+    def _reduce(self, rows: SlavedRows, proximal: np.ndarray | None):
+        """Tᵀ K T with the proximal term, scaled to unit diagonal."""
+        self.form = Transformation(self.split, rows, self.fixed, proximal)
+        self.matrix = self.form.reduce(self.form.penalty(), self.scale)
+        self._scale_to_unit_diagonal(self._modes)
 
     def _scale_to_unit_diagonal(self, modes):
         """S Tᵀ K T S, S the inverse square root of the diagonal, and its near-null space."""
@@ -131,24 +104,29 @@ class CondensedSystem:
         self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self.matrix.setOption(PETSc.Mat.Option.SPD, True)
         if modes is not None:
-            near_null_space(self.matrix, diagonal, self.form.modes(*modes))
+            near_null_space(self.matrix, diagonal, self.form.unknowns(*modes))
 
     # Solver
+
+    def slave(self, rows: SlavedRows, proximal: np.ndarray | None) -> None:
+        """Slave other rows, or with another proximal term; springs of ``split`` are taken over."""
+        for item in (self.ksp, self.matrix, self.S, self.form.T):
+            item.destroy()
+        self.ksp = None
+        self._reduce(rows, proximal)
 
     def _warn(self):
         if self.comm.rank == 0:
             log.warning(self.notes[-1])
 
     def set_up(self) -> None:
-        """Preconditioner or factorisation, if it is not there yet; K is no longer needed here."""
+        """Preconditioner or factorisation, if it is not there yet."""
         if self.ksp is None:
-            began = time.perf_counter()
-            self.ksp = self._set_up(self._options)
-            self.times["set-up"] = time.perf_counter() - began
+            self._set_up(self._options)
 
     def _set_up(self, given: dict):
-        ksp, self.method, self.own = solver_of(self.matrix, self._prefix, given)
-        return ksp
+        self.ksp, self.method, self.own = solver_of(self.matrix, self._prefix, given)
+        self.set_ups += 1
 
     def solve(
         self, f: np.ndarray, g: np.ndarray, centre: np.ndarray | None = None
@@ -179,11 +157,7 @@ class CondensedSystem:
             u, q and f - K u of this rank.
         """
         x, b = self.matrix.createVecs()
-        still = np.zeros(len(f))  # K u_0, u_0 being zero but at the surface and at supports
-        still[self.fixed] = u_0[self.fixed]
-        still[self.surface] = 0.0
-        still += times(self.K_surface, u_0[self.surface], transposed=True)
-        load = times(self.form.T, f - still, transposed=True) + push
+        load = self.form.load(f, u_0) + push
         q = np.zeros(x.local_size)
         tolerances = self.ksp.getTolerances()
         self.iterations, last, length = 0, np.inf, 0.0
@@ -208,14 +182,13 @@ class CondensedSystem:
         self.ksp.setTolerances(*tolerances)
         x.destroy()
         b.destroy()
-        u = times(self.form.T, q) + u_0
+        u = self.form.motion(q) + u_0
         return u, q, self._forces(f, u, left)
 
     def _forces(self, f, u, left) -> np.ndarray:
-        """f - K u of this rank: reactions at slaved nodes, elsewhere what is left of the system."""
-        force, place = np.zeros(len(f)), self.form.body
-        force[place >= 0] = left[place[place >= 0]]
-        force[self.surface] = f[self.surface] - times(self.K_surface, u)
+        """f - K u of this rank: reactions at surface nodes, elsewhere what is left of the system."""
+        force, S = left[: len(f)].copy(), self.split.surface
+        force[S] = f[S] - self.split.rows(u)
         force[self.fixed] = 0.0
         return force
 
@@ -231,7 +204,7 @@ class CondensedSystem:
             )
             self._warn()
             self.ksp.destroy()
-            self.ksp = self._set_up(DIRECT)
+            self._set_up(DIRECT)
             self.own = False
             self.ksp.solve(b, x)
 
@@ -250,7 +223,7 @@ class CondensedSystem:
         sizes = np.max(self.comm.allgather(sizes), axis=0)
         worst, load = sizes[:3].max(), sizes[3]
         self.residual = worst / max(sizes[3:].max(), 1e-300)
-        self.rounding = rounding_error(self.comm, self._diagonal, u, f, multiplier)
+        self.rounding = rounding_error(self.comm, self.split.diagonal, u, f, multiplier)
         against_load = worst / load if load > 0.0 else self.residual
         # A tolerance that the user made larger is the user's choice.
         asked = 0.0 if self.ksp.getType() == "preonly" else 10.0 * self.ksp.getTolerances()[0]
@@ -266,6 +239,6 @@ class CondensedSystem:
             )
 
     def destroy(self):
-        for item in (self.ksp, self.matrix, self.K_surface, self.form.T, self.S):
+        for item in (self.ksp, self.matrix, self.S, self.form.T, self.split):
             if item is not None:
                 item.destroy()

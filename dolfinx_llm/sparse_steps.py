@@ -46,22 +46,24 @@ class WholeSteps:
         f = self.f.copy()
         first = sum(self.comm.allgather(len(self._pins))[: self.comm.rank])
         f[self._pins] += spring * centre[first : first + len(self._pins)]
-        K = with_springs(self.K, self._pins, np.full(len(f), spring))
-        self._u, multiplier, w = self._solve(K, f, step)
-        K.destroy()
+        self._u, multiplier, w = self._solve(f, step, spring)
         y = self._gather(self.rows, times(self.B, self._u, transposed=True))
         alpha = gather_rows(self.comm, self._u[self._pins])
         wrong = wrong_signs(step, may_open, multiplier, y, w, self.scale)
         return multiplier, y, w, alpha, step.active, wrong
 
-    def _solve(self, K, f: np.ndarray, step: InterfaceSystem):
-        """u of this rank; λ (n,) and w (m,) on every rank."""
+    def _solve(self, f: np.ndarray, step: InterfaceSystem, spring: float):
+        """u of this rank; λ (n,) and w (m,) on every rank. K has springs at the pins."""
         raise NotImplementedError
+
+    def _K_times(self, u: np.ndarray) -> np.ndarray:
+        """This rank's part of K u, without springs."""
+        return times(self.K, u)
 
     def displacement(self, multiplier: np.ndarray, alpha: np.ndarray) -> np.ndarray:
         """This rank's u of the last step; sets ``residual``, of K u + B λ = f."""
         load = self.f - times(self.B, multiplier[self.rows.mine])
-        miss = np.abs(times(self.K, self._u) - load).max(initial=0.0)
+        miss = np.abs(self._K_times(self._u) - load).max(initial=0.0)
         sizes = [np.abs(self.f), np.abs(load), self.scale * np.abs(self._u)]
         found = self.comm.allgather((miss, max(a.max(initial=0.0) for a in sizes)))
         miss, size = np.max(found, axis=0)
@@ -87,10 +89,11 @@ class SparseSteps(WholeSteps):
         super().__init__(*arguments)
         self._soft = soft
 
-    def _solve(self, K, f, step: InterfaceSystem):
+    def _solve(self, f, step: InterfaceSystem, spring: float):
+        K = with_springs(self.K, self._pins, np.full(len(f), spring))
         blocks = self._blocks(K, step)
         matrix, places = join_blocks(blocks)
-        for M in (M for row in blocks for M in row if M is not None and M is not K):
+        for M in (M for row in blocks for M in row if M is not None):
             M.destroy()
         solver = DirectSolver(matrix, self._prefix, self._options, own=True)
         rhs = np.zeros(matrix.getLocalSize()[0])
