@@ -186,7 +186,7 @@ class CondensedSystem:
         return u, q, self._forces(f, u, left)
 
     def _forces(self, f, u, left) -> np.ndarray:
-        """f - K u of this rank: reactions at surface nodes, elsewhere what is left of the system."""
+        """f - K u of this rank: reactions at surface nodes, elsewhere what the system leaves."""
         force, S = left[: len(f)].copy(), self.split.surface
         force[S] = f[S] - self.split.rows(u)
         force[self.fixed] = 0.0

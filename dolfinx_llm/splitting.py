@@ -1,7 +1,7 @@
 """K in two parts: what elimination at the surface leaves as it is, and the rows that it changes.
 
-Tᵀ K T is K but for the rows and columns of the slaved nodes, so that only these are multiplied. With
-S their dofs, I the others and u_S = T_S q_S,
+Tᵀ K T is K but for the rows and columns of the slaved nodes, so that only these are multiplied.
+With S their dofs, I the others and u_S = T_S q_S,
 
     Tᵀ K T = [ K_II       K_IS T_S     ]
              [ T_Sᵀ K_SI  T_Sᵀ K_SS T_S ].
