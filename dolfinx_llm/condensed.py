@@ -24,6 +24,7 @@ from dolfinx_llm.transformation import Transformation
 log = logging.getLogger("dolfinx_llm")
 
 PASSES = 4  # solves for what the residual of the unreduced system still holds
+WORN = 1.5  # times the iterations that a new preconditioner takes, of one that is renewed
 ROUNDING = 4.0 * np.finfo(float).eps  # of a residual of the scaled system, per size of its unknowns
 
 
@@ -79,16 +80,50 @@ class CondensedSystem:
             options = DIRECT
         self._options = options
         self.ksp: Any = None  # once ``set_up``
+        self.S: Any = None  # Vec, scaling of the matrix
+        self._kept = False  # whether the preconditioner is another matrix's
+        self._serves = False  # whether it may be kept for the next
         self._last: Any = None  # u and v
         self._reduce(rows, proximal)
 
     def _reduce(self, rows: SlavedRows, proximal: np.ndarray | None):
-        """Tᵀ K T with the proximal term, scaled to unit diagonal."""
+        """Tᵀ K T with the proximal term."""
         self.form = Transformation(self.split, rows, self.fixed, proximal)
         self.matrix = self.form.reduce(self.form.penalty(), self.scale)
-        self._scale_to_unit_diagonal(self._modes)
+        self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self.matrix.setOption(PETSc.Mat.Option.SPD, True)
 
-    def _scale_to_unit_diagonal(self, modes):
+    def slave(self, rows: SlavedRows, proximal: np.ndarray | None = None) -> None:
+        """Slave other rows, or with another proximal term; springs of ``split`` are taken over.
+
+        A preconditioner stays, with the scaling it was made for, as long as it serves.
+        """
+        before = self.matrix.getLocalSize()
+        self.form.T.destroy()
+        self.matrix.destroy()
+        self._reduce(rows, proximal)
+        same = self.comm.allreduce(self.matrix.getLocalSize() == before, op=MPI.LAND)
+        if self._serves and same:
+            self.matrix.diagonalScale(self.S, self.S)
+            self.ksp.setOperators(self.matrix)
+            self.ksp.getPC().setReusePreconditioner(True)
+            self._kept = True
+        else:
+            self._discard()
+
+    # Solver
+
+    def _warn(self):
+        if self.comm.rank == 0:
+            log.warning(self.notes[-1])
+
+    def set_up(self) -> None:
+        """Preconditioner or factorisation, if it is not there yet."""
+        if self.ksp is None:
+            self._scale_to_unit_diagonal()
+            self._set_up(self._options)
+
+    def _scale_to_unit_diagonal(self):
         """S Tᵀ K T S, S the inverse square root of the diagonal, and its near-null space."""
         diagonal = self.matrix.getDiagonal()
         least = self.comm.allreduce(diagonal.array_r.min(initial=np.inf), op=MPI.MIN)
@@ -101,32 +136,27 @@ class CondensedSystem:
         diagonal.reciprocal()
         self.S = diagonal
         self.matrix.diagonalScale(diagonal, diagonal)
-        self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-        self.matrix.setOption(PETSc.Mat.Option.SPD, True)
-        if modes is not None:
-            near_null_space(self.matrix, diagonal, self.form.unknowns(*modes))
-
-    # Solver
-
-    def slave(self, rows: SlavedRows, proximal: np.ndarray | None) -> None:
-        """Slave other rows, or with another proximal term; springs of ``split`` are taken over."""
-        for item in (self.ksp, self.matrix, self.S, self.form.T):
-            item.destroy()
-        self.ksp = None
-        self._reduce(rows, proximal)
-
-    def _warn(self):
-        if self.comm.rank == 0:
-            log.warning(self.notes[-1])
-
-    def set_up(self) -> None:
-        """Preconditioner or factorisation, if it is not there yet."""
-        if self.ksp is None:
-            self._set_up(self._options)
+        if self._modes is not None:
+            near_null_space(self.matrix, diagonal, self.form.unknowns(*self._modes))
 
     def _set_up(self, given: dict):
         self.ksp, self.method, self.own = solver_of(self.matrix, self._prefix, given)
         self.set_ups += 1
+
+    def _discard(self):
+        """Give the solver up, and the scaling with it."""
+        for item in (self.ksp, self.S):
+            if item is not None:
+                item.destroy()
+        self.ksp = self.S = None
+        self._kept = self._serves = False
+
+    def _renew(self):
+        """Another preconditioner, of the present matrix."""
+        self.S.reciprocal()
+        self.matrix.diagonalScale(self.S, self.S)
+        self._discard()
+        self.set_up()
 
     def solve(
         self, f: np.ndarray, g: np.ndarray, centre: np.ndarray | None = None
@@ -144,13 +174,21 @@ class CondensedSystem:
         self.set_up()
         form = self.form
         u_0, v_0 = form.offsets(f, g)
-        u, q, force = self._iterate(f, u_0, form.push(centre, v_0))
+        u, q, force = self._iterate(f, u_0, form.push(centre, v_0), self._guess(u_0, v_0))
         v = form.frame_motion(q, v_0)
+        self._last = u, v
         multiplier = form.multipliers(np.where(self.fixed, 0.0, force), v, centre)
         self._check(f, g, u, multiplier, v, force, centre)
         return u, multiplier, v[form.mine_v]
 
-    def _iterate(self, f, u_0, push):
+    def _guess(self, u_0, v_0) -> np.ndarray:
+        """q of the last solution; zero for a factorisation, which needs no start."""
+        if self._last is None or self.ksp.getType() == "preonly":
+            return np.zeros(self.matrix.getLocalSize()[0])
+        u, v = self._last
+        return self.form.unknowns((u - u_0)[:, None], (v - v_0)[:, None])[:, 0]
+
+    def _iterate(self, f, u_0, push, q):
         """Solve for q; repeat for the residual of the unreduced system while that gains.
 
         Returns:
@@ -158,32 +196,54 @@ class CondensedSystem:
         """
         x, b = self.matrix.createVecs()
         load = self.form.load(f, u_0) + push
-        q = np.zeros(x.local_size)
-        tolerances = self.ksp.getTolerances()
-        self.iterations, last, length = 0, np.inf, 0.0
+        b.array_w[:] = load * self.S.array_r
+        tolerances = rtol, _, _, patience = self.ksp.getTolerances()
+        goal, direct = rtol * b.norm(), self.ksp.getType() == "preonly"
+        q = q * self._best_share(q, load)
+        x.array_w[:] = q / self.S.array_r
+        self.iterations, last, length, first = 0, np.inf, x.norm(), 0.0
         for attempt in range(PASSES + 1):
             left = load - times(self.matrix, q / self.S.array_r) / self.S.array_r
             b.array_w[:] = left * self.S.array_r
             size = b.norm()
-            if not attempt:
-                goal = tolerances[0] * size
-            enough = max(2.0 * goal, ROUNDING * length)
-            if self.ksp.getType() == "preonly":  # a factorisation refines while that gains
-                enough = 0.0
+            # A factorisation refines while that gains.
+            enough = 0.0 if direct else max(2.0 * goal, ROUNDING * length)
             ended = attempt and (attempt == PASSES or self.ksp.getConvergedReason() < 0)
             if ended or not size > enough or not size < 0.5 * last:
                 break
-            last = size
-            if attempt and self.ksp.getType() != "preonly":
-                self.ksp.setTolerances(rtol=goal / size)
+            first, last = first or size, size
+            if not direct:
+                limit = WORN * self._usual * np.log10(size / goal) if self._kept else patience
+                self.ksp.setTolerances(rtol=goal / size, max_it=min(patience, int(limit) + 1))
             self._solve_once(b, x)
             length += x.norm()
             q += x.array_r * self.S.array_r
+            if self._kept and self.ksp.getConvergedReason() < 0:
+                self._renew()
+                last = np.inf
+        self._judge(first, size)
         self.ksp.setTolerances(*tolerances)
         x.destroy()
         b.destroy()
         u = self.form.motion(q) + u_0
         return u, q, self._forces(f, u, left)
+
+    def _best_share(self, q, load) -> float:
+        """The part of q next to the solution: loads may have grown in proportion."""
+        product = times(self.matrix, q / self.S.array_r) / self.S.array_r
+        work, energy = self.comm.allreduce(np.array([q @ load, q @ product]))
+        return work / energy if energy > 0.0 else 0.0
+
+    def _judge(self, first: float, size: float):
+        """Note how many iterations a digit takes, and whether the preconditioner is worn out."""
+        digits = np.log10(first / size) if first > size > 0.0 else 0.0
+        if self.ksp.getType() == "preonly" or digits < 1.0:
+            return
+        pace = self.iterations / digits
+        if not self._kept:
+            self._usual, self._serves = pace, True
+        elif pace > WORN * self._usual:
+            self._serves = False
 
     def _forces(self, f, u, left) -> np.ndarray:
         """f - K u of this rank: reactions at surface nodes, elsewhere what the system leaves."""
@@ -197,7 +257,7 @@ class CondensedSystem:
         self.ksp.solve(b, x)
         self.iterations += self.ksp.getIterationNumber()
         reason = self.ksp.getConvergedReason()
-        if reason < 0 and self.own:
+        if reason < 0 and self.own and not self._kept:
             self.notes.append(
                 f"CG + GAMG ended without an answer after {self.ksp.getIterationNumber()} "
                 f"iterations (PETSc's reason {reason}): Cholesky by MUMPS instead"
@@ -239,6 +299,6 @@ class CondensedSystem:
             )
 
     def destroy(self):
-        for item in (self.ksp, self.matrix, self.S, self.form.T, self.split):
-            if item is not None:
-                item.destroy()
+        self._discard()
+        for item in (self.matrix, self.form.T, self.split):
+            item.destroy()
