@@ -8,6 +8,7 @@ f - K u of what was eliminated.
 from __future__ import annotations
 
 import logging
+import time
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,8 @@ class CondensedSystem:
 
     After a solve ``iterations``, ``residual`` (of (31), over the size of its unknowns),
     ``rounding`` (relative error of the forces that no solver can avoid) and ``notes`` tell how it
-    went; ``set_ups`` counts preconditioners and factorisations.
+    went; ``set_ups`` counts preconditioners and factorisations, ``steps`` has of each solve its
+    "iterations" and the seconds of its "set-up" and "solve".
 
     Args:
         split: stiffness of the bodies, identity rows and columns at prescribed dofs, parted at the
@@ -68,6 +70,7 @@ class CondensedSystem:
     ):
         self.split, self.fixed, self.scale, self.comm = split, fixed, scale, split.comm
         self.notes: list[str] = []
+        self.steps: list[dict] = []
         self.iterations, self.residual, self.set_ups = 0, np.nan, 0
         self._modes, self._prefix = modes, prefix
         options = dict(options or {})
@@ -171,14 +174,17 @@ class CondensedSystem:
         Raises:
             ContactError: the solver did not reach a small residual of (31).
         """
+        began = time.perf_counter()
         self.set_up()
-        form = self.form
+        ready, form = time.perf_counter(), self.form
         u_0, v_0 = form.offsets(f, g)
         u, q, force = self._iterate(f, u_0, form.push(centre, v_0), self._guess(u_0, v_0))
         v = form.frame_motion(q, v_0)
         self._last = u, v
         multiplier = form.multipliers(np.where(self.fixed, 0.0, force), v, centre)
         self._check(f, g, u, multiplier, v, force, centre)
+        seconds = {"set-up": ready - began, "solve": time.perf_counter() - ready}
+        self.steps.append({"iterations": self.iterations, **seconds})
         return u, multiplier, v[form.mine_v]
 
     def _guess(self, u_0, v_0) -> np.ndarray:
