@@ -25,7 +25,9 @@ from dolfinx_llm.transformation import Transformation
 log = logging.getLogger("dolfinx_llm")
 
 PASSES = 4  # solves for what the residual of the unreduced system still holds
-WORN = 1.5  # times the iterations that a new preconditioner takes, of one that is renewed
+WORN = 1.5  # times the iterations of a new preconditioner, from which on one is renewed
+DIGITS = 13.0  # by which a solve makes the residual smaller, about
+COST = 3.0  # iterations, about, for a row that the preconditioner knows otherwise
 ROUNDING = 4.0 * np.finfo(float).eps  # of a residual of the scaled system, per size of its unknowns
 
 
@@ -83,51 +85,40 @@ class CondensedSystem:
             options = DIRECT
         self._options = options
         self.ksp: Any = None  # once ``set_up``
-        self.S: Any = None  # Vec, scaling of the matrix
         self._kept = False  # whether the preconditioner is another matrix's
         self._serves = False  # whether it may be kept for the next
+        self._outdated = 0  # rows that it knows otherwise
+        self._usual = 0.0  # iterations per digit of a new one
         self._last: Any = None  # u and v
         self._reduce(rows, proximal)
 
-    def _reduce(self, rows: SlavedRows, proximal: np.ndarray | None):
-        """Tᵀ K T with the proximal term."""
-        self.form = Transformation(self.split, rows, self.fixed, proximal)
-        self.matrix = self.form.reduce(self.form.penalty(), self.scale)
-        self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-        self.matrix.setOption(PETSc.Mat.Option.SPD, True)
-
-    def slave(self, rows: SlavedRows, proximal: np.ndarray | None = None) -> None:
+    def slave(self, rows: SlavedRows, proximal: np.ndarray | None = None, changed: int = 0) -> None:
         """Slave other rows, or with another proximal term; springs of ``split`` are taken over.
 
-        A preconditioner stays, with the scaling it was made for, as long as it serves.
+        A preconditioner stays as long as it serves.
+
+        Args:
+            changed: rows that are slaved now and were not, or were and are not.
         """
         before = self.matrix.getLocalSize()
-        self.form.T.destroy()
-        self.matrix.destroy()
+        for item in (self.form.T, self.matrix, self.S):
+            item.destroy()
         self._reduce(rows, proximal)
         same = self.comm.allreduce(self.matrix.getLocalSize() == before, op=MPI.LAND)
-        if self._serves and same:
-            self.matrix.diagonalScale(self.S, self.S)
+        self._outdated += changed
+        spare = (WORN - 1.0) * self._usual * DIGITS  # iterations
+        if same and self._serves and COST * self._outdated <= spare:
             self.ksp.setOperators(self.matrix)
             self.ksp.getPC().setReusePreconditioner(True)
             self._kept = True
         else:
             self._discard()
 
-    # Solver
-
-    def _warn(self):
-        if self.comm.rank == 0:
-            log.warning(self.notes[-1])
-
-    def set_up(self) -> None:
-        """Preconditioner or factorisation, if it is not there yet."""
-        if self.ksp is None:
-            self._scale_to_unit_diagonal()
-            self._set_up(self._options)
-
-    def _scale_to_unit_diagonal(self):
-        """S Tᵀ K T S, S the inverse square root of the diagonal, and its near-null space."""
+    def _reduce(self, rows: SlavedRows, proximal: np.ndarray | None):
+        """Tᵀ K T with the proximal term, scaled to unit diagonal: S Tᵀ K T S, S the inverse square
+        root of the diagonal."""
+        self.form = Transformation(self.split, rows, self.fixed, proximal)
+        self.matrix = self.form.reduce(self.form.penalty(), self.scale)
         diagonal = self.matrix.getDiagonal()
         least = self.comm.allreduce(diagonal.array_r.min(initial=np.inf), op=MPI.MIN)
         if not least > 0.0:
@@ -139,27 +130,31 @@ class CondensedSystem:
         diagonal.reciprocal()
         self.S = diagonal
         self.matrix.diagonalScale(diagonal, diagonal)
-        if self._modes is not None:
-            near_null_space(self.matrix, diagonal, self.form.unknowns(*self._modes))
+        self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self.matrix.setOption(PETSc.Mat.Option.SPD, True)
+
+    # Solver
+
+    def _warn(self):
+        if self.comm.rank == 0:
+            log.warning(self.notes[-1])
+
+    def set_up(self) -> None:
+        """Preconditioner or factorisation, if it is not there yet."""
+        if self.ksp is None:
+            if self._modes is not None:
+                near_null_space(self.matrix, self.S, self.form.unknowns(*self._modes))
+            self._set_up(self._options)
 
     def _set_up(self, given: dict):
         self.ksp, self.method, self.own = solver_of(self.matrix, self._prefix, given)
         self.set_ups += 1
 
     def _discard(self):
-        """Give the solver up, and the scaling with it."""
-        for item in (self.ksp, self.S):
-            if item is not None:
-                item.destroy()
-        self.ksp = self.S = None
-        self._kept = self._serves = False
-
-    def _renew(self):
-        """Another preconditioner, of the present matrix."""
-        self.S.reciprocal()
-        self.matrix.diagonalScale(self.S, self.S)
-        self._discard()
-        self.set_up()
+        """Give up the solver."""
+        if self.ksp is not None:
+            self.ksp.destroy()
+        self.ksp, self._kept, self._serves, self._outdated = None, False, False, 0
 
     def solve(
         self, f: np.ndarray, g: np.ndarray, centre: np.ndarray | None = None
@@ -207,7 +202,7 @@ class CondensedSystem:
         goal, direct = rtol * b.norm(), self.ksp.getType() == "preonly"
         q = q * self._best_share(q, load)
         x.array_w[:] = q / self.S.array_r
-        self.iterations, last, length, first = 0, np.inf, x.norm(), 0.0
+        self.iterations, last, length = 0, np.inf, x.norm()
         for attempt in range(PASSES + 1):
             left = load - times(self.matrix, q / self.S.array_r) / self.S.array_r
             b.array_w[:] = left * self.S.array_r
@@ -217,17 +212,20 @@ class CondensedSystem:
             ended = attempt and (attempt == PASSES or self.ksp.getConvergedReason() < 0)
             if ended or not size > enough or not size < 0.5 * last:
                 break
-            first, last = first or size, size
+            last = size
             if not direct:
-                limit = WORN * self._usual * np.log10(size / goal) if self._kept else patience
+                digits = np.log10(size / goal)
+                limit = WORN * self._usual * digits if self._kept else patience
                 self.ksp.setTolerances(rtol=goal / size, max_it=min(patience, int(limit) + 1))
             self._solve_once(b, x)
             length += x.norm()
             q += x.array_r * self.S.array_r
-            if self._kept and self.ksp.getConvergedReason() < 0:
-                self._renew()
+            if self._kept and self.ksp.getConvergedReason() < 0:  # worn out
+                self._discard()
+                self.set_up()
                 last = np.inf
-        self._judge(first, size)
+            elif not direct and not self._kept and digits > 1.0:
+                self._usual, self._serves = self.ksp.getIterationNumber() / digits, True
         self.ksp.setTolerances(*tolerances)
         x.destroy()
         b.destroy()
@@ -239,17 +237,6 @@ class CondensedSystem:
         product = times(self.matrix, q / self.S.array_r) / self.S.array_r
         work, energy = self.comm.allreduce(np.array([q @ load, q @ product]))
         return work / energy if energy > 0.0 else 0.0
-
-    def _judge(self, first: float, size: float):
-        """Note how many iterations a digit takes, and whether the preconditioner is worn out."""
-        digits = np.log10(first / size) if first > size > 0.0 else 0.0
-        if self.ksp.getType() == "preonly" or digits < 1.0:
-            return
-        pace = self.iterations / digits
-        if not self._kept:
-            self._usual, self._serves = pace, True
-        elif pace > WORN * self._usual:
-            self._serves = False
 
     def _forces(self, f, u, left) -> np.ndarray:
         """f - K u of this rank: reactions at surface nodes, elsewhere what the system leaves."""
@@ -306,5 +293,5 @@ class CondensedSystem:
 
     def destroy(self):
         self._discard()
-        for item in (self.matrix, self.form.T, self.split):
+        for item in (self.matrix, self.S, self.form.T, self.split):
             item.destroy()

@@ -71,7 +71,9 @@ class CondensedSteps(WholeSteps):
                     modes=self._modes, proximal=hold,
                 )  # fmt: skip
             else:
-                self.system.slave(slaved, hold)
+                n = len(step.active)
+                changed = int((wanted[:n] != self._known[:n]).sum())
+                self.system.slave(slaved, hold, changed)
             self._known = wanted
         u, multiplier, w = self.system.solve(f, g, centre)
         return u, multiplier, self._gather(self.frames, w)

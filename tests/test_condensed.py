@@ -1,6 +1,7 @@
 """The condensed form against the saddle form, against dense oracles, and its own manners."""
 
 import both_forms
+import condensed_reuse
 import numpy as np
 import patch3d
 import pytest
@@ -205,3 +206,49 @@ def test_auto(monkeypatch):
     large = contact.solve().x.array
     assert "condensed, CG + GAMG" in str(contact) and "from 100 unknowns on" in str(contact)
     assert np.abs(large - small).max() <= 1e-12 * np.abs(small).max()
+
+
+# Steps of contact laws
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_steps_reuse_the_set_up(n):
+    """Load steps without friction: the flexibility's answer, with one preconditioner as long as
+    the pairs in contact stay, and with other loads."""
+    found = run_mpi_json("condensed_reuse.py", n)
+    for name, outcome in found.items():
+        assert outcome["error"] <= 1e-10 and outcome["residual"] <= 1e-13, name
+    closed, bent = (found["pressed"], found["twice"]), found["bent"]
+    for outcome in closed:
+        assert outcome["set-ups"] == 1 and len(set(outcome["active"])) == 1
+        assert outcome["iterations"][-1] < outcome["iterations"][0]  # from the last solution
+    assert (
+        1 < bent["set-ups"] <= len(bent["active"]) and bent["active"][-1] < closed[0]["active"][0]
+    )
+
+
+def test_steps_reuse_a_factorisation(monkeypatch):
+    """A factorisation serves all steps with the same pairs and the same proximal term."""
+    V, tags = scenes.two_blocks(COMM, 4, 3)
+    problem, constants = condensed_reuse.blocks(V, tags, "condensed", DIRECT)
+    reduced = []
+    slave = condensed.CondensedSystem.slave
+    count = lambda self, *args: (reduced.append(1), slave(self, *args))  # noqa: E731
+    monkeypatch.setattr(condensed.CondensedSystem, "slave", count)
+    steps = [active for _, _, active in condensed_reuse.follow(problem, constants)]
+    system = problem._iteration.backend.system
+    assert system.set_ups == 1 + len(reduced)
+    assert len(system.steps) == sum(map(len, steps)) >= system.set_ups
+    problem.destroy()
+
+
+def test_worn_preconditioner_is_renewed(monkeypatch):
+    """In the middle of a solve, where it takes too many iterations."""
+    V, tags = scenes.two_blocks(COMM, 4, 3)
+    known = condensed_reuse.follow(*condensed_reuse.blocks(V, tags, "auto"))
+    problem, constants = condensed_reuse.blocks(V, tags, "condensed")
+    monkeypatch.setattr(condensed, "COST", 0.0)
+    for (_, u, _), (_, v, _) in zip(known, condensed_reuse.follow(problem, constants)):
+        assert np.abs(u - v).max() <= 1e-10 * np.abs(u).max()
+        monkeypatch.setattr(condensed, "WORN", 0.3)
+    assert problem._iteration.backend.system.set_ups > 3
