@@ -28,7 +28,8 @@ PASSES = 4  # solves for what the residual of the unreduced system still holds
 WORN = 1.5  # times the iterations of a new preconditioner, from which on one is renewed
 DIGITS = 13.0  # by which a solve makes the residual smaller, about
 COST = 3.0  # iterations, about, for a row that the preconditioner knows otherwise
-ROUNDING = 4.0 * np.finfo(float).eps  # of a residual of the scaled system, per size of its unknowns
+EPS = np.finfo(float).eps
+ROUNDING = 4.0 * EPS  # of a residual of the scaled system, per size of its unknowns
 
 
 class CondensedSystem:
@@ -199,7 +200,7 @@ class CondensedSystem:
         load = self.form.load(f, u_0) + push
         b.array_w[:] = load * self.S.array_r
         tolerances = rtol, _, _, patience = self.ksp.getTolerances()
-        goal, direct = rtol * b.norm(), self.ksp.getType() == "preonly"
+        goal, direct = max(rtol, EPS) * b.norm(), self.ksp.getType() == "preonly"
         q = q * self._best_share(q, load)
         x.array_w[:] = q / self.S.array_r
         self.iterations, last, length = 0, np.inf, x.norm()
@@ -218,13 +219,18 @@ class CondensedSystem:
                 limit = WORN * self._usual * digits if self._kept else patience
                 self.ksp.setTolerances(rtol=goal / size, max_it=min(patience, int(limit) + 1))
             self._solve_once(b, x)
-            length += x.norm()
-            q += x.array_r * self.S.array_r
-            if self._kept and self.ksp.getConvergedReason() < 0:  # worn out
+            worn = self._kept and self.ksp.getConvergedReason() < 0
+            if (
+                not worn
+                or self.ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
+            ):
+                length += x.norm()
+                q += x.array_r * self.S.array_r
+            if worn:
                 self._discard()
                 self.set_up()
                 last = np.inf
-            elif not direct and not self._kept and digits > 1.0:
+            elif not self._kept and self.ksp.getType() != "preonly" and digits > 1.0:
                 self._usual, self._serves = self.ksp.getIterationNumber() / digits, True
         self.ksp.setTolerances(*tolerances)
         x.destroy()
@@ -257,6 +263,7 @@ class CondensedSystem:
             )
             self._warn()
             self.ksp.destroy()
+            self._options = DIRECT  # from now on
             self._set_up(DIRECT)
             self.own = False
             self.ksp.solve(b, x)

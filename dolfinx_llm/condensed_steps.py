@@ -29,7 +29,8 @@ class CondensedSteps(WholeSteps):
         multipliers: the multiplier ``Rows``.
         block: frame unknowns per node, 1 with friction.
         modes: near-null space, at the bodies' dofs and at the frame unknowns; None: none.
-        K, B, *others: as of ``WholeSteps``.
+        K: taken over, as by ``SplitStiffness``.
+        B, *others: as of ``WholeSteps``.
     """
 
     accuracy = 1e-11  # of balance and law, relative: what CG leaves
