@@ -16,15 +16,20 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm._parallel import ContactError
-from dolfinx_llm.krylov import DIRECT, WIDEST, near_null_space, solver_of, triple_product
+from dolfinx_llm.krylov import DIRECT, WIDEST, near_null_space, solver_of
 from dolfinx_llm.slaving import SlavedRows
-from dolfinx_llm.system import is_symmetric, rounding_error, times
+from dolfinx_llm.splitting import SplitStiffness
+from dolfinx_llm.system import rounding_error, times
 from dolfinx_llm.transformation import Transformation
 
 log = logging.getLogger("dolfinx_llm")
 
 PASSES = 4  # solves for what the residual of the unreduced system still holds
-ROUNDING = 4.0 * np.finfo(float).eps  # of a residual of the scaled system, per size of its unknowns
+WORN = 1.5  # times the iterations of a new preconditioner, from which on one is renewed
+DIGITS = 13.0  # by which a solve makes the residual smaller, about
+COST = 3.0  # iterations, about, for a row that the preconditioner knows otherwise
+EPS = np.finfo(float).eps
+ROUNDING = 4.0 * EPS  # of a residual of the scaled system, per size of its unknowns
 
 
 class CondensedSystem:
@@ -32,51 +37,45 @@ class CondensedSystem:
 
     After a solve ``iterations``, ``residual`` (of (31), over the size of its unknowns),
     ``rounding`` (relative error of the forces that no solver can avoid) and ``notes`` tell how it
-    went.
+    went; ``set_ups`` counts preconditioners and factorisations, ``steps`` has of each solve its
+    "iterations" and the seconds of its "set-up" and "solve".
 
     Args:
-        K: stiffness of the bodies, AIJ, identity rows and columns at prescribed dofs.
+        split: stiffness of the bodies, identity rows and columns at prescribed dofs, parted at the
+            nodes of all rows that will be slaved. It is destroyed with the system; what is not
+            needed for solving may be released before.
         rows: what is slaved to the frames.
         fixed: (n_local,) whether a dof of this rank is prescribed; f holds its value.
         scale: mean diagonal of K on the surface dofs [force / length].
+        prefix: of the PETSc options.
+        options: PETSc options on top of ``ITERATIVE`` and ``GAMG``, or of ``DIRECT`` with
+            {"ksp_type": "preonly", "pc_type": "cholesky"}.
         modes: near-null space for GAMG, rigid modes at the bodies' dofs (n_local, k) and at the
             frames' unknowns (m, k); None: none.
         proximal: (m,) non-negative stiffness d of the frames' unknowns, which adds
             1/2 sum_J d_J (v_J - c_J)² to the energy [force / length]; None: none.
-        prefix: of the PETSc options.
-        options: PETSc options on top of ``ITERATIVE`` and ``GAMG``, or of ``DIRECT`` with
-            {"ksp_type": "preonly", "pc_type": "cholesky"}.
 
     Raises:
-        ContactError: K is not symmetric or the reduced matrix not positive definite.
+        ContactError: the reduced matrix is not positive definite.
     """
 
     def __init__(
         self,
-        K,
+        split: SplitStiffness,
         rows: SlavedRows,
         fixed: np.ndarray,
         scale: float,
+        prefix: str = "llm_",
+        options: dict | None = None,
         *,
         modes=None,
         proximal: np.ndarray | None = None,
-        prefix: str = "llm_",
-        options: dict | None = None,
     ):
-        if not is_symmetric(K):
-            raise ContactError(
-                "the condensed form needs a symmetric stiffness, K has none: use solver='saddle'"
-            )
-        self.fixed, self.scale, self.comm = fixed, scale, K.comm.tompi4py()
+        self.split, self.fixed, self.scale, self.comm = split, fixed, scale, split.comm
         self.notes: list[str] = []
-        self.iterations, self.residual = 0, np.nan
-        began = time.perf_counter()
-        self.form = Transformation(K, rows, fixed, proximal)
-        self.matrix = self._reduce(K)
-        self._keep_surface(K)
-        reduced = time.perf_counter()
-        self._scale_to_unit_diagonal(modes)
-        self._prefix = prefix
+        self.steps: list[dict] = []
+        self.iterations, self.residual, self.set_ups = 0, np.nan, 0
+        self._modes, self._prefix = modes, prefix
         options = dict(options or {})
         if rows.widest > WIDEST and options.get("pc_type", "gamg") == "gamg":
             self.notes.append(
@@ -87,36 +86,40 @@ class CondensedSystem:
             options = DIRECT
         self._options = options
         self.ksp: Any = None  # once ``set_up``
-        self.times = {"reduction": reduced - began}
+        self._kept = False  # whether the preconditioner is another matrix's
+        self._serves = False  # whether it may be kept for the next
+        self._outdated = 0  # rows that it knows otherwise
+        self._usual = 0.0  # iterations per digit of a new one
+        self._last: Any = None  # u and v
+        self._reduce(rows, proximal)
 
-    def _reduce(self, K):
-        """Tᵀ K T with the proximal term, and ones where q has a place without an unknown."""
-        form = self.form
-        matrix, penalty = triple_product(K, form.T), form.penalty(K.comm)
-        if penalty is not None:
-            matrix.axpy(1.0, penalty, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-            penalty.destroy()
-        diagonal = matrix.getDiagonal()
-        diagonal.array_w[form.idle] = 1.0
-        matrix.setDiagonal(diagonal)
-        diagonal.destroy()
-        return matrix
+    def slave(self, rows: SlavedRows, proximal: np.ndarray | None = None, changed: int = 0) -> None:
+        """Slave other rows, or with another proximal term; springs of ``split`` are taken over.
 
-    def _keep_surface(self, K):
-        """The rows of K at slaved nodes, for the reactions there: elsewhere K is in Tᵀ K T, so that
-        K itself need not be kept."""
-        start, end = K.getOwnershipRange()
-        self.surface = np.unique(self.form.dofs)  # local dofs
-        rows = PETSc.IS().createGeneral((start + self.surface).astype(PETSc.IntType), K.comm)
-        columns = PETSc.IS().createStride(end - start, start, 1, K.comm)
-        self.K_surface = K.createSubMatrix(rows, columns)
-        diagonal = K.getDiagonal()
-        self._diagonal = diagonal.array_r.copy()
-        for item in (rows, columns, diagonal):
+        A preconditioner stays as long as it serves.
+
+        Args:
+            changed: rows that are slaved now and were not, or were and are not.
+        """
+        before = self.matrix.getLocalSize()
+        for item in (self.form.T, self.matrix, self.S):
             item.destroy()
+        self._reduce(rows, proximal)
+        same = self.comm.allreduce(self.matrix.getLocalSize() == before, op=MPI.LAND)
+        self._outdated += changed
+        spare = (WORN - 1.0) * self._usual * DIGITS  # iterations
+        if same and self._serves and COST * self._outdated <= spare:
+            self.ksp.setOperators(self.matrix)
+            self.ksp.getPC().setReusePreconditioner(True)
+            self._kept = True
+        else:
+            self._discard()
 
-    def _scale_to_unit_diagonal(self, modes):
-        """S Tᵀ K T S, S the inverse square root of the diagonal, and its near-null space."""
+    def _reduce(self, rows: SlavedRows, proximal: np.ndarray | None):
+        """Tᵀ K T with the proximal term, scaled to unit diagonal: S Tᵀ K T S, S the inverse square
+        root of the diagonal."""
+        self.form = Transformation(self.split, rows, self.fixed, proximal)
+        self.matrix = self.form.reduce(self.form.penalty(), self.scale)
         diagonal = self.matrix.getDiagonal()
         least = self.comm.allreduce(diagonal.array_r.min(initial=np.inf), op=MPI.MIN)
         if not least > 0.0:
@@ -130,8 +133,6 @@ class CondensedSystem:
         self.matrix.diagonalScale(diagonal, diagonal)
         self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self.matrix.setOption(PETSc.Mat.Option.SPD, True)
-        if modes is not None:
-            near_null_space(self.matrix, diagonal, self.form.modes(*modes))
 
     # Solver
 
@@ -140,15 +141,21 @@ class CondensedSystem:
             log.warning(self.notes[-1])
 
     def set_up(self) -> None:
-        """Preconditioner or factorisation, if it is not there yet; K is no longer needed here."""
+        """Preconditioner or factorisation, if it is not there yet."""
         if self.ksp is None:
-            began = time.perf_counter()
-            self.ksp = self._set_up(self._options)
-            self.times["set-up"] = time.perf_counter() - began
+            if self._modes is not None:
+                near_null_space(self.matrix, self.S, self.form.unknowns(*self._modes))
+            self._set_up(self._options)
 
     def _set_up(self, given: dict):
-        ksp, self.method, self.own = solver_of(self.matrix, self._prefix, given)
-        return ksp
+        self.ksp, self.method, self.own = solver_of(self.matrix, self._prefix, given)
+        self.set_ups += 1
+
+    def _discard(self):
+        """Give up the solver."""
+        if self.ksp is not None:
+            self.ksp.destroy()
+        self.ksp, self._kept, self._serves, self._outdated = None, False, False, 0
 
     def solve(
         self, f: np.ndarray, g: np.ndarray, centre: np.ndarray | None = None
@@ -163,59 +170,84 @@ class CondensedSystem:
         Raises:
             ContactError: the solver did not reach a small residual of (31).
         """
+        began = time.perf_counter()
         self.set_up()
-        form = self.form
+        ready, form = time.perf_counter(), self.form
         u_0, v_0 = form.offsets(f, g)
-        u, q, force = self._iterate(f, u_0, form.push(centre, v_0))
+        u, q, force = self._iterate(f, u_0, form.push(centre, v_0), self._guess(u_0, v_0))
         v = form.frame_motion(q, v_0)
+        self._last = u, v
         multiplier = form.multipliers(np.where(self.fixed, 0.0, force), v, centre)
         self._check(f, g, u, multiplier, v, force, centre)
+        seconds = {"set-up": ready - began, "solve": time.perf_counter() - ready}
+        self.steps.append({"iterations": self.iterations, **seconds})
         return u, multiplier, v[form.mine_v]
 
-    def _iterate(self, f, u_0, push):
+    def _guess(self, u_0, v_0) -> np.ndarray:
+        """q of the last solution; zero for a factorisation, which needs no start."""
+        if self._last is None or self.ksp.getType() == "preonly":
+            return np.zeros(self.matrix.getLocalSize()[0])
+        u, v = self._last
+        return self.form.unknowns((u - u_0)[:, None], (v - v_0)[:, None])[:, 0]
+
+    def _iterate(self, f, u_0, push, q):
         """Solve for q; repeat for the residual of the unreduced system while that gains.
 
         Returns:
             u, q and f - K u of this rank.
         """
         x, b = self.matrix.createVecs()
-        still = np.zeros(len(f))  # K u_0, u_0 being zero but at the surface and at supports
-        still[self.fixed] = u_0[self.fixed]
-        still[self.surface] = 0.0
-        still += times(self.K_surface, u_0[self.surface], transposed=True)
-        load = times(self.form.T, f - still, transposed=True) + push
-        q = np.zeros(x.local_size)
-        tolerances = self.ksp.getTolerances()
-        self.iterations, last, length = 0, np.inf, 0.0
+        load = self.form.load(f, u_0) + push
+        b.array_w[:] = load * self.S.array_r
+        tolerances = rtol, _, _, patience = self.ksp.getTolerances()
+        goal, direct = max(rtol, EPS) * b.norm(), self.ksp.getType() == "preonly"
+        q = q * self._best_share(q, load)
+        x.array_w[:] = q / self.S.array_r
+        self.iterations, last, length = 0, np.inf, x.norm()
         for attempt in range(PASSES + 1):
             left = load - times(self.matrix, q / self.S.array_r) / self.S.array_r
             b.array_w[:] = left * self.S.array_r
             size = b.norm()
-            if not attempt:
-                goal = tolerances[0] * size
-            enough = max(2.0 * goal, ROUNDING * length)
-            if self.ksp.getType() == "preonly":  # a factorisation refines while that gains
-                enough = 0.0
+            # A factorisation refines while that gains.
+            enough = 0.0 if direct else max(2.0 * goal, ROUNDING * length)
             ended = attempt and (attempt == PASSES or self.ksp.getConvergedReason() < 0)
             if ended or not size > enough or not size < 0.5 * last:
                 break
             last = size
-            if attempt and self.ksp.getType() != "preonly":
-                self.ksp.setTolerances(rtol=goal / size)
+            if not direct:
+                digits = np.log10(size / goal)
+                limit = WORN * self._usual * digits if self._kept else patience
+                self.ksp.setTolerances(rtol=goal / size, max_it=min(patience, int(limit) + 1))
             self._solve_once(b, x)
-            length += x.norm()
-            q += x.array_r * self.S.array_r
+            worn = self._kept and self.ksp.getConvergedReason() < 0
+            if (
+                not worn
+                or self.ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
+            ):
+                length += x.norm()
+                q += x.array_r * self.S.array_r
+            if worn:
+                self._discard()
+                self.set_up()
+                last = np.inf
+            elif not self._kept and self.ksp.getType() != "preonly" and digits > 1.0:
+                self._usual, self._serves = self.ksp.getIterationNumber() / digits, True
         self.ksp.setTolerances(*tolerances)
         x.destroy()
         b.destroy()
-        u = times(self.form.T, q) + u_0
+        u = self.form.motion(q) + u_0
         return u, q, self._forces(f, u, left)
 
+    def _best_share(self, q, load) -> float:
+        """The part of q next to the solution: loads may have grown in proportion."""
+        product = times(self.matrix, q / self.S.array_r) / self.S.array_r
+        work, energy = self.comm.allreduce(np.array([q @ load, q @ product]))
+        return work / energy if energy > 0.0 else 0.0
+
     def _forces(self, f, u, left) -> np.ndarray:
-        """f - K u of this rank: reactions at slaved nodes, elsewhere what is left of the system."""
-        force, place = np.zeros(len(f)), self.form.body
-        force[place >= 0] = left[place[place >= 0]]
-        force[self.surface] = f[self.surface] - times(self.K_surface, u)
+        """f - K u of this rank: reactions at surface nodes, elsewhere what the system leaves."""
+        force, S = left[: len(f)].copy(), self.split.surface
+        force[S] = f[S] - self.split.rows(u)
         force[self.fixed] = 0.0
         return force
 
@@ -224,14 +256,15 @@ class CondensedSystem:
         self.ksp.solve(b, x)
         self.iterations += self.ksp.getIterationNumber()
         reason = self.ksp.getConvergedReason()
-        if reason < 0 and self.own:
+        if reason < 0 and self.own and not self._kept:
             self.notes.append(
                 f"CG + GAMG ended without an answer after {self.ksp.getIterationNumber()} "
                 f"iterations (PETSc's reason {reason}): Cholesky by MUMPS instead"
             )
             self._warn()
             self.ksp.destroy()
-            self.ksp = self._set_up(DIRECT)
+            self._options = DIRECT  # from now on
+            self._set_up(DIRECT)
             self.own = False
             self.ksp.solve(b, x)
 
@@ -250,7 +283,7 @@ class CondensedSystem:
         sizes = np.max(self.comm.allgather(sizes), axis=0)
         worst, load = sizes[:3].max(), sizes[3]
         self.residual = worst / max(sizes[3:].max(), 1e-300)
-        self.rounding = rounding_error(self.comm, self._diagonal, u, f, multiplier)
+        self.rounding = rounding_error(self.comm, self.split.diagonal, u, f, multiplier)
         against_load = worst / load if load > 0.0 else self.residual
         # A tolerance that the user made larger is the user's choice.
         asked = 0.0 if self.ksp.getType() == "preonly" else 10.0 * self.ksp.getTolerances()[0]
@@ -266,6 +299,6 @@ class CondensedSystem:
             )
 
     def destroy(self):
-        for item in (self.ksp, self.matrix, self.K_surface, self.form.T, self.S):
-            if item is not None:
-                item.destroy()
+        self._discard()
+        for item in (self.matrix, self.S, self.form.T, self.split):
+            item.destroy()

@@ -7,17 +7,18 @@ reduced matrix is then not symmetric and is factorised.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from petsc4py import PETSc
-from scipy.sparse import csr_matrix
 
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.condensed import CondensedSystem
 from dolfinx_llm.linear_step import InterfaceSystem
-from dolfinx_llm.operators import Numbering, create_aij
+from dolfinx_llm.operators import Numbering
 from dolfinx_llm.slaving import SlavedRows
 from dolfinx_llm.sparse_steps import WholeSteps
-from dolfinx_llm.system import DirectSolver, times
+from dolfinx_llm.splitting import SplitStiffness
+from dolfinx_llm.system import DirectSolver
 from dolfinx_llm.transformation import Transformation
 
 
@@ -28,85 +29,96 @@ class CondensedSteps(WholeSteps):
         multipliers: the multiplier ``Rows``.
         block: frame unknowns per node, 1 with friction.
         modes: near-null space, at the bodies' dofs and at the frame unknowns; None: none.
-        K, B, *others: as of ``WholeSteps``.
+        K: taken over, as by ``SplitStiffness``.
+        B, *others: as of ``WholeSteps``.
     """
 
     accuracy = 1e-11  # of balance and law, relative: what CG leaves
+    most = 20  # as of ``WholeSteps``; to ask takes a solve by CG
 
     def __init__(self, multipliers, block: int, modes, K, B, *others):
         super().__init__(K, B, multipliers.numbering, *others)
+        self.split = SplitStiffness(K, multipliers.dofs)
         self._multipliers, self._block, self._modes = multipliers, block, modes
+        self.system: Any = None  # without friction, once there is one
+        self._known = np.zeros(0)  # what the system's matrix was made of
 
-    def _solve(self, K, f, step: InterfaceSystem):
+    def _K_times(self, u):
+        product = self.split.times(u)
+        product[self._pins] -= self._spring * u[self._pins]
+        return product
+
+    def _set_up(self, step: InterfaceSystem, spring: float):
+        self._spring = spring
         on = np.flatnonzero(step.active)
         numbering = Numbering(self.rows.owner[on], self.comm.rank)
         dofs, base = self._multipliers.dofs[on], self._multipliers.base[on]
         slaved = SlavedRows(dofs, base, step.L[on], numbering, self.frames, self._block)
         symmetric = abs(step.E - step.L.T).nnz == 0
-        solve = self._symmetric if symmetric else self._with_friction
-        u, found, w = solve(K, slaved, step, f, step.g[on][numbering.mine])
-        multiplier = np.zeros(len(step.active))
-        multiplier[on] = self._gather(numbering, found)
-        return u, multiplier, w
+        set_up = self._symmetric if symmetric else self._with_friction
+        solve, done = set_up(slaved, step)
 
-    def _symmetric(self, K, slaved, step, f, g):
+        def ask(f, g, rhs):
+            u, found, w = solve(f, g[on][numbering.mine], rhs)
+            multiplier = np.zeros(len(step.active))
+            multiplier[on] = self._gather(numbering, found)
+            return u, multiplier, w
+
+        return ask, done
+
+    def _symmetric(self, slaved, step):
         hold = -step.D.diagonal()
-        centre = np.where(hold > 0.0, -step.rhs / np.where(hold > 0.0, hold, 1.0), 0.0)
-        system = CondensedSystem(
-            K, slaved, self.fixed, self.scale, modes=self._modes, proximal=hold,
-            prefix=self._prefix, options=self._options,
-        )  # fmt: skip
-        u, multiplier, w = system.solve(f, g, centre)
-        system.destroy()
-        return u, multiplier, self._gather(self.frames, w)
+        wanted = np.concatenate([step.active, hold, [self._spring * self.floating]])
+        if not np.array_equal(wanted, self._known):
+            self.split.hold(self._pins, self._spring)
+            if self.system is None:
+                self.system = CondensedSystem(
+                    self.split, slaved, self.fixed, self.scale, self._prefix, self._options,
+                    modes=self._modes, proximal=hold,
+                )  # fmt: skip
+            else:
+                n = len(step.active)
+                changed = int((wanted[:n] != self._known[:n]).sum())
+                self.system.slave(slaved, hold, changed)
+            self._known = wanted
 
-    def _with_friction(self, K, slaved, step, f, g):
+        def solve(f, g, rhs):
+            centre = np.where(hold > 0.0, -rhs / np.where(hold > 0.0, hold, 1.0), 0.0)
+            u, multiplier, w = self.system.solve(f, g, centre)
+            return u, multiplier, self._gather(self.frames, w)
+
+        return solve, lambda: None  # what is set up may serve the next step
+
+    def _with_friction(self, slaved, step):
         """T_lᵀ (f - K T q) + D w = rhs, where T_l has E in the place of L_bᵀ."""
-        m = step.L.shape[1]
-        form = Transformation(K, slaved, self.fixed, np.ones(m))
+        self.split.hold(self._pins, self._spring)
+        form = Transformation(self.split, slaved, self.fixed, np.ones(step.L.shape[1]))
         if len(form.frame.dependent):
             raise ContactError(
                 "solver='condensed' with friction: displacements are prescribed at contact nodes "
                 "and bind the frame. Use solver='saddle'"
             )
         on = np.flatnonzero(step.active)
-        E = step.E[:, on].T.tocsr()[slaved.multipliers.mine]
-        test = self._test_matrix(form, K, E)
-        KT = K.matMult(form.T)
-        matrix = test.transposeMatMult(KT)
-        at = form.seats, form.mine_used
-        D = step.D[at[1]].tocoo()
-        n = np.arange(form.sizes[0])  # with a stored diagonal
-        entries = np.concatenate([-D.data, np.zeros(len(n))])
-        index = (
-            np.concatenate([at[0][D.row], n]),
-            np.concatenate([form.columns[D.col], n + form.first]),
-        )
-        D = csr_matrix((entries, index), form.sizes)
-        D = create_aij(K.comm, form.sizes, form.sizes, D)
-        matrix.axpy(1.0, D, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        diagonal = matrix.getDiagonal()
-        diagonal.array_w[form.idle] = 1.0
-        matrix.setDiagonal(diagonal)
-        u_0, v_0 = form.offsets(f, g)
-        b = times(test, f - times(K, u_0), transposed=True)
-        b[at[0]] -= step.rhs[at[1]]
+        test = form.columns_of(step.E[:, on].T.tocsr()[slaved.multipliers.mine])
+        matrix = form.reduce(-step.D, self.scale, test)
         solver = DirectSolver(matrix, self._prefix, {"pc_type": "lu"}, own=True)
-        q = solver.solve(b)
-        solver.destroy()
-        u = times(form.T, q) + u_0
-        force = f - times(K, u)
-        w = form.frame_motion(q, v_0)
-        multiplier = form.A.T @ np.where(self.fixed, 0.0, force)
-        for item in (test, KT, D, diagonal, form.T):
-            item.destroy()
-        return u, multiplier, w
 
-    def _test_matrix(self, form: Transformation, K, E: csr_matrix):
-        """T with A Eᵀ in the frame's columns."""
-        body, frame = form.N.tocoo(), (form.A @ E).tocoo()
-        value = np.concatenate([body.data, frame.data])
-        row = np.concatenate([body.row, frame.row])
-        col = np.concatenate([form.body[body.col] + form.first, form.columns[frame.col]])
-        local = csr_matrix((value, (row, col)), shape=(len(self.fixed), form.sizes[1]))
-        return create_aij(K.comm, K.getSizes()[0], form.sizes, local)
+        def solve(f, g, rhs):
+            u_0, v_0 = form.offsets(f, g)
+            b = form.load(f, u_0, test)
+            b[len(f) + form.seats] -= rhs[form.mine_used]
+            q = solver.solve(b)
+            u, force, S = form.motion(q) + u_0, np.zeros(len(f)), self.split.surface
+            force[S] = np.where(self.fixed[S], 0.0, f[S] - self.split.rows(u))
+            return u, form.A.T @ force, form.frame_motion(q, v_0)
+
+        def done():
+            for item in (solver, test, form.T):
+                item.destroy()
+
+        return solve, done
+
+    def destroy(self) -> None:
+        for item in (self.system, self.split):
+            if item is not None:
+                item.destroy()

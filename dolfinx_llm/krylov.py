@@ -1,4 +1,4 @@
-"""Products, near-null spaces and solvers of the condensed matrix: PETSc's side of it."""
+"""Near-null spaces and solvers of the condensed matrix: PETSc's side of it."""
 
 from __future__ import annotations
 
@@ -64,22 +64,6 @@ def solver_of(matrix, prefix: str, given: dict):
     names = {"gamg": "GAMG", "cholesky": "Cholesky", "cg": "CG"}
     parts = [names.get(krylov, krylov)] * (krylov != "preonly") + [names.get(pc, pc)]
     return ksp, " + ".join(parts), default
-
-
-def triple_product(K, T):
-    """Tᵀ K T, quickly, and without the intermediate product that PETSc would keep."""
-    database = PETSc.Options()
-    added: dict[str, bool | str] = {"mat_product_clear": True}
-    if K.comm.size == 1:
-        added["matptap_via"] = "rap"  # in half the time of the default; ranks have none of it
-    added = {key: value for key, value in added.items() if not database.hasName(key)}
-    for key, value in added.items():
-        database[key] = value
-    try:
-        return K.PtAP(T)
-    finally:
-        for key in added:
-            database.delValue(key)
 
 
 def near_null_space(matrix, S, modes: np.ndarray) -> None:

@@ -129,7 +129,7 @@ class ContactProblem:
     def K(self) -> PETSc.Mat:
         """PETSc AIJ of the bodies' stiffness, identity rows and columns at prescribed dofs.
 
-        The condensed form lets go of it once it is set up; it is assembled anew when asked for.
+        The condensed form uses it up when it is set up; it is assembled anew when asked for.
         """
         if self._K is None:
             with self._timed("assembly of K"):
@@ -137,10 +137,10 @@ class ContactProblem:
                 self._K = blocks[0] if len(blocks) == 1 else _block_diagonal(blocks)
         return self._K
 
-    def _release_K(self) -> None:
-        if self._K is not None:
-            self._K.destroy()
-            self._K = None
+    def _take_K(self) -> PETSc.Mat:
+        """K, which the problem no longer has then."""
+        K, self._K = self.K, None
+        return K
 
     def _assemble_operators(self):
         """K, B and L_b."""
@@ -283,11 +283,7 @@ class ContactProblem:
     def _solve_tied(self, f: np.ndarray, g: np.ndarray):
         """One solve of (31)."""
         if self._system is None:
-            with self._timed("factorisation"):
-                self._system = build_system(self)
-                if self.form == "condensed":
-                    self._release_K()
-                    self._system.set_up()
+            self._system = build_system(self)
         with self._timed("solve"):
             u, multiplier, v = self._system.solve(f, g)
         warn(self)
@@ -409,9 +405,10 @@ class ContactProblem:
             if part is not None:
                 part.destroy()
         self._system = self._iteration = None
-        self._release_K()
-        for matrix in (self.B, self.L_b):
-            matrix.destroy()
+        for matrix in (self._K, self.B, self.L_b):
+            if matrix is not None:
+                matrix.destroy()
+        self._K = None
 
 
 class _Timer:

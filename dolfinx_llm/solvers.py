@@ -16,6 +16,7 @@ from dolfinx_llm.operators import slip_numbering
 from dolfinx_llm.rigid import rigid_modes
 from dolfinx_llm.slaving import SlavedRows
 from dolfinx_llm.sparse_steps import SparseSteps
+from dolfinx_llm.splitting import SplitStiffness
 from dolfinx_llm.system import SaddleSystem, is_symmetric
 
 log = logging.getLogger("dolfinx_llm")
@@ -73,21 +74,22 @@ def _choose_steps(problem, symmetric: bool) -> tuple[str, str]:
 
 
 def build_system(problem):
-    """The system of a ContactProblem in the form that was chosen."""
+    """The system of a ContactProblem in the form that was chosen, set up."""
+    common = problem._prefix, problem._options
     if problem.form == "saddle":
         L_b = problem.L_b if problem.L_b.getSize()[1] else None
-        return SaddleSystem(
-            problem.K, problem.B, L_b, problem.scale, problem._prefix, problem._options
+        with problem._timed("factorisation"):
+            return SaddleSystem(problem.K, problem.B, L_b, problem.scale, *common)
+    with problem._timed("reduction"):
+        rows = slaved_rows(problem)
+        split = SplitStiffness(problem._take_K(), rows.dofs)
+        system = CondensedSystem(
+            split, rows, problem._fixed, problem.scale, *common, modes=rigid_modes_of(problem)
         )
-    return CondensedSystem(
-        problem.K,
-        slaved_rows(problem),
-        problem._fixed,
-        problem.scale,
-        modes=rigid_modes_of(problem),
-        prefix=problem._prefix,
-        options=problem._options,
-    )
+        split.release()
+    with problem._timed("factorisation"):
+        system.set_up()
+    return system
 
 
 def build_steps(problem):
@@ -99,10 +101,10 @@ def build_steps(problem):
     if problem.form == "saddle":
         numbers = rows.numbering, frames
         return SparseSteps(problem.K, problem.B, *numbers, *common, soft=problem._soft)
-    if any(model.interface.law.friction for model in problem.models):
-        return CondensedSteps(rows, 1, None, problem.K, problem.B, frames, *common)
-    modes = rigid_modes_of(problem)
-    return CondensedSteps(rows, block_size(problem), modes, problem.K, problem.B, frames, *common)
+    block, modes = 1, None
+    if not any(model.interface.law.friction for model in problem.models):
+        block, modes = block_size(problem), rigid_modes_of(problem)
+    return CondensedSteps(rows, block, modes, problem._take_K(), problem.B, frames, *common)
 
 
 def block_size(problem) -> int:

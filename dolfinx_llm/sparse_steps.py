@@ -1,17 +1,21 @@
 """Steps of contact laws on the whole system, set up anew in each: for large interfaces.
 
 The same as ``flexibility``, where the surfaces have so many nodes that asking the bodies for their
-answer to every multiplier costs more than a few factorisations.
+answer to every multiplier costs more than a few factorisations. They are asked for the few whose
+sign is wrong, and for those that get it wrong in turn.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm import operators
 from dolfinx_llm._parallel import gather_rows
-from dolfinx_llm.linear_step import DRIFT, SOFT, InterfaceSystem, wrong_signs
+from dolfinx_llm.complementarity import complementarity
+from dolfinx_llm.linear_step import DRIFT, SIGN, SOFT, InterfaceSystem, force_level, wrong_signs
 from dolfinx_llm.rigid import floating_modes, pins
 from dolfinx_llm.system import DirectSolver, join_blocks, times, with_springs
 
@@ -26,6 +30,7 @@ class WholeSteps:
     """
 
     accuracy = 1e-13  # of balance and law, relative
+    most = 200  # pairs that are asked for; where more have a wrong sign, all of these change
 
     def __init__(self, K, B, rows, frames, bodies, fixed, scale, prefix, options=None):
         self.K, self.B, self.rows, self.frames, self.scale = K, B, rows, frames, scale
@@ -46,22 +51,87 @@ class WholeSteps:
         f = self.f.copy()
         first = sum(self.comm.allgather(len(self._pins))[: self.comm.rank])
         f[self._pins] += spring * centre[first : first + len(self._pins)]
-        K = with_springs(self.K, self._pins, np.full(len(f), spring))
-        self._u, multiplier, w = self._solve(K, f, step)
-        K.destroy()
-        y = self._gather(self.rows, times(self.B, self._u, transposed=True))
-        alpha = gather_rows(self.comm, self._u[self._pins])
-        wrong = wrong_signs(step, may_open, multiplier, y, w, self.scale)
-        return multiplier, y, w, alpha, step.active, wrong
+        ask, done = self._set_up(step, spring)
+        try:
+            multiplier, y, w = self._answer(ask, f, step.g, step.rhs)
+            active = step.active
+            wrong = wrong_signs(step, may_open, multiplier, y, w, self.scale)
+            if 0 < wrong.sum() <= self.most:
+                pairs, forces = self._choose(ask, step, may_open, wrong, multiplier, y, w)
+                if len(pairs):
+                    active = active.copy()
+                    active[pairs] ^= True
+                    multiplier, y, w = self._answer(ask, *self._loads(step, pairs, forces, f))
+                    multiplier[pairs] = np.where(active[pairs], forces, 0.0)
+                    chosen = replace(step, active=active)
+                    wrong = wrong_signs(chosen, may_open, multiplier, y, w, self.scale)
+        finally:
+            done()
+        return multiplier, y, w, gather_rows(self.comm, self._u[self._pins]), active, wrong
 
-    def _solve(self, K, f: np.ndarray, step: InterfaceSystem):
-        """u of this rank; λ (n,) and w (m,) on every rank."""
+    def _set_up(self, step: InterfaceSystem, spring: float):
+        """Two functions: of this rank's f, (n,) g and (m,) rhs that gives u of this rank, λ (n,)
+        and w (m,) on every rank, and one that ends its use. K has springs at the pins."""
         raise NotImplementedError
+
+    def _answer(self, ask, f, g, rhs):
+        """λ (n,), y (n,) and w (m,); keeps u."""
+        self._u, multiplier, w = ask(f, g, rhs)
+        return multiplier, self._gather(self.rows, times(self.B, self._u, transposed=True)), w
+
+    def _loads(self, step: InterfaceSystem, pairs, forces, f=None):
+        """f, g and rhs for pairs that are to change: those out of contact get forces, the others
+        gaps of forces / c; without f these alone."""
+        closing = np.zeros(len(step.active))
+        closing[pairs] = np.where(step.active[pairs], 0.0, forces)
+        opening = np.zeros(len(step.active))
+        opening[pairs] = np.where(step.active[pairs], forces / self.scale, 0.0)
+        f_own = -times(self.B, closing[self.rows.mine])
+        if f is None:
+            return f_own, opening, -(step.E @ closing)
+        return f + f_own, step.g + opening, step.rhs - step.E @ closing
+
+    def _choose(self, ask, step, may_open, wrong, multiplier, y, w):
+        """Pairs that have to change so that all signs are right, and their forces (gaps times c,
+        where they open): linear complementarity among those whose sign is or becomes wrong."""
+        rows = np.flatnonzero(may_open)
+        place = np.full(len(may_open), -1)
+        place[rows] = np.arange(len(rows))
+        on = step.active[rows]
+        band = SIGN * force_level(multiplier, y + step.g, self.scale)
+
+        def value(multiplier, y, w, g):
+            gap = step.L[rows] @ w - y[rows] - g[rows]
+            return np.where(on, multiplier[rows], self.scale * gap)
+
+        now = value(multiplier, y, w, step.g)
+        pairs, columns = np.empty(0, dtype=np.int64), np.empty((len(rows), 0))
+        new = np.flatnonzero(wrong)
+        while len(new) and len(pairs) + len(new) <= 2 * self.most:
+            for p in new:
+                load = self._loads(step, np.array([p]), np.ones(1))
+                answer = self._answer(ask, *load)
+                column = value(*answer, load[1])
+                columns = np.column_stack([columns, column])
+            pairs = np.concatenate([pairs, new])
+            at = place[pairs]
+            M, q = columns[at], now[at]
+            change = complementarity(M, q, q < 0.0)
+            forces = np.zeros(len(pairs))
+            forces[change] = np.linalg.solve(M[np.ix_(change, change)], -q[change])
+            after = now + columns @ forces
+            after[at] = 0.0
+            new = rows[after < -band]
+        return pairs[change], forces[change]
+
+    def _K_times(self, u: np.ndarray) -> np.ndarray:
+        """This rank's part of K u, without springs."""
+        return times(self.K, u)
 
     def displacement(self, multiplier: np.ndarray, alpha: np.ndarray) -> np.ndarray:
         """This rank's u of the last step; sets ``residual``, of K u + B λ = f."""
         load = self.f - times(self.B, multiplier[self.rows.mine])
-        miss = np.abs(times(self.K, self._u) - load).max(initial=0.0)
+        miss = np.abs(self._K_times(self._u) - load).max(initial=0.0)
         sizes = [np.abs(self.f), np.abs(load), DRIFT * self.scale * np.abs(self._u)]
         found = self.comm.allgather((miss, max(a.max(initial=0.0) for a in sizes)))
         miss, size = np.max(found, axis=0)
@@ -87,22 +157,26 @@ class SparseSteps(WholeSteps):
         super().__init__(*arguments)
         self._soft = soft
 
-    def _solve(self, K, f, step: InterfaceSystem):
+    def _set_up(self, step: InterfaceSystem, spring: float):
+        K = with_springs(self.K, self._pins, np.full(len(self.f), spring))
         blocks = self._blocks(K, step)
         matrix, places = join_blocks(blocks)
-        for M in (M for row in blocks for M in row if M is not None and M is not K):
+        for M in (M for row in blocks for M in row if M is not None):
             M.destroy()
         solver = DirectSolver(matrix, self._prefix, self._options, own=True)
-        rhs = np.zeros(matrix.getLocalSize()[0])
-        rhs[places[0]] = f
-        rhs[places[1]] = np.where(step.active, -self.scale * step.g, 0.0)[self.rows.mine]
-        if len(places) > 2:
-            rhs[places[2]] = -step.rhs[self.frames.mine]
-        x = solver.solve(rhs)
-        solver.destroy()
-        multiplier = self._gather(self.rows, self.scale * x[places[1]])
-        w = self._gather(self.frames, x[places[2]]) if len(places) > 2 else np.zeros(0)
-        return x[places[0]], multiplier, w
+
+        def ask(f, g, rhs):
+            b = np.zeros(matrix.getLocalSize()[0])
+            b[places[0]] = f
+            b[places[1]] = np.where(step.active, -self.scale * g, 0.0)[self.rows.mine]
+            if len(places) > 2:
+                b[places[2]] = -rhs[self.frames.mine]
+            x = solver.solve(b)
+            multiplier = self._gather(self.rows, self.scale * x[places[1]])
+            w = self._gather(self.frames, x[places[2]]) if len(places) > 2 else np.zeros(0)
+            return x[places[0]], multiplier, w
+
+        return ask, solver.destroy
 
     def _blocks(self, K, step: InterfaceSystem):
         """Blocks of the system in u, λ / c and w, symmetric without friction."""

@@ -1,7 +1,8 @@
-"""T of the condensed form as a PETSc matrix: u = T q + u_0, v = Z q_v + v_0.
+"""T of the condensed form: u = T q + u_0, v = Z q_v + v_0.
 
-q holds, on each rank, the unknowns of its bodies' nodes and then those of its frame nodes, in
-blocks of gdim. Blocks in which nothing is left to solve for, as of tied nodes, are not there.
+q holds, on each rank, a place for each dof of its bodies, idle at surface nodes, and then
+what the surfaces have left to solve for (``tail``): the unknowns of surface nodes that are not
+slaved entirely, and those of the frame nodes, in blocks of gdim.
 """
 
 from __future__ import annotations
@@ -11,30 +12,37 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.operators import create_aij
 from dolfinx_llm.slaving import FrameElimination, SlavedRows, eliminate_at_nodes
+from dolfinx_llm.splitting import SplitStiffness
+from dolfinx_llm.system import times
 
 
 class Transformation:
     """What the slaved rows make of u and v, with the numbers of the unknowns q.
 
     Args:
-        K: stiffness of the bodies, for its distribution.
+        split: stiffness of the bodies, parted at the dofs of all slaved nodes or more.
         rows: what is slaved to the frames.
         fixed: (n_local,) whether a dof of this rank is prescribed.
         proximal: (m,) stiffness of the frames' unknowns, or None.
     """
 
-    def __init__(self, K, rows: SlavedRows, fixed: np.ndarray, proximal: np.ndarray | None):
-        self.comm, self.rows, self.fixed = K.comm.tompi4py(), rows, fixed
+    def __init__(
+        self,
+        split: SplitStiffness,
+        rows: SlavedRows,
+        fixed: np.ndarray,
+        proximal: np.ndarray | None,
+    ):
+        self.comm, self.split, self.rows, self.fixed = split.comm, split, rows, fixed
         self.gdim, self.proximal = rows.dofs.shape[1], proximal
         dofs, self.vectors = rows.local  # (R, gdim) base vectors of this rank's rows
-        self.dofs = dofs - K.getOwnershipRange()[0]  # (R, gdim) local
+        self.dofs = dofs - split.first  # (R, gdim) local
         node = eliminate_at_nodes(self.dofs, self.vectors, fixed)
         self.A, self.N, self.W = node.A, node.N, node.W
         self.L = rows.L[rows.multipliers.mine]  # rows of this rank
         self.frame = FrameElimination(self._frame_rows())
-        self._frame_part = (self.A @ (self.L @ self.frame.Z)).tocsr()  # of u
         self._number()
-        self.T = self._assemble(K)
+        self.T = self.columns_of(self.L @ self.frame.Z)
 
     def _frame_rows(self) -> csr_matrix:
         """D, the rows of all ranks that bind the frame alone, the same on every rank."""
@@ -48,16 +56,18 @@ class Transformation:
         return (csr_matrix((data, (row, col)), shape=shape) @ self.rows.L).tocsr()
 
     def _number(self):
-        """Places of the unknowns in q: ``body`` (n_local,), -1 where there is none, and of this
-        rank's frame unknowns; ``columns`` (m,) are the numbers of all frame unknowns."""
-        frames, gdim, comm = self.rows.frames, self.gdim, self.comm
-        kept = (np.diff(self.N.tocsc().indptr) > 0).reshape(-1, gdim).any(axis=1)
+        """Places in the tail: ``left`` (S,) of this rank's surface dofs, -1 where there is none,
+        and of its frame unknowns; ``columns`` (m,) are the numbers of all frame unknowns."""
+        frames, gdim, comm, surface = self.rows.frames, self.gdim, self.comm, self.split.surface
+        self._N_S = self.N[surface][:, surface].multiply(~self.fixed[surface]).tocsr()
+        self._N_S.eliminate_zeros()
+        kept = (np.diff(self._N_S.tocsc().indptr) > 0).reshape(-1, gdim).any(axis=1)
         place = np.cumsum(kept) - 1
-        self.body = np.where(kept[:, None], place[:, None] * gdim + np.arange(gdim), -1).ravel()
+        self.left = np.where(kept[:, None], place[:, None] * gdim + np.arange(gdim), -1).ravel()
         n = gdim * int(kept.sum())
 
-        used = comm.allreduce((np.diff(self._frame_part.tocsc().indptr) > 0).astype(np.int64)) > 0
-        self._bodies_hold = used.copy()
+        motion = self.A @ (self.L @ self.frame.Z)
+        used = comm.allreduce((np.diff(motion.tocsc().indptr) > 0).astype(np.int64)) > 0
         if self.proximal is not None:
             used |= self.frame.Z.T @ self.proximal > 0.0
         bs = self.rows.block
@@ -67,58 +77,77 @@ class Transformation:
         owner = item_owner[items]
         pad = -(-bs // gdim) * gdim  # whole blocks for each item
         count = np.bincount(owner, minlength=comm.size)
-        bodies = np.array(comm.allgather(n))
-        start = np.concatenate([[0], np.cumsum(bodies + pad * count)])
+        nodes = np.array(comm.allgather(n))
+        start = np.concatenate([[0], np.cumsum(nodes + pad * count)])
         within = np.arange(len(items)) - (np.cumsum(count) - count)[owner]
         number = np.full(len(item_owner), -1)
-        number[items] = start[owner] + bodies[owner] + pad * within
+        number[items] = start[owner] + nodes[owner] + pad * within
         columns = np.where(number[:, None] < 0, -1, number[:, None] + np.arange(bs))
         self.columns = columns.ravel()
         self.first = int(start[comm.rank])
-        self.sizes = int(start[comm.rank + 1] - start[comm.rank]), int(start[-1])
+        self.tail = int(start[comm.rank + 1] - start[comm.rank]), int(start[-1])
         mine = (frames.owner == comm.rank) & used
         self.mine_used = np.flatnonzero(mine)  # this rank's frame unknowns that are in q
         self.seats = self.columns[mine] - self.first
         self.mine_v = frames.mine
-
-    def _assemble(self, K):
-        """T: rows as of K, columns as of q.
-
-        Places in q without an unknown hold a stored zero, so that Tᵀ K T has a place for ones on
-        its diagonal.
-        """
-        body, frame, n = self.N.tocoo(), self._frame_part.tocoo(), len(self.fixed)
-        self.idle = np.ones(self.sizes[0], dtype=bool)
-        self.idle[self.body[body.col]] = False
+        self.idle = np.ones(self.tail[0], dtype=bool)
+        self.idle[self.left[np.unique(self._N_S.indices)]] = False
         self.idle[self.seats] = False
-        zero = self.idle.copy()
-        zero[self.seats] = ~self._bodies_hold[self.mine_used]  # only a proximal term stands there
-        zero = np.flatnonzero(zero)
-        host = np.full(self.sizes[0], -1)  # a row to hold it: the dof's own, or one nearby
-        host[self.body[self.body >= 0]] = np.flatnonzero(self.body >= 0)
-        surface = np.unique(self.dofs) if len(self.dofs) else np.arange(n)
-        host = np.where(host[zero] < 0, np.resize(surface, len(zero)), host[zero])
-        value = np.concatenate([body.data, frame.data, np.zeros(len(zero))])
-        row = np.concatenate([body.row, frame.row, host])
-        col = [self.body[body.col] + self.first, self.columns[frame.col], zero + self.first]
-        local = csr_matrix((value, (row, np.concatenate(col))), shape=(n, self.sizes[1]))
-        return create_aij(K.comm, K.getSizes()[0], self.sizes, local, self.gdim)
 
-    def penalty(self, comm):
-        """Zᵀ diag(d) Z of the proximal term, in the numbering of q; None without one."""
-        if self.proximal is None:
-            return None
+    def columns_of(self, L: csr_matrix):
+        """T_S, where the rows of this rank see the frames' motion as L (R, m)."""
+        nodes, frame = self._N_S.tocoo(), (self.A[self.split.surface] @ L).tocoo()
+        value = np.concatenate([nodes.data, frame.data])
+        row = np.concatenate([nodes.row, frame.row])
+        col = np.concatenate([self.left[nodes.col] + self.first, self.columns[frame.col]])
+        local = csr_matrix((value, (row, col)), shape=(nodes.shape[0], self.tail[1]))
+        return create_aij(self.comm, self.split.K_SS.getSizes()[0], self.tail, local)
+
+    def reduce(self, D: csr_matrix, idle: float, test=None):
+        """Tᵀ K T plus D (m, m) at the frames' unknowns, and ``idle`` on the diagonal where the tail
+        has a place without an unknown; with ``test`` the T_S of its rows."""
+        D = D[self.mine_used].tocoo()
+        diagonal = np.arange(self.tail[0])
+        value = np.concatenate([D.data, idle * self.idle])
+        row = np.concatenate([self.seats[D.row], diagonal])
+        col = np.concatenate([self.columns[D.col], diagonal + self.first])
+        local = csr_matrix((value, (row, col)), shape=self.tail)
+        added = create_aij(self.comm, self.tail, self.tail, local)
+        matrix = self.split.reduce(self.T, added, test)
+        added.destroy()
+        matrix.setBlockSize(self.gdim)
+        return matrix
+
+    def penalty(self) -> csr_matrix:
+        """(m, m) Zᵀ diag(d) Z of the proximal term."""
         Z = self.frame.Z
-        P = (Z.T @ Z.multiply(self.proximal[:, None])).tocsr()[self.mine_used].tocoo()
-        local = (P.data, (self.seats[P.row], self.columns[P.col]))
-        return create_aij(comm, self.sizes, self.sizes, csr_matrix(local, shape=self.sizes), 1)
+        if self.proximal is None:
+            return csr_matrix(Z.shape)
+        return (Z.T @ Z.multiply(self.proximal[:, None])).tocsr()
+
+    def motion(self, q: np.ndarray) -> np.ndarray:
+        """(n_local,) T q."""
+        n = len(self.fixed)
+        u = q[:n].copy()
+        u[self.split.surface] = times(self.T, q[n:])
+        return u
+
+    def load(self, f: np.ndarray, u_0: np.ndarray, test=None) -> np.ndarray:
+        """Tᵀ (f - K u_0) for u_0 of ``offsets``; with ``test`` in the place of T_S."""
+        S = self.split.surface
+        left = f - self.split.columns(u_0[S])
+        inside = np.where(self.fixed, 0.0, left)  # u_0 has the values prescribed there
+        inside[S] = 0.0
+        tail = times(self.T if test is None else test, left[S], transposed=True)
+        return np.concatenate([inside, tail])
 
     def push(self, centre, v_0: np.ndarray) -> np.ndarray:
         """Zᵀ d (c - v_0), the load of the proximal term on q."""
-        load = np.zeros(self.sizes[0])
+        n = len(self.fixed)
+        load = np.zeros(n + self.tail[0])
         if self.proximal is not None:
             pull = self.proximal * ((0.0 if centre is None else centre) - v_0)
-            load[self.seats] = (self.frame.Z.T @ pull)[self.mine_used]
+            load[n + self.seats] = (self.frame.Z.T @ pull)[self.mine_used]
         return load
 
     def offsets(self, f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -130,7 +159,7 @@ class Transformation:
 
     def frame_motion(self, q: np.ndarray, v_0: np.ndarray) -> np.ndarray:
         """(m,) v on every rank."""
-        parts = self.comm.allgather((self.mine_used, q[self.seats]))
+        parts = self.comm.allgather((self.mine_used, q[len(self.fixed) + self.seats]))
         q_v = np.zeros(len(v_0))
         for place, value in parts:
             q_v[place] = value
@@ -154,12 +183,17 @@ class Transformation:
             forces -= self.proximal * (v - (0.0 if centre is None else centre))
         return forces
 
-    def modes(self, body: np.ndarray, frame: np.ndarray) -> np.ndarray:
-        """Rigid modes of q, zero where there is none: at prescribed dofs and idle places."""
-        values = np.zeros((self.sizes[0], body.shape[1]))
-        there = self.body >= 0
-        values[self.body[there]] = (self.N.T @ np.where(self.fixed[:, None], 0.0, body))[there]
-        values[self.seats] = frame[self.mine_used]
+    def unknowns(self, body: np.ndarray, frame: np.ndarray) -> np.ndarray:
+        """(q_local, k) q of motions of this rank's dofs (n_local, k) and of the frames (m, k), as
+        far as they have places in it: zero at prescribed dofs and idle places."""
+        S, n = self.split.surface, len(self.fixed)
+        body = np.where(self.fixed[:, None], 0.0, body)
+        values = np.zeros((n + self.tail[0], body.shape[1]))
+        there = self.left >= 0
+        values[n + self.left[there]] = (self._N_S.T @ body[S])[there]
+        values[n + self.seats] = frame[self.mine_used]
+        body[S] = 0.0
+        values[:n] = body
         return values
 
     def residual(self, u, multiplier, v, g, force):

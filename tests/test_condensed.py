@@ -1,6 +1,7 @@
 """The condensed form against the saddle form, against dense oracles, and its own manners."""
 
 import both_forms
+import condensed_reuse
 import numpy as np
 import patch3d
 import pytest
@@ -111,7 +112,7 @@ def test_second_solve_keeps_the_set_up(options, monkeypatch):
     contact, load = blocks(options=options)
     first = contact.solve().x.array.copy()
     calls = []
-    for name in ("solver_of", "triple_product", "Transformation"):
+    for name in ("solver_of", "Transformation"):
         monkeypatch.setattr(condensed, name, lambda *args, name=name: calls.append(name))
     load.value = -3.0
     second = contact.solve().x.array
@@ -120,14 +121,20 @@ def test_second_solve_keeps_the_set_up(options, monkeypatch):
 
 
 def test_sizes():
-    """Tied nodes have no unknowns in the reduced system, and no place is idle."""
+    """K's storage is used, idle at the tied nodes; only the frame adds to it."""
     contact, _ = blocks()
+    entries = contact.K.getInfo()["nz_used"]
+    surface = contact.unknowns["lambda"]
     contact.solve()
-    n_u, n_l, n_v = contact.unknowns.values()
-    size = contact._system.matrix.getSize()
-    assert size == (n_u - n_l + n_v,) * 2
-    assert contact._system.matrix.getBlockSize() == 3
-    assert not contact._system.form.idle.any()
+    system, n_v = contact._system, contact.unknowns["v"]
+    assert system.matrix.getSize() == (contact.unknowns["u"] + n_v,) * 2
+    assert system.matrix.getBlockSize() == 3
+    assert not system.form.idle.any() and (system.form.left == -1).all()
+    assert len(system.split.surface) == surface
+    indptr, columns, _ = system.matrix.getValuesCSR()
+    rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+    n_u = contact.unknowns["u"]
+    assert ((rows < n_u) & (columns < n_u)).sum() == entries
 
 
 def test_options_leave_no_trace():
@@ -199,3 +206,49 @@ def test_auto(monkeypatch):
     large = contact.solve().x.array
     assert "condensed, CG + GAMG" in str(contact) and "from 100 unknowns on" in str(contact)
     assert np.abs(large - small).max() <= 1e-12 * np.abs(small).max()
+
+
+# Steps of contact laws
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_steps_reuse_the_set_up(n):
+    """Load steps without friction: the flexibility's answer, with one preconditioner as long as
+    the pairs in contact stay, and with other loads."""
+    found = run_mpi_json("condensed_reuse.py", n)
+    for name, outcome in found.items():
+        assert outcome["error"] <= 1e-10 and outcome["residual"] <= 1e-13, name
+    closed, bent = (found["pressed"], found["twice"]), found["bent"]
+    for outcome in closed:
+        assert outcome["set-ups"] == 1 and len(set(outcome["active"])) == 1
+        assert outcome["iterations"][-1] < outcome["iterations"][0]  # from the last solution
+    assert (
+        1 < bent["set-ups"] <= len(bent["active"]) and bent["active"][-1] < closed[0]["active"][0]
+    )
+
+
+def test_steps_reuse_a_factorisation(monkeypatch):
+    """A factorisation serves all steps with the same pairs and the same proximal term."""
+    V, tags = scenes.two_blocks(COMM, 4, 3)
+    problem, constants = condensed_reuse.blocks(V, tags, "condensed", DIRECT)
+    reduced = []
+    slave = condensed.CondensedSystem.slave
+    count = lambda self, *args: (reduced.append(1), slave(self, *args))  # noqa: E731
+    monkeypatch.setattr(condensed.CondensedSystem, "slave", count)
+    steps = [active for _, _, active in condensed_reuse.follow(problem, constants)]
+    system = problem._iteration.backend.system
+    assert system.set_ups == 1 + len(reduced)
+    assert len(system.steps) == sum(map(len, steps)) >= system.set_ups
+    problem.destroy()
+
+
+def test_worn_preconditioner_is_renewed(monkeypatch):
+    """In the middle of a solve, where it takes too many iterations."""
+    V, tags = scenes.two_blocks(COMM, 4, 3)
+    known = condensed_reuse.follow(*condensed_reuse.blocks(V, tags, "auto"))
+    problem, constants = condensed_reuse.blocks(V, tags, "condensed")
+    monkeypatch.setattr(condensed, "COST", 0.0)
+    for (_, u, _), (_, v, _) in zip(known, condensed_reuse.follow(problem, constants)):
+        assert np.abs(u - v).max() <= 1e-10 * np.abs(u).max()
+        monkeypatch.setattr(condensed, "WORN", 0.3)
+    assert problem._iteration.backend.system.set_ups > 3

@@ -13,6 +13,7 @@ import dolfinx_llm as llm
 from dolfinx_llm import operators
 from dolfinx_llm.condensed import CondensedSystem
 from dolfinx_llm.slaving import SlavedRows
+from dolfinx_llm.splitting import SplitStiffness
 
 DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky"}
 
@@ -63,8 +64,9 @@ def system(problem, base, slaved, L, bs, proximal, options):
         operators.Numbering(np.repeat(frame_owner, bs), rank),
         bs,
     )
+    split = SplitStiffness(problem.K.copy(), np.concatenate(problem._dofs))
     made = CondensedSystem(
-        problem.K, rows, problem._fixed, problem.scale, proximal=proximal, options=options
+        split, rows, problem._fixed, problem.scale, proximal=proximal, options=options
     )
     return rows, made
 
