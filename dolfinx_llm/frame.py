@@ -169,8 +169,8 @@ class Frame:
             counts = [np.bincount(c, minlength=len(self.x)) for c in self.cells.T]
             bad = np.flatnonzero(np.maximum(*counts) > 1)
         else:
-            edges = np.stack([self.cells, np.roll(self.cells, -1, axis=1)], axis=2).reshape(-1, 2)
-            _, first, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
+            edges = self.cells * len(self.x) + np.roll(self.cells, -1, axis=1)  # one number each
+            _, first, count = np.unique(edges, return_index=True, return_counts=True)
             bad = first[count > 1] // self.cells.shape[1]
         if len(bad):
             where = "nodes" if self.cells.shape[1] == 2 else "cells"
@@ -332,7 +332,8 @@ class Frame:
         for _ in range(2 if k < 4 else 20):
             step, _ = self._step(x[active], cell[active], xi[active])
             new = _clamp(k, xi[active] + step)
-            moved = np.abs(new - xi[active]).max(axis=1) > 1e-15
+            # What is left then is rounding; ``locate`` takes one more step.
+            moved = np.abs(new - xi[active]).max(axis=1) > 1e-13
             xi[active] = new
             active = active[moved]
             if not len(active):

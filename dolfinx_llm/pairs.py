@@ -128,8 +128,10 @@ def rank_certificate(frame: Frame, N, bound: float = 1e-3) -> tuple[float, float
             "about as large as those of the coarser side, or frame=None"
         )
     if m <= 600:
-        _, values, vectors = np.linalg.svd(L.toarray(), full_matrices=False)
-        largest, smallest, vector = values[0], values[-1], vectors[-1]
+        # The squares' rounding is far below the bound's square.
+        values, vectors = np.linalg.eigh((L.T @ L).toarray())
+        smallest, largest = np.sqrt(np.maximum(values[[0, -1]], 0.0))
+        vector = vectors[:, 0]
     else:
         smallest, largest, vector = _extreme_singular_values(L)
     if not smallest > bound * largest:

@@ -33,8 +33,8 @@ def predict_frame(sides, forces, plane: Plane, by_nodes: bool = False) -> tuple[
     x = sides[k].x[nodes]
     heights = [plane.height(side.x).mean() for side in sides]
     x = x + np.outer(np.mean(heights) - plane.height(x), plane.normal)
-    frame = Frame(x, cells.reshape(facets.shape))
-    return face_side_1(frame, sides[0]), _note(facets, sides[k])
+    cells = cells.reshape(facets.shape)
+    return Frame(x, cells if k == 0 else cells[:, ::-1]), _note(facets, sides[k])
 
 
 def coarser_facets(sides, forces, by_nodes: bool = False) -> tuple[int, np.ndarray]:

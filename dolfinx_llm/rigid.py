@@ -11,6 +11,9 @@ from scipy.sparse.linalg import splu
 from dolfinx_llm import compat
 from dolfinx_llm._parallel import ContactError
 
+FACTORISED = 5000  # frame unknowns up to which a factorisation is the quickest least-squares fit
+HELD = 1e-11  # singular values below, of the largest, are motions that nothing holds
+
 
 def body_labels(V) -> tuple[np.ndarray, int]:
     """Number of the connected body of every local node of V (owned and ghost), and their count.
@@ -140,7 +143,7 @@ def floating_modes(bodies: Bodies, K, fixed: np.ndarray) -> np.ndarray:
     """
     rows = _held_without_interfaces(bodies, K, fixed)
     _, values, vectors = np.linalg.svd(rows)
-    free = vectors[np.count_nonzero(values >= 1e-11 * max(values[0], 1.0)) :]
+    free = vectors[np.count_nonzero(values >= HELD * max(values[0], 1.0)) :]
     R = bodies.modes(bodies.label, bodies.points).reshape(len(fixed), -1) @ free.T
     R[fixed] = 0.0
     return R
@@ -178,11 +181,14 @@ def check_support(bodies: Bodies, K, fixed: np.ndarray, interfaces) -> None:
         ContactError: some motion is not held.
     """
     rows = [_held_without_interfaces(bodies, K, fixed)]
+    values = np.linalg.svd(rows[0], compute_uv=False)
+    if len(values) == rows[0].shape[1] and values[-1] >= HELD * max(values[0], 1.0):
+        return  # by supports alone
     for L, BtR in interfaces:
         BtR = BtR.reshape(len(BtR), -1)
         rows.append(BtR if L is None else BtR - L @ _least_squares(L, BtR))
     _, values, vectors = np.linalg.svd(np.concatenate(rows), full_matrices=False)
-    free = vectors[values < 1e-11 * values[0]]
+    free = vectors[values < HELD * values[0]]
     if not len(free):
         return
     parts = np.moveaxis(free.reshape(len(free), bodies.count, -1), 1, 0)
@@ -243,11 +249,13 @@ def check_loops(models, labels) -> None:
 
 
 def _least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:
-    """Solution of min |L v - b| for every column of b (n, k), by conjugate gradients on LᵀL.
+    """Solution of min |L v - b| for every column of b (n, k), by a factorisation of LᵀL.
 
-    LᵀL is like a mass matrix, so that a large frame needs no factorisation; a frame with small
-    singular values, on which the iteration is slow, gets one.
+    LᵀL is like a mass matrix, so that large frames are iterated on by conjugate gradients; with
+    small singular values, on which these are slow, they are factorised, too.
     """
+    if L.shape[1] <= FACTORISED:
+        return _factorised(L).solve(L.T @ b)
     v = np.zeros((L.shape[1], b.shape[1]))
     r = L.T @ b
     p, size = r.copy(), np.einsum("nk,nk->k", r, r)
@@ -264,4 +272,9 @@ def _least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:
         r -= length * (L.T @ Lp)
         before, size = size, np.where(size > goal, np.einsum("nk,nk->k", r, r), size)
         p = r + size / np.maximum(before, 1e-300) * p
-    return splu((L.T @ L).tocsc()).solve(L.T @ b)
+    return _factorised(L).solve(L.T @ b)
+
+
+def _factorised(L: csr_matrix):
+    symmetric = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
+    return splu((L.T @ L).tocsc(), **symmetric)
