@@ -276,7 +276,7 @@ class ContactProblem:
             raise ContactError("there is nothing to draw yet: call solve() first")
         for i, u in enumerate(self._u):
             length = ufl.sqrt(ufl.inner(u, u))
-            plot.bodies(u, length, Path(folder) / f"bodies_{i}.png", label="|u|")
+            plot.bodies(u, length, Path(folder) / f"bodies_{i}.png", label="length of u")
         for i, result in enumerate(self.results):
             plot.interface(result, Path(folder) / f"interface_{i}.png", field)
 
