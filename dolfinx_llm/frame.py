@@ -292,8 +292,9 @@ class Frame:
         outside[outside < 1e-11] = 0.0  # rounding of the coordinates
         return Location(cell, xi, N, outside)
 
-    def _step(self, x: np.ndarray, cell: np.ndarray, xi: np.ndarray):
-        """Newton step towards the foot of points x, and how far it moves in space."""
+    def _step(self, x: np.ndarray, cell: np.ndarray, xi: np.ndarray, inside: bool = False):
+        """Newton step towards the foot of points x, or the closest point inside the cell, and how
+        far it moves in space."""
         _, y, t = self.evaluate(cell, xi)
         JJ = np.einsum("nai,nbi->nab", t, t)
         rhs = np.einsum("nai,ni->na", t, x - y)
@@ -301,6 +302,8 @@ class Frame:
             step = rhs / JJ[:, 0]
         else:
             a, b, c = JJ[:, 0, 0], JJ[:, 0, 1], JJ[:, 1, 1]
+            if inside:  # at a side that a point lies beyond, the other coordinate goes on alone
+                b = np.where(((np.abs(xi) >= 1.0) & (xi * rhs > 0.0)).any(axis=1), 0.0, b)
             adjugate = np.column_stack(
                 [c * rhs[:, 0] - b * rhs[:, 1], a * rhs[:, 1] - b * rhs[:, 0]]
             )
@@ -330,10 +333,9 @@ class Frame:
         xi = np.full((len(x), 1 if k == 2 else 2), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
         active = np.arange(len(x))
         for _ in range(2 if k < 4 else 20):
-            step, _ = self._step(x[active], cell[active], xi[active])
+            step, _ = self._step(x[active], cell[active], xi[active], inside=True)
             new = _clamp(k, xi[active] + step)
-            # What is left then is rounding; ``locate`` takes one more step.
-            moved = np.abs(new - xi[active]).max(axis=1) > 1e-13
+            moved = np.abs(new - xi[active]).max(axis=1) > 1e-15
             xi[active] = new
             active = active[moved]
             if not len(active):
