@@ -349,9 +349,10 @@ class Frame:
             location: of n points, as ``locate`` gives it.
         """
         n, k = location.N.shape
-        rows = np.repeat(np.arange(n), k)
-        cols = self.cells[location.cell].ravel()
-        return csr_matrix((location.N.ravel(), (rows, cols)), shape=(n, len(self.x)))
+        cols, begins = self.cells[location.cell], np.arange(0, n * k + 1, k)
+        matrix = csr_matrix((location.N.ravel(), cols.ravel(), begins), shape=(n, len(self.x)))
+        matrix.sort_indices()
+        return matrix
 
 
 def _read_gmsh(model, physical_group: int, gdim: int) -> tuple[np.ndarray, np.ndarray]:

@@ -321,7 +321,7 @@ def _designed(interface: Interface, frame: Frame, plane: Plane, pairs, notes: li
     singular = rank_certificate(frame, N)
     size = max(p.surface.diameter for p in pairs)
     linear = max(np.abs(plane.project(p.x) - plane.project(p.x - p.gap)).max() for p in pairs)
-    change = max(np.abs(a - b).max() for a, b in zip(N, plain))
+    change = 0.0 if N is plain else max(np.abs(a - b).max() for a, b in zip(N, plain))
     return pairs, Certificate(residual, before, singular, float(linear / size), float(change))
 
 
