@@ -163,7 +163,7 @@ class Frame:
             )
         self._check_orientation()
 
-    def _check_orientation(self):
+    def _check_orientation(self) -> None:
         """An edge (a node in 2D) of two cells must be run through once each way."""
         if self.cells.shape[1] == 2:
             counts = [np.bincount(c, minlength=len(self.x)) for c in self.cells.T]
@@ -292,7 +292,9 @@ class Frame:
         outside[outside < 1e-11] = 0.0  # rounding of the coordinates
         return Location(cell, xi, N, outside)
 
-    def _step(self, x: np.ndarray, cell: np.ndarray, xi: np.ndarray, inside: bool = False):
+    def _step(
+        self, x: np.ndarray, cell: np.ndarray, xi: np.ndarray, inside: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Newton step towards the foot of points x, or the closest point inside the cell, and how
         far it moves in space."""
         _, y, t = self.evaluate(cell, xi)
@@ -355,7 +357,7 @@ class Frame:
         return matrix
 
 
-def _read_gmsh(model, physical_group: int, gdim: int) -> tuple[np.ndarray, np.ndarray]:
+def _read_gmsh(model: Any, physical_group: int, gdim: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes and cells of a physical group; no cells where they are not of one first-order kind."""
     nodes = {1: 2, 2: 3, 3: 4}  # gmsh's lines, triangles, quads
     kinds: set[int] = set()

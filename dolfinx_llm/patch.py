@@ -7,12 +7,16 @@ and the shape functions integrated over the pieces. Positions are plane coordina
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
 
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.frame import shape_functions
+
+if TYPE_CHECKING:
+    from dolfinx_llm.surface import Surface
 
 # Quadrature on [0, 1]: enough that the shape functions of a clipped, distorted quad (smooth but no
 # polynomials in the plane) are integrated to rounding.
@@ -64,7 +68,7 @@ def local_bases(normals: np.ndarray) -> np.ndarray:
     return np.stack([t1, np.cross(normals, t1), normals], axis=1)
 
 
-def common_plane(side0, side1) -> Plane:
+def common_plane(side0: Surface, side1: Surface) -> Plane:
     """Plane between two surfaces, its normal from side 0 into side 1.
 
     Raises:
@@ -100,7 +104,7 @@ def outline_edges(facets: np.ndarray) -> np.ndarray:
     return edges[first[count == 1]]
 
 
-def outline(s: np.ndarray, facets: np.ndarray):
+def outline(s: np.ndarray, facets: np.ndarray) -> Any:
     """Polygon of a flat surface (a set of intervals in 1D), from the edges of one facet only."""
     return shapely.build_area(
         shapely.multilinestrings(shapely.linestrings(s[outline_edges(facets)]))
@@ -122,7 +126,7 @@ def full_forces(s: np.ndarray, facets: np.ndarray) -> np.ndarray:
     return np.einsum("mg,gk->mk", np.abs(_cross(t[:, :, 0], t[:, :, 1])), N)
 
 
-def covered_forces(s: np.ndarray, facets: np.ndarray, area) -> np.ndarray:
+def covered_forces(s: np.ndarray, facets: np.ndarray, area: Any) -> np.ndarray:
     """(m, k) integrals of each facet's shape functions over its part inside ``area``.
 
     Args:
@@ -150,7 +154,7 @@ def covered_forces(s: np.ndarray, facets: np.ndarray, area) -> np.ndarray:
     return forces
 
 
-def _covered_segments(p: np.ndarray, interval) -> np.ndarray:
+def _covered_segments(p: np.ndarray, interval: tuple[float, float]) -> np.ndarray:
     """The same on a line: p (m, 2) end points."""
     length = p[:, 1] - p[:, 0]
     a, b = ((np.clip(end, *interval) - p[:, 0]) / length for end in (p[:, 0], p[:, 1]))
@@ -211,7 +215,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def common_area(side0, side1, plane: Plane):
+def common_area(side0: Surface, side1: Surface, plane: Plane) -> Any:
     """Area covered by both surfaces, as a polygon (an interval in 2D) in plane coordinates.
 
     Raises:
@@ -238,7 +242,7 @@ def common_area(side0, side1, plane: Plane):
     return area
 
 
-def nodal_forces(side, s: np.ndarray, area) -> np.ndarray:
+def nodal_forces(side: Surface, s: np.ndarray, area: Any) -> np.ndarray:
     """(n,) energy-equivalent force of unit pressure on ``area`` at each node of a side [area]."""
     forces = np.zeros(len(side.x))
     np.add.at(forces, side.facets, covered_forces(s, side.facets, area))

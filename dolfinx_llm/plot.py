@@ -25,7 +25,7 @@ from dolfinx_llm.surface import facet_corners
 FLAT = 0.98  # sum of vector areas over area, from which a surface is seen along its normal
 
 
-def _pyplot():
+def _pyplot() -> Any:
     import matplotlib
 
     matplotlib.use("Agg")
@@ -34,7 +34,7 @@ def _pyplot():
     return plt
 
 
-def _save(plt, figure, path) -> None:
+def _save(plt: Any, figure: Any, path: str | Path) -> None:
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=150, bbox_inches="tight")
     plt.close(figure)
@@ -49,7 +49,12 @@ def frame_design(result: InterfaceResult, before: Frame | None, path: str | Path
         result: of an interface between flat surfaces in 3D.
         before: the frame's prediction, or None.
         path: PNG to write.
+
+    Raises:
+        ContactInputError: the interface has no frame, but a rigid obstacle.
     """
+    if result.frame is None:
+        raise ContactInputError("against a rigid obstacle there is no frame to draw")
     if not _on_root():
         return
     plt = _pyplot()
@@ -103,13 +108,13 @@ def _on_root() -> bool:
     return MPI.COMM_WORLD.rank == 0
 
 
-def _plane(frame) -> Plane:
+def _plane(frame: Frame) -> Plane:
     normal = vector_areas(frame.x, frame.cells).sum(axis=0)
     normal /= np.linalg.norm(normal)
     return Plane(frame.x.mean(axis=0), orthonormal_base(normal))
 
 
-def _draw_cells(axis, s, cells) -> None:
+def _draw_cells(axis: Any, s: np.ndarray, cells: np.ndarray) -> None:
     from matplotlib.collections import PolyCollection
 
     axis.add_collection(PolyCollection(s[cells], facecolors="none", edgecolors="k", linewidths=1))
@@ -151,7 +156,7 @@ def bodies(
     _draw(Scene(polygons.reshape(-1, x.shape[2]), cells, values, (low, high), label), path)
 
 
-def _draw(scene: Scene, path) -> None:
+def _draw(scene: Scene, path: str | Path) -> None:
     """Scenes in 3D by PyVista where it is installed and can; Matplotlib otherwise, and in 2D."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -171,7 +176,7 @@ def _draw(scene: Scene, path) -> None:
     _save(plt, figure, path)
 
 
-def _draw_flat(figure, scene: Scene, normal: np.ndarray, norm) -> None:
+def _draw_flat(figure: Any, scene: Scene, normal: np.ndarray, norm: Any) -> None:
     """A flat surface seen along its normal."""
     plane = Plane(scene.points.mean(axis=0), orthonormal_base(normal))
     axis, s, cells = figure.add_subplot(), plane.project(scene.points), scene.cells
@@ -185,7 +190,7 @@ def _draw_flat(figure, scene: Scene, normal: np.ndarray, norm) -> None:
     axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=3, facecolor="0.85")
 
 
-def _skin(u, field):
+def _skin(u: Function, field: Function) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """This rank's outer facets (cells in 2D): corners, their displacement, the cell's value."""
     V, mesh = u.function_space, u.function_space.mesh
     tdim, gdim = mesh.topology.dim, mesh.geometry.dim
@@ -208,7 +213,7 @@ def _skin(u, field):
     return x[nodes], motion[nodes], values[cells]
 
 
-def _draw_skin(figure, polygons, colours) -> None:
+def _draw_skin(figure: Any, polygons: np.ndarray, colours: np.ndarray) -> None:
     if polygons.shape[2] == 2:
         from matplotlib.collections import PolyCollection
 

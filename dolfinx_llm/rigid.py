@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
@@ -15,7 +19,7 @@ FACTORISED = 5000  # frame unknowns up to which a factorisation is the quickest 
 HELD = 1e-11  # singular values below, of the largest, are motions that nothing holds
 
 
-def body_labels(V) -> tuple[np.ndarray, int]:
+def body_labels(V: Any) -> tuple[np.ndarray, int]:
     """Number of the connected body of every local node of V (owned and ghost), and their count.
 
     Bodies are told apart by the mesh's connectivity, on all ranks together.
@@ -66,7 +70,7 @@ class Bodies:
         spaces: function spaces, one per mesh.
     """
 
-    def __init__(self, spaces):
+    def __init__(self, spaces: Sequence[Any]) -> None:
         self.comm = spaces[0].mesh.comm
         self.gdim = spaces[0].mesh.geometry.dim
         labels, points, first = [], [], 0
@@ -116,7 +120,7 @@ class Bodies:
         return f"body {body} (from {low} to {high})"
 
 
-def _held_without_interfaces(bodies: Bodies, K, fixed: np.ndarray) -> np.ndarray:
+def _held_without_interfaces(bodies: Bodies, K: Any, fixed: np.ndarray) -> np.ndarray:
     """(k, modes) rows that vanish for combinations of rigid motions that supports do not hold."""
     R = bodies.own_modes(bodies.label, bodies.points).reshape(len(fixed), -1)
     label = np.repeat(bodies.label, bodies.gdim)
@@ -135,7 +139,7 @@ def _held_without_interfaces(bodies: Bodies, K, fixed: np.ndarray) -> np.ndarray
     return np.concatenate(bodies.comm.allgather(np.concatenate(rows)))
 
 
-def floating_modes(bodies: Bodies, K, fixed: np.ndarray) -> np.ndarray:
+def floating_modes(bodies: Bodies, K: Any, fixed: np.ndarray) -> np.ndarray:
     """(n_local, k) rigid motions that supports alone leave free, on this rank's dofs.
 
     Args:
@@ -149,7 +153,7 @@ def floating_modes(bodies: Bodies, K, fixed: np.ndarray) -> np.ndarray:
     return R
 
 
-def pins(comm, modes: np.ndarray) -> list[int]:
+def pins(comm: MPI.Comm, modes: np.ndarray) -> list[int]:
     """This rank's dofs (local numbers) that together hold the modes (n_local, k) best, k in all."""
     rest, chosen = modes.copy(), []
     for _ in range(rest.shape[1]):
@@ -164,7 +168,12 @@ def pins(comm, modes: np.ndarray) -> list[int]:
     return chosen
 
 
-def check_support(bodies: Bodies, K, fixed: np.ndarray, interfaces) -> None:
+def check_support(
+    bodies: Bodies,
+    K: Any,
+    fixed: np.ndarray,
+    interfaces: Sequence[tuple[csr_matrix | None, np.ndarray]],
+) -> None:
     """Require that supports and tied interfaces hold every body.
 
     A combination of rigid motions is not held if it has no stiffness (K R c = 0), does not move
@@ -200,7 +209,7 @@ def check_support(bodies: Bodies, K, fixed: np.ndarray, interfaces) -> None:
     )
 
 
-def check_loops(models, labels) -> None:
+def check_loops(models: Sequence[Any], labels: Sequence[np.ndarray]) -> None:
     """Refuse interfaces that share nodes and close a loop of bodies.
 
     A node may take part in several interfaces: each adds a constraint with a frame of its own.
@@ -275,6 +284,6 @@ def _least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:
     return _factorised(L).solve(L.T @ b)
 
 
-def _factorised(L: csr_matrix):
+def _factorised(L: csr_matrix) -> Any:
     symmetric = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
     return splu((L.T @ L).tocsc(), **symmetric)
