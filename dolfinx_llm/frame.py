@@ -295,7 +295,7 @@ class Frame:
     def _step(
         self, x: np.ndarray, cell: np.ndarray, xi: np.ndarray, inside: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Newton step towards the foot of points x, or the closest point inside the cell, and how
+        """Newton step towards the foot of points x, or the closest point inside the quad, and how
         far it moves in space."""
         _, y, t = self.evaluate(cell, xi)
         JJ = np.einsum("nai,nbi->nab", t, t)
@@ -335,7 +335,7 @@ class Frame:
         xi = np.full((len(x), 1 if k == 2 else 2), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
         active = np.arange(len(x))
         for _ in range(2 if k < 4 else 20):
-            step, _ = self._step(x[active], cell[active], xi[active], inside=True)
+            step, _ = self._step(x[active], cell[active], xi[active], inside=k == 4)
             new = _clamp(k, xi[active] + step)
             moved = np.abs(new - xi[active]).max(axis=1) > 1e-15
             xi[active] = new
