@@ -151,8 +151,9 @@ def _model(interface, sides, owners, pairs, frame, base, certificate, notes, clo
         certificate, tuple(rims or [np.zeros(len(p.nodes), dtype=bool) for p in pairs]),
         tuple(notes), clock.times,
     )  # fmt: skip
-    stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())
-    log.info("%s\n    %s", "\n".join(describe(model)).strip(), stages)
+    if log.isEnabledFor(logging.INFO):
+        stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())
+        log.info("%s\n    %s", "\n".join(describe(model)).strip(), stages)
     return model
 
 
