@@ -337,7 +337,7 @@ class Frame:
         for _ in range(2 if k < 4 else 20):
             step, _ = self._step(x[active], cell[active], xi[active], inside=k == 4)
             new = _clamp(k, xi[active] + step)
-            moved = np.abs(new - xi[active]).max(axis=1) > 1e-15
+            moved = np.abs(new - xi[active]).max(axis=1) > 1e-14  # below is rounding
             xi[active] = new
             active = active[moved]
             if not len(active):
