@@ -3,24 +3,25 @@
 The 3D patch test, two cubes with a known field and Hertz's cylinders, over refinements; frames by
 positions, by weights and undesigned, node-to-segment, dolfinx_mpc where it is installed, and a
 matching mesh as the limit. Run time is all that a solve takes, without mesh and form compilation;
-stages and "seconds" are wall time, compared is CPU time: seconds times CPU over wall of the case.
-Every method runs in a process of its own, all of them in turn, and medians of the turns are shown;
+stages and "seconds" are wall time, compared is CPU time: seconds times CPU over wall of the case,
+and as "ratio" what repeats: that over the matching mesh's of the same run.
+Every method runs in a process of its own, all of them in turn, and the median turn is shown;
 with --quick the methods of a scene share one process, and their memory is the largest so far.
 
     python demos/error_vs_time.py [--quick] [-n RANKS] [--output DIR] [--against FILE]
     python demos/error_vs_time.py --read FILE    # table and diagrams of an earlier run
+    python demos/error_vs_time.py --read FILE --against FILE    # how far two runs' ratios differ
 """
 
 import argparse
 import json
 import os
 import platform
-import statistics
 import subprocess
 import sys
 from pathlib import Path
 
-from work_precision.evaluation import compare, table, verdict, write
+from work_precision.evaluation import add_ratios, compare, median_run, table, verdict, write
 from work_precision.plan import CASES, SIZES, sizes_of
 
 
@@ -37,7 +38,7 @@ def run(scene, cases, ranks):
 
 
 def measure(scenes, repeat, ranks, quick):
-    """Versions and rows; every figure the median of ``repeat`` runs, in turn over the methods."""
+    """Versions and rows; of ``repeat`` runs, in turn over the methods, the median one."""
     from tqdm import tqdm
 
     jobs = []
@@ -54,13 +55,7 @@ def measure(scenes, repeat, ranks, quick):
                     key = scene, row["method"], row["solver"], row["n"]
                     turns.setdefault(key, []).append(row)
                 bar.update()
-    rows = []
-    for found in turns.values():
-        numbers = [key for key, value in found[0].items() if isinstance(value, float)]
-        row = found[0] | {k: statistics.median(row[k] for row in found) for k in numbers}
-        if "failed" not in row:  # other work on the machine stretches wall times, not these
-            row["cpu_seconds"] = row["seconds"] * row["cpu"] / (row["wall"] * ranks)
-        rows.append(row)
+    rows = [median_run(found) for found in turns.values()]
     return {**about, "repeat": repeat, "machine": platform.machine()}, rows
 
 
@@ -84,10 +79,13 @@ def main(arguments=None):
     else:
         repeat = 1 if args.quick else args.repeat
         about, rows = measure(args.scenes, repeat, args.ranks, args.quick)
+    add_ratios(rows)
     print(", ".join(f"{key} {value}" for key, value in about.items()))
     print("\n".join(table(rows, args.scenes) + verdict(rows, args.scenes)))
     if args.against:
-        print(compare(rows, json.loads(args.against.read_text())["rows"]))
+        earlier = json.loads(args.against.read_text())["rows"]
+        add_ratios(earlier)
+        print(compare(rows, earlier))
     write(args.output, about, rows)
     return rows
 

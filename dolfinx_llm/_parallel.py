@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
+from mpi4py import MPI
 
 
 class ContactError(RuntimeError):
@@ -15,7 +17,7 @@ class ContactInputError(ContactError, ValueError):
     """An argument (tag, frame, function space, parameter) that does not fit the scene."""
 
 
-def gather_rows(comm, rows: np.ndarray) -> np.ndarray:
+def gather_rows(comm: MPI.Comm, rows: np.ndarray) -> np.ndarray:
     """Stack the rows of every rank on every rank, in rank order.
 
     Args:
@@ -29,7 +31,7 @@ def gather_rows(comm, rows: np.ndarray) -> np.ndarray:
 
 
 @contextmanager
-def collective(comm):
+def collective(comm: MPI.Comm) -> Iterator[None]:
     """Run local work; where a rank fails, every rank raises the first failing rank's error.
 
     Leave no collective call inside: the ranks meet at the end of the block. This keeps an error
@@ -47,7 +49,7 @@ def collective(comm):
         raise error
 
 
-def check(comm, failed: bool, message: str, kind: type[Exception] = ContactError) -> None:
+def check(comm: MPI.Comm, failed: bool, message: str, kind: type[Exception] = ContactError) -> None:
     """Raise ``kind(message)`` on all ranks where ``failed`` holds on any of them."""
     texts = comm.allgather(message if failed else None) if comm.size > 1 else [failed and message]
     for text in texts:

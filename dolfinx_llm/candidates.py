@@ -6,6 +6,7 @@ those that follow each other, as a pin does its bore, as curved ones.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +21,7 @@ from dolfinx_llm.surface import Surface
 TILT = 30.0  # [degree] up to which surfaces that may part are treated in their common plane
 
 
-def facing(sides, plane: Plane, notes: list):
+def facing(sides: Sequence[Surface], plane: Plane, notes: list) -> tuple[Surface, ...]:
     """The facets of surfaces that may part which tilt at most TILT against their common plane."""
     out = []
     for side, sign in zip(sides, (1.0, -1.0)):
@@ -39,7 +40,7 @@ def facing(sides, plane: Plane, notes: list):
     return tuple(out)
 
 
-def conformal(sides) -> bool:
+def conformal(sides: Sequence[Surface]) -> bool:
     """Whether two curved surfaces follow each other, as a pin does its bore: facets tilted beyond
     TILT against the mean plane mostly face the nearest facet of the other side."""
     areas = [vector_areas(side.x, side.facets) for side in sides]
@@ -62,7 +63,7 @@ def rim(pairs: ContactPairs, whole: Surface) -> np.ndarray:
     return (facets[0] > facets[1])[pairs.nodes]
 
 
-def check_flat(sides, plane: Plane) -> None:
+def check_flat(sides: Sequence[Surface], plane: Plane) -> None:
     """Require flat sides parallel to each other, closer than a facet's size."""
     size = max(side.diameter for side in sides)
     heights = [plane.height(side.x) for side in sides]

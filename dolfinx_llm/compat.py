@@ -9,6 +9,7 @@ import numpy as np
 try:
     import basix
     import dolfinx
+    import dolfinx.common
     import dolfinx.fem.petsc
     import dolfinx.io
     import ufl
@@ -152,6 +153,13 @@ def evaluate(expression, points: np.ndarray, mesh, shape: tuple = ()) -> np.ndar
     else:
         values = compiled.eval(cells)
     return values.reshape(n, len(points), *shape)
+
+
+def vtx_writer(comm, path, u):
+    """Open VTX file for a Function, or None where dolfinx is built without ADIOS2."""
+    if not getattr(dolfinx.io, "VTXWriter", None) or not dolfinx.common.has_adios2:
+        return None
+    return dolfinx.io.VTXWriter(comm, str(path), [u], engine="BP4")  # which all ParaViews read
 
 
 def quadrature_points(mesh, degree: int) -> np.ndarray:

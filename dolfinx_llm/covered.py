@@ -7,7 +7,7 @@ tangent plane (Shapely); closed surfaces have no outline.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 import shapely
@@ -17,11 +17,14 @@ from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.frame import Frame, bases, shape_functions, vector_areas
 from dolfinx_llm.patch import covered_forces, orthonormal_base, outline_edges
 
+if TYPE_CHECKING:
+    from dolfinx_llm.surface import Surface
+
 FACING = -0.5  # cosine between the outward normals of facets that face each other, at most
 REACH = 0.5  # distance between the surfaces, in facets, at most
 
 
-def is_flat(surface, tolerance: float) -> bool:
+def is_flat(surface: Surface, tolerance: float) -> bool:
     """Whether all nodes lie within ``tolerance`` [length] along some direction."""
     x = surface.x - surface.x.mean(axis=0)
     normal = np.linalg.svd(x, full_matrices=False)[2][-1]
@@ -39,7 +42,7 @@ def facet_vectors(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
     return np.einsum("mgi,gk->mki", np.cross(t[:, :, 0], t[:, :, 1]), N)
 
 
-def vector_areas_in_contact(side0, side1) -> list[np.ndarray]:
+def vector_areas_in_contact(side0: Surface, side1: Surface) -> list[np.ndarray]:
     """Vector areas a_p of the nodes of two surfaces over what both cover.
 
     Args:
@@ -57,7 +60,7 @@ def vector_areas_in_contact(side0, side1) -> list[np.ndarray]:
     return vectors
 
 
-def _no_overlap(side, other):
+def _no_overlap(side: Surface, other: Surface) -> NoReturn:
     boxes = [
         f"{s.x.min(axis=0).round(6).tolist()} to {s.x.max(axis=0).round(6).tolist()}"
         for s in (side, other)
@@ -68,7 +71,7 @@ def _no_overlap(side, other):
     )
 
 
-def _covered(side, other) -> np.ndarray:
+def _covered(side: Surface, other: Surface) -> np.ndarray:
     """(n, gdim) vector areas of a side's nodes over what the other covers."""
     surface, area = Frame(other.x, other.facets), vector_areas(side.x, side.facets)
     normal = area / np.linalg.norm(area, axis=1)[:, None]
@@ -94,7 +97,15 @@ def _covered(side, other) -> np.ndarray:
     return a
 
 
-def _check(side, other, inside, facing, gap, within, size) -> None:
+def _check(
+    side: Surface,
+    other: Surface,
+    inside: np.ndarray,
+    facing: np.ndarray,
+    gap: np.ndarray,
+    within: np.ndarray,
+    size: np.ndarray,
+) -> None:
     """Where a side projects onto the other, they must face each other and be close."""
     opposed = inside & (facing < FACING)
     if (inside & (facing > -FACING) & within).any() or (inside.any() and not opposed.any()):
@@ -118,7 +129,7 @@ def _check(side, other, inside, facing, gap, within, size) -> None:
         )
 
 
-def _near_outline(other, centre, radius) -> np.ndarray:
+def _near_outline(other: Surface, centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """(m,) whether facets (centre, radius) come near the other surface's outline."""
     edges = outline_edges(other.facets)
     if not len(edges):
@@ -136,7 +147,7 @@ def _near_outline(other, centre, radius) -> np.ndarray:
 class _Clip:
     """Cuts facets with the projection of another surface's facets nearby."""
 
-    def __init__(self, other, side):
+    def __init__(self, other: Surface, side: Surface) -> None:
         self.p = other.x[other.facets]
         self.centre = self.p.mean(axis=1)
         self.radius = np.linalg.norm(self.p - self.centre[:, None], axis=2).max()

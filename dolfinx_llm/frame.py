@@ -163,14 +163,14 @@ class Frame:
             )
         self._check_orientation()
 
-    def _check_orientation(self):
+    def _check_orientation(self) -> None:
         """An edge (a node in 2D) of two cells must be run through once each way."""
         if self.cells.shape[1] == 2:
             counts = [np.bincount(c, minlength=len(self.x)) for c in self.cells.T]
             bad = np.flatnonzero(np.maximum(*counts) > 1)
         else:
-            edges = np.stack([self.cells, np.roll(self.cells, -1, axis=1)], axis=2).reshape(-1, 2)
-            _, first, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
+            edges = self.cells * len(self.x) + np.roll(self.cells, -1, axis=1)  # one number each
+            _, first, count = np.unique(edges, return_index=True, return_counts=True)
             bad = first[count > 1] // self.cells.shape[1]
         if len(bad):
             where = "nodes" if self.cells.shape[1] == 2 else "cells"
@@ -292,8 +292,11 @@ class Frame:
         outside[outside < 1e-11] = 0.0  # rounding of the coordinates
         return Location(cell, xi, N, outside)
 
-    def _step(self, x: np.ndarray, cell: np.ndarray, xi: np.ndarray):
-        """Newton step towards the foot of points x, and how far it moves in space."""
+    def _step(
+        self, x: np.ndarray, cell: np.ndarray, xi: np.ndarray, inside: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Newton step towards the foot of points x, or the closest point inside the quad, and how
+        far it moves in space."""
         _, y, t = self.evaluate(cell, xi)
         JJ = np.einsum("nai,nbi->nab", t, t)
         rhs = np.einsum("nai,ni->na", t, x - y)
@@ -301,6 +304,8 @@ class Frame:
             step = rhs / JJ[:, 0]
         else:
             a, b, c = JJ[:, 0, 0], JJ[:, 0, 1], JJ[:, 1, 1]
+            if inside:  # at a side that a point lies beyond, the other coordinate goes on alone
+                b = np.where(((np.abs(xi) >= 1.0) & (xi * rhs > 0.0)).any(axis=1), 0.0, b)
             adjugate = np.column_stack(
                 [c * rhs[:, 0] - b * rhs[:, 1], a * rhs[:, 1] - b * rhs[:, 0]]
             )
@@ -330,9 +335,9 @@ class Frame:
         xi = np.full((len(x), 1 if k == 2 else 2), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
         active = np.arange(len(x))
         for _ in range(2 if k < 4 else 20):
-            step, _ = self._step(x[active], cell[active], xi[active])
+            step, _ = self._step(x[active], cell[active], xi[active], inside=k == 4)
             new = _clamp(k, xi[active] + step)
-            moved = np.abs(new - xi[active]).max(axis=1) > 1e-15
+            moved = np.abs(new - xi[active]).max(axis=1) > 1e-14  # below is rounding
             xi[active] = new
             active = active[moved]
             if not len(active):
@@ -346,12 +351,13 @@ class Frame:
             location: of n points, as ``locate`` gives it.
         """
         n, k = location.N.shape
-        rows = np.repeat(np.arange(n), k)
-        cols = self.cells[location.cell].ravel()
-        return csr_matrix((location.N.ravel(), (rows, cols)), shape=(n, len(self.x)))
+        cols, begins = self.cells[location.cell], np.arange(0, n * k + 1, k)
+        matrix = csr_matrix((location.N.ravel(), cols.ravel(), begins), shape=(n, len(self.x)))
+        matrix.sort_indices()
+        return matrix
 
 
-def _read_gmsh(model, physical_group: int, gdim: int) -> tuple[np.ndarray, np.ndarray]:
+def _read_gmsh(model: Any, physical_group: int, gdim: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes and cells of a physical group; no cells where they are not of one first-order kind."""
     nodes = {1: 2, 2: 3, 3: 4}  # gmsh's lines, triangles, quads
     kinds: set[int] = set()

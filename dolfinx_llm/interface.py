@@ -38,7 +38,7 @@ class Interface:
     frame: Frame | None = None
     design: str | None = "auto"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.design not in DESIGNS:
             raise ContactInputError(f"design={self.design!r}: choose one of {DESIGNS}")
         if not isinstance(self.law, LAWS):
@@ -78,5 +78,5 @@ class Interface:
         return [_tagged(self, side) for side in self.sides if not isinstance(side, _Obstacle)]
 
 
-def _tagged(interface: Interface, side):
+def _tagged(interface: Interface, side: Any) -> Any:
     return side if isinstance(side, (tuple, list)) else (interface.facet_tags, side)

@@ -151,8 +151,9 @@ def _model(interface, sides, owners, pairs, frame, base, certificate, notes, clo
         certificate, tuple(rims or [np.zeros(len(p.nodes), dtype=bool) for p in pairs]),
         tuple(notes), clock.times,
     )  # fmt: skip
-    stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())
-    log.info("%s\n    %s", "\n".join(describe(model)).strip(), stages)
+    if log.isEnabledFor(logging.INFO):
+        stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())
+        log.info("%s\n    %s", "\n".join(describe(model)).strip(), stages)
     return model
 
 
@@ -321,7 +322,7 @@ def _designed(interface: Interface, frame: Frame, plane: Plane, pairs, notes: li
     singular = rank_certificate(frame, N)
     size = max(p.surface.diameter for p in pairs)
     linear = max(np.abs(plane.project(p.x) - plane.project(p.x - p.gap)).max() for p in pairs)
-    change = max(np.abs(a - b).max() for a, b in zip(N, plain))
+    change = 0.0 if N is plain else max(np.abs(a - b).max() for a, b in zip(N, plain))
     return pairs, Certificate(residual, before, singular, float(linear / size), float(change))
 
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dolfinx_llm._parallel import ContactInputError
 from dolfinx_llm.frame import Frame, bases
 
 
-def _vector(name: str, value, size: int | None = None) -> np.ndarray:
+def _vector(name: str, value: ArrayLike, size: int | None = None) -> np.ndarray:
     try:
         vector = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
@@ -27,7 +28,7 @@ def _vector(name: str, value, size: int | None = None) -> np.ndarray:
     return vector
 
 
-def _unit(name: str, value, size: int) -> np.ndarray:
+def _unit(name: str, value: ArrayLike, size: int) -> np.ndarray:
     vector = _vector(name, value, size)
     length = np.linalg.norm(vector)
     if not length > 0.0:

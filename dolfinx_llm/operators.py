@@ -6,14 +6,20 @@ unknowns with the owner of the surface node next to them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.linalg import qr
 from scipy.sparse import csr_matrix, vstack
 from scipy.spatial import cKDTree
+
+if TYPE_CHECKING:
+    from dolfinx_llm.pairs import ContactPairs
 
 
 @dataclass(frozen=True)
@@ -50,7 +56,7 @@ class Rows:
     numbering: Numbering
 
     @classmethod
-    def of(cls, comm, pairs, dofs) -> Rows:
+    def of(cls, comm: MPI.Comm, pairs: Sequence[ContactPairs], dofs: Sequence[np.ndarray]) -> Rows:
         """Rows of sides whose nodes' dofs are given, per side (n, gdim)."""
         counts = [p.base.shape[1] for p in pairs]
         owner = [np.repeat(p.owner, c) for p, c in zip(pairs, counts)]
@@ -62,7 +68,7 @@ class Rows:
         )
 
 
-def frame_numbering(models, comm) -> Numbering:
+def frame_numbering(models: Sequence[Any], comm: MPI.Comm) -> Numbering:
     """Numbers of the frame unknowns, d per node; they live with the nearest surface node."""
     owners = [np.empty(0, dtype=np.int64)]
     for model in models:
@@ -74,7 +80,7 @@ def frame_numbering(models, comm) -> Numbering:
     return Numbering(np.concatenate(owners), comm.rank)
 
 
-def slip_numbering(models, frames: Numbering) -> Numbering:
+def slip_numbering(models: Sequence[Any], frames: Numbering) -> Numbering:
     """Numbers of frame unknowns followed by slip unknowns κ, which live with their frame node (with
     their surface node against a rigid obstacle)."""
     owners, first = [frames.owner], 0
@@ -89,7 +95,7 @@ def slip_numbering(models, frames: Numbering) -> Numbering:
 
 
 def create_aij(
-    comm, rows: tuple[int, int], cols: tuple[int, int], local: csr_matrix, bs: int = 1
+    comm: MPI.Comm, rows: tuple[int, int], cols: tuple[int, int], local: csr_matrix, bs: int = 1
 ) -> PETSc.Mat:
     """AIJ from this rank's rows; CSR fixes the preallocation exactly."""
     local.sort_indices()
@@ -99,7 +105,9 @@ def create_aij(
     return matrix
 
 
-def assemble_B(comm, rows: Rows, bodies, fixed: np.ndarray) -> PETSc.Mat:
+def assemble_B(
+    comm: MPI.Comm, rows: Rows, bodies: tuple[tuple[int, int], int], fixed: np.ndarray
+) -> PETSc.Mat:
     """B of (31): one column per surface node and component, the base vector at the node's dofs.
 
     Args:
@@ -118,7 +126,7 @@ def assemble_B(comm, rows: Rows, bodies, fixed: np.ndarray) -> PETSc.Mat:
     return create_aij(comm, (n_local, n_global), multipliers.sizes, local)
 
 
-def interface_operator(pairs, directions) -> csr_matrix:
+def interface_operator(pairs: Sequence[ContactPairs], directions: np.ndarray) -> csr_matrix:
     """L_b of one frame, on every rank: row (p, i), column (J, k) holds N_J(xi_p) a_i · d_Jk.
 
     Args:
@@ -139,7 +147,9 @@ def interface_operator(pairs, directions) -> csr_matrix:
     return vstack(blocks, format="csr")
 
 
-def prescribed_rows(L: csr_matrix, prescribed: np.ndarray):
+def prescribed_rows(
+    L: csr_matrix, prescribed: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Which rows of L_b hold prescribed dofs, and which of them say nothing new.
 
     Where both bodies have prescribed dofs on the contact surface (a symmetry plane through it),
@@ -165,7 +175,9 @@ def prescribed_rows(L: csr_matrix, prescribed: np.ndarray):
     return rows, basis, rows[np.sort(pivots[basis.shape[1] :])]
 
 
-def assemble_L_b(comm, L: csr_matrix, multipliers: Numbering, frames: Numbering) -> PETSc.Mat:
+def assemble_L_b(
+    comm: MPI.Comm, L: csr_matrix, multipliers: Numbering, frames: Numbering
+) -> PETSc.Mat:
     """L_b of (31) as PETSc AIJ.
 
     Args:
@@ -179,7 +191,12 @@ def assemble_L_b(comm, L: csr_matrix, multipliers: Numbering, frames: Numbering)
     return create_aij(comm, multipliers.sizes, frames.sizes, local)
 
 
-def assemble_gap(comm, pairs, multipliers: Numbering, gaps) -> PETSc.Vec:
+def assemble_gap(
+    comm: MPI.Comm,
+    pairs: Sequence[ContactPairs],
+    multipliers: Numbering,
+    gaps: Sequence[np.ndarray],
+) -> PETSc.Vec:
     """g of (31): a_i · (X_p - sum_J N_J Y_J) per multiplier, from the given (n, gdim) gaps."""
     value = [np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in zip(pairs, gaps)]
     g = PETSc.Vec().createMPI(multipliers.sizes, comm=comm)

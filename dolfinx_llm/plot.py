@@ -1,4 +1,7 @@
-"""Pictures with Matplotlib, without a display. Libraries are imported when a picture is made."""
+"""Pictures as PNG, without a display. Libraries are imported when a picture is made.
+
+Scenes in 3D are drawn by PyVista where it is installed and can draw, all else by Matplotlib.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +11,21 @@ from typing import Any
 
 import numpy as np
 from dolfinx.fem import Function
+from dolfinx.mesh import exterior_facet_indices
 from ufl.core.expr import Expr
 
-from dolfinx_llm import compat, post
+from dolfinx_llm import compat, post, render
+from dolfinx_llm._parallel import ContactInputError
 from dolfinx_llm.frame import Frame, vector_areas
 from dolfinx_llm.patch import Plane, orthonormal_base
+from dolfinx_llm.render import Scene
 from dolfinx_llm.results import InterfaceResult
 from dolfinx_llm.surface import facet_corners
 
+FLAT = 0.98  # sum of vector areas over area, from which a surface is seen along its normal
 
-def _pyplot():
+
+def _pyplot() -> Any:
     import matplotlib
 
     matplotlib.use("Agg")
@@ -26,7 +34,7 @@ def _pyplot():
     return plt
 
 
-def _save(plt, figure, path) -> None:
+def _save(plt: Any, figure: Any, path: str | Path) -> None:
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=150, bbox_inches="tight")
     plt.close(figure)
@@ -41,7 +49,12 @@ def frame_design(result: InterfaceResult, before: Frame | None, path: str | Path
         result: of an interface between flat surfaces in 3D.
         before: the frame's prediction, or None.
         path: PNG to write.
+
+    Raises:
+        ContactInputError: the interface has no frame, but a rigid obstacle.
     """
+    if result.frame is None:
+        raise ContactInputError("against a rigid obstacle there is no frame to draw")
     if not _on_root():
         return
     plt = _pyplot()
@@ -95,13 +108,13 @@ def _on_root() -> bool:
     return MPI.COMM_WORLD.rank == 0
 
 
-def _plane(frame) -> Plane:
+def _plane(frame: Frame) -> Plane:
     normal = vector_areas(frame.x, frame.cells).sum(axis=0)
     normal /= np.linalg.norm(normal)
     return Plane(frame.x.mean(axis=0), orthonormal_base(normal))
 
 
-def _draw_cells(axis, s, cells) -> None:
+def _draw_cells(axis: Any, s: np.ndarray, cells: np.ndarray) -> None:
     from matplotlib.collections import PolyCollection
 
     axis.add_collection(PolyCollection(s[cells], facecolors="none", edgecolors="k", linewidths=1))
@@ -134,22 +147,50 @@ def bodies(
     if scale is None:
         size, motion = np.ptp(x.reshape(-1, x.shape[2]), axis=0).max(), np.abs(v).max()
         scale = 1.0 if motion > 0.02 * size or motion == 0.0 else 0.05 * size / motion
-    plt = _pyplot()
-    figure = plt.figure(figsize=(8, 6))
     low, high = values.min(), values.max()
     if high - low < 1e-6 * max(abs(high), 1e-300):  # constant: do not paint rounding
         low, high = low - 0.5 * abs(low) - 1e-300, high + 0.5 * abs(high) + 1e-300
-    norm = plt.Normalize(low, high)
-    colours = plt.cm.viridis(norm(values))
-    _draw_skin(figure, x + scale * v, colours)
-    figure.colorbar(
-        plt.cm.ScalarMappable(norm, "viridis"), ax=figure.axes, shrink=0.7,
-        label=f"{label} ({values.min():.6g} to {values.max():.6g}); displacement × {scale:.3g}",
-    )  # fmt: skip
+    label = f"{label} ({values.min():.6g} to {values.max():.6g}); displacement × {scale:.3g}"
+    polygons = x + scale * v
+    cells = np.arange(polygons.shape[0] * polygons.shape[1]).reshape(polygons.shape[:2])
+    _draw(Scene(polygons.reshape(-1, x.shape[2]), cells, values, (low, high), label), path)
+
+
+def _draw(scene: Scene, path: str | Path) -> None:
+    """Scenes in 3D by PyVista where it is installed and can; Matplotlib otherwise, and in 2D."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if scene.points.shape[1] == 3 and render.draw(scene, path):
+        return
+    plt = _pyplot()
+    figure, norm = plt.figure(figsize=(8, 6)), plt.Normalize(*scene.limits)
+    per_cell = scene.values
+    if len(scene.values) == len(scene.points):
+        per_cell = scene.values[scene.cells].mean(axis=1)
+    if scene.view is not None:
+        _draw_flat(figure, scene, scene.view, norm)
+    else:
+        _draw_skin(figure, scene.points[scene.cells], plt.cm.viridis(norm(per_cell)))
+    bar = plt.cm.ScalarMappable(norm, "viridis")
+    figure.colorbar(bar, ax=figure.axes, shrink=0.7, label=scene.label)
     _save(plt, figure, path)
 
 
-def _skin(u, field):
+def _draw_flat(figure: Any, scene: Scene, normal: np.ndarray, norm: Any) -> None:
+    """A flat surface seen along its normal."""
+    plane = Plane(scene.points.mean(axis=0), orthonormal_base(normal))
+    axis, s, cells = figure.add_subplot(), plane.project(scene.points), scene.cells
+    triangles = np.concatenate([cells[:, [0, i, i + 1]] for i in range(1, cells.shape[1] - 1)])
+    axis.tripcolor(*s.T, triangles, scene.values, shading="gouraud", norm=norm)
+    for k, (name, colour) in enumerate(render.STATUS.items()):
+        at = np.flatnonzero(scene.status == k)
+        if len(at):
+            axis.plot(*s[at].T, "o", color=colour, mec="k", markersize=3, label=name)
+    axis.set_aspect("equal")
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=3, facecolor="0.85")
+
+
+def _skin(u: Function, field: Function) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """This rank's outer facets (cells in 2D): corners, their displacement, the cell's value."""
     V, mesh = u.function_space, u.function_space.mesh
     tdim, gdim = mesh.topology.dim, mesh.geometry.dim
@@ -163,7 +204,7 @@ def _skin(u, field):
     else:
         mesh.topology.create_connectivity(2, 3)
         mesh.topology.create_connectivity(3, 2)
-        outer = np.flatnonzero(np.diff(mesh.topology.connectivity(2, 3).offsets) == 1)
+        outer = exterior_facet_indices(mesh.topology)
         cells, corners = facet_corners(V, outer)
         nodes = dofs[cells[:, None], corners][cells < n_owned]
         cells = cells[cells < n_owned]
@@ -172,7 +213,7 @@ def _skin(u, field):
     return x[nodes], motion[nodes], values[cells]
 
 
-def _draw_skin(figure, polygons, colours) -> None:
+def _draw_skin(figure: Any, polygons: np.ndarray, colours: np.ndarray) -> None:
     if polygons.shape[2] == 2:
         from matplotlib.collections import PolyCollection
 
@@ -198,38 +239,47 @@ def _draw_skin(figure, polygons, colours) -> None:
 def interface(result: InterfaceResult, path: str | Path, field: str = "pressure") -> None:
     """A field of an interface: over the contact in 2D, on the deformed frame in 3D.
 
-    Draws on rank 0 when called on all ranks. Status is shown by marks: open nodes are hollow.
+    Draws on rank 0 when called on all ranks. Marks show the status: open, stick or slip.
 
     Args:
         result: an ``InterfaceResult``.
         path: PNG to write.
         field: "pressure", "status", or "traction" (its length).
+
+    Raises:
+        ContactInputError: there is no such field.
     """
+    values = {
+        "pressure": result.pressure,
+        "status": result.frame_status.astype(float),
+        "traction": np.linalg.norm(result.traction, axis=1),
+    }
+    if field not in values:
+        raise ContactInputError(f"field={field!r}: choose one of {tuple(values)}")
     if not _on_root():
         return
-    plt, x = _pyplot(), result.x
-    values = {"pressure": result.pressure, "status": result.frame_status.astype(float)}
-    values["traction"] = np.linalg.norm(result.traction, axis=1)
-    value, side = values[field], result.sides[0]
-    cells = side.facets if result.frame is None else result.frame.cells
+    x, value, side = result.x, values[field], result.sides[0]
+    if x.shape[1] == 3:
+        frame = result.frame or Frame(x, side.facets)
+        moved = x + (side.u if result.frame is None else frame.v)
+        label, low = f"{field} ({value.min():.6g} to {value.max():.6g})", min(value.min(), 0.0)
+        limits = low, max(value.max(), low + 1e-300)
+        areas = vector_areas(moved, frame.cells)
+        flat = np.linalg.norm(areas.sum(axis=0)) > FLAT * np.linalg.norm(areas, axis=1).sum()
+        view = _plane(frame).normal if flat else None
+        if view is not None and view @ render.ABOVE < 0.0:
+            view = -view
+        _draw(Scene(moved, frame.cells, value, limits, label, view, result.frame_status), path)
+        return
+    plt = _pyplot()
     figure = plt.figure(figsize=(7, 5))
-    if x.shape[1] == 2:
-        axis, order = figure.add_subplot(), np.lexsort(x.T)
-        along = x[order] - x[order[0]]
-        s = np.linalg.norm(along, axis=1)
-        axis.plot(s, value[order], "-", color="0.6")
-        for k, name in enumerate(("open", "stick", "slip")):
-            at = result.frame_status[order] == k
-            axis.plot(s[at], value[order][at], f"C{k}o", mfc=None if k else "none", label=name)
-        axis.set(xlabel="distance along the contact", ylabel=field)
-        axis.legend()
-    else:
-        plane = _plane(result.frame or Frame(x, cells))
-        axis, s = figure.add_subplot(), plane.project(x)
-        triangles = np.concatenate([cells[:, [0, i, i + 1]] for i in range(1, cells.shape[1] - 1)])
-        drawn = axis.tripcolor(*s.T, triangles, value, shading="gouraud")
-        figure.colorbar(drawn, label=field)
-        for k, mark in enumerate(("wo", "k.", "r.")):
-            axis.plot(*s[result.frame_status == k].T, mark, markersize=3)
-        axis.set(aspect="equal", title="white: open, black: stick, red: slip")
+    axis, order = figure.add_subplot(), np.lexsort(x.T)
+    along = x[order] - x[order[0]]
+    s = np.linalg.norm(along, axis=1)
+    axis.plot(s, value[order], "-", color="0.6")
+    for k, name in enumerate(render.STATUS):
+        at = result.frame_status[order] == k
+        axis.plot(s[at], value[order][at], f"C{k}o", mfc=None if k else "none", label=name)
+    axis.set(xlabel="distance along the contact", ylabel=field)
+    axis.legend()
     _save(plt, figure, path)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import dolfinx.fem
 import dolfinx.io
@@ -15,7 +15,12 @@ import ufl
 from ufl.core.expr import Expr
 
 from dolfinx_llm import compat
+from dolfinx_llm._parallel import ContactError, ContactInputError
 from dolfinx_llm.results import InterfaceResult
+from dolfinx_llm.xdmf import write_step
+
+if TYPE_CHECKING:
+    from dolfinx_llm.problem import ContactProblem
 
 
 def von_mises(sigma: Expr) -> Expr:
@@ -77,23 +82,58 @@ def cell_maximum(
 def write_bodies(
     path: str | Path, u: dolfinx.fem.Function, cell_fields: dict[str, Expr] | None = None
 ) -> None:
-    """Displacement and piecewise constant fields of one mesh as XDMF, for ParaView. Collective.
+    """Displacement and piecewise constant fields of one mesh, for ParaView. Collective.
 
     Args:
-        path: file that ends on .xdmf; its folder is made.
+        path: file that ends on .xdmf (XDMF and HDF5), or on .bp (VTX, where dolfinx has ADIOS2);
+            its folder is made.
         u: displacement Function.
-        cell_fields: name to scalar UFL expression.
+        cell_fields: name to scalar UFL expression; in XDMF only.
+
+    Raises:
+        ContactInputError: another ending, or what VTX cannot hold or this dolfinx not write.
     """
-    path, mesh = Path(path), u.function_space.mesh
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with dolfinx.io.XDMFFile(mesh.comm, str(path), "w") as file:
-        file.write_mesh(mesh)
-        u.name = "displacement"
-        file.write_function(u)
-        for name, expression in (cell_fields or {}).items():
-            function = cell_maximum(expression, mesh)
+    file = _BodyFile(Path(path), u, cell_fields or {})
+    file.write(0.0)
+    file.close()
+
+
+class _BodyFile:
+    """An open file of one mesh's fields: what they are now, step by step."""
+
+    def __init__(self, path: Path, u: dolfinx.fem.Function, cell_fields: dict[str, Expr]):
+        self._u, self._cell_fields = u, cell_fields
+        comm, u.name = u.function_space.mesh.comm, "displacement"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file: Any
+        if path.suffix == ".xdmf":
+            self._file = dolfinx.io.XDMFFile(comm, str(path), "w")
+            self._file.write_mesh(u.function_space.mesh)
+        elif path.suffix != ".bp":
+            raise ContactInputError(f"{path}: the file must end on .xdmf or .bp")
+        elif cell_fields:
+            raise ContactInputError(f"{path}: cell_fields are for .xdmf; VTX holds one space")
+        else:
+            self._file = compat.vtx_writer(comm, path, u)
+            if self._file is None:
+                raise ContactInputError(
+                    f"{path}: this dolfinx {dolfinx.__version__} is built without ADIOS2, which "
+                    "VTX needs. Write .xdmf instead"
+                )
+        self._is_vtx = path.suffix == ".bp"
+
+    def write(self, time: float) -> None:
+        if self._is_vtx:
+            self._file.write(time)
+            return
+        self._file.write_function(self._u, time)
+        for name, expression in self._cell_fields.items():
+            function = cell_maximum(expression, self._u.function_space.mesh)
             function.name = name
-            file.write_function(function)
+            self._file.write_function(function, time)
+
+    def close(self) -> None:
+        self._file.close()
 
 
 def interface_fields(
@@ -131,19 +171,18 @@ def interface_fields(
 
 
 def write_interface(folder: str | Path, result: InterfaceResult) -> None:
-    """Frame and sides as VTK polydata with their fields, and as CSV; call it on one rank.
+    """Frame and sides with their fields as XDMF, for ParaView, and as CSV; call it on one rank.
 
-    Writes frame.vtk (displacement, pressure, traction, status) and per side side_0.vtk, side_1.vtk
-    (displacement, force, normal force, gap, slip, status, area), with a CSV beside each.
+    Writes frame.xdmf (displacement, pressure, traction, area, status) and per side side_0.xdmf,
+    side_1.xdmf (displacement, force, normal force, gap, slip, status, area), a CSV beside each.
 
     Args:
         folder: where the files go; it is made.
         result: of a solve, ``problem.results[i]``.
     """
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, (x, cells, fields) in interface_fields(result).items():
-        _write_vtk(folder / f"{name}.vtk", x, cells, fields)
+    _write_parts(folder, result, 0.0, append=False)
+    for name, (x, _, fields) in interface_fields(result).items():
         columns = {"x": x, **fields}
         header = [
             key if np.ndim(values) == 1 else f"{key}_{'xyz'[i]}"
@@ -154,24 +193,78 @@ def write_interface(folder: str | Path, result: InterfaceResult) -> None:
         write_csv(folder / f"{name}.csv", header, table.tolist())
 
 
-def _write_vtk(path: Path, x: np.ndarray, cells: np.ndarray, fields: dict) -> None:
-    """Legacy VTK polydata in ASCII with fields at the points."""
+def _write_parts(folder: Path, result: InterfaceResult, time: float, append: bool) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, part in interface_fields(result).items():
+        write_step(folder / f"{name}.xdmf", time, *part, append)
 
-    def three(values):
-        return np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
 
-    kind = {1: "VERTICES", 2: "LINES"}.get(cells.shape[1], "POLYGONS")
-    with open(path, "w", encoding="ascii") as file:
-        file.write("# vtk DataFile Version 3.0\ndolfinx_llm\nASCII\nDATASET POLYDATA\n")
-        file.write(f"POINTS {len(x)} double\n")
-        np.savetxt(file, three(x), fmt="%.16g")
-        file.write(f"{kind} {len(cells)} {cells.size + len(cells)}\n")
-        np.savetxt(file, np.column_stack([np.full(len(cells), cells.shape[1]), cells]), fmt="%d")
-        file.write(f"POINT_DATA {len(x)}\n")
-        for name, values in fields.items():
-            if values.ndim == 2:
-                file.write(f"VECTORS {name} double\n")
-                np.savetxt(file, three(values), fmt="%.16g")
-            else:
-                file.write(f"SCALARS {name} double 1\nLOOKUP_TABLE default\n")
-                np.savetxt(file, values, fmt="%.16g")
+class LoadSteps:
+    """Files of a problem's load steps, which ParaView opens as time series.
+
+    bodies_0.xdmf ... of the meshes, as by ``write_bodies``, and in folders interface_0 ... the
+    files of ``write_interface`` without its CSV. All calls are collective.
+
+    Args:
+        problem: the ``ContactProblem``.
+        folder: where the files go; it is made.
+        suffix: of the bodies' files: ".xdmf", or ".bp" for VTX.
+        cell_fields: makes of a mesh's displacement the fields of ``write_bodies``.
+
+    Raises:
+        ContactInputError: see ``write_bodies``.
+
+    Example::
+
+        with llm.post.LoadSteps(problem, "out") as files:
+            for drag.value in (0.0, 0.001, 0.002):
+                problem.solve()
+                files.write()
+    """
+
+    def __init__(
+        self,
+        problem: ContactProblem,
+        folder: str | Path,
+        *,
+        suffix: str = ".xdmf",
+        cell_fields: Callable[[dolfinx.fem.Function], dict[str, Expr]] | None = None,
+    ):
+        self._problem, self._folder, self._steps = problem, Path(folder), 0
+        self._u = [dolfinx.fem.Function(V) for V in problem.spaces]
+        self._files = []
+        for i, u in enumerate(self._u):
+            path = self._folder / f"bodies_{i}{suffix}"
+            self._files.append(_BodyFile(path, u, cell_fields(u) if cell_fields else {}))
+
+    def write(self, time: float | None = None) -> None:
+        """Add the last solve.
+
+        Args:
+            time: of the load step; None: its number, from 0 on.
+
+        Raises:
+            ContactError: nothing has been solved.
+        """
+        if not self._problem.results:
+            raise ContactError("there is nothing to write yet: call solve() first")
+        time = float(self._steps if time is None else time)
+        for own, u, file in zip(self._u, self._problem._u, self._files, strict=True):
+            own.x.array[:] = u.x.array
+            file.write(time)
+        if self._problem.comm.rank == 0:
+            for i, result in enumerate(self._problem.results):
+                folder = self._folder / f"interface_{i}"
+                _write_parts(folder, result, time, append=self._steps > 0)
+        self._steps += 1
+
+    def close(self) -> None:
+        """Close the files; leaving a ``with`` block does so, too."""
+        for file in self._files:
+            file.close()
+
+    def __enter__(self) -> LoadSteps:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -6,14 +6,19 @@ L_b has full column rank whatever the other side looks like, and it is as dense 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dolfinx_llm._parallel import ContactInputError
 from dolfinx_llm.frame import Frame, bases, vector_areas
 from dolfinx_llm.patch import Plane
+from dolfinx_llm.surface import Surface
 
 
-def predict_frame(sides, forces, plane: Plane, by_nodes: bool = False) -> tuple[Frame, str]:
+def predict_frame(
+    sides: Sequence[Surface], forces: Sequence[np.ndarray], plane: Plane, by_nodes: bool = False
+) -> tuple[Frame, str]:
     """Frame for two flat surfaces: the facets in contact of the coarser side, on the mid-plane.
 
     Its nodes are then nodes of that side, so that L_b has full column rank whatever the other side
@@ -33,11 +38,13 @@ def predict_frame(sides, forces, plane: Plane, by_nodes: bool = False) -> tuple[
     x = sides[k].x[nodes]
     heights = [plane.height(side.x).mean() for side in sides]
     x = x + np.outer(np.mean(heights) - plane.height(x), plane.normal)
-    frame = Frame(x, cells.reshape(facets.shape))
-    return face_side_1(frame, sides[0]), _note(facets, sides[k])
+    cells = cells.reshape(facets.shape)
+    return Frame(x, cells if k == 0 else cells[:, ::-1]), _note(facets, sides[k])
 
 
-def coarser_facets(sides, forces, by_nodes: bool = False) -> tuple[int, np.ndarray]:
+def coarser_facets(
+    sides: Sequence[Surface], forces: Sequence[np.ndarray], by_nodes: bool = False
+) -> tuple[int, np.ndarray]:
     """Which side is coarser, 0 or 1, and its facets (m, k) whose nodes all carry force.
 
     By the size of the facets; or by the number of nodes: where contact may open no side may have
@@ -62,7 +69,9 @@ def coarser_facets(sides, forces, by_nodes: bool = False) -> tuple[int, np.ndarr
     return k, touched[k][0]
 
 
-def predict_curved_frame(sides, forces, by_nodes: bool = False) -> tuple[Frame, str]:
+def predict_curved_frame(
+    sides: Sequence[Surface], forces: Sequence[np.ndarray], by_nodes: bool = False
+) -> tuple[Frame, str]:
     """Frame for two curved surfaces: the facets in contact of the coarser side, where they are.
 
     Args:
@@ -79,13 +88,13 @@ def predict_curved_frame(sides, forces, by_nodes: bool = False) -> tuple[Frame, 
     return Frame(sides[k].x[nodes], cells if k == 0 else cells[:, ::-1]), _note(facets, sides[k])
 
 
-def _note(facets: np.ndarray, side) -> str:
+def _note(facets: np.ndarray, side: Surface) -> str:
     return (
         f"frame: predicted, the {len(facets)} facets in contact of the coarser side ({side.name})"
     )
 
 
-def face_side_1(frame: Frame, side0) -> Frame:
+def face_side_1(frame: Frame, side0: Surface) -> Frame:
     """The frame with its normal out of side 0.
 
     Raises:

@@ -119,10 +119,10 @@ class ContactProblem:
                 self._add_time(stage, seconds)
         self._assemble_operators()
 
-    def _timed(self, stage: str):
+    def _timed(self, stage: str) -> _Timer:
         return _Timer(self, stage)
 
-    def _add_time(self, stage: str, seconds: float):
+    def _add_time(self, stage: str, seconds: float) -> None:
         self.times[stage] = self.times.get(stage, 0.0) + seconds
 
     @property
@@ -142,7 +142,7 @@ class ContactProblem:
         K, self._K = self.K, None
         return K
 
-    def _assemble_operators(self):
+    def _assemble_operators(self) -> None:
         """K, B and L_b."""
         self._first = self.K.getOwnershipRange()[0]  # of this rank's dofs
         if not np.isfinite(self.K.norm()):
@@ -172,7 +172,7 @@ class ContactProblem:
             self._check_support()
         self.form, self._why = choose_solver(self)
 
-    def _find_prescribed(self, start: int):
+    def _find_prescribed(self, start: int) -> None:
         """Rows of L_b at prescribed dofs, and the redundant ones of ties, which (31) leaves out."""
         mine = self._rows.numbering.mine
         fixed = self._fixed[self._rows.dofs[mine] - start]
@@ -189,7 +189,7 @@ class ContactProblem:
                 self._redundant[first + redundant] = True
             first = place.stop
 
-    def _global_dofs(self, space: int, nodes) -> np.ndarray:
+    def _global_dofs(self, space: int, nodes: Any) -> np.ndarray:
         """(n, gdim) numbers, in the vector of all bodies, of the dofs of pairs or a surface."""
         gdim = self.spaces[space].mesh.geometry.dim
         start = self.spaces[space].dofmap.index_map.local_range[0] * gdim
@@ -203,7 +203,7 @@ class ContactProblem:
         rows = rows[(rows >= 0) & (rows < len(self._fixed))]
         return mean_diagonal(self.K, rows[~self._fixed[rows]])
 
-    def _check_support(self):
+    def _check_support(self) -> None:
         self.bodies = Bodies(self.spaces)
         start, gdim = self._first, self.spaces[0].mesh.geometry.dim
         labels = []
@@ -276,11 +276,13 @@ class ContactProblem:
             raise ContactError("there is nothing to draw yet: call solve() first")
         for i, u in enumerate(self._u):
             length = ufl.sqrt(ufl.inner(u, u))
-            plot.bodies(u, length, Path(folder) / f"bodies_{i}.png", label="|u|")
+            plot.bodies(u, length, Path(folder) / f"bodies_{i}.png", label="length of u")
         for i, result in enumerate(self.results):
             plot.interface(result, Path(folder) / f"interface_{i}.png", field)
 
-    def _solve_tied(self, f: np.ndarray, g: np.ndarray):
+    def _solve_tied(
+        self, f: np.ndarray, g: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """One solve of (31)."""
         if self._system is None:
             self._system = build_system(self)
@@ -296,7 +298,9 @@ class ContactProblem:
         ]
         return u, multiplier, self._gather(self._frame_unknowns, v)
 
-    def _iterate(self, f: np.ndarray, g: np.ndarray, increments: int):
+    def _iterate(
+        self, f: np.ndarray, g: np.ndarray, increments: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Load steps of the contact laws, smaller ones where they do not converge."""
         if self._iteration is None:
             self._start_iteration()
@@ -306,7 +310,7 @@ class ContactProblem:
         self.history = self._iteration.history
         return outcome
 
-    def _start_iteration(self):
+    def _start_iteration(self) -> None:
         """Set up what solves the linear steps of contact laws."""
         rows, at_rest = self._rows.numbering, np.zeros(len(self._fixed))
         with self._timed("factorisation"):
@@ -362,11 +366,11 @@ class ContactProblem:
                 gaps.append(gap)
         return gaps
 
-    def _gather(self, numbering, local: np.ndarray) -> np.ndarray:
+    def _gather(self, numbering: operators.Numbering, local: np.ndarray) -> np.ndarray:
         """Values of all ranks in the unknowns' own order."""
         return gather_rows(self.comm, local)[numbering.number]
 
-    def _functions(self, u: np.ndarray):
+    def _functions(self, u: np.ndarray) -> list[fem.Function]:
         functions, first = [], 0
         for V, n in zip(self.spaces, self._sizes):
             function = fem.Function(V, name="u")
@@ -412,25 +416,25 @@ class ContactProblem:
 
 
 class _Timer:
-    def __init__(self, problem, stage):
+    def __init__(self, problem: ContactProblem, stage: str) -> None:
         self.problem, self.stage = problem, stage
 
-    def __enter__(self):
+    def __enter__(self) -> None:
         self.start = time.perf_counter()
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         seconds = time.perf_counter() - self.start
         log.info("%s: %.3g s", self.stage, seconds)
         self.problem._add_time(self.stage, seconds)
 
 
-def _layout(V) -> tuple[int, ...]:
+def _layout(V: Any) -> tuple[int, ...]:
     """Number of this rank's nodes of a space, of a cell's, and of components."""
     dofmap = V.dofmap
     return dofmap.index_map.size_local, dofmap.dof_layout.num_dofs, dofmap.index_map_bs
 
 
-def _argument_space(form):
+def _argument_space(form: ufl.Form) -> Any:
     """dolfinx function space of a form's trial function."""
     arguments = form.arguments()
     if len(arguments) != 2:
@@ -438,7 +442,7 @@ def _argument_space(form):
     return arguments[0].ufl_function_space()
 
 
-def _block_diagonal(blocks):
+def _block_diagonal(blocks: list[PETSc.Mat]) -> PETSc.Mat:
     n = len(blocks)
     rows = [[blocks[i] if i == j else None for j in range(n)] for i in range(n)]
     nest = PETSc.Mat().createNest(rows, comm=blocks[0].comm)
@@ -448,7 +452,7 @@ def _block_diagonal(blocks):
     return matrix
 
 
-def _block_diag(matrices):
+def _block_diag(matrices: list[scipy.sparse.csr_matrix]) -> scipy.sparse.csr_matrix:
     from scipy.sparse import block_diag
 
     return block_diag(matrices, format="csr")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +14,11 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.frame import Frame
 from dolfinx_llm.friction import OPEN, SLIP, STICK
-from dolfinx_llm.model import Certificate
+from dolfinx_llm.model import Certificate, ContactModel
+from dolfinx_llm.pairs import ContactPairs
+
+if TYPE_CHECKING:
+    from dolfinx_llm.problem import ContactProblem
 
 WEAK = 1e-3  # of a frame node's mean support: what draws its tangential motion to the mean
 LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
@@ -90,7 +96,13 @@ class InterfaceResult:
         return np.cross(arm, side.force).sum(axis=0)
 
 
-def collect_results(problem, u: np.ndarray, multiplier: np.ndarray, w: np.ndarray, states=None):
+def collect_results(
+    problem: ContactProblem,
+    u: np.ndarray,
+    multiplier: np.ndarray,
+    w: np.ndarray,
+    states: Any = None,
+) -> list[InterfaceResult]:
     """Results of all interfaces from this rank's u and the multipliers and frame unknowns of all.
 
     Args:
@@ -117,7 +129,7 @@ def collect_results(problem, u: np.ndarray, multiplier: np.ndarray, w: np.ndarra
             force = multiplier[row : row + n * c].reshape(n, c)
             state = status[first : first + n]
             follows = p.N @ v
-            if model.frame is None:
+            if model.interface.obstacle is not None:
                 follows = follows + model.interface.obstacle.motion(gdim)
             sides.append(_side_result(p, force, motion, follows, gaps[side], state))
             row, first, side = row + n * c, first + n, side + 1
@@ -126,7 +138,9 @@ def collect_results(problem, u: np.ndarray, multiplier: np.ndarray, w: np.ndarra
     return results
 
 
-def doubts(models, results, states=None) -> list[str]:
+def doubts(
+    models: Sequence[ContactModel], results: Sequence[InterfaceResult], states: Any = None
+) -> list[str]:
     """What in a solution lies outside of what the method allows for: contact at the rim of what may
     touch, sliding farther than a facet, pairs that lost their friction."""
     out = []
@@ -161,7 +175,7 @@ def doubts(models, results, states=None) -> list[str]:
     return out
 
 
-def _surface_motion(problem, side: int, u: np.ndarray) -> np.ndarray:
+def _surface_motion(problem: ContactProblem, side: int, u: np.ndarray) -> np.ndarray:
     """(n, gdim) displacement of a side's nodes, on every rank."""
     pairs, dofs = problem._pairs[side], problem._dofs[side]
     mine = pairs.owner == problem.comm.rank
@@ -170,9 +184,9 @@ def _surface_motion(problem, side: int, u: np.ndarray) -> np.ndarray:
     return problem.comm.allreduce(motion)
 
 
-def _tangential_average(model, moved) -> np.ndarray:
+def _tangential_average(model: ContactModel, moved: Sequence[np.ndarray]) -> np.ndarray:
     """(m, gdim) mean of the tangential motions of both sides, fitted to the frame's nodes."""
-    total = np.zeros((len(model.frame.x), moved[0].shape[1]))
+    total = np.zeros((len(model.directions), moved[0].shape[1]))
     for p, motion in zip(model.pairs, moved, strict=True):
         A = p.N.T @ p.N
         # Frame nodes that hardly any pair of this side reaches move as the side does on average.
@@ -183,7 +197,14 @@ def _tangential_average(model, moved) -> np.ndarray:
     return total - np.einsum("mi,mi->m", total, normal)[:, None] * normal
 
 
-def _side_result(pairs, multiplier, u, follows, gap, status) -> SideResult:
+def _side_result(
+    pairs: ContactPairs,
+    multiplier: np.ndarray,
+    u: np.ndarray,
+    follows: np.ndarray,
+    gap: np.ndarray,
+    status: np.ndarray,
+) -> SideResult:
     """Forces, gap and slip of one side from its multipliers (n, c), u and the motion of the point
     it touches (n, gdim), the initial gap that counts (n, gdim) and the status (n,)."""
     force = np.einsum("nc,nci->ni", multiplier, pairs.base)
@@ -203,7 +224,9 @@ def _side_result(pairs, multiplier, u, follows, gap, status) -> SideResult:
     )
 
 
-def _interface_result(model, sides, v, state) -> InterfaceResult:
+def _interface_result(
+    model: ContactModel, sides: list[SideResult], v: np.ndarray, state: Any
+) -> InterfaceResult:
     side, pairs = sides[0], model.pairs[0]
     if model.frame is None:
         own = side.normal_force, side.area, side.tangential_force

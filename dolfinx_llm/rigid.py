@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
@@ -11,8 +15,11 @@ from scipy.sparse.linalg import splu
 from dolfinx_llm import compat
 from dolfinx_llm._parallel import ContactError
 
+FACTORISED = 5000  # frame unknowns up to which a factorisation is the quickest least-squares fit
+HELD = 1e-11  # singular values below, of the largest, are motions that nothing holds
 
-def body_labels(V) -> tuple[np.ndarray, int]:
+
+def body_labels(V: Any) -> tuple[np.ndarray, int]:
     """Number of the connected body of every local node of V (owned and ghost), and their count.
 
     Bodies are told apart by the mesh's connectivity, on all ranks together.
@@ -63,7 +70,7 @@ class Bodies:
         spaces: function spaces, one per mesh.
     """
 
-    def __init__(self, spaces):
+    def __init__(self, spaces: Sequence[Any]) -> None:
         self.comm = spaces[0].mesh.comm
         self.gdim = spaces[0].mesh.geometry.dim
         labels, points, first = [], [], 0
@@ -113,7 +120,7 @@ class Bodies:
         return f"body {body} (from {low} to {high})"
 
 
-def _held_without_interfaces(bodies: Bodies, K, fixed: np.ndarray) -> np.ndarray:
+def _held_without_interfaces(bodies: Bodies, K: Any, fixed: np.ndarray) -> np.ndarray:
     """(k, modes) rows that vanish for combinations of rigid motions that supports do not hold."""
     R = bodies.own_modes(bodies.label, bodies.points).reshape(len(fixed), -1)
     label = np.repeat(bodies.label, bodies.gdim)
@@ -132,7 +139,7 @@ def _held_without_interfaces(bodies: Bodies, K, fixed: np.ndarray) -> np.ndarray
     return np.concatenate(bodies.comm.allgather(np.concatenate(rows)))
 
 
-def floating_modes(bodies: Bodies, K, fixed: np.ndarray) -> np.ndarray:
+def floating_modes(bodies: Bodies, K: Any, fixed: np.ndarray) -> np.ndarray:
     """(n_local, k) rigid motions that supports alone leave free, on this rank's dofs.
 
     Args:
@@ -140,13 +147,13 @@ def floating_modes(bodies: Bodies, K, fixed: np.ndarray) -> np.ndarray:
     """
     rows = _held_without_interfaces(bodies, K, fixed)
     _, values, vectors = np.linalg.svd(rows)
-    free = vectors[np.count_nonzero(values >= 1e-11 * max(values[0], 1.0)) :]
+    free = vectors[np.count_nonzero(values >= HELD * max(values[0], 1.0)) :]
     R = bodies.modes(bodies.label, bodies.points).reshape(len(fixed), -1) @ free.T
     R[fixed] = 0.0
     return R
 
 
-def pins(comm, modes: np.ndarray) -> list[int]:
+def pins(comm: MPI.Comm, modes: np.ndarray) -> list[int]:
     """This rank's dofs (local numbers) that together hold the modes (n_local, k) best, k in all."""
     rest, chosen = modes.copy(), []
     for _ in range(rest.shape[1]):
@@ -161,7 +168,12 @@ def pins(comm, modes: np.ndarray) -> list[int]:
     return chosen
 
 
-def check_support(bodies: Bodies, K, fixed: np.ndarray, interfaces) -> None:
+def check_support(
+    bodies: Bodies,
+    K: Any,
+    fixed: np.ndarray,
+    interfaces: Sequence[tuple[csr_matrix | None, np.ndarray]],
+) -> None:
     """Require that supports and tied interfaces hold every body.
 
     A combination of rigid motions is not held if it has no stiffness (K R c = 0), does not move
@@ -178,11 +190,14 @@ def check_support(bodies: Bodies, K, fixed: np.ndarray, interfaces) -> None:
         ContactError: some motion is not held.
     """
     rows = [_held_without_interfaces(bodies, K, fixed)]
+    values = np.linalg.svd(rows[0], compute_uv=False)
+    if len(values) == rows[0].shape[1] and values[-1] >= HELD * max(values[0], 1.0):
+        return  # by supports alone
     for L, BtR in interfaces:
         BtR = BtR.reshape(len(BtR), -1)
         rows.append(BtR if L is None else BtR - L @ _least_squares(L, BtR))
     _, values, vectors = np.linalg.svd(np.concatenate(rows), full_matrices=False)
-    free = vectors[values < 1e-11 * values[0]]
+    free = vectors[values < HELD * values[0]]
     if not len(free):
         return
     parts = np.moveaxis(free.reshape(len(free), bodies.count, -1), 1, 0)
@@ -194,7 +209,7 @@ def check_support(bodies: Bodies, K, fixed: np.ndarray, interfaces) -> None:
     )
 
 
-def check_loops(models, labels) -> None:
+def check_loops(models: Sequence[Any], labels: Sequence[np.ndarray]) -> None:
     """Refuse interfaces that share nodes and close a loop of bodies.
 
     A node may take part in several interfaces: each adds a constraint with a frame of its own.
@@ -243,11 +258,13 @@ def check_loops(models, labels) -> None:
 
 
 def _least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:
-    """Solution of min |L v - b| for every column of b (n, k), by conjugate gradients on LᵀL.
+    """Solution of min |L v - b| for every column of b (n, k), by a factorisation of LᵀL.
 
-    LᵀL is like a mass matrix, so that a large frame needs no factorisation; a frame with small
-    singular values, on which the iteration is slow, gets one.
+    LᵀL is like a mass matrix, so that large frames are iterated on by conjugate gradients; with
+    small singular values, on which these are slow, they are factorised, too.
     """
+    if L.shape[1] <= FACTORISED:
+        return _factorised(L).solve(L.T @ b)
     v = np.zeros((L.shape[1], b.shape[1]))
     r = L.T @ b
     p, size = r.copy(), np.einsum("nk,nk->k", r, r)
@@ -264,4 +281,9 @@ def _least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:
         r -= length * (L.T @ Lp)
         before, size = size, np.where(size > goal, np.einsum("nk,nk->k", r, r), size)
         p = r + size / np.maximum(before, 1e-300) * p
-    return splu((L.T @ L).tocsc()).solve(L.T @ b)
+    return _factorised(L).solve(L.T @ b)
+
+
+def _factorised(L: csr_matrix) -> Any:
+    symmetric = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
+    return splu((L.T @ L).tocsc(), **symmetric)

@@ -7,6 +7,7 @@ cell's own axes: exact for circles, cylinders and spheres, of third order elsewh
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -80,7 +81,7 @@ def cell_stencils(frame: Frame) -> Stencils:
     return Stencils(np.arange(len(centre)), nodes, mask, centre, base, size, local, height, bend)
 
 
-def _fit(local: np.ndarray, mask: np.ndarray):
+def _fit(local: np.ndarray, mask: np.ndarray) -> Any:
     """Fit z = q(s) + bend z², q quadratic: exact for circles, cylinders and spheres.
 
     With the Hessian H of q, bend = tr H² / (2 tr H): half the curvature on these surfaces.
@@ -100,7 +101,7 @@ def _fit(local: np.ndarray, mask: np.ndarray):
     return q, bend
 
 
-def projectors(st: Stencils):
+def projectors(st: Stencils) -> Any:
     """Projector on what no row constraint sees, and the least correction for given moments.
 
     The moments of a row are sum delta, sum delta s, sum delta n; the last where the stencil is

@@ -7,6 +7,7 @@ by position, ties by the mesh's input numbering; facets by their nodes.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +37,7 @@ class Surface:
         return float(np.linalg.norm(np.ptp(self.x, axis=0)))
 
 
-def check_space(V) -> None:
+def check_space(V: Any) -> None:
     """Require a vector space of first-order Lagrange elements with one dof per direction.
 
     Raises:
@@ -59,7 +60,7 @@ def check_space(V) -> None:
     )
 
 
-def extract_surface(V, facet_tags, tag: int) -> Surface:
+def extract_surface(V: Any, facet_tags: Any, tag: int) -> Surface:
     """Gather the facets with a tag, their nodes and dofs, on all ranks.
 
     Args:
@@ -127,7 +128,7 @@ def extract_surface(V, facet_tags, tag: int) -> Surface:
     )
 
 
-def facet_corners(V, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def facet_corners(V: Any, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A cell of each local facet, and which of that cell's nodes are the facet's, in a cycle.
 
     Args:
@@ -150,7 +151,7 @@ def facet_corners(V, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return cells, table[(cell_facets == facets[:, None]).argmax(axis=1)]
 
 
-def _local_facets(V, facets: np.ndarray) -> tuple[np.ndarray, ...]:
+def _local_facets(V: Any, facets: np.ndarray) -> tuple[np.ndarray, ...]:
     """This rank's facets: global dofs, owners, input numbers, whether inside, points, centres."""
     mesh, gdim = V.mesh, V.mesh.geometry.dim
     to_cell = mesh.topology.connectivity(mesh.topology.dim - 1, mesh.topology.dim)

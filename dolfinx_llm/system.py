@@ -11,10 +11,11 @@ from dolfinx_llm._parallel import ContactError
 # own works on one rank only. ICNTL(24): null pivots.
 SADDLE_OPTIONS = {
     "ksp_type": "richardson",
-    "ksp_max_it": 3,
+    "ksp_max_it": 2,
     "ksp_norm_type": "none",
     "pc_factor_mat_solver_type": "mumps",
     "mat_mumps_icntl_24": 1,
+    "mat_mumps_icntl_12": 2,  # ordering of symmetric indefinite matrices by pairs of unknowns
 }
 
 

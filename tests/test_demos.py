@@ -26,7 +26,7 @@ def test_patch3d_on_two_ranks(tmp_path):
     for name in ("frame.png", "von_mises.png", "displacement.png"):
         assert (tmp_path / name).read_bytes()[:4] == b"\x89PNG"
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert {"bodies.xdmf", "bodies.h5", "frame.vtk", "side_0.vtk", "table_3.csv"} <= written
+    assert {"bodies.xdmf", "bodies.h5", "frame.xdmf", "side_0.xdmf", "table_3.csv"} <= written
     table = np.genfromtxt(tmp_path / "out" / "side_1.csv", delimiter=",", names=True)
     assert abs(table["normal_force"].sum() - 789.668405) < 1e-6
 
@@ -94,7 +94,7 @@ def test_tutorial(tmp_path):
     for name in ("bodies_0.png", "interface_0.png"):
         assert (tmp_path / name).read_bytes()[:4] == b"\x89PNG"
     written = {path.name for path in tmp_path.iterdir()}
-    assert {"bodies.xdmf", "bodies.h5", "frame.vtk", "side_0.vtk", "side_1.csv"} <= written
+    assert {"bodies.xdmf", "bodies.h5", "frame.xdmf", "side_0.xdmf", "side_1.csv"} <= written
     ranks = run_mpi_json("tutorial_ranks.py", 3, tmp_path / "ranks")
     np.testing.assert_allclose(ranks["shares"], shares, atol=1e-9)
     np.testing.assert_allclose(ranks["force"], result.resultant, atol=1e-9)

@@ -127,10 +127,23 @@ def test_time_to_an_error():
 def test_comparison_of_two_runs():
     """A machine that is twice as slow changes nothing; one method that is, does."""
     first = [row(m, n, t, 0.1, solver) for n in (4, 8)
-             for m, t, solver in ((WEIGHTS, 1.0, SADDLE), (WEIGHTS, 2.0, GAMG))]  # fmt: skip
+             for m, t, solver in ((MATCHING, 0.5, GAMG), (WEIGHTS, 1.0, SADDLE),
+                                  (WEIGHTS, 2.0, GAMG))]  # fmt: skip
     slower = [{**r, "cpu_seconds": 2.0 * r["cpu_seconds"]} for r in first]
+    one = [*(dict(r) for r in first[:5]), dict(slower[5])]
+    for rows in (first, slower, one):
+        evaluation.add_ratios(rows)
+    assert [r["ratio"] for r in first] == [1.0, 2.0, 4.0] * 2
     every, finest = evaluation.compare(slower, first).splitlines()[1:]
-    assert "2 of 2 within 15 %, median 0 %, largest 0 %" in every
-    every, finest = evaluation.compare([*first[:3], slower[3]], first).splitlines()[1:]
-    assert "1 of 2 within 15 %" in every and "largest 100 %" in every and GAMG in every
-    assert "0 of 1 within 15 %, median 100 %" in finest
+    assert "4 of 4 within 15 %, median 0 %, largest 0 %" in every
+    every, finest, case = evaluation.compare(one, first).splitlines()[1:]
+    assert "3 of 4 within 15 %" in every and "largest 100 %" in every and GAMG in every
+    assert "1 of 2 within 15 %, median 50 %" in finest
+    assert case.split()[:3] == ["4.00", "->", "8.00"] and case.endswith(f"{WEIGHTS}, {GAMG}, 8")
+
+
+def test_median_run():
+    rows = [{"cpu_seconds": t, "wall": w} for t, w in ((3.0, 1), (1.0, 2), (2.5, 3), (9.0, 4))]
+    assert evaluation.median_run(rows[:3]) is rows[2] is evaluation.median_run(rows)
+    failed = [{"failed": "why"}] * 3
+    assert evaluation.median_run(failed) == failed[0]

@@ -104,6 +104,25 @@ def test_location_beyond_the_outline(k):
     assert np.abs(L @ frame.x - x).max() < 1e-12
 
 
+def test_location_beyond_distorted_quads_is_the_closest_point():
+    """Against the least distance from the four sides, whose closest points are known."""
+    rng = np.random.default_rng(7)
+    for _ in range(60):
+        corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+        corners += rng.uniform(-0.25, 0.25, (4, 2))
+        points = rng.uniform(-1.5, 2.5, (30, 2))
+        a, edge = corners, np.roll(corners, -1, axis=0) - corners
+        along = np.einsum("pei,ei->pe", points[:, None] - a, edge) / (edge**2).sum(axis=1)
+        foot = a + np.clip(along, 0.0, 1.0)[..., None] * edge
+        least = np.linalg.norm(points[:, None] - foot, axis=2).min(axis=1)
+        inside = shapely.contains_xy(shapely.Polygon(corners), *points.T)
+        frame = Frame(np.pad(corners, ((0, 0), (0, 1))), [[0, 1, 2, 3]])
+        at = frame.locate(np.pad(points, ((0, 0), (0, 1))))
+        closest = frame.evaluate(at.cell, at.xi)[1][:, :2]
+        distance = np.linalg.norm(points - closest, axis=1)
+        assert np.abs(distance - np.where(inside, 0.0, least)).max() < 1e-12
+
+
 def test_location_off_the_plane_is_the_foot_point():
     frame = make_frame(4)
     normal = vector_areas(frame.x, frame.cells)[0]

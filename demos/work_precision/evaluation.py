@@ -13,6 +13,7 @@ from work_precision.plan import (
     MPC,
     NODE_TO_SEGMENT,
     POSITIONS,
+    REFERENCE,
     ROUNDING,
     SADDLE,
     STAGES,
@@ -56,25 +57,37 @@ def against_rivals(rows, scene, error):
     return out
 
 
-def relative(rows):
-    """CPU times over that of the frame by weights, saddle, on the same scene and size."""
+def median_run(rows):
+    """Of several runs of a case the one whose CPU time is the median, the lower one of two."""
+    order = sorted(rows, key=lambda row: row.get("cpu_seconds", 0.0))
+    return order[(len(rows) - 1) // 2]
+
+
+def add_ratios(rows):
+    """CPU times over those of the matching mesh in the same run, of the same scene and size."""
     unit = {(row["scene"], row["n"]): row["cpu_seconds"] for row in rows
-            if (row["method"], row["solver"]) == (WEIGHTS, SADDLE)}  # fmt: skip
+            if (row["method"], row["solver"]) == REFERENCE[row["scene"]]}  # fmt: skip
+    for row in rows:
+        if "failed" not in row and (row["scene"], row["n"]) in unit:
+            row["ratio"] = row["cpu_seconds"] / unit[row["scene"], row["n"]]
+
+
+def ratios(rows):
+    """The ratios by scene, method, solver and size, without the matching mesh's, which are 1."""
     return {
-        (row["scene"], row["method"], row["solver"], row["n"]): row["cpu_seconds"]
-        / unit[row["scene"], row["n"]]
+        (row["scene"], row["method"], row["solver"], row["n"]): row["ratio"]
         for row in rows
-        if "failed" not in row and (row["method"], row["solver"]) != (WEIGHTS, SADDLE)
+        if "ratio" in row and (row["method"], row["solver"]) != REFERENCE[row["scene"]]
     }
 
 
 def compare(rows, earlier):
-    """How far the ratios of two full runs lie apart, in words."""
-    new, old = relative(rows), relative(earlier)
+    """How far the ratios of two runs lie apart, in words."""
+    new, old = ratios(rows), ratios(earlier)
     change = {key: max(new[key] / old[key], old[key] / new[key]) - 1.0
               for key in new if key in old}  # fmt: skip
     finest = {scene: max(n for name, *_, n in change if name == scene) for scene, *_ in change}
-    words = "CPU times over the frame's, against the earlier run: "
+    words = "CPU times over the matching mesh's, against the earlier run: "
     for name, some in (
         ("all sizes", change),
         ("finest meshes", {key: c for key, c in change.items() if key[-1] == finest[key[0]]}),
@@ -85,6 +98,8 @@ def compare(rows, earlier):
             f"median {100 * statistics.median(some.values()):.0f} %, largest "
             f"{100 * some[worst]:.0f} % ({', '.join(map(str, worst))})"
         )
+    for key in sorted((key for key in change if change[key] > 0.15), key=change.get, reverse=True):
+        words += f"\n    {old[key]:8.2f} -> {new[key]:8.2f}  {', '.join(map(str, key))}"
     return words
 
 
@@ -100,7 +115,18 @@ def table(rows, scenes):
     out = []
     for scene in scenes:
         errors = [error for name, error, _ in DIAGRAMS if name == scene]
-        heads = [*errors, "rate", "its", *STAGES, "seconds", "its CPU", "wall", "CPU", "GB"]
+        heads = [
+            *errors,
+            "rate",
+            "its",
+            *STAGES,
+            "seconds",
+            "its CPU",
+            "ratio",
+            "wall",
+            "CPU",
+            "GB",
+        ]
         out += ["", f"{scene:<27}{'solver':<21}{'n':>3}{'unknowns':>9}"
                 + "".join(f"{head[:8]:>9}" for head in heads)]  # fmt: skip
         last = {}
@@ -116,8 +142,8 @@ def table(rows, scenes):
             )  # fmt: skip
             found = "".join(f"{row[e]:9.1e}" if e in row else f"{'-':>9}" for e in errors)
             line += f"{row['unknowns']:>9}{found}{rate:>9}{row['iterations']:>9}"
-            keys = (*STAGES, "seconds", "cpu_seconds", "wall", "cpu", "memory")
-            out.append(line + "".join(f"{row[key]:9.3f}" for key in keys))
+            keys = (*STAGES, "seconds", "cpu_seconds", "ratio", "wall", "cpu", "memory")
+            out.append(line + "".join(f"{row.get(key, np.nan):9.3f}" for key in keys))
     return out
 
 

@@ -12,6 +12,7 @@ from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 from solvers import DIRECT, body_modes, solve_scaled
+from work_precision.evaluation import median_run
 from work_precision.plan import (
     CHOLESKY,
     GAMG,
@@ -32,6 +33,7 @@ try:
 except ImportError:
     dolfinx_mpc = None
 
+SHORT = 1.0  # [s] of wall time: for so long what is quick is repeated
 OPTIONS = {CHOLESKY: DIRECT, GAMG: None}
 OF_PROBLEM = {  # stages of ContactProblem.times by the names of the table
     "surfaces": "surfaces", "patch forces": "patch forces", "frame": "design", "design": "design",
@@ -182,6 +184,8 @@ def solve(comm, name, method, solver, n):
     row["cpu"] = comm.allreduce(row["cpu"])
     row["memory"] = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1024**2
     row["seconds"] = sum(row[stage] for stage in STAGES if stage != "mesh")
+    # Other work on the machine stretches wall times, not these.
+    row["cpu_seconds"] = row["seconds"] * row["cpu"] / (row["wall"] * comm.size)
     return {"scene": name, "method": method, "solver": solver, "n": n, **row}
 
 
@@ -193,6 +197,14 @@ def versions(comm):
     found |= {"dolfinx_mpc": packages.get("dolfinx_mpc", "there")} if dolfinx_mpc else {}
     petsc = ".".join(map(str, PETSc.Sys.getVersion()))
     return {"ranks": comm.size, "python": sys.version.split()[0], "PETSc": petsc, **found}
+
+
+def repeated(comm, *case):
+    """The same, the median of several solves where one is over at once."""
+    rows, began = [], time.perf_counter()
+    while not rows or comm.bcast(len(rows) < 9 and time.perf_counter() - began < SHORT):
+        rows.append(solve(comm, *case))
+    return median_run(rows)
 
 
 def run(name, cases):
@@ -211,7 +223,7 @@ def run(name, cases):
         solve(comm, name, UNDESIGNED if method == POSITIONS else method, solver, min(sizes))
         for n in sizes:
             try:
-                say(solve(comm, name, method, solver, n))
+                say(repeated(comm, name, method, solver, n))
             except llm.ContactError as error:  # raised on all ranks together
                 case = {"scene": name, "method": method, "solver": solver, "n": n}
                 say({**case, "failed": str(error)})

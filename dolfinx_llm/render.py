@@ -1,0 +1,131 @@
+"""Coloured surfaces in 3D drawn by PyVista, in a process of its own.
+
+Without a working OpenGL, VTK may end the process that it draws in, or hang: that must not be a
+simulation, nor a rank of one. Run as a script this module draws the scene that it reads from its
+standard input, and it imports nothing of this package.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import os
+import subprocess
+import sys
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+log = logging.getLogger("dolfinx_llm")
+
+SECONDS = 120.0  # that a picture may take
+SIZE = (1600, 1200)  # [pixel]
+ABOVE = (0.43, -0.75, 0.5)  # from where a scene is seen that has no view of its own
+STATUS = {"open": "white", "stick": "black", "slip": "red"}  # colours of marks 0, 1, 2
+# What launchers leave in a rank's environment; an MPI in the new process would take it for its own.
+LAUNCHERS = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "MPI_LOCAL")
+
+_failed = False  # PyVista, in this process: it is not asked again
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A coloured surface in 3D."""
+
+    points: np.ndarray  # (n, 3) [length]
+    cells: np.ndarray  # (m, k) their corners, in a cycle
+    values: np.ndarray  # (m,) per cell or (n,) per point
+    limits: tuple[float, float]  # of the colours
+    label: str  # of the colour bar
+    view: np.ndarray | None = (
+        None  # (3,) the direction that a flat surface is seen from; None: ABOVE
+    )
+    status: np.ndarray | None = None  # (n,) marks at the points: 0 open, 1 stick, 2 slip
+
+
+def draw(scene: Scene, path: Path) -> bool:
+    """Draw a scene by PyVista, if it is installed and can.
+
+    Args:
+        scene: what is drawn.
+        path: PNG to write.
+
+    Returns:
+        Whether the picture has been written.
+    """
+    global _failed
+    if _failed or find_spec("pyvista") is None:
+        return False
+    data = io.BytesIO()
+    np.savez(data, **{key: value for key, value in asdict(scene).items() if value is not None})
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(LAUNCHERS)}
+    command = [sys.executable, "-P", __file__, str(path)]
+    try:
+        done = subprocess.run(
+            command, input=data.getvalue(), env=environment, capture_output=True, timeout=SECONDS
+        )
+        if done.returncode == 0:
+            return True
+        words = done.stderr.decode(errors="replace").strip().splitlines()
+        why = f"exit code {done.returncode}" + (f", {words[-1]}" if words else "")
+    except (OSError, subprocess.TimeoutExpired) as error:
+        why = str(error)
+    _failed = True
+    log.warning("PyVista cannot draw here (%s): pictures by Matplotlib instead", why)
+    return False
+
+
+def _draw(scene: dict[str, Any], path: str) -> None:
+    """Write the picture of a scene's fields."""
+    import pyvista
+
+    points, cells, view = scene["points"], scene["cells"], scene.get("view")
+    faces = np.column_stack([np.full(len(cells), cells.shape[1]), cells])
+    plotter = pyvista.Plotter(off_screen=True, window_size=list(SIZE))
+    plotter.set_background("white")
+    plotter.add_mesh(
+        pyvista.PolyData(points, faces.ravel()),
+        scalars=scene["values"],
+        clim=list(scene["limits"]),
+        cmap="viridis",
+        show_edges=True,
+        edge_color="black",
+        line_width=1.0,
+        lighting="status" not in scene,  # which would change the colours of an interface
+        ambient=0.35,
+        diffuse=0.65,
+        scalar_bar_args={
+            "title": str(scene["label"]).replace("|", ""),  # which begins a column in VTK
+            "color": "black", "n_labels": 5, "fmt": "%.4g",
+            "title_font_size": 32, "label_font_size": 28,
+            "position_x": 0.15, "position_y": 0.03, "width": 0.7, "height": 0.09,
+        },
+    )  # fmt: skip
+    for k, (name, colour) in enumerate(STATUS.items()):
+        at = scene.get("status", np.empty(0)) == k
+        if at.any():
+            plotter.add_points(
+                points[at], color=colour, point_size=12.0, render_points_as_spheres=True, label=name
+            )
+    if "status" in scene:
+        plotter.add_legend(bcolor="gray", face="circle", size=(0.1, 0.12))
+    plotter.add_axes(color="black")
+    if view is None:
+        plotter.view_vector(ABOVE, viewup=(0.0, 0.0, 1.0))
+    else:
+        plotter.view_vector(view, viewup=np.eye(3)[1 if abs(view[2]) > 0.9 else 2])
+    plotter.enable_parallel_projection()
+    plotter.camera.zoom(0.85 if view is None else 1.0)
+    plotter.camera.SetWindowCenter(0.0, -0.12)  # room for the colour bar
+    picture = plotter.screenshot(path)
+    plotter.close()
+    if np.ptp(picture) == 0:
+        raise RuntimeError("the picture is blank")
+
+
+if __name__ == "__main__":
+    with np.load(io.BytesIO(sys.stdin.buffer.read())) as arrays:
+        _draw(dict(arrays), sys.argv[1])

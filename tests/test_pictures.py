@@ -1,0 +1,271 @@
+"""Pictures and files: what they hold is read back. PyVista may be missing, broken, or hang."""
+
+import logging
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pairs
+import patch3d
+import pytest
+from conftest import run_mpi_json
+from contact_scenes import Pressed, rectangle
+from dolfinx.common import has_adios2
+from mpi4py import MPI
+from paper_data import scene as patch_scene
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat, plot, post, render
+
+COMM = MPI.COMM_SELF
+
+
+@pytest.fixture(scope="module")
+def patch():
+    """The 3D patch test, solved: its displacement and its problem."""
+    domain, tags = patch_scene(COMM)
+    problem = patch3d.problem(compat.function_space(domain, shape=(3,)), tags, "predicted")
+    return problem.solve(), problem
+
+
+def pressed():
+    """Two rectangles that part and slide; solved once."""
+    low = rectangle(COMM, (4, 2), (-1.0, 0.0), (1.0, 1.0), "quadrilateral")
+    high = rectangle(COMM, (5, 2), (-0.5, 1.0), (0.5, 2.0), "triangle")
+    scene = Pressed([low, high], llm.Coulomb(0.3), lambda p: p[1] > 1.99, lambda p: p[1] < 0.01)
+    push(scene, 0.01)
+    return scene
+
+
+def push(scene, by):
+    scene.move(lambda p: np.stack([0.5 * by + 0 * p[0], -by + 0.01 * p[0], 0 * p[0]]))
+
+
+def image(path):
+    from matplotlib.image import imread
+
+    return imread(path)[..., :3]
+
+
+# ## Pictures
+@pytest.fixture
+def stand_in(tmp_path, monkeypatch):
+    """Puts a PyVista of the given text in the place of another, or of none."""
+
+    def put(text):
+        (tmp_path / "stand_in").mkdir()
+        (tmp_path / "stand_in" / "pyvista.py").write_text(text)
+        monkeypatch.syspath_prepend(tmp_path / "stand_in")
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path / "stand_in"))
+        monkeypatch.setattr(render, "_failed", False)
+
+    return put
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("import os\nos.abort()", "exit code -6"),
+        ("import time\ntime.sleep(60)", "timed out"),
+        ("raise ImportError('no libGL')", "no libGL"),
+    ],
+    ids=["aborts", "hangs", "raises"],
+)
+def test_broken_pyvista(stand_in, text, told, patch, tmp_path, monkeypatch, caplog):
+    """Matplotlib draws instead, which is told once; PyVista is not asked a second time."""
+    stand_in(text)
+    monkeypatch.setattr(render, "SECONDS", 2.0)
+    with caplog.at_level(logging.WARNING, "dolfinx_llm"):
+        patch[1].plot(tmp_path)
+    assert [told in record.getMessage() for record in caplog.records] == [True]
+    for name in ("bodies_0.png", "interface_0.png"):
+        assert np.ptp(image(tmp_path / name)) > 0.9
+
+
+def test_without_pyvista(patch, tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(render, "find_spec", lambda name: None)
+    patch[1].plot(tmp_path, "traction")
+    assert (tmp_path / "bodies_0.png").exists() and (tmp_path / "interface_0.png").exists()
+    assert not caplog.records
+
+
+def test_pyvista(tmp_path, monkeypatch):
+    """A square seen along its normal: its colour is its value's, marks lie at its corners."""
+    pytest.importorskip("pyvista")
+    from matplotlib import colormaps
+
+    monkeypatch.setattr(render, "_failed", False)
+    x = np.array([[0.0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]])
+    cells, status = np.array([[0, 1, 2, 3]]), np.array([0, 1, 2, 2])
+    normal = np.array([1.0, 0.0, 0.0])
+    values = np.full(4, 3.0)
+    scene = render.Scene(x, cells, values, (0.0, 4.0), "|p| ×", normal, status)
+    if not render.draw(scene, tmp_path / "square.png"):
+        pytest.skip("PyVista is here, but cannot draw")
+    picture = image(tmp_path / "square.png")
+    assert picture.shape == (*render.SIZE[::-1], 3)
+    colour = np.array(colormaps["viridis"](0.75)[:3])
+    square = np.abs(picture - colour).max(axis=2) < 0.02
+    assert square[450, 800] and 0.2 < square.mean() < 0.6
+    red = np.abs(picture - [1.0, 0.0, 0.0]).max(axis=2) < 0.3
+    rows, columns = np.nonzero(red[:, :1300])  # without the legend
+    assert rows.size and rows.max() < 450  # both at z = 1, z points up
+    assert columns.min() < 800 < columns.max()
+
+
+def test_pyvista_draws_a_problem(patch, tmp_path, monkeypatch):
+    pytest.importorskip("pyvista")
+    monkeypatch.setattr(render, "_failed", False)
+    patch[1].plot(tmp_path)
+    if render._failed:
+        pytest.skip("PyVista is here, but cannot draw")
+    for name in ("bodies_0.png", "interface_0.png"):
+        assert image(tmp_path / name).shape == (*render.SIZE[::-1], 3)
+
+
+def test_curved_frame_by_matplotlib(tmp_path, monkeypatch):
+    """A surface without a mean normal is drawn in 3D."""
+    monkeypatch.setattr(render, "find_spec", lambda name: None)
+    angle = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)
+    x = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    x = np.concatenate([x, x + [0, 0, 1]])
+    k = np.arange(12)
+    cells = np.column_stack([k, (k + 1) % 12, (k + 1) % 12 + 12, k + 12])
+    frame = llm.Frame(x, cells, v=0.0 * x)
+    zero = np.zeros(24)
+    result = post.InterfaceResult(
+        frame, (None,), None, zero + 1.0, zero + 1.0, 0.0 * x, zero.astype(int)
+    )
+    plot.interface(result, tmp_path / "ring.png")
+    assert np.ptp(image(tmp_path / "ring.png")) > 0.9
+
+
+def test_wrong_field(patch, tmp_path):
+    with pytest.raises(llm.ContactInputError, match="field='force': choose one of"):
+        patch[1].plot(tmp_path, "force")
+
+
+@pytest.mark.parametrize("ranks", [1, 3])
+def test_pictures_gather_the_surface_alone(ranks):
+    """As many polygons as the bodies have outer facets, with the surface's area."""
+    found = run_mpi_json("skin.py", ranks)
+    assert found["area"] == pytest.approx(found["surface"], rel=1e-12)
+    assert found["polygons"] == run_mpi_json("skin.py", 1)["polygons"]
+
+
+# ## Files
+def steps(path):
+    """Per step of a surface's XDMF: time, points, cells, fields."""
+    found = []
+    for grid in ElementTree.parse(path).getroot().find("Domain/Grid"):
+        cells, points, *values = (
+            np.array(item.text.split(), dtype=float if "Float" in item.get("NumberType") else int)
+            .reshape([int(n) for n in item.get("Dimensions").split()])
+            for item in grid.iter("DataItem")
+        )  # fmt: skip
+        topology = grid.find("Topology")
+        assert int(topology.get("NumberOfElements")) == len(cells)
+        names = [attribute.get("Name") for attribute in grid.iter("Attribute")]
+        time = float(grid.find("Time").get("Value"))
+        found.append((time, topology.get("TopologyType"), points, cells, dict(zip(names, values))))
+    return found
+
+
+def agree(step, part):
+    x, cells, fields = part
+    gdim = x.shape[1]
+    _, kind, points, found, values = step
+    assert kind == {2: "Polyline", 3: "Triangle", 4: "Quadrilateral"}[cells.shape[1]]
+    assert (points[:, :gdim] == x).all() and (found == cells).all()
+    assert values.keys() == fields.keys()
+    for name, value in fields.items():
+        if np.ndim(value) == 2:
+            assert not values[name][:, gdim:].any()
+        assert (values[name][:, :gdim] if np.ndim(value) == 2 else values[name]).tolist() == (
+            value.tolist()
+        )
+
+
+def test_interface_files(patch, tmp_path):
+    """Every number of frame and sides comes back as it was, as XDMF and as CSV."""
+    result = patch[1].results[0]
+    post.write_interface(tmp_path, result)
+    parts = post.interface_fields(result)
+    assert list(parts) == ["frame", "side_0", "side_1"]
+    for name, part in parts.items():
+        (step,) = steps(tmp_path / f"{name}.xdmf")
+        agree(step, part)
+        table = np.genfromtxt(tmp_path / f"{name}.csv", delimiter=",", names=True)
+        assert (table["displacement_z"] == part[2]["displacement"][:, 2]).all()
+
+
+def test_load_steps(tmp_path):
+    """A series of frame, sides and bodies; each step is that of its solve."""
+    scene, kept, fields = pressed(), [], {"along": lambda u: u[0]}
+    problem = scene.problem
+    with post.LoadSteps(
+        problem, tmp_path, cell_fields=lambda u: {name: f(u) for name, f in fields.items()}
+    ) as files:
+        for time in (None, 2.5):
+            files.write(time)
+            kept.append((post.interface_fields(problem.results[0]), problem._u[1].x.array.copy()))
+            push(scene, 0.02)
+    for name in ("frame", "side_0", "side_1"):
+        found = steps(tmp_path / "interface_0" / f"{name}.xdmf")
+        assert [step[0] for step in found] == [0.0, 2.5]
+        for step, (parts, _) in zip(found, kept, strict=True):
+            agree(step, parts[name])
+    times = [e.get("Value") for e in ElementTree.parse(tmp_path / "bodies_1.xdmf").iter("Time")]
+    assert sorted(set(map(float, times))) == [0.0, 2.5]
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "bodies_1.h5") as file:
+        for time, (_, u) in zip(("0", "2_5"), kept, strict=True):
+            values = file[f"Function/displacement/{time}"][:, :2]
+            assert np.sort(values.ravel()) == pytest.approx(np.sort(u), abs=1e-15)
+            assert f"Function/along/{time}" in file
+
+
+def test_pyvista_reads_the_series(tmp_path):
+    """VTK's reader, which is ParaView's, finds steps, points and fields."""
+    pyvista = pytest.importorskip("pyvista")
+    scene = pressed()
+    with post.LoadSteps(scene.problem, tmp_path) as files:
+        files.write()
+        push(scene, 0.02)
+        files.write()
+    reader = pyvista.get_reader(str(tmp_path / "interface_0" / "side_0.xdmf"))
+    assert list(reader.time_values) == [0.0, 1.0]
+    reader.set_active_time_value(1.0)
+    surface = reader.read()
+    side = scene.problem.results[0].sides[0]
+    assert surface.points[:, :2] == pytest.approx(side.x)
+    assert surface["force"][:, :2] == pytest.approx(side.force)
+    assert surface.n_cells == len(side.facets)
+
+
+def test_vtx(patch, tmp_path):
+    """BP4 holds raw numbers: those of the displacement are found in it."""
+    u, problem = patch
+    if not has_adios2:
+        with pytest.raises(llm.ContactInputError, match="without ADIOS2.*Write .xdmf"):
+            post.write_bodies(tmp_path / "bodies.bp", u)
+        return
+    post.write_bodies(tmp_path / "out" / "bodies.bp", u)
+    with post.LoadSteps(problem, tmp_path, suffix=".bp") as files:
+        files.write()
+        files.write()
+    for name, count in (("out/bodies.bp", 1), ("bodies_0.bp", 2)):
+        data = b"".join(path.read_bytes() for path in (tmp_path / name).iterdir())
+        assert data.count(u.x.array.tobytes()) == count
+    with pytest.raises(llm.ContactInputError, match="cell_fields are for .xdmf"):
+        post.write_bodies(tmp_path / "other.bp", u, {"x": u[0]})
+
+
+def test_errors_of_files(patch, tmp_path):
+    with pytest.raises(llm.ContactInputError, match="must end on .xdmf or .bp"):
+        post.write_bodies(tmp_path / "bodies.vtu", patch[0])
+    low = pairs.block(COMM, (2, 2, 1), (-1.0, -1.0, 0.0), (1.0, 1.0, 1.0), "tetrahedron")
+    high = pairs.block(COMM, (3, 3, 1), (-0.5, -0.5, 1.0), (0.5, 0.5, 2.0), "hexahedron")
+    scene = Pressed([low, high], llm.Frictionless(), lambda p: p[2] > 1.99, lambda p: p[2] < 0.01)
+    with post.LoadSteps(scene.problem, tmp_path) as files:
+        with pytest.raises(llm.ContactError, match="nothing to write yet"):
+            files.write()
