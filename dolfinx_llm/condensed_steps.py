@@ -34,7 +34,7 @@ class CondensedSteps(WholeSteps):
     """
 
     accuracy = 1e-11  # of balance and law, relative: what CG leaves
-    most = 20  # as of ``WholeSteps``; to ask takes a solve by CG
+    most = 60  # as of ``WholeSteps``; to ask takes a solve by CG
 
     def __init__(self, multipliers, block: int, modes, K, B, *others):
         super().__init__(K, B, multipliers.numbering, *others)

@@ -150,7 +150,8 @@ class ContactIteration:
         centre = w if known else self._middle(g)
         alpha = self.alpha if known else np.zeros(self.backend.floating)
         about = (self.multiplier if known else np.zeros(self.n), w)
-        calm, before = 0, np.inf  # iterations without a change of state, last residual
+        calm, was_calm = 0, False  # iterations without a change of state
+        before = np.inf  # last residual
         corrections = min(self.backend.floating, 1)  # what springs hold is corrected once at least
         for s in self.states:
             s.closings[:] = 0
@@ -177,7 +178,8 @@ class ContactIteration:
             half = iteration > PATIENCE and changes and miss > 0.9 * before
             about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
             before = miss
-            centre = self._middle(y + g) if changes else w
+            was_calm = was_calm or calm > 0  # from then on the frame goes on from where it is
+            centre = w if was_calm else self._middle(y + g)
             if calm:
                 self.backend.correct(multiplier, alpha)
         raise ContactError(self._failure(self.history[first:]))
