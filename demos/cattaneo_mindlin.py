@@ -6,7 +6,7 @@ Under a tangential force Q < mu P the edges of the contact slip and its middle s
 
 the second term for |x| < c only. The discs of ``hertz2d.py``: pressed in one load step, then Q in
 equal ones. A couple on the diameters balances the moment of Q about the contact; without it the
-discs would roll. ``--load 0.1`` brings the discs nearer to Hertz's half-spaces.
+discs would roll. A tenth of the load of ``hertz2d.py`` brings the discs near to half-spaces.
 
     mpirun -n 2 python demos/cattaneo_mindlin.py [--elements 32 47] [--steps N] [--plot DIR] ...
 """
@@ -109,9 +109,9 @@ def picture(contact, load, path):
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--elements", type=int, nargs=2, default=(16, 23), metavar="N")
+    parser.add_argument("--elements", type=int, nargs=2, default=(32, 47), metavar="N")
     parser.add_argument("--steps", type=int, default=4, help="of the tangential force")
-    parser.add_argument("--load", type=float, default=1.0, help="factor on P and Q")
+    parser.add_argument("--load", type=float, default=0.1, help="factor on P and Q")
     parser.add_argument("--method", choices=["newton", "switch"], default="newton")
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--plot", type=Path, metavar="DIR")

@@ -33,7 +33,6 @@ UNBALANCED = 1e-8  # residual of K u + B λ = f, over the forces' size
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
 CALM = 2  # iterations without a change after which a residual may have stopped falling
-PATIENCE = 8  # iterations before steps are halved; earlier that only delays Newton's
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
 
 
@@ -174,8 +173,8 @@ class ContactIteration:
             if settled and calm > corrections:
                 self.multiplier, self.w, self.alpha = multiplier, w, alpha
                 return multiplier, y, w
-            # Friction is linearised about the last iterate; halfway where that keeps not helping.
-            half = iteration > PATIENCE and changes and miss > 0.9 * before
+            # Friction is linearised about the last iterate, or halfway where that did not help.
+            half = iteration > 1 and changes and miss > 0.9 * before
             about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
             before = miss
             was_calm = was_calm or calm > 0  # from then on the frame goes on from where it is

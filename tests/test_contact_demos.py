@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import run_mpi_json
 
-LIMITS = {"cold": 12, "later": 4}  # iterations: of a first step, of one that changes no contact
+LIMITS = {"cold": 12, "later": 4}  # iterations: of a first step, of one that follows
 
 
 def contact_conditions(problem, load):
@@ -90,9 +90,10 @@ def test_hertz_3d_on_a_rigid_plane():
     assert abs(row["radius"] - 1) <= 0.01
 
 
-def test_hertz_3d_on_a_block():
+@pytest.mark.parametrize("elements", [(4, 6), (3, 9)])
+def test_hertz_3d_on_a_block(elements):
     """Coarse meshes that do not match: the frame's peak within 1 %, all conditions met."""
-    problem = hertz3d.problem("block", (4, 6), growth=1.4)
+    problem = hertz3d.problem("block", elements, growth=1.4)
     problem.solve()
     assert len(problem.history) <= LIMITS["cold"]
     contact_conditions(problem, hertz3d.hertz("block")[1] / 4)
@@ -126,7 +127,8 @@ def test_cattaneo_mindlin():
     """Stick half-width within one element, tangential traction within 2 % in L2."""
     load, elements = 0.1, (32, 32)
     discs = cattaneo_mindlin.Discs(elements, load)
-    discs.run(2)
+    cold, *later = discs.run(4)
+    assert cold <= LIMITS["cold"] and all(count <= LIMITS["later"] + 1 for count in later)
     found = cattaneo_mindlin.figures(discs.problem, elements, load)
     contact_conditions(discs.problem, load * cattaneo_mindlin.P)
     assert abs(found["stick half-width / c"] - 1) <= found["element / c"]
@@ -146,7 +148,9 @@ def test_dragged_block():
     for row in rows[4:]:
         assert row["stick"] == 0
         assert row["friction"] == pytest.approx(0.5 * row["normal"], rel=1e-10)
-    assert all(row["iterations"] <= LIMITS["cold"] for row in rows)
+    assert rows[0]["iterations"] <= LIMITS["cold"]
+    # Up to two more where most of what has stuck begins to slip in one step.
+    assert all(row["iterations"] <= LIMITS["later"] + 2 for row in rows[1:])
     contact_conditions(scene.problem, 2 * friction_block.PRESSURE)
 
 
@@ -162,6 +166,7 @@ def test_methods_agree():
 def test_ssnv128():
     """Tangential displacements inside the published scatter of 5 %."""
     problem, found = friction_block.ssnv128(32)
+    assert len(problem.history) <= LIMITS["cold"]
     np.testing.assert_allclose(found, friction_block.SSNV_U, rtol=0.05)
     side = problem.results[0].sides[0]
     T, N = np.linalg.norm(side.tangential_force, axis=1), side.normal_force
@@ -186,9 +191,8 @@ def test_lift_off():
     for row in open_:
         assert row["contact"] < lift_off.L
         assert abs(row["contact"] - row["Navier"]) <= element
-    assert all(row["iterations"] <= LIMITS["cold"] for row in open_)  # 5
+    assert all(row["iterations"] <= LIMITS["later"] for row in rows[1:])
     for row in closed:
-        assert row["iterations"] <= LIMITS["later"]
         assert row["contact"] == pytest.approx(lift_off.L)
     for row in (rows[0], rows[-1]):  # central: uniform
         assert row["off linear"] <= 1e-10
