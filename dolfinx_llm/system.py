@@ -276,10 +276,12 @@ def rounding_error(comm, diagonal, u: np.ndarray, f: np.ndarray, multiplier: np.
     return float(np.finfo(float).eps * terms / forces) if forces > 0.0 else 0.0
 
 
-def mean_diagonal(K, rows: np.ndarray) -> float:
+def mean_diagonal(K, rows: np.ndarray, geometric: bool = False) -> float:
     """Mean diagonal entry of K over some of this rank's local rows [force / length]."""
     diagonal = K.getDiagonal()
-    values = diagonal.array_r[rows]
-    total = K.comm.tompi4py().allreduce(np.array([np.abs(values).sum(), float(len(values))]))
+    values = np.abs(diagonal.array_r[rows])
     diagonal.destroy()
-    return float(total[0] / total[1]) if total[1] else 1.0
+    values = np.log(np.maximum(values, 1e-300)) if geometric else values
+    total = K.comm.tompi4py().allreduce(np.array([values.sum(), float(len(values))]))
+    mean = total[0] / total[1] if total[1] else float(not geometric)
+    return float(np.exp(mean) if geometric else mean)

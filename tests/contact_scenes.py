@@ -62,9 +62,12 @@ class Pressed:
         law: of the interface.
         top: function of points (3, n) that tells the nodes that are moved.
         base: the same for the fixed ones.
+        stiffer: the upper block's modulus over the lower one's.
     """
 
-    def __init__(self, blocks, law, top, base, swap=False, solver="auto", **options):
+    def __init__(
+        self, blocks, law, top, base, swap=False, solver="auto", stiffer=1.0, **options
+    ):  # fmt: skip
         self.spaces = [compat.function_space(d, shape=(d.geometry.dim,)) for d, _ in blocks]
         low, high = self.spaces
         self.motion = fem.Function(high)
@@ -73,7 +76,10 @@ class Pressed:
         forms = [(ufl.TrialFunction(V), ufl.TestFunction(V)) for V in self.spaces]
         sides = ((blocks[0][1], ABOVE), (blocks[1][1], BELOW))
         self.problem = llm.ContactProblem(
-            [ufl.inner(stress(u), ufl.grad(w)) * ufl.dx for u, w in forms],
+            [
+                E * ufl.inner(stress(u), ufl.grad(w)) * ufl.dx
+                for E, (u, w) in zip((1.0, stiffer), forms, strict=True)
+            ],
             [
                 ufl.inner(fem.Constant(V.mesh, np.zeros(V.mesh.geometry.dim)), w) * ufl.dx
                 for V, (_, w) in zip(self.spaces, forms, strict=True)

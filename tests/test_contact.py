@@ -268,6 +268,16 @@ def test_random_scenes(seed, monkeypatch):
     scene.problem.destroy()
 
 
+@pytest.mark.parametrize("stiffer", [1e-8, 1e-4, 1e4, 1e8])
+@pytest.mark.parametrize("seed", [400, 410, 412])
+def test_stiff_on_soft(seed, stiffer):
+    scene, motions = random_pressed(COMM, seed, stiffer=stiffer)
+    for motion in motions:
+        scene.move(motion)
+        assert len(scene.problem.history) <= 12
+        assert max(violations(scene.problem).values()) < 1e-10
+
+
 def dragged_3d(kind, method="newton"):
     """Two blocks, and a function that presses them and drags the upper one along x."""
     rng = np.random.default_rng(5)
