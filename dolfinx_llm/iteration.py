@@ -64,8 +64,11 @@ class ContactIteration:
             splu((self.L.T @ self.L + 1e-10 * identity(self.m)).tocsc()) if self.m else None
         )
         self._normal = np.zeros(self.n, dtype=bool)  # rows that may open
+        self._drifts = np.zeros(self.m, dtype=bool)  # normal motion of frames
         for s in self.states:
             self._normal[s.rows[:, -1]] = s.law.unilateral
+            if len(s.v):
+                self._drifts[s.v.reshape(-1, s.model.directions.shape[1])[:, -1]] = True
         self.forget()
 
     def forget(self):
@@ -150,7 +153,7 @@ class ContactIteration:
         alpha = self.alpha if known else np.zeros(self.backend.floating)
         about = (self.multiplier if known else np.zeros(self.n), w)
         calm, was_calm = 0, False  # iterations without a change of state
-        before = np.inf  # last residual
+        before, w_last = np.inf, w  # last residual and motion
         corrections = min(self.backend.floating, 1)  # what springs hold is corrected once at least
         for s in self.states:
             s.closings[:] = 0
@@ -179,6 +182,9 @@ class ContactIteration:
             before = miss
             was_calm = was_calm or calm > 0  # from then on the frame goes on from where it is
             centre = w if was_calm else self._middle(y + g)
+            if stalled:  # a frame node under a tiny force goes to where it touches, ever faster
+                centre = w + (2.0**calm - 1.0) * np.where(self._drifts, w - w_last, 0.0)
+            w_last = w
             if calm:
                 self.backend.correct(multiplier, alpha)
         raise ContactError(self._failure(self.history[first:]))
