@@ -242,6 +242,18 @@ def test_steps_reuse_a_factorisation(monkeypatch):
     problem.destroy()
 
 
+@pytest.mark.parametrize(("n", "names"), [(1, ()), (2, ("line", "lower clamped, plane"))])
+def test_friction_where_supports_bind_the_frame(n, names):
+    """Symmetry planes and clamped nodes through the contact, in all three forms."""
+    states = []
+    for name, forms in run_mpi_json("friction_bound.py", n, *names).items():
+        states.append(forms.pop("states"))
+        worst = {form: max(errors) for form, errors in forms.items()}
+        assert len(worst) == 3 and max(worst.values()) <= 1e-10, (name, worst)
+    assert sum(stick > 0 for _, stick, _ in states) == len(states)
+    assert sum(slip > 0 for _, _, slip in states) >= min(4, len(states))
+
+
 def test_worn_preconditioner_is_renewed(monkeypatch):
     """In the middle of a solve, where it takes too many iterations."""
     V, tags = scenes.two_blocks(COMM, 4, 3)
