@@ -32,7 +32,7 @@ class CondensedSteps(WholeSteps):
         B, *others: as of ``WholeSteps``.
     """
 
-    accuracy = 1e-11  # of balance and law, relative: what CG leaves
+    accuracy = 1e-11  # of balance and law, relative: what CG leaves; a factorisation leaves less
     most = 60  # as of ``WholeSteps``; to ask takes a solve by CG
 
     def __init__(self, multipliers, block: int, modes, K, B, *others):
@@ -54,6 +54,7 @@ class CondensedSteps(WholeSteps):
         dofs, base = self._multipliers.dofs[on], self._multipliers.base[on]
         slaved = SlavedRows(dofs, base, step.L[on], numbering, self.frames, self._block)
         symmetric = abs(step.E - step.L.T).nnz == 0
+        self.accuracy = CondensedSteps.accuracy if symmetric else WholeSteps.accuracy
         set_up = self._symmetric if symmetric else self._with_friction
         solve, done = set_up(slaved, step)
 
