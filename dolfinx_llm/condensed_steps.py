@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 
 from dolfinx_llm.condensed import CondensedSystem
-from dolfinx_llm.linear_step import SOFT, InterfaceSystem
+from dolfinx_llm.linear_step import SOFT, InterfaceSystem, force_level
 from dolfinx_llm.operators import Numbering
 from dolfinx_llm.slaving import SlavedRows
 from dolfinx_llm.sparse_steps import WholeSteps
 from dolfinx_llm.splitting import SplitStiffness
 from dolfinx_llm.system import DirectSolver
 from dolfinx_llm.transformation import Transformation
+
+ROUNDING = 30.0 * np.finfo(float).eps  # of forces that are f - K u, of stiffness times motion
 
 
 class CondensedSteps(WholeSteps):
@@ -32,7 +34,7 @@ class CondensedSteps(WholeSteps):
         B, *others: as of ``WholeSteps``.
     """
 
-    accuracy = 1e-11  # of balance and law, relative: what CG leaves; a factorisation leaves less
+    accuracy = 1e-11  # of balance and law, relative: what CG leaves
     most = 60  # as of ``WholeSteps``; to ask takes a solve by CG
 
     def __init__(self, multipliers, block: int, modes, K, B, *others):
@@ -41,6 +43,15 @@ class CondensedSteps(WholeSteps):
         self._multipliers, self._block, self._modes = multipliers, block, modes
         self.system: Any = None  # without friction, once there is one
         self._known = np.zeros(0)  # what the system's matrix was made of
+
+    def solve(self, step: InterfaceSystem, spring, centre, may_open):
+        found = super().solve(step, spring, centre, may_open)
+        if self._factorised:  # what is left is the rounding of f - K u
+            multiplier, y = found[:2]
+            level = force_level(multiplier, y + step.g, self.scale)
+            noise = ROUNDING * self.scale * np.abs(y).max(initial=0.0) / level
+            self.accuracy = min(max(noise, WholeSteps.accuracy), CondensedSteps.accuracy)
+        return found
 
     def _K_times(self, u):
         product = self.split.times(u)
@@ -54,7 +65,7 @@ class CondensedSteps(WholeSteps):
         dofs, base = self._multipliers.dofs[on], self._multipliers.base[on]
         slaved = SlavedRows(dofs, base, step.L[on], numbering, self.frames, self._block)
         symmetric = abs(step.E - step.L.T).nnz == 0
-        self.accuracy = CondensedSteps.accuracy if symmetric else WholeSteps.accuracy
+        self._factorised = not symmetric
         set_up = self._symmetric if symmetric else self._with_friction
         solve, done = set_up(slaved, step)
 

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from dolfinx_llm import iteration, solvers
 
 COMM = MPI.COMM_SELF
-SEEDS = (402, 403, 407, 410, 412, 413, 414, 416, 418, 422, 423, 435)
+SEEDS = (402, 403, 407, 410, 412, 414, 416, 418, 422, 423, 435, 454)
 
 
 def check(found):
