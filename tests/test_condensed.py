@@ -224,7 +224,9 @@ def test_steps_reuse_the_set_up(n):
     closed, bent = (found["pressed"], found["twice"]), found["bent"]
     for outcome in closed:
         assert outcome["set-ups"] == 1 and len(set(outcome["active"])) == 1
-        assert outcome["iterations"][-1] < outcome["iterations"][0]  # from the last solution
+        assert outcome["iterations"][-1] <= outcome["iterations"][0]
+    first, later = closed[0]["iterations"][0], closed[0]["iterations"][1:] + closed[1]["iterations"]
+    assert max(later) < first  # from the last solution
     assert (
         1 < bent["set-ups"] <= len(bent["active"]) and bent["active"][-1] < closed[0]["active"][0]
     )
