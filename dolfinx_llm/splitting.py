@@ -24,13 +24,13 @@ class SplitStiffness:
     """K, parted at the dofs of surface nodes.
 
     Args:
-        K: symmetric stiffness of the bodies, AIJ. It is used up.
-        dofs: (n, gdim) numbers of the surface nodes' dofs, the same on every rank.
+        K: symmetric stiffness of the bodies, AIJ. It is taken over: its storage becomes ``inside``.
+        dofs: numbers of the surface nodes' dofs, whole nodes, the same on every rank.
 
     Attributes:
         surface: this rank's of these dofs, local numbers.
         diagonal: (n_local,) of K.
-        inside: K without the rows and columns of S, but for ones on their diagonal.
+        inside: K with zeros in the rows and columns of S, and ones on their diagonal.
         K_SS, K_SI: rows S of K, the latter with the columns of all dofs, and none in those of S.
 
     Raises:
@@ -42,9 +42,9 @@ class SplitStiffness:
             raise ContactError(
                 "the condensed form needs a symmetric stiffness, K has none: use solver='saddle'"
             )
-        self.comm, self.sizes = K.comm.tompi4py(), K.getSizes()[0]
+        self.comm, self.inside, self.sizes = K.comm.tompi4py(), K, K.getSizes()[0]
         self.first, end = K.getOwnershipRange()
-        gdim, dofs = dofs.shape[1], np.unique(dofs)
+        dofs = np.unique(dofs)
         mine = dofs[(dofs >= self.first) & (dofs < end)].astype(PETSc.IntType)
         self.surface = mine - self.first
         diagonal = K.getDiagonal()
@@ -55,28 +55,7 @@ class SplitStiffness:
         self.K_SI = self._without_columns(rows, dofs)
         for item in (diagonal, S, all_dofs, rows):
             item.destroy()
-        self.inside = self._idle(K, dofs, gdim)
-        K.destroy()
-
-    def _idle(self, K: Any, dofs: np.ndarray, gdim: int) -> Any:
-        """K with ones on the diagonal of S and no other entries there, but for zeros that keep the
-        blocks of nodes whole: stored zeros would cost GAMG as much as other entries."""
-        indptr, columns, values = K.getValuesCSR()
-        n = self.sizes[0]
-        on_S = np.zeros(self.sizes[1], dtype=bool)
-        on_S[dofs] = True
-        mine = np.repeat(on_S[self.first : self.first + n], np.diff(indptr))
-        idle = np.flatnonzero(mine | on_S[columns])
-        row = self.first + np.searchsorted(indptr, idle, side="right") - 1
-        values[idle] = row == columns[idle]
-        outside = row // gdim != columns[idle] // gdim
-        kept = np.ones(len(values), dtype=bool)
-        kept[idle[outside]] = False
-        dropped = np.bincount(row[outside] - self.first, minlength=n)
-        ends = indptr - np.concatenate([[0], np.cumsum(dropped)])
-        local = ends.astype(PETSc.IntType), columns[kept], values[kept]
-        sizes = self.sizes, self.sizes
-        return PETSc.Mat().createAIJWithArrays(sizes, local, bsize=gdim, comm=K.comm)
+        K.zeroRowsColumns(mine, 1.0)
 
     def _without_columns(self, rows: Any, dofs: np.ndarray) -> Any:
         indptr, columns, values = rows.getValuesCSR()
