@@ -240,7 +240,8 @@ def test_steps_reuse_a_factorisation(monkeypatch):
     steps = [active for _, _, active in condensed_reuse.follow(problem, constants)]
     system = problem._iteration.backend.system
     assert system.set_ups == 1 + len(reduced)
-    assert len(system.steps) == sum(map(len, steps)) >= system.set_ups
+    # Pairs whose sign is wrong are asked for besides.
+    assert len(system.steps) >= sum(map(len, steps)) >= system.set_ups
     problem.destroy()
 
 
