@@ -266,4 +266,5 @@ def test_worn_preconditioner_is_renewed(monkeypatch):
     for (_, u, _), (_, v, _) in zip(known, condensed_reuse.follow(problem, constants)):
         assert np.abs(u - v).max() <= 1e-10 * np.abs(u).max()
         monkeypatch.setattr(condensed, "WORN", 0.3)
-    assert problem._iteration.backend.system.set_ups > 3
+    # COST being zero, nothing else renews one.
+    assert problem._iteration.backend.system.set_ups > 1
