@@ -11,15 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.condensed import CondensedSystem
-from dolfinx_llm.linear_step import InterfaceSystem
+from dolfinx_llm.linear_step import SOFT, InterfaceSystem, force_level
 from dolfinx_llm.operators import Numbering
 from dolfinx_llm.slaving import SlavedRows
 from dolfinx_llm.sparse_steps import WholeSteps
 from dolfinx_llm.splitting import SplitStiffness
 from dolfinx_llm.system import DirectSolver
 from dolfinx_llm.transformation import Transformation
+
+ROUNDING = 30.0 * np.finfo(float).eps  # of forces that are f - K u, of stiffness times motion
 
 
 class CondensedSteps(WholeSteps):
@@ -43,6 +44,15 @@ class CondensedSteps(WholeSteps):
         self.system: Any = None  # without friction, once there is one
         self._known = np.zeros(0)  # what the system's matrix was made of
 
+    def solve(self, step: InterfaceSystem, spring, centre, may_open):
+        found = super().solve(step, spring, centre, may_open)
+        if self._factorised:  # what is left is the rounding of f - K u
+            multiplier, y = found[:2]
+            level = force_level(multiplier, y + step.g, self.scale)
+            noise = ROUNDING * self.scale * np.abs(y).max(initial=0.0) / level
+            self.accuracy = min(max(noise, WholeSteps.accuracy), CondensedSteps.accuracy)
+        return found
+
     def _K_times(self, u):
         product = self.split.times(u)
         product[self._pins] -= self._spring * u[self._pins]
@@ -55,6 +65,7 @@ class CondensedSteps(WholeSteps):
         dofs, base = self._multipliers.dofs[on], self._multipliers.base[on]
         slaved = SlavedRows(dofs, base, step.L[on], numbering, self.frames, self._block)
         symmetric = abs(step.E - step.L.T).nnz == 0
+        self._factorised = not symmetric
         set_up = self._symmetric if symmetric else self._with_friction
         solve, done = set_up(slaved, step)
 
@@ -90,27 +101,31 @@ class CondensedSteps(WholeSteps):
         return solve, lambda: None  # what is set up may serve the next step
 
     def _with_friction(self, slaved, step):
-        """T_lᵀ (f - K T q) + D w = rhs, where T_l has E in the place of L_bᵀ."""
+        """T_lᵀ (f - K T q) + D w + E λ_W = rhs, where T_l has E in the place of L_bᵀ.
+
+        λ_W are the forces of rows that bind the frame alone. Without symmetry no combination of the
+        frame's equations is free of them: they are unknowns, in the places of what they determine.
+        As the rows of ``soft`` they give way a little, since friction may say the same (a node
+        held on both sides that sticks).
+        """
         self.split.hold(self._pins, self._spring)
-        form = Transformation(self.split, slaved, self.fixed, np.ones(step.L.shape[1]))
-        if len(form.frame.dependent):
-            raise ContactError(
-                "solver='condensed' with friction: displacements are prescribed at contact nodes "
-                "and bind the frame. Use solver='saddle'"
-            )
-        on = np.flatnonzero(step.active)
-        test = form.columns_of(step.E[:, on].T.tocsr()[slaved.multipliers.mine])
-        matrix = form.reduce(-step.D, self.scale, test)
+        everywhere = np.ones(step.L.shape[1])
+        form = Transformation(self.split, slaved, self.fixed, everywhere, SOFT)
+        E = step.E[:, np.flatnonzero(step.active)]
+        test = form.columns_of(E.T.tocsr()[slaved.multipliers.mine])
+        law = form.frame_law(E, step.D, self.scale)
+        matrix = form.reduce(-law, self.scale, test)
         solver = DirectSolver(matrix, self._prefix, {"pc_type": "lu"}, own=True)
 
         def solve(f, g, rhs):
             u_0, v_0 = form.offsets(f, g)
             b = form.load(f, u_0, test)
-            b[len(f) + form.seats] -= rhs[form.mine_used]
+            b[len(f) + form.seats] -= (rhs - step.D @ v_0)[form.mine_used]
             q = solver.solve(b)
             u, force, S = form.motion(q) + u_0, np.zeros(len(f)), self.split.surface
             force[S] = np.where(self.fixed[S], 0.0, f[S] - self.split.rows(u))
-            return u, form.A.T @ force, form.frame_motion(q, v_0)
+            multiplier = form.A.T @ force + form.frame_multipliers(q, self.scale)
+            return u, multiplier, form.frame_motion(q, v_0)
 
         def done():
             for item in (solver, test, form.T):

@@ -100,18 +100,18 @@ class WholeSteps:
         on = step.active[rows]
         band = SIGN * force_level(multiplier, y + step.g, self.scale)
 
-        def value(multiplier, y, w, g):
+        def value(answer, g):
+            multiplier, y, w = answer
             gap = step.L[rows] @ w - y[rows] - g[rows]
             return np.where(on, multiplier[rows], self.scale * gap)
 
-        now = value(multiplier, y, w, step.g)
+        now = value((multiplier, y, w), step.g)
         pairs, columns = np.empty(0, dtype=np.int64), np.empty((len(rows), 0))
         new = np.flatnonzero(wrong)
         while len(new) and len(pairs) + len(new) <= 2 * self.most:
             for p in new:
                 load = self._loads(step, np.array([p]), np.ones(1))
-                answer = self._answer(ask, *load)
-                column = value(*answer, load[1])
+                column = value(self._answer(ask, *load), load[1])
                 columns = np.column_stack([columns, column])
             pairs = np.concatenate([pairs, new])
             at = place[pairs]

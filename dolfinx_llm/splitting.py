@@ -9,6 +9,8 @@ With S their dofs, I the others and u_S = T_S q_S,
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
@@ -35,7 +37,7 @@ class SplitStiffness:
         ContactError: K is not symmetric.
     """
 
-    def __init__(self, K, dofs: np.ndarray):
+    def __init__(self, K: Any, dofs: np.ndarray):
         if not is_symmetric(K):
             raise ContactError(
                 "the condensed form needs a symmetric stiffness, K has none: use solver='saddle'"
@@ -55,7 +57,7 @@ class SplitStiffness:
             item.destroy()
         K.zeroRowsColumns(mine, 1.0)
 
-    def _without_columns(self, rows, dofs):
+    def _without_columns(self, rows: Any, dofs: np.ndarray) -> Any:
         indptr, columns, values = rows.getValuesCSR()
         kept = ~np.isin(columns, dofs)
         row = np.repeat(np.arange(len(self.surface)), np.diff(indptr))[kept]
@@ -63,7 +65,7 @@ class SplitStiffness:
         local = csr_matrix((values[kept], (row, columns[kept])), shape=shape)
         return create_aij(rows.comm, rows.getSizes()[0], self.sizes, local)
 
-    def reduce(self, T, D, test=None):
+    def reduce(self, T: Any, D: Any, test: Any = None) -> Any:
         """Tᵀ K T with D added to its last block; with ``test`` the T_S of its rows.
 
         Args:
@@ -118,7 +120,7 @@ class SplitStiffness:
             M.destroy()
 
 
-def _transposed(M):
+def _transposed(M: Any) -> Any:
     turned = M.copy()
     turned.transpose()
     return turned

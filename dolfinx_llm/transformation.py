@@ -24,6 +24,7 @@ class Transformation:
         rows: what is slaved to the frames.
         fixed: (n_local,) whether a dof of this rank is prescribed.
         proximal: (m,) stiffness of the frames' unknowns, or None.
+        soft: as of ``FrameElimination``.
     """
 
     def __init__(
@@ -32,6 +33,7 @@ class Transformation:
         rows: SlavedRows,
         fixed: np.ndarray,
         proximal: np.ndarray | None,
+        soft: float = 0.0,
     ):
         self.comm, self.split, self.rows, self.fixed = split.comm, split, rows, fixed
         self.gdim, self.proximal = rows.dofs.shape[1], proximal
@@ -40,7 +42,7 @@ class Transformation:
         node = eliminate_at_nodes(self.dofs, self.vectors, fixed)
         self.A, self.N, self.W = node.A, node.N, node.W
         self.L = rows.L[rows.multipliers.mine]  # rows of this rank
-        self.frame = FrameElimination(self._frame_rows())
+        self.frame = FrameElimination(self._frame_rows(), soft)
         self._number()
         self.T = self.columns_of(self.L @ self.frame.Z)
 
@@ -52,8 +54,8 @@ class Transformation:
         self._mine_D = slice(first, first + W.shape[0])
         parts = self.comm.allgather((W.data, W.row + first, self.rows.multipliers.mine[W.col]))
         data, row, col = (np.concatenate(part) for part in zip(*parts, strict=True))
-        shape = sum(count), self.rows.L.shape[0]
-        return (csr_matrix((data, (row, col)), shape=shape) @ self.rows.L).tocsr()
+        self._W_all = csr_matrix((data, (row, col)), shape=(sum(count), self.rows.L.shape[0]))
+        return (self._W_all @ self.rows.L).tocsr()
 
     def _number(self):
         """Places in the tail: ``left`` (S,) of this rank's surface dofs, -1 where there is none,
@@ -69,7 +71,7 @@ class Transformation:
         motion = self.A @ (self.L @ self.frame.Z)
         used = comm.allreduce((np.diff(motion.tocsc().indptr) > 0).astype(np.int64)) > 0
         if self.proximal is not None:
-            used |= self.frame.Z.T @ self.proximal > 0.0
+            used |= abs(self.frame.Z).T @ self.proximal > 0.0
         bs = self.rows.block
         item_owner = frames.owner[::bs]
         items = np.flatnonzero(used.reshape(-1, bs).any(axis=1))
@@ -159,11 +161,31 @@ class Transformation:
 
     def frame_motion(self, q: np.ndarray, v_0: np.ndarray) -> np.ndarray:
         """(m,) v on every rank."""
-        parts = self.comm.allgather((self.mine_used, q[len(self.fixed) + self.seats]))
-        q_v = np.zeros(len(v_0))
-        for place, value in parts:
+        return self.frame.Z @ self.frame_unknowns(q) + v_0
+
+    def frame_unknowns(self, q: np.ndarray) -> np.ndarray:
+        """(m,) q_v on every rank."""
+        q_v = np.zeros(self.frame.size)
+        for place, value in self.comm.allgather((self.mine_used, q[len(self.fixed) + self.seats])):
             q_v[place] = value
-        return self.frame.Z @ q_v + v_0
+        return q_v
+
+    def frame_law(self, E: csr_matrix, D: csr_matrix, c: float) -> csr_matrix:
+        """(m, m) E λ + D v of the frames' unknowns, where they are forces: of rows that bind the
+        frame alone.
+
+        Args:
+            E: (m, rows), D: (m, m) of the frames' equations.
+            c: unit of these forces [force / length].
+        """
+        own = c * (E @ self._W_all.T @ csr_matrix(self.frame.Q)).tocoo()
+        places = own.row, self.frame.dependent[own.col]
+        return (D @ self.frame.Z + csr_matrix((own.data, places), shape=D.shape)).tocsr()
+
+    def frame_multipliers(self, q: np.ndarray, c: float) -> np.ndarray:
+        """(R,) λ of this rank that binds the frame alone, where it is unknown."""
+        force = c * self.frame.Q @ self.frame_unknowns(q)[self.frame.dependent]
+        return self.W.T @ force[self._mine_D]
 
     def multipliers(self, force: np.ndarray, v: np.ndarray, centre) -> np.ndarray:
         """λ of this rank from the reactions f - K u, zero at fixed dofs.

@@ -221,7 +221,9 @@ def test_steps_reuse_the_set_up(n):
     closed, bent = (found["pressed"], found["twice"]), found["bent"]
     for outcome in closed:
         assert outcome["set-ups"] == 1 and len(set(outcome["active"])) == 1
-        assert outcome["iterations"][-1] < outcome["iterations"][0]  # from the last solution
+        assert outcome["iterations"][-1] <= outcome["iterations"][0]
+    first, later = closed[0]["iterations"][0], closed[0]["iterations"][1:] + closed[1]["iterations"]
+    assert max(later) < first  # from the last solution
     assert (
         1 < bent["set-ups"] <= len(bent["active"]) and bent["active"][-1] < closed[0]["active"][0]
     )
@@ -238,8 +240,21 @@ def test_steps_reuse_a_factorisation(monkeypatch):
     steps = [active for _, _, active in condensed_reuse.follow(problem, constants)]
     system = problem._iteration.backend.system
     assert system.set_ups == 1 + len(reduced)
-    assert len(system.steps) == sum(map(len, steps)) >= system.set_ups
+    # Pairs whose sign is wrong are asked for besides.
+    assert len(system.steps) >= sum(map(len, steps)) >= system.set_ups
     problem.destroy()
+
+
+@pytest.mark.parametrize(("n", "names"), [(1, ()), (2, ("line", "lower clamped, plane"))])
+def test_friction_where_supports_bind_the_frame(n, names):
+    """Symmetry planes and clamped nodes through the contact, in all three forms."""
+    states = []
+    for name, forms in run_mpi_json("friction_bound.py", n, *names).items():
+        states.append(forms.pop("states"))
+        worst = {form: max(errors) for form, errors in forms.items()}
+        assert len(worst) == 3 and max(worst.values()) <= 1e-10, (name, worst)
+    assert sum(stick > 0 for _, stick, _ in states) == len(states)
+    assert sum(slip > 0 for _, _, slip in states) >= min(4, len(states))
 
 
 def test_worn_preconditioner_is_renewed(monkeypatch):
@@ -251,4 +266,5 @@ def test_worn_preconditioner_is_renewed(monkeypatch):
     for (_, u, _), (_, v, _) in zip(known, condensed_reuse.follow(problem, constants)):
         assert np.abs(u - v).max() <= 1e-10 * np.abs(u).max()
         monkeypatch.setattr(condensed, "WORN", 0.3)
-    assert problem._iteration.backend.system.set_ups > 3
+    # COST being zero, nothing else renews one.
+    assert problem._iteration.backend.system.set_ups > 1
