@@ -294,28 +294,45 @@ class Frame:
             A ``Location`` with one row per point.
         """
         x = np.asarray(points, dtype=np.float64)
-        point, cell = self._candidates(x)
+        cell = cKDTree(self._balls[0]).query(x)[1]
+        xi, distance = self._invert(x, cell)
+        far = np.maximum(np.abs(x).max(axis=1, initial=0.0), np.abs(self.x).max())
+        rounding = 1e-10 * self.cell_size.mean() + 10.0 * np.finfo(float).eps * far
+        N, dN = shape_functions(self.cells.shape[1], xi)
+        inside = (N.min(axis=1) > 1e-9) & (distance <= rounding)
+        rest = np.flatnonzero(~inside)
+        if len(rest):
+            cell[rest], xi[rest] = self._closest(x[rest], distance[rest], rounding[rest])
+            N, dN = shape_functions(self.cells.shape[1], xi)
+        step, offset = self._step(x, cell, xi)
+        N = N + np.einsum("nkd,nd->nk", dN, step)
+        return Location(cell, xi, N, self._outside(offset, cell))
+
+    def _closest(
+        self, x: np.ndarray, bound: np.ndarray, rounding: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Cells with the closest points, of equally close ones the first, and these points.
+
+        Args:
+            x: (n, gdim) points [length].
+            bound: (n,) how far from each there is a cell [length].
+            rounding: (n,) distances that differ by less are the same [length].
+        """
+        point, cell = self._candidates(x, bound, rounding)
         xi, distance = self._invert(x[point], cell)
-        outside = self._outside(x[point], cell, xi)
         least = np.full(len(x), np.inf)
         np.minimum.at(least, point, distance)
-        closest = distance <= least[point] + self._rounding(x)
-        # Near a side within the frame distances are alike from where the foot lies in one cell.
-        order = np.lexsort((cell, outside > 0.0, ~closest, point))
+        close = distance <= (least + rounding)[point]
+        point, cell, xi = point[close], cell[close], xi[close]
+        # Above an edge distances hardly differ from where the foot lies in one of its cells.
+        outside = self._outside(self._step(x[point], cell, xi)[1], cell)
+        order = np.lexsort((cell, outside > 0.0, point))
         best = order[np.unique(point[order], return_index=True)[1]]
-        cell, xi, outside = cell[best], xi[best], outside[best]
-        step, _ = self._step(x, cell, xi)
-        N, dN = shape_functions(self.cells.shape[1], xi)
-        return Location(cell, xi, N + np.einsum("nkd,nd->nk", dN, step), outside)
+        return cell[best], xi[best]
 
-    def _rounding(self, x: np.ndarray) -> float:
-        """Distances of points x that differ by less are the same [length]."""
-        far = max(np.abs(self.x).max(), np.abs(x).max(initial=0.0))
-        return float(1e-10 * self.cell_size.mean() + 10.0 * np.finfo(float).eps * far)
-
-    def _outside(self, x: np.ndarray, cell: np.ndarray, xi: np.ndarray) -> np.ndarray:
-        """Tangential distance from the cell in units of its size, 0 inside."""
-        outside = np.linalg.norm(self._step(x, cell, xi)[1], axis=1) / self.cell_size[cell]
+    def _outside(self, offset: np.ndarray, cell: np.ndarray) -> np.ndarray:
+        """Tangential distance from cells in units of their size, 0 inside."""
+        outside = np.linalg.norm(offset, axis=1) / self.cell_size[cell]
         outside[outside < 1e-11] = 0.0  # rounding of the coordinates
         return outside
 
@@ -339,22 +356,27 @@ class Frame:
             step = adjugate / np.maximum(a * c - b * b, 1e-300)[:, None]
         return step, np.einsum("na,nai->ni", step, t)
 
-    def _candidates(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs (point, cell) that contain the closest cells: for points on the frame the cells
-        whose ball holds them, for others those that may be as close as the nearest by centroid."""
+    @cached_property
+    def _balls(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centroids (n_cells, gdim) and radii (n_cells,) of balls that hold the cells [length]."""
         corners = self.x[self.cells]
         centre = corners.mean(axis=1)
-        radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
-        tree = cKDTree(centre)
-        rounding = self._rounding(x)
-        bound = self._invert(x, tree.query(x)[1])[1] + rounding
-        on = np.flatnonzero(bound <= 2.0 * rounding)
-        found = cKDTree(x[on]).query_ball_point(centre, radius + 2.0 * rounding)
+        return centre, np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
+
+    def _candidates(
+        self, x: np.ndarray, bound: np.ndarray, rounding: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs (point, cell) of all cells that may be as close as the bound: for points on the
+        frame those whose ball holds them, for others what ball and plane of a cell leave."""
+        centre, radius = self._balls
+        on = np.flatnonzero(bound <= rounding)
+        found = cKDTree(x[on]).query_ball_point(centre, radius + 2.0 * rounding.max())
         points, cells = [on[_joined(found)]], [_repeated(np.arange(len(centre)), found)]
         normal = vector_areas(self.x, self.cells)
         normal /= np.linalg.norm(normal, axis=1)[:, None]
-        warp = np.abs(np.einsum("cki,ci->ck", corners - centre[:, None], normal)).max(axis=1)
-        off = np.setdiff1d(np.arange(len(x)), on)
+        corners = self.x[self.cells] - centre[:, None]
+        warp = np.abs(np.einsum("cki,ci->ck", corners, normal)).max(axis=1)
+        off, bound, tree = np.flatnonzero(bound > rounding), bound + rounding, cKDTree(centre)
         for some in np.array_split(off, len(off) // 1000 + 1):  # points far away have many cells
             found = tree.query_ball_point(x[some], bound[some] + radius.max())
             point, cell = _repeated(some, found), _joined(found)
