@@ -24,7 +24,7 @@ from dolfinx_llm.laws import Tied
 from dolfinx_llm.model import ContactModel
 from dolfinx_llm.problem import ContactProblem
 from dolfinx_llm.rigid import check_support
-from dolfinx_llm.system import SaddleSystem
+from dolfinx_llm.system import SaddleSystem, times
 
 MAX_ROWS = 5000  # multipliers up to which v is eliminated: Q is dense
 _ON_OUTLINE = 1e-8  # [cells] a slave node this far beyond the master's outline still touches it
@@ -188,15 +188,8 @@ class NodeToSegment(_ClassicalForm):
         motions."""
         bodies, fixed = self.problem.bodies, self.problem._fixed
         modes = bodies.modes(bodies.label, bodies.points).reshape(len(fixed), -1)
-        motion, moved = self.Q.createVecs()
-        change = np.empty((moved.local_size, modes.shape[1]))
-        for k, mode in enumerate(modes.T):
-            motion.array_w[:] = mode
-            self.Q.mult(motion, moved)
-            change[:, k] = moved.array_r
-        motion.destroy()
-        moved.destroy()
-        change = gather_rows(self.problem.comm, change)
+        moved = np.column_stack([times(self.Q, mode) for mode in modes.T])
+        change = gather_rows(self.problem.comm, moved)
         check_support(bodies, self.problem.K, fixed, [(None, change)])
 
     def solve(self) -> fem.Function | list[fem.Function]:
@@ -360,23 +353,13 @@ class Elimination(_ClassicalForm):
         multiplier = self._basis @ gather_rows(problem.comm, reduced)
         for at, least in problem._prescribed:
             multiplier[at] = least @ (least.T @ multiplier[at])
-        motion = gap + problem._gather(rows, self._surface_motion(u))
+        motion = gap + problem._gather(rows, times(problem.B, u, transposed=True))  # g + Bᵀu
         v = solve_triangular(self._R, self._range.T @ motion)  # (33)
         self.multiplier = multiplier.reshape(self._base.shape[:2])
         self.force = np.einsum("nc,nci->ni", self.multiplier, self._base)
         directions = np.concatenate([model.directions for model in problem.models])
         self.v = np.einsum("md,mdi->mi", v.reshape(directions.shape[:2]), directions)
         return self._functions(u)
-
-    def _surface_motion(self, u: np.ndarray) -> np.ndarray:
-        """This rank's Bᵀu."""
-        x, y = self.problem.B.createVecs(side="left"), self.problem.B.createVecs(side="right")
-        x.array_w[:] = u
-        self.problem.B.multTranspose(x, y)
-        motion = y.array_r.copy()
-        for vector in (x, y):
-            vector.destroy()
-        return motion
 
 
 def _acting(Phi: np.ndarray, base: np.ndarray, fixed: np.ndarray) -> np.ndarray:

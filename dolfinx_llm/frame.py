@@ -285,7 +285,8 @@ class Frame:
         """Closest point of the frame for each given point (inverse isoparametric mapping).
 
         Beyond the closest point (outside the outline) the shape functions are continued by their
-        gradient: they still sum to 1 and still reproduce linear fields.
+        gradient: they still sum to 1 and still reproduce linear fields. Where several cells share
+        the closest point, it belongs to the first one.
 
         Args:
             points: (n, gdim) positions [length].
