@@ -21,9 +21,10 @@ from dolfinx_llm import operators
 from dolfinx_llm._parallel import ContactError, ContactInputError, collective, gather_rows
 from dolfinx_llm.frame import Frame, bases
 from dolfinx_llm.laws import Tied
+from dolfinx_llm.model import ContactModel
 from dolfinx_llm.problem import ContactProblem
 from dolfinx_llm.rigid import check_support
-from dolfinx_llm.system import SaddleSystem
+from dolfinx_llm.system import SaddleSystem, times
 
 MAX_ROWS = 5000  # multipliers up to which v is eliminated: Q is dense
 _ON_OUTLINE = 1e-8  # [cells] a slave node this far beyond the master's outline still touches it
@@ -74,14 +75,14 @@ def constraint_stats(Q: PETSc.Mat, gdim: int) -> ConstraintStats:
 class _ClassicalForm:
     """Q of (6) and its factorised system."""
 
-    def __init__(self, problem, Q, petsc_options: dict | None):
+    def __init__(self, problem: ContactProblem, Q: PETSc.Mat, petsc_options: dict | None) -> None:
         self.problem, self.Q = problem, Q
         self.stats = constraint_stats(Q, problem.spaces[0].mesh.geometry.dim)
-        self.residual = None  # of (6) after a solve, relative
+        self.residual: float | None = None  # of (6) after a solve, relative
         self._system: Any = None
         self._options = petsc_options
 
-    def _solve(self, f: np.ndarray, g: np.ndarray):
+    def _solve(self, f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """This rank's u and multipliers of (6)."""
         if self._system is None:
             p, Q_t = self.problem, self.Q.copy()
@@ -93,7 +94,7 @@ class _ClassicalForm:
         self.residual = self._system.residual
         return u, multiplier
 
-    def _functions(self, u: np.ndarray):
+    def _functions(self, u: np.ndarray) -> fem.Function | list[fem.Function]:
         functions = self.problem._functions(u)
         return functions if self.problem._several else functions[0]
 
@@ -153,7 +154,7 @@ class NodeToSegment(_ClassicalForm):
         slave: int,
         components: str = "all",
         petsc_options: dict | None = None,
-    ):
+    ) -> None:
         if slave not in (0, 1):
             raise ContactInputError(f"slave={slave!r}: choose side 0 or 1")
         if components not in ("all", "normal"):
@@ -182,20 +183,13 @@ class NodeToSegment(_ClassicalForm):
         super().__init__(problem, Q, petsc_options)
         self._check_support()
 
-    def _check_support(self):
+    def _check_support(self) -> None:
         """Require that supports and constraints hold every body, for which Q is applied to rigid
         motions."""
         bodies, fixed = self.problem.bodies, self.problem._fixed
         modes = bodies.modes(bodies.label, bodies.points).reshape(len(fixed), -1)
-        motion, moved = self.Q.createVecs()
-        change = np.empty((moved.local_size, modes.shape[1]))
-        for k, mode in enumerate(modes.T):
-            motion.array_w[:] = mode
-            self.Q.mult(motion, moved)
-            change[:, k] = moved.array_r
-        motion.destroy()
-        moved.destroy()
-        change = gather_rows(self.problem.comm, change)
+        moved = np.column_stack([times(self.Q, mode) for mode in modes.T])
+        change = gather_rows(self.problem.comm, moved)
         check_support(bodies, self.problem.K, fixed, [(None, change)])
 
     def solve(self) -> fem.Function | list[fem.Function]:
@@ -223,7 +217,7 @@ class NodeToSegment(_ClassicalForm):
         return self._functions(u)
 
 
-def _tie(problem, model, slave: int, components: str) -> _Ties:
+def _tie(problem: ContactProblem, model: ContactModel, slave: int, components: str) -> _Ties:
     """Locate the slave nodes of an interface on the master's facets, and the rows of (2)."""
     sides = model.sides[slave], model.sides[1 - slave]
     spaces = model.spaces[slave], model.spaces[1 - slave]
@@ -250,7 +244,13 @@ def _tie(problem, model, slave: int, components: str) -> _Ties:
     return _Ties(x, sides[0].owner[on], base, y - x, rows, np.concatenate(dofs, axis=None))
 
 
-def _constraint_rows(weights, nodes, base, first: int, shape) -> csr_matrix:
+def _constraint_rows(
+    weights: csr_matrix,
+    nodes: np.ndarray,
+    base: np.ndarray,
+    first: int,
+    shape: tuple[int, int, int],
+) -> csr_matrix:
     """Q_c of (2): a_i times [-I, N_1 I, ...], slave dofs first, the master's from ``first`` on."""
     n, c, k = shape
     gdim = base.shape[2]
@@ -264,7 +264,7 @@ def _constraint_rows(weights, nodes, base, first: int, shape) -> csr_matrix:
     return csr_matrix((value[keep], (row[keep], col[keep])), shape=(n * c, k))
 
 
-def _values_at(problem, dofs: np.ndarray, local: np.ndarray) -> np.ndarray:
+def _values_at(problem: ContactProblem, dofs: np.ndarray, local: np.ndarray) -> np.ndarray:
     """Values at dofs given by number, on every rank, from this rank's values at its own."""
     at = dofs - problem._first
     mine = (at >= 0) & (at < len(local))
@@ -301,7 +301,7 @@ class Elimination(_ClassicalForm):
         ContactInputError: more than ``MAX_ROWS`` multipliers.
     """
 
-    def __init__(self, problem: ContactProblem, *, petsc_options: dict | None = None):
+    def __init__(self, problem: ContactProblem, *, petsc_options: dict | None = None) -> None:
         n, m = problem.L_b.getSize()
         if n > MAX_ROWS:
             raise ContactInputError(
@@ -315,9 +315,7 @@ class Elimination(_ClassicalForm):
         factors = None
         with collective(problem.comm):
             if problem.comm.rank == 0:
-                L = block_diag(problem._L_csr).toarray()
-                L[problem._redundant] = 0.0
-                basis, R = np.linalg.qr(L, mode="complete")
+                basis, R = np.linalg.qr(problem._L_all.toarray(), mode="complete")
                 Phi = _acting(basis[:, m:], self._base, fixed)
                 factors = basis[:, :m], R[:m], Phi
         self._range, self._R, self.Phi = problem.comm.bcast(factors)
@@ -325,7 +323,7 @@ class Elimination(_ClassicalForm):
         self._basis = self.P @ self.Phi
         super().__init__(problem, self._operator(problem), petsc_options)
 
-    def _operator(self, problem):
+    def _operator(self, problem: ContactProblem) -> PETSc.Mat:
         """Q = (B P Φ)ᵀ of (36)."""
         rows, comm = problem._rows.numbering, problem.comm
         n_hat = self.Phi.shape[1]
@@ -355,23 +353,13 @@ class Elimination(_ClassicalForm):
         multiplier = self._basis @ gather_rows(problem.comm, reduced)
         for at, least in problem._prescribed:
             multiplier[at] = least @ (least.T @ multiplier[at])
-        motion = gap + problem._gather(rows, self._surface_motion(u))
+        motion = gap + problem._gather(rows, times(problem.B, u, transposed=True))  # g + Bᵀu
         v = solve_triangular(self._R, self._range.T @ motion)  # (33)
         self.multiplier = multiplier.reshape(self._base.shape[:2])
         self.force = np.einsum("nc,nci->ni", self.multiplier, self._base)
         directions = np.concatenate([model.directions for model in problem.models])
         self.v = np.einsum("md,mdi->mi", v.reshape(directions.shape[:2]), directions)
         return self._functions(u)
-
-    def _surface_motion(self, u: np.ndarray) -> np.ndarray:
-        """This rank's Bᵀu."""
-        x, y = self.problem.B.createVecs(side="left"), self.problem.B.createVecs(side="right")
-        x.array_w[:] = u
-        self.problem.B.multTranspose(x, y)
-        motion = y.array_r.copy()
-        for vector in (x, y):
-            vector.destroy()
-        return motion
 
 
 def _acting(Phi: np.ndarray, base: np.ndarray, fixed: np.ndarray) -> np.ndarray:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,8 +25,11 @@ except ImportError as error:
         f"The import failed with: {error}"
     ) from error
 
+if TYPE_CHECKING:
+    from mpi4py import MPI
 
-def create_mesh(comm, cells: np.ndarray, x: np.ndarray, cell_name: str):
+
+def create_mesh(comm: MPI.Comm, cells: np.ndarray, x: np.ndarray, cell_name: str) -> Any:
     """First-order mesh from arrays: cells (n, k) in dolfinx's node order and nodes x (m, gdim).
 
     In parallel every rank passes its own share of both.
@@ -42,7 +48,9 @@ def create_mesh(comm, cells: np.ndarray, x: np.ndarray, cell_name: str):
     return dolfinx.mesh.create_mesh(comm, cells, ufl.Mesh(element), x)
 
 
-def function_space(mesh, family: str = "Lagrange", degree: int = 1, shape: tuple = ()):
+def function_space(
+    mesh: Any, family: str = "Lagrange", degree: int = 1, shape: tuple[int, ...] = ()
+) -> Any:
     """``dolfinx.fem.functionspace`` of every version; ``shape=(gdim,)`` for vectors."""
     if hasattr(dolfinx.fem, "functionspace"):
         return dolfinx.fem.functionspace(mesh, (family, degree, shape))
@@ -51,7 +59,7 @@ def function_space(mesh, family: str = "Lagrange", degree: int = 1, shape: tuple
     return dolfinx.fem.FunctionSpace(mesh, (family, degree))
 
 
-def cell_dofs(space_or_geometry) -> np.ndarray:
+def cell_dofs(space_or_geometry: Any) -> np.ndarray:
     """(n_cells, k) dofs of a function space's cells, or nodes of a mesh geometry's."""
     if hasattr(space_or_geometry, "dofmaps") and hasattr(space_or_geometry, "x"):
         dofmaps = space_or_geometry.dofmaps  # a mesh geometry, one dofmap per kind of cell
@@ -67,25 +75,25 @@ def cell_dofs(space_or_geometry) -> np.ndarray:
     return dofs.array.reshape(n, width if n else (width.num_dofs if width else 1))
 
 
-def tags_belong_to(tags, mesh) -> bool:
+def tags_belong_to(tags: Any, mesh: Any) -> bool:
     """Whether mesh tags were made for this mesh."""
     if hasattr(tags, "topology"):
         return tags.topology == getattr(mesh.topology, "_cpp_object", mesh.topology)
     return tags.mesh.topology is mesh.topology or tags.mesh is mesh
 
 
-def in_space(bc, V) -> bool:
+def in_space(bc: Any, V: Any) -> bool:
     """Whether a Dirichlet condition acts on V or a part of it."""
     space = V._cpp_object
     return bc.function_space == space or space.contains(bc.function_space)
 
 
-def form(ufl_form):
+def form(ufl_form: Any) -> Any:
     """Compiled form; a compiled one is passed through."""
     return dolfinx.fem.form(ufl_form)
 
 
-def assemble_matrix(a, bcs, diagonal: float):
+def assemble_matrix(a: Any, bcs: Sequence[Any], diagonal: float) -> PETSc.Mat:
     """Assembled PETSc AIJ of a compiled form; ``diagonal`` on the rows of ``bcs``."""
     name = "diagonal"
     if name not in inspect.signature(dolfinx.fem.petsc.assemble_matrix).parameters:
@@ -95,7 +103,7 @@ def assemble_matrix(a, bcs, diagonal: float):
     return A
 
 
-def assemble_load(L, a, bcs, V, nodal) -> np.ndarray:
+def assemble_load(L: Any, a: Any, bcs: Sequence[Any], V: Any, nodal: Sequence[Any]) -> np.ndarray:
     """Owned entries of the load: L plus nodal forces, lifted by the conditions' values.
 
     Args:
@@ -117,7 +125,7 @@ def assemble_load(L, a, bcs, V, nodal) -> np.ndarray:
     return np.where(np.isnan(fixed), load, fixed)
 
 
-def ghosted_vector(V, bs: int) -> PETSc.Vec:
+def ghosted_vector(V: Any, bs: int) -> PETSc.Vec:
     """PETSc vector over V's nodes, ``bs`` entries each, with V's ghosts."""
     index_map = V.dofmap.index_map
     return PETSc.Vec().createGhost(
@@ -128,7 +136,7 @@ def ghosted_vector(V, bs: int) -> PETSc.Vec:
     )
 
 
-def prescribed_values(V, bcs) -> np.ndarray:
+def prescribed_values(V: Any, bcs: Sequence[Any]) -> np.ndarray:
     """Values that the conditions prescribe, per owned and ghost dof; NaN where a dof is free."""
     b = ghosted_vector(V, V.dofmap.index_map_bs)
     marks = []
@@ -143,7 +151,9 @@ def prescribed_values(V, bcs) -> np.ndarray:
     return np.where(marks[0] == marks[1], marks[0], np.nan)
 
 
-def evaluate(expression, points: np.ndarray, mesh, shape: tuple = ()) -> np.ndarray:
+def evaluate(
+    expression: Any, points: np.ndarray, mesh: Any, shape: tuple[int, ...] = ()
+) -> np.ndarray:
     """Values of a UFL expression at reference points of every local cell: (n_cells, ...)."""
     compiled = dolfinx.fem.Expression(expression, points)
     n = mesh.topology.index_map(mesh.topology.dim).size_local
@@ -155,25 +165,25 @@ def evaluate(expression, points: np.ndarray, mesh, shape: tuple = ()) -> np.ndar
     return values.reshape(n, len(points), *shape)
 
 
-def vtx_writer(comm, path, u):
+def vtx_writer(comm: MPI.Comm, path: str | Path, u: Any) -> Any:
     """Open VTX file for a Function, or None where dolfinx is built without ADIOS2."""
     if not getattr(dolfinx.io, "VTXWriter", None) or not dolfinx.common.has_adios2:
         return None
     return dolfinx.io.VTXWriter(comm, str(path), [u], engine="BP4")  # which all ParaViews read
 
 
-def quadrature_points(mesh, degree: int) -> np.ndarray:
+def quadrature_points(mesh: Any, degree: int) -> np.ndarray:
     """Quadrature points on the reference cell of a mesh: (n, tdim)."""
     kind = getattr(basix.CellType, _cell_name(mesh))
     return basix.make_quadrature(kind, degree)[0]
 
 
-def _cell_name(mesh) -> str:
+def _cell_name(mesh: Any) -> str:
     name = mesh.ufl_cell().cellname
     return name() if callable(name) else name
 
 
-def model_to_mesh(model, comm, rank: int = 0, gdim: int = 3):
+def model_to_mesh(model: Any, comm: MPI.Comm, rank: int = 0, gdim: int = 3) -> tuple[Any, ...]:
     """gmsh model to (mesh, cell tags, facet tags)."""
     try:
         from dolfinx.io import gmsh as reader

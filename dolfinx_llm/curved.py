@@ -9,6 +9,7 @@ the normal; then all rows, by the smallest change that balances the vector areas
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,8 +17,9 @@ from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from dolfinx_llm.design import _expand
+from dolfinx_llm.design import stencil_rows
 from dolfinx_llm.frame import Frame, vector_areas
+from dolfinx_llm.pairs import ContactPairs
 from dolfinx_llm.patch import outline_edges
 from dolfinx_llm.smooth import Stencils, cell_stencils, projectors
 
@@ -26,7 +28,9 @@ DAMPING = 1e-3  # Tikhonov's parameter of the balance, relative to the mean diag
 AT_OUTLINE = 0.2  # cells: how near to the frame's outline a node of a side's outline belongs to it
 
 
-def curved_rows(frame: Frame, pairs, close_gap: bool):
+def curved_rows(
+    frame: Frame, pairs: Sequence[ContactPairs], close_gap: bool
+) -> tuple[list[ContactPairs], Stencils, np.ndarray, list[np.ndarray]]:
     """Rows of both sides that reproduce places on the smooth surface, and their stencils.
 
     Args:
@@ -37,8 +41,8 @@ def curved_rows(frame: Frame, pairs, close_gap: bool):
             through the frame's nodes, so that what remains is the gap.
 
     Returns:
-        pairs with such rows, smooth normals and gaps along them; stencils of all groups; per side
-        the group of each row.
+        pairs with such rows, smooth normals and gaps along them; stencils of all groups; their
+        projectors; per side the group of each row.
     """
     st = cell_stencils(frame)
     edges = outline_edges(frame.cells)
@@ -67,7 +71,7 @@ class _Clamped:
     cell: np.ndarray  # (n,) cell of each row
 
 
-def _at_outline(frame: Frame, pairs, edges, st: Stencils) -> _Clamped:
+def _at_outline(frame: Frame, pairs: ContactPairs, edges: np.ndarray, st: Stencils) -> _Clamped:
     """Bind nodes of a side's outline that lie at the frame's to it: what a symmetry plane or an
     edge prescribes for the one must not concern the frame's inner nodes."""
     own = np.unique(outline_edges(pairs.surface.facets))
@@ -114,7 +118,9 @@ def _cells_of_edges(cells: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return order[np.searchsorted(key[order], edges[:, 0] * m + edges[:, 1])] // cells.shape[1]
 
 
-def _along_outline(st: Stencils, frame: Frame, edges, clamped) -> dict:
+def _along_outline(
+    st: Stencils, frame: Frame, edges: np.ndarray, clamped: Sequence[_Clamped]
+) -> dict[str, np.ndarray]:
     """Stencils of all cells, followed by one per clamped row: nodes on the line of its edge."""
     cell = np.concatenate([c.cell[c.rows] for c in clamped])
     edge = edges[np.concatenate([c.edge for c in clamped])]
@@ -137,7 +143,15 @@ def _along_outline(st: Stencils, frame: Frame, edges, clamped) -> dict:
     }
 
 
-def _smooth_pairs(frame: Frame, pairs, clamped: _Clamped, st: Stencils, M, group, close_gap: bool):
+def _smooth_pairs(
+    frame: Frame,
+    pairs: ContactPairs,
+    clamped: _Clamped,
+    st: Stencils,
+    M: np.ndarray,
+    group: np.ndarray,
+    close_gap: bool,
+) -> ContactPairs:
     """Correct a side's rows so that they reproduce places on the smooth surface."""
     N, cell, m = clamped.N, clamped.cell, len(frame.x)
     chord = st.to_local(cell, N @ frame.x)
@@ -149,7 +163,7 @@ def _smooth_pairs(frame: Frame, pairs, clamped: _Clamped, st: Stencils, M, group
         change = np.einsum("nwd,nd->nw", M[group], st.to_local(cell, target) - chord)
         good = free & (np.abs(change).max(axis=1) <= LARGEST)
         delta[good] = change[good]
-    N = N + _expand(delta, st.nodes[group], st.mask[group], m)
+    N = N + stencil_rows(delta, st.nodes[group], st.mask[group], m)
     gap = pairs.x - N @ frame.x
     inner = np.ones(len(cell), dtype=bool)
     inner[clamped.rows] = False  # bound to the outline: their gap is what is drawn
@@ -160,7 +174,7 @@ def _smooth_pairs(frame: Frame, pairs, clamped: _Clamped, st: Stencils, M, group
     )
 
 
-def vector_residual(N, vectors) -> np.ndarray:
+def vector_residual(N: Sequence[csr_matrix], vectors: Sequence[np.ndarray]) -> np.ndarray:
     """(m, gdim) sum of both sides' vector areas at the frame's nodes, over the largest one.
 
     Args:
@@ -168,10 +182,18 @@ def vector_residual(N, vectors) -> np.ndarray:
         vectors: pair of (n_i, gdim) vector areas out of each side [area].
     """
     scale = max(np.linalg.norm(a, axis=1).max() for a in vectors)
-    return sum(M.T @ (a / scale) for M, a in zip(N, vectors, strict=True))
+    at_frame = [M.T @ (a / scale) for M, a in zip(N, vectors, strict=True)]
+    return at_frame[0] + at_frame[1]
 
 
-def balance(frame: Frame, pairs, vectors, st: Stencils, P, groups):
+def balance(
+    frame: Frame,
+    pairs: Sequence[ContactPairs],
+    vectors: Sequence[np.ndarray],
+    st: Stencils,
+    P: np.ndarray,
+    groups: Sequence[np.ndarray],
+) -> list[csr_matrix]:
     """Correct the rows so that the vector areas cancel at the frame's nodes, in least squares.
 
     Minimises sum_p |a_p| |delta_p|² subject to the rows' constraints (P) and to d_J · r_J = 0 for
@@ -207,7 +229,7 @@ def balance(frame: Frame, pairs, vectors, st: Stencils, P, groups):
         mu = mu + factor.solve(r)
         delta = np.einsum("gwv,gv->gw", P, D * mu[st.nodes])
         better = [
-            M - sign * _expand(delta[g], st.nodes[g], st.mask[g], m)
+            M - sign * stencil_rows(delta[g], st.nodes[g], st.mask[g], m)
             for M, g, sign in zip(plain, groups, (1.0, -1.0), strict=True)
         ]
         left = np.einsum("mi,mi->m", vector_residual(better, vectors), normal)

@@ -114,7 +114,7 @@ def design_weights(
         step = np.einsum("est,et->es", P, np.where(mask, mu[nodes], 0.0))
         delta += np.einsum("est,et->es", P, step)
         designed = [
-            M - sign * _expand(delta[c] * free[:, None], nodes[c], mask[c], m)
+            M - sign * stencil_rows(delta[c] * free[:, None], nodes[c], mask[c], m)
             for M, c, sign, free in zip(N, cells, (1.0, -1.0), change, strict=True)
         ]
     residual = np.abs(patch_residual(designed, forces))
@@ -131,7 +131,7 @@ def design_weights(
     return designed
 
 
-def _around(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def nodes_around(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Nodes of every cell and of the cells around it.
 
     Returns:
@@ -154,7 +154,7 @@ def _stencils(cells: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     Returns:
         nodes (n_cells, w), padded with node 0; mask (n_cells, w); P (n_cells, w, w).
     """
-    nodes, mask = _around(cells)
+    nodes, mask = nodes_around(cells)
     local = s[nodes] - s[cells].mean(axis=1)[:, None, :]
     local /= np.abs(np.where(mask[..., None], local, 0.0)).max(axis=(1, 2))[:, None, None]
     C = np.concatenate([np.ones((*mask.shape, 1)), local], axis=2) * mask[..., None]
@@ -208,7 +208,7 @@ def _pins(A: csr_matrix, parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> Any:
     return diags(pins)
 
 
-def _expand(values: np.ndarray, nodes: np.ndarray, mask: np.ndarray, m: int) -> csr_matrix:
+def stencil_rows(values: np.ndarray, nodes: np.ndarray, mask: np.ndarray, m: int) -> csr_matrix:
     """Rows of stencil values as a sparse matrix with m columns."""
     indptr = np.concatenate([[0], np.cumsum(mask.sum(axis=1))])
     return csr_matrix((values[mask], nodes[mask], indptr), shape=(len(values), m))

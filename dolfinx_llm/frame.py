@@ -7,8 +7,10 @@ normal points out of side 0 into side 1.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -42,12 +44,26 @@ def shape_functions(k: int, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return N, np.broadcast_to(dN, (n, k, k - 1))
 
 
-def _clamp(k: int, xi: np.ndarray) -> np.ndarray:
-    """Reference coordinates moved into their cell."""
-    if k == 4:
-        return np.clip(xi, -1.0, 1.0)
-    xi = np.clip(xi, 0.0, 1.0)
-    return xi / np.maximum(xi.sum(axis=1, keepdims=True), 1.0)
+def _on_sides(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Reference coordinates (n, 2) of the points closest to x on the sides of triangles p."""
+    side = np.roll(p, -1, axis=1) - p
+    d = x[:, None] - p
+    t = np.einsum("nki,nki->nk", d, side) / np.einsum("nki,nki->nk", side, side)
+    t = np.clip(t, 0.0, 1.0)
+    best = np.linalg.norm(d - t[..., None] * side, axis=2).argmin(axis=1)
+    n = np.arange(len(x))
+    t = t[n, best]
+    return np.stack([[t, 0.0 * t], [1.0 - t, t], [0.0 * t, 1.0 - t]])[best, :, n]
+
+
+def _joined(found: Sequence[list[int]]) -> np.ndarray:
+    """One array of many lists of numbers."""
+    return np.fromiter(chain.from_iterable(found), np.int64)
+
+
+def _repeated(of: np.ndarray, found: Sequence[list[int]]) -> np.ndarray:
+    """To whom, of (n,), the numbers of each list belong."""
+    return np.repeat(of, [len(f) for f in found])
 
 
 def vector_areas(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
@@ -269,7 +285,8 @@ class Frame:
         """Closest point of the frame for each given point (inverse isoparametric mapping).
 
         Beyond the closest point (outside the outline) the shape functions are continued by their
-        gradient: they still sum to 1 and still reproduce linear fields.
+        gradient: they still sum to 1 and still reproduce linear fields. Where several cells share
+        the closest point, it belongs to the first one.
 
         Args:
             points: (n, gdim) positions [length].
@@ -278,19 +295,47 @@ class Frame:
             A ``Location`` with one row per point.
         """
         x = np.asarray(points, dtype=np.float64)
-        point, cell = self._candidates(x)
-        xi = self._invert(x[point], cell)
-        _, y, _ = self.evaluate(cell, xi)
-        distance = np.linalg.norm(x[point] - y, axis=1) / self.cell_size[cell]
-        order = np.lexsort((cell, np.round(distance, 9), point))
-        best = order[np.unique(point[order], return_index=True)[1]]
-        cell, xi = cell[best], xi[best]
-        step, offset = self._step(x, cell, xi)
+        cell = cKDTree(self._balls[0]).query(x)[1]
+        xi, distance = self._invert(x, cell)
+        far = np.maximum(np.abs(x).max(axis=1, initial=0.0), np.abs(self.x).max())
+        rounding = 1e-10 * self.cell_size.mean() + 10.0 * np.finfo(float).eps * far
         N, dN = shape_functions(self.cells.shape[1], xi)
+        inside = (N.min(axis=1) > 1e-9) & (distance <= rounding)
+        rest = np.flatnonzero(~inside)
+        if len(rest):
+            cell[rest], xi[rest] = self._closest(x[rest], distance[rest], rounding[rest])
+            N, dN = shape_functions(self.cells.shape[1], xi)
+        step, offset = self._step(x, cell, xi)
         N = N + np.einsum("nkd,nd->nk", dN, step)
+        return Location(cell, xi, N, self._outside(offset, cell))
+
+    def _closest(
+        self, x: np.ndarray, bound: np.ndarray, rounding: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Cells with the closest points, of equally close ones the first, and these points.
+
+        Args:
+            x: (n, gdim) points [length].
+            bound: (n,) how far from each there is a cell [length].
+            rounding: (n,) distances that differ by less are the same [length].
+        """
+        point, cell = self._candidates(x, bound, rounding)
+        xi, distance = self._invert(x[point], cell)
+        least = np.full(len(x), np.inf)
+        np.minimum.at(least, point, distance)
+        close = distance <= (least + rounding)[point]
+        point, cell, xi = point[close], cell[close], xi[close]
+        # Above an edge distances hardly differ from where the foot lies in one of its cells.
+        outside = self._outside(self._step(x[point], cell, xi)[1], cell)
+        order = np.lexsort((cell, outside > 0.0, point))
+        best = order[np.unique(point[order], return_index=True)[1]]
+        return cell[best], xi[best]
+
+    def _outside(self, offset: np.ndarray, cell: np.ndarray) -> np.ndarray:
+        """Tangential distance from cells in units of their size, 0 inside."""
         outside = np.linalg.norm(offset, axis=1) / self.cell_size[cell]
         outside[outside < 1e-11] = 0.0  # rounding of the coordinates
-        return Location(cell, xi, N, outside)
+        return outside
 
     def _step(
         self, x: np.ndarray, cell: np.ndarray, xi: np.ndarray, inside: bool = False
@@ -312,37 +357,58 @@ class Frame:
             step = adjugate / np.maximum(a * c - b * b, 1e-300)[:, None]
         return step, np.einsum("na,nai->ni", step, t)
 
-    def _candidates(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs (point, cell) that contain the closest cell: cells whose ball holds the point,
-        and for points in no ball the nearest cells by centroid."""
+    @cached_property
+    def _balls(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centroids (n_cells, gdim) and radii (n_cells,) of balls that hold the cells [length]."""
         corners = self.x[self.cells]
         centre = corners.mean(axis=1)
-        radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
-        found = cKDTree(x).query_ball_point(centre, 1.0001 * radius)
-        cell = np.repeat(np.arange(len(centre)), [len(f) for f in found])
-        point = np.concatenate([np.asarray(f, dtype=np.int64) for f in found])
-        rest = np.setdiff1d(np.arange(len(x)), point)
-        if len(rest):
-            k = min(12, len(centre))
-            near = cKDTree(centre).query(x[rest], k=k)[1].reshape(len(rest), k)
-            point = np.concatenate([point, np.repeat(rest, k)])
-            cell = np.concatenate([cell, near.ravel()])
-        return point, cell
+        return centre, np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
 
-    def _invert(self, x: np.ndarray, cell: np.ndarray) -> np.ndarray:
-        """Reference coordinates of the closest point in a cell, by projected Newton steps."""
+    def _candidates(
+        self, x: np.ndarray, bound: np.ndarray, rounding: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs (point, cell) of all cells that may be as close as the bound: for points on the
+        frame those whose ball holds them, for others what ball and plane of a cell leave."""
+        centre, radius = self._balls
+        on = np.flatnonzero(bound <= rounding)
+        found = cKDTree(x[on]).query_ball_point(centre, radius + 2.0 * rounding.max())
+        points, cells = [on[_joined(found)]], [_repeated(np.arange(len(centre)), found)]
+        normal = vector_areas(self.x, self.cells)
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        corners = self.x[self.cells] - centre[:, None]
+        warp = np.abs(np.einsum("cki,ci->ck", corners, normal)).max(axis=1)
+        off, bound, tree = np.flatnonzero(bound > rounding), bound + rounding, cKDTree(centre)
+        for some in np.array_split(off, len(off) // 1000 + 1):  # points far away have many cells
+            found = tree.query_ball_point(x[some], bound[some] + radius.max())
+            point, cell = _repeated(some, found), _joined(found)
+            d = x[point] - centre[cell]
+            height = np.einsum("ni,ni->n", d, normal[cell])
+            along = np.linalg.norm(d - height[:, None] * normal[cell], axis=1) - radius[cell]
+            above = np.abs(height) - warp[cell]
+            near = np.hypot(np.maximum(above, 0.0), np.maximum(along, 0.0)) <= bound[point]
+            points.append(point[near])
+            cells.append(cell[near])
+        return np.concatenate(points), np.concatenate(cells)
+
+    def _invert(self, x: np.ndarray, cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Reference coordinates of the closest point in a cell, and its distance [length]."""
         k = self.cells.shape[1]
         xi = np.full((len(x), 1 if k == 2 else 2), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
         active = np.arange(len(x))
         for _ in range(2 if k < 4 else 20):
             step, _ = self._step(x[active], cell[active], xi[active], inside=k == 4)
-            new = _clamp(k, xi[active] + step)
+            new = xi[active] + step
+            if k != 3:
+                new = np.clip(new, -1.0 if k == 4 else 0.0, 1.0)
             moved = np.abs(new - xi[active]).max(axis=1) > 1e-14  # below is rounding
             xi[active] = new
             active = active[moved]
             if not len(active):
                 break
-        return xi
+        if k == 3:
+            beyond = np.flatnonzero((xi < 0.0).any(axis=1) | (xi.sum(axis=1) > 1.0))
+            xi[beyond] = _on_sides(self.x[self.cells[cell[beyond]]], x[beyond])
+        return xi, np.linalg.norm(x - self.evaluate(cell, xi)[1], axis=1)
 
     def interpolation(self, location: Location) -> csr_matrix:
         """(n, m) matrix of the shape functions N_J(xi_p): the scalar L_b before any design.

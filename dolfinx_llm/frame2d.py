@@ -17,14 +17,18 @@ Positions are coordinates along the line. Plain NumPy.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.design import TOLERANCE
 from dolfinx_llm.frame import Frame
-from dolfinx_llm.patch import covered_forces
+from dolfinx_llm.pairs import ContactPairs
+from dolfinx_llm.patch import Plane, covered_forces
+from dolfinx_llm.surface import Surface
 
 _EPS = np.finfo(float).eps
 _NEAR = 1e-6  # of the shortest facet: positions closer than this count as one for the choice
@@ -39,7 +43,7 @@ class MomentRoots:
     intervals: np.ndarray  # (i, 2) where M vanishes throughout: parts that match [length]
 
 
-def facet_moment(s: np.ndarray, x: np.ndarray, area) -> np.ndarray:
+def facet_moment(s: np.ndarray, x: np.ndarray, area: np.ndarray) -> np.ndarray:
     """Moment about s of the unit pressure left of s, less that of its energy-equivalent forces.
 
     Never positive; zero at the side's nodes where their facets are wholly in contact, and beyond
@@ -64,7 +68,9 @@ def facet_moment(s: np.ndarray, x: np.ndarray, area) -> np.ndarray:
     return np.where((s <= x[0]) | (s >= x[-1]), 0.0, np.minimum(e, 0.0))
 
 
-def moment_roots(x0: np.ndarray, x1: np.ndarray, area, size: float | None = None) -> MomentRoots:
+def moment_roots(
+    x0: np.ndarray, x1: np.ndarray, area: np.ndarray, size: float | None = None
+) -> MomentRoots:
     """All zeros of M between the outermost forces. The order of the sides does not matter.
 
     Args:
@@ -182,7 +188,9 @@ def nearest_nodes(given: np.ndarray, roots: MomentRoots) -> np.ndarray:
     return points[at[::-1]]
 
 
-def frame_at_roots(sides, plane, area, frame: Frame | None = None) -> tuple[Frame, str]:
+def frame_at_roots(
+    sides: Sequence[Surface], plane: Plane, area: Any, frame: Frame | None = None
+) -> tuple[Frame, str]:
     """Frame of a straight interface that passes the patch test (28), in closed form.
 
     Args:
@@ -232,7 +240,7 @@ def frame_at_roots(sides, plane, area, frame: Frame | None = None) -> tuple[Fram
     return new, f"frame: {start}, {len(s)} of {len(roots.points)} zeros of the moment of the forces"
 
 
-def check_closed_form(residual: float, pairs, frame: Frame) -> None:
+def check_closed_form(residual: float, pairs: Sequence[ContactPairs], frame: Frame) -> None:
     """Require that a frame passes (28) as far as the rounding of its coordinates allows.
 
     Raises:
@@ -248,12 +256,12 @@ def check_closed_form(residual: float, pairs, frame: Frame) -> None:
         )
 
 
-def _turned(frame: Frame, plane) -> bool:
+def _turned(frame: Frame, plane: Plane) -> bool:
     edge = frame.x[frame.cells[:, 1]] - frame.x[frame.cells[:, 0]]
     return np.array([-edge[:, 1].sum(), edge[:, 0].sum()]) @ plane.normal < 0.0
 
 
-def _loaded_nodes(side, plane, area) -> np.ndarray:
+def _loaded_nodes(side: Surface, plane: Plane, area: Any) -> np.ndarray:
     """(n,) ascending coordinates of a side's nodes whose facets carry force."""
     s = plane.project(side.x)
     facets = side.facets[covered_forces(s, side.facets, area).sum(axis=1) > 0.0]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm import compat
@@ -23,7 +24,7 @@ from dolfinx_llm.interface import Interface
 from dolfinx_llm.pairs import ContactPairs, locate_pairs, rank_certificate, with_weights
 from dolfinx_llm.patch import Plane, common_area, common_plane, local_bases, nodal_forces
 from dolfinx_llm.positions import design_positions
-from dolfinx_llm.predict import face_side_1, predict_curved_frame, predict_frame
+from dolfinx_llm.predict import face_side_1, predict_frame
 from dolfinx_llm.surface import Surface, check_sides, extract_surface
 
 log = logging.getLogger("dolfinx_llm")
@@ -56,22 +57,25 @@ class ContactModel:
     certificate: Certificate | None  # None against a rigid obstacle
     rims: tuple[np.ndarray, ...]  # per side (n,) pairs next to facets that were left out
     notes: tuple[str, ...]  # what was chosen or left out, and why
-    times: dict  # seconds per stage
+    times: dict[str, float]  # seconds per stage
 
 
 class _Clock:
     """Seconds of stages that follow each other."""
 
-    def __init__(self):
-        self.times, self._last = {}, time.perf_counter()
+    def __init__(self) -> None:
+        self.times: dict[str, float] = {}
+        self._last = time.perf_counter()
 
-    def stop(self, stage: str):
+    def stop(self, stage: str) -> None:
         now = time.perf_counter()
         self.times[stage] = self.times.get(stage, 0.0) + now - self._last
         self._last = now
 
 
-def build_model(interface: Interface, spaces, fixed=None) -> ContactModel:
+def build_model(
+    interface: Interface, spaces: Sequence[Any], fixed: Sequence[np.ndarray] | None = None
+) -> ContactModel:
     """Surfaces, common area, frame, design and pairs of an interface.
 
     Collective. Everything after the gathering of the surfaces is computed alike on all ranks.
@@ -86,27 +90,23 @@ def build_model(interface: Interface, spaces, fixed=None) -> ContactModel:
     """
     clock = _Clock()
     owners = [_space_of(tags, spaces) for tags, _ in interface.tagged_sides()]
-    sides: Any
-    sides = whole = tuple(
+    whole = tuple(
         extract_surface(spaces[i], tags, tag)
         for i, (tags, tag) in zip(owners, interface.tagged_sides())
     )
     if interface.obstacle is not None:
-        return _obstacle_model(interface, sides[0], owners, clock)
-    check_sides(sides[0], sides[1], same_mesh=owners[0] == owners[1])
+        return _obstacle_model(interface, whole[0], owners, clock)
+    check_sides(whole[0], whole[1], same_mesh=owners[0] == owners[1])
     clock.stop("surfaces")
     notes: list[str] = []
-    size = max(side.diameter for side in sides)
-    flat = all(is_flat(side, 1e-6 * size) for side in sides)
-    if interface.law.unilateral and not conformal(sides):
-        sides = facing(sides, common_plane(*sides), notes)
-    elif not flat:
-        return _curved_model(interface, sides, owners, clock)
-    plane = common_plane(*sides)
-    if not interface.law.unilateral:
-        check_flat(sides, plane)
-    area = common_area(sides[0], sides[1], plane)
-    forces = [nodal_forces(side, plane.project(side.x), area) for side in sides]
+    sides, plane = _facing_sides(interface, whole, notes)
+    area: Any = None
+    if plane is None:  # curved: vector areas, smooth rows, balance in least squares
+        vectors = vector_areas_in_contact(*sides)
+        forces = [np.linalg.norm(a, axis=1) for a in vectors]
+    else:
+        area = common_area(sides[0], sides[1], plane)
+        forces = [nodal_forces(side, plane.project(side.x), area) for side in sides]
     clock.stop("patch forces")
     frame, note, reach = _frame(interface, sides, forces, plane, area)
     notes.append(note)
@@ -120,22 +120,52 @@ def build_model(interface: Interface, spaces, fixed=None) -> ContactModel:
         for side, f, sign in zip(sides, forces, (1.0, -1.0))
     ]
     clock.stop("location")
-    keep = fixed and [_fixed_nodes(p, spaces[i], fixed[i]) for p, i in zip(pairs, owners)]
-    pairs, certificate = _designed(interface, frame, plane, pairs, notes, keep)
+    if plane is None:
+        pairs, certificate = _balanced(interface, frame, pairs, vectors, notes)
+        base = local_bases(nodal_normals(frame))
+    else:
+        keep = fixed and [_fixed_nodes(p, spaces[i], fixed[i]) for p, i in zip(pairs, owners)]
+        pairs, certificate = _designed(interface, frame, plane, pairs, notes, keep)
+        base = np.broadcast_to(plane.base, (len(frame.x), *plane.base.shape))
     clock.stop("design")
-    base = np.broadcast_to(plane.base, (len(frame.x), *plane.base.shape))
-    rims = [rim(p, side) for p, side in zip(pairs, whole)]
-    return _model(interface, sides, owners, pairs, frame, base, certificate, notes, clock, rims)
+    return _model(interface, whole, owners, pairs, frame, base, certificate, notes, clock)
 
 
-def _model(interface, sides, owners, pairs, frame, base, certificate, notes, clock, rims=None):
+def _facing_sides(
+    interface: Interface, sides: tuple[Surface, ...], notes: list[str]
+) -> tuple[tuple[Surface, ...], Plane | None]:
+    """What of two sides takes part, and their plane; None: they are curved."""
+    size = max(side.diameter for side in sides)
+    if interface.law.unilateral and not conformal(sides):
+        sides = facing(sides, common_plane(*sides), notes)
+    elif not all(is_flat(side, 1e-6 * size) for side in sides):
+        if interface.design == "positions":
+            raise ContactInputError("design='positions' needs flat sides; use 'weights' or 'auto'")
+        return sides, None
+    plane = common_plane(*sides)
+    if not interface.law.unilateral:
+        check_flat(sides, plane)
+    return sides, plane
+
+
+def _model(
+    interface: Interface,
+    whole: Sequence[Surface],
+    owners: Sequence[int],
+    pairs: Sequence[ContactPairs],
+    frame: Frame | None,
+    base: np.ndarray,
+    certificate: Certificate | None,
+    notes: Sequence[str],
+    clock: _Clock,
+) -> ContactModel:
     """The model with the base vectors and frame directions that the law needs.
 
     Args:
+        whole: the surfaces as they are tagged; those of the pairs may lack facets.
         base: (m, gdim, gdim) tangents and normal, out of side 0, at the frame's nodes.
     """
-    gdim = sides[0].x.shape[1]
-    law = interface.law
+    law, gdim = interface.law, base.shape[2]
     if law.unilateral:  # normals alone without friction
         first = 0 if law.friction else gdim - 1
         signs = (1.0, -1.0)
@@ -147,9 +177,9 @@ def _model(interface, sides, owners, pairs, frame, base, certificate, notes, clo
     else:
         base = np.broadcast_to(np.eye(gdim), base.shape)
     model = ContactModel(
-        interface, sides, tuple(owners), tuple(pairs), frame, base, float(pairs[0].forces.sum()),
-        certificate, tuple(rims or [np.zeros(len(p.nodes), dtype=bool) for p in pairs]),
-        tuple(notes), clock.times,
+        interface, tuple(p.surface for p in pairs), tuple(owners), tuple(pairs), frame, base,
+        float(pairs[0].forces.sum()), certificate,
+        tuple(rim(p, side) for p, side in zip(pairs, whole)), tuple(notes), clock.times,
     )  # fmt: skip
     if log.isEnabledFor(logging.INFO):
         stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())
@@ -157,7 +187,9 @@ def _model(interface, sides, owners, pairs, frame, base, certificate, notes, clo
     return model
 
 
-def _obstacle_model(interface: Interface, side: Surface, owners, clock) -> ContactModel:
+def _obstacle_model(
+    interface: Interface, side: Surface, owners: Sequence[int], clock: _Clock
+) -> ContactModel:
     """A body against a rigid obstacle: every surface node against its point of the obstacle."""
     obstacle: Any = interface.obstacle
     gdim = side.x.shape[1]
@@ -191,37 +223,31 @@ def _obstacle_model(interface: Interface, side: Surface, owners, clock) -> Conta
     )
     notes = [f"rigid {type(obstacle).__name__}: {len(nodes)} nodes face it"]
     base = np.empty((0, gdim, gdim))
-    return _model(interface, (side,), owners, [pairs], None, base, None, notes, clock)
+    return _model(interface, [side], owners, [pairs], None, base, None, notes, clock)
 
 
-def _curved_model(interface: Interface, sides, owners, clock) -> ContactModel:
-    """The same between curved surfaces: vector areas, smooth rows, balance in least squares."""
-    if interface.design == "positions":
-        raise ContactInputError("design='positions' needs flat sides; use 'weights' or 'auto'")
+def _balanced(
+    interface: Interface,
+    frame: Frame,
+    pairs: list[ContactPairs],
+    vectors: Sequence[np.ndarray],
+    notes: list[str],
+) -> tuple[list[ContactPairs], Certificate]:
+    """Pairs of curved surfaces after design, and their certificate.
+
+    Args:
+        vectors: pair of (n_surface, gdim) vector areas in contact [area].
+    """
     close_gap = interface.law.unilateral or interface.law.close_gap
-    vectors = vector_areas_in_contact(*sides)
-    forces = [np.linalg.norm(a, axis=1) for a in vectors]
-    clock.stop("patch forces")
-    if interface.frame is None:
-        frame, note = predict_curved_frame(sides, forces, interface.law.unilateral)
-    else:
-        frame, note = face_side_1(interface.frame, sides[0]), "frame: given"
-    notes = [note]
-    clock.stop("frame")
-    pairs = [
-        locate_pairs(side, f, frame, sign, REACH)
-        for side, f, sign in zip(sides, forces, (1.0, -1.0), strict=True)
-    ]
     vectors = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
     plain = [p.N for p in pairs]
-    clock.stop("location")
     if interface.design is not None:
-        pairs, *groups = curved_rows(frame, pairs, close_gap)
-        N = balance(frame, pairs, vectors, *groups)
+        pairs, stencils, P, groups = curved_rows(frame, pairs, close_gap)
+        N = balance(frame, pairs, vectors, stencils, P, groups)
         pairs = [replace(p, N=M) for p, M in zip(pairs, N, strict=True)]
     N = [p.N for p in pairs]
     before, after = (np.linalg.norm(vector_residual(M, vectors), axis=1) for M in (plain, N))
-    size = max(side.diameter for side in sides)
+    size = max(p.surface.diameter for p in pairs)
     certificate = Certificate(
         float(after.max()),
         float(before.max()),
@@ -237,12 +263,10 @@ def _curved_model(interface: Interface, sides, owners, clock) -> ContactModel:
     closed = "is closed" if close_gap else "is kept, tied as drawn without stress"
     if not interface.law.unilateral:
         notes.append(f"initial gap or overlap up to {gap:.3g} {closed}")
-    clock.stop("design")
-    base = local_bases(nodal_normals(frame))
-    return _model(interface, sides, owners, pairs, frame, base, certificate, notes, clock)
+    return pairs, certificate
 
 
-def _space_of(tags, spaces) -> int:
+def _space_of(tags: Any, spaces: Sequence[Any]) -> int:
     """Index of the function space whose mesh the tags mark."""
     if len(spaces) == 1:
         return 0
@@ -255,7 +279,13 @@ def _space_of(tags, spaces) -> int:
     )
 
 
-def _frame(interface: Interface, sides, forces, plane: Plane, area):
+def _frame(
+    interface: Interface,
+    sides: tuple[Surface, ...],
+    forces: Sequence[np.ndarray],
+    plane: Plane | None,
+    area: Any,
+) -> tuple[Frame, str, float]:
     """The user's frame, turned to point out of side 0, or a predicted one.
 
     Returns:
@@ -264,10 +294,12 @@ def _frame(interface: Interface, sides, forces, plane: Plane, area):
     """
     if interface.frame is not None:
         frame = face_side_1(interface.frame, sides[0])
+        if plane is None:
+            return frame, "frame: given", REACH
         if frame.gdim == 2 and interface.design == "positions":
             return *frame_at_roots(sides, plane, area, frame), COVERED
         return frame, "frame: given", COVERED
-    if len(plane.origin) == 2 and interface.design in ("positions", "auto"):
+    if plane and len(plane.origin) == 2 and interface.design in ("positions", "auto"):
         try:
             return *frame_at_roots(sides, plane, area), COVERED
         except ContactError as error:
@@ -277,7 +309,9 @@ def _frame(interface: Interface, sides, forces, plane: Plane, area):
     return *predict_frame(sides, forces, plane, interface.law.unilateral), REACH
 
 
-def _moved(frame: Frame, sides, forces, comm) -> Frame:
+def _moved(
+    frame: Frame, sides: Sequence[Surface], forces: Sequence[np.ndarray], comm: MPI.Comm
+) -> Frame:
     """The frame with its nodes moved, found on one rank: the search feels rounding, which need not
     be the same on all."""
     in_contact = [f > 0.0 for f in forces]
@@ -288,7 +322,7 @@ def _moved(frame: Frame, sides, forces, comm) -> Frame:
     return comm.bcast(frame, root=0)
 
 
-def _fixed_nodes(pairs: ContactPairs, V, fixed: np.ndarray) -> np.ndarray:
+def _fixed_nodes(pairs: ContactPairs, V: Any, fixed: np.ndarray) -> np.ndarray:
     """(n,) whether a Dirichlet condition prescribes something at a node, on all ranks."""
     mine = pairs.owner == V.mesh.comm.rank
     start = V.dofmap.index_map.local_range[0]
@@ -297,7 +331,14 @@ def _fixed_nodes(pairs: ContactPairs, V, fixed: np.ndarray) -> np.ndarray:
     return V.mesh.comm.allreduce(held) > 0
 
 
-def _designed(interface: Interface, frame: Frame, plane: Plane, pairs, notes: list, keep):
+def _designed(
+    interface: Interface,
+    frame: Frame,
+    plane: Plane,
+    pairs: list[ContactPairs],
+    notes: list[str],
+    keep: Sequence[np.ndarray] | None,
+) -> tuple[list[ContactPairs], Certificate]:
     """Pairs after design by weights where it is asked for or needed, and their certificate."""
     forces = [p.forces for p in pairs]
     plain = [p.N for p in pairs]

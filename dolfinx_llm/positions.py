@@ -27,6 +27,9 @@ _RANK = 0.02  # least ratio of the singular values of L_b
 # Linear and bilinear parts of the quad's map p = mean + a xi + b eta + d xi eta.
 _MODES = 0.25 * np.array([[-1, 1, 1, -1], [-1, -1, 1, 1], [1, -1, 1, -1]])
 
+# Mirrors of a scene: signs (2,) of the axes, images of the nodes (m,) and of the points (P,).
+_Group = list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+
 
 @dataclass(frozen=True)
 class _Scene:
@@ -46,7 +49,7 @@ class _Scene:
         return self.Y + (q @ self.Z.T).reshape(len(q), -1, 2)
 
 
-def _locate(Y: np.ndarray, cells: np.ndarray, x: np.ndarray):
+def _locate(Y: np.ndarray, cells: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cell (B, P) and reference coordinates (B, P, 2) of points in B frames of convex cells."""
     p = Y[:, cells]
     e = np.roll(p, -1, axis=2) - p
@@ -76,7 +79,7 @@ def _scatter(shape: tuple[int, ...], index: tuple, values: np.ndarray) -> np.nda
     return sums.reshape(shape)
 
 
-def _forces(scene: _Scene, Y: np.ndarray):
+def _forces(scene: _Scene, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Frame forces (28) and their derivatives by the node positions, for B frames.
 
     Moving node K changes N_J at a point at rest by -grad N_J N_K.
@@ -103,7 +106,7 @@ def _forces(scene: _Scene, Y: np.ndarray):
     return np.stack(f, axis=1), np.stack(df, axis=1)
 
 
-def _shape(scene: _Scene, Y: np.ndarray):
+def _shape(scene: _Scene, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Corner angles [rad] and sides of B frames, (B, n_corners), and derivatives by q."""
     i, nxt, prv = scene.corners.T
     e, b = Y[:, nxt] - Y[:, i], Y[:, prv] - Y[:, i]
@@ -119,7 +122,7 @@ def _shape(scene: _Scene, Y: np.ndarray):
     return angle, side, dangle, dside
 
 
-def _system(scene: _Scene, q: np.ndarray):
+def _system(scene: _Scene, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Least-squares rows of B frames: residual (28), then every constraint by its violation.
 
     Returns:
@@ -141,7 +144,7 @@ def _system(scene: _Scene, q: np.ndarray):
     return np.concatenate(R, axis=1), np.concatenate(dR, axis=1), valid
 
 
-def _descend(scene: _Scene, q: np.ndarray, iterations: int = 80):
+def _descend(scene: _Scene, q: np.ndarray, iterations: int = 80) -> tuple[np.ndarray, np.ndarray]:
     """Levenberg-Marquardt descent of B starts in one batch; starts that stall are dropped.
 
     Returns:
@@ -221,7 +224,9 @@ def _plane(frame: Frame) -> tuple[np.ndarray, float, np.ndarray]:
     return centre, size, np.array([t, n]) @ axes[:2]
 
 
-def _images(Y, cells, points, forces, M: np.ndarray):
+def _images(
+    Y: np.ndarray, cells: np.ndarray, points: np.ndarray, forces: np.ndarray, M: np.ndarray
+) -> list[np.ndarray] | None:
     """Image of each node (m,) and point (P,) under a mirror M, or None if the scene has it not."""
     found = []
     for x in (Y, points):
@@ -234,7 +239,9 @@ def _images(Y, cells, points, forces, M: np.ndarray):
     return found if same and np.abs(forces[found[1]] - forces).max() < _SAME else None
 
 
-def _symmetry(Y, cells, points, forces):
+def _symmetry(
+    Y: np.ndarray, cells: np.ndarray, points: np.ndarray, forces: np.ndarray
+) -> tuple[np.ndarray, _Group]:
     """Two perpendicular mirror lines through the centre, else one, else none.
 
     Args:
@@ -253,7 +260,7 @@ def _symmetry(Y, cells, points, forces):
     angles = np.concatenate([angles, angles + np.pi / 2])
     angles = (angles + np.pi / 2 - 1e-6) % np.pi - np.pi / 2 + 1e-6  # in (-pi/2, pi/2]
     axes = np.eye(2)
-    best: list[tuple] = []
+    best: _Group = []
     for a in angles[np.argsort(np.round(np.abs(angles), 7), kind="stable")]:
         R = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
         signs = np.array([[1, -1], [-1, 1]])
@@ -268,7 +275,7 @@ def _symmetry(Y, cells, points, forces):
     return axes, [(np.array([1, 1]), np.arange(len(Y)), np.arange(len(points))), *best]
 
 
-def _parameters(Y: np.ndarray, cells: np.ndarray, group) -> np.ndarray:
+def _parameters(Y: np.ndarray, cells: np.ndarray, group: _Group) -> np.ndarray:
     """(2 m, n_q) map of free parameters to displacements, in units of the sides at each node.
 
     Outline corners stay, outline nodes slide on their straight line, images move alike.
@@ -295,7 +302,9 @@ def _parameters(Y: np.ndarray, cells: np.ndarray, group) -> np.ndarray:
     return np.array(columns).reshape(-1, Y.size).T
 
 
-def _scenes(frame: Frame, x, forces, bounds: np.ndarray):
+def _scenes(
+    frame: Frame, x: Sequence[np.ndarray], forces: Sequence[np.ndarray], bounds: np.ndarray
+) -> tuple[_Scene, _Scene, np.ndarray, np.ndarray]:
     """Search scene (rounded, reduced by symmetry), exact scene, Z without symmetry and the lift.
 
     Nothing in them depends on the order of the sides or points or on the cells' orientation.
@@ -327,7 +336,7 @@ def _scenes(frame: Frame, x, forces, bounds: np.ndarray):
     return search, exact, _parameters(Y, cells, group[:1]), size * axes
 
 
-def _reduce(scene: _Scene, group) -> _Scene:
+def _reduce(scene: _Scene, group: _Group) -> _Scene:
     """One representative of mirrored points and cells, in canonical order and rounded."""
     mirrored = np.min([g for g, _, _ in group], axis=0) < 0
     rounded = [np.round(a / _GRID) * _GRID + 0.0 for a in (scene.Y, scene.x, scene.c)]
@@ -346,7 +355,9 @@ def _reduce(scene: _Scene, group) -> _Scene:
     return _Scene(Y, Z, scene.cells[near], orbit, x[here], c, near_corners, bounds)
 
 
-def _polish(scene: _Scene, Y: np.ndarray, Z: np.ndarray, steps: int = 8):
+def _polish(
+    scene: _Scene, Y: np.ndarray, Z: np.ndarray, steps: int = 8
+) -> tuple[np.ndarray, float]:
     """Least-norm Newton steps on (28) with the exact positions: best nodes and their residual."""
     best, least = Y, np.inf
     for _ in range(steps):
@@ -362,7 +373,13 @@ def _polish(scene: _Scene, Y: np.ndarray, Z: np.ndarray, steps: int = 8):
     return best, least
 
 
-def _certify(frame: Frame, x, forces, bounds, tol: float):
+def _certify(
+    frame: Frame,
+    x: Sequence[np.ndarray],
+    forces: Sequence[np.ndarray],
+    bounds: np.ndarray,
+    tol: float,
+) -> float | None:
     """Singular value ratio of L_b, or None where a constraint or the patch test fails."""
     amin, amax, lmin = bounds
     location = [frame.locate(p) for p in x]
@@ -462,7 +479,9 @@ def design_positions(
     )
 
 
-def _finish(frame, exact: _Scene, free, lift, q, tol: float) -> Frame | None:
+def _finish(
+    frame: Frame, exact: _Scene, free: np.ndarray, lift: np.ndarray, q: np.ndarray, tol: float
+) -> Frame | None:
     """Frame of search parameters q, polished with the exact positions; None if it degenerates."""
     Y, least = _polish(exact, exact.nodes(q[None])[0], exact.Z)
     if least > 0.5 * tol:

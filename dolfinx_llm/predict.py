@@ -17,17 +17,18 @@ from dolfinx_llm.surface import Surface
 
 
 def predict_frame(
-    sides: Sequence[Surface], forces: Sequence[np.ndarray], plane: Plane, by_nodes: bool = False
+    sides: Sequence[Surface],
+    forces: Sequence[np.ndarray],
+    plane: Plane | None = None,
+    by_nodes: bool = False,
 ) -> tuple[Frame, str]:
-    """Frame for two flat surfaces: the facets in contact of the coarser side, on the mid-plane.
-
-    Its nodes are then nodes of that side, so that L_b has full column rank whatever the other side
-    looks like, and it is as dense as the coarser side.
+    """Frame for two surfaces: the facets in contact of the coarser side.
 
     Args:
         sides: the two surfaces.
-        forces: pair of (n_i,) forces of unit pressure.
-        plane: contact plane.
+        forces: pair of (n_i,) forces of unit pressure; 0 at nodes that are not in contact.
+        plane: contact plane of flat surfaces, halfway between which the frame lies; None: the
+            facets stay where they are.
         by_nodes: of ``coarser_facets``.
 
     Returns:
@@ -35,11 +36,13 @@ def predict_frame(
     """
     k, facets = coarser_facets(sides, forces, by_nodes)
     nodes, cells = np.unique(facets, return_inverse=True)
-    x = sides[k].x[nodes]
-    heights = [plane.height(side.x).mean() for side in sides]
-    x = x + np.outer(np.mean(heights) - plane.height(x), plane.normal)
     cells = cells.reshape(facets.shape)
-    return Frame(x, cells if k == 0 else cells[:, ::-1]), _note(facets, sides[k])
+    x = sides[k].x[nodes]
+    if plane is not None:
+        middle = np.mean([plane.height(side.x).mean() for side in sides])
+        x = x + np.outer(middle - plane.height(x), plane.normal)
+    note = f"frame: predicted, the {len(facets)} facets in contact of the coarser side "
+    return Frame(x, cells if k == 0 else cells[:, ::-1]), f"{note}({sides[k].name})"
 
 
 def coarser_facets(
@@ -67,31 +70,6 @@ def coarser_facets(
                 zip(sides, touched)]  # fmt: skip
         k = 0 if keys[0] <= keys[1] else 1
     return k, touched[k][0]
-
-
-def predict_curved_frame(
-    sides: Sequence[Surface], forces: Sequence[np.ndarray], by_nodes: bool = False
-) -> tuple[Frame, str]:
-    """Frame for two curved surfaces: the facets in contact of the coarser side, where they are.
-
-    Args:
-        sides: the two surfaces.
-        forces: pair of (n_i,) tributary areas; 0 at nodes that are not in contact.
-        by_nodes: of ``coarser_facets``.
-
-    Returns:
-        The frame and a sentence that says what it is.
-    """
-    k, facets = coarser_facets(sides, forces, by_nodes)
-    nodes, cells = np.unique(facets, return_inverse=True)
-    cells = cells.reshape(facets.shape)
-    return Frame(sides[k].x[nodes], cells if k == 0 else cells[:, ::-1]), _note(facets, sides[k])
-
-
-def _note(facets: np.ndarray, side: Surface) -> str:
-    return (
-        f"frame: predicted, the {len(facets)} facets in contact of the coarser side ({side.name})"
-    )
 
 
 def face_side_1(frame: Frame, side0: Surface) -> Frame:

@@ -163,10 +163,10 @@ class ContactProblem:
             ]
             self._find_prescribed(bodies[1])
             kept = scipy.sparse.diags((~self._redundant).astype(float))
-            L = (kept @ _block_diag(self._L_csr)).tocsr()
-            L.eliminate_zeros()
-            numbering = self._rows.numbering
-            self.L_b = operators.assemble_L_b(self.comm, L, numbering, self._frame_unknowns)
+            self._L_all = (kept @ scipy.sparse.block_diag(self._L_csr, format="csr")).tocsr()
+            self._L_all.eliminate_zeros()
+            numbers = self._rows.numbering, self._frame_unknowns
+            self.L_b = operators.assemble_L_b(self.comm, self._L_all, *numbers)
         self.scale = self._stiffness_scale(bodies[1])
         with self._timed("support check"):
             self._check_support()
@@ -452,9 +452,3 @@ def _block_diagonal(blocks: list[PETSc.Mat]) -> PETSc.Mat:
     for M in (nest, *blocks):
         M.destroy()
     return matrix
-
-
-def _block_diag(matrices: list[scipy.sparse.csr_matrix]) -> scipy.sparse.csr_matrix:
-    from scipy.sparse import block_diag
-
-    return block_diag(matrices, format="csr")

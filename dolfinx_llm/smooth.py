@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_llm.design import _around
+from dolfinx_llm.design import nodes_around
 from dolfinx_llm.frame import Frame, bases
 
 
@@ -68,7 +68,7 @@ def _monomials(s: np.ndarray) -> np.ndarray:
 
 def cell_stencils(frame: Frame) -> Stencils:
     """One stencil per cell: its nodes and those of the cells around it."""
-    nodes, mask = _around(frame.cells)
+    nodes, mask = nodes_around(frame.cells)
     centre = frame.x[frame.cells].mean(axis=1)
     k = frame.cells.shape[1]
     middle = np.full((len(centre), min(k - 1, 2)), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])

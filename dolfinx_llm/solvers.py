@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 
 import numpy as np
-import scipy.sparse
 
 from dolfinx_llm._parallel import ContactError
 from dolfinx_llm.condensed import CondensedSystem
@@ -115,13 +114,10 @@ def block_size(problem) -> int:
 
 def slaved_rows(problem) -> SlavedRows:
     """All multiplier rows, tied to the frames."""
-    kept = scipy.sparse.diags((~problem._redundant).astype(float))
-    L = (kept @ scipy.sparse.block_diag(problem._L_csr, format="csr")).tocsr()
-    L.eliminate_zeros()
     return SlavedRows(
         problem._rows.dofs,
         problem._rows.base,
-        L,
+        problem._L_all,
         problem._rows.numbering,
         problem._frame_unknowns,
         block_size(problem),

@@ -123,6 +123,38 @@ def test_location_beyond_distorted_quads_is_the_closest_point():
         assert np.abs(distance - np.where(inside, 0.0, least)).max() < 1e-12
 
 
+@pytest.mark.parametrize("height", [0.0, 0.3, 20.0])
+@pytest.mark.parametrize("k", [3, 4])
+def test_location_chooses_the_cell_with_the_closest_point(k, height):
+    """On, beyond and above a frame in a plane, against distances from the cells as polygons."""
+    x, quads = grid(6, 7, jitter=0.3, seed=23)
+    cells = quads if k == 4 else triangles(quads)
+    frame = Frame(np.pad(x, ((0, 0), (0, 1))), cells)
+    rng = np.random.default_rng(11)
+    inner = x[quads[rng.integers(len(quads), size=200)]]
+    at_sides = 0.5 * (inner[:, 0] + inner[:, 2])
+    points = np.concatenate([rng.uniform(-1.0, 2.0, (1500, 2)), at_sides, 1.7 * x - 0.35])
+    distance = shapely.distance(shapely.polygons(x[cells]), shapely.points(points)[:, None])
+    least = distance.min(axis=1)
+    at = frame.locate(np.pad(points, ((0, 0), (0, 1)), constant_values=height))
+    closest = frame.evaluate(at.cell, at.xi)[1][:, :2]
+    assert np.abs(np.linalg.norm(points - closest, axis=1) - least).max() < 1e-12
+    # Ties go to the first; cells that share the closest point differ by rounding alone.
+    assert np.array_equal(at.cell, (distance <= least[:, None] + 1e-12).argmax(axis=1))
+    assert ((at.outside == 0.0) == (least < 1e-13)).all()
+
+
+@pytest.mark.parametrize("k", [2, 3, 4])
+def test_location_does_not_depend_on_the_order_of_points_or_the_company_of_others(k):
+    frame = make_frame(k)
+    rng = np.random.default_rng(17)
+    low, high = frame.x.min(axis=0), frame.x.max(axis=0)
+    x = np.concatenate([rng.uniform(2.0 * low - high, 2.0 * high - low, (600, len(low))), frame.x])
+    at, order = frame.locate(x), rng.permutation(len(x))
+    assert np.array_equal(frame.locate(x[order]).cell, at.cell[order])
+    assert [frame.locate(p[None]).cell[0] for p in x[::20]] == at.cell[::20].tolist()
+
+
 def test_location_off_the_plane_is_the_foot_point():
     frame = make_frame(4)
     normal = vector_areas(frame.x, frame.cells)[0]
