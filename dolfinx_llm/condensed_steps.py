@@ -35,7 +35,7 @@ class CondensedSteps(WholeSteps):
     """
 
     accuracy = 1e-11  # of balance and law, relative: what CG leaves
-    most = 60  # as of ``WholeSteps``; to ask takes a solve by CG
+    most = 60  # as of ``WholeSteps``
 
     def __init__(self, multipliers, block: int, modes, K, B, *others):
         super().__init__(K, B, multipliers.numbering, *others)
@@ -46,7 +46,7 @@ class CondensedSteps(WholeSteps):
 
     def solve(self, step: InterfaceSystem, spring, centre, may_open):
         found = super().solve(step, spring, centre, may_open)
-        if self._factorised:  # what is left is the rounding of f - K u
+        if self.eager:  # what a factorisation leaves is the rounding of f - K u
             multiplier, y = found[:2]
             level = force_level(multiplier, y + step.g, self.scale)
             noise = ROUNDING * self.scale * np.abs(y).max(initial=0.0) / level
@@ -65,7 +65,7 @@ class CondensedSteps(WholeSteps):
         dofs, base = self._multipliers.dofs[on], self._multipliers.base[on]
         slaved = SlavedRows(dofs, base, step.L[on], numbering, self.frames, self._block)
         symmetric = abs(step.E - step.L.T).nnz == 0
-        self._factorised = not symmetric
+        self.eager = not symmetric  # to ask takes a solve by CG there, a factor's here
         set_up = self._symmetric if symmetric else self._with_friction
         solve, done = set_up(slaved, step)
 

@@ -198,8 +198,8 @@ class ContactProblem:
         return nodes.dofs[:, None] * gdim + np.arange(gdim) + shift[:, None]
 
     def _stiffness_scale(self, start: int) -> float:
-        """Mean diagonal of K on the free surface dofs; the geometric mean where bodies may part, since
-        there the softer one tells the forces [force / length]."""
+        """Mean diagonal of K on the free surface dofs [force / length]; the geometric mean where
+        bodies may part, since there the softer one tells the forces."""
         rows = self._rows.dofs.ravel() - start
         rows = rows[(rows >= 0) & (rows < len(self._fixed))]
         unilateral = any(model.interface.law.unilateral for model in self.models)

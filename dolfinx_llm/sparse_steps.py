@@ -31,6 +31,7 @@ class WholeSteps:
 
     accuracy = 1e-13  # of balance and law, relative
     most = 200  # pairs that are asked for; where more have a wrong sign, all of these change
+    eager = True  # asks whenever it may, not only where change has brought nothing
 
     def __init__(self, K, B, rows, frames, bodies, fixed, scale, prefix, options=None):
         self.K, self.B, self.rows, self.frames, self.scale = K, B, rows, frames, scale
@@ -38,10 +39,11 @@ class WholeSteps:
         modes = floating_modes(bodies, K, fixed)
         self._pins, self.floating = pins(self.comm, modes), modes.shape[1]
         self._u = np.zeros(0)  # of the last step
+        self._wrong = np.inf  # signs that were wrong there
 
     def load(self, f: np.ndarray) -> None:
         """Take this rank's load."""
-        self.f = f
+        self.f, self._wrong = f, np.inf
 
     def correct(self, multiplier: np.ndarray, alpha: np.ndarray) -> None:
         """Nothing to correct: every step solves the whole system."""
@@ -56,7 +58,8 @@ class WholeSteps:
             multiplier, y, w = self._answer(ask, f, step.g, step.rhs)
             active = step.active
             wrong = wrong_signs(step, may_open, multiplier, y, w, self.scale)
-            if 0 < wrong.sum() <= self.most:
+            before, self._wrong = self._wrong, wrong.sum()
+            if 0 < self._wrong <= self.most and (self.eager or self._wrong >= before):
                 pairs, forces = self._choose(ask, step, may_open, wrong, multiplier, y, w)
                 if len(pairs):
                     active = active.copy()
@@ -95,26 +98,24 @@ class WholeSteps:
         """Pairs that have to change so that all signs are right, and their forces (gaps times c,
         where they open): linear complementarity among those whose sign is or becomes wrong."""
         rows = np.flatnonzero(may_open)
-        place = np.full(len(may_open), -1)
-        place[rows] = np.arange(len(rows))
+        place = np.cumsum(may_open) - 1
         on = step.active[rows]
         band = SIGN * force_level(multiplier, y + step.g, self.scale)
 
-        def value(answer, g):
-            multiplier, y, w = answer
+        def signs(multiplier, y, w, g):
+            """What must not be negative: forces in contact, gaps times c elsewhere."""
             gap = step.L[rows] @ w - y[rows] - g[rows]
             return np.where(on, multiplier[rows], self.scale * gap)
 
-        now = value((multiplier, y, w), step.g)
-        pairs, columns = np.empty(0, dtype=np.int64), np.empty((len(rows), 0))
-        new = np.flatnonzero(wrong)
+        now = signs(multiplier, y, w, step.g)
+        pairs, new, answers = np.empty(0, dtype=np.int64), np.flatnonzero(wrong), []
+        change, forces = np.zeros(0, dtype=bool), np.zeros(0)
         while len(new) and len(pairs) + len(new) <= 2 * self.most:
             for p in new:
                 load = self._loads(step, np.array([p]), np.ones(1))
-                column = value(self._answer(ask, *load), load[1])
-                columns = np.column_stack([columns, column])
+                answers.append(signs(*self._answer(ask, *load), load[1]))
             pairs = np.concatenate([pairs, new])
-            at = place[pairs]
+            at, columns = place[pairs], np.column_stack(answers)
             M, q = columns[at], now[at]
             change = complementarity(M, q, q < 0.0)
             forces = np.zeros(len(pairs))
