@@ -113,7 +113,7 @@ class WholeSteps:
         while len(new) and len(pairs) + len(new) <= 2 * self.most:
             for p in new:
                 load = self._loads(step, np.array([p]), np.ones(1))
-                answers.append(signs(*self._answer(ask, *load), load[1]))
+                answers.append(signs(*self._answer(ask, *load), g=load[1]))
             pairs = np.concatenate([pairs, new])
             at, columns = place[pairs], np.column_stack(answers)
             M, q = columns[at], now[at]
