@@ -113,7 +113,8 @@ class WholeSteps:
         while len(new) and len(pairs) + len(new) <= 2 * self.most:
             for p in new:
                 load = self._loads(step, np.array([p]), np.ones(1))
-                answers.append(signs(*self._answer(ask, *load), g=load[1]))
+                force, position, motion = self._answer(ask, *load)
+                answers.append(signs(force, position, motion, load[1]))
             pairs = np.concatenate([pairs, new])
             at, columns = place[pairs], np.column_stack(answers)
             M, q = columns[at], now[at]
