@@ -156,7 +156,7 @@ class ContactIteration:
         before, w_last = np.inf, w  # last residual and motion
         corrections = min(self.backend.floating, 1)  # what springs hold is corrected once at least
         for s in self.states:
-            s.closings[:] = 0
+            s.begin()
         for iteration in range(1, MAXIMUM + 1):
             step = self._step(*about, g, centre)
             if not known and iteration == 1:

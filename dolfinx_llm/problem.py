@@ -167,6 +167,8 @@ class ContactProblem:
             self._L_all.eliminate_zeros()
             numbers = self._rows.numbering, self._frame_unknowns
             self.L_b = operators.assemble_L_b(self.comm, self._L_all, *numbers)
+            n_l, n_v = self.L_b.getSize()
+            self._unknowns = {"u": bodies[0][1], "lambda": n_l, "v": n_v}
         self.scale = self._stiffness_scale(bodies[1])
         with self._timed("support check"):
             self._check_support()
@@ -385,8 +387,7 @@ class ContactProblem:
     @property
     def unknowns(self) -> dict[str, int]:
         """Global number of unknowns: displacements u, multipliers lambda, frame v."""
-        n_l, n_v = self.L_b.getSize()
-        return {"u": self.B.getSize()[0], "lambda": n_l, "v": n_v}
+        return dict(self._unknowns)
 
     def __str__(self) -> str:
         """Anatomy: sizes, blocks present, what was left out and why."""

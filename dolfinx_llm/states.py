@@ -58,6 +58,11 @@ class InterfaceState:
         self.status = np.full(len(self.kappa), STICK)
         self.kappa_before = np.zeros(self.kappa.shape)
 
+    def begin(self):
+        """Start a load step: pairs that opened and closed by turns get another chance."""
+        self.closings[:] = 0
+        self.touch(self.active)
+
     def snapshot(self) -> tuple:
         return self.active.copy(), self.status.copy(), self.kappa_before.copy()
 
