@@ -181,8 +181,9 @@ def write_interface(folder: str | Path, result: InterfaceResult) -> None:
         result: of a solve, ``problem.results[i]``.
     """
     folder = Path(folder)
-    _write_parts(folder, result, 0.0, append=False)
-    for name, (x, _, fields) in interface_fields(result).items():
+    parts = interface_fields(result)
+    _write_parts(folder, parts, 0.0, append=False)
+    for name, (x, _, fields) in parts.items():
         columns = {"x": x, **fields}
         header = [
             key if np.ndim(values) == 1 else f"{key}_{'xyz'[i]}"
@@ -193,10 +194,10 @@ def write_interface(folder: str | Path, result: InterfaceResult) -> None:
         write_csv(folder / f"{name}.csv", header, table.tolist())
 
 
-def _write_parts(folder: Path, result: InterfaceResult, time: float, append: bool) -> None:
+def _write_parts(folder: Path, parts: dict[str, Any], time: float, append: bool) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    for name, part in interface_fields(result).items():
-        write_step(folder / f"{name}.xdmf", time, *part, append)
+    for name, (x, cells, fields) in parts.items():
+        write_step(folder / f"{name}.xdmf", time, x, cells, fields, append)
 
 
 class LoadSteps:
@@ -255,7 +256,7 @@ class LoadSteps:
         if self._problem.comm.rank == 0:
             for i, result in enumerate(self._problem.results):
                 folder = self._folder / f"interface_{i}"
-                _write_parts(folder, result, time, append=self._steps > 0)
+                _write_parts(folder, interface_fields(result), time, append=self._steps > 0)
         self._steps += 1
 
     def close(self) -> None:

@@ -40,9 +40,7 @@ class Scene:
     values: np.ndarray  # (m,) per cell or (n,) per point
     limits: tuple[float, float]  # of the colours
     label: str  # of the colour bar
-    view: np.ndarray | None = (
-        None  # (3,) the direction that a flat surface is seen from; None: ABOVE
-    )
+    view: np.ndarray | None = None  # (3,) where a flat surface is seen from; None: ABOVE
     status: np.ndarray | None = None  # (n,) marks at the points: 0 open, 1 stick, 2 slip
 
 

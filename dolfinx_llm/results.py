@@ -144,10 +144,8 @@ def doubts(
     """What in a solution lies outside of what the method allows for: contact at the rim of what may
     touch, sliding farther than a facet, pairs that lost their friction."""
     out = []
-    for state in states or []:
-        share = state.loose_share(
-            [side.normal_force for side in results[states.index(state)].sides]
-        )
+    for state, result in zip(states or [], results):
+        share = state.loose_share([side.normal_force for side in result.sides])
         if share > LOOSE_SHARE:
             out.append(
                 f"interface {state.model.interface.name}: pairs that opened and closed by turns "

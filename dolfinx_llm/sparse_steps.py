@@ -64,7 +64,8 @@ class WholeSteps:
                 if len(pairs):
                     active = active.copy()
                     active[pairs] ^= True
-                    multiplier, y, w = self._answer(ask, *self._loads(step, pairs, forces, f))
+                    df, dg, drhs = self._loads(step, pairs, forces)
+                    multiplier, y, w = self._answer(ask, f + df, step.g + dg, step.rhs + drhs)
                     multiplier[pairs] = np.where(active[pairs], forces, 0.0)
                     chosen = replace(step, active=active)
                     wrong = wrong_signs(chosen, may_open, multiplier, y, w, self.scale)
@@ -82,17 +83,14 @@ class WholeSteps:
         self._u, multiplier, w = ask(f, g, rhs)
         return multiplier, self._gather(self.rows, times(self.B, self._u, transposed=True)), w
 
-    def _loads(self, step: InterfaceSystem, pairs, forces, f=None):
-        """f, g and rhs for pairs that are to change: those out of contact get forces, the others
-        gaps of forces / c; without f these alone."""
+    def _loads(self, step: InterfaceSystem, pairs, forces):
+        """What is added to f, g and rhs for pairs that are to change: those out of contact get
+        forces, the others gaps of forces / c."""
         closing = np.zeros(len(step.active))
         closing[pairs] = np.where(step.active[pairs], 0.0, forces)
         opening = np.zeros(len(step.active))
         opening[pairs] = np.where(step.active[pairs], forces / self.scale, 0.0)
-        f_own = -times(self.B, closing[self.rows.mine])
-        if f is None:
-            return f_own, opening, -(step.E @ closing)
-        return f + f_own, step.g + opening, step.rhs - step.E @ closing
+        return -times(self.B, closing[self.rows.mine]), opening, -(step.E @ closing)
 
     def _choose(self, ask, step, may_open, wrong, multiplier, y, w):
         """Pairs that have to change so that all signs are right, and their forces (gaps times c,

@@ -39,7 +39,8 @@ class InterfaceState:
     status: np.ndarray = field(init=False)  # (k,) of the friction nodes
     kappa_before: np.ndarray = field(init=False)  # (k, t) at the end of the last load step [length]
     speaker: np.ndarray = field(init=False)  # (k,) the friction node whose law holds for each
-    gather: csr_matrix = field(init=False)  # (k t, k t) tangential forces at the speakers
+    sums: csr_matrix = field(init=False)  # (k, k) values of all nodes at the speakers
+    gather: csr_matrix = field(init=False)  # (k t, k t) the same for tangential forces
     relative: csr_matrix = field(init=False)  # (k t, k t) slip; of the others against speakers'
 
     def __post_init__(self):
@@ -76,12 +77,13 @@ class InterfaceState:
         if not self.kappa.size:
             return
         k, t = self.kappa.shape
-        self.speaker, self.gather = np.arange(k), identity(k * t, format="csr")
-        self.relative = self.gather
+        self.speaker, self.sums = np.arange(k), identity(k, format="csr")
+        self.gather = self.relative = identity(k * t, format="csr")
         if self._N:
             tied, ends = self._tied, np.cumsum([len(p.nodes) for p in self.model.pairs])
             on = [diags(a.astype(float)) for a in np.split(tied, ends[:-1])]
             self.speaker = speakers([a @ N for a, N in zip(on, self._N, strict=True)])
+            self.sums = csr_matrix((np.ones(k), (self.speaker, np.arange(k))), (k, k))
             alike = follow(self.speaker, self.model.directions[:, :-1])
             self.gather = alike.T.tocsr()
             weak = np.repeat(self.weak, t).astype(float)
@@ -144,21 +146,15 @@ class InterfaceState:
         """Tangential (k, t) and normal forces (k,) that the law holds for [force]."""
         own = multiplier[self.rows]
         T = self.gather @ (self.theta * (self.L_kappa.T @ own.ravel()))
-        return T.reshape(self.kappa.shape), self._sum_up(self.normal_weight @ own[:, -1])
-
-    def _sum_up(self, values: np.ndarray) -> np.ndarray:
-        """Values (k, ...) at the friction nodes, those that others speak for added to theirs."""
-        total = np.zeros_like(values)
-        np.add.at(total, self.speaker, values)
-        return total
+        return T.reshape(self.kappa.shape), self.sums @ (self.normal_weight @ own[:, -1])
 
     def share_out(self, friction: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """Forces of friction (k, gdim) of those that speak for others, divided among them as the
         normal forces (k,) are: what the law says of the sum then holds for each."""
         pressed = np.maximum(normal, 0.0)
-        total = self._sum_up(pressed)[self.speaker]
+        total = (self.sums @ pressed)[self.speaker]
         part = np.where(total > 0.0, pressed / np.where(total > 0.0, total, 1.0), 0.0)
-        shared = part[:, None] * self._sum_up(friction)[self.speaker]
+        shared = part[:, None] * (self.sums @ friction)[self.speaker]
         return np.where((total > 0.0)[:, None], shared, friction)
 
     def slip(self, w: np.ndarray) -> np.ndarray:
@@ -169,10 +165,8 @@ class InterfaceState:
         """C_T T + C_N N as a matrix (k t, n_all) that multiplies all multipliers."""
         n, c = self.rows.shape
         normal = csr_matrix((np.ones(n), (np.arange(n), c * np.arange(n) + c - 1)), (n, n * c))
-        k = len(self.speaker)
-        sums = csr_matrix((np.ones(k), (self.speaker, np.arange(k))), (k, k))
         own = C_T @ self.gather @ (self.theta * self.L_kappa.T)
-        own += C_N @ sums @ self.normal_weight @ normal
+        own += C_N @ self.sums @ self.normal_weight @ normal
         own = own.tocoo()
         return csr_matrix((own.data, (own.row, own.col + self.rows[0, 0])), (own.shape[0], n_all))
 

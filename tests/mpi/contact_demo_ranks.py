@@ -17,7 +17,7 @@ def found(problem):
     """Forces over the largest one, displacements and gaps of closed pairs, and states.
 
     Where contact is open the frame is held by the proximal term only, and gaps to it are known to
-    rounding over 1e-8 of the surface's stiffness.
+    rounding over 1e-10 of the surface's stiffness.
     """
     result = problem.results[0]
     force = max(np.abs(side.force).max() for side in result.sides)
