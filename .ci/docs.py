@@ -18,11 +18,12 @@ from pathlib import Path
 # What users call or get back. "compat" and the rest are the developers'.
 MODULES = {
     "dolfinx_llm": None,  # with SUBMODULES
-    "dolfinx_llm.results": ("InterfaceResult", "SideResult"),
-    "dolfinx_llm.frame": ("Frame", "Location", "Quality"),
-    "dolfinx_llm.interface": ("Interface",),
-    "dolfinx_llm.model": ("Certificate", "ContactModel"),
-    "dolfinx_llm.pairs": ("ContactPairs",),
+    "dolfinx_llm.contact.results": ("InterfaceResult", "SideResult"),
+    "dolfinx_llm.geometry.frame": ("Frame", "Location", "Quality"),
+    "dolfinx_llm.interface.choices": ("Interface",),
+    "dolfinx_llm.interface.certificate": ("Certificate",),
+    "dolfinx_llm.interface.geometry": ("ContactModel",),
+    "dolfinx_llm.geometry.pairs": ("ContactPairs",),
 }
 SUBMODULES = ("dolfinx_llm.classical", "dolfinx_llm.plot", "dolfinx_llm.post")
 

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from dolfinx_llm.design import design_weights, patch_residual
-from dolfinx_llm.operators import interface_operator
-from dolfinx_llm.pairs import locate_pairs, rank_certificate, with_weights
-from dolfinx_llm.patch import common_area, common_plane, nodal_forces
-from dolfinx_llm.predict import predict_frame
-from dolfinx_llm.surface import Surface
+from dolfinx_llm.design.predict import predict_frame
+from dolfinx_llm.design.weights import design_weights, patch_residual
+from dolfinx_llm.geometry.overlap_flat import common_area, common_plane, nodal_forces
+from dolfinx_llm.geometry.pairs import locate_pairs, rank_certificate, with_weights
+from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.operators.assemble import interface_operator
 
 STAGES = ("patch forces", "frame", "location", "design", "certificate", "operators")
 

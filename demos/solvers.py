@@ -119,7 +119,7 @@ def matching(comm, n):
 
 def body_modes(V, out):
     """Rigid modes (n_local, k) at this rank's dofs, zero where ``out`` marks them."""
-    from dolfinx_llm.rigid import rigid_modes
+    from dolfinx_llm.operators.bodies import rigid_modes
 
     n = V.dofmap.index_map.size_local
     x = V.tabulate_dof_coordinates()[:n]
@@ -132,7 +132,7 @@ def solve_scaled(K, f, modes, options=None):
     """Solution of K x = f, K scaled to unit diagonal, and what it took; CG + GAMG by default."""
     from petsc4py import PETSc
 
-    from dolfinx_llm.krylov import near_null_space, solver_of
+    from dolfinx_llm.forms.condensed.krylov import near_null_space, solver_of
 
     began = time.perf_counter()
     x, b = K.createVecs()

@@ -18,7 +18,7 @@ from mpi4py import MPI
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.solvers import lost_digits
+from dolfinx_llm.forms.choice import lost_digits
 
 BOTTOM, LOWER, UPPER, TOP = 1, 2, 3, 4
 PRESSURE = 0.01  # of E

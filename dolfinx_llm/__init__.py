@@ -1,20 +1,27 @@
 """Mortar-free contact for FEniCSx by localised Lagrange multipliers."""
 
-# First, since it says what to install where dolfinx is missing.
-from dolfinx_llm import compat  # noqa: F401  # isort: skip
+import sys
 
-from dolfinx_llm import classical, plot, post
-from dolfinx_llm._parallel import ContactError, ContactInputError
-from dolfinx_llm.design import design_weights
-from dolfinx_llm.frame import Frame
-from dolfinx_llm.interface import Interface
-from dolfinx_llm.laws import Coulomb, Frictionless, Tied
-from dolfinx_llm.loads import free_surface_load
-from dolfinx_llm.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
-from dolfinx_llm.positions import design_positions
-from dolfinx_llm.problem import ContactProblem
+# First, since it says what to install where dolfinx is missing.
+from dolfinx_llm.base import compat  # isort: skip
+
+from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.design.positions import design_positions
+from dolfinx_llm.design.weights import design_weights
+from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
+from dolfinx_llm.laws.law import Coulomb, Frictionless, Tied
+from dolfinx_llm.output import plot, post
+from dolfinx_llm.problem import classical
+from dolfinx_llm.problem.loads import free_surface_load
+from dolfinx_llm.problem.problem import ContactProblem
 
 __version__ = "0.1.0"
+
+# Public modules go by their short names, wherever they live: ``import dolfinx_llm.post``.
+for _module in (classical, compat, plot, post):
+    sys.modules[f"{__name__}.{_module.__name__.rpartition('.')[2]}"] = _module
 
 __all__ = [
     "Coulomb",

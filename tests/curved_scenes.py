@@ -6,7 +6,7 @@ from dolfinx import mesh as dmesh
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.surface import Surface
+from dolfinx_llm.geometry.surface import Surface
 
 BORE, FACE_0, FACE_1, RIM = 1, 2, 3, 4
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dolfinx_llm as llm
-from dolfinx_llm.complementarity import _descent, _lemke, complementarity
+from dolfinx_llm.laws.complementarity import _descent, _lemke, complementarity
 
 WRONG = [
     (lambda: llm.Coulomb(-0.1), "mu=-0.1"),

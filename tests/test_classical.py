@@ -11,7 +11,7 @@ from mpi4py import MPI
 from paper_data import PRESSURE, scene
 
 from dolfinx_llm import ContactError, ContactInputError, classical, compat, post
-from dolfinx_llm.classical import Elimination, NodeToSegment
+from dolfinx_llm.problem.classical import Elimination, NodeToSegment
 
 SIDES = {"foundation": 0, "punch": 1}
 

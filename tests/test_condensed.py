@@ -14,7 +14,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import dolfinx_llm as llm
-from dolfinx_llm import condensed, krylov, solvers
+from dolfinx_llm.forms import choice as solvers
+from dolfinx_llm.forms.condensed import krylov
+from dolfinx_llm.forms.condensed import system as condensed
 
 COMM = MPI.COMM_SELF
 DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky"}

@@ -16,7 +16,8 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import dolfinx_llm as llm
-from dolfinx_llm import compat, iteration
+from dolfinx_llm import compat
+from dolfinx_llm.contact import iteration
 
 COMM = MPI.COMM_SELF
 LAWS = [llm.Frictionless(), llm.Coulomb(0.0), llm.Coulomb(0.3), llm.Coulomb(1e8)]
@@ -327,7 +328,7 @@ def test_switch_in_3d():
 @pytest.mark.parametrize("seed", [103, 104, 111, 113])
 def test_solvers_agree(seed, solver, monkeypatch):
     """The whole system in each step, saddle or condensed, and the surfaces' flexibility."""
-    from dolfinx_llm import solvers
+    from dolfinx_llm.forms import choice as solvers
 
     answers, forces, forms = [], [], []
     for limit, chosen in ((10**6, "auto"), (0, solver)):
@@ -355,7 +356,7 @@ def test_ranks(ranks):
 @pytest.mark.parametrize("limit", [10**6, 0])
 def test_body_that_nothing_holds_down(law, limit, monkeypatch):
     """A block that is drawn up from the plane it stands on, and one that is pressed on it."""
-    from dolfinx_llm import solvers as module
+    from dolfinx_llm.forms import choice as module
 
     monkeypatch.setattr(module, "FLEXIBLE", limit)
     block, tags = blocks()[1]

@@ -9,10 +9,10 @@ from conftest import run_mpi_json
 from mpi4py import MPI
 
 import dolfinx_llm as llm
-from dolfinx_llm.covered import vector_areas_in_contact
-from dolfinx_llm.curved import balance, curved_rows, vector_residual
-from dolfinx_llm.frame import Frame
-from dolfinx_llm.pairs import locate_pairs
+from dolfinx_llm.design.curved import balance, curved_rows, vector_residual
+from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.overlap_curved import vector_areas_in_contact
+from dolfinx_llm.geometry.pairs import locate_pairs
 
 QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 

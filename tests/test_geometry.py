@@ -9,8 +9,10 @@ import shapely
 from scenes import grid
 
 import dolfinx_llm as llm
-from dolfinx_llm import design, patch
-from dolfinx_llm.frame import Frame, shape_functions, vector_areas
+from dolfinx_llm.design import weights as design
+from dolfinx_llm.geometry import overlap_flat as patch
+from dolfinx_llm.geometry.cells import shape_functions, vector_areas
+from dolfinx_llm.geometry.frame import Frame
 
 CORNERS = {
     2: np.array([[0.0], [1.0]]),

@@ -8,7 +8,8 @@ import pytest
 from conftest import run_mpi_json
 from mpi4py import MPI
 
-from dolfinx_llm import ContactError, Frame, frame2d
+from dolfinx_llm import ContactError, Frame
+from dolfinx_llm.design import line as frame2d
 
 
 def nodes(rng, n, low, high, jitter):

@@ -7,7 +7,8 @@ import pytest
 from mpi4py import MPI
 from scenes import displacement_error
 
-from dolfinx_llm import compat, design
+from dolfinx_llm import compat
+from dolfinx_llm.design import weights as design
 
 STRAIN = np.array([0.03, 0.03, -0.1])  # nu p / E and -p / E
 FIGURES = {"von_mises", "frame_z", "forces", "friction"}

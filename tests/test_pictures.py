@@ -14,7 +14,8 @@ from mpi4py import MPI
 from paper_data import scene as patch_scene
 
 import dolfinx_llm as llm
-from dolfinx_llm import compat, plot, post, render
+from dolfinx_llm import compat, plot, post
+from dolfinx_llm.output import render
 
 COMM = MPI.COMM_SELF
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dolfinx_llm import patch, positions
-from dolfinx_llm._parallel import ContactError
-from dolfinx_llm.frame import Frame
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.design import positions
+from dolfinx_llm.geometry import overlap_flat as patch
+from dolfinx_llm.geometry.frame import Frame
 
 demos = str(Path(__file__).parent.parent / "demos")
 if demos not in sys.path:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
 
-from dolfinx_llm.rim import HELD, follow, speakers
+from dolfinx_llm.laws.speakers import HELD, follow, speakers
 
 
 def test_all_speak_for_themselves_where_meshes_match():

@@ -39,7 +39,8 @@ def test_lost_digits_are_foreseen(exponent):
 
 def test_row_too_long_for_gamg(monkeypatch):
     """A factorisation takes over, and "auto" takes the saddle form."""
-    from dolfinx_llm import condensed, solvers
+    from dolfinx_llm.forms import choice as solvers
+    from dolfinx_llm.forms.condensed import system as condensed
 
     for module in (condensed, solvers):
         monkeypatch.setattr(module, "WIDEST", 50.0)

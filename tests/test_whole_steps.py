@@ -7,7 +7,8 @@ import whole_steps
 from conftest import run_mpi_json
 from mpi4py import MPI
 
-from dolfinx_llm import iteration, solvers
+from dolfinx_llm.contact import iteration
+from dolfinx_llm.forms import choice as solvers
 
 COMM = MPI.COMM_SELF
 SEEDS = (402, 403, 407, 410, 412, 414, 416, 418, 422, 423, 435, 454)

@@ -10,10 +10,10 @@ from scipy.sparse import csr_matrix, vstack
 from solve_scenes import loaded_forms
 
 import dolfinx_llm as llm
-from dolfinx_llm import operators
-from dolfinx_llm.condensed import CondensedSystem
-from dolfinx_llm.slaving import SlavedRows
-from dolfinx_llm.splitting import SplitStiffness
+from dolfinx_llm.forms.condensed.elimination import SlavedRows
+from dolfinx_llm.forms.condensed.splitting import SplitStiffness
+from dolfinx_llm.forms.condensed.system import CondensedSystem
+from dolfinx_llm.operators.numbering import Numbering
 
 DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky"}
 
@@ -60,8 +60,8 @@ def system(problem, base, slaved, L, bs, proximal, options):
         np.concatenate(problem._dofs)[node],
         base[node, component],
         L,
-        operators.Numbering(owner[node], rank),
-        operators.Numbering(np.repeat(frame_owner, bs), rank),
+        Numbering(owner[node], rank),
+        Numbering(np.repeat(frame_owner, bs), rank),
         bs,
     )
     split = SplitStiffness(problem.K.copy(), np.concatenate(problem._dofs))

@@ -7,7 +7,7 @@ from contact_scenes import random_pressed
 from mpi4py import MPI
 from scenes import sorted_nodes
 
-from dolfinx_llm import solvers
+from dolfinx_llm.forms import choice as solvers
 
 CONDENSED = 113, 0, "condensed"
 

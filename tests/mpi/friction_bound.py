@@ -18,7 +18,8 @@ from pairs import block
 from scenes import hold, on
 
 import dolfinx_llm as llm
-from dolfinx_llm import compat, solvers
+from dolfinx_llm import compat
+from dolfinx_llm.forms import choice as solvers
 
 DOWN = -0.02
 EVERY = (0, 1, 2)

@@ -9,7 +9,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from dolfinx_llm import compat, plot
-from dolfinx_llm.frame import vector_areas
+from dolfinx_llm.geometry.cells import vector_areas
 
 comm = MPI.COMM_WORLD
 domain, _ = paper_data.scene(comm, 2)

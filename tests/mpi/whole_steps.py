@@ -8,7 +8,8 @@ import numpy as np
 from contact_scenes import random_pressed, violations
 from mpi4py import MPI
 
-from dolfinx_llm import iteration, solvers
+from dolfinx_llm.contact import iteration
+from dolfinx_llm.forms import choice as solvers
 
 
 def follow(comm, seed, solver, limit):

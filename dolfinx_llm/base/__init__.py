@@ -1,0 +1,1 @@
+"""What all else stands on: versions of dolfinx, gathering and errors on all ranks, log, timing."""

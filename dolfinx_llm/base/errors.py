@@ -1,0 +1,11 @@
+"""Errors that users see."""
+
+from __future__ import annotations
+
+
+class ContactError(RuntimeError):
+    """The scene cannot be solved as it stands; the message says why and what to do."""
+
+
+class ContactInputError(ContactError, ValueError):
+    """An argument (tag, frame, function space, parameter) that does not fit the scene."""

@@ -1,0 +1,51 @@
+"""Gathering of interface-sized data and errors that all ranks raise together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from mpi4py import MPI
+
+from dolfinx_llm.base.errors import ContactError
+
+
+def gather_rows(comm: MPI.Comm, rows: np.ndarray) -> np.ndarray:
+    """Stack the rows of every rank on every rank, in rank order.
+
+    Args:
+        comm: MPI communicator.
+        rows: (n_local, ...) array; the trailing shape is the same on all ranks.
+
+    Returns:
+        (sum of n_local, ...) array, the same on all ranks.
+    """
+    return np.concatenate(comm.allgather(rows)) if comm.size > 1 else rows
+
+
+@contextmanager
+def collective(comm: MPI.Comm) -> Iterator[None]:
+    """Run local work; where a rank fails, every rank raises the first failing rank's error.
+
+    Leave no collective call inside: the ranks meet at the end of the block. This keeps an error
+    on one rank from leaving the others waiting in the next collective call.
+    """
+    error = None
+    try:
+        yield
+    except Exception as caught:
+        error = caught
+    if comm.size > 1:
+        errors = comm.allgather(error)
+        error = error or next((e for e in errors if e is not None), None)
+    if error is not None:
+        raise error
+
+
+def check(comm: MPI.Comm, failed: bool, message: str, kind: type[Exception] = ContactError) -> None:
+    """Raise ``kind(message)`` on all ranks where ``failed`` holds on any of them."""
+    texts = comm.allgather(message if failed else None) if comm.size > 1 else [failed and message]
+    for text in texts:
+        if text:
+            raise kind(text)

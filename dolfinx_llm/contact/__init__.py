@@ -1,0 +1,1 @@
+"""The iteration of contact laws, and the results."""

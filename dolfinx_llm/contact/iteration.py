@@ -1,0 +1,324 @@
+"""Iteration of contact laws: which pairs are in contact, which stick and which slip.
+
+Frictionless contact is a convex quadratic programme: the frame is a surface that separates the
+bodies; on each side λ_n >= 0, gap >= 0, λ_n gap = 0, and L_bᵀ λ = 0 ((12), (15)). v is free where
+contact is open; a proximal term -ε c (v - v_c) settles it, about the mid-surface between the bodies
+while contact changes, then about its own last value, where it carries no force. Friction adds
+Newton rows per frame node (``friction``) in the slip κ of (13). Each iteration finds the pairs in
+contact exactly, for the law of friction linearised about the last one. Works on the interface
+alone: arrays that are the same on every rank.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import numpy as np
+from scipy.sparse import block_diag, bsr_matrix, coo_matrix, csr_matrix, diags, hstack, identity
+from scipy.sparse import vstack as stack
+from scipy.sparse.linalg import splu
+from tqdm import tqdm
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.log import tell_iteration
+from dolfinx_llm.contact.state import InterfaceState, interface_states
+from dolfinx_llm.forms.step import InterfaceSystem, force_level
+from dolfinx_llm.laws.coulomb import OPEN, SLIP, STICK, newton_rows, projection_miss, switch_rows
+
+log = logging.getLogger("dolfinx_llm")
+
+EPSILON = 1e-10  # proximal term, of the surfaces' stiffness
+UNBALANCED = 1e-8  # residual of K u + B λ = f, over the forces' size
+ENOUGH = 1e-10  # residual that may be left where it has stopped falling
+MAXIMUM = 60  # iterations
+CALM = 2  # iterations without a change after which a residual may have stopped falling
+SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
+
+
+class ContactIteration:
+    """States of all interfaces and the equations that follow from them.
+
+    Args:
+        models: the interfaces.
+        redundant: (n,) multiplier rows that stay out.
+        scale: mean stiffness of the surfaces, c [force / length].
+        backend: solves linear steps: load(f), solve(step, spring, centre, may_open),
+            correct(multiplier, alpha) and displacement(multiplier, alpha), to ``accuracy`` of the
+            largest multiplier in L_bᵀ λ and the law of friction; see ``Flexibility``.
+        f, g: this rank's load and the gaps at rest, from which the first load step starts.
+    """
+
+    def __init__(self, models, redundant: np.ndarray, scale: float, backend, f, g):
+        self.scale, self.backend, self._rest = scale, backend, (f, g)
+        self.bar: tqdm | None = None  # progress line, while there is one
+        self.states = interface_states(models, redundant)
+        self.n = sum(state.rows.size for state in self.states)
+        L = block_diag([state.L for state in self.states], format="csr")
+        L_kappa = block_diag([state.L_kappa for state in self.states], format="csr")
+        kept = diags(np.concatenate([s.kept for s in self.states]).astype(float))
+        self.L = (kept @ hstack([L, L_kappa])).tocsr()
+        self.n_v, self.m = L.shape[1], self.L.shape[1]
+        self._L_t = self.L[:, : self.n_v].T.tocsr()
+        self._fit: Any = (
+            splu((self.L.T @ self.L + 1e-10 * identity(self.m)).tocsc()) if self.m else None
+        )
+        self._normal = np.zeros(self.n, dtype=bool)  # rows that may open
+        self._drifts = np.zeros(self.m, dtype=bool)  # normal motion of frames
+        for s in self.states:
+            self._normal[s.rows[:, -1]] = s.law.unilateral
+            if len(s.v):
+                self._drifts[s.v.reshape(-1, s.model.directions.shape[1])[:, -1]] = True
+        self.forget()
+
+    def forget(self):
+        """Start anew: at rest, all in contact, no slip history."""
+        for state in self.states:
+            state.forget()
+        self.multiplier: Any = None  # (n,) [force]; None: nothing has been solved
+        self.w: Any = None  # (m,) [length]
+        self.alpha: Any = None  # motion of floating bodies
+        self.f, self.g = self._rest
+        self.history: list[dict] = []
+
+    def advance(self, f: np.ndarray, g: np.ndarray, increments: int):
+        """One load step to this rank's load f and gaps g, in parts; halved where one fails.
+
+        Returns:
+            u of this rank, λ (n,) and the frames' displacement (n_v,).
+
+        Raises:
+            ContactError: no convergence even in small parts.
+        """
+        start, end = (self.f, self.g), (f, g)
+        done, part, self.history = 0.0, 1.0 / increments, []
+        first = self._snapshot()
+        while done < 1.0 - 1e-9:
+            reached = min(done + part, 1.0)
+            f_t, g_t = (a + reached * (b - a) for a, b in zip(start, end, strict=True))
+            if reached > 1.0 - 1e-9:
+                f_t, g_t = end
+            before = self._snapshot()
+            self.backend.load(f_t)
+            try:
+                multiplier, y, w = self._iterate(g_t)
+            except ContactError:
+                self._restore(before)
+                if part <= SMALLEST / increments:
+                    self._restore(first)
+                    raise
+                part /= 2.0
+                log.info("no convergence: the load is applied in parts of %.3g", part)
+                continue
+            u = self.backend.displacement(multiplier, self.alpha)
+            if not self.backend.residual <= UNBALANCED:
+                self._restore(first)
+                raise ContactError(
+                    f"contact and supports do not balance the load: {self.backend.residual:.1e} of "
+                    "the forces' size is left. A body that only contact holds is pulled off, or "
+                    "slides away. Add supports, or springs, or prescribe its motion"
+                )
+            self._accept(y, w, g_t)
+            done = reached
+        self.f, self.g = end
+        return u, multiplier, w[: self.n_v]
+
+    def _snapshot(self):
+        """What a load step may have to be taken back to."""
+        return [s.snapshot() for s in self.states], self.multiplier, self.w, self.alpha
+
+    def _restore(self, snapshot):
+        states, self.multiplier, self.w, self.alpha = snapshot
+        for state, kept in zip(self.states, states, strict=True):
+            state.restore(kept)
+
+    def _accept(self, y, w, g):
+        """End a load step: what has slipped is the reference of the next."""
+        fitted = self._middle(y + g)
+        for s in self.states:
+            s.accept(w, fitted)
+
+    def _iterate(self, g: np.ndarray):
+        """Iterate to a state that meets all conditions, for the load that the backend holds.
+
+        Returns:
+            λ (n,) [force], y (n,) and w (m,) [length].
+
+        Raises:
+            ContactError: no convergence.
+        """
+        first, known = len(self.history), self.w is not None
+        w = self.w if known else np.zeros(self.m)
+        centre = w if known else self._middle(g)
+        alpha = self.alpha if known else np.zeros(self.backend.floating)
+        about = (self.multiplier if known else np.zeros(self.n), w)
+        calm, was_calm = 0, False  # iterations without a change of state
+        before, w_last = np.inf, w  # last residual and motion
+        corrections = min(self.backend.floating, 1)  # what springs hold is corrected once at least
+        for s in self.states:
+            s.begin()
+        for iteration in range(1, MAXIMUM + 1):
+            step = self._step(*about, g, centre)
+            if not known and iteration == 1:
+                step = self._all_stick(step)
+            multiplier, y, w, alpha, active, wrong = self.backend.solve(
+                step, EPSILON * self.scale, alpha, self._normal
+            )
+            largest = force_level(multiplier, y + g, self.scale)
+            changes = sum(self._take(s, active, wrong, multiplier, w) for s in self.states)
+            miss = max(self._imbalance(multiplier), self._friction_miss(multiplier, w)) / largest
+            entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
+            self.history.append(entry)
+            tell_iteration(entry, self.bar)
+            calm = 0 if changes else calm + 1
+            stalled = calm > CALM and miss > 0.5 * before
+            settled = miss <= self.backend.accuracy or (stalled and miss <= ENOUGH)
+            if settled and calm > corrections:
+                self.multiplier, self.w, self.alpha = multiplier, w, alpha
+                return multiplier, y, w
+            # Friction is linearised about the last iterate, or halfway where that did not help.
+            half = iteration > 1 and changes and miss > 0.9 * before
+            about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
+            before = miss
+            was_calm = was_calm or calm > 0  # from then on the frame goes on from where it is
+            centre = w if was_calm else self._middle(y + g)
+            if stalled:  # a frame node under a tiny force goes to where it touches, ever faster
+                centre = w + (2.0**calm - 1.0) * np.where(self._drifts, w - w_last, 0.0)
+            w_last = w
+            if calm:
+                self.backend.correct(multiplier, alpha)
+        raise ContactError(self._failure(self.history[first:]))
+
+    def _failure(self, history) -> str:
+        last = history[-5:]
+        return (
+            f"the contact law did not converge in {len(history)} iterations, also not with the "
+            f"load in {round(1 / SMALLEST)} parts; the last iterations changed "
+            f"{[h['changes'] for h in last]} states, with residuals "
+            f"{', '.join(format(h['residual'], '.1e') for h in last)}. Apply the load in smaller "
+            "steps (solve(increments=...)), and check that supports hold the bodies when they slip"
+        )
+
+    def _middle(self, position: np.ndarray) -> np.ndarray:
+        """(m,) frame that fits the positions of all rows best."""
+        return self._fit.solve(self.L.T @ position) if self.m else np.zeros(0)
+
+    def _step(self, multiplier, w, g, centre) -> InterfaceSystem:
+        """The linear equations of one iteration about λ and w.
+
+        Args:
+            multiplier, w: last iterate.
+            g: gaps.
+            centre: of the proximal term.
+        """
+        active = np.concatenate([s.closed_rows() for s in self.states])
+        P = self._proximal()
+        E, D, rhs = [self._L_t], [P[: self.n_v]], [P[: self.n_v] @ centre]
+        for s in self.states:
+            if s.kappa.size:
+                rows = self._friction_rows(s, multiplier, w)
+                C_T, C_delta = _blocks(rows.C_T), _blocks(rows.C_delta) / s.theta
+                E.append(s.friction_operator(C_T, _blocks(rows.C_N[:, :, None]), self.n))
+                # The proximal force stands beside T.
+                own = s.theta * C_T @ s.gather @ P[s.kappa.ravel()]
+                C_delta = C_delta @ s.relative
+                D.append(own + C_delta @ s.selection(self.m))
+                rhs.append(own @ centre + rows.rhs.ravel() + C_delta @ s.kappa_before.ravel())
+        return InterfaceSystem(
+            active, self.L, g, stack(E, format="csr"), stack(D, format="csr"), np.concatenate(rhs)
+        )
+
+    def _friction_rows(self, s: InterfaceState, multiplier, w):
+        T, N = s.forces(multiplier)
+        delta, c = s.slip(w), s.slip_stiffness(self.scale)
+        if s.law.method == "switch":
+            rows = switch_rows(T, N, delta, s.law.mu, c, s.status)
+        else:
+            rows = newton_rows(T, N, delta, s.law.mu, c)
+        return rows.tied(s.speaker, self.scale)
+
+    def _all_stick(self, step: InterfaceSystem) -> InterfaceSystem:
+        """The first step, when nothing is known: all stick, as in the paper."""
+        for s in self.states:
+            s.status[:] = STICK
+        first, count = self.n_v, self.m - self.n_v
+        select = csr_matrix((np.ones(count), (np.arange(count), first + np.arange(count))),
+                            (count, self.m))  # fmt: skip
+        E = stack([step.E[:first], csr_matrix((count, self.n))], format="csr")
+        D = stack([step.D[:first], self.scale * select], format="csr")
+        before = [s.kappa_before.ravel() for s in self.states]
+        rhs = np.concatenate([step.rhs[:first], self.scale * np.concatenate(before)])
+        return InterfaceSystem(step.active, step.L, step.g, E, D, rhs)
+
+    def _proximal(self) -> csr_matrix:
+        """(m, m) matrix of the proximal term -ε c (w - w_c).
+
+        With friction each side's own field, v + κ and v - κ, is held as firmly as its pairs are.
+        """
+        row, col, value = [np.empty(0, dtype=int)], [np.empty(0, dtype=int)], [np.empty(0)]
+
+        def add(i, j, x):
+            row.append(i)
+            col.append(j)
+            value.append(-EPSILON * self.scale * x)
+
+        for s in self.states:
+            if not s.law.unilateral:
+                continue
+            support, t = s.support(tied=True), s.kappa.shape[1] if s.kappa.size else 0
+            both = sum(support)
+            if len(s.v):
+                v = s.v.reshape(-1, s.model.directions.shape[1])
+                add(v[:, -1], v[:, -1], sum(s.support(tied=False)))
+                for i in range(t):
+                    difference = support[0] - support[1]
+                    add(v[:, i], v[:, i], both)
+                    add(v[:, i], s.kappa[:, i], difference)
+                    add(s.kappa[:, i], v[:, i], difference)
+            for i in range(t):
+                add(s.kappa[:, i], s.kappa[:, i], both)
+        index = np.concatenate(row), np.concatenate(col)
+        return coo_matrix((np.concatenate(value), index), (self.m, self.m)).tocsr()
+
+    def _take(self, s: InterfaceState, active, wrong, multiplier, w) -> int:
+        """Take over the pairs in contact, and find what sticks and slips; number of changes."""
+        normal = s.rows[:, -1]
+        chosen = active[normal] ^ wrong[normal] if s.law.unilateral else s.active
+        changes = int((chosen != s.active).sum())
+        s.closings += chosen & ~s.active
+        s.touch(chosen)
+        if s.kappa.size:
+            status = self._friction_rows(s, multiplier, w).status
+            changes += int((status != s.status).sum())
+            s.status = status
+        return changes
+
+    def _imbalance(self, multiplier) -> float:
+        """Largest entry of L_bᵀ λ [force]."""
+        return float(np.abs(self._L_t @ multiplier).max(initial=0.0))
+
+    def _friction_miss(self, multiplier, w) -> float:
+        """Largest distance of a tangential force from Coulomb's law [force]."""
+        worst = 0.0
+        for s in self.states:
+            if s.kappa.size:
+                T, N = s.forces(multiplier)
+                miss = projection_miss(T, N, s.slip(w), s.law.mu, s.slip_stiffness(self.scale))
+                worst = max(worst, float(miss.max(initial=0.0)))
+        return worst
+
+    def _count(self) -> dict:
+        """Numbers of pairs in contact, and of those that stick and slip."""
+        status = np.concatenate([s.pair_status() for s in self.states])
+        counts = np.bincount(status, minlength=3)
+        return {
+            "active": int(len(status) - counts[OPEN]),
+            "stick": int(counts[STICK]),
+            "slip": int(counts[SLIP]),
+        }
+
+
+def _blocks(C: np.ndarray) -> csr_matrix:
+    """Block diagonal matrix of (n, a, b)."""
+    n = len(C)
+    return bsr_matrix((C, np.arange(n), np.arange(n + 1)), (n * C.shape[1], n * C.shape[2])).tocsr()

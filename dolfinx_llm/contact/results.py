@@ -1,0 +1,196 @@
+"""What a solve gives per interface, the same on every rank."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import identity
+from scipy.sparse.linalg import splu
+
+from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.pairs import ContactPairs
+from dolfinx_llm.interface.certificate import Certificate
+from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.laws.coulomb import OPEN, SLIP, STICK
+
+WEAK = 1e-3  # of a frame node's mean support: what draws its tangential motion to the mean
+
+
+@dataclass(frozen=True)
+class SideResult:
+    """One side of an interface; n nodes in contact, sorted by position."""
+
+    x: np.ndarray  # (n, gdim) node positions X [length]
+    u: np.ndarray  # (n, gdim) their displacements [length]
+    force: np.ndarray  # (n, gdim) forces that the body exerts on the frame [force]
+    normal: np.ndarray  # (n, gdim) frame normal, out of this side
+    normal_force: np.ndarray  # (n,) positive in compression [force]
+    gap: np.ndarray  # (n,) distance to the frame along the normal, positive when open [length]
+    slip: np.ndarray  # (n, gdim) tangential motion relative to the frame [length]
+    status: np.ndarray  # (n,) 0 open, 1 stick, 2 slip
+    area: np.ndarray  # (n,) tributary area: the force of unit pressure [area]
+    facets: np.ndarray  # (m, k) facets of the surface that lie between these nodes
+
+    @property
+    def tangential_force(self) -> np.ndarray:
+        """(n, gdim) part of the force in the contact plane [force]."""
+        return self.force - self.normal_force[:, None] * self.normal
+
+
+@dataclass(frozen=True)
+class InterfaceResult:
+    """Result of one interface; against a rigid obstacle the side's nodes take the frame's place."""
+
+    frame: Frame | None  # with its displacement v, (m, gdim) [length]
+    sides: tuple[SideResult, ...]  # two, in the interface's order; one against an obstacle
+    certificate: Certificate | None  # of the frame; None against an obstacle
+    frame_force: np.ndarray  # (m,) normal force at the frame's nodes, L_bᵀ λ_n of a side [force]
+    frame_area: np.ndarray  # (m,) tributary area of the frame's nodes, L_bᵀ of the sides' [area]
+    frame_friction: np.ndarray  # (m, gdim) tangential force of side 0 at the frame's nodes [force]
+    frame_status: np.ndarray  # (m,) of the frame's nodes: 0 open, 1 stick, 2 slip
+
+    @property
+    def x(self) -> np.ndarray:
+        """(m, gdim) where pressure and friction are given: the frame's nodes [length]."""
+        return self.sides[0].x if self.frame is None else self.frame.x
+
+    @property
+    def pressure(self) -> np.ndarray:
+        """(m,) contact pressure at the frame's nodes [force / area].
+
+        Nodal force over tributary area misleads on the finer side; on the frame both sides carry
+        the same force.
+        """
+        area = self.frame_area
+        return np.where(area > 0.0, self.frame_force / np.where(area > 0.0, area, 1.0), 0.0)
+
+    @property
+    def traction(self) -> np.ndarray:
+        """(m, gdim) tangential traction of side 0 on the frame at its nodes [force / area]."""
+        area = np.where(self.frame_area > 0.0, self.frame_area, np.inf)
+        return self.frame_friction / area[:, None]
+
+    @cached_property
+    def resultant(self) -> np.ndarray:
+        """(gdim,) total force of side 0 (of the body, against an obstacle) [force]."""
+        return self.sides[0].force.sum(axis=0)
+
+    def moment(self, about: ArrayLike | None = None) -> np.ndarray:
+        """Moment of the same forces: (3,), or (1,) in 2D [force length].
+
+        Args:
+            about: (gdim,) point; the origin by default [length].
+        """
+        side = self.sides[0]
+        arm = side.x - (0.0 if about is None else np.asarray(about, dtype=float))
+        if arm.shape[1] == 2:  # NumPy 2 has no cross product in the plane
+            return np.array([np.sum(arm[:, 0] * side.force[:, 1] - arm[:, 1] * side.force[:, 0])])
+        return np.cross(arm, side.force).sum(axis=0)
+
+
+def collect_results(
+    models: Sequence[ContactModel],
+    motions: Sequence[np.ndarray],
+    gaps: Sequence[np.ndarray],
+    multiplier: np.ndarray,
+    w: np.ndarray,
+    states: Any = None,
+) -> list[InterfaceResult]:
+    """Results of all interfaces; everything is the same on every rank.
+
+    Args:
+        models: the interfaces.
+        motions: per side (n, gdim) displacement of its nodes.
+        gaps: per side (n, gdim) initial gap that counts.
+        multiplier, w: multipliers and frame unknowns of all interfaces, in their own order.
+        states: per interface its ``InterfaceState``; None: all tied.
+    """
+    results, row, col, side = [], 0, 0, 0
+    for i, model in enumerate(models):
+        m, d, gdim = model.directions.shape
+        moved = motions[side : side + len(model.pairs)]
+        v = np.einsum("md,mdi->mi", w[col : col + m * d].reshape(m, d), model.directions)
+        if d == 1 and m:  # without tangential unknowns the frame follows both bodies
+            v = v + _tangential_average(model, moved)
+        if model.frame is None:
+            v = np.zeros((0, gdim))
+        sides, first = [], 0
+        n_pairs = sum(len(p.nodes) for p in model.pairs)
+        status = states[i].pair_status() if states else np.full(n_pairs, STICK)
+        for p, motion in zip(model.pairs, moved, strict=True):
+            n, c = p.base.shape[:2]
+            force = multiplier[row : row + n * c].reshape(n, c)
+            state = status[first : first + n]
+            follows = p.N @ v
+            if model.interface.obstacle is not None:
+                follows = follows + model.interface.obstacle.motion(gdim)
+            sides.append(_side_result(p, force, motion, follows, gaps[side], state))
+            row, first, side = row + n * c, first + n, side + 1
+        results.append(_interface_result(model, sides, v, states and states[i]))
+        col += m * d
+    return results
+
+
+def _tangential_average(model: ContactModel, moved: Sequence[np.ndarray]) -> np.ndarray:
+    """(m, gdim) mean of the tangential motions of both sides, fitted to the frame's nodes."""
+    total = np.zeros((len(model.directions), moved[0].shape[1]))
+    for p, motion in zip(model.pairs, moved, strict=True):
+        A = p.N.T @ p.N
+        # Frame nodes that hardly any pair of this side reaches move as the side does on average.
+        weak = WEAK * A.diagonal().mean() * identity(A.shape[0])
+        mean = motion.mean(axis=0)
+        total += 0.5 * (mean + splu((A + weak).tocsc()).solve(p.N.T @ (motion - mean)))
+    normal = model.directions[:, -1]
+    return total - np.einsum("mi,mi->m", total, normal)[:, None] * normal
+
+
+def _side_result(
+    pairs: ContactPairs,
+    multiplier: np.ndarray,
+    u: np.ndarray,
+    follows: np.ndarray,
+    gap: np.ndarray,
+    status: np.ndarray,
+) -> SideResult:
+    """Forces, gap and slip of one side from its multipliers (n, c), u and the motion of the point
+    it touches (n, gdim), the initial gap that counts (n, gdim) and the status (n,)."""
+    force = np.einsum("nc,nci->ni", multiplier, pairs.base)
+    motion = u - follows
+    normal_motion = np.einsum("ni,ni->n", motion, pairs.normal)
+    return SideResult(
+        x=pairs.x,
+        u=u,
+        force=force,
+        normal=pairs.normal,
+        normal_force=np.einsum("ni,ni->n", force, pairs.normal),
+        gap=-normal_motion - np.einsum("ni,ni->n", gap, pairs.normal),
+        slip=motion - normal_motion[:, None] * pairs.normal,
+        status=status,
+        area=pairs.forces,
+        facets=pairs.facets,
+    )
+
+
+def _interface_result(
+    model: ContactModel, sides: list[SideResult], v: np.ndarray, state: Any
+) -> InterfaceResult:
+    side, pairs = sides[0], model.pairs[0]
+    if model.frame is None:
+        own = side.normal_force, side.area, side.tangential_force
+        return InterfaceResult(None, tuple(sides), None, *own, side.status)
+    force, area, friction = (
+        pairs.N.T @ a for a in (side.normal_force, side.area, side.tangential_force)
+    )
+    status = np.where(force > 0.0, SLIP, OPEN)
+    if state is None or not model.interface.law.unilateral:
+        status = np.full(len(force), STICK)
+    elif model.interface.law.friction:
+        status = state.status
+        friction = state.share_out(friction, force)
+    frame = replace(model.frame, v=v)
+    return InterfaceResult(frame, tuple(sides), model.certificate, force, area, friction, status)

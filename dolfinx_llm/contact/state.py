@@ -1,0 +1,232 @@
+"""What an interface remembers in the iteration of its contact law, and its operators there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags, identity, vstack
+
+from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.laws.coulomb import OPEN, SLIP, STICK
+from dolfinx_llm.laws.speakers import follow, speakers
+from dolfinx_llm.operators.assemble import interface_operator
+
+LOOSE = 3  # a pair that has closed so often in a load step has no friction of its own
+FLOOR = 1e-3  # what pairs without contact add to the support of a frame node
+
+
+@dataclass
+class InterfaceState:
+    """One interface: its place in the vectors of all, and what is in contact.
+
+    Friction nodes are the frame's nodes, the pairs themselves against a rigid obstacle. With two
+    sides T = L_kappaᵀ λ / 2 and δ = 2 Δκ, since both slip by κ; theta is that 1/2, or 1. Nodes at
+    the rim of contact slip as their ``speaker`` does (``rim``), where T and N of all are summed up.
+    """
+
+    model: ContactModel
+    rows: np.ndarray  # (n, c) its multiplier rows
+    v: np.ndarray  # (m d,) its frame unknowns
+    kappa: np.ndarray  # (k, t) its slip unknowns; empty without friction
+    kept: np.ndarray  # (n c,) rows that are not redundant (prescribed on both sides)
+    L: csr_matrix  # (n c, m d)
+    L_kappa: csr_matrix  # (n c, k t)
+    normal_weight: csr_matrix  # (k, n) normal force at the friction nodes from λ_n
+    theta: float
+    active: np.ndarray = field(init=False)  # (n,) pairs in contact, changed by ``touch``
+    closings: np.ndarray = field(init=False)  # (n,) how often they have closed in this load step
+    status: np.ndarray = field(init=False)  # (k,) of the friction nodes
+    kappa_before: np.ndarray = field(init=False)  # (k, t) at the end of the last load step [length]
+    speaker: np.ndarray = field(init=False)  # (k,) the friction node whose law holds for each
+    sums: csr_matrix = field(init=False)  # (k, k) values of all nodes at the speakers
+    gather: csr_matrix = field(init=False)  # (k t, k t) the same for tangential forces
+    relative: csr_matrix = field(init=False)  # (k t, k t) slip; of the others against speakers'
+
+    def __post_init__(self):
+        self._N = [p.N for p in self.model.pairs] if self.model.frame is not None else []
+        self._squares = [A.power(2).T.tocsr() for A in self._N or [identity(len(self.rows))]]
+        self.forget()
+
+    @property
+    def law(self):
+        return self.model.interface.law
+
+    def forget(self):
+        """All in contact, no slip."""
+        self.closings = np.zeros(len(self.rows), dtype=np.int64)
+        self.touch(np.ones(len(self.rows), dtype=bool))
+        self.status = np.full(len(self.kappa), STICK)
+        self.kappa_before = np.zeros(self.kappa.shape)
+
+    def begin(self):
+        """Start a load step: pairs that opened and closed by turns get another chance."""
+        self.closings[:] = 0
+        self.touch(self.active)
+
+    def snapshot(self) -> tuple:
+        return self.active.copy(), self.status.copy(), self.kappa_before.copy()
+
+    def restore(self, snapshot: tuple):
+        active, self.status, self.kappa_before = (a.copy() for a in snapshot)
+        self.touch(active)
+
+    def touch(self, active: np.ndarray):
+        """Take over the pairs (n,) in contact, and who speaks for whom."""
+        self.active = active
+        if not self.kappa.size:
+            return
+        k, t = self.kappa.shape
+        self.speaker, self.sums = np.arange(k), identity(k, format="csr")
+        self.gather = self.relative = identity(k * t, format="csr")
+        if self._N:
+            tied, ends = self._tied, np.cumsum([len(p.nodes) for p in self.model.pairs])
+            on = [diags(a.astype(float)) for a in np.split(tied, ends[:-1])]
+            self.speaker = speakers([a @ N for a, N in zip(on, self._N, strict=True)])
+            self.sums = csr_matrix((np.ones(k), (self.speaker, np.arange(k))), (k, k))
+            alike = follow(self.speaker, self.model.directions[:, :-1])
+            self.gather = alike.T.tocsr()
+            weak = np.repeat(self.weak, t).astype(float)
+            self.relative = (identity(k * t) - diags(weak) @ alike).tocsr()
+
+    @property
+    def weak(self) -> np.ndarray:
+        """(k,) friction nodes that others speak for."""
+        return self.speaker != np.arange(len(self.speaker))
+
+    def accept(self, w: np.ndarray, fitted: np.ndarray):
+        """End a load step; where contact is open, κ follows the bodies."""
+        if self.kappa.size:
+            opened = (self.status == OPEN)[:, None]
+            self.kappa_before = np.where(opened, fitted[self.kappa], w[self.kappa])
+
+    @property
+    def _tied(self) -> np.ndarray:
+        """(n,) pairs that follow the frame tangentially. One that opens and closes by turns, at the
+        rim of contact, carries hardly any force; without friction it comes to rest."""
+        if self.model.frame is None:  # each pair has a friction node of its own
+            return self.active
+        return self.active & (self.closings < LOOSE)
+
+    def loose_share(self, normal_forces) -> float:
+        """Share of the normal force on pairs in contact that do not follow the frame tangentially.
+
+        Args:
+            normal_forces: per side (n_i,) [force].
+        """
+        force = np.concatenate(normal_forces)
+        loose = self.active & ~self._tied
+        return float(np.abs(force[loose]).sum() / max(np.abs(force).sum(), 1e-300))
+
+    def closed_rows(self) -> np.ndarray:
+        """(n c,) rows in contact."""
+        closed = np.repeat(self._tied[:, None], self.rows.shape[1], axis=1)
+        if self.law.unilateral:
+            closed[:, -1] = self.active
+        return closed.ravel() & self.kept
+
+    def support(self, tied: bool) -> list[np.ndarray]:
+        """Per side (k,) how firmly pairs hold the motion of the frame's nodes: the sum of N² over
+        all pairs, or those tied to it and a little of the others."""
+        weight, first, out = np.ones(len(self.rows)), 0, []
+        if tied:
+            weight = np.where(self._tied, 1.0, FLOOR)
+        for squares in self._squares:
+            n = squares.shape[1]
+            least = FLOOR * squares.sum() / squares.shape[0]
+            out.append(np.maximum(squares @ weight[first : first + n], least))
+            first += n
+        return out
+
+    def slip_stiffness(self, scale: float) -> np.ndarray:
+        """(k,) what slip at a friction node meets, about [force / length]."""
+        return scale * self.theta * np.sum(self.support(tied=True), axis=0)
+
+    def forces(self, multiplier: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Tangential (k, t) and normal forces (k,) that the law holds for [force]."""
+        own = multiplier[self.rows]
+        T = self.gather @ (self.theta * (self.L_kappa.T @ own.ravel()))
+        return T.reshape(self.kappa.shape), self.sums @ (self.normal_weight @ own[:, -1])
+
+    def share_out(self, friction: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """Forces of friction (k, gdim) of those that speak for others, divided among them as the
+        normal forces (k,) are: what the law says of the sum then holds for each."""
+        pressed = np.maximum(normal, 0.0)
+        total = (self.sums @ pressed)[self.speaker]
+        part = np.where(total > 0.0, pressed / np.where(total > 0.0, total, 1.0), 0.0)
+        shared = part[:, None] * (self.sums @ friction)[self.speaker]
+        return np.where((total > 0.0)[:, None], shared, friction)
+
+    def slip(self, w: np.ndarray) -> np.ndarray:
+        """(k, t) slip of this load step, of side 0 against side 1 [length]."""
+        return (w[self.kappa] - self.kappa_before) / self.theta
+
+    def friction_operator(self, C_T, C_N, n_all: int) -> csr_matrix:
+        """C_T T + C_N N as a matrix (k t, n_all) that multiplies all multipliers."""
+        n, c = self.rows.shape
+        normal = csr_matrix((np.ones(n), (np.arange(n), c * np.arange(n) + c - 1)), (n, n * c))
+        own = C_T @ self.gather @ (self.theta * self.L_kappa.T)
+        own += C_N @ self.sums @ self.normal_weight @ normal
+        own = own.tocoo()
+        return csr_matrix((own.data, (own.row, own.col + self.rows[0, 0])), (own.shape[0], n_all))
+
+    def selection(self, m: int) -> csr_matrix:
+        """(k t, m) matrix that picks κ from w."""
+        at = self.kappa.ravel()
+        return csr_matrix((np.ones(len(at)), (np.arange(len(at)), at)), (len(at), m))
+
+    def pair_status(self) -> np.ndarray:
+        """(n,) OPEN, STICK or SLIP per pair; with friction that of the friction node next to it."""
+        if not self.law.unilateral:
+            return np.full(len(self.rows), STICK)
+        status = np.full(len(self.rows), SLIP)
+        if self.law.friction:
+            status = self.status
+            if self.model.frame is not None:
+                N = vstack([p.N for p in self.model.pairs]).tocsr()
+                status = self.status[np.asarray(N.argmax(axis=1)).ravel()]
+            status = np.where(status == OPEN, STICK, status)
+        return np.where(self.active, status, OPEN)
+
+
+def interface_states(models, redundant: np.ndarray) -> list[InterfaceState]:
+    """States of the interfaces, numbered through: rows, frame unknowns, then slip unknowns."""
+    states, row, col = [], 0, 0
+    sizes = [model.directions.shape[0] * model.directions.shape[1] for model in models]
+    slip = sum(sizes)
+    for model, size in zip(models, sizes, strict=True):
+        n, c = sum(len(p.nodes) for p in model.pairs), model.pairs[0].base.shape[1]
+        L_kappa, weight, theta = _slip_operators(model, n, c)
+        k = L_kappa.shape[1]
+        states.append(
+            InterfaceState(
+                model,
+                rows=row + np.arange(n * c).reshape(n, c),
+                v=col + np.arange(size),
+                kappa=slip + np.arange(k).reshape(-1, c - 1 if k else 1),
+                kept=~redundant[row : row + n * c],
+                L=interface_operator(model.pairs, model.directions),
+                L_kappa=L_kappa,
+                normal_weight=weight,
+                theta=theta,
+            )
+        )
+        row, col, slip = row + n * c, col + size, slip + k
+    return states
+
+
+def _slip_operators(model, n: int, c: int):
+    """L_kappa (n c, k t), weights of λ_n at the friction nodes (k, n), and θ."""
+    if not model.interface.law.friction:
+        return csr_matrix((n * c, 0)), csr_matrix((0, n)), 1.0
+    if model.frame is None:
+        tangential = np.flatnonzero(np.arange(n * c) % c != c - 1)
+        L = identity(n * c, format="csr")[:, tangential]
+        return L, identity(n, format="csr"), 1.0
+    sides = []
+    for p, sign in zip(model.pairs, (1.0, -1.0), strict=True):
+        base = sign * p.base  # both sides slip by κ in their own base, (13)
+        base[:, -1] = 0.0
+        sides.append(replace(p, base=base))
+    L = interface_operator(sides, model.directions[:, :-1])
+    return L, 0.5 * vstack([p.N for p in model.pairs]).T.tocsr(), 0.5

@@ -1,0 +1,1 @@
+"""How a frame is found, and made to pass a constant pressure exactly. Plain NumPy."""

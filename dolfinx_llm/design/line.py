@@ -1,0 +1,275 @@
+"""Frame of a straight contact line in closed form: its nodes are zeros of a moment.
+
+The residual (28) of a frame on a line is the second divided difference, at the frame's nodes, of
+
+    M(s) = sum_p f_p <s - x_p> - sum_q f_q <s - x_q>,    <t> = max(t, 0),
+
+the moment about s of the forces that both sides carry left of s under unit pressure. M is piecewise
+linear and vanishes beyond the outermost forces, so any subset of its zeros that contains both ends
+passes the patch test. M is never summed up: the forces of a facet and the pressure on it have the
+same resultant and centroid, so each side's share is known facet by facet,
+
+    M(s) = e_1(s) - e_0(s),    e = (s - x_k) (s - x_{k+1}) / 2 on a facet that is wholly in contact.
+
+On such facets the zero is s* = (x_k x_{k+1} - X_j X_{j+1}) / (x_k + x_{k+1} - X_j - X_{j+1}).
+Positions are coordinates along the line. Plain NumPy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.design.weights import TOLERANCE
+from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.overlap_flat import Plane, covered_forces
+from dolfinx_llm.geometry.pairs import ContactPairs
+from dolfinx_llm.geometry.surface import Surface
+
+_EPS = np.finfo(float).eps
+_NEAR = 1e-6  # of the shortest facet: positions closer than this count as one for the choice
+_WINDOW = 8  # roots looked back; between every fourth root both sides have a node
+
+
+@dataclass(frozen=True)
+class MomentRoots:
+    """Zeros of the moment of two force systems on a line; they mark no side."""
+
+    points: np.ndarray  # (k,) ascending; the ends, isolated zeros, nodes in intervals [length]
+    intervals: np.ndarray  # (i, 2) where M vanishes throughout: parts that match [length]
+
+
+def facet_moment(s: np.ndarray, x: np.ndarray, area: np.ndarray) -> np.ndarray:
+    """Moment about s of the unit pressure left of s, less that of its energy-equivalent forces.
+
+    Never positive; zero at the side's nodes where their facets are wholly in contact, and beyond
+    its ends.
+
+    Args:
+        s: (n,) positions [length].
+        x: (m,) ascending nodes of one side, whose facets lie between neighbours [length].
+        area: (2,) interval in contact; it touches every facet [length].
+
+    Returns:
+        (n,) e(s) [length^2].
+    """
+    k = np.clip(np.searchsorted(x, s, side="right") - 1, 0, len(x) - 2)
+    left, right = x[k], x[k + 1]
+    a, b = np.clip(area[0], left, right), np.clip(area[1], left, right)
+    force = (b - a) * ((right - a) + (right - b)) / (2.0 * (right - left))
+    ramp_a, ramp_b = np.maximum(s - a, 0.0), np.maximum(s - b, 0.0)
+    # <s - a>^2 - <s - b>^2 without the difference of squares
+    part = 0.5 * (ramp_a - ramp_b) * (ramp_a + ramp_b) - force * (s - left)
+    e = np.where((a == left) & (b == right), 0.5 * (s - left) * (s - right), part)
+    return np.where((s <= x[0]) | (s >= x[-1]), 0.0, np.minimum(e, 0.0))
+
+
+def moment_roots(
+    x0: np.ndarray, x1: np.ndarray, area: np.ndarray, size: float | None = None
+) -> MomentRoots:
+    """All zeros of M between the outermost forces. The order of the sides does not matter.
+
+    Args:
+        x0, x1: (n_i,) ascending nodes of each side that carry force [length].
+        area: (2,) interval in contact [length].
+        size: largest coordinate, which sets the rounding of the positions; by default of x0, x1.
+    """
+    size = size or max(np.abs(x0).max(), np.abs(x1).max())
+    s = np.union1d(x0, x1)
+    M = facet_moment(s, x1, area) - facet_moment(s, x0, area)
+    longest = np.maximum(*(_facet_length(s, x) for x in (x0, x1)))
+    zero = np.abs(M) <= 4.0 * _EPS * size * longest
+    zero[[0, -1]] = True
+    change = np.flatnonzero(~zero[:-1] & ~zero[1:] & (M[:-1] * M[1:] < 0.0))
+    m0, m1 = np.abs(M[change]), np.abs(M[change + 1])
+    crossing = s[change] + (s[change + 1] - s[change]) * (m0 / (m0 + m1))
+    flat = np.concatenate([[False], zero[:-1] & zero[1:], [False]])
+    first, last = np.flatnonzero(~flat[:-1] & flat[1:]), np.flatnonzero(flat[:-1] & ~flat[1:])
+    points = np.sort(np.concatenate([s[zero], crossing]))
+    return MomentRoots(_distinct(points, _near(x0, x1)), np.column_stack([s[first], s[last]]))
+
+
+def _facet_length(s: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Length of the facet of x at each s."""
+    return np.diff(x)[np.clip(np.searchsorted(x, s, side="right") - 1, 0, len(x) - 2)]
+
+
+def _near(x0: np.ndarray, x1: np.ndarray) -> float:
+    return _NEAR * min(np.diff(x0).min(), np.diff(x1).min())
+
+
+def _distinct(points: np.ndarray, near: float) -> np.ndarray:
+    """One point of each cluster; of the outer clusters the ends."""
+    keep = np.concatenate([[True], np.diff(points) > near])
+    keep[:-1] &= points[-1] - points[:-1] > near
+    keep[0] = keep[-1] = True
+    return points[keep]
+
+
+def choose_nodes(roots: MomentRoots, x0: np.ndarray, x1: np.ndarray) -> np.ndarray:
+    """Subset of the roots about as dense as the locally coarser side, and evenly spaced.
+
+    It contains both ends. Between two chosen nodes lies a node of each side. Where both sides have
+    a node at a root, that one holds the root by itself, so up to the next such root one cell at its
+    border may do without. Then L_b has full column rank (Schoenberg and Whitney, 1953). Of these
+    subsets the one with the least sum of squared cell lengths, by dynamic programming.
+
+    Args:
+        roots: zeros of the moment.
+        x0, x1: (n_i,) ascending nodes of each side that carry force [length].
+
+    Returns:
+        (m,) ascending node positions, m >= 2 [length].
+    """
+    Y, near = roots.points, _near(x0, x1)
+    low = [np.searchsorted(x, Y - near) for x in (x0, x1)]  # nodes before each root,
+    high = [np.searchsorted(x, Y + near, side="right") for x in (x0, x1)]  # and not after it
+    shared = (high[0] > low[0]) & (high[1] > low[1])
+    # cost[j, used]: of the best choice that ends in root j; used: since the last shared root a
+    # cell was without a node of each side.
+    cost, back = np.full((len(Y), 2), np.inf), np.zeros((len(Y), 2), dtype=np.int64)
+    cost[0, 0 if shared[0] else 1] = 0.0
+    for j in range(1, len(Y)):
+        for i in range(max(0, j - _WINDOW), j):
+            held = all(a[j] > b[i] for a, b in zip(low, high, strict=True))
+            held |= shared[i] and shared[j]
+            if not (held or shared[i] or shared[j]):
+                continue
+            h = (Y[j] - Y[i]) ** 2
+            for used in (0, 1) if held else (0,):
+                new = 0 if shared[j] else (used if held else 1)
+                if cost[i, used] + h < cost[j, new]:
+                    cost[j, new], back[j, new] = cost[i, used] + h, 2 * i + used
+    at = len(Y) - 1
+    state = int(cost[at].argmin())
+    if not np.isfinite(cost[at, state]):
+        return Y[[0, -1]]
+    chosen = [at]
+    while at > 0:
+        at, state = divmod(int(back[at, state]), 2)
+        chosen.append(at)
+    return Y[chosen[::-1]]
+
+
+def nearest_nodes(given: np.ndarray, roots: MomentRoots) -> np.ndarray:
+    """Move frame nodes to roots, in their order, by the least sum of squared distances.
+
+    Args:
+        given: (m,) ascending positions; the outermost go to the ends [length].
+        roots: zeros of the moment.
+
+    Raises:
+        ContactError: fewer roots than nodes.
+    """
+    inside = [np.clip(given, a, b) for a, b in roots.intervals]
+    near = _NEAR * np.diff(roots.points).min()
+    points = _distinct(np.sort(np.concatenate([roots.points, *inside])), near)
+    m, k = len(given), len(points)
+    if m > k or m < 2:
+        raise ContactError(
+            f"the frame has {m} nodes; in closed form it needs 2 to {k}, as many as the moment of "
+            'the two force systems has zeros. Give a coarser frame, design="weights" or frame=None'
+        )
+    distance = (given[:, None] - points) ** 2
+    distance[0, 1:] = distance[-1, :-1] = np.inf
+    best, choice = distance[0], np.zeros((m, k), dtype=np.int64)
+    for j in range(1, m):
+        least = np.minimum.accumulate(best)[:-1]
+        new = np.concatenate([[True], best[1:-1] < least[:-1]])
+        choice[j, 1:] = np.maximum.accumulate(np.where(new, np.arange(k - 1), 0))
+        best = distance[j] + np.concatenate([[np.inf], least])
+    at = [k - 1]
+    for j in range(m - 1, 0, -1):
+        at.append(choice[j, at[-1]])
+    return points[at[::-1]]
+
+
+def frame_at_roots(
+    sides: Sequence[Surface], plane: Plane, area: Any, frame: Frame | None = None
+) -> tuple[Frame, str]:
+    """Frame of a straight interface that passes the patch test (28), in closed form.
+
+    Args:
+        sides: the two surfaces, in 2D.
+        plane: contact line.
+        area: (2,) interval in contact, in its coordinate [length].
+        frame: nodes to start from, which go to the nearest roots; None: as dense as the locally
+            coarser side, halfway between the sides.
+
+    Returns:
+        The frame, its normal out of side 0, and a sentence that says what it is.
+
+    Raises:
+        ContactError: a side touches in several pieces, or more frame nodes than roots.
+    """
+    # The same way along the line whichever side comes first: equally good choices stay the same.
+    t = plane.base[0]
+    way = 1.0 if t[np.abs(t).argmax()] > 0.0 else -1.0
+    x0, x1 = (way * _loaded_nodes(side, plane, area)[:: int(way)] for side in sides)
+    interval = np.sort(way * np.asarray(area))
+    size = max(np.abs(side.x).max() for side in sides)
+    roots = moment_roots(x0, x1, interval, size)
+    if frame is None:
+        s = choose_nodes(roots, x0, x1)
+        height = np.mean([plane.height(side.x).mean() for side in sides])
+        x = plane.lift(way * s[:, None]) + height * plane.normal
+        new = Frame(x, np.column_stack([np.arange(len(s) - 1), np.arange(1, len(s))]))
+        start = "closed form"
+    else:
+        given = way * plane.project(frame.x)[:, 0]
+        order = np.argsort(given, kind="stable")
+        place = np.argsort(order)
+        if (
+            len(frame.cells) != len(given) - 1
+            or not (np.ptp(place[frame.cells], axis=1) == 1).all()
+        ):
+            raise ContactError(
+                f"the frame's {len(frame.cells)} cells are no chain along its {len(given)} nodes: "
+                "in closed form it must be one line without gaps or folds"
+            )
+        s = np.empty(len(given))
+        s[order] = nearest_nodes(given[order], roots)
+        new = Frame(frame.x + np.outer(way * (s - given), t), frame.cells)
+        start = "given, moved"
+    if _turned(new, plane):
+        new = new.flipped()
+    return new, f"frame: {start}, {len(s)} of {len(roots.points)} zeros of the moment of the forces"
+
+
+def check_closed_form(residual: float, pairs: Sequence[ContactPairs], frame: Frame) -> None:
+    """Require that a frame passes (28) as far as the rounding of its coordinates allows.
+
+    Raises:
+        ContactError: it does not; both sides do not carry the same force there.
+    """
+    size = max(np.abs(p.x).max() for p in pairs)
+    bound = max(TOLERANCE, 16.0 * _EPS * size / frame.cell_size.min())
+    if not residual <= bound:
+        raise ContactError(
+            f"the closed form leaves a patch residual of {residual:.1e} of the largest nodal force "
+            f"(allowed {bound:.1e}): the surfaces are no straight lines that both cover the "
+            'contact area without gaps. Mend the tags, or use design="weights"'
+        )
+
+
+def _turned(frame: Frame, plane: Plane) -> bool:
+    edge = frame.x[frame.cells[:, 1]] - frame.x[frame.cells[:, 0]]
+    return np.array([-edge[:, 1].sum(), edge[:, 0].sum()]) @ plane.normal < 0.0
+
+
+def _loaded_nodes(side: Surface, plane: Plane, area: Any) -> np.ndarray:
+    """(n,) ascending coordinates of a side's nodes whose facets carry force."""
+    s = plane.project(side.x)
+    facets = side.facets[covered_forces(s, side.facets, area).sum(axis=1) > 0.0]
+    nodes = np.unique(facets)
+    x = np.sort(s[nodes, 0])
+    if len(nodes) != len(facets) + 1 or not (np.diff(x) > 0.0).all():
+        raise ContactError(
+            f"the {len(facets)} facets of {side.name} in contact have {len(nodes)} nodes: they are "
+            "in several pieces, or fold over. Give each piece a tag and an interface of its own"
+        )
+    return x

@@ -1,0 +1,1 @@
+"""Forms in which (31) is solved: saddle, flexibility, condensed."""

@@ -1,0 +1,1 @@
+"""The condensed form: surfaces' displacements written in the frame's."""

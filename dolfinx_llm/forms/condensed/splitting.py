@@ -1,0 +1,125 @@
+"""K in two parts: what elimination at the surface leaves as it is, and the rows that it changes.
+
+Tᵀ K T is K but for the rows and columns of the slaved nodes, so that only these are multiplied.
+With S their dofs, I the others and u_S = T_S q_S,
+
+    Tᵀ K T = [ K_II       K_IS T_S     ]
+             [ T_Sᵀ K_SI  T_Sᵀ K_SS T_S ].
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.operators.petsc import create_aij, is_symmetric, join_blocks, times
+
+
+class SplitStiffness:
+    """K, parted at the dofs of surface nodes.
+
+    Args:
+        K: symmetric stiffness of the bodies, AIJ. It is taken over: its storage becomes ``inside``.
+        dofs: numbers of the surface nodes' dofs, whole nodes, the same on every rank.
+
+    Attributes:
+        surface: this rank's of these dofs, local numbers.
+        diagonal: (n_local,) of K.
+        inside: K with zeros in the rows and columns of S, and ones on their diagonal.
+        K_SS, K_SI: rows S of K, the latter with the columns of all dofs, and none in those of S.
+
+    Raises:
+        ContactError: K is not symmetric.
+    """
+
+    def __init__(self, K: Any, dofs: np.ndarray):
+        if not is_symmetric(K):
+            raise ContactError(
+                "the condensed form needs a symmetric stiffness, K has none: use solver='saddle'"
+            )
+        self.comm, self.inside, self.sizes = K.comm.tompi4py(), K, K.getSizes()[0]
+        self.first, end = K.getOwnershipRange()
+        dofs = np.unique(dofs)
+        mine = dofs[(dofs >= self.first) & (dofs < end)].astype(PETSc.IntType)
+        self.surface = mine - self.first
+        diagonal = K.getDiagonal()
+        self.diagonal = diagonal.array_r.copy()
+        S = PETSc.IS().createGeneral(mine, K.comm)
+        all_dofs = PETSc.IS().createStride(end - self.first, self.first, 1, K.comm)
+        self.K_SS, rows = K.createSubMatrix(S, S), K.createSubMatrix(S, all_dofs)
+        self.K_SI = self._without_columns(rows, dofs)
+        for item in (diagonal, S, all_dofs, rows):
+            item.destroy()
+        K.zeroRowsColumns(mine, 1.0)
+
+    def _without_columns(self, rows: Any, dofs: np.ndarray) -> Any:
+        indptr, columns, values = rows.getValuesCSR()
+        kept = ~np.isin(columns, dofs)
+        row = np.repeat(np.arange(len(self.surface)), np.diff(indptr))[kept]
+        shape = len(self.surface), self.sizes[1]
+        local = csr_matrix((values[kept], (row, columns[kept])), shape=shape)
+        return create_aij(rows.comm, rows.getSizes()[0], self.sizes, local)
+
+    def reduce(self, T: Any, D: Any, test: Any = None) -> Any:
+        """Tᵀ K T with D added to its last block; with ``test`` the T_S of its rows.
+
+        Args:
+            T, test: T_S as PETSc matrices.
+            D: PETSc matrix with a stored diagonal.
+        """
+        T_t = _transposed(T)
+        test_t = T_t if test is None else _transposed(test)
+        K_T = self.K_SS.matMult(T)
+        corner = test_t.matMult(K_T)
+        corner.axpy(1.0, D, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        below, across = test_t.matMult(self.K_SI), T_t.matMult(self.K_SI)
+        right = _transposed(across)
+        matrix, _ = join_blocks([[self.inside, right], [below, corner]])
+        for M in (T_t, test_t, K_T, corner, below, across, right):
+            M.destroy()
+        return matrix
+
+    def columns(self, u_S: np.ndarray) -> np.ndarray:
+        """(n_local,) K u for a u that is zero but on S."""
+        product = times(self.K_SI, u_S, transposed=True)
+        product[self.surface] = times(self.K_SS, u_S)
+        return product
+
+    def rows(self, u: np.ndarray) -> np.ndarray:
+        """(S,) rows S of K u."""
+        return times(self.K_SI, u) + times(self.K_SS, u[self.surface])
+
+    def times(self, u: np.ndarray) -> np.ndarray:
+        """(n_local,) K u."""
+        product = times(self.inside, u)
+        product[self.surface] = times(self.K_SI, u)
+        return product + self.columns(u[self.surface])
+
+    def hold(self, at: list[int], stiffness: float) -> None:
+        """Springs at this rank's dofs, local numbers, instead of those there were."""
+        start = self.K_SS.getOwnershipRange()[0]
+        for i in at:
+            place = np.searchsorted(self.surface, i)
+            on_surface = place < len(self.surface) and self.surface[place] == i
+            M, row = (self.K_SS, start + place) if on_surface else (self.inside, self.first + i)
+            M.setValue(row, row, self.diagonal[i] + stiffness)
+        self.K_SS.assemble()
+        self.inside.assemble()
+
+    def release(self) -> None:
+        """Free the volume's part: no more ``reduce`` and ``times``."""
+        self.inside.destroy()
+
+    def destroy(self) -> None:
+        for M in (self.inside, self.K_SS, self.K_SI):
+            M.destroy()
+
+
+def _transposed(M: Any) -> Any:
+    turned = M.copy()
+    turned.transpose()
+    return turned

@@ -1,0 +1,310 @@
+"""The condensed form of (31): the surfaces' displacements written in terms of the frame's.
+
+With u = T q + u_0 (``slaving``) the unknowns q are the bodies' free displacements and the frame's,
+and Tᵀ K T q = Tᵀ (f - K u_0) is symmetric positive definite. The multipliers are the reactions
+f - K u of what was eliminated.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.forms.condensed.elimination import SlavedRows
+from dolfinx_llm.forms.condensed.krylov import DIRECT, WIDEST, near_null_space, solver_of
+from dolfinx_llm.forms.condensed.splitting import SplitStiffness
+from dolfinx_llm.forms.condensed.transformation import Transformation
+from dolfinx_llm.forms.verdict import rounding_error
+from dolfinx_llm.operators.petsc import times
+
+log = logging.getLogger("dolfinx_llm")
+
+PASSES = 4  # solves for what the residual of the unreduced system still holds
+WORN = 1.5  # times the iterations of a new preconditioner, from which on one is renewed
+DIGITS = 13.0  # by which a solve makes the residual smaller, about
+COST = 3.0  # iterations, about, for a row that the preconditioner knows otherwise
+EPS = np.finfo(float).eps
+ROUNDING = 4.0 * EPS  # of a residual of the scaled system, per size of its unknowns
+DRIFTING = 30.0  # rounding errors of such unknowns that a load may leave, where v moves far
+
+
+class CondensedSystem:
+    """Tᵀ K T with a preconditioner or a factorisation, set up once for any number of loads.
+
+    After a solve ``iterations``, ``residual`` (of (31), over the size of its unknowns),
+    ``rounding`` (relative error of the forces that no solver can avoid) and ``notes`` tell how it
+    went; ``set_ups`` counts preconditioners and factorisations, ``steps`` has of each solve its
+    "iterations" and the seconds of its "set-up" and "solve".
+
+    Args:
+        split: stiffness of the bodies, identity rows and columns at prescribed dofs, parted at the
+            nodes of all rows that will be slaved. It is destroyed with the system; what is not
+            needed for solving may be released before.
+        rows: what is slaved to the frames.
+        fixed: (n_local,) whether a dof of this rank is prescribed; f holds its value.
+        scale: mean diagonal of K on the surface dofs [force / length].
+        prefix: of the PETSc options.
+        options: PETSc options on top of ``ITERATIVE`` and ``GAMG``, or of ``DIRECT`` with
+            {"ksp_type": "preonly", "pc_type": "cholesky"}.
+        modes: near-null space for GAMG, rigid modes at the bodies' dofs (n_local, k) and at the
+            frames' unknowns (m, k); None: none.
+        proximal: (m,) non-negative stiffness d of the frames' unknowns, which adds
+            1/2 sum_J d_J (v_J - c_J)² to the energy [force / length]; None: none.
+
+    Raises:
+        ContactError: the reduced matrix is not positive definite.
+    """
+
+    def __init__(
+        self,
+        split: SplitStiffness,
+        rows: SlavedRows,
+        fixed: np.ndarray,
+        scale: float,
+        prefix: str = "llm_",
+        options: dict | None = None,
+        *,
+        modes=None,
+        proximal: np.ndarray | None = None,
+    ):
+        self.split, self.fixed, self.scale, self.comm = split, fixed, scale, split.comm
+        self.notes: list[str] = []
+        self.steps: list[dict] = []
+        self.iterations, self.residual, self.set_ups = 0, np.nan, 0
+        self._modes, self._prefix = modes, prefix
+        options = dict(options or {})
+        if rows.widest > WIDEST and options.get("pc_type", "gamg") == "gamg":
+            self.notes.append(
+                f"a frame node couples with some {rows.widest:.0f} nodes of a side that is much "
+                "finer than the frame, too many for GAMG: Cholesky by MUMPS instead"
+            )
+            self._warn()
+            options = DIRECT
+        self._options = options
+        self.ksp: Any = None  # once ``set_up``
+        self._kept = False  # whether the preconditioner is another matrix's
+        self._serves = False  # whether it may be kept for the next
+        self._outdated = 0  # rows that it knows otherwise
+        self._usual = 0.0  # iterations per digit of a new one
+        self._last: Any = None  # u and v
+        self._reduce(rows, proximal)
+
+    def slave(self, rows: SlavedRows, proximal: np.ndarray | None = None, changed: int = 0) -> None:
+        """Slave other rows, or with another proximal term; springs of ``split`` are taken over.
+
+        A preconditioner stays as long as it serves.
+
+        Args:
+            changed: rows that are slaved now and were not, or were and are not.
+        """
+        before = self.matrix.getLocalSize()
+        for item in (self.form.T, self.matrix, self.S):
+            item.destroy()
+        self._reduce(rows, proximal)
+        same = self.comm.allreduce(self.matrix.getLocalSize() == before, op=MPI.LAND)
+        self._outdated += changed
+        spare = (WORN - 1.0) * self._usual * DIGITS  # iterations
+        if same and self._serves and COST * self._outdated <= spare:
+            self.ksp.setOperators(self.matrix)
+            self.ksp.getPC().setReusePreconditioner(True)
+            self._kept = True
+        else:
+            self._discard()
+
+    def _reduce(self, rows: SlavedRows, proximal: np.ndarray | None):
+        """Tᵀ K T with the proximal term, scaled to unit diagonal: S Tᵀ K T S, S the inverse square
+        root of the diagonal."""
+        self.form = Transformation(self.split, rows, self.fixed, proximal)
+        self.matrix = self.form.reduce(self.form.penalty(), self.scale)
+        diagonal = self.matrix.getDiagonal()
+        least = self.comm.allreduce(diagonal.array_r.min(initial=np.inf), op=MPI.MIN)
+        if not least > 0.0:
+            raise ContactError(
+                f"the condensed matrix has the diagonal entry {least:.3g}: it is not positive "
+                "definite. Check the material data of the forms a"
+            )
+        diagonal.sqrtabs()
+        diagonal.reciprocal()
+        self.S = diagonal
+        self.matrix.diagonalScale(diagonal, diagonal)
+        self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self.matrix.setOption(PETSc.Mat.Option.SPD, True)
+
+    # Solver
+
+    def _warn(self):
+        if self.comm.rank == 0:
+            log.warning(self.notes[-1])
+
+    def set_up(self) -> None:
+        """Preconditioner or factorisation, if it is not there yet."""
+        if self.ksp is None:
+            if self._modes is not None:
+                near_null_space(self.matrix, self.S, self.form.unknowns(*self._modes))
+            self._set_up(self._options)
+
+    def _set_up(self, given: dict):
+        self.ksp, self.method, self.own = solver_of(self.matrix, self._prefix, given)
+        self.set_ups += 1
+
+    def _discard(self):
+        """Give up the solver."""
+        if self.ksp is not None:
+            self.ksp.destroy()
+        self.ksp, self._kept, self._serves, self._outdated = None, False, False, 0
+
+    def solve(
+        self, f: np.ndarray, g: np.ndarray, centre: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """This rank's parts of u, λ, v for loads f and gaps g.
+
+        Args:
+            f: (n_local,) loads, prescribed values at fixed dofs.
+            g: (R,) gaps of this rank's multipliers [length].
+            centre: (m,) c of the proximal term, on every rank; None: zero.
+
+        Raises:
+            ContactError: the solver did not reach a small residual of (31).
+        """
+        began = time.perf_counter()
+        self.set_up()
+        ready, form = time.perf_counter(), self.form
+        u_0, v_0 = form.offsets(f, g)
+        u, q, force = self._iterate(f, u_0, form.push(centre, v_0), self._guess(u_0, v_0))
+        v = form.frame_motion(q, v_0)
+        self._last = u, v
+        multiplier = form.multipliers(np.where(self.fixed, 0.0, force), v, centre)
+        self._check(f, g, u, multiplier, v, force, centre)
+        seconds = {"set-up": ready - began, "solve": time.perf_counter() - ready}
+        self.steps.append({"iterations": self.iterations, **seconds})
+        return u, multiplier, v[form.mine_v]
+
+    def _guess(self, u_0, v_0) -> np.ndarray:
+        """q of the last solution; zero for a factorisation, which needs no start."""
+        if self._last is None or self.ksp.getType() == "preonly":
+            return np.zeros(self.matrix.getLocalSize()[0])
+        u, v = self._last
+        return self.form.unknowns((u - u_0)[:, None], (v - v_0)[:, None])[:, 0]
+
+    def _iterate(self, f, u_0, push, q):
+        """Solve for q; repeat for the residual of the unreduced system while that gains.
+
+        Returns:
+            u, q and f - K u of this rank.
+        """
+        x, b = self.matrix.createVecs()
+        load = self.form.load(f, u_0) + push
+        b.array_w[:] = load * self.S.array_r
+        tolerances = rtol, _, _, patience = self.ksp.getTolerances()
+        goal, direct = max(rtol, EPS) * b.norm(), self.ksp.getType() == "preonly"
+        q = q * self._best_share(q, load)
+        x.array_w[:] = q / self.S.array_r
+        self.iterations, last, length = 0, np.inf, x.norm()
+        for attempt in range(PASSES + 1):
+            left = load - times(self.matrix, q / self.S.array_r) / self.S.array_r
+            b.array_w[:] = left * self.S.array_r
+            size = b.norm()
+            # A factorisation refines while that gains.
+            enough = 0.0 if direct else max(2.0 * goal, ROUNDING * length)
+            ended = attempt and (attempt == PASSES or self.ksp.getConvergedReason() < 0)
+            if ended or not size > enough or not size < 0.5 * last:
+                break
+            last = size
+            if not direct:
+                digits = np.log10(size / goal)
+                limit = WORN * self._usual * digits if self._kept else patience
+                self.ksp.setTolerances(rtol=goal / size, max_it=min(patience, int(limit) + 1))
+            self._solve_once(b, x)
+            worn = self._kept and self.ksp.getConvergedReason() < 0
+            if (
+                not worn
+                or self.ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
+            ):
+                length += x.norm()
+                q += x.array_r * self.S.array_r
+            if worn:
+                self._discard()
+                self.set_up()
+                last = np.inf
+            elif not self._kept and self.ksp.getType() != "preonly" and digits > 1.0:
+                self._usual, self._serves = self.ksp.getIterationNumber() / digits, True
+        self.ksp.setTolerances(*tolerances)
+        x.destroy()
+        b.destroy()
+        u = self.form.motion(q) + u_0
+        return u, q, self._forces(f, u, left)
+
+    def _best_share(self, q, load) -> float:
+        """The part of q next to the solution: loads may have grown in proportion."""
+        product = times(self.matrix, q / self.S.array_r) / self.S.array_r
+        work, energy = self.comm.allreduce(np.array([q @ load, q @ product]))
+        return work / energy if energy > 0.0 else 0.0
+
+    def _forces(self, f, u, left) -> np.ndarray:
+        """f - K u of this rank: reactions at surface nodes, elsewhere what the system leaves."""
+        force, S = left[: len(f)].copy(), self.split.surface
+        force[S] = f[S] - self.split.rows(u)
+        force[self.fixed] = 0.0
+        return force
+
+    def _solve_once(self, b, x):
+        """One solve; where the default options do not get there, a factorisation takes over."""
+        self.ksp.solve(b, x)
+        self.iterations += self.ksp.getIterationNumber()
+        reason = self.ksp.getConvergedReason()
+        if reason < 0 and self.own and not self._kept:
+            self.notes.append(
+                f"CG + GAMG ended without an answer after {self.ksp.getIterationNumber()} "
+                f"iterations (PETSc's reason {reason}): Cholesky by MUMPS instead"
+            )
+            self._warn()
+            self.ksp.destroy()
+            self._options = DIRECT  # from now on
+            self._set_up(DIRECT)
+            self.own = False
+            self.ksp.solve(b, x)
+
+    def _check(self, f, g, u, multiplier, v, force, centre):
+        """Require a small residual of (31), as ``system.SaddleSystem`` does."""
+        residual, miss = self.form.residual(u, multiplier, v, g, force)
+        frame = self.form.frame_forces(multiplier, v, centre)
+        sizes = [
+            np.abs(residual).max(initial=0.0),
+            self.scale * np.abs(miss).max(initial=0.0),
+            np.abs(frame).max(initial=0.0),
+            max(np.abs(f).max(initial=0.0), self.scale * np.abs(g).max(initial=0.0)),
+            self.scale * max(np.abs(u).max(initial=0.0), np.abs(v).max(initial=0.0)),
+            np.abs(multiplier).max(initial=0.0),
+        ]
+        sizes = np.max(self.comm.allgather(sizes), axis=0)
+        worst, load = sizes[:3].max(), sizes[3]
+        self.residual = worst / max(sizes[3:].max(), 1e-300)
+        self.rounding = rounding_error(self.comm, self.split.diagonal, u, f, multiplier)
+        against_load = worst / load if load > 0.0 else self.residual
+        # A tolerance that the user made larger is the user's choice.
+        asked = 0.0 if self.ksp.getType() == "preonly" else 10.0 * self.ksp.getTolerances()[0]
+        allowed = max(1e-9, asked), max(1e-6, asked)
+        if self.form.proximal is not None and load > 0.0:
+            # What a weak term alone holds, a small force moves far: that much is rounding.
+            drift = DRIFTING * EPS * sizes[4] / load
+            allowed = allowed[0], max(allowed[1], min(drift, 1e-3))
+        if not (self.residual < allowed[0] and against_load < allowed[1]):
+            raise ContactError(
+                f"the condensed solve failed: residual {self.residual:.1e} of the unknowns' size "
+                f"(allowed {allowed[0]:.0e}), {against_load:.1e} of the load's (allowed "
+                f"{allowed[1]:.0e}), after "
+                f"{self.iterations} iterations of {self.method}, PETSc's reason "
+                f"{self.ksp.getConvergedReason()}. Check supports, material data and the "
+                "petsc_options given, or use solver='saddle'"
+            )
+
+    def destroy(self):
+        self._discard()
+        for item in (self.matrix, self.S, self.form.T, self.split):
+            item.destroy()

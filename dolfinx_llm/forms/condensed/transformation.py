@@ -1,0 +1,229 @@
+"""T of the condensed form: u = T q + u_0, v = Z q_v + v_0.
+
+q holds, on each rank, a place for each dof of its bodies, idle at surface nodes, and then
+what the surfaces have left to solve for (``tail``): the unknowns of surface nodes that are not
+slaved entirely, and those of the frame nodes, in blocks of gdim.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from dolfinx_llm.forms.condensed.elimination import FrameElimination, SlavedRows, eliminate_at_nodes
+from dolfinx_llm.forms.condensed.splitting import SplitStiffness
+from dolfinx_llm.operators.petsc import create_aij, times
+
+
+class Transformation:
+    """What the slaved rows make of u and v, with the numbers of the unknowns q.
+
+    Args:
+        split: stiffness of the bodies, parted at the dofs of all slaved nodes or more.
+        rows: what is slaved to the frames.
+        fixed: (n_local,) whether a dof of this rank is prescribed.
+        proximal: (m,) stiffness of the frames' unknowns, or None.
+        soft: as of ``FrameElimination``.
+    """
+
+    def __init__(
+        self,
+        split: SplitStiffness,
+        rows: SlavedRows,
+        fixed: np.ndarray,
+        proximal: np.ndarray | None,
+        soft: float = 0.0,
+    ):
+        self.comm, self.split, self.rows, self.fixed = split.comm, split, rows, fixed
+        self.gdim, self.proximal = rows.dofs.shape[1], proximal
+        dofs, self.vectors = rows.local  # (R, gdim) base vectors of this rank's rows
+        self.dofs = dofs - split.first  # (R, gdim) local
+        node = eliminate_at_nodes(self.dofs, self.vectors, fixed)
+        self.A, self.N, self.W = node.A, node.N, node.W
+        self.L = rows.L[rows.multipliers.mine]  # rows of this rank
+        self.frame = FrameElimination(self._frame_rows(), soft)
+        self._number()
+        self.T = self.columns_of(self.L @ self.frame.Z)
+
+    def _frame_rows(self) -> csr_matrix:
+        """D, the rows of all ranks that bind the frame alone, the same on every rank."""
+        W = self.W.tocoo()
+        count = self.comm.allgather(W.shape[0])
+        first = sum(count[: self.comm.rank])
+        self._mine_D = slice(first, first + W.shape[0])
+        parts = self.comm.allgather((W.data, W.row + first, self.rows.multipliers.mine[W.col]))
+        data, row, col = (np.concatenate(part) for part in zip(*parts, strict=True))
+        self._W_all = csr_matrix((data, (row, col)), shape=(sum(count), self.rows.L.shape[0]))
+        return (self._W_all @ self.rows.L).tocsr()
+
+    def _number(self):
+        """Places in the tail: ``left`` (S,) of this rank's surface dofs, -1 where there is none,
+        and of its frame unknowns; ``columns`` (m,) are the numbers of all frame unknowns."""
+        frames, gdim, comm, surface = self.rows.frames, self.gdim, self.comm, self.split.surface
+        self._N_S = self.N[surface][:, surface].multiply(~self.fixed[surface]).tocsr()
+        self._N_S.eliminate_zeros()
+        kept = (np.diff(self._N_S.tocsc().indptr) > 0).reshape(-1, gdim).any(axis=1)
+        place = np.cumsum(kept) - 1
+        self.left = np.where(kept[:, None], place[:, None] * gdim + np.arange(gdim), -1).ravel()
+        n = gdim * int(kept.sum())
+
+        motion = self.A @ (self.L @ self.frame.Z)
+        used = comm.allreduce((np.diff(motion.tocsc().indptr) > 0).astype(np.int64)) > 0
+        if self.proximal is not None:
+            used |= abs(self.frame.Z).T @ self.proximal > 0.0
+        bs = self.rows.block
+        item_owner = frames.owner[::bs]
+        items = np.flatnonzero(used.reshape(-1, bs).any(axis=1))
+        items = items[np.argsort(item_owner[items], kind="stable")]
+        owner = item_owner[items]
+        pad = -(-bs // gdim) * gdim  # whole blocks for each item
+        count = np.bincount(owner, minlength=comm.size)
+        nodes = np.array(comm.allgather(n))
+        start = np.concatenate([[0], np.cumsum(nodes + pad * count)])
+        within = np.arange(len(items)) - (np.cumsum(count) - count)[owner]
+        number = np.full(len(item_owner), -1)
+        number[items] = start[owner] + nodes[owner] + pad * within
+        columns = np.where(number[:, None] < 0, -1, number[:, None] + np.arange(bs))
+        self.columns = columns.ravel()
+        self.first = int(start[comm.rank])
+        self.tail = int(start[comm.rank + 1] - start[comm.rank]), int(start[-1])
+        mine = (frames.owner == comm.rank) & used
+        self.mine_used = np.flatnonzero(mine)  # this rank's frame unknowns that are in q
+        self.seats = self.columns[mine] - self.first
+        self.mine_v = frames.mine
+        self.idle = np.ones(self.tail[0], dtype=bool)
+        self.idle[self.left[np.unique(self._N_S.indices)]] = False
+        self.idle[self.seats] = False
+
+    def columns_of(self, L: csr_matrix):
+        """T_S, where the rows of this rank see the frames' motion as L (R, m)."""
+        nodes, frame = self._N_S.tocoo(), (self.A[self.split.surface] @ L).tocoo()
+        value = np.concatenate([nodes.data, frame.data])
+        row = np.concatenate([nodes.row, frame.row])
+        col = np.concatenate([self.left[nodes.col] + self.first, self.columns[frame.col]])
+        local = csr_matrix((value, (row, col)), shape=(nodes.shape[0], self.tail[1]))
+        return create_aij(self.comm, self.split.K_SS.getSizes()[0], self.tail, local)
+
+    def reduce(self, D: csr_matrix, idle: float, test=None):
+        """Tᵀ K T plus D (m, m) at the frames' unknowns, and ``idle`` on the diagonal where the tail
+        has a place without an unknown; with ``test`` the T_S of its rows."""
+        D = D[self.mine_used].tocoo()
+        diagonal = np.arange(self.tail[0])
+        value = np.concatenate([D.data, idle * self.idle])
+        row = np.concatenate([self.seats[D.row], diagonal])
+        col = np.concatenate([self.columns[D.col], diagonal + self.first])
+        local = csr_matrix((value, (row, col)), shape=self.tail)
+        added = create_aij(self.comm, self.tail, self.tail, local)
+        matrix = self.split.reduce(self.T, added, test)
+        added.destroy()
+        matrix.setBlockSize(self.gdim)
+        return matrix
+
+    def penalty(self) -> csr_matrix:
+        """(m, m) Zᵀ diag(d) Z of the proximal term."""
+        Z = self.frame.Z
+        if self.proximal is None:
+            return csr_matrix(Z.shape)
+        return (Z.T @ Z.multiply(self.proximal[:, None])).tocsr()
+
+    def motion(self, q: np.ndarray) -> np.ndarray:
+        """(n_local,) T q."""
+        n = len(self.fixed)
+        u = q[:n].copy()
+        u[self.split.surface] = times(self.T, q[n:])
+        return u
+
+    def load(self, f: np.ndarray, u_0: np.ndarray, test=None) -> np.ndarray:
+        """Tᵀ (f - K u_0) for u_0 of ``offsets``; with ``test`` in the place of T_S."""
+        S = self.split.surface
+        left = f - self.split.columns(u_0[S])
+        inside = np.where(self.fixed, 0.0, left)  # u_0 has the values prescribed there
+        inside[S] = 0.0
+        tail = times(self.T if test is None else test, left[S], transposed=True)
+        return np.concatenate([inside, tail])
+
+    def push(self, centre, v_0: np.ndarray) -> np.ndarray:
+        """Zᵀ d (c - v_0), the load of the proximal term on q."""
+        n = len(self.fixed)
+        load = np.zeros(n + self.tail[0])
+        if self.proximal is not None:
+            pull = self.proximal * ((0.0 if centre is None else centre) - v_0)
+            load[n + self.seats] = (self.frame.Z.T @ pull)[self.mine_used]
+        return load
+
+    def offsets(self, f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """This rank's u_0 and all of v_0 for gaps g and the prescribed values in f."""
+        v_0 = self.frame.particular(np.concatenate(self.comm.allgather(self.W @ g)))
+        u_0 = self.A @ (self.L @ v_0 - g)
+        u_0[self.fixed] = f[self.fixed]
+        return u_0, v_0
+
+    def frame_motion(self, q: np.ndarray, v_0: np.ndarray) -> np.ndarray:
+        """(m,) v on every rank."""
+        return self.frame.Z @ self.frame_unknowns(q) + v_0
+
+    def frame_unknowns(self, q: np.ndarray) -> np.ndarray:
+        """(m,) q_v on every rank."""
+        q_v = np.zeros(self.frame.size)
+        for place, value in self.comm.allgather((self.mine_used, q[len(self.fixed) + self.seats])):
+            q_v[place] = value
+        return q_v
+
+    def frame_law(self, E: csr_matrix, D: csr_matrix, c: float) -> csr_matrix:
+        """(m, m) E λ + D v of the frames' unknowns, where they are forces: of rows that bind the
+        frame alone.
+
+        Args:
+            E: (m, rows), D: (m, m) of the frames' equations.
+            c: unit of these forces [force / length].
+        """
+        own = c * (E @ self._W_all.T @ csr_matrix(self.frame.Q)).tocoo()
+        places = own.row, self.frame.dependent[own.col]
+        return (D @ self.frame.Z + csr_matrix((own.data, places), shape=D.shape)).tocsr()
+
+    def frame_multipliers(self, q: np.ndarray, c: float) -> np.ndarray:
+        """(R,) λ of this rank that binds the frame alone, where it is unknown."""
+        force = c * self.frame.Q @ self.frame_unknowns(q)[self.frame.dependent]
+        return self.W.T @ force[self._mine_D]
+
+    def multipliers(self, force: np.ndarray, v: np.ndarray, centre) -> np.ndarray:
+        """λ of this rank from the reactions f - K u, zero at fixed dofs.
+
+        What a row does to the frame alone follows from the frame's equilibrium.
+        """
+        found = self.A.T @ force
+        if len(self.frame.dependent):
+            missing = self.frame_forces(found, v, centre)[self.frame.dependent]
+            found = found - self.W.T @ self.frame.multipliers(missing)[self._mine_D]
+        return found
+
+    def frame_forces(self, multiplier: np.ndarray, v: np.ndarray, centre) -> np.ndarray:
+        """(m,) L_bᵀ λ less the proximal forces d (v - c), which must vanish."""
+        forces = self.comm.allreduce(self.L.T @ multiplier)
+        if self.proximal is not None:
+            forces -= self.proximal * (v - (0.0 if centre is None else centre))
+        return forces
+
+    def unknowns(self, body: np.ndarray, frame: np.ndarray) -> np.ndarray:
+        """(q_local, k) q of motions of this rank's dofs (n_local, k) and of the frames (m, k), as
+        far as they have places in it: zero at prescribed dofs and idle places."""
+        S, n = self.split.surface, len(self.fixed)
+        body = np.where(self.fixed[:, None], 0.0, body)
+        values = np.zeros((n + self.tail[0], body.shape[1]))
+        there = self.left >= 0
+        values[n + self.left[there]] = (self._N_S.T @ body[S])[there]
+        values[n + self.seats] = frame[self.mine_used]
+        body[S] = 0.0
+        values[:n] = body
+        return values
+
+    def residual(self, u, multiplier, v, g, force):
+        """What (31) leaves of -f + K u + B λ at this rank's dofs, and of Bᵀ u - L_b v + g.
+
+        Args:
+            force: (n_local,) f - K u.
+        """
+        vectors = self.vectors * ~self.fixed[self.dofs]
+        left = -force
+        np.add.at(left, self.dofs, vectors * multiplier[:, None])
+        return left, np.einsum("ri,ri->r", vectors, u[self.dofs]) - self.L @ v + g

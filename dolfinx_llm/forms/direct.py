@@ -1,0 +1,116 @@
+"""Matrices factorised by MUMPS, with refinement and spare memory."""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.operators.petsc import (
+    is_symmetric,
+)
+
+# Richardson on top of the factorisation is iterative refinement on any number of ranks: MUMPS's
+# own works on one rank only. ICNTL(24): null pivots.
+SADDLE_OPTIONS = {
+    "ksp_type": "richardson",
+    "ksp_max_it": 2,
+    "ksp_norm_type": "none",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_24": 1,
+    "mat_mumps_icntl_12": 2,  # ordering of symmetric indefinite matrices by pairs of unknowns
+}
+
+
+class DirectSolver:
+    """A matrix factorised by MUMPS; solves are refined.
+
+    Args:
+        matrix: PETSc AIJ.
+        prefix: of the PETSc options.
+        options: PETSc options on top of ``SADDLE_OPTIONS``.
+        own: destroy the matrix with the solver.
+
+    Raises:
+        ContactError: MUMPS could not factorise.
+    """
+
+    def __init__(self, matrix, prefix: str, options: dict | None = None, own: bool = False):
+        self.matrix, self._own = matrix, own
+        self.symmetric = is_symmetric(matrix)
+        self.solution, self.rhs = matrix.createVecs()
+        self.ksp = self._factorise(prefix, options or {})
+
+    def _factorise(self, prefix: str, options: dict):
+        """Set up and factorise, with more spare memory where delayed pivots outgrow it."""
+        if self.symmetric:
+            self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        for spare in (80, 400, 2000):
+            chosen = {
+                **SADDLE_OPTIONS,
+                "mat_mumps_icntl_14": spare,
+                "pc_type": "cholesky" if self.symmetric else "lu",
+                **options,
+            }
+            ksp = set_up_ksp(self.matrix, prefix, chosen)
+            self.infog = mumps_infog(ksp)
+            if self.infog.get(1, 0) not in (-8, -9):
+                break
+            ksp.destroy()
+        if self.infog.get(1, 0) < 0:
+            raise ContactError(
+                f"MUMPS could not factorise the system: INFOG(1) = {self.infog[1]}, INFOG(2) = "
+                f"{self.infog[2]}. -9: raise petsc_options mat_mumps_icntl_14; -10: the matrix is "
+                "singular, a body or the frame is not held; -13: out of memory"
+            )
+        return ksp
+
+    def solve(self, b: np.ndarray) -> np.ndarray:
+        """This rank's part of the solution for its part of a load."""
+        self.rhs.array_w[:] = b
+        self.ksp.solve(self.rhs, self.solution)
+        return self.solution.array_r.copy()
+
+    def solve_many(self, b: np.ndarray) -> np.ndarray:
+        """The same for several loads, the columns of b (n_local, k), without refinement."""
+        comm, k = self.matrix.comm, b.shape[1]
+        sizes = (self.matrix.getSizes()[0], (PETSc.DECIDE, k))
+        loads = PETSc.Mat().createDense(sizes, array=np.asfortranarray(b), comm=comm)
+        loads.assemble()
+        found = loads.duplicate()
+        found.assemble()
+        self.ksp.getPC().getFactorMatrix().matSolve(loads, found)
+        x = found.getDenseArray().copy()
+        loads.destroy()
+        found.destroy()
+        return x
+
+    def destroy(self):
+        for item in (self.ksp, self.solution, self.rhs, *([self.matrix] * self._own)):
+            item.destroy()
+
+
+def set_up_ksp(matrix, prefix: str, chosen: dict):
+    """A KSP with these options, which do not stay in PETSc's global database."""
+    ksp = PETSc.KSP().create(matrix.comm)
+    ksp.setOperators(matrix)
+    ksp.setOptionsPrefix(prefix)
+    database = PETSc.Options()
+    added = [prefix + key for key in chosen if not database.hasName(prefix + key)]
+    for key in added:
+        database[key] = chosen[key[len(prefix) :]]
+    try:
+        ksp.setFromOptions()
+        ksp.setUp()
+    finally:
+        for key in added:
+            database.delValue(key)
+    return ksp
+
+
+def mumps_infog(ksp) -> dict[int, int]:
+    """MUMPS's INFOG(1), (2): error; (12): negative pivots; (28): null pivots."""
+    if ksp.getPC().getFactorSolverType() != "mumps":
+        return {}
+    factor = ksp.getPC().getFactorMatrix()
+    return {i: factor.getMumpsInfog(i) for i in (1, 2, 12, 28)}

@@ -1,0 +1,1 @@
+"""Surfaces, frames, where nodes lie on them and what two surfaces share. Plain NumPy."""

@@ -1,0 +1,85 @@
+"""Segments, triangles and quads: shape functions, vector areas, bases."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import chain
+
+import numpy as np
+
+# Reference vertices of the bilinear quad on [-1, 1]^2, in cyclic order (paper, (23)).
+_QUAD = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+
+
+def shape_functions(k: int, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shape functions of a cell and their derivatives by the reference coordinates.
+
+    Args:
+        k: nodes of a cell: 2 (segment on [0, 1]), 3 (triangle), 4 (quad on [-1, 1]^2; (23)).
+        xi: (n, d) reference coordinates, d = 1 for segments, else 2.
+
+    Returns:
+        N (n, k) and dN (n, k, d).
+    """
+    n = len(xi)
+    if k == 4:
+        a = 1.0 + xi[:, None, :] * _QUAD
+        return 0.25 * a[..., 0] * a[..., 1], 0.25 * _QUAD * a[..., ::-1]
+    N = np.column_stack([1.0 - xi.sum(axis=1), xi])
+    dN = np.vstack([-np.ones(k - 1), np.eye(k - 1)])
+    return N, np.broadcast_to(dN, (n, k, k - 1))
+
+
+def _on_sides(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Reference coordinates (n, 2) of the points closest to x on the sides of triangles p."""
+    side = np.roll(p, -1, axis=1) - p
+    d = x[:, None] - p
+    t = np.einsum("nki,nki->nk", d, side) / np.einsum("nki,nki->nk", side, side)
+    t = np.clip(t, 0.0, 1.0)
+    best = np.linalg.norm(d - t[..., None] * side, axis=2).argmin(axis=1)
+    n = np.arange(len(x))
+    t = t[n, best]
+    return np.stack([[t, 0.0 * t], [1.0 - t, t], [0.0 * t, 1.0 - t]])[best, :, n]
+
+
+def _joined(found: Sequence[list[int]]) -> np.ndarray:
+    """One array of many lists of numbers."""
+    return np.fromiter(chain.from_iterable(found), np.int64)
+
+
+def _repeated(of: np.ndarray, found: Sequence[list[int]]) -> np.ndarray:
+    """To whom, of (n,), the numbers of each list belong."""
+    return np.repeat(of, [len(f) for f in found])
+
+
+def vector_areas(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Normal times area of every cell, (n_cells, 3); of segments normal times length, (n_cells, 2).
+
+    Triangles and quads may also be given in plane coordinates (m, 2).
+    """
+    p = x[cells]
+    if cells.shape[1] == 2:
+        t = p[:, 1] - p[:, 0]
+        return np.column_stack([-t[:, 1], t[:, 0]])
+    if x.shape[1] == 2:
+        p = np.concatenate([p, np.zeros_like(p[..., :1])], axis=2)
+    if cells.shape[1] == 3:
+        return 0.5 * np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+
+
+def bases(tangents: np.ndarray) -> np.ndarray:
+    """Right-handed orthonormal bases (t1, t2, n), or (t1, n) in 2D, of the paper's (9).
+
+    Args:
+        tangents: (n, d, gdim) derivatives of the position by the reference coordinates.
+
+    Returns:
+        (n, gdim, gdim): row i is base vector a_i.
+    """
+    t1 = tangents[:, 0] / np.linalg.norm(tangents[:, 0], axis=1, keepdims=True)
+    if tangents.shape[2] == 2:
+        return np.stack([t1, np.column_stack([-t1[:, 1], t1[:, 0]])], axis=1)
+    n = np.cross(tangents[:, 0], tangents[:, 1])
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    return np.stack([t1, np.cross(n, t1), n], axis=1)

@@ -1,0 +1,204 @@
+"""Area that two curved surfaces share, as vector areas of their nodes (design, 2 'Vector form').
+
+Each surface keeps its own facets: a facet is covered where its points project onto the other
+surface along its own normal. Only facets at the other's outline are clipped, each in its own
+tangent plane (Shapely); closed surfaces have no outline.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import numpy as np
+import shapely
+from scipy.spatial import cKDTree
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.geometry.cells import bases, shape_functions, vector_areas
+from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.overlap_flat import covered_forces, orthonormal_base, outline_edges
+
+if TYPE_CHECKING:
+    from dolfinx_llm.geometry.surface import Surface
+
+FACING = -0.5  # cosine between the outward normals of facets that face each other, at most
+REACH = 0.5  # distance between the surfaces, in facets, at most
+
+
+def is_flat(surface: Surface, tolerance: float) -> bool:
+    """Whether all nodes lie within ``tolerance`` [length] along some direction."""
+    x = surface.x - surface.x.mean(axis=0)
+    normal = np.linalg.svd(x, full_matrices=False)[2][-1]
+    return bool(np.ptp(x @ normal) <= tolerance)
+
+
+def facet_vectors(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """(m, k, gdim) integrals of N n dA over each facet, exact also on warped quads [area]."""
+    k = facets.shape[1]
+    if k < 4:
+        return np.repeat((vector_areas(x, facets) / k)[:, None, :], k, axis=1)
+    xi = np.array([[a, b] for a in (-1, 1) for b in (-1, 1)]) / np.sqrt(3.0)
+    N, dN = shape_functions(4, xi)
+    t = np.einsum("gkd,mki->mgdi", dN, x[facets])
+    return np.einsum("mgi,gk->mki", np.cross(t[:, :, 0], t[:, :, 1]), N)
+
+
+def vector_areas_in_contact(side0: Surface, side1: Surface) -> list[np.ndarray]:
+    """Vector areas a_p of the nodes of two surfaces over what both cover.
+
+    Args:
+        side0, side1: the surfaces.
+
+    Returns:
+        Pair of (n_i, gdim) vector areas, out of each side [area]; zero at nodes without contact.
+
+    Raises:
+        ContactError: the surfaces face the same way, lie too far apart, or do not overlap.
+    """
+    vectors = [_covered(side, other) for side, other in ((side0, side1), (side1, side0))]
+    if not all(np.abs(a).any() for a in vectors):
+        _no_overlap(side0, side1)
+    return vectors
+
+
+def _no_overlap(side: Surface, other: Surface) -> NoReturn:
+    boxes = [
+        f"{s.x.min(axis=0).round(6).tolist()} to {s.x.max(axis=0).round(6).tolist()}"
+        for s in (side, other)
+    ]
+    raise ContactError(
+        f"the surfaces {side.name} and {other.name} do not overlap: no facet of one projects onto "
+        f"the other. They span {boxes[0]} and {boxes[1]}. Check tags, positions and units"
+    )
+
+
+def _covered(side: Surface, other: Surface) -> np.ndarray:
+    """(n, gdim) vector areas of a side's nodes over what the other covers."""
+    surface, area = Frame(other.x, other.facets), vector_areas(side.x, side.facets)
+    normal = area / np.linalg.norm(area, axis=1)[:, None]
+    p = side.x[side.facets]
+    centre = p.mean(axis=1)
+    radius = np.linalg.norm(p - centre[:, None], axis=2).max(axis=1)
+    at = surface.locate(centre)
+    _, y, tangents = surface.evaluate(at.cell, at.xi)
+    facing = np.einsum("fi,fi->f", normal, bases(tangents)[:, -1])
+    border = _near_outline(other, centre, radius)
+    gap = np.linalg.norm(centre - y, axis=1)
+    within = gap <= REACH * np.maximum(2.0 * radius, surface.cell_size[at.cell])
+    inside = (at.outside < 0.5) & ~border
+    _check(side, other, inside, facing, gap, within, 2.0 * radius)
+    vectors = np.zeros(p.shape)
+    whole = inside & within & (facing < FACING)
+    vectors[whole] = facet_vectors(side.x, side.facets[whole])
+    clip: Any = _Clip(other, side) if border.any() else None
+    for f in np.flatnonzero(border):  # the few facets at the outline
+        vectors[f] = clip(p[f], normal[f], radius[f])
+    a = np.zeros_like(side.x)
+    np.add.at(a, side.facets, vectors)
+    return a
+
+
+def _check(
+    side: Surface,
+    other: Surface,
+    inside: np.ndarray,
+    facing: np.ndarray,
+    gap: np.ndarray,
+    within: np.ndarray,
+    size: np.ndarray,
+) -> None:
+    """Where a side projects onto the other, they must face each other and be close."""
+    opposed = inside & (facing < FACING)
+    if (inside & (facing > -FACING) & within).any() or (inside.any() and not opposed.any()):
+        worst = int(np.where(inside, facing, -2.0).argmax())
+        at = side.x[side.facets[worst]].mean(axis=0).round(6).tolist()
+        raise ContactError(
+            f"{side.name} and {other.name} do not face each other: at {at} their outward normals "
+            f"have the cosine {facing[worst]:.3f}, facing surfaces have -1; above "
+            f"{-FACING} they point the same way. Check the tags, and the cells for negative "
+            "Jacobians"
+        )
+    far = opposed & ~within
+    if far.any():
+        worst = int(np.where(far, gap / size, -1.0).argmax())
+        at = side.x[side.facets[worst]].mean(axis=0).round(6).tolist()
+        raise ContactError(
+            f"{side.name} and {other.name} are too far apart: at {at} they lie {gap[worst]:.3g} "
+            f"from each other, where facets have the size {size[worst]:.3g} (allowed: {REACH} of "
+            f"the larger facet); {int(far.sum())} facets do. Check positions and units, or tag "
+            "only what is in contact"
+        )
+
+
+def _near_outline(other: Surface, centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """(m,) whether facets (centre, radius) come near the other surface's outline."""
+    edges = outline_edges(other.facets)
+    if not len(edges):
+        return np.zeros(len(centre), dtype=bool)
+    ends = other.x[edges]
+    half = np.linalg.norm(ends[:, -1] - ends[:, 0], axis=1) / 2.0
+    # An edge by points no farther apart than the smallest facet, so that few facets are clipped.
+    parts = int(np.clip(np.ceil(half.max() / radius.min()), 1, 50))
+    t = (np.arange(parts) + 0.5) / parts
+    points = ends[:, :1] + t[:, None] * (ends[:, -1:] - ends[:, :1])
+    distance, _ = cKDTree(points.reshape(-1, centre.shape[1])).query(centre)
+    return distance <= 1.5 * radius + 1.01 * half.max() / parts
+
+
+class _Clip:
+    """Cuts facets with the projection of another surface's facets nearby."""
+
+    def __init__(self, other: Surface, side: Surface) -> None:
+        self.p = other.x[other.facets]
+        self.centre = self.p.mean(axis=1)
+        self.radius = np.linalg.norm(self.p - self.centre[:, None], axis=2).max()
+        area = vector_areas(other.x, other.facets)
+        self.normal = area / np.linalg.norm(area, axis=1)[:, None]
+        # How far the outline's nodes lie off this side, along its normal.
+        nodes = np.unique(outline_edges(other.facets))
+        surface = Frame(side.x, side.facets)
+        at = surface.locate(other.x[nodes])
+        _, y, tangents = surface.evaluate(at.cell, at.xi)
+        off = np.zeros(len(other.x))
+        off[nodes] = np.abs(np.einsum("ni,ni->n", other.x[nodes] - y, bases(tangents)[:, -1]))
+        self.off = off[other.facets].max(axis=1)
+        self.tree = cKDTree(self.centre)
+
+    def __call__(self, p: np.ndarray, normal: np.ndarray, radius: float) -> np.ndarray:
+        """(k, gdim) integrals of N n dA over the covered part of the facet p (k, gdim)."""
+        k, gdim = p.shape
+        centre = p.mean(axis=0)
+        near = np.array(self.tree.query_ball_point(centre, 1.5 * (radius + self.radius)), int)
+        base = orthonormal_base(normal)[:-1]
+        height = (self.p[near] - centre) @ normal
+        facing = self.normal[near] @ normal
+        close = np.abs(height).min(axis=1) <= 2.0 * REACH * max(radius, self.radius)
+        keep = (facing < FACING) & close
+        if not keep.any():
+            return np.zeros(p.shape)
+        # Ends that lie a gap apart are the same line; seen along this facet's normal they differ
+        # by gap times tilt.
+        tilt = np.sqrt(1.0 - np.clip(facing[keep].max(), -1.0, 0.0) ** 2)
+        margin = 1e-9 * radius + 0.75 * self.off[near[keep]].max() * tilt
+        s, t = (p - centre) @ base.T, (self.p[near[keep]] - centre) @ base.T
+        cell = np.arange(k)[None, :]
+        if gdim == 2:
+            pieces = _merged(t[..., 0], margin)
+            part = np.sum([covered_forces(s, cell, piece) for piece in pieces], axis=0)
+        else:
+            cover = shapely.union_all(shapely.polygons(t)).buffer(margin, join_style="mitre")
+            if cover.covers(shapely.polygons(s)):
+                return facet_vectors(p, cell)[0]
+            part = covered_forces(s, cell, cover)
+        return part[0][:, None] * normal
+
+
+def _merged(t: np.ndarray, margin: float) -> list[tuple[float, float]]:
+    """Union of intervals t (n, 2), each grown by a margin."""
+    merged: list[list[float]] = []
+    for low, high in sorted((a.min() - margin, a.max() + margin) for a in t):
+        if merged and low <= merged[-1][1]:
+            merged[-1][1] = max(merged[-1][1], high)
+        else:
+            merged.append([low, high])
+    return [(low, high) for low, high in merged]

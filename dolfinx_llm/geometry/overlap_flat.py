@@ -1,0 +1,249 @@
+"""Common area of two surfaces and the energy-equivalent forces of a constant pressure on it.
+
+Exact to rounding on flat surfaces: facets are clipped with the other surface's outline (Shapely)
+and the shape functions integrated over the pieces. Positions are plane coordinates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import shapely
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.geometry.cells import shape_functions
+
+if TYPE_CHECKING:
+    from dolfinx_llm.geometry.surface import Surface
+
+# Quadrature on [0, 1]: enough that the shape functions of a clipped, distorted quad (smooth but no
+# polynomials in the plane) are integrated to rounding.
+_GAUSS = (lambda s, w: ((s + 1.0) / 2.0, w / 2.0))(*np.polynomial.legendre.leggauss(10))
+
+# Positions in a cell of k corners as coefficients of 1, r, s and r s: (4, k).
+_MONOMIALS = {
+    3: np.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0], [0.0, 0.0, 0.0]]),
+    4: 0.25 * np.array([[1, 1, 1, 1], [-1, 1, 1, -1], [-1, -1, 1, 1], [1, -1, 1, -1.0]]),
+}
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A plane (a line in 2D) with its own axes."""
+
+    origin: np.ndarray  # (gdim,) [length]
+    base: np.ndarray  # (gdim, gdim) rows t1, (t2,) n, right-handed
+
+    @property
+    def normal(self) -> np.ndarray:
+        return self.base[-1]
+
+    def project(self, x: np.ndarray) -> np.ndarray:
+        """(n, gdim) positions to (n, gdim - 1) plane coordinates."""
+        return (x - self.origin) @ self.base[:-1].T
+
+    def height(self, x: np.ndarray) -> np.ndarray:
+        """(n,) distance along the normal."""
+        return (x - self.origin) @ self.normal
+
+    def lift(self, s: np.ndarray) -> np.ndarray:
+        """(n, gdim - 1) plane coordinates to (n, gdim) positions."""
+        return self.origin + s @ self.base[:-1]
+
+
+def orthonormal_base(normal: np.ndarray) -> np.ndarray:
+    """(gdim, gdim) rows t1, (t2,) n, right-handed, for a unit normal."""
+    return local_bases(normal[None])[0]
+
+
+def local_bases(normals: np.ndarray) -> np.ndarray:
+    """(n, gdim, gdim) rows t1, (t2,) n, right-handed, for unit normals (n, gdim)."""
+    if normals.shape[1] == 2:
+        return np.stack([np.column_stack([normals[:, 1], -normals[:, 0]]), normals], axis=1)
+    axis = np.eye(3)[np.argmin(np.round(np.abs(normals), 12), axis=1)]
+    t1 = axis - np.einsum("ni,ni->n", axis, normals)[:, None] * normals
+    t1 /= np.linalg.norm(t1, axis=1)[:, None]
+    return np.stack([t1, np.cross(normals, t1), normals], axis=1)
+
+
+def common_plane(side0: Surface, side1: Surface) -> Plane:
+    """Plane between two surfaces, its normal from side 0 into side 1.
+
+    Raises:
+        ContactError: the surfaces do not face each other.
+    """
+    a0, a1 = side0.normal, side1.normal
+    n0, n1 = np.linalg.norm(a0), np.linalg.norm(a1)
+    if n0 > 0.0 and n1 > 0.0 and a0 @ a1 > 0.5 * n0 * n1:
+        raise ContactError(
+            f"the outward normals of {side0.name}, {np.round(a0 / n0, 4).tolist()}, and "
+            f"{side1.name}, {np.round(a1 / n1, 4).tolist()}, point the same way; surfaces in "
+            "contact face each other. Check the tags, and the cells for negative Jacobians"
+        )
+    # Neither side may be preferred: the difference of the unit normals, the mean of the centres.
+    normal = np.subtract(a0 / n0 if n0 > 0.0 else 0.0, a1 / n1 if n1 > 0.0 else 0.0)
+    normal = normal / np.linalg.norm(normal)
+    normal[np.abs(normal) < 4e-16] = 0.0
+    normal = normal / np.linalg.norm(normal)
+    boxes = [(s.x.min(axis=0), s.x.max(axis=0)) for s in (side0, side1)]
+    low, high = np.maximum(boxes[0][0], boxes[1][0]), np.minimum(boxes[0][1], boxes[1][1])
+    return Plane(0.5 * (low + high), orthonormal_base(normal))
+
+
+def outline_edges(facets: np.ndarray) -> np.ndarray:
+    """(e, 2) edges of one facet only, (e, 1) end nodes of segments; empty on closed surfaces."""
+    if facets.shape[1] == 2:
+        nodes, count = np.unique(facets, return_counts=True)
+        return nodes[count == 1][:, None]
+    edges = np.stack([facets, np.roll(facets, -1, axis=1)], axis=2).reshape(-1, 2)
+    _, first, count = np.unique(
+        np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    return edges[first[count == 1]]
+
+
+def outline(s: np.ndarray, facets: np.ndarray) -> Any:
+    """Polygon of a flat surface (a set of intervals in 1D), from the edges of one facet only."""
+    return shapely.build_area(
+        shapely.multilinestrings(shapely.linestrings(s[outline_edges(facets)]))
+    )
+
+
+def full_forces(s: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """(m, k) integrals of each facet's shape functions over it [area]."""
+    p = s[facets]
+    if facets.shape[1] == 2:
+        return np.repeat(np.abs(p[:, 1] - p[:, 0]) / 2.0, 2, axis=1)
+    if facets.shape[1] == 3:
+        area = np.abs(_cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])) / 2.0
+        return np.repeat(area[:, None] / 3.0, 3, axis=1)
+    # 2 x 2 points integrate N det J, of degree 2 in each direction, exactly.
+    xi = np.array([[a, b] for a in (-1, 1) for b in (-1, 1)]) / np.sqrt(3.0)
+    N, dN = shape_functions(4, xi)
+    t = np.einsum("gkd,mki->mgdi", dN, p)
+    return np.einsum("mg,gk->mk", np.abs(_cross(t[:, :, 0], t[:, :, 1])), N)
+
+
+def covered_forces(s: np.ndarray, facets: np.ndarray, area: Any) -> np.ndarray:
+    """(m, k) integrals of each facet's shape functions over its part inside ``area``.
+
+    Args:
+        s: (n, 2) node positions in the plane, (n, 1) on a line.
+        facets: (m, k) nodes.
+        area: polygon; an (2,) interval on a line.
+    """
+    if facets.shape[1] == 2:
+        return _covered_segments(s[facets][..., 0], area)
+    p = s[facets]
+    shapes = shapely.polygons(p)
+    shapely.prepare(area)
+    forces = np.zeros(facets.shape)
+    inside = shapely.covers(area, shapes)
+    forces[inside] = full_forces(s, facets[inside])
+    partial = np.flatnonzero(~inside & shapely.intersects(area, shapes))
+    if len(partial):
+        pieces = shapely.intersection(shapes[partial], area)
+        # What rounding alone can cut off is no contact.
+        thickness = 1e-13 * np.abs(s).max()
+        real = shapely.area(pieces) > thickness * shapely.length(shapes[partial])
+        partial, pieces = partial[real], pieces[real]
+        if len(partial):
+            forces[partial] = _integrate_pieces(p[partial], pieces)
+    return forces
+
+
+def _covered_segments(p: np.ndarray, interval: tuple[float, float]) -> np.ndarray:
+    """The same on a line: p (m, 2) end points."""
+    length = p[:, 1] - p[:, 0]
+    a, b = ((np.clip(end, *interval) - p[:, 0]) / length for end in (p[:, 0], p[:, 1]))
+    part = np.abs(length) * (b - a)
+    part[part < 1e-13 * max(np.abs(p).max(), np.abs(length).max())] = 0.0
+    middle = 0.5 * (a + b)
+    return np.column_stack([part * (1.0 - middle), part * middle])
+
+
+def _integrate_pieces(p: np.ndarray, pieces: np.ndarray) -> np.ndarray:
+    """Integrate shape functions of facets p (m, k, 2) over one piece (polygons) each.
+
+    Every edge of a piece spans a triangle with the facet's centre; summed with their signs these
+    triangles make up the piece, also when it is not convex or has holes.
+    """
+    polygons, owner = shapely.get_parts(pieces, return_index=True)
+    keep = shapely.get_type_id(polygons) == 3
+    # Exteriors one way round, holes the other.
+    rings, polygon = shapely.get_rings(shapely.normalize(polygons[keep]), return_index=True)
+    xy, ring = shapely.get_coordinates(rings, return_index=True)
+    same = ring[1:] == ring[:-1]
+    a, b = xy[:-1][same], xy[1:][same]
+    facet = owner[keep][polygon[ring[:-1][same]]]
+    centre = p.mean(axis=1)[facet]
+    u, w = _GAUSS
+    # Duffy points of the triangle (centre, a, b): centre + r (a + t (b - a) - centre), weight r.
+    edge = a[:, None, :] + u[:, None] * (b - a)[:, None, :] - centre[:, None, :]
+    x = centre[:, None, None, :] + u[:, None, None] * edge[:, None, :, :]
+    weight = (w * u)[:, None] * w * _cross(a - centre, b - centre)[:, None, None]
+    k = p.shape[1]
+    N = _shape_at(p[facet], x.reshape(len(a), -1, 2))
+    value = np.einsum("eg,egk->ek", weight.reshape(len(a), -1), N)
+    out = np.zeros((len(p), k))
+    np.add.at(out, facet, value)
+    # Shapely's exterior rings run clockwise after normalize(); the sign of the sum tells.
+    return np.where(out.sum(axis=1, keepdims=True) < 0.0, -out, out)
+
+
+def _shape_at(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Shape functions of cells p (e, k, 2) at plane points x (e, g, 2): (e, g, k)."""
+    (e, g, _), k = x.shape, p.shape[1]
+    # c0 + c1 r + c2 s + c3 r s, component by component: far quicker than small sums point by point.
+    c0, c1, c2, c3 = np.einsum("ik,ekd->ide", _MONOMIALS[k], p)[..., None]
+    target = np.moveaxis(x, 2, 0) - c0
+    r, s = np.zeros((2, e, g))
+    for _ in range(1 if k == 3 else 25):
+        (a, b), (c, d) = c1 + s * c3, c2 + r * c3  # tangents
+        u, v = target - r * c1 - s * (c2 + r * c3)
+        det = a * d - b * c
+        step = np.stack([u * d - v * c, a * v - b * u]) / det
+        r, s = r + step[0], s + step[1]
+        if np.abs(step).max(initial=0.0) < 1e-9:  # quadratic: what is left is rounding
+            break
+    return shape_functions(k, np.stack([r.ravel(), s.ravel()], axis=1))[0].reshape(e, g, k)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def common_area(side0: Surface, side1: Surface, plane: Plane) -> Any:
+    """Area covered by both surfaces, as a polygon (an interval in 2D) in plane coordinates.
+
+    Raises:
+        ContactError: the surfaces do not overlap.
+    """
+    s = [plane.project(side.x) for side in (side0, side1)]
+    facets = (side0.facets, side1.facets)
+    if s[0].shape[1] == 1:
+        ends = [(q[f].min(), q[f].max()) for q, f in zip(s, facets)]
+        low, high = max(e[0] for e in ends), min(e[1] for e in ends)
+        empty, area = not low < high, (low, high)
+    else:
+        area = shapely.intersection(*(outline(q, f) for q, f in zip(s, facets)))
+        empty = not area.area > 1e-12 * min(side0.diameter, side1.diameter) ** 2
+    if empty:
+        boxes = [
+            f"{q.min(axis=0).round(6).tolist()} to {q.max(axis=0).round(6).tolist()}" for q in s
+        ]
+        raise ContactError(
+            f"the surfaces {side0.name} and {side1.name} do not overlap: seen along the normal "
+            f"{plane.normal.round(6).tolist()} they span {boxes[0]} and {boxes[1]} in the "
+            "contact plane. Check tags, positions and units"
+        )
+    return area
+
+
+def nodal_forces(side: Surface, s: np.ndarray, area: Any) -> np.ndarray:
+    """(n,) energy-equivalent force of unit pressure on ``area`` at each node of a side [area]."""
+    forces = np.zeros(len(side.x))
+    np.add.at(forces, side.facets, covered_forces(s, side.facets, area))
+    return forces

@@ -1,0 +1,165 @@
+"""Contact pairs: a surface node and the point of the frame that it touches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix, vstack
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+
+from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.geometry.cells import bases
+from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.overlap_flat import Plane
+from dolfinx_llm.geometry.surface import Surface
+
+
+@dataclass(frozen=True)
+class ContactPairs:
+    """The pairs of one side; n of them, on a frame of m nodes."""
+
+    surface: Surface  # the side's surface
+    nodes: np.ndarray  # (n,) nodes of the surface that take part
+    forces: np.ndarray  # (n,) energy-equivalent force of unit pressure, the tributary area [area]
+    cell: np.ndarray  # (n,) frame cell of each node
+    N: csr_matrix  # (n, m) N_J(xi_p), after design
+    normal: np.ndarray  # (n, gdim) frame normal, out of this side
+    base: np.ndarray  # (n, c, gdim) local base vectors of the multipliers
+    gap: np.ndarray  # (n, gdim) X_p - sum_J N_J Y_J [length]
+
+    @property
+    def x(self) -> np.ndarray:
+        """(n, gdim) node positions [length]."""
+        return self.surface.x[self.nodes]
+
+    @property
+    def facets(self) -> np.ndarray:
+        """(m, k) facets of the surface between nodes that take part, by place in ``nodes``."""
+        place = np.full(len(self.surface.x), -1)
+        place[self.nodes] = np.arange(len(self.nodes))
+        facets = place[self.surface.facets]
+        return facets[(facets >= 0).all(axis=1)]
+
+    @property
+    def dofs(self) -> np.ndarray:
+        """(n,) global numbers of the nodes' blocks of dofs."""
+        return self.surface.dofs[self.nodes]
+
+    @property
+    def owner(self) -> np.ndarray:
+        """(n,) ranks that own the nodes."""
+        return self.surface.owner[self.nodes]
+
+
+def locate_pairs(
+    surface: Surface,
+    forces: np.ndarray,
+    frame: Frame,
+    sign: float,
+    reach: float,
+    plane: Plane | None = None,
+) -> ContactPairs:
+    """Locate the nodes of a side that carry force on the frame.
+
+    Args:
+        surface: the side's surface.
+        forces: (n_surface,) forces of unit pressure; nodes without force take no part.
+        frame: the frame, its normal out of side 0.
+        sign: +1 for side 0, -1 for side 1, whose bases change sign (paper, after (9)).
+        reach: how far, in cells, a node may lie beyond the frame's outline.
+        plane: contact plane, along whose normal nodes meet a flat frame; None: they meet the
+            closest point of the frame.
+
+    Returns:
+        The pairs, in the Cartesian base.
+
+    Raises:
+        ContactInputError: the frame does not cover nodes that carry force.
+    """
+    nodes = np.flatnonzero(forces > 0.0)
+    x = surface.x[nodes]
+    points = x
+    if plane is not None:
+        off = plane.height(x) - plane.height(frame.x).mean()
+        points = x - np.outer(off, plane.normal)
+    at = frame.locate(points)
+    beyond = np.flatnonzero(at.outside > reach)
+    if len(beyond):
+        worst = beyond[at.outside[beyond].argmax()]
+        raise ContactInputError(
+            f"the frame does not cover the contact area: {len(beyond)} of {len(nodes)} nodes of "
+            f"{surface.name} that carry force lie outside it, the farthest at "
+            f"{x[worst].round(6).tolist()} by {at.outside[worst]:.3g} cells. Extend the frame over "
+            "all facets that the contact area touches, or use frame=None for a predicted one"
+        )
+    gdim = frame.gdim
+    if plane is None:
+        normal = sign * bases(frame.evaluate(at.cell, at.xi)[2])[:, -1]
+    else:
+        normal = np.broadcast_to(sign * plane.normal, x.shape).copy()
+    base = np.broadcast_to(sign * np.eye(gdim), (len(nodes), gdim, gdim)).copy()
+    N = frame.interpolation(at)
+    return ContactPairs(surface, nodes, forces[nodes], at.cell, N, normal, base, x - N @ frame.x)
+
+
+def with_weights(pairs: ContactPairs, N: csr_matrix, frame: Frame) -> ContactPairs:
+    """The same pairs with other rows of L_b."""
+    return replace(pairs, N=N, gap=pairs.x - N @ frame.x)
+
+
+def rank_certificate(
+    frame: Frame, N: Sequence[csr_matrix], bound: float = 1e-3
+) -> tuple[float, float]:
+    """Smallest and largest singular value of the scalar L_b (both sides stacked).
+
+    Raises:
+        ContactError: no full column rank ((33) needs it), or a ratio below ``bound``.
+    """
+    L = vstack(N).tocsc()
+    support = np.asarray(abs(L).sum(axis=0)).ravel()
+    m = L.shape[1]
+    free = np.flatnonzero(support <= 1e-12)
+    if L.shape[0] < m or len(free):
+        weak = np.argsort(support)[:10]  # of those that are too many, the least supported
+        at = f"; no surface node touches the cells of the frame nodes {free[:10].tolist()}"
+        if not len(free):
+            at = f"; least supported are the frame nodes {weak.tolist()}"
+        raise ContactError(
+            f"the frame is too fine: {m} nodes against {N[0].shape[0]} + {N[1].shape[0]} surface "
+            f"nodes in contact{at}. L_b needs full column rank; take cells "
+            "about as large as those of the coarser side, or frame=None"
+        )
+    if m <= 600:
+        # The squares' rounding is far below the bound's square.
+        values, vectors = np.linalg.eigh((L.T @ L).toarray())
+        smallest, largest = np.sqrt(np.maximum(values[[0, -1]], 0.0))
+        vector = vectors[:, 0]
+    else:
+        smallest, largest, vector = _extreme_singular_values(L)
+    if not smallest > bound * largest:
+        weak = np.argsort(-np.abs(vector))[:8]
+        raise ContactError(
+            f"the frame is too fine or badly placed: L_b has the singular values {smallest:.2e} to "
+            f"{largest:.3g}, below the bound {bound:g} for their ratio. The surface nodes hardly "
+            f"hold the frame nodes {weak.tolist()} at {frame.x[weak].round(5).tolist()}. Take "
+            "cells about as large as those of the coarser side, or frame=None"
+        )
+    return float(smallest), float(largest)
+
+
+def _extreme_singular_values(L: Any) -> tuple[float, float, np.ndarray]:
+    """Estimates for a large sparse L by Lanczos on LᵀL, within about a per cent.
+
+    LᵀL is like a mass matrix: its small end, too, is found without a factorisation.
+    """
+    A = LinearOperator((L.shape[1],) * 2, matvec=lambda x: L.T @ (L @ x), dtype=np.float64)
+    start = np.random.default_rng(2001).standard_normal(L.shape[1])
+    largest = eigsh(A, k=1, which="LA", v0=start, tol=1e-2, return_eigenvectors=False)[0]
+    try:
+        low, vector = eigsh(A, k=1, which="SA", v0=start, tol=1e-2, ncv=40, maxiter=100)
+    except ArpackNoConvergence:  # eigenvalues crowd at zero
+        return 0.0, np.sqrt(largest), np.zeros(L.shape[1])
+    return np.sqrt(max(low[0], 0.0)), np.sqrt(largest), vector[:, 0]

@@ -1,0 +1,195 @@
+"""The contact surface of a body: nodes, dofs and facets, the same on every rank.
+
+The surface is gathered to all ranks in an order that does not depend on their number: nodes sorted
+by position, ties by the mesh's input numbering; facets by their nodes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dolfinx_llm.base import compat
+from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.parallel import check, collective, gather_rows
+from dolfinx_llm.geometry.cells import vector_areas
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Tagged surface of one body."""
+
+    x: np.ndarray  # (n, gdim) node positions X [length]
+    facets: np.ndarray  # (m, k) nodes of each facet; vector areas point out of the body
+    dofs: np.ndarray  # (n,) global number of each node's block of dofs in its function space
+    owner: np.ndarray  # (n,) rank that owns the node
+    name: str  # for messages: "tag 3"
+
+    @property
+    def normal(self) -> np.ndarray:
+        """(gdim,) sum of the outward vector areas [area]."""
+        return vector_areas(self.x, self.facets).sum(axis=0)
+
+    @property
+    def diameter(self) -> float:
+        """Diagonal of the bounding box [length]."""
+        return float(np.linalg.norm(np.ptp(self.x, axis=0)))
+
+
+def check_space(V: Any) -> None:
+    """Require a vector space of first-order Lagrange elements with one dof per direction.
+
+    Raises:
+        ContactInputError: otherwise; on all ranks.
+    """
+    layout, topology = V.dofmap.dof_layout, V.mesh.topology
+    offsets = topology.connectivity(topology.dim, 0).offsets
+    n_vertices = offsets[1] if len(offsets) > 1 else None  # None: this rank owns no cell
+    gdim, bs = V.mesh.geometry.dim, V.dofmap.index_map_bs
+    wrong = n_vertices is not None and (
+        bs != gdim or layout.num_dofs != n_vertices or len(layout.entity_dofs(0, 0)) != 1
+    )
+    check(
+        V.mesh.comm,
+        bool(wrong),
+        f"the function space must be a vector space of first order (one node per vertex, {gdim} "
+        f"components); this one has {layout.num_dofs} nodes per cell of {n_vertices} vertices and "
+        f"{bs} component(s). Use functionspace(mesh, ('Lagrange', 1, ({gdim},)))",
+        ContactInputError,
+    )
+
+
+def extract_surface(V: Any, facet_tags: Any, tag: int) -> Surface:
+    """Gather the facets with a tag, their nodes and dofs, on all ranks.
+
+    Args:
+        V: first-order vector function space.
+        facet_tags: mesh tags of the facets of V's mesh.
+        tag: value that marks the surface.
+
+    Raises:
+        ContactInputError: no facet has the tag, or tagged facets lie inside the mesh.
+    """
+    mesh = V.mesh
+    comm, topology = mesh.comm, mesh.topology
+    fdim = topology.dim - 1
+    check(
+        comm,
+        facet_tags.dim != fdim,
+        f"facet tags of dimension {facet_tags.dim} do not mark facets, which have dimension {fdim}",
+        ContactInputError,
+    )
+    topology.create_connectivity(fdim, fdim + 1)
+    topology.create_connectivity(fdim + 1, fdim)
+    with collective(comm):
+        rows = _local_facets(V, facet_tags.indices[facet_tags.values == tag])
+    dofs, owners, source, inside, points, centres = (gather_rows(comm, r) for r in rows)
+    present = np.unique(gather_rows(comm, np.unique(facet_tags.values)))
+    if not len(dofs):
+        raise ContactInputError(
+            f"no facet has tag {tag}; the facet tags given have the values {present[:20].tolist()}"
+        )
+    # A facet can be known to several ranks: keep one of each. Where they know it by different
+    # cells it lies inside the mesh, on a boundary between ranks.
+    _, first, same = np.unique(
+        np.sort(dofs, axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    same = same.ravel()
+    apart = np.abs(centres - centres[first][same]).max(axis=1)
+    inside |= apart > 1e-6 * np.ptp(points, axis=1).max(axis=1)
+    if inside.any():
+        raise ContactInputError(
+            f"tag {tag}: {len(np.unique(same[inside]))} tagged facets lie inside the mesh. The two "
+            "sides of an interface need nodes of their own: mesh the bodies apart (in gmsh: do not "
+            "fragment them, or use the Crack plugin), then tag each body's own boundary"
+        )
+    dofs, owners, source, points, centres = (
+        a[first] for a in (dofs, owners, source, points, centres)
+    )
+    gdim = points.shape[2]
+    _, first, facets = np.unique(dofs, return_index=True, return_inverse=True)
+    x, source = points.reshape(-1, gdim)[first], source.ravel()[first]
+    order = np.lexsort((source, *x.T[::-1]))
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    facets = rank[facets.reshape(dofs.shape)]
+    x = x[order]
+    outward = x[facets].mean(axis=1) - centres
+    turned = np.einsum("fi,fi->f", vector_areas(x, facets), outward) < 0.0
+    facets[turned] = facets[turned, ::-1]
+    k = facets.shape[1]
+    if k > 2:  # begin with the smallest node; a segment has no cycle to turn
+        turn = (facets.argmin(axis=1)[:, None] + np.arange(k)) % k
+        facets = np.take_along_axis(facets, turn, axis=1)
+    facets = facets[np.lexsort(facets.T[::-1])]
+    return Surface(
+        x, facets, dofs.ravel()[first][order], owners.ravel()[first][order], f"tag {tag}"
+    )
+
+
+def facet_corners(V: Any, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A cell of each local facet, and which of that cell's nodes are the facet's, in a cycle.
+
+    Args:
+        V: first-order function space whose mesh has the connectivities of facets and cells.
+        facets: (m,) local facets.
+
+    Returns:
+        (m,) local cells; (m, k) positions in the cells' lists of nodes.
+    """
+    topology, layout = V.mesh.topology, V.dofmap.dof_layout
+    tdim = topology.dim
+    to_cell = topology.connectivity(tdim - 1, tdim)
+    to_facet = topology.connectivity(tdim, tdim - 1)
+    n_facets = {2: 3, 3: 4}[tdim] if layout.num_dofs == tdim + 1 else {2: 4, 3: 6}[tdim]
+    table = np.array([layout.entity_closure_dofs(tdim - 1, i) for i in range(n_facets)])
+    if table.shape[1] == 4:
+        table = table[:, [0, 1, 3, 2]]  # dolfinx counts a quad's nodes by rows; make it a cycle
+    cells = to_cell.array[to_cell.offsets[facets]]
+    cell_facets = to_facet.array.reshape(-1, n_facets)[cells]
+    return cells, table[(cell_facets == facets[:, None]).argmax(axis=1)]
+
+
+def _local_facets(V: Any, facets: np.ndarray) -> tuple[np.ndarray, ...]:
+    """This rank's facets: global dofs, owners, input numbers, whether inside, points, centres."""
+    mesh, gdim = V.mesh, V.mesh.geometry.dim
+    to_cell = mesh.topology.connectivity(mesh.topology.dim - 1, mesh.topology.dim)
+    inside = (to_cell.offsets[facets + 1] - to_cell.offsets[facets]) > 1
+    cells, nodes = facet_corners(V, facets)
+    rows = np.arange(len(facets))[:, None]
+    dofs = compat.cell_dofs(V)[cells]
+    geometry = compat.cell_dofs(mesh.geometry)[cells][:, : V.dofmap.dof_layout.num_dofs]
+    index_map = V.dofmap.index_map
+    local = dofs[rows, nodes].astype(np.int32)
+    dofs_global = index_map.local_to_global(local.ravel()).reshape(local.shape)
+    points = mesh.geometry.x[:, :gdim]
+    n_owned = index_map.size_local
+    owner = np.full(local.shape, mesh.comm.rank, dtype=np.int64)
+    ghost = local >= n_owned
+    owner[ghost] = np.asarray(index_map.owners)[local[ghost] - n_owned]
+    return (
+        dofs_global,
+        owner,
+        np.asarray(mesh.geometry.input_global_indices)[geometry[rows, nodes]],
+        inside,
+        points[geometry[rows, nodes]],
+        points[geometry].mean(axis=1),
+    )
+
+
+def check_sides(side0: Surface, side1: Surface, same_mesh: bool) -> None:
+    """Require two sides with nodes of their own.
+
+    Raises:
+        ContactError: the surfaces share nodes.
+    """
+    shared = np.intersect1d(side0.dofs, side1.dofs) if same_mesh else []
+    if len(shared):
+        at = side0.x[np.isin(side0.dofs, shared)][:3].tolist()
+        raise ContactError(
+            f"the surfaces {side0.name} and {side1.name} share {len(shared)} nodes, e.g. at {at}: "
+            "the bodies must have nodes of their own on the contact surface (in gmsh: do not "
+            "fragment them, or use the Crack plugin)"
+        )

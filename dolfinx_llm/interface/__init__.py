@@ -1,0 +1,1 @@
+"""One interface: what the user chooses, and all that follows from its geometry."""

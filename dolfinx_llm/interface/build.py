@@ -1,0 +1,336 @@
+"""All that follows from an interface's geometry: surfaces, common area, frame, design, pairs."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from scipy.sparse import csr_matrix
+
+from dolfinx_llm.base import compat
+from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.parallel import collective
+from dolfinx_llm.base.timing import Clock
+from dolfinx_llm.design.curved import balance, curved_rows, nodal_normals, vector_residual
+from dolfinx_llm.design.line import check_closed_form, frame_at_roots
+from dolfinx_llm.design.positions import design_positions
+from dolfinx_llm.design.predict import face_side_1, predict_frame
+from dolfinx_llm.design.weights import TOLERANCE, design_weights, patch_residual
+from dolfinx_llm.geometry.facing import check_flat, conformal, facing, rim
+from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.overlap_curved import facet_vectors, is_flat, vector_areas_in_contact
+from dolfinx_llm.geometry.overlap_flat import (
+    Plane,
+    common_area,
+    common_plane,
+    local_bases,
+    nodal_forces,
+)
+from dolfinx_llm.geometry.pairs import ContactPairs, locate_pairs, rank_certificate, with_weights
+from dolfinx_llm.geometry.surface import Surface, check_sides, extract_surface
+from dolfinx_llm.interface.anatomy import describe
+from dolfinx_llm.interface.certificate import Certificate
+from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.geometry import ContactModel
+
+log = logging.getLogger("dolfinx_llm")
+
+COVERED, REACH = 1e-6, 3.0  # cells that a node may lie beyond a given, a predicted frame
+
+
+def build_model(
+    interface: Interface, spaces: Sequence[Any], fixed: Sequence[np.ndarray] | None = None
+) -> ContactModel:
+    """Surfaces, common area, frame, design and pairs of an interface.
+
+    Collective. Everything after the gathering of the surfaces is computed alike on all ranks.
+
+    Args:
+        interface: the user's choices.
+        spaces: function spaces, one per mesh.
+        fixed: per space (n_owned dofs,) whether a dof is prescribed; None: none is.
+
+    Raises:
+        ContactError, ContactInputError: see the functions called.
+    """
+    clock = Clock()
+    owners = [_space_of(tags, spaces) for tags, _ in interface.tagged_sides()]
+    whole = tuple(
+        extract_surface(spaces[i], tags, tag)
+        for i, (tags, tag) in zip(owners, interface.tagged_sides())
+    )
+    if interface.obstacle is not None:
+        return _obstacle_model(interface, whole[0], owners, clock)
+    check_sides(whole[0], whole[1], same_mesh=owners[0] == owners[1])
+    clock.stop("surfaces")
+    notes: list[str] = []
+    sides, plane = _facing_sides(interface, whole, notes)
+    area: Any = None
+    if plane is None:  # curved: vector areas, smooth rows, balance in least squares
+        vectors = vector_areas_in_contact(*sides)
+        forces = [np.linalg.norm(a, axis=1) for a in vectors]
+    else:
+        area = common_area(sides[0], sides[1], plane)
+        forces = [nodal_forces(side, plane.project(side.x), area) for side in sides]
+    clock.stop("patch forces")
+    frame, note, reach = _frame(interface, sides, forces, plane, area)
+    notes.append(note)
+    clock.stop("frame")
+    if interface.design == "positions" and frame.gdim == 3:
+        frame = _moved(frame, sides, forces, spaces[0].mesh.comm)
+        notes.append("design: frame nodes moved (positions)")
+        clock.stop("design")
+    pairs = [
+        locate_pairs(side, f, frame, sign, reach, plane)
+        for side, f, sign in zip(sides, forces, (1.0, -1.0))
+    ]
+    clock.stop("location")
+    if plane is None:
+        pairs, certificate = _balanced(interface, frame, pairs, vectors, notes)
+        base = local_bases(nodal_normals(frame))
+    else:
+        keep = fixed and [_fixed_nodes(p, spaces[i], fixed[i]) for p, i in zip(pairs, owners)]
+        pairs, certificate = _designed(interface, frame, plane, pairs, notes, keep)
+        base = np.broadcast_to(plane.base, (len(frame.x), *plane.base.shape))
+    clock.stop("design")
+    return _model(interface, whole, owners, pairs, frame, base, certificate, notes, clock)
+
+
+def _facing_sides(
+    interface: Interface, sides: tuple[Surface, ...], notes: list[str]
+) -> tuple[tuple[Surface, ...], Plane | None]:
+    """What of two sides takes part, and their plane; None: they are curved."""
+    size = max(side.diameter for side in sides)
+    if interface.law.unilateral and not conformal(sides):
+        sides = facing(sides, common_plane(*sides), notes)
+    elif not all(is_flat(side, 1e-6 * size) for side in sides):
+        if interface.design == "positions":
+            raise ContactInputError("design='positions' needs flat sides; use 'weights' or 'auto'")
+        return sides, None
+    plane = common_plane(*sides)
+    if not interface.law.unilateral:
+        check_flat(sides, plane)
+    return sides, plane
+
+
+def _model(
+    interface: Interface,
+    whole: Sequence[Surface],
+    owners: Sequence[int],
+    pairs: Sequence[ContactPairs],
+    frame: Frame | None,
+    base: np.ndarray,
+    certificate: Certificate | None,
+    notes: Sequence[str],
+    clock: Clock,
+) -> ContactModel:
+    """The model with the base vectors and frame directions that the law needs.
+
+    Args:
+        whole: the surfaces as they are tagged; those of the pairs may lack facets.
+        base: (m, gdim, gdim) tangents and normal, out of side 0, at the frame's nodes.
+    """
+    law, gdim = interface.law, base.shape[2]
+    if law.unilateral:  # normals alone without friction
+        first = 0 if law.friction else gdim - 1
+        signs = (1.0, -1.0)
+        pairs = [
+            replace(p, base=(sign * local_bases(sign * p.normal))[:, first:])
+            for p, sign in zip(pairs, signs)
+        ]
+        base = base[:, first:]
+    else:
+        base = np.broadcast_to(np.eye(gdim), base.shape)
+    model = ContactModel(
+        interface, tuple(p.surface for p in pairs), tuple(owners), tuple(pairs), frame, base,
+        float(pairs[0].forces.sum()), certificate,
+        tuple(rim(p, side) for p, side in zip(pairs, whole)), tuple(notes), clock.times,
+    )  # fmt: skip
+    if log.isEnabledFor(logging.INFO):
+        stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())
+        log.info("%s\n    %s", "\n".join(describe(model)).strip(), stages)
+    return model
+
+
+def _obstacle_model(
+    interface: Interface, side: Surface, owners: Sequence[int], clock: Clock
+) -> ContactModel:
+    """A body against a rigid obstacle: every surface node against its point of the obstacle."""
+    obstacle: Any = interface.obstacle
+    gdim = side.x.shape[1]
+    if obstacle.gdim != gdim:
+        raise ContactInputError(
+            f"the {type(obstacle).__name__} lies in {obstacle.gdim}D, the body in {gdim}D"
+        )
+    distance, normal = obstacle.clearance(side.x)
+    vectors = np.zeros_like(side.x)
+    np.add.at(vectors, side.facets, facet_vectors(side.x, side.facets))
+    area = np.linalg.norm(vectors, axis=1)
+    facing = np.einsum("ni,ni->n", vectors, normal)
+    reachable = np.isfinite(distance) & (facing > 0.0)
+    if not reachable.any():
+        raise ContactError(
+            f"no node of {side.name} faces the {type(obstacle).__name__}: seen from the body it "
+            "must lie on the outer side of the surface. Check the obstacle's normal, `inside`, the "
+            "tag and positions"
+        )
+    clock.stop("surfaces")
+    nodes = np.flatnonzero(reachable)
+    pairs = ContactPairs(
+        surface=side,
+        nodes=nodes,
+        forces=area[nodes],
+        cell=np.zeros(len(nodes), dtype=np.int64),
+        N=csr_matrix((len(nodes), 0)),
+        normal=normal[nodes],
+        base=np.broadcast_to(np.eye(gdim), (len(nodes), gdim, gdim)).copy(),
+        gap=-distance[nodes, None] * normal[nodes],
+    )
+    notes = [f"rigid {type(obstacle).__name__}: {len(nodes)} nodes face it"]
+    base = np.empty((0, gdim, gdim))
+    return _model(interface, [side], owners, [pairs], None, base, None, notes, clock)
+
+
+def _balanced(
+    interface: Interface,
+    frame: Frame,
+    pairs: list[ContactPairs],
+    vectors: Sequence[np.ndarray],
+    notes: list[str],
+) -> tuple[list[ContactPairs], Certificate]:
+    """Pairs of curved surfaces after design, and their certificate.
+
+    Args:
+        vectors: pair of (n_surface, gdim) vector areas in contact [area].
+    """
+    close_gap = interface.law.unilateral or interface.law.close_gap
+    vectors = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
+    plain = [p.N for p in pairs]
+    if interface.design is not None:
+        pairs, stencils, P, groups = curved_rows(frame, pairs, close_gap)
+        N = balance(frame, pairs, vectors, stencils, P, groups)
+        pairs = [replace(p, N=M) for p, M in zip(pairs, N, strict=True)]
+    N = [p.N for p in pairs]
+    before, after = (np.linalg.norm(vector_residual(M, vectors), axis=1) for M in (plain, N))
+    size = max(p.surface.diameter for p in pairs)
+    certificate = Certificate(
+        float(after.max()),
+        float(before.max()),
+        rank_certificate(frame, N),
+        float(max(np.abs(p.x - M @ frame.x).max() for p, M in zip(pairs, N, strict=True)) / size),
+        float(max(np.abs(a - b).max() for a, b in zip(N, plain, strict=True))),
+    )
+    notes.append(
+        f"curved: vector areas, in least squares; root mean square of the patch residual "
+        f"{np.sqrt(np.mean(after**2)):.1e} (before design {np.sqrt(np.mean(before**2)):.1e})"
+    )
+    gap = max(np.abs(np.einsum("ni,ni->n", p.gap, p.normal)).max() for p in pairs)
+    closed = "is closed" if close_gap else "is kept, tied as drawn without stress"
+    if not interface.law.unilateral:
+        notes.append(f"initial gap or overlap up to {gap:.3g} {closed}")
+    return pairs, certificate
+
+
+def _space_of(tags: Any, spaces: Sequence[Any]) -> int:
+    """Index of the function space whose mesh the tags mark."""
+    if len(spaces) == 1:
+        return 0
+    for i, V in enumerate(spaces):
+        if compat.tags_belong_to(tags, V.mesh):
+            return i
+    raise ContactInputError(
+        "the facet tags belong to none of the meshes of the forms. For bodies on two meshes give "
+        "sides=((tags_0, tag_0), (tags_1, tag_1))"
+    )
+
+
+def _frame(
+    interface: Interface,
+    sides: tuple[Surface, ...],
+    forces: Sequence[np.ndarray],
+    plane: Plane | None,
+    area: Any,
+) -> tuple[Frame, str, float]:
+    """The user's frame, turned to point out of side 0, or a predicted one.
+
+    Returns:
+        The frame, a sentence that says what it is, and how many cells a node may lie beyond its
+        outline.
+    """
+    if interface.frame is not None:
+        frame = face_side_1(interface.frame, sides[0])
+        if plane is None:
+            return frame, "frame: given", REACH
+        if frame.gdim == 2 and interface.design == "positions":
+            return *frame_at_roots(sides, plane, area, frame), COVERED
+        return frame, "frame: given", COVERED
+    if plane and len(plane.origin) == 2 and interface.design in ("positions", "auto"):
+        try:
+            return *frame_at_roots(sides, plane, area), COVERED
+        except ContactError as error:
+            if interface.design == "positions":
+                raise
+            log.info("closed form of the frame left out: %s", error)
+    return *predict_frame(sides, forces, plane, interface.law.unilateral), REACH
+
+
+def _moved(
+    frame: Frame, sides: Sequence[Surface], forces: Sequence[np.ndarray], comm: MPI.Comm
+) -> Frame:
+    """The frame with its nodes moved, found on one rank: the search feels rounding, which need not
+    be the same on all."""
+    in_contact = [f > 0.0 for f in forces]
+    with collective(comm):
+        if comm.rank == 0:
+            x = [side.x[k] for side, k in zip(sides, in_contact)]
+            frame = design_positions(frame, x, [f[k] for f, k in zip(forces, in_contact)])
+    return comm.bcast(frame, root=0)
+
+
+def _fixed_nodes(pairs: ContactPairs, V: Any, fixed: np.ndarray) -> np.ndarray:
+    """(n,) whether a Dirichlet condition prescribes something at a node, on all ranks."""
+    mine = pairs.owner == V.mesh.comm.rank
+    start = V.dofmap.index_map.local_range[0]
+    held = np.zeros(len(mine), dtype=np.int64)
+    held[mine] = fixed.reshape(-1, pairs.x.shape[1])[pairs.dofs[mine] - start].any(axis=1)
+    return V.mesh.comm.allreduce(held) > 0
+
+
+def _designed(
+    interface: Interface,
+    frame: Frame,
+    plane: Plane,
+    pairs: list[ContactPairs],
+    notes: list[str],
+    keep: Sequence[np.ndarray] | None,
+) -> tuple[list[ContactPairs], Certificate]:
+    """Pairs after design by weights where it is asked for or needed, and their certificate."""
+    forces = [p.forces for p in pairs]
+    plain = [p.N for p in pairs]
+    before = float(np.abs(patch_residual(plain, forces)).max())
+    N: Sequence[csr_matrix] = plain
+    if interface.design == "weights" or (interface.design == "auto" and before > TOLERANCE):
+        s = plane.project(frame.x)
+        cells = [p.cell for p in pairs]
+        try:  # rows at supports bind the frame's edge: better left alone, where that is enough
+            N = design_weights(frame, s, plain, cells, forces, keep)
+        except ContactError:
+            N = design_weights(frame, s, plain, cells, forces)
+        pairs = [with_weights(p, M, frame) for p, M in zip(pairs, N)]
+        notes.append("design: rows of L_b corrected (weights)")
+    elif interface.design == "auto":
+        notes.append("design: left out, the frame passes as it is")
+    elif interface.design is None:
+        notes.append(f"design: none, as asked; patch residual {before:.1e}")
+    residual = float(np.abs(patch_residual(N, forces)).max())
+    if interface.design == "positions" and frame.gdim == 2:
+        check_closed_form(residual, pairs, frame)
+    singular = rank_certificate(frame, N)
+    size = max(p.surface.diameter for p in pairs)
+    linear = max(np.abs(plane.project(p.x) - plane.project(p.x - p.gap)).max() for p in pairs)
+    change = 0.0 if N is plain else max(np.abs(a - b).max() for a, b in zip(N, plain))
+    return pairs, Certificate(residual, before, singular, float(linear / size), float(change))

@@ -1,0 +1,82 @@
+"""An interface between two surfaces: the user's choices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.interface.obstacles import _Obstacle
+from dolfinx_llm.laws.law import LAWS, Coulomb, Frictionless, Tied
+
+DESIGNS = ("auto", "positions", "weights", None)
+
+
+@dataclass(frozen=True)
+class Interface:
+    """Two surfaces in contact. Neither side is preferred; their order does not matter.
+
+    Args:
+        facet_tags: dolfinx mesh tags of facets; unused where ``sides`` brings its own.
+        sides: the two facet tags, e.g. (3, 7); or ((tags_0, 3), (tags_1, 7)) for two meshes. One
+            of them may be a rigid obstacle, e.g. ``RigidPlane``.
+        law: contact law: ``Tied()``, ``Frictionless()`` or ``Coulomb(mu)``.
+        frame: contact frame; None: predicted from the two surfaces.
+        design: how the frame is made to pass the patch test (28): "weights" corrects the rows of
+            L_b, "positions" moves the frame's nodes (paper, section 5; in 2D to the closed form
+            of ``frame2d``), None leaves it as it is, "auto" takes the closed form in 2D and
+            corrects weights where the frame does not pass already.
+
+    Raises:
+        ContactInputError: unknown design or law, or sides that are no pair.
+    """
+
+    facet_tags: Any
+    sides: tuple
+    law: Tied | Frictionless | Coulomb = field(default_factory=Tied)
+    frame: Frame | None = None
+    design: str | None = "auto"
+
+    def __post_init__(self) -> None:
+        if self.design not in DESIGNS:
+            raise ContactInputError(f"design={self.design!r}: choose one of {DESIGNS}")
+        if not isinstance(self.law, LAWS):
+            raise ContactInputError(
+                f"law={self.law!r}: choose Tied(), Frictionless() or Coulomb(mu)"
+            )
+        if self.frame is not None and not isinstance(self.frame, Frame):
+            raise ContactInputError(f"frame={self.frame!r}: give a dolfinx_llm.Frame or None")
+        try:
+            n = len(self.sides)
+        except TypeError:
+            n = 0
+        if n != 2:
+            raise ContactInputError(f"sides={self.sides!r}: give two facet tags")
+        rigid = sum(isinstance(side, _Obstacle) for side in self.sides)
+        if rigid == 2:
+            raise ContactInputError("both sides are rigid obstacles: one must be a body")
+        if rigid and self.frame is not None:
+            raise ContactInputError("against a rigid obstacle there is no frame: leave frame=None")
+
+    @property
+    def name(self) -> str:
+        """The two sides, for messages."""
+        names = [
+            type(side).__name__ if isinstance(side, _Obstacle) else str(_tagged(self, side)[1])
+            for side in self.sides
+        ]
+        return " | ".join(names)
+
+    @property
+    def obstacle(self) -> _Obstacle | None:
+        """The rigid side, if there is one."""
+        return next((side for side in self.sides if isinstance(side, _Obstacle)), None)
+
+    def tagged_sides(self) -> list[tuple[Any, int]]:
+        """The sides that are bodies, as (facet tags, tag)."""
+        return [_tagged(self, side) for side in self.sides if not isinstance(side, _Obstacle)]
+
+
+def _tagged(interface: Interface, side: Any) -> Any:
+    return side if isinstance(side, (tuple, list)) else (interface.facet_tags, side)

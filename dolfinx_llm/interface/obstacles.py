@@ -1,0 +1,239 @@
+"""Rigid obstacles, as one side of an interface: no mesh, no unknowns.
+
+An obstacle says for points of a body how far its surface is and in which direction. It can be moved
+between solves by ``displacement``; directions stay those of the drawing (small motions).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.geometry.cells import bases
+from dolfinx_llm.geometry.frame import Frame
+
+
+def _vector(name: str, value: ArrayLike, size: int | None = None) -> np.ndarray:
+    try:
+        vector = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        vector = np.empty(0)
+    if vector.shape not in ((2,), (3,)) or (size and len(vector) != size):
+        want = f"{size} numbers" if size else "2 or 3 numbers"
+        raise ContactInputError(f"{name}={value!r}: give {want}")
+    if not np.isfinite(vector).all():
+        raise ContactInputError(f"{name}={value!r}: must be finite")
+    return vector
+
+
+def _unit(name: str, value: ArrayLike, size: int) -> np.ndarray:
+    vector = _vector(name, value, size)
+    length = np.linalg.norm(vector)
+    if not length > 0.0:
+        raise ContactInputError(f"{name}={value!r}: has no direction")
+    return vector / length
+
+
+def _radius(value: float, inside: bool) -> float:
+    if not (np.isscalar(value) and np.isfinite(value) and value > 0.0):
+        raise ContactInputError(f"radius={value!r}: give a positive number")
+    return float(value)
+
+
+@dataclass
+class _Obstacle:
+    """What all obstacles share."""
+
+    # (gdim,) motion since the drawing [length]; may be set anew before every solve
+    displacement: np.ndarray | None = field(default=None, kw_only=True)
+
+    def motion(self, gdim: int) -> np.ndarray:
+        """(gdim,) the displacement [length], zeros where none is set.
+
+        Args:
+            gdim: dimension of the space, 2 or 3.
+
+        Raises:
+            ContactInputError: another size, or values that are not finite.
+        """
+        if self.displacement is None:
+            return np.zeros(gdim)
+        return _vector("displacement", self.displacement, gdim)
+
+    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance of points to the surface, and the direction into the obstacle.
+
+        Args:
+            x: (n, gdim) points of a body, as drawn [length].
+
+        Returns:
+            (n,) distance, negative inside the obstacle [length], and (n, gdim) unit vectors into
+            it.
+        """
+        raise NotImplementedError
+
+    @property
+    def gdim(self) -> int:
+        """Dimension of the space, 2 or 3."""
+        raise NotImplementedError
+
+
+@dataclass
+class RigidPlane(_Obstacle):
+    """A half-space.
+
+    Args:
+        point: (gdim,) any point of the surface [length].
+        normal: (gdim,) out of the obstacle, towards the body.
+        displacement: (gdim,) motion since the drawing [length]; None: at rest.
+
+    Raises:
+        ContactInputError: wrong sizes, a zero normal, values that are not finite.
+
+    >>> floor = RigidPlane((0.0, 0.0), (0.0, 2.0))
+    >>> distance, direction = floor.clearance(np.array([[3.0, 0.5], [1.0, -0.25]]))
+    >>> distance
+    array([ 0.5 , -0.25])
+    >>> direction[0].tolist()
+    [-0.0, -1.0]
+    """
+
+    point: np.ndarray
+    normal: np.ndarray
+
+    def __post_init__(self) -> None:
+        self.point = _vector("point", self.point)
+        self.normal = _unit("normal", self.normal, len(self.point))
+
+    @property
+    def gdim(self) -> int:
+        return len(self.point)
+
+    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return (x - self.point) @ self.normal, np.broadcast_to(-self.normal, x.shape).copy()
+
+
+@dataclass
+class RigidSphere(_Obstacle):
+    """A ball (a disc in 2D), or with ``inside`` a cavity that holds the body.
+
+    Args:
+        centre: (gdim,) [length].
+        radius: positive [length].
+        inside: the body lies inside.
+        displacement: (gdim,) motion since the drawing [length]; None: at rest.
+
+    Raises:
+        ContactInputError: wrong sizes, a radius that is not positive.
+
+    >>> points = np.array([[0.0, 0.0, 3.0], [0.0, 1.0, 0.0]])
+    >>> RigidSphere((0.0, 0.0, 0.0), 2.0).clearance(points)[0]
+    array([ 1., -1.])
+    >>> RigidSphere((0.0, 0.0, 0.0), 2.0, inside=True).clearance(points)[0]
+    array([-1.,  1.])
+    """
+
+    centre: np.ndarray
+    radius: float
+    inside: bool = False
+
+    def __post_init__(self) -> None:
+        self.centre = _vector("centre", self.centre)
+        self.radius = _radius(self.radius, self.inside)
+
+    @property
+    def gdim(self) -> int:
+        return len(self.centre)
+
+    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return _round(x - self.centre, self.radius, self.inside)
+
+
+@dataclass
+class RigidCylinder(_Obstacle):
+    """An endless cylinder in 3D, or with ``inside`` a bore that holds the body.
+
+    Args:
+        point: (3,) any point of the axis [length].
+        axis: (3,) its direction.
+        radius: positive [length].
+        inside: the body lies inside.
+        displacement: (gdim,) motion since the drawing [length]; None: at rest.
+
+    Raises:
+        ContactInputError: wrong sizes, a zero axis, a radius that is not positive.
+
+    >>> bore = RigidCylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 2.0, inside=True)
+    >>> distance, direction = bore.clearance(np.array([[1.5, 0.0, 7.0]]))
+    >>> distance.item(), direction.tolist()
+    (0.5, [[1.0, 0.0, 0.0]])
+    """
+
+    point: np.ndarray
+    axis: np.ndarray
+    radius: float
+    inside: bool = False
+    gdim = 3
+
+    def __post_init__(self) -> None:
+        self.point = _vector("point", self.point, 3)
+        self.axis = _unit("axis", self.axis, 3)
+        self.radius = _radius(self.radius, self.inside)
+
+    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        d = x - self.point
+        return _round(d - np.outer(d @ self.axis, self.axis), self.radius, self.inside)
+
+
+@dataclass
+class RigidSurface(_Obstacle):
+    """A surface mesh: the closest point counts, with the normal of its cell.
+
+    Args:
+        mesh: a ``Frame`` whose normals point out of the obstacle, towards the body.
+        displacement: (gdim,) motion since the drawing [length]; None: at rest.
+
+    Raises:
+        ContactInputError: mesh is no ``Frame``.
+
+    >>> ramp = RigidSurface(Frame([[0.0, 0.0], [4.0, 3.0]], [[0, 1]]))  # rises by 3 over 4
+    >>> distance, direction = ramp.clearance(np.array([[0.0, 2.5]]))
+    >>> distance.round(12).item(), direction.round(12).tolist()
+    (2.0, [[0.6, -0.8]])
+    >>> ramp.clearance(np.array([[-1.0, 0.0]]))[0]  # beyond its rim
+    array([inf])
+    """
+
+    mesh: Frame
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.mesh, Frame):
+            raise ContactInputError(f"mesh={self.mesh!r}: give a dolfinx_llm.Frame")
+
+    @property
+    def gdim(self) -> int:
+        return self.mesh.gdim
+
+    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        at = self.mesh.locate(x)
+        _, y, tangents = self.mesh.evaluate(at.cell, at.xi)
+        normal = bases(tangents)[:, -1]
+        distance = np.einsum("ni,ni->n", x - y, normal)
+        # Beyond its rim a surface stops nobody.
+        return np.where(at.outside > 1e-9, np.inf, distance), -normal
+
+
+def _round(d: np.ndarray, radius: float, inside: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Clearance of points at d (n, gdim) from the centre or axis."""
+    r = np.linalg.norm(d, axis=1)
+    centre = r <= 1e-12 * radius
+    if centre.any():
+        raise ContactInputError(
+            f"{int(centre.sum())} surface node(s) lie at the centre of a rigid obstacle of radius "
+            f"{radius:g}: no direction leads out of it. Check positions and units"
+        )
+    out = d / r[:, None]
+    return (radius - r, out) if inside else (r - radius, -out)

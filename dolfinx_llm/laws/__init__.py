@@ -1,0 +1,1 @@
+"""Contact laws and their rows, at a few nodes, in plain NumPy."""

@@ -1,0 +1,114 @@
+"""Connected bodies and their rigid motions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from dolfinx_llm.base import compat
+
+
+def body_labels(V: Any) -> tuple[np.ndarray, int]:
+    """Number of the connected body of every local node of V (owned and ghost), and their count.
+
+    Bodies are told apart by the mesh's connectivity, on all ranks together.
+    """
+    comm, index_map = V.mesh.comm, V.dofmap.index_map
+    n = index_map.size_local + index_map.num_ghosts
+    dofs = compat.cell_dofs(V)
+    k = dofs.shape[1]
+    graph = csr_matrix(
+        (np.ones(dofs[:, 1:].size), (np.repeat(dofs[:, 0], k - 1), dofs[:, 1:].ravel())), (n, n)
+    )
+    _, part = connected_components(graph, directed=False)
+    number = index_map.local_to_global(np.arange(n, dtype=np.int32))
+    label = np.full(part.max(initial=-1) + 1, -1)
+    np.maximum.at(label, part, number)
+    vector = compat.ghosted_vector(V, 1)
+    while comm.size > 1:  # as many rounds as ranks a body winds through
+        with vector.localForm() as local:
+            local.array_w[:] = label[part]
+        vector.ghostUpdate(addv=PETSc.InsertMode.MAX_VALUES, mode=PETSc.ScatterMode.REVERSE)
+        vector.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
+        with vector.localForm() as local:
+            seen = local.array_r.astype(np.int64)
+        before = label.copy()
+        np.maximum.at(label, part, seen)
+        if not comm.allreduce(int((label != before).sum())):
+            break
+    vector.destroy()
+    found = np.unique(np.concatenate(comm.allgather(np.unique(label))))
+    return np.searchsorted(found, label[part]), len(found)
+
+
+def rigid_modes(x: np.ndarray) -> np.ndarray:
+    """(n, gdim, 3 or 6) translations and rotations of points x (n, gdim)."""
+    n, gdim = x.shape
+    modes = np.zeros((n, gdim, 3 * (gdim - 1)))
+    modes[:, :, :gdim] = np.eye(gdim)
+    for k, (i, j) in enumerate([(0, 1), (1, 2), (2, 0)][: 2 * gdim - 3]):
+        modes[:, i, gdim + k] = -x[:, j]
+        modes[:, j, gdim + k] = x[:, i]
+    return modes
+
+
+class Bodies:
+    """Connected bodies of the meshes and the rigid motions of each.
+
+    Args:
+        spaces: function spaces, one per mesh.
+    """
+
+    def __init__(self, spaces: Sequence[Any]) -> None:
+        self.comm = spaces[0].mesh.comm
+        self.gdim = spaces[0].mesh.geometry.dim
+        labels, points, first = [], [], 0
+        for V in spaces:
+            label, count = body_labels(V)
+            n = V.dofmap.index_map.size_local
+            labels.append(label[:n] + first)
+            points.append(V.tabulate_dof_coordinates()[:n, : self.gdim])
+            first += count
+        self.count = first
+        label, x = np.concatenate(labels), np.concatenate(points)
+        low, high = np.full((first, self.gdim), np.inf), np.full((first, self.gdim), -np.inf)
+        np.minimum.at(low, label, x)
+        np.maximum.at(high, label, x)
+        low, high = self.comm.allgather(low), self.comm.allgather(high)
+        low, high = np.min(low, axis=0), np.max(high, axis=0)
+        # Numbered by position, so that messages do not depend on the number of ranks.
+        order = np.lexsort(np.concatenate([high.T[::-1], low.T[::-1]]).round(12))
+        self.low, self.high = low[order], high[order]
+        self.label, self.points = np.argsort(order)[label], x
+
+    def own_modes(self, label: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """(n, gdim, modes per body) rigid motions of each point's own body, about the body's
+        centre, rotations scaled to size 1."""
+        centre, size = 0.5 * (self.low + self.high), np.linalg.norm(self.high - self.low, axis=1)
+        return rigid_modes(2.0 * (x - centre[label]) / size[label, None])
+
+    def modes(self, label: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """(n, gdim, bodies, modes per body) the same, zero for the other bodies' motions."""
+        modes = np.zeros((len(x), self.gdim, self.count, 3 * (self.gdim - 1)))
+        modes[np.arange(len(x)), :, label] = self.own_modes(label, x)
+        return modes
+
+    def triangle(self, rows: np.ndarray, label: np.ndarray) -> np.ndarray:
+        """R of a QR decomposition of rows (n, modes per body), each about the labelled body, as
+        rows about all bodies' motions."""
+        k = rows.shape[1]
+        parts = []
+        for b in range(self.count):
+            part = np.linalg.qr(rows[label == b], mode="r")
+            parts.append(np.zeros((len(part), self.count * k)))
+            parts[-1][:, b * k : (b + 1) * k] = part
+        return np.concatenate(parts)
+
+    def name(self, body: int) -> str:
+        low, high = ((x[body].round(6) + 0.0).tolist() for x in (self.low, self.high))
+        return f"body {body} (from {low} to {high})"

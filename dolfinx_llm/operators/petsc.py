@@ -1,0 +1,85 @@
+"""Products, nests, springs and sizes of PETSc matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+
+
+def create_aij(
+    comm: MPI.Comm, rows: tuple[int, int], cols: tuple[int, int], local: csr_matrix, bs: int = 1
+) -> PETSc.Mat:
+    """AIJ from this rank's rows; CSR fixes the preallocation exactly."""
+    local.sort_indices()
+    csr = (local.indptr.astype(PETSc.IntType), local.indices.astype(PETSc.IntType), local.data)
+    matrix = PETSc.Mat().createAIJ(size=(rows, cols), bsize=bs, csr=csr, comm=comm)
+    matrix.assemble()
+    return matrix
+
+
+def with_springs(K, at, stiffness):
+    """Copy of K with springs at local dofs: stiffness[i] is added to their diagonal entries."""
+    held, start = K.copy(), K.getOwnershipRange()[0]
+    for i in at:
+        held.setValue(start + i, start + i, stiffness[i], addv=True)
+    held.assemble()
+    return held
+
+
+def times(M, x: np.ndarray, transposed: bool = False) -> np.ndarray:
+    """This rank's part of M x or Mᵀ x."""
+    right, left = M.createVecs()
+    source, target = (left, right) if transposed else (right, left)
+    source.array_w[:] = x
+    (M.multTranspose if transposed else M.mult)(source, target)
+    values = target.array_r.copy()
+    right.destroy()
+    left.destroy()
+    return values
+
+
+def join_blocks(blocks):
+    """AIJ from a nest of blocks, and this rank's rows of each block row: the nest interleaves the
+    blocks by rank."""
+    nest = PETSc.Mat().createNest(blocks)
+    matrix = nest.convert("aij", PETSc.Mat())
+    start = matrix.getOwnershipRange()[0]
+    rows = [block.getIndices() - start for block in nest.getNestISs()[0]]
+    nest.destroy()
+    return matrix, rows
+
+
+def _stored_zero_diagonal(sizes, comm):
+    n, start = sizes[0], comm.tompi4py().exscan(sizes[0]) or 0
+    csr = (np.arange(n + 1, dtype=PETSc.IntType), np.arange(start, start + n, dtype=PETSc.IntType))
+    matrix = PETSc.Mat().createAIJ(size=(sizes, sizes), csr=(*csr, np.zeros(n)), comm=comm)
+    matrix.assemble()
+    return matrix
+
+
+def is_symmetric(K) -> bool:
+    """Whether xᵀKy = yᵀKx for two random vectors."""
+    x, y = K.createVecs()
+    Kx, Ky = x.duplicate(), x.duplicate()
+    rng = np.random.default_rng(2001 + K.comm.rank)
+    for vector in (x, y):
+        vector.array_w[:] = rng.standard_normal(vector.local_size)
+    K.mult(x, Kx)
+    K.mult(y, Ky)
+    gap, size = abs(x.dot(Ky) - y.dot(Kx)), Kx.norm() * y.norm()
+    for vector in (x, y, Kx, Ky):
+        vector.destroy()
+    return gap <= 1e-10 * size
+
+
+def mean_diagonal(K, rows: np.ndarray, geometric: bool = False) -> float:
+    """Mean diagonal entry of K over some of this rank's local rows [force / length]."""
+    diagonal = K.getDiagonal()
+    values = np.abs(diagonal.array_r[rows])
+    diagonal.destroy()
+    values = np.log(np.maximum(values, 1e-300)) if geometric else values
+    total = K.comm.tompi4py().allreduce(np.array([values.sum(), float(len(values))]))
+    mean = total[0] / total[1] if total[1] else float(not geometric)
+    return float(np.exp(mean) if geometric else mean)

@@ -1,0 +1,186 @@
+"""Rigid motions of the bodies that neither supports nor interfaces hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import splu
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.operators.bodies import Bodies
+
+FACTORISED = 5000  # frame unknowns up to which a factorisation is the quickest least-squares fit
+HELD = 1e-11  # singular values below, of the largest, are motions that nothing holds
+
+
+def _held_without_interfaces(bodies: Bodies, K: Any, fixed: np.ndarray) -> np.ndarray:
+    """(k, modes) rows that vanish for combinations of rigid motions that supports do not hold."""
+    R = bodies.own_modes(bodies.label, bodies.points).reshape(len(fixed), -1)
+    label = np.repeat(bodies.label, bodies.gdim)
+    x, y = K.createVecs()
+    diagonal = K.getDiagonal()
+    scale = np.where(diagonal.array_r == 0.0, 1.0, np.abs(diagonal.array_r))
+    KR = np.empty_like(R)
+    for k in range(R.shape[1]):  # of all bodies at once: K does not couple them
+        x.array_w[:] = np.where(fixed, 0.0, R[:, k])
+        K.mult(x, y)
+        KR[:, k] = y.array_r / scale
+    for vector in (x, y, diagonal):
+        vector.destroy()
+    # Orthogonal reduction, not the Gram matrix, whose rounding would hide the zeros.
+    rows = [bodies.triangle(R[fixed], label[fixed]), bodies.triangle(KR, label)]
+    return np.concatenate(bodies.comm.allgather(np.concatenate(rows)))
+
+
+def floating_modes(bodies: Bodies, K: Any, fixed: np.ndarray) -> np.ndarray:
+    """(n_local, k) rigid motions that supports alone leave free, on this rank's dofs.
+
+    Args:
+        bodies, K, fixed: as in ``check_support``.
+    """
+    rows = _held_without_interfaces(bodies, K, fixed)
+    _, values, vectors = np.linalg.svd(rows)
+    free = vectors[np.count_nonzero(values >= HELD * max(values[0], 1.0)) :]
+    R = bodies.modes(bodies.label, bodies.points).reshape(len(fixed), -1) @ free.T
+    R[fixed] = 0.0
+    return R
+
+
+def pins(comm: MPI.Comm, modes: np.ndarray) -> list[int]:
+    """This rank's dofs (local numbers) that together hold the modes (n_local, k) best, k in all."""
+    rest, chosen = modes.copy(), []
+    for _ in range(rest.shape[1]):
+        size = np.einsum("nk,nk->n", rest, rest)
+        best = int(size.argmax()) if len(size) else 0
+        found = comm.allgather((float(size[best]), rest[best]) if len(size) else (-1.0, None))
+        rank = int(np.argmax([round(length, 12) for length, _ in found]))
+        direction = found[rank][1]
+        if rank == comm.rank:
+            chosen.append(best)
+        rest = rest - np.outer(rest @ direction, direction) / (direction @ direction)
+    return chosen
+
+
+def check_support(
+    bodies: Bodies,
+    K: Any,
+    fixed: np.ndarray,
+    interfaces: Sequence[tuple[csr_matrix | None, np.ndarray]],
+) -> None:
+    """Require that supports and tied interfaces hold every body.
+
+    A combination of rigid motions is not held if it has no stiffness (K R c = 0), does not move
+    prescribed dofs, and the frames can follow it (Bᵀ R c in the range of L_b).
+
+    Args:
+        bodies: the bodies.
+        K: their stiffness, identity rows at prescribed dofs.
+        fixed: (n_local,) whether a local dof is prescribed.
+        interfaces: per interface (L, R): its operator L_b, or None without a frame, and Bᵀ R as
+            (rows, modes).
+
+    Raises:
+        ContactError: some motion is not held.
+    """
+    rows = [_held_without_interfaces(bodies, K, fixed)]
+    values = np.linalg.svd(rows[0], compute_uv=False)
+    if len(values) == rows[0].shape[1] and values[-1] >= HELD * max(values[0], 1.0):
+        return  # by supports alone
+    for L, BtR in interfaces:
+        BtR = BtR.reshape(len(BtR), -1)
+        rows.append(BtR if L is None else BtR - L @ _least_squares(L, BtR))
+    _, values, vectors = np.linalg.svd(np.concatenate(rows), full_matrices=False)
+    free = vectors[values < HELD * values[0]]
+    if not len(free):
+        return
+    parts = np.moveaxis(free.reshape(len(free), bodies.count, -1), 1, 0)
+    counts = [np.linalg.matrix_rank(part, 1e-6) for part in parts]
+    names = [f"{bodies.name(b)} in {count}" for b, count in enumerate(counts) if count]
+    raise ContactError(
+        f"{len(free)} rigid motion(s) are held by no support and no interface; they move "
+        f"{', '.join(names)} independent way(s). Add Dirichlet conditions or springs that hold them"
+    )
+
+
+def check_loops(models: Sequence[Any], labels: Sequence[np.ndarray]) -> None:
+    """Refuse interfaces that share nodes and close a loop of bodies.
+
+    A node may take part in several interfaces: each adds a constraint with a frame of its own.
+    Round a loop (two interfaces between the same two bodies, three bodies that meet in an
+    edge) the constraints repeat each other and the contact forces there are not unique.
+
+    Args:
+        models: the interfaces.
+        labels: per side (n,) body of each node.
+
+    Raises:
+        ContactError: nodes are shared and a loop is closed.
+    """
+    n, gdim = len(models), models[0].sides[0].x.shape[1]
+    first = np.cumsum([0, *(len(model.pairs) for model in models)])
+    touched = [labels[a:b] for a, b in zip(first, first[1:])]
+    for i, model in enumerate(models):
+        if model.frame is None:  # a rigid obstacle counts as a body of its own
+            touched[i] = [*touched[i], np.array([-1 - i])]
+    group = np.arange(n)
+    example = {}
+    for i in range(n):
+        for j in range(i):
+            shared = [
+                side.x[np.isin(side.dofs, other.dofs)]
+                for side, a in zip(models[i].pairs, models[i].spaces, strict=True)
+                for other, b in zip(models[j].pairs, models[j].spaces, strict=True)
+                if a == b
+            ]
+            shared = np.concatenate([np.empty((0, gdim)), *shared])
+            if len(shared):
+                example[i] = len(shared), shared[0].tolist()
+                group[group == group[i]] = group[j]
+    for g in np.unique(group):
+        members = np.flatnonzero(group == g)
+        bodies = np.unique(np.concatenate([label for i in members for label in touched[i]]))
+        if len(members) > 1 and len(members) >= len(bodies):
+            names = ", ".join(models[i].interface.name for i in members)
+            count, at = example[members[-1]]
+            raise ContactError(
+                f"{count} node(s), e.g. at {at}, take part in two interfaces, and the "
+                f"interfaces {names} close a loop of {len(bodies)} bodies: the contact forces "
+                "where they meet are not unique. Leave the facets next to the common edge out "
+                "of one interface's tag"
+            )
+
+
+def _least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:
+    """Solution of min |L v - b| for every column of b (n, k), by a factorisation of LᵀL.
+
+    LᵀL is like a mass matrix, so that large frames are iterated on by conjugate gradients; with
+    small singular values, on which these are slow, they are factorised, too.
+    """
+    if L.shape[1] <= FACTORISED:
+        return _factorised(L).solve(L.T @ b)
+    v = np.zeros((L.shape[1], b.shape[1]))
+    r = L.T @ b
+    p, size = r.copy(), np.einsum("nk,nk->k", r, r)
+    goal = 1e-28 * size
+    for _ in range(300):
+        if (size <= goal).all():
+            return v
+        Lp = L @ p
+        # A column that is done, or zero, stays as it is.
+        length = np.where(size > goal, size, 0.0) / np.maximum(
+            np.einsum("nk,nk->k", Lp, Lp), 1e-300
+        )
+        v += length * p
+        r -= length * (L.T @ Lp)
+        before, size = size, np.where(size > goal, np.einsum("nk,nk->k", r, r), size)
+        p = r + size / np.maximum(before, 1e-300) * p
+    return _factorised(L).solve(L.T @ b)
+
+
+def _factorised(L: csr_matrix) -> Any:
+    symmetric = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
+    return splu((L.T @ L).tocsc(), **symmetric)

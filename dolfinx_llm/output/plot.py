@@ -1,0 +1,287 @@
+"""Pictures as PNG, without a display. Libraries are imported when a picture is made.
+
+Scenes in 3D are drawn by PyVista where it is installed and can draw, all else by Matplotlib.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from dolfinx.fem import Function
+from dolfinx.mesh import exterior_facet_indices
+from ufl.core.expr import Expr
+
+from dolfinx_llm.base import compat
+from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.contact.results import InterfaceResult
+from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.overlap_flat import Plane, orthonormal_base
+from dolfinx_llm.geometry.surface import facet_corners
+from dolfinx_llm.output import post, render
+from dolfinx_llm.output.render import Scene
+
+FLAT = 0.98  # sum of vector areas over area, from which a surface is seen along its normal
+
+
+def _pyplot() -> Any:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    return plt
+
+
+def _save(plt: Any, figure: Any, path: str | Path) -> None:
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=150, bbox_inches="tight")
+    plt.close(figure)
+
+
+def frame_design(result: InterfaceResult, before: Frame | None, path: str | Path) -> None:
+    """Frame before and after design with both sides' nodes and forces (paper, Figures 11, 12).
+
+    Draws on rank 0 when called on all ranks.
+
+    Args:
+        result: of an interface between flat surfaces in 3D.
+        before: the frame's prediction, or None.
+        path: PNG to write.
+
+    Raises:
+        ContactInputError: the interface has no frame, but a rigid obstacle.
+    """
+    if result.frame is None:
+        raise ContactInputError("against a rigid obstacle there is no frame to draw")
+    if not _on_root():
+        return
+    plt = _pyplot()
+    plane = _plane(result.frame)
+    frames: list[tuple[str, Any]] = [("prediction", before)] if before is not None else []
+    frames.append(("frame", result.frame))
+    figure, axes = plt.subplots(1, len(frames), figsize=(6.5 * len(frames), 6), squeeze=False)
+    largest = max(side.normal_force.max() for side in result.sides)
+    for axis, (title, frame) in zip(axes[0], frames):
+        s = plane.project(frame.x)
+        _draw_cells(axis, s, frame.cells)
+        for k, side in enumerate(result.sides):
+            p = plane.project(side.x)
+            size = 120.0 * np.maximum(side.normal_force, 0.0) / largest
+            axis.scatter(*p.T, s=size, alpha=0.45, color=f"C{k}", label=f"side {k}: force")
+            axis.plot(*p.T, "." if k else "x", color=f"C{k}", markersize=4)
+        axis.set(aspect="equal", title=f"{title}: {len(frame.x)} nodes, {len(frame.cells)} cells")
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=2, fontsize=8)
+    _save(plt, figure, path)
+
+
+def curves(
+    lines: Sequence[Any], path: str | Path, *, xlabel: str = "", ylabel: str = "", title: str = ""
+) -> None:
+    """Curves and points in one diagram, e.g. pressure along a contact against theory.
+
+    Draws on rank 0 when called on all ranks.
+
+    Args:
+        lines: sequence of (label, Matplotlib's style, x, y), or of lists of these for several
+            diagrams side by side.
+        path: PNG to write.
+        xlabel, ylabel, title: of all diagrams.
+    """
+    if not _on_root():
+        return
+    plt = _pyplot()
+    diagrams = lines if isinstance(lines[0], list) else [lines]
+    figure, axes = plt.subplots(1, len(diagrams), figsize=(6.5 * len(diagrams), 5), squeeze=False)
+    for axis, diagram in zip(axes[0], diagrams):
+        for label, style, x, y in diagram:
+            axis.plot(x, y, style, label=label, markersize=4, linewidth=1)
+        axis.set(xlabel=xlabel, ylabel=ylabel, title=title)
+        axis.legend(fontsize=8)
+    _save(plt, figure, path)
+
+
+def _on_root() -> bool:
+    from mpi4py import MPI
+
+    return MPI.COMM_WORLD.rank == 0
+
+
+def _plane(frame: Frame) -> Plane:
+    normal = vector_areas(frame.x, frame.cells).sum(axis=0)
+    normal /= np.linalg.norm(normal)
+    return Plane(frame.x.mean(axis=0), orthonormal_base(normal))
+
+
+def _draw_cells(axis: Any, s: np.ndarray, cells: np.ndarray) -> None:
+    from matplotlib.collections import PolyCollection
+
+    axis.add_collection(PolyCollection(s[cells], facecolors="none", edgecolors="k", linewidths=1))
+    axis.plot(*s.T, "ks", markersize=3)
+
+
+def bodies(
+    u: Function,
+    expression: Expr,
+    path: str | Path,
+    *,
+    label: str = "",
+    scale: float | None = None,
+) -> None:
+    """Deformed bodies coloured by a scalar (paper, Figure 13). Collective.
+
+    Args:
+        u: displacement Function of a mesh in 3D or 2D.
+        expression: scalar UFL expression, its largest value per cell is shown.
+        path: PNG to write.
+        label: of the colour bar.
+        scale: factor on the displacement; None: such that it is a tenth of the size at most, or 1.
+    """
+    mesh = u.function_space.mesh
+    field = post.cell_maximum(expression, mesh)
+    gathered = mesh.comm.gather(_skin(u, field), root=0)
+    if mesh.comm.rank:
+        return
+    x, v, values = (np.concatenate(part) for part in zip(*gathered))
+    if scale is None:
+        size, motion = np.ptp(x.reshape(-1, x.shape[2]), axis=0).max(), np.abs(v).max()
+        scale = 1.0 if motion > 0.02 * size or motion == 0.0 else 0.05 * size / motion
+    low, high = values.min(), values.max()
+    if high - low < 1e-6 * max(abs(high), 1e-300):  # constant: do not paint rounding
+        low, high = low - 0.5 * abs(low) - 1e-300, high + 0.5 * abs(high) + 1e-300
+    label = f"{label} ({values.min():.6g} to {values.max():.6g}); displacement × {scale:.3g}"
+    polygons = x + scale * v
+    cells = np.arange(polygons.shape[0] * polygons.shape[1]).reshape(polygons.shape[:2])
+    _draw(Scene(polygons.reshape(-1, x.shape[2]), cells, values, (low, high), label), path)
+
+
+def _draw(scene: Scene, path: str | Path) -> None:
+    """Scenes in 3D by PyVista where it is installed and can; Matplotlib otherwise, and in 2D."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if scene.points.shape[1] == 3 and render.draw(scene, path):
+        return
+    plt = _pyplot()
+    figure, norm = plt.figure(figsize=(8, 6)), plt.Normalize(*scene.limits)
+    per_cell = scene.values
+    if len(scene.values) == len(scene.points):
+        per_cell = scene.values[scene.cells].mean(axis=1)
+    if scene.view is not None:
+        _draw_flat(figure, scene, scene.view, norm)
+    else:
+        _draw_skin(figure, scene.points[scene.cells], plt.cm.viridis(norm(per_cell)))
+    bar = plt.cm.ScalarMappable(norm, "viridis")
+    figure.colorbar(bar, ax=figure.axes, shrink=0.7, label=scene.label)
+    _save(plt, figure, path)
+
+
+def _draw_flat(figure: Any, scene: Scene, normal: np.ndarray, norm: Any) -> None:
+    """A flat surface seen along its normal."""
+    plane = Plane(scene.points.mean(axis=0), orthonormal_base(normal))
+    axis, s, cells = figure.add_subplot(), plane.project(scene.points), scene.cells
+    triangles = np.concatenate([cells[:, [0, i, i + 1]] for i in range(1, cells.shape[1] - 1)])
+    axis.tripcolor(*s.T, triangles, scene.values, shading="gouraud", norm=norm)
+    for k, (name, colour) in enumerate(render.STATUS.items()):
+        at = np.flatnonzero(scene.status == k)
+        if len(at):
+            axis.plot(*s[at].T, "o", color=colour, mec="k", markersize=3, label=name)
+    axis.set_aspect("equal")
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=3, facecolor="0.85")
+
+
+def _skin(u: Function, field: Function) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """This rank's outer facets (cells in 2D): corners, their displacement, the cell's value."""
+    V, mesh = u.function_space, u.function_space.mesh
+    tdim, gdim = mesh.topology.dim, mesh.geometry.dim
+    dofs = compat.cell_dofs(V)
+    values = field.x.array[compat.cell_dofs(field.function_space)[:, 0]]
+    n_owned = mesh.topology.index_map(tdim).size_local
+    layout = V.dofmap.dof_layout
+    if tdim == 2:
+        order = [0, 1, 2] if layout.num_dofs == 3 else [0, 1, 3, 2]
+        nodes, cells = dofs[:n_owned][:, order], np.arange(n_owned)
+    else:
+        mesh.topology.create_connectivity(2, 3)
+        mesh.topology.create_connectivity(3, 2)
+        outer = exterior_facet_indices(mesh.topology)
+        cells, corners = facet_corners(V, outer)
+        nodes = dofs[cells[:, None], corners][cells < n_owned]
+        cells = cells[cells < n_owned]
+    x = V.tabulate_dof_coordinates()[:, :gdim]
+    motion = u.x.array.reshape(-1, gdim)
+    return x[nodes], motion[nodes], values[cells]
+
+
+def _draw_skin(figure: Any, polygons: np.ndarray, colours: np.ndarray) -> None:
+    if polygons.shape[2] == 2:
+        from matplotlib.collections import PolyCollection
+
+        axis = figure.add_subplot()
+        axis.add_collection(
+            PolyCollection(polygons, facecolors=colours, edgecolors="k", linewidths=0.1)
+        )
+        axis.autoscale_view()
+        axis.set_aspect("equal")
+        return
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    axis = figure.add_subplot(projection="3d")
+    axis.add_collection3d(
+        Poly3DCollection(polygons, facecolors=colours, edgecolors="k", linewidths=0.2)
+    )
+    low, high = polygons.min(axis=(0, 1)), polygons.max(axis=(0, 1))
+    for k, name in enumerate("xyz"):
+        getattr(axis, f"set_{name}lim")(low[k], high[k])
+    axis.set_box_aspect(high - low)
+
+
+def interface(result: InterfaceResult, path: str | Path, field: str = "pressure") -> None:
+    """A field of an interface: over the contact in 2D, on the deformed frame in 3D.
+
+    Draws on rank 0 when called on all ranks. Marks show the status: open, stick or slip.
+
+    Args:
+        result: an ``InterfaceResult``.
+        path: PNG to write.
+        field: "pressure", "status", or "traction" (its length).
+
+    Raises:
+        ContactInputError: there is no such field.
+    """
+    values = {
+        "pressure": result.pressure,
+        "status": result.frame_status.astype(float),
+        "traction": np.linalg.norm(result.traction, axis=1),
+    }
+    if field not in values:
+        raise ContactInputError(f"field={field!r}: choose one of {tuple(values)}")
+    if not _on_root():
+        return
+    x, value, side = result.x, values[field], result.sides[0]
+    if x.shape[1] == 3:
+        frame = result.frame or Frame(x, side.facets)
+        moved = x + (side.u if result.frame is None else frame.v)
+        label, low = f"{field} ({value.min():.6g} to {value.max():.6g})", min(value.min(), 0.0)
+        limits = low, max(value.max(), low + 1e-300)
+        areas = vector_areas(moved, frame.cells)
+        flat = np.linalg.norm(areas.sum(axis=0)) > FLAT * np.linalg.norm(areas, axis=1).sum()
+        view = _plane(frame).normal if flat else None
+        if view is not None and view @ render.ABOVE < 0.0:
+            view = -view
+        _draw(Scene(moved, frame.cells, value, limits, label, view, result.frame_status), path)
+        return
+    plt = _pyplot()
+    figure = plt.figure(figsize=(7, 5))
+    axis, order = figure.add_subplot(), np.lexsort(x.T)
+    along = x[order] - x[order[0]]
+    s = np.linalg.norm(along, axis=1)
+    axis.plot(s, value[order], "-", color="0.6")
+    for k, name in enumerate(render.STATUS):
+        at = result.frame_status[order] == k
+        axis.plot(s[at], value[order][at], f"C{k}o", mfc=None if k else "none", label=name)
+    axis.set(xlabel="distance along the contact", ylabel=field)
+    axis.legend()
+    _save(plt, figure, path)

@@ -1,0 +1,1 @@
+"""What you use: ``ContactProblem``, loads, and the classical methods for comparison."""
