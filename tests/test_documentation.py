@@ -170,7 +170,7 @@ def section(title):
 def strings():
     """All strings of the package, values that are filled in as {}."""
     found = []
-    for path in sorted((TESTS.parent / "dolfinx_llm").glob("*.py")):
+    for path in sorted((TESTS.parent / "dolfinx_llm").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.JoinedStr):
                 parts = [getattr(part, "value", None) for part in node.values]
