@@ -18,6 +18,8 @@ from pathlib import Path
 # What users call or get back. "compat" and the rest are the developers'.
 MODULES = {
     "dolfinx_llm": None,  # with SUBMODULES
+    "dolfinx_llm.problem": (),  # pages that stand beside the code
+    "dolfinx_llm.base": (),
     "dolfinx_llm.contact.results": ("InterfaceResult", "SideResult"),
     "dolfinx_llm.geometry.frame": ("Frame", "Location", "Quality"),
     "dolfinx_llm.interface.choices": ("Interface",),
@@ -74,7 +76,7 @@ def build(folder: Path) -> None:
         records |= {item for item in map(vars(module).get, names) if is_own_record(item)}
     for cls in records:
         describe_fields(cls)
-    pdoc.render.configure(docformat="google", math=False)
+    pdoc.render.configure(docformat="google", math=False, mermaid=True)
     pdoc.pdoc(*MODULES, output_directory=folder)
 
 

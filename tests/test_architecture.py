@@ -1,6 +1,7 @@
 """The rooms of the package: what may import what."""
 
 import ast
+import re
 from pathlib import Path
 
 import dolfinx_llm
@@ -38,3 +39,15 @@ def test_imports_run_downward():
             if not target or ROOMS.index(target[0]) > ROOMS.index(room):
                 wrong.append(f"{path.relative_to(PACKAGE)}:{line} imports {module}")
     assert not wrong
+
+
+def test_picture_of_the_rooms_shows_the_imports():
+    """Arrows of the picture in the page on the method, and who imports whom."""
+    page = (PACKAGE / "method.md").read_text()
+    drawn = set(re.findall(r"^    (\w+) --> (\w+)$", page, re.M))
+    found = set()
+    for path in PACKAGE.rglob("*.py"):
+        room, *rest = path.relative_to(PACKAGE).parts
+        targets = {module.split(".")[1] for module, _ in imports(path) if rest}
+        found |= {(room, target) for target in targets - {room, "base"}}
+    assert drawn == found, "draw: " + ", ".join(f"{a} --> {b}" for a, b in sorted(found))
