@@ -26,11 +26,12 @@ class Surface:
     dofs: np.ndarray  # (n,) global number of each node's block of dofs in its function space
     owner: np.ndarray  # (n,) rank that owns the node
     name: str  # for messages: "tag 3"
-    X: np.ndarray = None  # type: ignore[assignment]  # (n, gdim) as drawn; None: x [length]
+    drawn: np.ndarray | None = None  # (n, gdim) node positions as drawn; None: x [length]
 
-    def __post_init__(self) -> None:
-        if self.X is None:
-            object.__setattr__(self, "X", self.x)
+    @property
+    def X(self) -> np.ndarray:
+        """(n, gdim) node positions as drawn [length]."""
+        return self.x if self.drawn is None else self.drawn
 
     def moved(self, u: np.ndarray) -> Surface:
         """The surface at x = X + u; nothing is gathered anew.
@@ -38,7 +39,7 @@ class Surface:
         Args:
             u: (n, gdim) displacement since the drawing [length].
         """
-        return replace(self, x=self.X + u)
+        return replace(self, x=self.X + u, drawn=self.X)
 
     @property
     def normal(self) -> np.ndarray:
