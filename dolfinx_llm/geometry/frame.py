@@ -16,9 +16,13 @@ from mpi4py import MPI
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.geometry.cells import cell_sizes, points_of, vector_areas
 from dolfinx_llm.geometry.location import ClosestPoints, Location
+
+POSITIONS, NUMBERS = "give (m, gdim) node positions", "give (n, k) node numbers, integers"
 
 
 @dataclass(frozen=True)
@@ -60,11 +64,11 @@ class Frame:
     v: np.ndarray | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        x = np.ascontiguousarray(self.x, dtype=np.float64)
-        cells = np.ascontiguousarray(self.cells, dtype=np.int64)
+        x, cells = _numbers("x", self.x, POSITIONS), _numbers("cells", self.cells, NUMBERS)
+        x, cells = np.ascontiguousarray(x, np.float64), np.ascontiguousarray(cells, np.int64)
         object.__setattr__(self, "x", x)
         object.__setattr__(self, "cells", cells)
-        if x.ndim != 2 or x.shape[1] not in (2, 3):
+        if x.ndim != 2 or x.shape[1] not in (2, 3) or not len(x):
             raise ContactInputError(f"frame: x must be (m, 2) or (m, 3), is {x.shape}")
         kinds = (2,) if x.shape[1] == 2 else (3, 4)
         if cells.ndim != 2 or cells.shape[1] not in kinds or len(cells) == 0:
@@ -90,6 +94,9 @@ class Frame:
                 f"{x[cells[bad[0]]].tolist()}"
             )
         self._check_orientation()
+        if self.v is not None:
+            v = checks.array("frame: v", self.v, x.shape, f"give {x.shape} displacements or None")
+            object.__setattr__(self, "v", v)
 
     def _check_orientation(self) -> None:
         """An edge (a node in 2D) of two cells must be run through once each way."""
@@ -124,8 +131,13 @@ class Frame:
         """
         if comm is None:
             return cls(*_read_gmsh(model, physical_group, gdim))
-        data = _read_gmsh(model, physical_group, gdim) if comm.rank == 0 else None
-        return cls(*comm.bcast(data, root=0))
+        if not isinstance(comm, MPI.Comm):
+            checks.refuse("comm", comm, "give an MPI communicator of mpi4py, or None")
+        frame = None
+        with collective(comm):
+            if comm.rank == 0:
+                frame = cls(*_read_gmsh(model, physical_group, gdim))
+        return comm.bcast(frame, root=0)
 
     @property
     def gdim(self) -> int:
@@ -211,7 +223,8 @@ class Frame:
         Returns:
             A ``Location`` with one row per point.
         """
-        return self._places.locate(np.asarray(points, dtype=np.float64))
+        accepted = f"give (n, {self.gdim}) positions"
+        return self._places.locate(checks.array("points", points, (None, self.gdim), accepted))
 
     @cached_property
     def _places(self) -> ClosestPoints:
@@ -230,18 +243,53 @@ class Frame:
         return matrix
 
 
+def _numbers(name: str, value: Any, accepted: str) -> np.ndarray:
+    """An array of real numbers, or of integers where numbers of nodes are asked for."""
+    try:
+        found = np.asarray(value)
+    except ValueError:  # ragged
+        found = np.empty(0, dtype=object)
+    kinds = "iu" if accepted == NUMBERS and found.size else "iuf"
+    if found.dtype.kind not in kinds:
+        checks.refuse(f"frame: {name}", value, accepted)
+    return found
+
+
 def _read_gmsh(model: Any, physical_group: int, gdim: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and cells of a physical group; no cells where they are not of one first-order kind."""
+    """Nodes and cells of a physical group of first-order cells of one kind."""
+    checks.integer("gdim", gdim, "give 2 or 3")
+    if gdim not in (2, 3):
+        checks.refuse("gdim", gdim, "give 2 or 3")
+    checks.integer("physical_group", physical_group, "give the tag of a physical group, an integer")
+    if not hasattr(model, "getPhysicalGroups") or not hasattr(model, "mesh"):
+        checks.refuse("model", model, "give gmsh.model after gmsh.initialize()")
+    try:
+        return _read_group(model, physical_group, gdim)
+    except ContactInputError:
+        raise
+    except Exception as error:
+        raise ContactInputError(
+            f"gmsh cannot read the physical group {physical_group}: {error}. Call "
+            "gmsh.initialize(), then make or open a model and mesh it"
+        ) from error
+
+
+def _read_group(model: Any, physical_group: int, gdim: int) -> tuple[np.ndarray, np.ndarray]:
     nodes = {1: 2, 2: 3, 3: 4}  # gmsh's lines, triangles, quads
     kinds: set[int] = set()
     parts = [np.empty(0, dtype=np.int64)]
-    if (gdim - 1, physical_group) in model.getPhysicalGroups():
+    groups = [(int(dim), int(tag)) for dim, tag in model.getPhysicalGroups()]
+    if (gdim - 1, physical_group) in groups:
         for entity in model.getEntitiesForPhysicalGroup(gdim - 1, physical_group):
             found = model.mesh.getElements(gdim - 1, entity)
             kinds |= set(map(int, found[0]))
             parts += [np.asarray(tags, dtype=np.int64) for tags in found[2]]
     if len(kinds) != 1 or not kinds <= set(nodes):
-        return np.zeros((0, gdim)), np.zeros((0, gdim), dtype=np.int64)
+        raise ContactInputError(
+            f"physical group {physical_group} of dimension {gdim - 1}: cells must be first-order "
+            f"lines (gdim=2), triangles or quads (gdim=3) of one kind; gmsh's kinds there are "
+            f"{sorted(kinds)}, and the model has the groups (dimension, tag) {groups}"
+        )
     tags, x, _ = model.mesh.getNodes()
     used, cells = np.unique(np.concatenate(parts), return_inverse=True)
     order = np.argsort(tags)
