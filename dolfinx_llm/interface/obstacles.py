@@ -39,9 +39,24 @@ def _radius(value: float, inside: bool) -> float:
     return checks.number("radius", value, "give a positive, finite number", above=0.0)
 
 
-@dataclass
-class _Obstacle:
-    """What all obstacles share."""
+@dataclass(eq=False)
+class Obstacle:
+    """What all obstacles share, and the base of your own: write ``clearance``.
+
+    Args:
+        displacement: (gdim,) motion since the drawing [length]; None: at rest.
+
+    >>> class Sine(Obstacle):
+    ...     "The floor y = sin(x) / 10."
+    ...
+    ...     def clearance(self, x):
+    ...         slope = 0.1 * np.cos(x[:, 0])  # of the floor below a point
+    ...         normal = np.column_stack([slope, -np.ones(len(x))])
+    ...         length = np.linalg.norm(normal, axis=1)
+    ...         return (x[:, 1] - 0.1 * np.sin(x[:, 0])) / length, normal / length[:, None]
+    >>> Sine().clearance(np.array([[0.0, 0.5]]))[0].round(6)
+    array([0.497519])
+    """
 
     # (gdim,) motion since the drawing [length]; may be set anew before every solve
     displacement: np.ndarray | None = field(default=None, kw_only=True)
@@ -62,23 +77,26 @@ class _Obstacle:
     def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance of points to the surface, and the direction into the obstacle.
 
+        It is asked once, for the surface's nodes as drawn; a linear estimate of the distance along
+        the direction is enough where nodes are near.
+
         Args:
             x: (n, gdim) points of a body, as drawn [length].
 
         Returns:
-            (n,) distance, negative inside the obstacle [length], and (n, gdim) unit vectors into
-            it.
+            (n,) distance, negative inside the obstacle, inf where there is none of it [length], and
+            (n, gdim) unit vectors into it.
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} must define clearance(x)")
 
     @property
-    def gdim(self) -> int:
-        """Dimension of the space, 2 or 3."""
-        raise NotImplementedError
+    def gdim(self) -> int | None:
+        """Dimension of the space, 2 or 3; None: any."""
+        return None
 
 
-@dataclass
-class RigidPlane(_Obstacle):
+@dataclass(eq=False)
+class RigidPlane(Obstacle):
     """A half-space.
 
     Args:
@@ -113,8 +131,8 @@ class RigidPlane(_Obstacle):
         return (x - self.point) @ self.normal, np.broadcast_to(-self.normal, x.shape).copy()
 
 
-@dataclass
-class RigidSphere(_Obstacle):
+@dataclass(eq=False)
+class RigidSphere(Obstacle):
     """A ball (a disc in 2D), or with ``inside`` a cavity that holds the body.
 
     Args:
@@ -150,8 +168,8 @@ class RigidSphere(_Obstacle):
         return _round(x - self.centre, self.radius, self.inside)
 
 
-@dataclass
-class RigidCylinder(_Obstacle):
+@dataclass(eq=False)
+class RigidCylinder(Obstacle):
     """An endless cylinder in 3D, or with ``inside`` a bore that holds the body.
 
     Args:
@@ -187,8 +205,8 @@ class RigidCylinder(_Obstacle):
         return _round(d - np.outer(d @ self.axis, self.axis), self.radius, self.inside)
 
 
-@dataclass
-class RigidSurface(_Obstacle):
+@dataclass(eq=False)
+class RigidSurface(Obstacle):
     """A surface mesh: the closest point counts, with the normal of its cell.
 
     Args:
