@@ -13,17 +13,16 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from dolfinx_llm.base import compat
-from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress
-from dolfinx_llm.base.parallel import check, gather_rows
+from dolfinx_llm.base.parallel import agree, collective, gather_rows
 from dolfinx_llm.base.timing import Timer
 from dolfinx_llm.contact.doubts import doubts
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.results import InterfaceResult, collect_results
-from dolfinx_llm.forms.choice import SOLVERS, build_steps, build_system, choose_solver, warn
+from dolfinx_llm.forms.choice import build_steps, build_system, choose_solver, warn
 from dolfinx_llm.forms.choice import describe as describe_solver
-from dolfinx_llm.geometry.surface import check_space
 from dolfinx_llm.interface.anatomy import describe
 from dolfinx_llm.interface.build import build_model
 from dolfinx_llm.interface.choices import Interface
@@ -38,8 +37,11 @@ from dolfinx_llm.operators.numbering import Numbering, Rows, frame_numbering
 from dolfinx_llm.operators.petsc import mean_diagonal
 from dolfinx_llm.operators.prescribed import prescribed_rows
 from dolfinx_llm.operators.support import check_loops, check_support
+from dolfinx_llm.problem.arguments import problem_arguments
 
 log = logging.getLogger("dolfinx_llm")
+
+INCREMENTS = "give an integer of at least 1"
 
 
 class ContactProblem:
@@ -58,7 +60,6 @@ class ContactProblem:
         petsc_options: PETSc options on top of the solver's own.
 
     Attributes:
-        results: after ``solve``, an ``InterfaceResult`` per interface, the same on every rank.
         history: of the last ``solve``, a dict per iteration: "iteration", "active" (pairs in
             contact), "stick", "slip", "residual" (relative), with laws that iterate "changes".
         times: seconds per stage, summed over all calls.
@@ -85,42 +86,30 @@ class ContactProblem:
         petsc_options: dict | None = None,
     ):
         self._several = isinstance(a, (list, tuple))
-        forms_a, forms_L = (list(a), list(L)) if self._several else ([a], [L])
-        if solver not in SOLVERS:
-            raise ContactInputError(f"solver={solver!r}: choose one of {SOLVERS}")
-        if len(forms_a) != len(forms_L):
-            raise ContactInputError(f"{len(forms_a)} bilinear forms, {len(forms_L)} linear ones")
-        interfaces = [interfaces] if isinstance(interfaces, Interface) else list(interfaces)
-        if not interfaces:
-            raise ContactInputError("give at least one Interface")
+        given = problem_arguments(
+            a, L, bcs, interfaces, nodal_loads, solver, petsc_options_prefix, petsc_options
+        )
+        forms_a, forms_L, interfaces = given.a, given.L, given.interfaces
+        bcs, nodal_loads = given.bcs, given.nodal_loads
         self.interfaces, self.solver = interfaces, solver
         self.times: dict[str, float] = {}
         self.history: list[dict] = []
-        self.results: list[InterfaceResult] = []
+        self._results: list[InterfaceResult] = []
+        self._destroyed = False
         self._K: Any = None  # see K
         self._system: Any = None  # of (31), factorised
         self._iteration: Any = None  # ContactIteration, once there is one
         self._prefix, self._options = petsc_options_prefix, petsc_options
         with self._timed("form compilation"):
-            self._a = [fem.form(form) for form in forms_a]
-            self._L = [fem.form(form) for form in forms_L]
-        self.spaces = [_argument_space(form) for form in forms_a]
+            self._a = [compat.form("a", form) for form in forms_a]
+            self._L = [compat.form("L", form) for form in forms_L]
+        self.spaces = given.spaces
         self.comm = self.spaces[0].mesh.comm
-        for V in self.spaces:
-            check_space(V)
         self._bcs = [[bc for bc in bcs if compat.in_space(bc, V)] for V in self.spaces]
-        if sum(map(len, self._bcs)) != len(bcs):
-            raise ContactInputError("a Dirichlet condition belongs to none of the forms' spaces")
         self._nodal = [
             [load for load in nodal_loads if load.function_space.mesh is V.mesh]
             for V in self.spaces
         ]
-        if sum(map(len, self._nodal)) != len(nodal_loads):
-            raise ContactInputError("a nodal load lives on none of the forms' meshes")
-        for V, loads in zip(self.spaces, self._nodal):
-            wrong = [load.name for load in loads if _layout(load.function_space) != _layout(V)]
-            text = f"nodal load(s) {wrong}: must be Functions of the space of the form"
-            check(self.comm, bool(wrong), text, ContactInputError)
         fixed = [compat.prescribed_values(V, bcs) for V, bcs in zip(self.spaces, self._bcs)]
         self._sizes = [V.dofmap.index_map.size_local * V.mesh.geometry.dim for V in self.spaces]
         fixed = [~np.isnan(values[:n]) for values, n in zip(fixed, self._sizes)]
@@ -132,11 +121,28 @@ class ContactProblem:
         self._assemble_operators()
 
     @property
+    def results(self) -> list[InterfaceResult]:
+        """After ``solve``, an ``InterfaceResult`` per interface, the same on every rank.
+
+        Raises:
+            ContactError: after ``destroy``.
+        """
+        self._check_alive()
+        return self._results
+
+    def _check_alive(self) -> None:
+        if self._destroyed:
+            raise ContactError(
+                "this ContactProblem has been destroyed: take what is needed of it before "
+                "destroy(), or make a new one"
+            )
+
+    @property
     def u(self) -> fem.Function | list[fem.Function]:
         """The displacement of the last ``solve``, as it was returned.
 
         Raises:
-            ContactError: nothing has been solved.
+            ContactError: nothing has been solved, or after ``destroy``.
         """
         if not self.results:
             raise ContactError("there is no displacement yet: call solve() first")
@@ -153,7 +159,11 @@ class ContactProblem:
         """PETSc AIJ of the bodies' stiffness, identity rows and columns at prescribed dofs.
 
         The condensed form uses it up when it is set up; it is assembled anew when asked for.
+
+        Raises:
+            ContactError: after ``destroy``.
         """
+        self._check_alive()
         if self._K is None:
             with self._timed("assembly of K"):
                 blocks = [compat.assemble_matrix(a, b, 1.0) for a, b in zip(self._a, self._bcs)]
@@ -269,8 +279,13 @@ class ContactProblem:
             ContactError: NaN in the load, a system that cannot be solved, a law that does not
                 converge.
         """
-        if not increments >= 1:
-            raise ContactInputError(f"increments={increments!r}: give a number of at least 1")
+        self._check_alive()
+        with collective(self.comm):
+            increments = checks.integer("increments", increments, INCREMENTS, low=1)
+            for interface in self.interfaces:
+                if interface.obstacle is not None:
+                    interface.obstacle.motion(self.spaces[0].mesh.geometry.dim)
+        agree(self.comm, "increments", increments)
         with self._timed("assembly of f"):
             f = self._assemble_load()
         g = self._assemble_gap(f)
@@ -282,7 +297,7 @@ class ContactProblem:
             states = self._iteration and self._iteration.states
             motions = [self._surface_motion(k, u) for k in range(len(self._pairs))]
             gaps = self._gaps(moved=False)
-            self.results = collect_results(self.models, motions, gaps, multiplier, w, states)
+            self._results = collect_results(self.models, motions, gaps, multiplier, w, states)
         for warning in doubts(self.models, self.results, states) if self.comm.rank == 0 else []:
             log.warning(warning)
         self._u = self._functions(u)
@@ -297,17 +312,22 @@ class ContactProblem:
             field: "pressure", "status" or "traction".
 
         Raises:
-            ContactError: nothing has been solved.
+            ContactInputError: no such field, or a folder that cannot be made or written.
+            ContactError: nothing has been solved, or after ``destroy``.
         """
         from dolfinx_llm.output import plot
 
         if not self.results:
             raise ContactError("there is nothing to draw yet: call solve() first")
+        with collective(self.comm):
+            checks.one_of("field", field, plot.FIELDS)
+            folder = checks.path("folder", folder)
         for i, u in enumerate(self._u):
             length = ufl.sqrt(ufl.inner(u, u))
-            plot.bodies(u, length, Path(folder) / f"bodies_{i}.png", label="length of u")
-        for i, result in enumerate(self.results):
-            plot.interface(result, Path(folder) / f"interface_{i}.png", field)
+            plot.bodies(u, length, folder / f"bodies_{i}.png", label="length of u")
+        with collective(self.comm):
+            for i, result in enumerate(self.results if self.comm.rank == 0 else []):
+                plot.draw_interface(result, folder / f"interface_{i}.png", field)
 
     def _solve_tied(
         self, f: np.ndarray, g: np.ndarray
@@ -350,7 +370,12 @@ class ContactProblem:
         )
 
     def reset(self) -> None:
-        """Forget the last load steps: contact state, slip and loads."""
+        """Forget the last load steps: contact state, slip and loads.
+
+        Raises:
+            ContactError: after ``destroy``.
+        """
+        self._check_alive()
         if self._iteration is not None:
             self._iteration.forget()
 
@@ -438,31 +463,18 @@ class ContactProblem:
     def destroy(self) -> None:
         """Free the PETSc objects; collective.
 
-        Not left to Python's garbage collector, which runs at another time on every rank: in loops
-        over many problems on several ranks call it when done with each.
+        May be called again. Not left to Python's garbage collector, which runs at another time on
+        every rank: in loops over many problems on several ranks call it when done with each.
         """
         for part in (self._system, self._iteration and self._iteration.backend):
             if part is not None:
                 part.destroy()
         self._system = self._iteration = None
+        self._destroyed = True
         for matrix in (self._K, self.B, self.L_b):
             if matrix is not None:
                 matrix.destroy()
         self._K = None
-
-
-def _layout(V: Any) -> tuple[int, ...]:
-    """Number of this rank's nodes of a space, of a cell's, and of components."""
-    dofmap = V.dofmap
-    return dofmap.index_map.size_local, dofmap.dof_layout.num_dofs, dofmap.index_map_bs
-
-
-def _argument_space(form: ufl.Form) -> Any:
-    """dolfinx function space of a form's trial function."""
-    arguments = form.arguments()
-    if len(arguments) != 2:
-        raise ContactInputError(f"the form a must be bilinear, has {len(arguments)} argument(s)")
-    return arguments[0].ufl_function_space()
 
 
 def _block_diagonal(blocks: list[PETSc.Mat]) -> PETSc.Mat:
