@@ -18,6 +18,7 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.geometry.cells import (
     _joined,
     _on_sides,
@@ -27,7 +28,7 @@ from dolfinx_llm.geometry.cells import (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Location:
     """Points located on a frame: where each lies and how far from it."""
 
@@ -47,7 +48,7 @@ class Quality:
     min_jacobian: float  # smallest corner Jacobian over the cell's mean (1: parallelogram)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Frame:
     """A frame: nodes Y (or the current y = Y + v of (8)) and cells.
 
@@ -140,7 +141,10 @@ class Frame:
         """
         if comm is None:
             return cls(*_read_gmsh(model, physical_group, gdim))
-        data = _read_gmsh(model, physical_group, gdim) if comm.rank == 0 else None
+        data = None
+        with collective(comm):
+            if comm.rank == 0:
+                data = _read_gmsh(model, physical_group, gdim)
         return cls(*comm.bcast(data, root=0))
 
     @property

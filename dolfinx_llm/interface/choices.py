@@ -13,7 +13,7 @@ from dolfinx_llm.laws.law import LAWS, Coulomb, Frictionless, Tied
 DESIGNS = ("auto", "positions", "weights", None)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Interface:
     """Two surfaces in contact. Neither side is preferred; their order does not matter.
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from dolfinx_llm.geometry.pairs import ContactPairs
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Numbering:
     """Global PETSc numbers of unknowns known to every rank: by owner, then in their own order."""
 
@@ -40,7 +40,7 @@ class Numbering:
         return len(self.mine), len(self.owner)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rows:
     """The multipliers of several sides, one after the other: pair by pair, base by base vector."""
 

@@ -283,8 +283,9 @@ class ContactProblem:
             motions = [self._surface_motion(k, u) for k in range(len(self._pairs))]
             gaps = self._gaps(moved=False)
             self.results = collect_results(self.models, motions, gaps, multiplier, w, states)
-        for warning in doubts(self.models, self.results, states) if self.comm.rank == 0 else []:
-            log.warning(warning)
+        for warning in doubts(self.models, self.results, states):  # on all ranks: it may raise
+            if self.comm.rank == 0:
+                log.warning(warning)
         self._u = self._functions(u)
         return self.u
 
