@@ -133,7 +133,9 @@ class Cantilever:
                 free[space][at] = False
                 found.append((x[at], u[at], -r[at]))
             check = self._rigid if model.frame is None else self._frame
-            check(model, result, found, lambda n, v: note(n, v, force), lambda n, v: note(n, v, size))
+            check(
+                model, result, found, lambda n, v: note(n, v, force), lambda n, v: note(n, v, size)
+            )
         for (_, _, r), at in zip(bodies, free, strict=True):
             note("free nodes", np.abs(r[at]), force)
         return worst
