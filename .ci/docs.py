@@ -21,7 +21,8 @@ MODULES = {
     "dolfinx_llm.problem": (),  # pages that stand beside the code
     "dolfinx_llm.base": (),
     "dolfinx_llm.contact.results": ("InterfaceResult", "SideResult"),
-    "dolfinx_llm.geometry.frame": ("Frame", "Location", "Quality"),
+    "dolfinx_llm.geometry.frame": ("Frame", "Quality"),
+    "dolfinx_llm.geometry.location": ("Location",),
     "dolfinx_llm.interface.choices": ("Interface",),
     "dolfinx_llm.interface.certificate": ("Certificate",),
     "dolfinx_llm.interface.geometry": ("ContactModel",),

@@ -6,7 +6,7 @@ by position, ties by the mesh's input numbering; facets by their nodes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,15 +17,29 @@ from dolfinx_llm.base.parallel import check, collective, gather_rows
 from dolfinx_llm.geometry.cells import vector_areas
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Surface:
     """Tagged surface of one body."""
 
-    x: np.ndarray  # (n, gdim) node positions X [length]
+    x: np.ndarray  # (n, gdim) node positions now [length]
     facets: np.ndarray  # (m, k) nodes of each facet; vector areas point out of the body
     dofs: np.ndarray  # (n,) global number of each node's block of dofs in its function space
     owner: np.ndarray  # (n,) rank that owns the node
     name: str  # for messages: "tag 3"
+    drawn: np.ndarray | None = None  # (n, gdim) node positions as drawn; None: x [length]
+
+    @property
+    def X(self) -> np.ndarray:
+        """(n, gdim) node positions as drawn [length]."""
+        return self.x if self.drawn is None else self.drawn
+
+    def moved(self, u: np.ndarray) -> Surface:
+        """The surface at x = X + u; nothing is gathered anew.
+
+        Args:
+            u: (n, gdim) displacement since the drawing [length].
+        """
+        return replace(self, x=self.X + u, drawn=self.X)
 
     @property
     def normal(self) -> np.ndarray:

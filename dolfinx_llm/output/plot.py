@@ -138,9 +138,9 @@ def _check_line(line: Any) -> None:
     checks.instance("lines: label", label, str, LINES)
     checks.instance("lines: style", style, str, 'give a style of Matplotlib such as "C0o-"')
     try:
-        from matplotlib.axes._base import _process_plot_format
+        from matplotlib.figure import Figure
 
-        _process_plot_format(style)
+        Figure().add_subplot().plot([], [], style)
     except ValueError:
         checks.refuse("lines: style", style, 'give a style of Matplotlib such as "C0o-"')
     x, y = (np.asarray(values) for values in xy)

@@ -376,9 +376,10 @@ class LoadSteps:
             own.x.array[:] = u.x.array
             file.write(time)
         with collective(comm):
-            for i, result in enumerate(self._problem.results if comm.rank == 0 else []):
-                folder = self._folder / f"interface_{i}"
-                _write_parts(folder, interface_fields(result), time, append=self._steps > 0)
+            for i, result in enumerate(self._problem.results):
+                parts, folder = interface_fields(result), self._folder / f"interface_{i}"
+                if comm.rank == 0:
+                    _write_parts(folder, parts, time, append=self._steps > 0)
         self._steps += 1
 
     def close(self) -> None:

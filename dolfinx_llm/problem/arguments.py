@@ -37,6 +37,7 @@ INTERFACES = "give at least one Interface, or a list of them"
 class Arguments:
     """Arguments of a problem that fit each other."""
 
+    several: bool  # forms came as sequences
     a: list[ufl.Form]  # bilinear, one per mesh
     L: list[ufl.Form]  # linear, in the order of a
     spaces: list[Any]  # function space of each
@@ -76,6 +77,7 @@ def problem_arguments(
     with collective(comm):
         loads = _in_order(forms, spaces, _forms(1, L))
         given = Arguments(
+            isinstance(a, (list, tuple)),
             forms,
             loads,
             spaces,
