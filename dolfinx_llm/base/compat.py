@@ -90,6 +90,11 @@ def in_space(bc: Any, V: Any) -> bool:
     return bc.function_space == space or space.contains(bc.function_space)
 
 
+def same_space(V: Any, W: Any) -> bool:
+    """Whether two function spaces are one."""
+    return V is W or V._cpp_object == W._cpp_object
+
+
 def form(name: str, ufl_form: Any) -> Any:
     """Compiled form.
 

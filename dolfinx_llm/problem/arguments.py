@@ -177,7 +177,7 @@ def _space_of(argument: Any) -> Any:
 
 def _space(form: ufl.Form) -> Any:
     test, trial = (_space_of(argument) for argument in form.arguments())
-    if test is not trial and test._cpp_object != trial._cpp_object:
+    if not compat.same_space(test, trial):
         raise ContactInputError(
             "the form a has test and trial functions of two spaces: take both of one space"
         )
