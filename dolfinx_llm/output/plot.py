@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import ufl
 from dolfinx.fem import Function
 from dolfinx.mesh import exterior_facet_indices
+from mpi4py import MPI
 from ufl.core.expr import Expr
 
 from dolfinx_llm.base import checks, compat
@@ -24,7 +26,7 @@ from dolfinx_llm.geometry.overlap_flat import Plane, orthonormal_base
 from dolfinx_llm.geometry.surface import facet_corners
 from dolfinx_llm.output import post, render
 from dolfinx_llm.output.render import Scene
-from dolfinx_llm.output.writing import writable_file, writing
+from dolfinx_llm.output.writing import writable_file, writable_folder, writing
 
 FIELDS = ("pressure", "status", "traction")  # of an interface
 PICTURES = (".png", ".pdf", ".svg")
@@ -152,8 +154,6 @@ def _check_line(line: Any) -> None:
 
 
 def _on_root() -> bool:
-    from mpi4py import MPI
-
     return MPI.COMM_WORLD.rank == 0
 
 
@@ -201,6 +201,36 @@ def bodies(
     with collective(comm):
         if gathered is not None:
             _draw_bodies(gathered, label, scale, path)
+
+
+def pictures(
+    comm: MPI.Comm,
+    u: Sequence[Function],
+    results: Sequence[InterfaceResult],
+    folder: str | Path,
+    field: str = "pressure",
+) -> None:
+    """What ``ContactProblem.plot`` draws; collective.
+
+    Args:
+        comm: MPI communicator.
+        u: displacement of each mesh.
+        results: of each interface.
+        folder: where the pictures go; it is made.
+        field: of ``interface``.
+
+    Raises:
+        ContactInputError: no such field, or a folder that cannot be written; on all ranks.
+    """
+    with collective(comm):
+        checks.one_of("field", field, FIELDS)
+        place = writable_folder("folder", folder)
+    for i, motion in enumerate(u):
+        length = ufl.sqrt(ufl.inner(motion, motion))
+        bodies(motion, length, place / f"bodies_{i}.png", label="length of u")
+    with collective(comm):
+        for i, result in enumerate(results if comm.rank == 0 else []):
+            draw_interface(result, place / f"interface_{i}.png", field)
 
 
 def _draw_bodies(gathered: list[Any], label: str, scale: float | None, path: str | Path) -> None:

@@ -95,6 +95,30 @@ def problem_arguments(
     return given
 
 
+def step_arguments(comm: MPI.Comm, increments: Any, interfaces: Sequence[Interface]) -> int:
+    """Check what ``ContactProblem.solve`` is given, and where obstacles are now; collective.
+
+    Args:
+        comm: MPI communicator.
+        increments: as given.
+        interfaces: of the problem.
+
+    Returns:
+        The number of increments.
+
+    Raises:
+        ContactInputError: no integer of at least 1, or displacements of obstacles that are no
+            finite vectors; on all ranks.
+    """
+    with collective(comm):
+        parts = checks.integer("increments", increments, "give an integer of at least 1", low=1)
+        obstacles = [i.obstacle for i in interfaces if i.obstacle is not None]
+        motions = [obstacle.motion(obstacle.gdim).tolist() for obstacle in obstacles]
+    agree(comm, "increments", parts)
+    agree(comm, "the obstacles' displacements", motions)
+    return parts
+
+
 def check_petsc_options(options: Any, prefix: Any = "") -> None:
     """Require PETSc options in the form of a dict, and a prefix.
 

@@ -11,9 +11,8 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from dolfinx_llm.base import checks
+from dolfinx_llm.base.destroyed import Destroyed
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.doubts import doubts
 from dolfinx_llm.contact.results import InterfaceResult, collect_results
@@ -24,13 +23,11 @@ from dolfinx_llm.interface.build import build_model
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.system import ContactOperators
-from dolfinx_llm.problem.arguments import problem_arguments
+from dolfinx_llm.problem.arguments import problem_arguments, step_arguments
 from dolfinx_llm.problem.bulk import LinearBulk
 from dolfinx_llm.problem.methods import LawMethod, Setting, TiedMethod, method_of
 
 log = logging.getLogger("dolfinx_llm")
-
-INCREMENTS = "give an integer of at least 1"
 
 
 class ContactProblem:
@@ -85,8 +82,7 @@ class ContactProblem:
         self.petsc_options_prefix, self.petsc_options = petsc_options_prefix, petsc_options
         self.times = StageTimes()
         self.history: list[dict] = []
-        self._results: list[InterfaceResult] = []
-        self._destroyed = False
+        self.results: list[InterfaceResult] = []
         self.method: TiedMethod | LawMethod | None = None
         self.bulk = LinearBulk(given, self.times)
         self.spaces, self.comm = self.bulk.spaces, self.bulk.comm
@@ -95,23 +91,6 @@ class ContactProblem:
             self.times.add(model.times)
         self.operators = ContactOperators(self.models, self.bulk.dofs, self.K, self.times)
         self.form, self._why = choose_solver(solver, self.K, self.operators)
-
-    @property
-    def results(self) -> list[InterfaceResult]:
-        """After ``solve``, an ``InterfaceResult`` per interface, the same on every rank.
-
-        Raises:
-            ContactError: after ``destroy``.
-        """
-        self._check_alive()
-        return self._results
-
-    def _check_alive(self) -> None:
-        if self._destroyed:
-            raise ContactError(
-                "this ContactProblem has been destroyed: take what is needed of it before "
-                "destroy(), or make a new one"
-            )
 
     @property
     def u(self) -> fem.Function | list[fem.Function]:
@@ -130,19 +109,16 @@ class ContactProblem:
 
         The condensed form uses it up when it is set up; it is assembled anew when asked for.
         """
-        self._check_alive()
         return self.bulk.K
 
     @property
     def B(self) -> PETSc.Mat:
         """PETSc AIJ of (31), a column per multiplier."""
-        self._check_alive()
         return self.operators.B
 
     @property
     def L_b(self) -> PETSc.Mat:
         """PETSc AIJ of (31), a row per multiplier, a column per frame unknown."""
-        self._check_alive()
         return self.operators.L_b
 
     @property
@@ -178,13 +154,7 @@ class ContactProblem:
             ContactError: NaN in the load, a system that cannot be solved, a law that does not
                 converge.
         """
-        self._check_alive()
-        with collective(self.comm):
-            increments = checks.integer("increments", increments, INCREMENTS, low=1)
-            for interface in self.interfaces:
-                if interface.obstacle is not None:
-                    interface.obstacle.motion(self.spaces[0].mesh.geometry.dim)
-        agree(self.comm, "increments", increments)
+        increments = step_arguments(self.comm, increments, self.interfaces)
         with self.times.timed("assembly of f"):
             f = self.bulk.load()
         if self.method is None:
@@ -194,7 +164,7 @@ class ContactProblem:
         self.history = self.method.history
         with self.times.timed("results"):
             states = self.method.states
-            self._results = collect_results(self.operators, u, multiplier, w, states)
+            self.results = collect_results(self.operators, u, multiplier, w, states)
         for warning in doubts(self.models, self.results, states):  # on all ranks: it may raise
             if self.comm.rank == 0:
                 log.warning(warning)
@@ -217,15 +187,7 @@ class ContactProblem:
 
         if not self.results:
             raise ContactError("there is nothing to draw yet: call solve() first")
-        with collective(self.comm):
-            checks.one_of("field", field, plot.FIELDS)
-            folder = checks.path("folder", folder)
-        for i, u in enumerate(self._u):
-            length = ufl.sqrt(ufl.inner(u, u))
-            plot.bodies(u, length, folder / f"bodies_{i}.png", label="length of u")
-        with collective(self.comm):
-            for i, result in enumerate(self.results if self.comm.rank == 0 else []):
-                plot.draw_interface(result, folder / f"interface_{i}.png", field)
+        plot.pictures(self.comm, self._u, self.results, folder, field)
 
     def reset(self) -> None:
         """Forget the last load steps: contact state, slip and loads.
@@ -233,7 +195,6 @@ class ContactProblem:
         Raises:
             ContactError: after ``destroy``.
         """
-        self._check_alive()
         if self.method is not None:
             self.method.reset()
 
@@ -257,9 +218,8 @@ class ContactProblem:
         May be called again. Not left to Python's garbage collector, which runs at another time on
         every rank: in loops over many problems on several ranks call it when done with each.
         """
-        self._destroyed = True
-        if self.method is not None:
-            self.method.destroy()
-        self.method = None
-        self.operators.destroy()
-        self.bulk.destroy()
+        for part in (self.method, self.operators, self.bulk):
+            if not (part is None or isinstance(part, Destroyed)):
+                part.destroy()
+        gone: Any = Destroyed("this ContactProblem")
+        self.method = self.operators = self.bulk = self.results = gone
