@@ -61,17 +61,17 @@ class Obstacle:
     # (gdim,) motion since the drawing [length]; may be set anew before every solve
     displacement: np.ndarray | None = field(default=None, kw_only=True)
 
-    def motion(self, gdim: int) -> np.ndarray:
+    def motion(self, gdim: int | None) -> np.ndarray:
         """(gdim,) the displacement [length], zeros where none is set.
 
         Args:
-            gdim: dimension of the space, 2 or 3.
+            gdim: dimension of the space, 2 or 3; None: whatever the displacement has.
 
         Raises:
             ContactInputError: another size, or values that are not finite.
         """
         if self.displacement is None:
-            return np.zeros(gdim)
+            return np.zeros(gdim or 0)
         return _vector("displacement", self.displacement, gdim)
 
     def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
