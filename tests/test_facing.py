@@ -66,6 +66,15 @@ def test_whole_boxes_face_with_top_and_bottom(gap, thin):
     assert len(high.facets) == 25 and 9 <= len(low.facets) <= 49
 
 
+def test_nothing_faces():
+    """Side by side, and the same way."""
+    one = box((0, 0, 0), (1, 1, 1), 3)
+    top = one.part(np.flatnonzero((one.x[one.facets][..., 2] == 1.0).all(axis=1)))
+    for other in (turned(one, np.eye(3), [1.5, 0.0, 0.9]).part([0]), turned(top, np.eye(3), 0.2)):
+        facing, _ = found((top, other))
+        assert not len(facing[0].facets) and not len(facing[1].facets)
+
+
 @pytest.mark.parametrize("seed", [3, 5, 7])
 def test_the_same_facets_in_any_orientation(seed):
     """Boxes and balls, turned and shifted: the same facets, planes that turn with them."""

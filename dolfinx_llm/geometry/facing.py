@@ -77,7 +77,7 @@ def facing_facets(
         found.append(_Search(all_facets[k], all_facets[1 - k], depth).partners(distance))
     nearest = min(gap.min(initial=np.inf) for _, gap in found)
     limit = nearest + BEYOND * min(f.reach for f in all_facets)
-    keep = [np.flatnonzero(gap <= limit) for _, gap in found]
+    keep = [np.flatnonzero(np.isfinite(gap) & (gap <= limit)) for _, gap in found]
     out = []
     for k in (0, 1):  # what lies behind another part of the other body cannot be touched
         (partner, gap), (_, other) = found[k], found[1 - k]
