@@ -57,7 +57,7 @@ def one(seed, variants):
     }
     for name, variant in posed.items():
         try:
-            difference = scenes.differences(scenes.solve(scene, variant), answers)
+            difference = scenes.differences(scenes.solve(scene, variant), answers, scene)
         except Exception as error:
             out["variants"][name] = f"{type(error).__name__}: {error}"[:300]
             continue

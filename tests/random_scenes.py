@@ -607,12 +607,15 @@ def solve(scene, variant=None, comm=MPI.COMM_SELF, watch=None):
     return answers
 
 
-def differences(found, known):
-    """Largest relative differences of u and forces over all steps."""
+def differences(found, known, scene):
+    """Largest relative differences of forces and u over all steps; of u also what of it exceeds
+    the motion that rounding leaves to a body on weak springs."""
     size_u = max(np.abs(a.u).max() for a in known)
-    size_f = max([np.abs(f).max() for a in known for f in a.force] + [1e-300])
-    du = max(np.abs(a.u - b.u).max() for a, b in zip(found, known, strict=True))
-    df = max(
-        np.abs(f - g).max() for a, b in zip(found, known, strict=True) for f, g in zip(a.force, b.force)
-    )
-    return {"u": du / size_u, "force": df / size_f}
+    least = 1e-3 * size_u * min(b.E for b in scene.bodies)  # nothing touches: rounding
+    size_f = max([np.abs(f).max() for a in known for f in a.force] + [least])
+    steps = list(zip(found, known, strict=True))
+    du = max(np.abs(a.u - b.u).max() for a, b in steps)
+    df = max(np.abs(f - g).max() for a, b in steps for f, g in zip(a.force, b.force, strict=True))
+    weakest = min([b.spring for b in scene.bodies if b.spring], default=1.0)
+    ratio = max(b.E for b in scene.bodies) / min(b.E for b in scene.bodies)
+    return {"u": du / size_u, "force": df / size_f, "allowed u": 1e-14 * ratio / weakest}

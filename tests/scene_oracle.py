@@ -37,9 +37,9 @@ class Oracle:
         self.worst = {}
         R, noise = self.residual()
         self.noise = noise
-        F = max(np.abs(R).max(), self.largest)
-        self.largest = max(self.largest, F)
-        self.F, self.U = F, max(np.abs(answer.u).max(), self.U)
+        self.U = max(np.abs(answer.u).max(), self.U)
+        least = 1e-3 * self.U * min(b.E for b in self.scene.bodies)  # nothing touches: rounding
+        self.F = self.largest = max(np.abs(R).max(), self.largest, least)
         self.free_nodes(R, answer)
         self.conditions(answer)
         for i, contact in enumerate(self.scene.contacts):
