@@ -67,6 +67,7 @@ class Scene:
     length: float  # unit of length
     modulus: float  # unit of E
     Q: np.ndarray  # rotation in which it is posed
+    walls: str = ""  # lateral motion prescribed: "faces" (of all bodies' lateral faces), "all" nodes
     radius: float = 0.0  # of the arch that the scene is bent to; 0: flat
     notes: list = field(default_factory=list)
 
@@ -81,7 +82,7 @@ class Scene:
         return (
             f"seed {self.seed}: {self.gdim}D, {self.solver}, base {self.base}, load {self.load}, "
             f"length {self.length:.1e}, modulus {self.modulus:.1e}, one mesh {self.one_mesh}, "
-            f"radius {self.radius:g}\n  " + "\n  ".join(bodies + laws + ["steps " + " ".join(steps)])
+            f"radius {self.radius:g} walls {self.walls}\n  " + "\n  ".join(bodies + laws + ["steps " + " ".join(steps)])
         )
 
 
@@ -103,6 +104,16 @@ def rotation(rng, gdim):
     Q = Q * np.sign(np.diag(R))
     Q[:, 0] *= np.sign(np.linalg.det(Q))
     return Q
+
+
+def _axes(Q):
+    """Signed permutation near an orthogonal matrix."""
+    out, rest = np.zeros_like(Q), np.abs(Q)
+    for _ in Q:
+        i, j = np.unravel_index(rest.argmax(), rest.shape)
+        out[i, j] = np.sign(Q[i, j])
+        rest[i], rest[:, j] = -1.0, -1.0
+    return out
 
 
 def draw(seed):
@@ -132,7 +143,18 @@ def draw(seed):
     _obstacles(scene, rng, layout)
     _springs(scene, rng, layout)
     _steps(scene, rng)
+    if seed % 8 == 5 and not scene.radius:
+        _walls(scene, np.random.default_rng([seed, 99]))
     return scene
+
+
+def _walls(scene, rng):
+    """Lateral supports of all bodies, which end at the interfaces from both sides."""
+    scene.walls = str(rng.choice(["faces", "all"]))
+    scene.Q = np.eye(scene.gdim)
+    scene.steps = [(down, 0.0 * drag, 0.0, force) for down, drag, _, force in scene.steps]
+    for body in scene.bodies:
+        body.shift = 0.0 * body.shift if scene.walls == "faces" else body.shift
 
 
 def _law(rng, tied=0.3):
@@ -332,7 +354,7 @@ class Posed:
     obstacles: list
     problem: object = None
     faces: dict = field(default_factory=dict)  # facet tag: (mesh, dofs of its nodes)
-    held: dict = field(default_factory=dict)  # (mesh) -> dofs prescribed in all components
+    held: object = None  # (all nodes, gdim) whether the scene's components are prescribed
 
     def vector(self, v):
         """Vector of the scene, posed."""
@@ -392,6 +414,8 @@ def pose(scene, variant=None, comm=MPI.COMM_SELF):
     variant = variant or Variant()
     gdim = scene.gdim
     Q = scene.Q if variant.turn is None else np.asarray(variant.turn) @ scene.Q
+    if scene.walls:  # which are components: the axes that are nearest
+        Q = _axes(Q)
     length, modulus = scene.length * variant.length, scene.modulus * variant.modulus
     rng = np.random.default_rng([scene.seed, 7])
     grids = [_grid(body, k, rng) for k, body in enumerate(scene.bodies)]
@@ -424,7 +448,7 @@ def pose(scene, variant=None, comm=MPI.COMM_SELF):
         of_dof = np.zeros(V.dofmap.index_map.size_local + V.dofmap.index_map.num_ghosts, int)
         of_dof[dofs.ravel()] = given[nodes.ravel()]
         tags.append(_tags(domain, scene, group, posed, len(tags)))
-        reached.append(_held(V, scene, group))
+        reached.append(_held(V, scene, group, posed.Q))
         posed.spaces.append(V)
         posed.nodes.append(of_dof)
         domain.geometry.x[:, :gdim] = length * x_scene[given] @ Q.T
@@ -453,8 +477,9 @@ def _tags(domain, scene, group, posed, index):
     return mesh.meshtags(domain, gdim - 1, facets[order].astype(np.int32), values[order])
 
 
-def _held(V, scene, group):
-    """Dofs of the clamped base and of the top that is moved, found in the reference positions."""
+def _held(V, scene, group, Q):
+    """Dofs of the clamped base, of the top that is moved and of walls, found in the reference
+    positions."""
     held = {}
     if scene.base == "clamped" and 0 in group:
         held["base"] = fem.locate_dofs_geometrical(V, lambda p: np.isclose(p[scene.gdim - 1], 0.0))
@@ -462,6 +487,14 @@ def _held(V, scene, group):
     if scene.load == "motion" and last in group:
         top = APART * last + 1.0
         held["top"] = fem.locate_dofs_geometrical(V, lambda p: np.isclose(p[scene.gdim - 1], top))
+    for j in range(scene.gdim - 1) if scene.walls else ():
+        c = int(np.abs(Q[:, j]).argmax())  # walls: Q permutes the axes
+        Vc, _ = V.sub(c).collapse()
+
+        def wall(p, j=j):
+            return np.isclose(np.abs(p[j]), 1.0) | (scene.walls == "all")
+
+        held[j, c] = fem.locate_dofs_geometrical((V.sub(c), Vc), wall), Vc
     return held
 
 
@@ -500,11 +533,17 @@ def _forms(V, domain, scene, group, posed, tags, given):
 
 
 def _conditions(scene, posed, reached):
-    for i, (V, held) in enumerate(zip(posed.spaces, reached, strict=True)):
+    posed.held = np.zeros(posed.x.shape, dtype=bool)
+    for V, nodes, held in zip(posed.spaces, posed.nodes, reached, strict=True):
         for name, dofs in held.items():
+            if isinstance(name, tuple):
+                dofs, Vc = dofs
+                posed.bcs.append(fem.dirichletbc(fem.Function(Vc), dofs, V.sub(name[1])))
+                posed.held[nodes[dofs[0] // scene.gdim], name[0]] = True
+                continue
             value = fem.Function(V)
             posed.bcs.append(fem.dirichletbc(value, dofs))
-            posed.held[i] = np.concatenate([posed.held.get(i, dofs[:0]), dofs])
+            posed.held[nodes[dofs]] = True
             if name == "top":
                 posed.motion = value
 

@@ -68,33 +68,24 @@ class Oracle:
             noise[nodes] = 50 * EPS * rough / self.unit
         return R, noise
 
-    def held_nodes(self):
-        held = np.zeros(len(self.posed.x), dtype=bool)
-        for i, dofs in self.posed.held.items():
-            held[self.posed.nodes[i][dofs]] = True
-        return held
-
     def free_nodes(self, R, answer):
         """Equilibrium: R is what the interfaces report, nothing elsewhere."""
-        held = self.held_nodes()
         total = sum(answer.force, np.zeros_like(R))
-        touched = np.zeros(len(R), dtype=bool)
-        for part in answer.part:
-            touched |= part
-        off = np.abs(R).max(axis=1)
-        self.note("free", (off / self.F)[~held & ~touched], (self.noise / self.F)[~held & ~touched])
-        miss = np.abs(R + total).max(axis=1)
-        on = ~held & touched
-        self.note("reaction", (miss / self.F)[on], (self.noise / self.F)[on])
+        touched = np.any(answer.part, axis=0)
+        noise = self.noise / self.F
+        off = np.where(self.posed.held, 0.0, np.abs(R)).max(axis=1) / self.F
+        self.note("free", off[~touched], noise[~touched])
+        miss = np.where(self.posed.held, 0.0, np.abs(R + total)).max(axis=1) / self.F
+        self.note("reaction", miss[touched], noise[touched])
 
     def conditions(self, answer):
         """Prescribed displacements."""
         posed, gdim = self.posed, self.gdim
         down, drag, turn, _ = self.scene.steps[self.step - 1]
         last = len(self.scene.bodies) - 1
-        held = self.held_nodes()
+        held = posed.held
         known = np.zeros_like(posed.x)
-        top = held & (posed.body == last) & (self.scene.load == "motion")
+        top = held.all(axis=1) & (posed.body == last) & (self.scene.load == "motion")
         if last == 0 and self.scene.base == "clamped":
             top &= posed.x[:, -1] > self.scene.bodies[0].low + 0.25
         known[top, :-1] = drag
@@ -113,13 +104,13 @@ class Oracle:
             faces = faces[::-1]
         at = [scenes.face_nodes(posed, face, s.x) for face, s in zip(faces, sides, strict=True)]
         # The forces, by the residual where nothing else acts at the node.
-        held = self.held_nodes()
+        held = posed.held
         count = np.sum(answer.part, axis=0)
         forces, normals = [], []
         for nodes, s in zip(at, sides, strict=True):
             own = s.force @ posed.Q / self.unit
-            alone = ~held[nodes] & (count[nodes] <= 1)
-            forces.append(np.where(alone[:, None], -R[nodes], own))
+            alone = ~held[nodes] & (count[nodes] <= 1)[:, None]
+            forces.append(np.where(alone, -R[nodes], own))
             normals.append(s.normal @ posed.Q)
         noise = [self.noise[n] / self.F for n in at]
         noisy = float(sum(n.sum() for n in noise))
@@ -150,9 +141,8 @@ class Oracle:
             if opens or law.close_gap:
                 jump = jump + drawn
             if not opens:
-                known = np.zeros_like(jump)
                 free = ~held[nodes]
-                self.note("tied jump", np.abs(jump - known)[free].max(initial=0.0) / self.U)
+                self.note("tied jump", np.abs(jump)[free].max(initial=0.0) / self.U)
                 continue
             gap = -np.einsum("ni,ni->n", jump, n)
             gaps.append(gap)
@@ -222,7 +212,7 @@ class Oracle:
             down, drag, _, _ = self.scene.steps[self.step - 1]
             motion = np.append(drag, -down)
         jump = answer.u[nodes] - motion
-        held = self.held_nodes()[nodes]
+        held = posed.held[nodes]
         if isinstance(law, llm.Tied):
             if law.close_gap:
                 jump = jump - clearance[:, None] * into
