@@ -53,6 +53,25 @@ def test_picture_of_the_rooms_shows_the_imports():
     assert drawn == found, "draw: " + ", ".join(f"{a} --> {b}" for a, b in sorted(found))
 
 
+def test_what_holds_arrays_is_compared_by_identity():
+    """Equality of arrays is an array: to ask for it in a list raises where it has several parts."""
+    held = "ndarray", "csr_matrix", "Array", "Frame", "Surface", "ContactPairs", "InterfaceState"
+    wrong, seen = [], 0
+    for path in sorted(PACKAGE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if not isinstance(node, ast.ClassDef):
+                continue
+            made = [ast.unparse(d) for d in node.decorator_list]
+            fields = [ast.unparse(b.annotation) for b in node.body if isinstance(b, ast.AnnAssign)]
+            if any(d.startswith("dataclass") for d in made) and any(
+                word in field for word in held for field in fields
+            ):
+                seen += 1
+                if not any("eq=False" in d for d in made):
+                    wrong.append(f"{path.relative_to(PACKAGE)}: {node.name}")
+    assert seen > 20 and not wrong
+
+
 OWN = ("self", "cls")
 THEIRS = {  # dolfinx's, which this one module knows; imports that are still to go
     "base/compat.py": {"_cpp_object"},

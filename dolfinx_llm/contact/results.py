@@ -22,7 +22,7 @@ from dolfinx_llm.operators.system import ContactOperators
 WEAK = 1e-3  # of a frame node's mean support: what draws its tangential motion to the mean
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SideResult:
     """One side of an interface; n nodes in contact, sorted by position."""
 
@@ -43,7 +43,7 @@ class SideResult:
         return self.force - self.normal_force[:, None] * self.normal
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class InterfaceResult:
     """Result of one interface; against a rigid obstacle the side's nodes take the frame's place."""
 

@@ -17,7 +17,7 @@ LOOSE = 3  # a pair that has closed so often in a load step has no friction of i
 FLOOR = 1e-3  # what pairs without contact add to the support of a frame node
 
 
-@dataclass
+@dataclass(eq=False)
 class InterfaceState:
     """One interface: its place in the vectors of all, and what is in contact.
 
@@ -46,6 +46,7 @@ class InterfaceState:
 
     def __post_init__(self):
         self._N = [p.N for p in self.model.pairs] if self.model.frame is not None else []
+        self.speaker = np.arange(len(self.kappa))
         self._squares = [A.power(2).T.tocsr() for A in self._N or [identity(len(self.rows))]]
         self.forget()
 

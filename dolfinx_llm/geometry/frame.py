@@ -35,7 +35,7 @@ class Quality:
     min_jacobian: float  # smallest corner Jacobian over the cell's mean (1: parallelogram)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Frame:
     """A frame: nodes Y (or the current y = Y + v of (8)) and cells.
 

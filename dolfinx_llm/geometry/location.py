@@ -19,7 +19,7 @@ from dolfinx_llm.geometry.cells import (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Location:
     """Points located on a frame: where each lies and how far from it."""
 
@@ -29,7 +29,7 @@ class Location:
     outside: np.ndarray  # (n,) tangential distance from the cell in units of its size, 0 inside
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ClosestPoints:
     """Finds closest points of cells (n_cells, k) over nodes x (m, gdim) [length]."""
 

@@ -17,7 +17,7 @@ from dolfinx_llm.base.parallel import check, collective, gather_rows
 from dolfinx_llm.geometry.cells import vector_areas
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Surface:
     """Tagged surface of one body."""
 

@@ -18,7 +18,7 @@ SIDES = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Interface:
     """Two surfaces in contact. Neither side is preferred; their order does not matter.
 

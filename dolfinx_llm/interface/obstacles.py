@@ -39,7 +39,7 @@ def _radius(value: float, inside: bool) -> float:
     return checks.number("radius", value, "give a positive, finite number", above=0.0)
 
 
-@dataclass
+@dataclass(eq=False)
 class _Obstacle:
     """What all obstacles share."""
 
@@ -77,7 +77,7 @@ class _Obstacle:
         raise NotImplementedError
 
 
-@dataclass
+@dataclass(eq=False)
 class RigidPlane(_Obstacle):
     """A half-space.
 
@@ -113,7 +113,7 @@ class RigidPlane(_Obstacle):
         return (x - self.point) @ self.normal, np.broadcast_to(-self.normal, x.shape).copy()
 
 
-@dataclass
+@dataclass(eq=False)
 class RigidSphere(_Obstacle):
     """A ball (a disc in 2D), or with ``inside`` a cavity that holds the body.
 
@@ -150,7 +150,7 @@ class RigidSphere(_Obstacle):
         return _round(x - self.centre, self.radius, self.inside)
 
 
-@dataclass
+@dataclass(eq=False)
 class RigidCylinder(_Obstacle):
     """An endless cylinder in 3D, or with ``inside`` a bore that holds the body.
 
@@ -187,7 +187,7 @@ class RigidCylinder(_Obstacle):
         return _round(d - np.outer(d @ self.axis, self.axis), self.radius, self.inside)
 
 
-@dataclass
+@dataclass(eq=False)
 class RigidSurface(_Obstacle):
     """A surface mesh: the closest point counts, with the normal of its cell.
 

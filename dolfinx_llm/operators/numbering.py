@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dolfinx_llm.interface.geometry import ContactModel
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BodyDofs:
     """Numbers of the bodies' dofs in PETSc's vectors: rank by rank, and there mesh by mesh."""
 
@@ -87,7 +87,7 @@ def places(models: Sequence[ContactModel]) -> list[Place]:
     return found
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Numbering:
     """Global PETSc numbers of unknowns known to every rank: by owner, then in their own order."""
 
@@ -112,7 +112,7 @@ class Numbering:
         return len(self.mine), len(self.owner)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rows:
     """The multipliers of several sides, one after the other: pair by pair, base by base vector."""
 

@@ -109,7 +109,7 @@ class _ClassicalForm:
         self.Q.destroy()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Ties:
     """Slave nodes of one interface on their master surface; n nodes, c constraints each."""
 
