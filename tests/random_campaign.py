@@ -20,7 +20,6 @@ sys.path[:0] = [str(Path(__file__).resolve().parent)]
 
 def one(seed, variants):
     """Result of one seed as a dict."""
-    import numpy as np
     import random_scenes as scenes
     import scene_oracle
 
@@ -43,13 +42,10 @@ def one(seed, variants):
     out["kind"] = "violation" if hard else "ok"
     if not variants:
         return out
-    rng = np.random.default_rng([seed, 13])
-    Q = scenes.rotation(rng, scene.gdim)
-    mirror = np.diag([-1.0] + [1.0] * (scene.gdim - 1))
     posed = {
         "again": scenes.Variant(),
-        "turned": scenes.Variant(turn=Q),
-        "mirrored": scenes.Variant(turn=mirror),
+        "turned": scenes.Variant(turn="random"),
+        "mirrored": scenes.Variant(turn="mirror"),
         "swapped": scenes.Variant(swap=True),
         "renumbered": scenes.Variant(renumber=seed),
         "units": scenes.Variant(length=1e3, modulus=1e-5),
@@ -57,7 +53,7 @@ def one(seed, variants):
     }
     for name, variant in posed.items():
         try:
-            difference = scenes.differences(scenes.solve(scene, variant), answers, scene)
+            difference = scenes.differences(scenes.solve(scene, variant.of(scene)), answers, scene)
         except Exception as error:
             out["variants"][name] = f"{type(error).__name__}: {error}"[:300]
             continue

@@ -5,12 +5,13 @@ posed (turned, mirrored, sides swapped, nodes renumbered, other units). Answers 
 brought back to the scene's own nodes and units, so that they can be compared.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
+from scipy.spatial import cKDTree
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -67,7 +68,9 @@ class Scene:
     length: float  # unit of length
     modulus: float  # unit of E
     Q: np.ndarray  # rotation in which it is posed
-    walls: str = ""  # lateral motion prescribed: "faces" (of all bodies' lateral faces), "all" nodes
+    walls: str = (
+        ""  # lateral motion prescribed: "faces" (of all bodies' lateral faces), "all" nodes
+    )
     radius: float = 0.0  # of the arch that the scene is bent to; 0: flat
     notes: list = field(default_factory=list)
 
@@ -78,11 +81,14 @@ class Scene:
             f"E {b.E:.1e} spring {b.spring:.1e}"
             for b in self.bodies
         ]
-        steps = [f"({d:.4f}, {np.round(g, 4).tolist()}, {t:.3f}, {f:.4f})" for d, g, t, f in self.steps]
+        steps = [
+            f"({d:.4f}, {np.round(g, 4).tolist()}, {t:.3f}, {f:.4f})" for d, g, t, f in self.steps
+        ]
         return (
             f"seed {self.seed}: {self.gdim}D, {self.solver}, base {self.base}, load {self.load}, "
             f"length {self.length:.1e}, modulus {self.modulus:.1e}, one mesh {self.one_mesh}, "
-            f"radius {self.radius:g} walls {self.walls}\n  " + "\n  ".join(bodies + laws + ["steps " + " ".join(steps)])
+            f"radius {self.radius:g} walls {self.walls}\n  "
+            + "\n  ".join(bodies + laws + ["steps " + " ".join(steps)])
         )
 
 
@@ -90,12 +96,21 @@ class Scene:
 class Variant:
     """How a scene is posed."""
 
-    turn: object = None  # (gdim, gdim) orthogonal, on top of the scene's own; may mirror
+    turn: object = None  # (gdim, gdim) orthogonal, on top of the scene's own; "random", "mirror"
     swap: bool = False  # sides of all interfaces
     renumber: int = 0  # seed; 0: as drawn
     length: float = 1.0  # units, on top of the scene's own
     modulus: float = 1.0
     solver: str = ""
+
+    def of(self, scene):
+        """With the matrix that ``turn`` names, for this scene."""
+        turn = self.turn
+        if isinstance(turn, str):
+            mirror = np.diag([-1.0] + [1.0] * (scene.gdim - 1))
+            rng = np.random.default_rng([scene.seed, 13])
+            turn = mirror if turn == "mirror" else rotation(rng, scene.gdim)
+        return replace(self, turn=turn)
 
 
 def rotation(rng, gdim):
@@ -121,7 +136,9 @@ def draw(seed):
     rng = np.random.default_rng(seed)
     gdim = int(rng.choice([2, 3], p=[0.6, 0.4]))
     layout = str(rng.choice(["single", "tower", "table"], p=[0.2, 0.55, 0.25]))
-    count = {"single": 1, "tower": int(rng.integers(2, 5)), "table": int(rng.integers(2, 5))}[layout]
+    count = {"single": 1, "tower": int(rng.integers(2, 5)), "table": int(rng.integers(2, 5))}[
+        layout
+    ]
     if gdim == 3:
         count = min(count, 3)
     one_mesh = bool(rng.random() < 0.3)
@@ -168,7 +185,11 @@ def _law(rng, tied=0.3):
 
 def _cells(rng, gdim):
     n = int(rng.integers(2, 9 if gdim == 2 else 5))
-    return (n, int(rng.integers(1, 4))) if gdim == 2 else (n, max(1, n + int(rng.integers(-1, 2))), int(rng.integers(1, 3)))
+    return (
+        (n, int(rng.integers(1, 4)))
+        if gdim == 2
+        else (n, max(1, n + int(rng.integers(-1, 2))), int(rng.integers(1, 3)))
+    )
 
 
 def _bodies(scene, rng, layout, kinds, moduli):
@@ -190,7 +211,16 @@ def _bodies(scene, rng, layout, kinds, moduli):
             half = 0.85 / (count - 1) * float(rng.uniform(0.6, 0.95))
             shift[0] = -1.0 + (2 * k - 1) / (count - 1) if count > 2 else 0.3 * rng.uniform(-1, 1)
         height = float(rng.uniform(0.5, 1.0))
-        body = Body(kinds[k], _cells(rng, gdim), half, shift, level + gap, height, E=float(moduli[k]), jitter=jitter)
+        body = Body(
+            kinds[k],
+            _cells(rng, gdim),
+            half,
+            shift,
+            level + gap,
+            height,
+            E=float(moduli[k]),
+            jitter=jitter,
+        )
         if k and not isinstance(law, llm.Tied) and rng.random() < 0.25:
             body.tilt = float(rng.uniform(-0.03, 0.03))
             body.bulge = float(rng.choice([0.0, 0.05]))
@@ -229,14 +259,18 @@ def _obstacles(scene, rng, layout):
         point = np.zeros(gdim)
         point[:-1] = top.shift
         point[-1] = top.low + top.height + gap
-        kind = str(rng.choice(["plane", "sphere", "cylinder"] if gdim == 3 else ["plane", "sphere"]))
+        kind = str(
+            rng.choice(["plane", "sphere", "cylinder"] if gdim == 3 else ["plane", "sphere"])
+        )
         if kind == "plane":
             press = ("plane", point, -np.eye(gdim)[-1])
         else:
             R = float(rng.uniform(0.7, 4.0))
             point[-1] += R
             press = (kind, point, R)
-        scene.contacts.append(Contact((len(scene.bodies) - 1, TOP), press, _law(rng, 0.15), moves=True))
+        scene.contacts.append(
+            Contact((len(scene.bodies) - 1, TOP), press, _law(rng, 0.15), moves=True)
+        )
 
 
 def _springs(scene, rng, layout):
@@ -254,9 +288,11 @@ def _springs(scene, rng, layout):
             pair = {c.first[0], c.second[0]} if not isinstance(c.second[0], str) else set()
             if pair & held:
                 held |= pair
-    skew = scene.radius > 0 or any(
-        b.tilt or b.bulge or np.any(b.shift) for b in scene.bodies
-    ) or any(isinstance(c.second[0], str) and c.second[0] != "plane" for c in scene.contacts)
+    skew = (
+        scene.radius > 0
+        or any(b.tilt or b.bulge or np.any(b.shift) for b in scene.bodies)
+        or any(isinstance(c.second[0], str) and c.second[0] != "plane" for c in scene.contacts)
+    )
     for k, body in enumerate(scene.bodies):
         if k not in held:
             weakest = -2.0 if skew else -12.0
@@ -293,7 +329,9 @@ def _steps(scene, rng):
 def _grid(body, k, rng):
     """Reference points (body k apart from the others) and cells."""
     gdim = len(body.n)
-    axes = [np.linspace(-1.0, 1.0, n + 1) for n in body.n[:-1]] + [np.linspace(0.0, 1.0, body.n[-1] + 1)]
+    axes = [np.linspace(-1.0, 1.0, n + 1) for n in body.n[:-1]] + [
+        np.linspace(0.0, 1.0, body.n[-1] + 1)
+    ]
     x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     number = np.arange(x[..., 0].size).reshape(x.shape[:-1])
     x = x.reshape(-1, gdim)
@@ -386,7 +424,6 @@ class Posed:
         down, drag, turn, force = step
         gdim, scale = self.scene.gdim, self.length
         if self.motion is not None:
-            V = self.motion.function_space
             mine = self.nodes[self.last_mesh]
             x = self.x[mine]
             move = np.zeros((len(mine), gdim))
@@ -394,7 +431,6 @@ class Posed:
             move[:, -1] = -down + turn * x[:, 0]
             n = len(mine) * gdim
             self.motion.x.array[:n] = (scale * move @ self.Q.T).ravel()[:n]
-            assert V is not None
         if self.force is not None:
             t = np.zeros(gdim)
             t[:-1] = 0.05 * force * np.sign(drag)
@@ -462,7 +498,6 @@ def _tags(domain, scene, group, posed, index):
     gdim = scene.gdim
     found, values = [], []
     for k in group:
-        body = scene.bodies[k]
         for face, axis, at in (
             (BOTTOM, gdim - 1, APART * k), (TOP, gdim - 1, APART * k + 1.0),
         ):  # fmt: skip
@@ -471,7 +506,6 @@ def _tags(domain, scene, group, posed, index):
             )
             found.append(facets)
             values.append(np.full(len(facets), 4 * k + face + 1, dtype=np.int32))
-        assert body.kind
     facets, values = np.concatenate(found), np.concatenate(values)
     order = np.argsort(facets, kind="stable")
     return mesh.meshtags(domain, gdim - 1, facets[order].astype(np.int32), values[order])
@@ -623,8 +657,6 @@ def collect(posed, result=None):
 
 def face_nodes(posed, face, x):
     """Scene's numbers of a face's nodes at positions x (n, gdim) as posed."""
-    from scipy.spatial import cKDTree
-
     mine = np.flatnonzero(posed.body == face[0])
     distance, at = cKDTree(posed.x[mine]).query(x @ posed.Q / posed.length)
     assert distance.max(initial=0.0) < 1e-9, "a side's node that is no node of the body"

@@ -4,8 +4,11 @@ K and f are assembled here by dolfinx, without conditions; the library's own res
 states are only compared with what follows from them. Everything is in the scene's units.
 """
 
-import random_scenes as scenes
+from dataclasses import dataclass
+
+import dolfinx.fem.petsc
 import numpy as np
+import random_scenes as scenes
 from dolfinx import fem
 from scipy.sparse import csr_matrix
 
@@ -49,11 +52,9 @@ class Oracle:
 
     def note(self, name, value, allowed=0.0):
         """Keep the largest violation beyond what rounding allows."""
-        value = np.abs(value) if np.ndim(value) == 0 else np.asarray(value)
-        over = np.max(value - allowed, initial=0.0) if np.size(value) else 0.0
-        if not np.isfinite(over):
-            over = np.inf
-        self.worst[name] = max(self.worst.get(name, 0.0), float(over))
+        over = np.max(np.abs(value) - allowed, initial=0.0)
+        worst = float(over) if np.isfinite(over) else np.inf
+        self.worst[name] = max(self.worst.get(name, 0.0), worst)
 
     def residual(self):
         """K u - f at all nodes (all, gdim), in the scene's directions and units, and its noise."""
@@ -61,7 +62,7 @@ class Oracle:
         functions = posed.problem.u if isinstance(posed.problem.u, list) else [posed.problem.u]
         R, noise = np.zeros_like(posed.x), np.zeros(len(posed.x))
         for K, u, nodes, (_, L) in zip(self.K, functions, posed.nodes, posed.forms, strict=True):
-            f = compat_vector(L)
+            f = load(L)
             r = (K @ u.x.array - f).reshape(-1, gdim)
             R[nodes] = r @ posed.Q / self.unit
             rough = (abs(K) @ np.abs(u.x.array)).reshape(-1, gdim).max(axis=1)
@@ -80,7 +81,7 @@ class Oracle:
 
     def conditions(self, answer):
         """Prescribed displacements."""
-        posed, gdim = self.posed, self.gdim
+        posed = self.posed
         down, drag, turn, _ = self.scene.steps[self.step - 1]
         last = len(self.scene.bodies) - 1
         held = posed.held
@@ -95,162 +96,159 @@ class Oracle:
     def interface(self, i, contact, R, answer):
         """One interface: its forces, gaps, friction."""
         posed, result = self.posed, answer.results[i]
-        model = posed.problem.models[i]
         faces = [contact.first]
         if not isinstance(contact.second[0], str):
             faces.append(contact.second)
-        sides, pairs = list(result.sides), list(model.pairs)
-        if posed.variant.swap and len(sides) == 2:
+        if posed.variant.swap and len(result.sides) == 2:
             faces = faces[::-1]
-        at = [scenes.face_nodes(posed, face, s.x) for face, s in zip(faces, sides, strict=True)]
-        # The forces, by the residual where nothing else acts at the node.
-        held = posed.held
-        count = np.sum(answer.part, axis=0)
-        forces, normals = [], []
-        for nodes, s in zip(at, sides, strict=True):
-            own = s.force @ posed.Q / self.unit
-            alone = ~held[nodes] & (count[nodes] <= 1)[:, None]
-            forces.append(np.where(alone, -R[nodes], own))
-            normals.append(s.normal @ posed.Q)
-        noise = [self.noise[n] / self.F for n in at]
-        noisy = float(sum(n.sum() for n in noise))
-        self.note("unit normals", np.concatenate([np.abs(np.linalg.norm(n, axis=1) - 1) for n in normals]))
-        frame = result.frame
-        if frame is None:
-            self.obstacle(i, contact, at[0], forces[0], normals[0], noise[0], sides[0], answer)
+        sides = [
+            self.side(s, scenes.face_nodes(posed, face, s.x), R, answer)
+            for face, s in zip(faces, result.sides, strict=True)
+        ]
+        for side in sides:
+            self.note("unit normals", np.linalg.norm(side.normal, axis=1) - 1.0)
+        if result.frame is None:
+            self.obstacle(contact, sides[0], answer)
             return
-        total = np.sum([f.sum(axis=0) for f in forces], axis=0)
-        self.note("sum", np.abs(total).max() / self.F, noisy)
-        Y = frame.x @ posed.Q / posed.length
-        v = frame.v @ posed.Q / posed.length
-        flat = not self.scene.radius and np.abs(np.ptp(np.concatenate(normals) * np.concatenate([np.full(len(n), s) for n, s in zip(normals, (1, -1))])[:, None], axis=0)).max() < 1e-9
-        N = [p.N for p in pairs]
-        for M, nodes, n in zip(N, at, normals, strict=True):
-            self.note("partition of unity", np.abs(np.asarray(M.sum(axis=1)).ravel() - 1.0).max())
-            off = posed.x[nodes] - M @ Y
-            off -= np.einsum("ni,ni->n", off, n)[:, None] * n
-            if flat:
-                self.note("linear fields", np.abs(off).max())
-        self.balance(N, forces, Y, flat, noisy)
-        law = contact.law
-        opens = not isinstance(law, llm.Tied)
-        gaps = []
-        for M, nodes, n, s, f, p in zip(N, at, normals, sides, forces, pairs, strict=True):
-            drawn = posed.x[nodes] - M @ Y
-            jump = answer.u[nodes] - M @ v
+        Y, v = (a @ posed.Q / posed.length for a in (result.frame.x, result.frame.v))
+        N = [p.N for p in posed.problem.models[i].pairs]
+        normals = np.concatenate([sides[0].normal, -sides[1].normal])
+        flat = not self.scene.radius and np.ptp(normals, axis=0).max() < 1e-9
+        self.balance(N, sides, Y, flat)
+        law, opens = contact.law, not isinstance(contact.law, llm.Tied)
+        for M, side in zip(N, sides, strict=True):
+            self.rows(M, side, Y, flat)
+            jump = answer.u[side.nodes] - M @ v
             if opens or law.close_gap:
-                jump = jump + drawn
-            if not opens:
-                free = ~held[nodes]
-                self.note("tied jump", np.abs(jump)[free].max(initial=0.0) / self.U)
-                continue
-            gap = -np.einsum("ni,ni->n", jump, n)
-            gaps.append(gap)
-            reported = getattr(s, "frame_gap", None)
-            reported = s.gap if reported is None else reported
-            self.note("gap as reported", np.abs(reported / posed.length - gap).max() / self.U)
-            normal = np.einsum("ni,ni->n", f, n)
-            tangential = f - normal[:, None] * n
-            eps = self.noise[nodes] / self.F
-            self.note("pull", -normal / self.F, eps)
-            self.note("overlap", -gap / self.U)
-            # a pair that is apart carries nothing
-            apart = gap > 1e-8 * self.U
-            self.note("force of open pairs", (np.linalg.norm(f, axis=1) / self.F)[apart], eps[apart])
-            if not getattr(law, "mu", 0.0):
-                self.note("friction without mu", np.linalg.norm(tangential, axis=1) / self.F, eps)
-        if opens and getattr(law, "mu", 0.0):
-            self.friction(law.mu, N, forces, normals, at, result, answer, noisy)
+                jump = jump + posed.x[side.nodes] - M @ Y
+            if opens:
+                gap = -np.einsum("ni,ni->n", jump, side.normal)
+                self.opening(gap, side)
+                if not getattr(law, "mu", 0.0):
+                    tangential = np.linalg.norm(side.tangential, axis=1) / self.F
+                    self.note("friction without mu", tangential, side.noise)
+            else:
+                self.note("tied jump", np.abs(jump)[~posed.held[side.nodes]] / self.U)
+        if getattr(law, "mu", 0.0):
+            self.friction(law.mu, N, sides, result, answer)
 
-    def balance(self, N, forces, Y, flat, noisy):
-        """Forces of both sides cancel at every frame node, and their moments."""
-        at_frame = sum(M.T @ f for M, f in zip(N, forces, strict=True))
-        self.note("frame equilibrium", np.abs(at_frame).max() / self.F, noisy)
+    def side(self, result, nodes, R, answer):
+        """Forces of a side: by K u - f where nothing else acts at the node, else as reported."""
+        posed = self.posed
+        own = result.force @ posed.Q / self.unit
+        others = np.sum(answer.part, axis=0)[nodes] > 1
+        force = np.where(posed.held[nodes] | others[:, None], own, -R[nodes])
+        normal = result.normal @ posed.Q
+        reported = getattr(result, "frame_gap", None)
+        reported = (result.gap if reported is None else reported) / posed.length
+        return Side(nodes, force, normal, self.noise[nodes] / self.F, reported)
+
+    def rows(self, M, side, Y, flat):
+        """Rows of L_b let rigid translations pass, and on flat frames linear fields."""
+        self.note("partition of unity", np.asarray(M.sum(axis=1)).ravel() - 1.0)
+        off = self.posed.x[side.nodes] - M @ Y
+        off -= np.einsum("ni,ni->n", off, side.normal)[:, None] * side.normal
         if flat:
-            middle = Y.mean(axis=0)
-            moment = np.zeros(3)
-            for M, f in zip(N, forces, strict=True):
-                arm = np.zeros((len(f), 3))
-                force = np.zeros((len(f), 3))
-                arm[:, : self.gdim] = M @ Y - middle
-                force[:, : self.gdim] = f
-                moment += np.cross(arm, force).sum(axis=0)
-            self.note("moment", np.abs(moment).max() / self.F, noisy)
+            self.note("linear fields", off)
 
-    def friction(self, mu, N, forces, normals, at, result, answer, noisy):
+    def opening(self, gap, side):
+        """Pairs press and do not overlap; those that are apart carry nothing."""
+        self.note("gap as reported", (side.reported - gap) / self.U)
+        self.note("pull", np.maximum(-side.pressing, 0.0) / self.F, side.noise)
+        self.note("overlap", np.maximum(-gap, 0.0) / self.U)
+        apart = gap > 1e-8 * self.U
+        carried = np.linalg.norm(side.force, axis=1) / self.F
+        self.note("force of open pairs", carried[apart], side.noise[apart])
+
+    def balance(self, N, sides, Y, flat):
+        """Forces of both sides cancel, at every frame node too, and so do their moments."""
+        noisy = sum(side.noise.sum() for side in sides)
+        self.note("sum", sum(side.force.sum(axis=0) for side in sides) / self.F, noisy)
+        at_frame = sum(M.T @ side.force for M, side in zip(N, sides, strict=True))
+        self.note("frame equilibrium", at_frame / self.F, noisy)
+        moment = np.zeros((self.gdim, self.gdim))
+        for M, side in zip(N, sides, strict=True):
+            moment += (M @ Y - Y.mean(axis=0)).T @ side.force
+        if flat:
+            self.note("moment", (moment - moment.T) / self.F, noisy)
+
+    def friction(self, mu, N, sides, result, answer):
         """Coulomb's law in total, at the frame's nodes, and the work of friction."""
-        n_total = t_total = 0.0
-        work = 0.0
-        unit = self.unit
-        for k, (f, n, nodes) in enumerate(zip(forces, normals, at, strict=True)):
-            normal = np.einsum("ni,ni->n", f, n)
-            tangential = f - normal[:, None] * n
-            step = answer.u[nodes] - self.before[nodes]
-            work += np.einsum("ni,ni->", tangential, step)
-            if k == 0:
-                n_total = normal.sum()
-                t_total = np.linalg.norm(tangential.sum(axis=0))
-                N_J = N[0].T @ normal
-                T_J = N[0].T @ tangential
-        self.note("friction in total", (t_total - mu * n_total) / self.F if t_total > mu * n_total else 0.0, noisy)
-        T = np.linalg.norm(result.frame_friction, axis=1) / unit
-        P = result.frame_force / unit
-        self.note("cone as reported", (T - mu * np.maximum(P, 0.0)) / self.F, noisy)
-        own = np.linalg.norm(T_J, axis=1)
-        self.note("(cone at frame nodes)", (own - mu * np.maximum(N_J, 0.0)) / self.F, noisy)
+        noisy = sum(side.noise.sum() for side in sides)
+        first, limit = sides[0], mu * sides[0].pressing.sum()
+        total = np.linalg.norm(first.tangential.sum(axis=0))
+        self.note("friction in total", max(total - limit, 0.0) / self.F, noisy)
+        T = np.linalg.norm(result.frame_friction, axis=1) / self.unit
+        limit = mu * np.maximum(result.frame_force, 0.0) / self.unit
+        self.note("cone as reported", np.maximum(T - limit, 0.0) / self.F, noisy)
         slip = result.frame_status == 2
-        self.note("slip below the limit", ((mu * P - T) / self.F)[slip], noisy)
+        self.note("slip below the limit", np.maximum(limit - T, 0.0)[slip] / self.F, noisy)
+        T = np.linalg.norm(N[0].T @ first.tangential, axis=1)
+        limit = mu * np.maximum(N[0].T @ first.pressing, 0.0)
+        self.note("(cone at frame nodes)", np.maximum(T - limit, 0.0) / self.F, noisy)
+        work = sum(
+            np.sum(side.tangential * (answer.u[side.nodes] - self.before[side.nodes]))
+            for side in sides
+        )
         self.note("(work of friction)", max(-work, 0.0) / (self.F * self.U), noisy)
 
-    def obstacle(self, i, contact, nodes, f, n, noise, side, answer):
+    def obstacle(self, contact, side, answer):
         """A body against a rigid obstacle, by the obstacle's own geometry."""
-        posed, law = self.posed, contact.law
-        clearance, into = rigid_clearance(contact.second, posed.x[nodes])
-        self.note("direction", np.abs(into - n).max())
-        motion = np.zeros(self.gdim)
-        if contact.moves:
-            down, drag, _, _ = self.scene.steps[self.step - 1]
-            motion = np.append(drag, -down)
+        law, nodes = contact.law, side.nodes
+        clearance, into = rigid_clearance(contact.second, self.posed.x[nodes])
+        self.note("direction", into - side.normal)
+        motion, before = self.motion(contact, self.step), self.motion(contact, self.step - 1)
         jump = answer.u[nodes] - motion
-        held = posed.held[nodes]
         if isinstance(law, llm.Tied):
             if law.close_gap:
                 jump = jump - clearance[:, None] * into
-            self.note("tied jump", np.abs(jump)[~held].max(initial=0.0) / self.U)
+            self.note("tied jump", np.abs(jump)[~self.posed.held[nodes]] / self.U)
             return
-        gap = clearance - np.einsum("ni,ni->n", jump, into)
-        reported = getattr(side, "frame_gap", None)
-        reported = side.gap if reported is None else reported
-        self.note("gap as reported", np.abs(reported / posed.length - gap).max() / self.U)
-        normal = np.einsum("ni,ni->n", f, into)
-        tangential = f - normal[:, None] * into
-        T = np.linalg.norm(tangential, axis=1)
-        mu = getattr(law, "mu", 0.0)
-        self.note("pull", -normal / self.F, noise)
-        self.note("overlap", -gap / self.U)
-        apart = gap > 1e-8 * self.U
-        self.note("force of open pairs", (np.linalg.norm(f, axis=1) / self.F)[apart], noise[apart])
-        self.note("cone", (T - mu * np.maximum(normal, 0.0)) / self.F, 2 * noise)
+        self.opening(clearance - np.einsum("ni,ni->n", jump, into), side)
+        T = np.linalg.norm(side.tangential, axis=1)
+        limit = getattr(law, "mu", 0.0) * np.maximum(side.pressing, 0.0)
+        self.note("cone", np.maximum(T - limit, 0.0) / self.F, 2 * side.noise)
         # Slip against the obstacle since the last step, where the node was in contact then.
-        last = np.zeros(self.gdim)
-        if contact.moves and self.step > 1:
-            down, drag, _, _ = self.scene.steps[self.step - 2]
-            last = np.append(drag, -down)
-        slip = (answer.u[nodes] - self.before[nodes]) - (motion - last)
+        was = clearance - np.einsum("ni,ni->n", self.before[nodes] - before, into)
+        both = (was < 1e-9 * self.U) & (side.pressing > 1e-6 * self.F) & (self.step > 1)
+        slip = (answer.u[nodes] - self.before[nodes]) - (motion - before)
         slip -= np.einsum("ni,ni->n", slip, into)[:, None] * into
-        before = clearance - np.einsum("ni,ni->n", self.before[nodes] - last, into)
-        both = (before < 1e-9 * self.U) & (normal > 1e-6 * self.F) & (self.step > 1)
         size = np.linalg.norm(slip, axis=1)
-        inside = both & (T < mu * normal * (1 - 1e-6) - 2 * noise * self.F)
+        inside = both & (limit * (1 - 1e-6) - 2 * side.noise * self.F > T)
         self.note("slip below the limit", (size / self.U)[inside])
-        power = np.einsum("ni,ni->n", tangential, slip)  # force on the obstacle by slip: positive
-        self.note("direction of slip", ((T * size - power) / (self.F * self.U))[both], noise[both])
+        power = np.einsum("ni,ni->n", side.tangential, slip)  # on the obstacle: positive
+        against = (T * size - power) / (self.F * self.U)
+        self.note("direction of slip", against[both], side.noise[both])
+
+    def motion(self, contact, step):
+        """(gdim,) of an obstacle in a step."""
+        if not contact.moves or step < 1:
+            return np.zeros(self.gdim)
+        down, drag, _, _ = self.scene.steps[step - 1]
+        return np.append(drag, -down)
 
 
-def compat_vector(L):
+@dataclass
+class Side:
+    """One side of an interface, in the scene's directions and units."""
+
+    nodes: np.ndarray  # (n,) of the scene
+    force: np.ndarray  # (n, gdim) that the body exerts on the frame
+    normal: np.ndarray  # (n, gdim) out of the body
+    noise: np.ndarray  # (n,) of the forces, relative
+    reported: np.ndarray  # (n,) gap to the frame
+
+    @property
+    def pressing(self):
+        return np.einsum("ni,ni->n", self.force, self.normal)
+
+    @property
+    def tangential(self):
+        return self.force - self.pressing[:, None] * self.normal
+
+
+def load(L):
     """Load of a linear form, this rank's."""
-    import dolfinx.fem.petsc
-
     b = dolfinx.fem.petsc.assemble_vector(fem.form(L))
     values = b.array_r.copy()
     b.destroy()

@@ -16,9 +16,7 @@ for seed in map(int, sys.argv[1:]):
     scene = scenes.draw(seed)
     try:
         answers = scenes.solve(scene, comm=comm)
-        out[seed] = [
-            {"u": a.u.tolist(), "force": [f.tolist() for f in a.force]} for a in answers
-        ]
+        out[seed] = [{"u": a.u.tolist(), "force": [f.tolist() for f in a.force]} for a in answers]
     except llm.ContactError as error:
         out[seed] = str(error)
 if comm.rank == 0:
