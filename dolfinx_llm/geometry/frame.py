@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.errors import ContactInputError
@@ -338,17 +338,49 @@ class Frame:
             xi[beyond] = _on_sides(self.x[self.cells[cell[beyond]]], x[beyond])
         return xi, np.linalg.norm(x - self.evaluate(cell, xi)[1], axis=1)
 
-    def interpolation(self, location: Location) -> csr_matrix:
+    def interpolation(self, location: Location, points: ArrayLike | None = None) -> csr_matrix:
         """(n, m) matrix of the shape functions N_J(xi_p): the scalar L_b before any design.
 
         Args:
             location: of n points, as ``locate`` gives it.
+            points: (n, gdim) these points; then the shape functions of those beyond a node of the
+                outline are the mean of what the cells around it continue theirs to, whichever of
+                these cells comes first.
         """
         n, k = location.N.shape
         cols, begins = self.cells[location.cell], np.arange(0, n * k + 1, k)
         matrix = csr_matrix((location.N.ravel(), cols.ravel(), begins), shape=(n, len(self.x)))
         matrix.sort_indices()
-        return matrix
+        if points is None:
+            return matrix
+        foot = shape_functions(k, location.xi)[0]
+        beyond = np.flatnonzero((location.outside > 0.0) & (foot.max(axis=1) > 1.0 - 1e-9))
+        if not len(beyond):
+            return matrix
+        at = cols[beyond, foot[beyond].argmax(axis=1)]
+        mean = self._continued(at, np.asarray(points, dtype=np.float64)[beyond])
+        keep, put = np.ones(n), csr_matrix((np.ones(len(beyond)), (beyond, np.arange(len(beyond)))),
+                                           (n, len(beyond)))  # fmt: skip
+        keep[beyond] = 0.0
+        matrix = diags(keep) @ matrix
+        matrix.eliminate_zeros()
+        return (matrix + put @ mean).tocsr()
+
+    def _continued(self, node: np.ndarray, x: np.ndarray) -> csr_matrix:
+        """(n, m) mean over the cells around each node of their shape functions continued to x."""
+        k = self.cells.shape[1]
+        corner = {2: [[0.0], [1.0]], 3: [[0, 0], [1, 0], [0, 1]], 4: [[-1, -1], [1, -1], [1, 1], [-1, 1]]}
+        order = np.argsort(self.cells, axis=None, kind="stable")
+        first, last = (np.searchsorted(self.cells.ravel()[order], node, side) for side in ("left", "right"))
+        row = np.repeat(np.arange(len(node)), last - first)
+        flat = order[np.arange(len(row)) + np.repeat(first - np.cumsum(last - first), last - first)
+                     + np.repeat(last - first, last - first)]
+        cell, xi = flat // k, np.array(corner[k], dtype=float)[flat % k]
+        N, dN = shape_functions(k, xi)
+        N = N + np.einsum("nkd,nd->nk", dN, self._step(x[row], cell, xi)[0])
+        share = N / np.bincount(row, minlength=len(x))[row][:, None]
+        index = np.repeat(row, k), self.cells[cell].ravel()
+        return csr_matrix((share.ravel(), index), shape=(len(x), len(self.x)))
 
 
 def _read_gmsh(model: Any, physical_group: int, gdim: int) -> tuple[np.ndarray, np.ndarray]:
