@@ -178,6 +178,23 @@ def quadrature_points(mesh: Any, degree: int) -> np.ndarray:
     return basix.make_quadrature(kind, degree)[0]
 
 
+def cell_kinds(mesh: Any) -> list[str]:
+    """Names of the kinds of cells of a mesh; more than one in a mixed topology."""
+    topology = mesh.topology
+    kinds = getattr(topology, "entity_types", None)
+    kinds = [topology.cell_type] if kinds is None else kinds[-1]
+    return sorted({kind.name for kind in kinds})
+
+
+def geometry_degree(mesh: Any) -> int:
+    """Polynomial degree of a mesh's cells."""
+    cmaps = getattr(mesh.geometry, "cmaps", None)
+    if cmaps is not None and not callable(cmaps) and len(cmaps):
+        return int(cmaps[0].degree)
+    cmap = mesh.geometry.cmap
+    return int((cmap() if callable(cmap) else cmap).degree)
+
+
 def _cell_name(mesh: Any) -> str:
     name = mesh.ufl_cell().cellname
     return name() if callable(name) else name

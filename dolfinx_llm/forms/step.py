@@ -14,7 +14,7 @@ DRIFT = 1e-6  # part of scale times motion that an unbalanced force is held agai
 SOFT = 1e-11  # compliance, relative to the surface's, that makes forces at supports unique
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class InterfaceSystem:
     """One linear step of a contact law, in the unknowns' own order; the same on every rank.
 

@@ -16,6 +16,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.contact.results import InterfaceResult
 from dolfinx_llm.output.xdmf import write_step
 
@@ -252,10 +253,11 @@ class LoadSteps:
         for own, u, file in zip(self._u, solved, self._files, strict=True):
             own.x.array[:] = u.x.array
             file.write(time)
-        if self._problem.comm.rank == 0:
+        with collective(self._problem.comm):
             for i, result in enumerate(self._problem.results):
-                folder = self._folder / f"interface_{i}"
-                _write_parts(folder, interface_fields(result), time, append=self._steps > 0)
+                parts, folder = interface_fields(result), self._folder / f"interface_{i}"
+                if self._problem.comm.rank == 0:
+                    _write_parts(folder, parts, time, append=self._steps > 0)
         self._steps += 1
 
     def close(self) -> None:
