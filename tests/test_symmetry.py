@@ -59,7 +59,11 @@ class Move:
             rng = np.random.default_rng(self.renumber)
             order = rng.permutation(len(x))
             x, cells = x[order], np.argsort(order)[cells][rng.permutation(len(cells))]
-        names = {3: "triangle", 4: "quadrilateral"} if gdim == 2 else {4: "tetrahedron", 8: "hexahedron"}
+        names = (
+            {3: "triangle", 4: "quadrilateral"}
+            if gdim == 2
+            else {4: "tetrahedron", 8: "hexahedron"}
+        )
         return compat.create_mesh(COMM, cells, x, names[cells.shape[1]])
 
 
@@ -110,7 +114,7 @@ def solved(blocks, law, steps, move, **options):
     interface = llm.Interface(None, ((tags[0], ABOVE), (tags[1], BELOW)), law=law, **options)
     problem = llm.ContactProblem(a, L, bcs=bcs, interfaces=[interface])
     for step in steps:
-        motion.interpolate(lambda p: (step(move.back(p.T[:, :gdim])) @ move.R.T).T)
+        motion.interpolate(lambda p, step=step: (step(move.back(p.T[:, :gdim])) @ move.R.T).T)
         u = problem.solve()
     result, found = problem.results[0], {}
     for k, function in enumerate(u):
@@ -200,13 +204,17 @@ def scene(gdim, cover, kind, n=(6, 4), jitter=0.0):
     ]
 
 
+CASES = [
+    (2, "brick", (9, 6), "whole"), (2, "simplex", (7, 7), "part"), (2, "brick", (5, 8), "aside"),
+    (3, "brick", (4, 3), "whole"), (3, "brick", (3, 4), "part"), (3, "simplex", (4, 3), "aside"),
+    (3, "simplex", (3, 3), "whole"), (3, "simplex", (6, 2), "part"), (3, "brick", (4, 4), "part"),
+]  # fmt: skip
+
+
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("cover", ["whole", "part", "aside"])
-@pytest.mark.parametrize("gdim, kind, n", [
-    (2, "brick", (9, 6)), (2, "simplex", (7, 7)), (3, "brick", (4, 3)), (3, "brick", (3, 4)),
-    (3, "simplex", (4, 3)),
-])  # fmt: skip
+@pytest.mark.parametrize("gdim, kind, n, cover", CASES)
 def test_moved_scenes(gdim, kind, n, cover, law):
+    """Displacement, forces and pressure, turned back."""
     blocks = scene(gdim, cover, kind, n)
     known = solved(blocks, *LAWS[law], Move(gdim))
     for name, (move, bound) in moves(gdim).items():
@@ -214,3 +222,38 @@ def test_moved_scenes(gdim, kind, n, cover, law):
             same(solved(blocks, *LAWS[law], move), known, bound)
         except AssertionError as error:
             raise AssertionError(f"{name}: {error}") from error
+
+
+@pytest.mark.parametrize("gdim", [2, 3])
+def test_equally_coarse_sides(gdim):
+    """Two meshes of as many facets, shaken differently: which makes the frame hangs on no axis."""
+    blocks = scene(gdim, "whole", "brick", (4, 4), jitter=0.2)
+    known = solved(blocks, *LAWS["tied"], Move(gdim))
+    for move, bound in moves(gdim).values():
+        same(solved(blocks, *LAWS["tied"], move), known, bound)
+
+
+def press_alone(x):
+    u = press(x)
+    u[:, -1] -= 0.01 * x[:, 0] ** 2
+    return u
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    "gdim, n", [(2, (9, 6)), (2, (7, 5)), (3, (4, 3)), (3, (3, 4)), (3, (6, 2))]
+)
+def test_symmetric_scenes(gdim, n, law):
+    """The answer is its own mirror image."""
+    for cover in ("whole", "part"):
+        blocks = scene(gdim, cover, "brick", n)
+        found = solved(blocks, LAWS[law][0], [press_alone], Move(gdim))
+        for key, (x, value) in found.items():
+            for axis in range(gdim - 1):
+                sign = np.ones(gdim)
+                sign[axis] = -1.0
+                image = value * sign if value.shape[1] == gdim else value
+                at, mirrored = placed(Move(gdim, np.diag(sign)), x, image)
+                assert np.abs(at - x).max() < 1e-9, key
+                size = max(np.abs(v).max() for k, (_, v) in found.items() if k[0] == key[0])
+                assert np.abs(mirrored - value).max() <= 1e-12 * size, (cover, key, axis)

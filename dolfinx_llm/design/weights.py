@@ -8,7 +8,6 @@ change of the rows of L_b, ``positions.design_positions`` by moving the frame's 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import reduce
 from operator import matmul
 from typing import Any
@@ -19,13 +18,19 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.design.stencils import (
+    RowStencils,
+    adjacency,
+    flat_stencils,
+    row_weights,
+    spread,
+)
 from dolfinx_llm.geometry.frame import Frame
 
 TOLERANCE = 1e-13  # a frame with max|r| / max f below this passes
 NARROW = 0.15  # largest correction up to which stencils of one ring of nodes are enough
 WIDEST = 4  # rings in the stencils of a side much coarser than the frame
 SHIFT = 1e-13  # of the largest diagonal entry, on all of it
-ZERO = 1e-13  # shape functions below this are rounding: the node lies on an edge
 
 
 _Parts = Sequence[tuple[np.ndarray, np.ndarray]]  # nodes (n,) and functions (n, c) of each part
@@ -130,81 +135,6 @@ def _widths(s: np.ndarray, N: Sequence[csr_matrix]) -> list[tuple[int, int]]:
     return list(dict.fromkeys([(1, 1), (coarse[0], coarse[1]), (2, 2)]))
 
 
-def adjacency(cells: np.ndarray, m: int) -> csr_matrix:
-    """(m, m) matrix of ones where two nodes belong to one cell, with the diagonal."""
-    n, k = cells.shape
-    of = csr_matrix((np.ones(n * k), cells.ravel(), np.arange(0, n * k + 1, k)), shape=(n, m))
-    A = (of.T @ of).tocsr()
-    A.data[:] = 1.0
-    return A
-
-
-@dataclass(frozen=True)
-class RowStencils:
-    """What each row may be corrected on: ragged arrays in the pattern of a CSR matrix."""
-
-    indptr: np.ndarray  # (n + 1,)
-    nodes: np.ndarray  # (z,) frame nodes
-    root: np.ndarray  # (z,) square roots of the weights
-    Q: np.ndarray  # (z, c) orthonormal columns per row: root times the row's constraints
-
-    @property
-    def row(self) -> np.ndarray:
-        """(z,) row of each entry."""
-        return np.repeat(np.arange(len(self.indptr) - 1), np.diff(self.indptr))
-
-    def project(self, mu: np.ndarray) -> np.ndarray:
-        """(z,) P_p mu of values (z,) at the entries, without what the constraints see.
-
-        Done twice: P takes away nearly all of a large smooth mu, and the rounding that the first
-        time leaves would break the constraints.
-        """
-        value = self.root * mu
-        for _ in range(2):
-            for q in self.Q.T:
-                value = value - q * _spread(_sum(q * value, self.indptr), self.indptr)
-        return self.root * value
-
-
-def _sum(values: np.ndarray, indptr: np.ndarray) -> np.ndarray:
-    """Sums of entries per row; no row is empty."""
-    return np.add.reduceat(values, indptr[:-1])
-
-
-def _spread(values: np.ndarray, indptr: np.ndarray) -> np.ndarray:
-    return np.repeat(values, np.diff(indptr))
-
-
-def row_weights(N: csr_matrix, around: csr_matrix) -> csr_matrix:
-    """(n, m) weights of the frame nodes in each row's stencil: those around the row's own nodes.
-
-    Args:
-        N: interpolation; beyond the outline, where it is continued, its negative part is left out.
-        around: (m, m) which nodes lie around each node.
-    """
-    inside = N.copy()
-    inside.data[inside.data < ZERO] = 0.0
-    inside.eliminate_zeros()
-    inside.data /= _spread(_sum(inside.data, inside.indptr), inside.indptr)
-    return (inside @ around).tocsr()
-
-
-def _stencils(W: csr_matrix, s: np.ndarray) -> RowStencils:
-    """Rows' stencils of weights W with the constraints sum delta = 0, sum delta s = 0."""
-    root = np.sqrt(W.data)
-    local = s[W.indices]
-    mean = [_sum(W.data * c, W.indptr) / _sum(W.data, W.indptr) for c in local.T]
-    local = local - np.column_stack([_spread(c, W.indptr) for c in mean])
-    columns: list[np.ndarray] = []
-    for value in (np.ones(len(root)), *local.T):
-        q = root * value
-        for _ in range(2):  # again, against rounding
-            for other in columns:
-                q = q - other * _spread(_sum(other * q, W.indptr), W.indptr)
-        columns.append(q / np.sqrt(_spread(_sum(q * q, W.indptr), W.indptr)))
-    return RowStencils(W.indptr, W.indices, root, np.column_stack(columns))
-
-
 def _corrected(
     s: np.ndarray,
     N: Sequence[csr_matrix],
@@ -217,7 +147,7 @@ def _corrected(
     Raises:
         ContactError: the equations of the corrections are singular.
     """
-    stencils = [_stencils(row_weights(M, A), s) for M, A in zip(N, around, strict=True)]
+    stencils = [flat_stencils(row_weights(M, A), s) for M, A in zip(N, around, strict=True)]
     scale = max(f.max() for f in forces)
     free = [np.ones(M.shape[0]) if keep is None else 1.0 - k for M, k in zip(N, keep or N)]
     loads = [f * k / scale for f, k in zip(forces, free, strict=True)]
@@ -233,26 +163,18 @@ def _corrected(
         mu = factor.solve(_without_affine(residual, parts))
         # Summed as corrections, not as multipliers: what rounding leaves the next round sees.
         for d, st, sign, k in zip(delta, stencils, (-1.0, 1.0), free, strict=True):
-            d += sign * _spread(k, st.indptr) * st.project(mu[st.nodes])
-        designed = [
-            M + csr_matrix((d, st.nodes, st.indptr), M.shape)
-            for M, d, st in zip(N, delta, stencils, strict=True)
-        ]
+            d += sign * spread(k, st.indptr) * st.project(mu[st.nodes])
+        designed = [M + st.matrix(d, len(s)) for M, d, st in zip(N, delta, stencils, strict=True)]
     return designed
 
 
-def _equations(
-    stencils: Sequence[RowStencils], loads: Sequence[np.ndarray], m: int
-) -> csr_matrix:
+def _equations(stencils: Sequence[RowStencils], loads: Sequence[np.ndarray], m: int) -> csr_matrix:
     """(m, m) sum_p f_p P_p, by which the multipliers mu change the residual."""
     diagonal, rows = np.zeros(m), []
     for st, f in zip(stencils, loads, strict=True):
-        spread = _spread(f, st.indptr)
-        diagonal += np.bincount(st.nodes, spread * st.root**2, m)
-        shape = (len(st.indptr) - 1, m)
-        rows += [
-            csr_matrix((np.sqrt(spread) * st.root * q, st.nodes, st.indptr), shape) for q in st.Q.T
-        ]
+        load = spread(f, st.indptr)
+        diagonal += np.bincount(st.nodes, load * st.root**2, m)
+        rows += [st.matrix(np.sqrt(load) * st.root * q, m) for q in st.Q.T]
     B = vstack(rows, format="csr")
     return (diags(diagonal) - B.T @ B).tocsr()
 
@@ -264,9 +186,7 @@ def _factor(A: Any) -> Any:
         ContactError: they are singular: rows that may be corrected are missing.
     """
     try:
-        return splu(
-            A.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
-        )
+        return splu(A.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
     except RuntimeError as error:  # SuperLU's "exactly singular"
         raise ContactError(
             "design by weights: the rows that may be corrected cannot balance the frame "

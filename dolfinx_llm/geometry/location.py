@@ -19,7 +19,6 @@ from dolfinx_llm.geometry.cells import (
     vector_areas,
 )
 
-
 # Reference coordinates of the corners of segments, triangles and quads.
 _CORNERS = {
     2: np.array([[0.0], [1.0]]),
@@ -171,7 +170,9 @@ class ClosestPoints:
         """(n, m) matrix of the shape functions at located points x; see ``Frame.interpolation``."""
         n, k = at.N.shape
         cols = self.cells[at.cell]
-        matrix = csr_matrix((at.N.ravel(), cols.ravel(), np.arange(0, n * k + 1, k)), self._shape(n))
+        matrix = csr_matrix(
+            (at.N.ravel(), cols.ravel(), np.arange(0, n * k + 1, k)), self._shape(n)
+        )
         matrix.sort_indices()
         if x is None:
             return matrix
