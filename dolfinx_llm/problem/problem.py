@@ -11,17 +11,19 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.destroyed import Destroyed
+from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.doubts import doubts
 from dolfinx_llm.contact.results import InterfaceResult, collect_results
-from dolfinx_llm.forms.choice import SOLVERS, choose_solver
+from dolfinx_llm.forms.choice import choose_solver
 from dolfinx_llm.forms.choice import describe as describe_solver
 from dolfinx_llm.interface.anatomy import describe
 from dolfinx_llm.interface.build import build_model
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.system import ContactOperators
+from dolfinx_llm.problem.arguments import problem_arguments, step_arguments
 from dolfinx_llm.problem.bulk import LinearBulk
 from dolfinx_llm.problem.methods import LawMethod, Setting, TiedMethod, method_of
 
@@ -73,20 +75,19 @@ class ContactProblem:
         petsc_options_prefix: str = "llm_",
         petsc_options: dict | None = None,
     ):
-        if solver not in SOLVERS:
-            raise ContactInputError(f"solver={solver!r}: choose one of {SOLVERS}")
-        interfaces = [interfaces] if isinstance(interfaces, Interface) else list(interfaces)
-        if not interfaces:
-            raise ContactInputError("give at least one Interface")
-        self.interfaces, self.solver = interfaces, solver
+        given = problem_arguments(
+            a, L, bcs, interfaces, nodal_loads, solver, petsc_options_prefix, petsc_options
+        )
+        self.interfaces, self.solver = given.interfaces, solver
         self.petsc_options_prefix, self.petsc_options = petsc_options_prefix, petsc_options
         self.times = StageTimes()
         self.history: list[dict] = []
         self.results: list[InterfaceResult] = []
+        self._doubts: list[str] = []
         self.method: TiedMethod | LawMethod | None = None
-        self.bulk = LinearBulk(a, L, bcs, nodal_loads, self.times)
+        self.bulk = LinearBulk(given, self.times)
         self.spaces, self.comm = self.bulk.spaces, self.bulk.comm
-        self.models = [build_model(i, self.spaces, self.bulk.fixed) for i in interfaces]
+        self.models = [build_model(i, self.spaces, self.bulk.fixed) for i in self.interfaces]
         for model in self.models:
             self.times.add(model.times)
         self.operators = ContactOperators(self.models, self.bulk.dofs, self.K, self.times)
@@ -97,7 +98,7 @@ class ContactProblem:
         """The displacement of the last ``solve``, as it was returned.
 
         Raises:
-            ContactError: nothing has been solved.
+            ContactError: nothing has been solved, or after ``destroy``.
         """
         if not self.results:
             raise ContactError("there is no displacement yet: call solve() first")
@@ -154,8 +155,7 @@ class ContactProblem:
             ContactError: NaN in the load, a system that cannot be solved, a law that does not
                 converge.
         """
-        if not increments >= 1:
-            raise ContactInputError(f"increments={increments!r}: give a number of at least 1")
+        increments = step_arguments(self.comm, increments, self.interfaces)
         with self.times.timed("assembly of f"):
             f = self.bulk.load()
         if self.method is None:
@@ -166,7 +166,8 @@ class ContactProblem:
         with self.times.timed("results"):
             states = self.method.states
             self.results = collect_results(self.operators, u, multiplier, w, states)
-        for warning in doubts(self.models, self.results, states):  # on all ranks: it may raise
+        self._doubts = doubts(self.models, self.results, states)  # on all ranks: it may raise
+        for warning in self._doubts:
             if self.comm.rank == 0:
                 log.warning(warning)
         self._u = self.bulk.functions(u)
@@ -181,20 +182,21 @@ class ContactProblem:
             field: "pressure", "status" or "traction".
 
         Raises:
-            ContactError: nothing has been solved.
+            ContactInputError: no such field, or a folder that cannot be made or written.
+            ContactError: nothing has been solved, or after ``destroy``.
         """
         from dolfinx_llm.output import plot
 
         if not self.results:
             raise ContactError("there is nothing to draw yet: call solve() first")
-        for i, u in enumerate(self._u):
-            length = ufl.sqrt(ufl.inner(u, u))
-            plot.bodies(u, length, Path(folder) / f"bodies_{i}.png", label="length of u")
-        for i, result in enumerate(self.results):
-            plot.interface(result, Path(folder) / f"interface_{i}.png", field)
+        plot.pictures(self.comm, self._u, self.results, folder, field)
 
     def reset(self) -> None:
-        """Forget the last load steps: contact state, slip and loads."""
+        """Forget the last load steps: contact state, slip and loads.
+
+        Raises:
+            ContactError: after ``destroy``.
+        """
         if self.method is not None:
             self.method.reset()
 
@@ -210,16 +212,17 @@ class ContactProblem:
         ]
         for model in self.models:
             lines += describe(model)
+        lines += [f"  after the last solve: {text}" for text in self._doubts]
         return "\n".join(lines)
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective.
 
-        Not left to Python's garbage collector, which runs at another time on every rank: in loops
-        over many problems on several ranks call it when done with each.
+        May be called again. Not left to Python's garbage collector, which runs at another time on
+        every rank: in loops over many problems on several ranks call it when done with each.
         """
-        if self.method is not None:
-            self.method.destroy()
-        self.method = None
-        self.operators.destroy()
-        self.bulk.destroy()
+        for part in (self.method, self.operators, self.bulk):
+            if not (part is None or isinstance(part, Destroyed)):
+                part.destroy()
+        gone: Any = Destroyed("this ContactProblem")
+        self.method = self.operators = self.bulk = self.results = gone
