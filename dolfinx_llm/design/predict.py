@@ -66,11 +66,23 @@ def coarser_facets(
         k = int(np.argmin(counts))
     elif abs(size0 - size1) > 1e-9 * max(size0, size1):
         k = int(size1 > size0)
-    else:  # equally coarse: what does not depend on the order of the sides decides
-        keys = [(-len(facets), tuple(side.x[facets].sum(axis=(0, 1)))) for side, (facets, _) in
-                zip(sides, touched)]  # fmt: skip
-        k = 0 if keys[0] <= keys[1] else 1
+    else:
+        k = _of_equal(sides, [facets for facets, _ in touched])
     return k, touched[k][0]
+
+
+def _of_equal(sides: Sequence[Surface], facets: Sequence[np.ndarray]) -> int:
+    """Which of two equally coarse sides, by what depends neither on their order nor on the axes."""
+    if len(facets[0]) != len(facets[1]):
+        return int(len(facets[1]) > len(facets[0]))
+    x = [side.x[np.unique(f)] for side, f in zip(sides, facets, strict=True)]
+    d = [np.linalg.norm(y - np.mean([y.mean(axis=0) for y in x], axis=0), axis=1) for y in x]
+    for power in (2, 3, 4):
+        moment = [float((r**power).sum()) for r in d]
+        if abs(moment[0] - moment[1]) > 1e-9 * max(moment):
+            return int(moment[1] > moment[0])
+    keys = [tuple(side.x[f].sum(axis=(0, 1))) for side, f in zip(sides, facets, strict=True)]
+    return 0 if keys[0] <= keys[1] else 1  # alike: the axes decide
 
 
 def face_side_1(frame: Frame, side0: Surface) -> Frame:
