@@ -135,7 +135,9 @@ def _build_piece(
         base = local_bases(nodal_normals(frame))
     else:
         normal_only = law.unilateral and not law.friction
-        keep = held and [_fixed_nodes(p, *h, normal_only=normal_only) for p, h in zip(pairs, held)]
+        keep = held and [
+            _fixed_nodes(p, space, fixed, normal_only) for p, (space, fixed) in zip(pairs, held)
+        ]
         pairs, certificate = _designed(interface, frame, plane, pairs, notes, keep)
         base = np.broadcast_to(plane.base, (len(frame.x), *plane.base.shape))
     clock.stop("design")
