@@ -18,7 +18,7 @@ ZERO = 1e-13  # shape functions below this are rounding: the node lies on an edg
 FADE = 1e-4  # of the largest singular value: where constraints fade that hardly differ from others
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RowStencils:
     """Stencils of n rows, z entries in all, with c constraints each."""
 
@@ -107,7 +107,7 @@ def flat_stencils(W: csr_matrix, s: np.ndarray) -> RowStencils:
     return RowStencils(W.indptr, W.indices, root, np.column_stack(columns))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CurvedStencils:
     """Stencils on curved frames, and the least corrections that move a row's place."""
 
