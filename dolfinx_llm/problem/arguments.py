@@ -16,14 +16,15 @@ from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.forms.choice import SOLVERS
+from dolfinx_llm.forms.options import check_values
 from dolfinx_llm.geometry.surface import check_space
 from dolfinx_llm.interface.choices import Interface
 
 FORMS = {
-    2: ("a", "bilinear", "give a bilinear UFL form, or a list of them, one per mesh"),
+    2: ("a", "must be bilinear", "give a bilinear UFL form, or a list of them, one per mesh"),
     1: (
         "L",
-        "linear",
+        "must be linear",
         "give a linear UFL form, or a list of them; without loads "
         "ufl.inner(fem.Constant(mesh, (0.0, ...)), v) * ufl.dx",
     ),
@@ -141,6 +142,7 @@ def check_petsc_options(options: Any, prefix: Any = "") -> None:
         plain = value is None or isinstance(value, (str, bool, np.bool_))
         if not plain:
             checks.number(f'petsc_options: "{key}"', value, "give a text, a finite number, or None")
+    check_values(options)
 
 
 def _communicator(*given: Any) -> MPI.Comm:
@@ -175,8 +177,7 @@ def _forms(count: int, value: Any) -> list[ufl.Form]:
         if len(arguments) != count:
             hint = ", or is zero as a whole" if not arguments else ""
             raise ContactInputError(
-                f"the form {name} must be {kind}, has {len(arguments)} argument(s){hint}: "
-                f"{accepted}"
+                f"the form {name} {kind}, has {len(arguments)} argument(s){hint}: {accepted}"
             )
         meshes = [V.mesh for V in map(_space_of, arguments) if V is not None]
         meshes += [

@@ -17,8 +17,10 @@ from petsc4py import PETSc
 from scipy.linalg import solve_triangular
 from scipy.sparse import block_diag, csr_matrix
 
+from dolfinx_llm.base import checks
+from dolfinx_llm.base.destroyed import Destroyed
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.base.parallel import collective, gather_rows
+from dolfinx_llm.base.parallel import agree, collective, gather_rows
 from dolfinx_llm.forms.saddle import SaddleSystem
 from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
@@ -27,6 +29,7 @@ from dolfinx_llm.laws.law import Tied
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import create_aij, times
 from dolfinx_llm.operators.support import check_support
+from dolfinx_llm.problem.arguments import check_petsc_options
 from dolfinx_llm.problem.problem import ContactProblem
 
 MAX_ROWS = 5000  # multipliers up to which v is eliminated: Q is dense
@@ -56,7 +59,17 @@ def constraint_stats(Q: PETSc.Mat, gdim: int) -> ConstraintStats:
     Args:
         Q: PETSc AIJ, one row per constraint, one column per dof of the bodies.
         gdim: dofs per node; the dofs of a node follow each other.
+
+    Raises:
+        ContactInputError: Q is no PETSc matrix, or has not gdim columns per node.
     """
+    checks.instance("Q", Q, PETSc.Mat, "give a PETSc matrix")
+    if not Q.handle:
+        checks.refuse("Q", Q, "the matrix has been destroyed")
+    checks.integer("gdim", gdim, "give 2 or 3")
+    if gdim not in (2, 3) or Q.getSize()[1] % gdim:
+        accepted = f"give 2 or 3, of which {Q.getSize()[1]}, the columns of Q, are a multiple"
+        checks.refuse("gdim", gdim, accepted)
     comm = Q.comm.tompi4py()
     indptr, cols, values = Q.getValuesCSR()
     rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)) + Q.getOwnershipRange()[0]
@@ -73,6 +86,12 @@ def constraint_stats(Q: PETSc.Mat, gdim: int) -> ConstraintStats:
         fill=100.0 * len(rows) / max(n * dofs, 1),
         node_fill=100.0 * pairs / max(n * nodes, 1),
     )
+
+
+def _checked(problem: Any) -> ContactProblem:
+    """The problem, if it is one."""
+    accepted = "give a ContactProblem"
+    return checks.instance("problem", problem, ContactProblem, accepted)
 
 
 class _ClassicalForm:
@@ -103,10 +122,12 @@ class _ClassicalForm:
 
     def destroy(self) -> None:
         """Free Q and the factorised system; collective, as ``ContactProblem.destroy``."""
-        if self._system is not None:
+        if not (self._system is None or isinstance(self._system, Destroyed)):
             self._system.destroy()
-            self._system = None
-        self.Q.destroy()
+        if not isinstance(self.Q, Destroyed):
+            self.Q.destroy()
+        gone: Any = Destroyed("this classical form")
+        self._system = self.Q = gone
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,10 +179,17 @@ class NodeToSegment(_ClassicalForm):
         components: str = "all",
         petsc_options: dict | None = None,
     ) -> None:
-        if slave not in (0, 1):
-            raise ContactInputError(f"slave={slave!r}: choose side 0 or 1")
-        if components not in ("all", "normal"):
-            raise ContactInputError(f'components={components!r}: choose "all" or "normal"')
+        with collective(_checked(problem).comm):
+            if checks.integer("slave", slave, "choose side 0 or 1") not in (0, 1):
+                checks.refuse("slave", slave, "choose side 0 or 1")
+            checks.one_of("components", components, ("all", "normal"))
+            check_petsc_options(petsc_options)
+        agree(
+            problem.comm, "slave, components and PETSc options", (slave, components, petsc_options)
+        )
+        rigid = [model.interface.name for model in problem.models if model.frame is None]
+        if rigid:
+            raise ContactInputError(f"interfaces {rigid}: node-to-segment needs two bodies")
         laws = [model.interface.law for model in problem.models]
         if not all(isinstance(law, Tied) for law in laws):
             raise ContactInputError(f"laws {laws}: node-to-segment is there for Tied() only")
@@ -297,6 +325,12 @@ class Elimination(_ClassicalForm):
     """
 
     def __init__(self, problem: ContactProblem, *, petsc_options: dict | None = None) -> None:
+        with collective(_checked(problem).comm):
+            check_petsc_options(petsc_options)
+        agree(problem.comm, "PETSc options", petsc_options)
+        laws = [model.interface.law for model in problem.models]
+        if not all(isinstance(law, Tied) for law in laws):
+            raise ContactInputError(f"laws {laws}: the classical form is there for Tied() only")
         n, m = problem.L_b.getSize()
         if n > MAX_ROWS:
             raise ContactInputError(
