@@ -11,6 +11,7 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.problem.arguments import Arguments
@@ -53,7 +54,8 @@ class LinearBulk:
 
     def __init__(self, given: Arguments, times: StageTimes) -> None:
         self.several, self.times = given.several, times
-        with times.timed("form compilation"):
+        comm = given.spaces[0].mesh.comm
+        with times.timed("form compilation"), collective(comm):
             self._a = [compat.form("a", form) for form in given.a]
             self._L = [compat.form("L", form) for form in given.L]
         self.spaces, self.comm = given.spaces, given.spaces[0].mesh.comm

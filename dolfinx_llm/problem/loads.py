@@ -43,6 +43,7 @@ def free_surface_load(
     """
     check_space(V)
     with collective(V.mesh.comm):
+        checks.integer("facet tag", tag)
         pressure = checks.number("pressure", pressure, "must be a finite number")
         other_side = None if covered_by is None else _other(V, covered_by)
     agree(V.mesh.comm, "pressure and tags", (pressure, tag, other_side and other_side[2]))

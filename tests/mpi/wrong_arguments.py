@@ -67,6 +67,11 @@ class Scene:
         problem.solve()
         return problem
 
+    def steps(self, problem, name, time=None):
+        """Files of load steps, closed on all ranks whatever happens."""
+        with post.LoadSteps(problem, self.path(name)) as files:
+            files.write(time)
+
     @cached_property
     def unsolved(self):
         return self.problem()
@@ -538,7 +543,7 @@ add(
     "there is (no displacement|nothing to draw|nothing to write) yet",
     lambda s: s.unsolved.u,
     lambda s: s.unsolved.plot(s.path("x")),
-    lambda s: post.LoadSteps(s.unsolved, s.path("steps")).write(),
+    lambda s: s.steps(s.unsolved, "steps"),
     kind=ERROR,
 )
 add(
@@ -839,8 +844,8 @@ add(
 add("cell_fields=.*give a function", lambda s: post.LoadSteps(s.solved, s.path("w"), cell_fields=3))
 add(
     "time=.*give a finite number",
-    lambda s: post.LoadSteps(s.solved, s.path("w")).write("now"),
-    lambda s: post.LoadSteps(s.solved, s.path("w")).write(NAN),
+    lambda s: s.steps(s.solved, "w", "now"),
+    lambda s: s.steps(s.solved, "w", NAN),
 )
 add(
     "field=.*choose one of",
@@ -915,7 +920,7 @@ one(
     "cannot be written",
     lambda s: post.write_bodies(pick(s, s.folder, s.file) / "u.xdmf", s.solved.u),
 )
-one("time=", lambda s: post.LoadSteps(s.solved, s.path("one")).write(pick(s, 1.0, NAN)))
+one("time=", lambda s: s.steps(s.solved, "one", pick(s, 1.0, NAN)))
 
 # Different on the last rank, though right by itself.
 
