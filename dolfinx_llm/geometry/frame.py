@@ -19,7 +19,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.geometry.cells import cell_sizes, corner_jacobians, points_of, vector_areas
+from dolfinx_llm.geometry.cells import cell_sizes, corner_jacobians, points_of
 from dolfinx_llm.geometry.location import ClosestPoints, Location
 
 POSITIONS, NUMBERS = "give (m, gdim) node positions", "give (n, k) node numbers, integers"

@@ -9,11 +9,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.geometry.cells import (
-    joined_lists,
-    closest_on_sides,
-    repeated_for,
     cell_sizes,
+    closest_on_sides,
+    joined_lists,
     points_of,
+    repeated_for,
     shape_functions,
     vector_areas,
 )
