@@ -36,7 +36,6 @@ def ring(comm, n, k=4, radius=1.0, inner=0.4, centre=(0.0, 1.0), whole=True, dep
         layers, m = np.linspace(0.0, depth, 3), len(x)
         x = np.concatenate([np.column_stack([x[:, 0], 0 * x[:, 0] + z, x[:, 1]]) for z in layers])
         cells = np.concatenate([np.hstack([cells, cells + m]) + m * layer for layer in (0, 1)])
-        cells = cells[:, [0, 1, 2, 3, 4, 5, 6, 7]]
         kind = "hexahedron"
     if comm.rank:
         x, cells = x[:0], cells[:0]
