@@ -4,7 +4,11 @@ import ast
 import re
 from pathlib import Path
 
+import pytest
+
 import dolfinx_llm
+
+pytestmark = pytest.mark.quick
 
 PACKAGE = Path(dolfinx_llm.__file__).parent
 # From the ground up: a package imports those before it, never one after.
