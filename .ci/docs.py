@@ -18,8 +18,11 @@ from pathlib import Path
 # What users call or get back. "compat" and the rest are the developers'.
 MODULES = {
     "dolfinx_llm": None,  # with SUBMODULES
+    "dolfinx_llm.problem": (),  # pages that stand beside the code
+    "dolfinx_llm.base": (),
     "dolfinx_llm.contact.results": ("InterfaceResult", "SideResult"),
-    "dolfinx_llm.geometry.frame": ("Frame", "Location", "Quality"),
+    "dolfinx_llm.geometry.frame": ("Frame", "Quality"),
+    "dolfinx_llm.geometry.location": ("Location",),
     "dolfinx_llm.interface.choices": ("Interface",),
     "dolfinx_llm.interface.certificate": ("Certificate",),
     "dolfinx_llm.interface.geometry": ("ContactModel",),
@@ -74,7 +77,7 @@ def build(folder: Path) -> None:
         records |= {item for item in map(vars(module).get, names) if is_own_record(item)}
     for cls in records:
         describe_fields(cls)
-    pdoc.render.configure(docformat="google", math=False)
+    pdoc.render.configure(docformat="google", math=False, mermaid=True)
     pdoc.pdoc(*MODULES, output_directory=folder)
 
 

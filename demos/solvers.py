@@ -74,7 +74,7 @@ def contact(comm, n, solver, options, frictionless):
     )  # fmt: skip
     problem.solve()
     times = dict(problem.times)
-    system = problem._iteration.backend.system if frictionless else problem._system
+    system = problem.method.system.system if frictionless else problem.method.system
     row = {
         "unknowns": problem.unknowns["u"],
         "iterations": getattr(system, "iterations", 0),

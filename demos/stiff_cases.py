@@ -172,7 +172,7 @@ def solve(n, comm=MPI.COMM_WORLD, **case):
     off = np.abs(u.x.array[: 3 * k].reshape(k, 3) - known).max(initial=0.0)
     size = max(comm.allgather(np.abs(known).max(initial=0.0)))
     pressure = PRESSURE * case.get("E", 1.0)
-    result, system = contact.results[0], contact._system
+    result, system = contact.results[0], contact.method.system
     row = {
         "unknowns": contact.unknowns["u"],
         "displacement": max(comm.allgather(off)) / size,

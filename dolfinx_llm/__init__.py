@@ -1,4 +1,7 @@
-"""Mortar-free contact for FEniCSx by localised Lagrange multipliers."""
+"""Mortar-free contact for FEniCSx by localised Lagrange multipliers.
+
+.. include:: method.md
+"""
 
 import sys
 

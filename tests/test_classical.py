@@ -87,7 +87,7 @@ def test_two_ranks(contact_and_u):
 
 def test_projector_and_basis(contact_and_u, elimination):
     contact, _ = contact_and_u
-    L = contact._L_csr[0].toarray()
+    L = contact.operators.blocks[0].toarray()
     P, Phi = elimination.P, elimination.Phi
     n, m = L.shape
     assert Phi.shape == (n, n - m)
@@ -104,7 +104,7 @@ def test_operator_of_the_elimination(contact_and_u, elimination):
     contact, _ = contact_and_u
     B = contact.B.convert("dense").getDenseArray().copy()
     Q = elimination.Q.convert("dense").getDenseArray().copy()
-    number = contact._rows.numbering.number
+    number = contact.operators.rows.numbering.number
     assert np.abs(Q.T - B[:, number] @ elimination.P @ elimination.Phi).max() < 1e-14
 
 
@@ -140,7 +140,7 @@ def test_constraints_pass_linear_fields(contact_and_u, slave):
     contact, _ = contact_and_u
     form = NodeToSegment(contact, slave=slave)
     x = contact.spaces[0].tabulate_dof_coordinates()
-    x = x[: len(contact._fixed) // 3]
+    x = x[: len(contact.bulk.dofs.fixed) // 3]
     u, out = form.Q.createVecs()
     u.array_w[:] = (x @ np.random.default_rng(36).standard_normal((3, 3)) + [1.0, 2.0, 3.0]).ravel()
     form.Q.mult(u, out)
@@ -158,7 +158,7 @@ def test_solution_against_a_dense_oracle(contact_and_u):
     K, Q = (M.convert("dense").getDenseArray().copy() for M in (contact.K, form.Q))
     c = len(Q)
     A = np.block([[K, contact.scale * Q.T], [contact.scale * Q, np.zeros((c, c))]])
-    found = np.linalg.solve(A, np.concatenate([contact._assemble_load(), np.zeros(c)]))
+    found = np.linalg.solve(A, np.concatenate([contact.bulk.load(), np.zeros(c)]))
     assert relative(u.x.array, found[:-c]) < 1e-10
     assert relative(form.multiplier.ravel(), contact.scale * found[-c:]) < 1e-10
 

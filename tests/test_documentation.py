@@ -159,12 +159,13 @@ def test_examples(name):
     assert outcome.attempted and not outcome.failed
 
 
-# The README's tables, against the code.
-README = (TESTS.parent / "README.md").read_text()
-
-
-def section(title):
-    return README.partition(f"## {title}\n")[2].partition("\n## ")[0]
+# The pages' tables, against the code.
+ROOT = TESTS.parent
+PAGES = {
+    path.relative_to(ROOT).as_posix(): path.read_text()
+    for path in (ROOT / "README.md", ROOT / "demos/README.md", *ROOT.glob("dolfinx_llm/**/*.md"))
+}
+MESSAGES, OPTIONS = PAGES["dolfinx_llm/base/messages.md"], PAGES["dolfinx_llm/problem/options.md"]
 
 
 def strings():
@@ -180,9 +181,9 @@ def strings():
     return "\n".join(found)
 
 
-def test_messages_of_the_readme_are_the_codes():
+def test_messages_of_the_page_are_the_codes():
     said = strings()
-    rows = re.findall(r"^\| `(.+?)`.* \| .+ \| .+ \|$", section("When something goes wrong"), re.M)
+    rows = re.findall(r"^\| `(.+?)`.* \| .+ \| .+ \|$", MESSAGES, re.M)
     assert len(rows) > 15
     assert [words for words in rows if words not in said] == []
 
@@ -192,20 +193,29 @@ def test_messages_of_the_readme_are_the_codes():
     ["Interface", "ContactProblem", "ContactProblem.solve", "ContactProblem.plot", "Tied",
      "Coulomb", "RigidPlane", "RigidSphere", "RigidCylinder", "RigidSurface"],
 )  # fmt: skip
-def test_options_of_the_readme_are_complete(name):
+def test_options_of_the_page_are_complete(name):
     item = dolfinx_llm
     for part in name.split("."):
         item = getattr(item, part)
-    quoted = " ".join(re.findall(r"`([^`]+)`", section("Options")))
+    tables = re.findall(r"^\|.*", OPTIONS, re.M)
+    quoted = " ".join(re.findall(r"`([^`]+)`", "\n".join(tables)))
     words = set(re.findall(r"\w+", quoted))
     assert {p.name for p in arguments(item)} <= words
     assert {"reset", "solve", "destroy", "plot"} <= words
 
 
-def test_the_readme_does_not_name_what_is_not_there():
-    """Names of llm in the README, and make's targets."""
-    names = set(re.findall(r"\bllm\.(\w+)", README))
+def test_pages_do_not_name_what_is_not_there():
+    """Names of llm in the pages, make's targets, and files that they link to."""
+    text = "\n".join(PAGES.values())
+    names = set(re.findall(r"\bllm\.(\w+)", text))
     assert len(names) > 10 and names <= set(dolfinx_llm.__all__)
-    targets = set(re.findall(r"`make (\w+)`", README))
-    makefile = (TESTS.parent / "Makefile").read_text()
+    targets = set(re.findall(r"`make (\w+)`", text))
+    makefile = (ROOT / "Makefile").read_text()
     assert targets and all(f"\n{target}:" in makefile for target in targets)
+    for page, content in PAGES.items():
+        for link in re.findall(r"\]\(([^)#:]+)\)", content):
+            assert (ROOT / page).parent.joinpath(link).exists(), f"{page}: {link}"
+
+
+def test_readme_is_a_front_page():
+    assert len(PAGES["README.md"].splitlines()) <= 120

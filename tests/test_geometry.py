@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import curved_scenes as cs
 import numpy as np
 import paper_data as paper
 import pytest
@@ -540,3 +541,16 @@ def test_design_weights_refuses_what_it_cannot_do():
             assert "frame nodes" in str(error)
         else:
             assert np.abs(design.patch_residual(designed, forces)).max() <= 1e-13
+
+
+def test_frames_and_surfaces_move():
+    """From where they were drawn, there and back; the cells stay."""
+    frame, rng = make_frame(4), np.random.default_rng(23)
+    v = 0.01 * rng.standard_normal(frame.x.shape)
+    moved = frame.moved(v)
+    assert np.array_equal(moved.x, frame.x + v) and moved.cells is frame.cells
+    np.testing.assert_allclose(moved.moved(-v).x, frame.x, atol=1e-15)
+    surface = cs.surface(frame.x, frame.cells)
+    there = surface.moved(v)
+    assert np.array_equal(there.x, frame.x + v) and there.X is surface.X is surface.x
+    assert np.array_equal(there.moved(0.0 * v).x, surface.x)

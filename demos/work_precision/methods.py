@@ -60,7 +60,7 @@ def with_frame(scene, problem):
     row["unknowns"] = sum(unknowns.values())
     if problem.form == "condensed":
         row["unknowns"] = unknowns["u"] - unknowns["lambda"] + unknowns["v"]
-    iterations = getattr(problem._system, "iterations", len(problem.history))
+    iterations = getattr(problem.method.system, "iterations", len(problem.history))
     row |= {"iterations": iterations, **scene.errors(u, problem)}
     problem.destroy()
     return row
@@ -72,7 +72,7 @@ def node_to_segment(scene, V, tags, slave):
     clock = [time.perf_counter()]
     ties = llm.classical.NodeToSegment(problem, slave=slave)
     clock.append(time.perf_counter())
-    problem._assemble_load()
+    problem.bulk.load()
     clock.append(time.perf_counter())
     for _ in range(2):  # the second is without the factorisation
         u = ties.solve()

@@ -25,6 +25,8 @@ except ImportError as error:
         f"The import failed with: {error}"
     ) from error
 
+from dolfinx_llm.base.errors import ContactInputError
+
 if TYPE_CHECKING:
     from mpi4py import MPI
 
@@ -88,9 +90,26 @@ def in_space(bc: Any, V: Any) -> bool:
     return bc.function_space == space or space.contains(bc.function_space)
 
 
-def form(ufl_form: Any) -> Any:
-    """Compiled form; a compiled one is passed through."""
-    return dolfinx.fem.form(ufl_form)
+def same_space(V: Any, W: Any) -> bool:
+    """Whether two function spaces are one."""
+    return V is W or V._cpp_object == W._cpp_object
+
+
+def form(name: str, ufl_form: Any) -> Any:
+    """Compiled form.
+
+    Args:
+        name: for the message.
+        ufl_form: UFL form.
+
+    Raises:
+        ContactInputError: UFL or dolfinx cannot compile it.
+    """
+    try:
+        return dolfinx.fem.form(ufl_form)
+    except Exception as error:
+        text = " ".join(str(error).split())[:300]
+        raise ContactInputError(f"the form {name} cannot be compiled: {text}") from error
 
 
 def assemble_matrix(a: Any, bcs: Sequence[Any], diagonal: float) -> PETSc.Mat:
@@ -176,6 +195,23 @@ def quadrature_points(mesh: Any, degree: int) -> np.ndarray:
     """Quadrature points on the reference cell of a mesh: (n, tdim)."""
     kind = getattr(basix.CellType, _cell_name(mesh))
     return basix.make_quadrature(kind, degree)[0]
+
+
+def cell_kinds(mesh: Any) -> list[str]:
+    """Names of the kinds of cells of a mesh; more than one in a mixed topology."""
+    topology = mesh.topology
+    kinds = getattr(topology, "entity_types", None)
+    kinds = [topology.cell_type] if kinds is None else kinds[-1]
+    return sorted({kind.name for kind in kinds})
+
+
+def geometry_degree(mesh: Any) -> int:
+    """Polynomial degree of a mesh's cells."""
+    cmaps = getattr(mesh.geometry, "cmaps", None)
+    if cmaps is not None and not callable(cmaps) and len(cmaps):
+        return int(cmaps[0].degree)
+    cmap = mesh.geometry.cmap
+    return int((cmap() if callable(cmap) else cmap).degree)
 
 
 def _cell_name(mesh: Any) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Mapping
 
 log = logging.getLogger("dolfinx_llm")
 
@@ -22,16 +22,29 @@ class Clock:
         self._last = now
 
 
+class StageTimes(dict[str, float]):
+    """Seconds per stage, summed up."""
+
+    def timed(self, stage: str) -> Timer:
+        """What adds the seconds of a ``with`` block to those of a stage, and logs them."""
+        return Timer(stage, self)
+
+    def add(self, times: Mapping[str, float]) -> None:
+        """Add seconds of stages."""
+        for stage, seconds in times.items():
+            self[stage] = self.get(stage, 0.0) + seconds
+
+
 class Timer:
-    """Logs the seconds of a stage, and hands them on.
+    """Logs the seconds of a stage, and adds them up.
 
     Args:
         stage: its name.
-        add: takes name and seconds.
+        times: to which they are added.
     """
 
-    def __init__(self, stage: str, add: Callable[[str, float], None]) -> None:
-        self.stage, self._add = stage, add
+    def __init__(self, stage: str, times: StageTimes) -> None:
+        self.stage, self._times = stage, times
 
     def __enter__(self) -> None:
         self.start = time.perf_counter()
@@ -39,4 +52,4 @@ class Timer:
     def __exit__(self, *_: object) -> None:
         seconds = time.perf_counter() - self.start
         log.info("%s: %.3g s", self.stage, seconds)
-        self._add(self.stage, seconds)
+        self._times.add({self.stage: seconds})

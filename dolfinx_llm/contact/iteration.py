@@ -28,6 +28,7 @@ from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import InterfaceSystem, force_level
 from dolfinx_llm.forms.verdict import UNBALANCED, FinalError, Verdict, judge
 from dolfinx_llm.laws.coulomb import OPEN, SLIP, STICK, newton_rows, projection_miss, switch_rows
+from dolfinx_llm.operators.system import ContactOperators
 
 log = logging.getLogger("dolfinx_llm")
 
@@ -42,19 +43,17 @@ class ContactIteration:
     """States of all interfaces and the equations that follow from them.
 
     Args:
-        models: the interfaces.
-        redundant: (n,) multiplier rows that stay out.
-        scale: mean stiffness of the surfaces, c [force / length].
+        operators: of the interfaces.
         backend: solves linear steps: load(f), solve(step, spring, centre, may_open),
             correct(multiplier, alpha) and displacement(multiplier, alpha), to ``accuracy`` of the
             largest multiplier in L_bᵀ λ and the law of friction; see ``Flexibility``.
         f, g: this rank's load and the gaps at rest, from which the first load step starts.
     """
 
-    def __init__(self, models, redundant: np.ndarray, scale: float, backend, f, g):
-        self.scale, self.backend, self._rest = scale, backend, (f, g)
+    def __init__(self, operators: ContactOperators, backend, f, g):
+        self.scale, self.backend, self._rest = operators.scale, backend, (f, g)
         self.bar: tqdm | None = None  # progress line, while there is one
-        self.states = interface_states(models, redundant)
+        self.states = interface_states(operators)
         self.n = sum(state.rows.size for state in self.states)
         L = block_diag([state.L for state in self.states], format="csr")
         L_kappa = block_diag([state.L_kappa for state in self.states], format="csr")

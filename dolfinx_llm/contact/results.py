@@ -17,11 +17,12 @@ from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.geometry import ContactModel
 from dolfinx_llm.laws.coulomb import OPEN, SLIP, STICK
+from dolfinx_llm.operators.system import ContactOperators
 
 WEAK = 1e-3  # of a frame node's mean support: what draws its tangential motion to the mean
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SideResult:
     """One side of an interface; n nodes in contact, sorted by position."""
 
@@ -42,7 +43,7 @@ class SideResult:
         return self.force - self.normal_force[:, None] * self.normal
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class InterfaceResult:
     """Result of one interface; against a rigid obstacle the side's nodes take the frame's place."""
 
@@ -94,9 +95,8 @@ class InterfaceResult:
 
 
 def collect_results(
-    models: Sequence[ContactModel],
-    motions: Sequence[np.ndarray],
-    gaps: Sequence[np.ndarray],
+    operators: ContactOperators,
+    u: np.ndarray,
     multiplier: np.ndarray,
     w: np.ndarray,
     states: Any = None,
@@ -104,35 +104,32 @@ def collect_results(
     """Results of all interfaces; everything is the same on every rank.
 
     Args:
-        models: the interfaces.
-        motions: per side (n, gdim) displacement of its nodes.
-        gaps: per side (n, gdim) initial gap that counts.
-        multiplier, w: multipliers and frame unknowns of all interfaces, in their own order.
+        operators: of the interfaces.
+        u: (n_local,) displacement of this rank.
+        multiplier, w: (n,), (m,) multipliers and frame unknowns of all interfaces.
         states: per interface its ``InterfaceState``; None: all tied.
     """
-    results, row, col, side = [], 0, 0, 0
-    for i, model in enumerate(models):
+    motions = [operators.motion(side, u) for side in range(len(operators.pairs))]
+    gaps, results = operators.side_gaps(moved=False), []
+    for i, (model, place) in enumerate(zip(operators.models, operators.places, strict=True)):
         m, d, gdim = model.directions.shape
-        moved = motions[side : side + len(model.pairs)]
-        v = np.einsum("md,mdi->mi", w[col : col + m * d].reshape(m, d), model.directions)
+        moved = motions[place.sides]
+        v = np.einsum("md,mdi->mi", w[place.frame].reshape(m, d), model.directions)
         if d == 1 and m:  # without tangential unknowns the frame follows both bodies
             v = v + _tangential_average(model, moved)
         if model.frame is None:
             v = np.zeros((0, gdim))
+        forces = multiplier[place.rows].reshape(-1, model.pairs[0].base.shape[1])
+        status = states[i].pair_status() if states else np.full(len(forces), STICK)
         sides, first = [], 0
-        n_pairs = sum(len(p.nodes) for p in model.pairs)
-        status = states[i].pair_status() if states else np.full(n_pairs, STICK)
-        for p, motion in zip(model.pairs, moved, strict=True):
-            n, c = p.base.shape[:2]
-            force = multiplier[row : row + n * c].reshape(n, c)
-            state = status[first : first + n]
+        for p, motion, gap in zip(model.pairs, moved, gaps[place.sides], strict=True):
+            own = slice(first, first + len(p.nodes))
             follows = p.N @ v
             if model.interface.obstacle is not None:
                 follows = follows + model.interface.obstacle.motion(gdim)
-            sides.append(_side_result(p, force, motion, follows, gaps[side], state))
-            row, first, side = row + n * c, first + n, side + 1
+            sides.append(_side_result(p, forces[own], motion, follows, gap, status[own]))
+            first = own.stop
         results.append(_interface_result(model, sides, v, states and states[i]))
-        col += m * d
     return results
 
 

@@ -11,12 +11,13 @@ from dolfinx_llm.interface.geometry import ContactModel
 from dolfinx_llm.laws.coulomb import OPEN, SLIP, STICK
 from dolfinx_llm.laws.speakers import follow, speakers
 from dolfinx_llm.operators.assemble import interface_operator
+from dolfinx_llm.operators.system import ContactOperators
 
 LOOSE = 3  # a pair that has closed so often in a load step has no friction of its own
 FLOOR = 1e-3  # what pairs without contact add to the support of a frame node
 
 
-@dataclass
+@dataclass(eq=False)
 class InterfaceState:
     """One interface: its place in the vectors of all, and what is in contact.
 
@@ -45,6 +46,7 @@ class InterfaceState:
 
     def __post_init__(self):
         self._N = [p.N for p in self.model.pairs] if self.model.frame is not None else []
+        self.speaker = np.arange(len(self.kappa))
         self._squares = [A.power(2).T.tocsr() for A in self._N or [identity(len(self.rows))]]
         self.forget()
 
@@ -189,29 +191,26 @@ class InterfaceState:
         return np.where(self.active, status, OPEN)
 
 
-def interface_states(models, redundant: np.ndarray) -> list[InterfaceState]:
-    """States of the interfaces, numbered through: rows, frame unknowns, then slip unknowns."""
-    states, row, col = [], 0, 0
-    sizes = [model.directions.shape[0] * model.directions.shape[1] for model in models]
-    slip = sum(sizes)
-    for model, size in zip(models, sizes, strict=True):
+def interface_states(operators: ContactOperators) -> list[InterfaceState]:
+    """States of the interfaces, each with its places in the vectors of all."""
+    states = []
+    for model, place, L in zip(operators.models, operators.places, operators.blocks, strict=True):
         n, c = sum(len(p.nodes) for p in model.pairs), model.pairs[0].base.shape[1]
         L_kappa, weight, theta = _slip_operators(model, n, c)
-        k = L_kappa.shape[1]
+        rows, slips = (np.arange(at.start, at.stop) for at in (place.rows, place.slips))
         states.append(
             InterfaceState(
                 model,
-                rows=row + np.arange(n * c).reshape(n, c),
-                v=col + np.arange(size),
-                kappa=slip + np.arange(k).reshape(-1, c - 1 if k else 1),
-                kept=~redundant[row : row + n * c],
-                L=interface_operator(model.pairs, model.directions),
+                rows=rows.reshape(n, c),
+                v=np.arange(place.frame.start, place.frame.stop),
+                kappa=slips.reshape(-1, c - 1 if len(slips) else 1),
+                kept=~operators.redundant[place.rows],
+                L=L,
                 L_kappa=L_kappa,
                 normal_weight=weight,
                 theta=theta,
             )
         )
-        row, col, slip = row + n * c, col + size, slip + k
     return states
 
 

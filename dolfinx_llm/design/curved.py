@@ -62,7 +62,7 @@ def curved_rows(
     return out, st, P, groups
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Clamped:
     """Rows of one side, with those at the frame's outline bound to the outline's nodes."""
 

@@ -35,7 +35,7 @@ _NEAR = 1e-6  # of the shortest facet: positions closer than this count as one f
 _WINDOW = 8  # roots looked back; between every fourth root both sides have a node
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MomentRoots:
     """Zeros of the moment of two force systems on a line; they mark no side."""
 

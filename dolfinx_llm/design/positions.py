@@ -32,7 +32,7 @@ _MODES = 0.25 * np.array([[-1, 1, 1, -1], [-1, -1, 1, 1], [1, -1, 1, -1]])
 _Group = list[tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Scene:
     """Plane problem, frame scaled to size 1; of mirrored points one representative."""
 

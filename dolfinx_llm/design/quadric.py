@@ -16,7 +16,7 @@ from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Stencils:
     """Groups of frame nodes that rows may be corrected on, in axes of their cell."""
 

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import logging
+from typing import Protocol
 
 import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.condensed.elimination import SlavedRows
 from dolfinx_llm.forms.condensed.krylov import WIDEST
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.steps import CondensedSteps
 from dolfinx_llm.forms.condensed.system import CondensedSystem
+from dolfinx_llm.forms.exchange import WholeSteps
 from dolfinx_llm.forms.flexibility import Flexibility
 from dolfinx_llm.forms.saddle import SaddleSystem, SparseSteps
 from dolfinx_llm.forms.verdict import Verdict
 from dolfinx_llm.operators.bodies import rigid_modes
-from dolfinx_llm.operators.numbering import slip_numbering
 from dolfinx_llm.operators.petsc import is_symmetric
+from dolfinx_llm.operators.system import ContactOperators
 
 log = logging.getLogger("dolfinx_llm")
 
@@ -28,113 +33,143 @@ CROSSOVER = {2: 500_000, 3: 20_000}
 FLEXIBLE = 1500  # multipliers up to which contact laws iterate on the surfaces' flexibility
 
 
-def choose_solver(problem) -> tuple[str, str]:
-    """The form for a ContactProblem, "saddle" or "condensed", and why.
+class Stiffness(Protocol):
+    """What a form needs to know of the bodies: a part of ``Bulk``."""
+
+    @property
+    def K(self) -> PETSc.Mat:
+        """PETSc AIJ."""
+
+    def take_K(self) -> PETSc.Mat:
+        """K, which the bulk no longer has then."""
+
+
+def choose_solver(asked: str, K: PETSc.Mat, operators: ContactOperators) -> tuple[str, str]:
+    """The form of the system, "saddle", "condensed" or "flexibility", and why.
+
+    Args:
+        asked: the user's choice, of ``SOLVERS``.
+        K: stiffness of the bodies.
+        operators: of the interfaces.
 
     Raises:
         ContactError: the condensed form was asked for, of a stiffness that is not symmetric.
     """
-    symmetric = is_symmetric(problem.K)
-    if problem.solver == "condensed" and not symmetric:
+    symmetric = is_symmetric(K)
+    if asked == "condensed" and not symmetric:
         raise ContactError(
             "solver='condensed' needs a symmetric stiffness, and the form a is not symmetric: use "
             "solver='saddle'"
         )
-    if any(model.interface.law.unilateral for model in problem.models):
-        return _choose_steps(problem, symmetric)
-    if problem.solver != "auto":
-        return problem.solver, "as asked"
+    if any(model.interface.law.unilateral for model in operators.models):
+        return _choose_steps(asked, symmetric, operators)
+    if asked != "auto":
+        return asked, "as asked"
     if not symmetric:
         return "saddle", "chosen: the form a is not symmetric"
-    limit = CROSSOVER[problem.spaces[0].mesh.geometry.dim]
-    if sum(problem.unknowns.values()) < limit:
+    limit = CROSSOVER[operators.dofs.gdim]
+    if sum(operators.counts.values()) < limit:
         return "saddle", f"chosen: fewer than {limit} unknowns, where factorising is quickest"
-    widest = slaved_rows(problem).widest
+    widest = slaved_rows(operators).widest
     if widest > WIDEST:
         return "saddle", f"chosen: a frame node couples with some {widest:.0f} nodes, too many"
     return "condensed", f"chosen: from {limit} unknowns on CG + GAMG is quicker"
 
 
-def _choose_steps(problem, symmetric: bool) -> tuple[str, str]:
+def _choose_steps(asked: str, symmetric: bool, operators: ContactOperators) -> tuple[str, str]:
     """The same for laws that let bodies part or slip, which take several steps."""
-    rows, unknowns = problem.unknowns["lambda"], sum(problem.unknowns.values())
-    if problem.solver == "condensed":
+    rows, unknowns = operators.counts["lambda"], sum(operators.counts.values())
+    if asked == "condensed":
         return "condensed", "as asked"
     if rows <= FLEXIBLE and symmetric:
-        asked = "as asked, " if problem.solver == "saddle" else ""
-        return "flexibility", f"{asked}with up to {FLEXIBLE} multipliers the bodies are asked once"
-    if problem.solver == "saddle":
+        first = "as asked, " if asked == "saddle" else ""
+        return "flexibility", f"{first}with up to {FLEXIBLE} multipliers the bodies are asked once"
+    if asked == "saddle":
         return "saddle", "as asked"
-    friction = any(model.interface.law.friction for model in problem.models)
-    limit = CROSSOVER[problem.spaces[0].mesh.geometry.dim]
-    if not symmetric or friction or unknowns < limit or slaved_rows(problem).widest > WIDEST:
+    friction = any(model.interface.law.friction for model in operators.models)
+    limit = CROSSOVER[operators.dofs.gdim]
+    if not symmetric or friction or unknowns < limit or slaved_rows(operators).widest > WIDEST:
         return "saddle", f"chosen: {rows} multipliers, factorised in each step"
     return "condensed", f"chosen: from {limit} unknowns on CG + GAMG is quicker"
 
 
-def build_system(problem):
-    """The system of a ContactProblem in the form that was chosen, set up."""
-    common = problem._prefix, problem._options
-    if problem.form == "saddle":
-        L_b = problem.L_b if problem.L_b.getSize()[1] else None
-        with problem._timed("factorisation"):
-            return SaddleSystem(problem.K, problem.B, L_b, problem.scale, *common)
-    with problem._timed("reduction"):
-        rows = slaved_rows(problem)
-        split = SplitStiffness(problem._take_K(), rows.dofs)
+def build_system(
+    form: str,
+    bulk: Stiffness,
+    operators: ContactOperators,
+    prefix: str,
+    options: dict | None,
+    times: StageTimes,
+) -> SaddleSystem | CondensedSystem:
+    """The system of ties in a form, set up.
+
+    Args:
+        form: "saddle" or "condensed", which takes K from the bulk.
+        bulk: the bodies.
+        operators: of the interfaces.
+        prefix: of the PETSc options.
+        options: PETSc options on top of the form's own.
+        times: to which seconds are added.
+    """
+    if form == "saddle":
+        L_b = operators.L_b if operators.L_b.getSize()[1] else None
+        with times.timed("factorisation"):
+            return SaddleSystem(bulk.K, operators.B, L_b, operators.scale, prefix, options)
+    with times.timed("reduction"):
+        rows = slaved_rows(operators)
+        split = SplitStiffness(bulk.take_K(), rows.dofs)
         system = CondensedSystem(
-            split, rows, problem._fixed, problem.scale, *common, modes=rigid_modes_of(problem)
-        )
+            split, rows, operators.dofs.fixed, operators.scale, prefix, options,
+            modes=rigid_modes_of(operators),
+        )  # fmt: skip
         split.release()
-    with problem._timed("factorisation"):
+    with times.timed("factorisation"):
         system.set_up()
     return system
 
 
-def build_steps(problem):
-    """What solves the linear steps of laws that let bodies part or slip."""
-    rows, frames = problem._rows, slip_numbering(problem.models, problem._frame_unknowns)
-    common = problem.bodies, problem._fixed, problem.scale, problem._prefix, problem._options
-    if problem.form == "flexibility":
-        return Flexibility(problem.K, problem.B, rows.numbering, *common, soft=problem._soft)
-    if problem.form == "saddle":
+def build_steps(
+    form: str, bulk: Stiffness, operators: ContactOperators, prefix: str, options: dict | None
+) -> Flexibility | WholeSteps:
+    """What solves the linear steps of laws that let bodies part or slip; see ``build_system``."""
+    rows, B, frames = operators.rows, operators.B, operators.unknowns
+    common = operators.bodies, operators.dofs.fixed, operators.scale, prefix, options
+    if form == "flexibility":
+        return Flexibility(bulk.K, B, rows.numbering, *common, soft=operators.soft)
+    if form == "saddle":
         numbers = rows.numbering, frames
-        return SparseSteps(problem.K, problem.B, *numbers, *common, soft=problem._soft)
+        return SparseSteps(bulk.K, B, *numbers, *common, soft=operators.soft)
     block, modes = 1, None
-    if not any(model.interface.law.friction for model in problem.models):
-        block, modes = block_size(problem), rigid_modes_of(problem)
-    return CondensedSteps(rows, block, modes, problem._take_K(), problem.B, frames, *common)
+    if not any(model.interface.law.friction for model in operators.models):
+        block, modes = block_size(operators), rigid_modes_of(operators)
+    return CondensedSteps(rows, block, modes, bulk.take_K(), B, frames, *common)
 
 
-def block_size(problem) -> int:
+def block_size(operators: ContactOperators) -> int:
     """Frame unknowns per node where all frames have as many, else 1."""
-    sizes = {model.directions.shape[1] for model in problem.models if model.frame is not None}
+    frames = [model for model in operators.models if model.frame is not None]
+    sizes = {model.directions.shape[1] for model in frames}
     return sizes.pop() if len(sizes) == 1 else 1
 
 
-def slaved_rows(problem) -> SlavedRows:
+def slaved_rows(operators: ContactOperators) -> SlavedRows:
     """All multiplier rows, tied to the frames."""
-    return SlavedRows(
-        problem._rows.dofs,
-        problem._rows.base,
-        problem._L_all,
-        problem._rows.numbering,
-        problem._frame_unknowns,
-        block_size(problem),
-    )
+    rows, block = operators.rows, block_size(operators)
+    return SlavedRows(rows.dofs, rows.base, operators.L, rows.numbering, operators.frames, block)
 
 
-def rigid_modes_of(problem) -> tuple[np.ndarray, np.ndarray]:
+def rigid_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]:
     """Rigid modes at this rank's dofs of the bodies (n_local, k) and at all frame unknowns (m, k).
 
     About the middle of the scene and of its size, so that far coordinates cost no digits.
     """
-    low, high = problem.bodies.low.min(axis=0), problem.bodies.high.max(axis=0)
+    bodies = operators.bodies
+    low, high = bodies.low.min(axis=0), bodies.high.max(axis=0)
     centre, size = 0.5 * (low + high), np.linalg.norm(high - low)
-    body = rigid_modes((problem.bodies.points - centre) / size)
+    body = rigid_modes((bodies.points - centre) / size)
     frame = [
         np.einsum("mdi,mik->mdk", model.directions, rigid_modes((model.frame.x - centre) / size))
-        for model in problem.models
+        for model in operators.models
         if model.frame is not None
     ]
     k = body.shape[2]
@@ -162,8 +197,8 @@ def lost_digits(system) -> list[str]:
     return Verdict(0.0, getattr(system, "rounding", 0.0)).lost
 
 
-def warn(problem) -> None:
+def warn(system, comm: MPI.Comm) -> None:
     """Log what the last solve may have lost to rounding."""
-    for words in lost_digits(problem._system):
-        if problem.comm.rank == 0:
+    for words in lost_digits(system):
+        if comm.rank == 0:
             log.warning(words)

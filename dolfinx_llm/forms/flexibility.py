@@ -219,6 +219,8 @@ def _solve_refined(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     Raises:
         numpy.linalg.LinAlgError: singular.
     """
+    if not len(b):  # supports hold the body, and nothing touches the obstacle
+        return b
     scale = 1.0 / np.maximum(np.abs(A).max(axis=1), 1e-300)
     A, b = A * scale[:, None], b * scale
     factor = scipy.linalg.lu_factor(A, check_finite=False)

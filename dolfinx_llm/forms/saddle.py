@@ -12,10 +12,10 @@ from dolfinx_llm.forms.exchange import WholeSteps
 from dolfinx_llm.forms.step import SOFT, InterfaceSystem
 from dolfinx_llm.forms.verdict import SEVERAL, check_rounding, rounding_error
 from dolfinx_llm.operators.petsc import (
-    _stored_zero_diagonal,
     create_aij,
     diagonal_of,
     join_blocks,
+    stored_zero_diagonal,
     with_springs,
 )
 
@@ -40,13 +40,13 @@ class SaddleSystem:
         sB, sB_t = self._scaled(B, scale), self._scaled(B_t, scale)
         # PETSc hands MUMPS the upper triangle from each row's stored diagonal on: on several ranks
         # rows without one lose entries.
-        zero_l = _stored_zero_diagonal(B.getSizes()[1], K.comm)
+        zero_l = stored_zero_diagonal(B.getSizes()[1], K.comm)
         blocks, parts = [[K, sB], [sB_t, zero_l]], [B_t, sB, sB_t, zero_l]
         if L_b is not None:
             L_t = L_b.copy()
             L_t.transpose()
             sL, sL_t = self._scaled(L_b, -scale), self._scaled(L_t, -scale)
-            zero_v = _stored_zero_diagonal(L_b.getSizes()[1], K.comm)
+            zero_v = stored_zero_diagonal(L_b.getSizes()[1], K.comm)
             blocks = [[K, sB, None], [sB_t, zero_l, sL], [None, sL_t, zero_v]]
             parts += [L_t, sL, sL_t, zero_v]
         self.matrix, self.rows = join_blocks(blocks)

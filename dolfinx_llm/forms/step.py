@@ -12,7 +12,7 @@ GRAZING = 1e-3  # forces below this part of scale times motion count as none
 SOFT = 1e-11  # compliance, relative to the surface's, that makes forces at supports unique
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class InterfaceSystem:
     """One linear step of a contact law, in the unknowns' own order; the same on every rank.
 

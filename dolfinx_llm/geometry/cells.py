@@ -68,6 +68,29 @@ def vector_areas(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
 
 
+def cell_sizes(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """(n_cells,) square root of every cell's area, length of segments [length]."""
+    area = np.linalg.norm(vector_areas(x, cells), axis=1)
+    return area if cells.shape[1] == 2 else np.sqrt(area)
+
+
+def points_of(x: np.ndarray, cells: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Shape functions, positions and tangents at one point of each cell, (23).
+
+    Args:
+        x: (m, gdim) nodes [length].
+        cells: (n, k) node numbers.
+        xi: (n, d) reference coordinates.
+
+    Returns:
+        N (n, k), positions (n, gdim) [length] and derivatives of the position by the reference
+        coordinates (n, d, gdim) [length].
+    """
+    N, dN = shape_functions(cells.shape[1], xi)
+    p = x[cells]
+    return N, np.einsum("nk,nki->ni", N, p), np.einsum("nkd,nki->ndi", dN, p)
+
+
 def bases(tangents: np.ndarray) -> np.ndarray:
     """Right-handed orthonormal bases (t1, t2, n), or (t1, n) in 2D, of the paper's (9).
 

@@ -15,26 +15,14 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
-from scipy.spatial import cKDTree
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.geometry.cells import (
-    _joined,
-    _on_sides,
-    _repeated,
-    shape_functions,
-    vector_areas,
-)
+from dolfinx_llm.base.parallel import collective
+from dolfinx_llm.geometry.cells import cell_sizes, points_of, vector_areas
+from dolfinx_llm.geometry.location import ClosestPoints, Location
 
-
-@dataclass(frozen=True)
-class Location:
-    """Points located on a frame: where each lies and how far from it."""
-
-    cell: np.ndarray  # (n,) frame cell
-    xi: np.ndarray  # (n, d) reference coordinates of the closest point
-    N: np.ndarray  # (n, k) shape functions of that cell's nodes, continued linearly outside
-    outside: np.ndarray  # (n,) tangential distance from the cell in units of its size, 0 inside
+POSITIONS, NUMBERS = "give (m, gdim) node positions", "give (n, k) node numbers, integers"
 
 
 @dataclass(frozen=True)
@@ -47,7 +35,7 @@ class Quality:
     min_jacobian: float  # smallest corner Jacobian over the cell's mean (1: parallelogram)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Frame:
     """A frame: nodes Y (or the current y = Y + v of (8)) and cells.
 
@@ -76,11 +64,11 @@ class Frame:
     v: np.ndarray | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        x = np.ascontiguousarray(self.x, dtype=np.float64)
-        cells = np.ascontiguousarray(self.cells, dtype=np.int64)
+        x, cells = _numbers("x", self.x, POSITIONS), _numbers("cells", self.cells, NUMBERS)
+        x, cells = np.ascontiguousarray(x, np.float64), np.ascontiguousarray(cells, np.int64)
         object.__setattr__(self, "x", x)
         object.__setattr__(self, "cells", cells)
-        if x.ndim != 2 or x.shape[1] not in (2, 3):
+        if x.ndim != 2 or x.shape[1] not in (2, 3) or not len(x):
             raise ContactInputError(f"frame: x must be (m, 2) or (m, 3), is {x.shape}")
         kinds = (2,) if x.shape[1] == 2 else (3, 4)
         if cells.ndim != 2 or cells.shape[1] not in kinds or len(cells) == 0:
@@ -106,6 +94,9 @@ class Frame:
                 f"{x[cells[bad[0]]].tolist()}"
             )
         self._check_orientation()
+        if self.v is not None:
+            v = checks.array("frame: v", self.v, x.shape, f"give {x.shape} displacements or None")
+            object.__setattr__(self, "v", v)
 
     def _check_orientation(self) -> None:
         """An edge (a node in 2D) of two cells must be run through once each way."""
@@ -140,8 +131,13 @@ class Frame:
         """
         if comm is None:
             return cls(*_read_gmsh(model, physical_group, gdim))
-        data = _read_gmsh(model, physical_group, gdim) if comm.rank == 0 else None
-        return cls(*comm.bcast(data, root=0))
+        if not isinstance(comm, MPI.Comm):
+            checks.refuse("comm", comm, "give an MPI communicator of mpi4py, or None")
+        frame = None
+        with collective(comm):
+            if comm.rank == 0:
+                frame = cls(*_read_gmsh(model, physical_group, gdim))
+        return comm.bcast(frame, root=0)
 
     @property
     def gdim(self) -> int:
@@ -187,8 +183,15 @@ class Frame:
     @cached_property
     def cell_size(self) -> np.ndarray:
         """(n_cells,) square root of the area (length in 2D) [length]."""
-        area = np.linalg.norm(vector_areas(self.x, self.cells), axis=1)
-        return area if self.cells.shape[1] == 2 else np.sqrt(area)
+        return cell_sizes(self.x, self.cells)
+
+    def moved(self, v: np.ndarray) -> Frame:
+        """The frame where its nodes have moved to, y = Y + v of (8).
+
+        Args:
+            v: (m, gdim) displacement of the nodes [length].
+        """
+        return replace(self, x=self.x + v, v=None)
 
     def flipped(self) -> Frame:
         """The same frame with its normal turned round."""
@@ -205,9 +208,7 @@ class Frame:
             N (n, k), positions (n, gdim) [length] and derivatives of the position by the
             reference coordinates (n, d, gdim) [length].
         """
-        N, dN = shape_functions(self.cells.shape[1], xi)
-        p = self.x[self.cells[cell]]
-        return N, np.einsum("nk,nki->ni", N, p), np.einsum("nkd,nki->ndi", dN, p)
+        return points_of(self.x, self.cells[cell], xi)
 
     def locate(self, points: ArrayLike) -> Location:
         """Closest point of the frame for each given point (inverse isoparametric mapping).
@@ -222,121 +223,12 @@ class Frame:
         Returns:
             A ``Location`` with one row per point.
         """
-        x = np.asarray(points, dtype=np.float64)
-        cell = cKDTree(self._balls[0]).query(x)[1]
-        xi, distance = self._invert(x, cell)
-        far = np.maximum(np.abs(x).max(axis=1, initial=0.0), np.abs(self.x).max())
-        rounding = 1e-10 * self.cell_size.mean() + 10.0 * np.finfo(float).eps * far
-        N, dN = shape_functions(self.cells.shape[1], xi)
-        inside = (N.min(axis=1) > 1e-9) & (distance <= rounding)
-        rest = np.flatnonzero(~inside)
-        if len(rest):
-            cell[rest], xi[rest] = self._closest(x[rest], distance[rest], rounding[rest])
-            N, dN = shape_functions(self.cells.shape[1], xi)
-        step, offset = self._step(x, cell, xi)
-        N = N + np.einsum("nkd,nd->nk", dN, step)
-        return Location(cell, xi, N, self._outside(offset, cell))
-
-    def _closest(
-        self, x: np.ndarray, bound: np.ndarray, rounding: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Cells with the closest points, of equally close ones the first, and these points.
-
-        Args:
-            x: (n, gdim) points [length].
-            bound: (n,) how far from each there is a cell [length].
-            rounding: (n,) distances that differ by less are the same [length].
-        """
-        point, cell = self._candidates(x, bound, rounding)
-        xi, distance = self._invert(x[point], cell)
-        least = np.full(len(x), np.inf)
-        np.minimum.at(least, point, distance)
-        close = distance <= (least + rounding)[point]
-        point, cell, xi = point[close], cell[close], xi[close]
-        # Above an edge distances hardly differ from where the foot lies in one of its cells.
-        outside = self._outside(self._step(x[point], cell, xi)[1], cell)
-        order = np.lexsort((cell, outside > 0.0, point))
-        best = order[np.unique(point[order], return_index=True)[1]]
-        return cell[best], xi[best]
-
-    def _outside(self, offset: np.ndarray, cell: np.ndarray) -> np.ndarray:
-        """Tangential distance from cells in units of their size, 0 inside."""
-        outside = np.linalg.norm(offset, axis=1) / self.cell_size[cell]
-        outside[outside < 1e-11] = 0.0  # rounding of the coordinates
-        return outside
-
-    def _step(
-        self, x: np.ndarray, cell: np.ndarray, xi: np.ndarray, inside: bool = False
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Newton step towards the foot of points x, or the closest point inside the quad, and how
-        far it moves in space."""
-        _, y, t = self.evaluate(cell, xi)
-        JJ = np.einsum("nai,nbi->nab", t, t)
-        rhs = np.einsum("nai,ni->na", t, x - y)
-        if JJ.shape[1] == 1:
-            step = rhs / JJ[:, 0]
-        else:
-            a, b, c = JJ[:, 0, 0], JJ[:, 0, 1], JJ[:, 1, 1]
-            if inside:  # at a side that a point lies beyond, the other coordinate goes on alone
-                b = np.where(((np.abs(xi) >= 1.0) & (xi * rhs > 0.0)).any(axis=1), 0.0, b)
-            adjugate = np.column_stack(
-                [c * rhs[:, 0] - b * rhs[:, 1], a * rhs[:, 1] - b * rhs[:, 0]]
-            )
-            step = adjugate / np.maximum(a * c - b * b, 1e-300)[:, None]
-        return step, np.einsum("na,nai->ni", step, t)
+        accepted = f"give (n, {self.gdim}) positions"
+        return self._places.locate(checks.array("points", points, (None, self.gdim), accepted))
 
     @cached_property
-    def _balls(self) -> tuple[np.ndarray, np.ndarray]:
-        """Centroids (n_cells, gdim) and radii (n_cells,) of balls that hold the cells [length]."""
-        corners = self.x[self.cells]
-        centre = corners.mean(axis=1)
-        return centre, np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
-
-    def _candidates(
-        self, x: np.ndarray, bound: np.ndarray, rounding: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs (point, cell) of all cells that may be as close as the bound: for points on the
-        frame those whose ball holds them, for others what ball and plane of a cell leave."""
-        centre, radius = self._balls
-        on = np.flatnonzero(bound <= rounding)
-        found = cKDTree(x[on]).query_ball_point(centre, radius + 2.0 * rounding.max())
-        points, cells = [on[_joined(found)]], [_repeated(np.arange(len(centre)), found)]
-        normal = vector_areas(self.x, self.cells)
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
-        corners = self.x[self.cells] - centre[:, None]
-        warp = np.abs(np.einsum("cki,ci->ck", corners, normal)).max(axis=1)
-        off, bound, tree = np.flatnonzero(bound > rounding), bound + rounding, cKDTree(centre)
-        for some in np.array_split(off, len(off) // 1000 + 1):  # points far away have many cells
-            found = tree.query_ball_point(x[some], bound[some] + radius.max())
-            point, cell = _repeated(some, found), _joined(found)
-            d = x[point] - centre[cell]
-            height = np.einsum("ni,ni->n", d, normal[cell])
-            along = np.linalg.norm(d - height[:, None] * normal[cell], axis=1) - radius[cell]
-            above = np.abs(height) - warp[cell]
-            near = np.hypot(np.maximum(above, 0.0), np.maximum(along, 0.0)) <= bound[point]
-            points.append(point[near])
-            cells.append(cell[near])
-        return np.concatenate(points), np.concatenate(cells)
-
-    def _invert(self, x: np.ndarray, cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Reference coordinates of the closest point in a cell, and its distance [length]."""
-        k = self.cells.shape[1]
-        xi = np.full((len(x), 1 if k == 2 else 2), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
-        active = np.arange(len(x))
-        for _ in range(2 if k < 4 else 20):
-            step, _ = self._step(x[active], cell[active], xi[active], inside=k == 4)
-            new = xi[active] + step
-            if k != 3:
-                new = np.clip(new, -1.0 if k == 4 else 0.0, 1.0)
-            moved = np.abs(new - xi[active]).max(axis=1) > 1e-14  # below is rounding
-            xi[active] = new
-            active = active[moved]
-            if not len(active):
-                break
-        if k == 3:
-            beyond = np.flatnonzero((xi < 0.0).any(axis=1) | (xi.sum(axis=1) > 1.0))
-            xi[beyond] = _on_sides(self.x[self.cells[cell[beyond]]], x[beyond])
-        return xi, np.linalg.norm(x - self.evaluate(cell, xi)[1], axis=1)
+    def _places(self) -> ClosestPoints:
+        return ClosestPoints(self.x, self.cells)
 
     def interpolation(self, location: Location) -> csr_matrix:
         """(n, m) matrix of the shape functions N_J(xi_p): the scalar L_b before any design.
@@ -351,18 +243,53 @@ class Frame:
         return matrix
 
 
+def _numbers(name: str, value: Any, accepted: str) -> np.ndarray:
+    """An array of real numbers, or of integers where numbers of nodes are asked for."""
+    try:
+        found = np.asarray(value)
+    except ValueError:  # ragged
+        found = np.empty(0, dtype=object)
+    kinds = "iu" if accepted == NUMBERS and found.size else "iuf"
+    if found.dtype.kind not in kinds:
+        checks.refuse(f"frame: {name}", value, accepted)
+    return found
+
+
 def _read_gmsh(model: Any, physical_group: int, gdim: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and cells of a physical group; no cells where they are not of one first-order kind."""
+    """Nodes and cells of a physical group of first-order cells of one kind."""
+    checks.integer("gdim", gdim, "give 2 or 3")
+    if gdim not in (2, 3):
+        checks.refuse("gdim", gdim, "give 2 or 3")
+    checks.integer("physical_group", physical_group, "give the tag of a physical group, an integer")
+    if not hasattr(model, "getPhysicalGroups") or not hasattr(model, "mesh"):
+        checks.refuse("model", model, "give gmsh.model after gmsh.initialize()")
+    try:
+        return _read_group(model, physical_group, gdim)
+    except ContactInputError:
+        raise
+    except Exception as error:
+        raise ContactInputError(
+            f"gmsh cannot read the physical group {physical_group}: {error}. Call "
+            "gmsh.initialize(), then make or open a model and mesh it"
+        ) from error
+
+
+def _read_group(model: Any, physical_group: int, gdim: int) -> tuple[np.ndarray, np.ndarray]:
     nodes = {1: 2, 2: 3, 3: 4}  # gmsh's lines, triangles, quads
     kinds: set[int] = set()
     parts = [np.empty(0, dtype=np.int64)]
-    if (gdim - 1, physical_group) in model.getPhysicalGroups():
+    groups = [(int(dim), int(tag)) for dim, tag in model.getPhysicalGroups()]
+    if (gdim - 1, physical_group) in groups:
         for entity in model.getEntitiesForPhysicalGroup(gdim - 1, physical_group):
             found = model.mesh.getElements(gdim - 1, entity)
             kinds |= set(map(int, found[0]))
             parts += [np.asarray(tags, dtype=np.int64) for tags in found[2]]
     if len(kinds) != 1 or not kinds <= set(nodes):
-        return np.zeros((0, gdim)), np.zeros((0, gdim), dtype=np.int64)
+        raise ContactInputError(
+            f"physical group {physical_group} of dimension {gdim - 1}: cells must be first-order "
+            f"lines (gdim=2), triangles or quads (gdim=3) of one kind; gmsh's kinds there are "
+            f"{sorted(kinds)}, and the model has the groups (dimension, tag) {groups}"
+        )
     tags, x, _ = model.mesh.getNodes()
     used, cells = np.unique(np.concatenate(parts), return_inverse=True)
     order = np.argsort(tags)

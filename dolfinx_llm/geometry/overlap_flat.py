@@ -29,7 +29,7 @@ _MONOMIALS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Plane:
     """A plane (a line in 2D) with its own axes."""
 

@@ -17,7 +17,7 @@ from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.surface import Surface
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ContactPairs:
     """The pairs of one side; n of them, on a frame of m nodes."""
 

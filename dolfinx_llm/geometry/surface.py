@@ -6,26 +6,40 @@ by position, ties by the mesh's input numbering; facets by their nodes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from dolfinx_llm.base import compat
+from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import check, collective, gather_rows
 from dolfinx_llm.geometry.cells import vector_areas
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Surface:
     """Tagged surface of one body."""
 
-    x: np.ndarray  # (n, gdim) node positions X [length]
+    x: np.ndarray  # (n, gdim) node positions now [length]
     facets: np.ndarray  # (m, k) nodes of each facet; vector areas point out of the body
     dofs: np.ndarray  # (n,) global number of each node's block of dofs in its function space
     owner: np.ndarray  # (n,) rank that owns the node
     name: str  # for messages: "tag 3"
+    drawn: np.ndarray | None = None  # (n, gdim) node positions as drawn; None: x [length]
+
+    @property
+    def X(self) -> np.ndarray:
+        """(n, gdim) node positions as drawn [length]."""
+        return self.x if self.drawn is None else self.drawn
+
+    def moved(self, u: np.ndarray) -> Surface:
+        """The surface at x = X + u; nothing is gathered anew.
+
+        Args:
+            u: (n, gdim) displacement since the drawing [length].
+        """
+        return replace(self, x=self.X + u, drawn=self.X)
 
     @property
     def normal(self) -> np.ndarray:
@@ -38,12 +52,36 @@ class Surface:
         return float(np.linalg.norm(np.ptp(self.x, axis=0)))
 
 
+CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
+
+
+def check_facet_tags(name: str, tags: Any) -> None:
+    """Require dolfinx mesh tags.
+
+    Args:
+        name: of the argument.
+        tags: what was given.
+
+    Raises:
+        ContactInputError: something else.
+    """
+    if isinstance(tags, type) or not all(hasattr(tags, k) for k in ("dim", "indices", "values")):
+        checks.refuse(name, tags, "give dolfinx mesh tags of facets (dolfinx.mesh.meshtags)")
+
+
 def check_space(V: Any) -> None:
-    """Require a vector space of first-order Lagrange elements with one dof per direction.
+    """Require a vector space of first-order Lagrange elements with one dof per direction, on a
+    first-order mesh of triangles, quadrilaterals, tetrahedra or hexahedra.
+
+    Args:
+        V: what was given as function space.
 
     Raises:
         ContactInputError: otherwise; on all ranks.
     """
+    if isinstance(V, type) or not all(hasattr(V, k) for k in ("mesh", "dofmap", "element")):
+        checks.refuse("V", V, "give a dolfinx function space")
+    _check_mesh(V.mesh)
     layout, topology = V.dofmap.dof_layout, V.mesh.topology
     offsets = topology.connectivity(topology.dim, 0).offsets
     n_vertices = offsets[1] if len(offsets) > 1 else None  # None: this rank owns no cell
@@ -61,6 +99,29 @@ def check_space(V: Any) -> None:
     )
 
 
+def _check_mesh(mesh: Any) -> None:
+    """Require bodies that fill the space, of straight cells of one kind."""
+    kinds = compat.cell_kinds(mesh)
+    degree = compat.geometry_degree(mesh) if len(kinds) == 1 else 1
+    tdim, gdim = mesh.topology.dim, mesh.geometry.dim
+    text = ""
+    if len(kinds) != 1 or kinds[0] not in CELLS:
+        text = f"the mesh has cells of the kind(s) {', '.join(kinds)}: made for {', '.join(CELLS)}"
+    elif tdim != gdim:
+        text = (
+            f"the mesh is a surface or curve of dimension {tdim} in {gdim}D: bodies must fill the "
+            "space (model_to_mesh(..., gdim=2) for bodies in the plane)"
+        )
+    elif degree != 1:
+        text = (
+            f"the mesh has cells of order {degree}: made for first-order meshes, whose facets are "
+            "straight (gmsh.model.mesh.setOrder(1))"
+        )
+    elif mesh.geometry.x.dtype != np.float64:
+        text = f"the mesh has coordinates of type {mesh.geometry.x.dtype}: made for float64"
+    check(mesh.comm, bool(text), text, ContactInputError)
+
+
 def extract_surface(V: Any, facet_tags: Any, tag: int) -> Surface:
     """Gather the facets with a tag, their nodes and dofs, on all ranks.
 
@@ -75,10 +136,19 @@ def extract_surface(V: Any, facet_tags: Any, tag: int) -> Surface:
     mesh = V.mesh
     comm, topology = mesh.comm, mesh.topology
     fdim = topology.dim - 1
+    with collective(comm):
+        check_facet_tags("facet tags", facet_tags)
+        checks.integer("facet tag", tag)
     check(
         comm,
         facet_tags.dim != fdim,
         f"facet tags of dimension {facet_tags.dim} do not mark facets, which have dimension {fdim}",
+        ContactInputError,
+    )
+    check(
+        comm,
+        not compat.tags_belong_to(facet_tags, mesh),
+        "the facet tags belong to another mesh than the function space",
         ContactInputError,
     )
     topology.create_connectivity(fdim, fdim + 1)

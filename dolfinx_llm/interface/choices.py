@@ -5,15 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.surface import check_facet_tags
 from dolfinx_llm.interface.obstacles import _Obstacle
 from dolfinx_llm.laws.law import LAWS, Coulomb, Frictionless, Tied
 
 DESIGNS = ("auto", "positions", "weights", None)
+SIDES = (
+    "give two facet tags, e.g. (3, 7), or ((tags_0, 3), (tags_1, 7)); one may be a rigid obstacle"
+)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Interface:
     """Two surfaces in contact. Neither side is preferred; their order does not matter.
 
@@ -39,25 +44,21 @@ class Interface:
     design: str | None = "auto"
 
     def __post_init__(self) -> None:
-        if self.design not in DESIGNS:
-            raise ContactInputError(f"design={self.design!r}: choose one of {DESIGNS}")
-        if not isinstance(self.law, LAWS):
-            raise ContactInputError(
-                f"law={self.law!r}: choose Tied(), Frictionless() or Coulomb(mu)"
-            )
-        if self.frame is not None and not isinstance(self.frame, Frame):
-            raise ContactInputError(f"frame={self.frame!r}: give a dolfinx_llm.Frame or None")
-        try:
-            n = len(self.sides)
-        except TypeError:
-            n = 0
-        if n != 2:
-            raise ContactInputError(f"sides={self.sides!r}: give two facet tags")
-        rigid = sum(isinstance(side, _Obstacle) for side in self.sides)
+        checks.one_of("design", self.design, DESIGNS)
+        checks.instance("law", self.law, LAWS, "choose Tied(), Frictionless() or Coulomb(mu)")
+        if self.frame is not None:
+            checks.instance("frame", self.frame, Frame, "give a dolfinx_llm.Frame or None")
+        sides = tuple(checks.items("sides", self.sides, SIDES))
+        if len(sides) != 2:
+            checks.refuse("sides", self.sides, SIDES)
+        object.__setattr__(self, "sides", tuple(_side(side) for side in sides))
+        rigid = sum(isinstance(side, _Obstacle) for side in sides)
         if rigid == 2:
             raise ContactInputError("both sides are rigid obstacles: one must be a body")
         if rigid and self.frame is not None:
             raise ContactInputError("against a rigid obstacle there is no frame: leave frame=None")
+        for tags, _ in self.tagged_sides():
+            check_facet_tags("facet tags", tags)
 
     @property
     def name(self) -> str:
@@ -79,4 +80,15 @@ class Interface:
 
 
 def _tagged(interface: Interface, side: Any) -> Any:
-    return side if isinstance(side, (tuple, list)) else (interface.facet_tags, side)
+    return side if isinstance(side, tuple) else (interface.facet_tags, side)
+
+
+def _side(side: Any) -> Any:
+    """A side as an obstacle, a tag, or a tuple of facet tags and tag."""
+    if isinstance(side, _Obstacle):
+        return side
+    if not isinstance(side, (tuple, list)):
+        return checks.integer("sides: facet tag", side, SIDES)
+    if len(side) != 2:
+        checks.refuse("sides", side, SIDES)
+    return side[0], checks.integer("sides: facet tag", side[1], SIDES)

@@ -13,7 +13,7 @@ from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.choices import Interface
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ContactModel:
     """An interface, ready for assembly; the same on every rank."""
 

@@ -11,39 +11,35 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
 
 
 def _vector(name: str, value: ArrayLike, size: int | None = None) -> np.ndarray:
-    try:
-        vector = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        vector = np.empty(0)
-    if vector.shape not in ((2,), (3,)) or (size and len(vector) != size):
-        want = f"{size} numbers" if size else "2 or 3 numbers"
-        raise ContactInputError(f"{name}={value!r}: give {want}")
-    if not np.isfinite(vector).all():
-        raise ContactInputError(f"{name}={value!r}: must be finite")
+    want = f"give {size if size else '2 or 3'} numbers, which must be finite"
+    vector = checks.array(name, value, (None,), want)
+    if len(vector) not in (2, 3) or (size and len(vector) != size):
+        checks.refuse(name, value, want)
     return vector
 
 
 def _unit(name: str, value: ArrayLike, size: int) -> np.ndarray:
     vector = _vector(name, value, size)
-    length = np.linalg.norm(vector)
-    if not length > 0.0:
-        raise ContactInputError(f"{name}={value!r}: has no direction")
-    return vector / length
+    largest = np.abs(vector).max()
+    if not largest > 0.0:
+        checks.refuse(name, value, "has no direction")
+    vector = vector / largest  # whose square neither vanishes nor overflows
+    return vector / np.linalg.norm(vector)
 
 
 def _radius(value: float, inside: bool) -> float:
-    if not (np.isscalar(value) and np.isfinite(value) and value > 0.0):
-        raise ContactInputError(f"radius={value!r}: give a positive number")
-    return float(value)
+    checks.boolean("inside", inside)
+    return checks.number("radius", value, "give a positive, finite number", above=0.0)
 
 
-@dataclass
+@dataclass(eq=False)
 class _Obstacle:
     """What all obstacles share."""
 
@@ -81,7 +77,7 @@ class _Obstacle:
         raise NotImplementedError
 
 
-@dataclass
+@dataclass(eq=False)
 class RigidPlane(_Obstacle):
     """A half-space.
 
@@ -107,6 +103,7 @@ class RigidPlane(_Obstacle):
     def __post_init__(self) -> None:
         self.point = _vector("point", self.point)
         self.normal = _unit("normal", self.normal, len(self.point))
+        self.motion(self.gdim)  # a displacement of the right size
 
     @property
     def gdim(self) -> int:
@@ -116,7 +113,7 @@ class RigidPlane(_Obstacle):
         return (x - self.point) @ self.normal, np.broadcast_to(-self.normal, x.shape).copy()
 
 
-@dataclass
+@dataclass(eq=False)
 class RigidSphere(_Obstacle):
     """A ball (a disc in 2D), or with ``inside`` a cavity that holds the body.
 
@@ -143,6 +140,7 @@ class RigidSphere(_Obstacle):
     def __post_init__(self) -> None:
         self.centre = _vector("centre", self.centre)
         self.radius = _radius(self.radius, self.inside)
+        self.motion(self.gdim)  # a displacement of the right size
 
     @property
     def gdim(self) -> int:
@@ -152,7 +150,7 @@ class RigidSphere(_Obstacle):
         return _round(x - self.centre, self.radius, self.inside)
 
 
-@dataclass
+@dataclass(eq=False)
 class RigidCylinder(_Obstacle):
     """An endless cylinder in 3D, or with ``inside`` a bore that holds the body.
 
@@ -182,13 +180,14 @@ class RigidCylinder(_Obstacle):
         self.point = _vector("point", self.point, 3)
         self.axis = _unit("axis", self.axis, 3)
         self.radius = _radius(self.radius, self.inside)
+        self.motion(self.gdim)  # a displacement of the right size
 
     def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         d = x - self.point
         return _round(d - np.outer(d @ self.axis, self.axis), self.radius, self.inside)
 
 
-@dataclass
+@dataclass(eq=False)
 class RigidSurface(_Obstacle):
     """A surface mesh: the closest point counts, with the normal of its cell.
 
@@ -210,8 +209,8 @@ class RigidSurface(_Obstacle):
     mesh: Frame
 
     def __post_init__(self) -> None:
-        if not isinstance(self.mesh, Frame):
-            raise ContactInputError(f"mesh={self.mesh!r}: give a dolfinx_llm.Frame")
+        checks.instance("mesh", self.mesh, Frame, "give a dolfinx_llm.Frame")
+        self.motion(self.gdim)  # a displacement of the right size
 
     @property
     def gdim(self) -> int:

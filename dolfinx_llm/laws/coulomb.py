@@ -19,7 +19,7 @@ import numpy as np
 OPEN, STICK, SLIP = 0, 1, 2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FrictionRows:
     """C_T T + C_δ δ + C_N N = rhs at n nodes, d tangents."""
 

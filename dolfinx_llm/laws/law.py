@@ -5,9 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base import checks
 
 METHODS = ("newton", "switch")
 
@@ -20,12 +18,18 @@ class Tied:
         close_gap: close the initial gap between the bodies, which strains them. By default they
             are tied as drawn, free of stress.
 
+    Raises:
+        ContactInputError: close_gap is neither True nor False.
+
     >>> Tied()
     Tied(close_gap=False)
     """
 
     close_gap: bool = False
     unilateral, friction = False, False
+
+    def __post_init__(self) -> None:
+        checks.boolean("Tied: close_gap", self.close_gap)
 
 
 @dataclass(frozen=True)
@@ -70,14 +74,8 @@ class Coulomb:
         return self.mu > 0.0
 
     def __post_init__(self) -> None:
-        try:
-            good = np.isfinite(self.mu) and self.mu >= 0.0
-        except TypeError:
-            good = False
-        if not good:
-            raise ContactInputError(f"Coulomb(mu={self.mu!r}): give a number of at least 0")
-        if self.method not in METHODS:
-            raise ContactInputError(f"Coulomb(method={self.method!r}): choose one of {METHODS}")
+        checks.number("Coulomb: mu", self.mu, "give a finite number of at least 0", low=0.0)
+        checks.one_of("Coulomb: method", self.method, METHODS)
 
 
 LAWS = (Tied, Frictionless, Coulomb)

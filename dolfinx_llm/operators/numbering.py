@@ -1,4 +1,4 @@
-"""Where the unknowns of all interfaces stand in PETSc's vectors."""
+"""Where the dofs of all bodies and the unknowns of all interfaces stand in vectors."""
 
 from __future__ import annotations
 
@@ -13,9 +13,81 @@ from scipy.spatial import cKDTree
 
 if TYPE_CHECKING:
     from dolfinx_llm.geometry.pairs import ContactPairs
+    from dolfinx_llm.geometry.surface import Surface
+    from dolfinx_llm.interface.geometry import ContactModel
+
+
+@dataclass(frozen=True, eq=False)
+class BodyDofs:
+    """Numbers of the bodies' dofs in PETSc's vectors: rank by rank, and there mesh by mesh."""
+
+    comm: MPI.Comm
+    spaces: tuple[Any, ...]  # function space of each mesh
+    fixed: np.ndarray  # (n_local,) whether a Dirichlet condition prescribes a dof of this rank
+
+    @property
+    def gdim(self) -> int:
+        """Dofs per node."""
+        return self.spaces[0].mesh.geometry.dim
+
+    @cached_property
+    def counts(self) -> list[int]:
+        """This rank's dofs of each mesh."""
+        return [V.dofmap.index_map.size_local * self.gdim for V in self.spaces]
+
+    @cached_property
+    def sizes(self) -> tuple[int, int]:
+        """Local and global number of dofs."""
+        return len(self.fixed), self.comm.allreduce(len(self.fixed))
+
+    @cached_property
+    def first(self) -> int:
+        """Number of this rank's first dof."""
+        return sum(self.comm.allgather(len(self.fixed))[: self.comm.rank])
+
+    def of(self, space: int, nodes: ContactPairs | Surface) -> np.ndarray:
+        """(n, gdim) numbers of the dofs of pairs or of a surface of a mesh."""
+        start = self.spaces[space].dofmap.index_map.local_range[0] * self.gdim
+        shift = self.first + sum(self.counts[:space]) - start
+        shift = np.array(self.comm.allgather(shift))[nodes.owner]
+        return nodes.dofs[:, None] * self.gdim + np.arange(self.gdim) + shift[:, None]
+
+    def values(self, dofs: np.ndarray, local: np.ndarray) -> np.ndarray:
+        """Values at dofs (...) given by number, on every rank, from this rank's (n_local,)."""
+        at = dofs - self.first
+        mine = (at >= 0) & (at < len(local))
+        values = np.zeros(at.shape)
+        values[mine] = local[at[mine]]
+        return self.comm.allreduce(values)
 
 
 @dataclass(frozen=True)
+class Place:
+    """Where one interface stands in the vectors and lists of all interfaces."""
+
+    sides: slice  # of the sides
+    pairs: slice  # of the surface nodes of all sides
+    rows: slice  # of the multipliers λ
+    frame: slice  # of the frame unknowns v, the first of w
+    slips: slice  # of w: slip unknowns κ, which follow all v
+
+
+def places(models: Sequence[ContactModel]) -> list[Place]:
+    """Places of the interfaces, one after the other in every vector."""
+    frames = [model.directions.shape[0] * model.directions.shape[1] for model in models]
+    ends, found = [0, 0, 0, 0, sum(frames)], []
+    for model, frame in zip(models, frames, strict=True):
+        n = sum(len(side.nodes) for side in model.pairs)
+        _, c, gdim = model.pairs[0].base.shape
+        k = n if model.frame is None else len(model.directions)
+        slips = k * (gdim - 1) if model.interface.law.friction else 0
+        starts, sizes = ends, (len(model.pairs), n, n * c, frame, slips)
+        ends = [start + size for start, size in zip(starts, sizes, strict=True)]
+        found.append(Place(*map(slice, starts, ends)))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
 class Numbering:
     """Global PETSc numbers of unknowns known to every rank: by owner, then in their own order."""
 
@@ -40,7 +112,7 @@ class Numbering:
         return len(self.mine), len(self.owner)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rows:
     """The multipliers of several sides, one after the other: pair by pair, base by base vector."""
 
@@ -61,7 +133,7 @@ class Rows:
         )
 
 
-def frame_numbering(models: Sequence[Any], comm: MPI.Comm) -> Numbering:
+def frame_numbering(models: Sequence[ContactModel], comm: MPI.Comm) -> Numbering:
     """Numbers of the frame unknowns, d per node; they live with the nearest surface node."""
     owners = [np.empty(0, dtype=np.int64)]
     for model in models:
@@ -73,15 +145,16 @@ def frame_numbering(models: Sequence[Any], comm: MPI.Comm) -> Numbering:
     return Numbering(np.concatenate(owners), comm.rank)
 
 
-def slip_numbering(models: Sequence[Any], frames: Numbering) -> Numbering:
+def slip_numbering(
+    models: Sequence[ContactModel], places: Sequence[Place], frames: Numbering
+) -> Numbering:
     """Numbers of frame unknowns followed by slip unknowns κ, which live with their frame node (with
     their surface node against a rigid obstacle)."""
-    owners, first = [frames.owner], 0
-    for model in models:
-        m, d, gdim = model.directions.shape
-        at = frames.owner[first : first + m * d : max(d, 1)]
-        first += m * d
+    owners = [frames.owner]
+    for model, place in zip(models, places, strict=True):
+        _, d, gdim = model.directions.shape
         if model.interface.law.friction:
+            at = frames.owner[place.frame][:: max(d, 1)]
             at = model.pairs[0].owner if model.frame is None else at
             owners.append(np.repeat(at, gdim - 1))
     return Numbering(np.concatenate(owners), frames.rank)

@@ -59,7 +59,7 @@ def join_blocks(blocks):
     return matrix, rows
 
 
-def _stored_zero_diagonal(sizes, comm):
+def stored_zero_diagonal(sizes, comm):
     n, start = sizes[0], comm.tompi4py().exscan(sizes[0]) or 0
     csr = (np.arange(n + 1, dtype=PETSc.IntType), np.arange(start, start + n, dtype=PETSc.IntType))
     matrix = PETSc.Mat().createAIJ(size=(sizes, sizes), csr=(*csr, np.zeros(n)), comm=comm)

@@ -31,7 +31,7 @@ LAUNCHERS = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "MPI_LOCAL")
 _failed = False  # PyVista, in this process: it is not asked again
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scene:
     """A coloured surface in 3D."""
 

@@ -1,1 +1,4 @@
-"""What you use: ``ContactProblem``, loads, and the classical methods for comparison."""
+"""What you use: ``ContactProblem``, loads, and the classical methods for comparison.
+
+.. include:: options.md
+"""

@@ -90,7 +90,7 @@ class _ClassicalForm:
         if self._system is None:
             p, Q_t = self.problem, self.Q.copy()
             Q_t.transpose()
-            prefix = f"{p._prefix}classical_"
+            prefix = f"{p.petsc_options_prefix}classical_"
             self._system = SaddleSystem(p.K, Q_t, None, p.scale, prefix, self._options)
             Q_t.destroy()
         u, multiplier, _ = self._system.solve(f, g)
@@ -98,8 +98,8 @@ class _ClassicalForm:
         return u, multiplier
 
     def _functions(self, u: np.ndarray) -> fem.Function | list[fem.Function]:
-        functions = self.problem._functions(u)
-        return functions if self.problem._several else functions[0]
+        functions = self.problem.bulk.functions(u)
+        return functions if self.problem.bulk.several else functions[0]
 
     def destroy(self) -> None:
         """Free Q and the factorised system; collective, as ``ContactProblem.destroy``."""
@@ -109,7 +109,7 @@ class _ClassicalForm:
         self.Q.destroy()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Ties:
     """Slave nodes of one interface on their master surface; n nodes, c constraints each."""
 
@@ -170,7 +170,8 @@ class NodeToSegment(_ClassicalForm):
         self._base = np.concatenate([t.base for t in ties])
         self._ties, self._surface_dofs = ties, np.concatenate([t.dofs for t in ties])
         rows = block_diag([t.rows for t in ties], format="csr")
-        fixed = _values_at(problem, self._surface_dofs, problem._fixed) > 0.0
+        dofs = problem.bulk.dofs
+        fixed = dofs.values(self._surface_dofs, dofs.fixed) > 0.0
         self._prescribed = rows[:, fixed]
         self._fixed = fixed
         rows = rows[:, ~fixed]
@@ -189,7 +190,7 @@ class NodeToSegment(_ClassicalForm):
     def _check_support(self) -> None:
         """Require that supports and constraints hold every body, for which Q is applied to rigid
         motions."""
-        bodies, fixed = self.problem.bodies, self.problem._fixed
+        bodies, fixed = self.problem.bodies, self.problem.bulk.dofs.fixed
         modes = bodies.modes(bodies.label, bodies.points).reshape(len(fixed), -1)
         moved = np.column_stack([times(self.Q, mode) for mode in modes.T])
         change = gather_rows(self.problem.comm, moved)
@@ -205,16 +206,16 @@ class NodeToSegment(_ClassicalForm):
             ContactError: the system cannot be solved.
         """
         problem = self.problem
-        f = problem._assemble_load()
+        f = problem.bulk.load()
         gaps = [
             np.einsum("nci,ni->nc", t.base, t.gap * model.interface.law.close_gap).ravel()
             for t, model in zip(self._ties, problem.models, strict=True)
         ]
-        prescribed = _values_at(problem, self._surface_dofs[self._fixed], f)
+        prescribed = problem.bulk.dofs.values(self._surface_dofs[self._fixed], f)
         g = (np.concatenate(gaps) + self._prescribed @ prescribed)[self._kept]
         u, multiplier = self._solve(f, g[self._numbering.mine])
         values = np.zeros(self._base.shape[0] * self._base.shape[1])
-        values[self._kept] = problem._gather(self._numbering, multiplier)
+        values[self._kept] = problem.operators.gather(self._numbering, multiplier)
         self.multiplier = values.reshape(self._base.shape[:2])
         self.force = np.einsum("nc,nci->ni", self.multiplier, self._base)
         return self._functions(u)
@@ -240,7 +241,7 @@ def _tie(problem: ContactProblem, model: ContactModel, slave: int, components: s
     base = np.broadcast_to(np.eye(gdim), (len(on), gdim, gdim))
     if components == "normal":
         base = bases(tangents)[:, -1:]
-    dofs = [problem._global_dofs(*side) for side in zip(spaces, sides, strict=True)]
+    dofs = [problem.bulk.dofs.of(*side) for side in zip(spaces, sides, strict=True)]
     shape = (len(on), base.shape[1], dofs[0].size + dofs[1].size)
     rows = _constraint_rows(weights, on, base, dofs[0].size, shape)
     x = sides[0].x[on]
@@ -265,15 +266,6 @@ def _constraint_rows(
     row, col = (np.broadcast_to(a, value.shape) for a in (row, col))
     keep = value != 0.0
     return csr_matrix((value[keep], (row[keep], col[keep])), shape=(n * c, k))
-
-
-def _values_at(problem: ContactProblem, dofs: np.ndarray, local: np.ndarray) -> np.ndarray:
-    """Values at dofs given by number, on every rank, from this rank's values at its own."""
-    at = dofs - problem._first
-    mine = (at >= 0) & (at < len(local))
-    values = np.zeros(at.shape)
-    values[mine] = local[at[mine]]
-    return problem.comm.allreduce(values)
 
 
 class Elimination(_ClassicalForm):
@@ -311,14 +303,14 @@ class Elimination(_ClassicalForm):
                 f"{n} multipliers: Q of (36) is dense, with {(n - m) / 1e3:.3g}e3 rows, and is "
                 f"made for up to {MAX_ROWS}. Solve (31), problem.solve(), or take coarser meshes"
             )
-        self._base = np.concatenate([p.base for p in problem._pairs])
-        dofs = np.concatenate(problem._dofs)
-        fixed = _values_at(problem, dofs, problem._fixed) > 0.0
+        self._base = np.concatenate([p.base for p in problem.operators.pairs])
+        dofs = np.concatenate(problem.operators.side_dofs)
+        fixed = problem.bulk.dofs.values(dofs, problem.bulk.dofs.fixed) > 0.0
         # Ranks must not differ in the last bit of a basis: it is made on one.
         factors = None
         with collective(problem.comm):
             if problem.comm.rank == 0:
-                basis, R = np.linalg.qr(problem._L_all.toarray(), mode="complete")
+                basis, R = np.linalg.qr(problem.operators.L.toarray(), mode="complete")
                 Phi = _acting(basis[:, m:], self._base, fixed)
                 factors = basis[:, :m], R[:m], Phi
         self._range, self._R, self.Phi = problem.comm.bcast(factors)
@@ -328,7 +320,7 @@ class Elimination(_ClassicalForm):
 
     def _operator(self, problem: ContactProblem) -> PETSc.Mat:
         """Q = (B P Φ)ᵀ of (36)."""
-        rows, comm = problem._rows.numbering, problem.comm
+        rows, comm = problem.operators.rows.numbering, problem.comm
         n_hat = self.Phi.shape[1]
         columns = n_hat // comm.size + (comm.rank < n_hat % comm.size), n_hat
         local = csr_matrix(self._basis[rows.mine])
@@ -347,16 +339,15 @@ class Elimination(_ClassicalForm):
         Raises:
             ContactError: the system cannot be solved.
         """
-        problem, rows = self.problem, self.problem._rows.numbering
-        f = problem._assemble_load()
-        g = problem._assemble_gap(f)
+        problem, operators = self.problem, self.problem.operators
+        rows = operators.rows.numbering
+        f = problem.bulk.load()
+        g = operators.gap(f)
         first, last = self.Q.getOwnershipRange()
-        gap = problem._gather(rows, g)
+        gap = operators.gather(rows, g)
         u, reduced = self._solve(f, (self._basis.T @ gap)[first:last])
-        multiplier = self._basis @ gather_rows(problem.comm, reduced)
-        for at, least in problem._prescribed:
-            multiplier[at] = least @ (least.T @ multiplier[at])
-        motion = gap + problem._gather(rows, times(problem.B, u, transposed=True))  # g + Bᵀu
+        multiplier = operators.least(self._basis @ gather_rows(problem.comm, reduced))
+        motion = gap + operators.gather(rows, times(operators.B, u, transposed=True))  # g + Bᵀu
         v = solve_triangular(self._R, self._range.T @ motion)  # (33)
         self.multiplier = multiplier.reshape(self._base.shape[:2])
         self.force = np.einsum("nc,nci->ni", self.multiplier, self._base)

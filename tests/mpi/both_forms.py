@@ -91,9 +91,9 @@ SCENES = {
 
 def solve(problem, form, options=None):
     """u at this rank's nodes, forces and frames, solved anew in a form."""
-    if problem._system is not None:
-        problem._system.destroy()
-    problem._system, problem.form, problem._options = None, form, options
+    if problem.method is not None:
+        problem.method.destroy()
+    problem.method, problem.form, problem.petsc_options = None, form, options
     u = problem.solve()
     sides = [side for result in problem.results for side in result.sides]
     return {

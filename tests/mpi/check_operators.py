@@ -43,8 +43,8 @@ def errors(comm, conditions) -> dict:
     for k, where in conditions:
         fixed[3 * np.flatnonzero(where(x.T)) + k] = True
     # Which column is which pair is the code's choice: each is found by its rows below.
-    item = contact._rows.numbering.number
-    column = contact._frame_unknowns.number
+    item = contact.operators.rows.numbering.number
+    column = contact.operators.frames.number
     expected_B, expected_L = np.zeros_like(B), np.zeros_like(L)
     p = 0
     for side in (0, 1):

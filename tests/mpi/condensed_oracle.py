@@ -25,7 +25,7 @@ def rotations(rng, n):
 
 def normals_only(problem, rng):
     """Frictionless: bases whose last vector is the normal, one frame unknown per node."""
-    pairs = problem._pairs
+    pairs = problem.operators.pairs
     normal = np.concatenate([p.normal for p in pairs])
     base = rotations(rng, len(normal))
     base[:, 2] = normal
@@ -41,7 +41,7 @@ def normals_only(problem, rng):
 
 def some_components(problem, rng, turned=True):
     """A random set of components, of turned or of Cartesian bases; some nodes are open."""
-    pairs, frame = problem._pairs, problem.models[0].frame
+    pairs, frame = problem.operators.pairs, problem.models[0].frame
     n, gdim = sum(len(p.nodes) for p in pairs), 3
     base = rotations(rng, n) if turned else np.concatenate([p.base for p in pairs])
     slaved = rng.random((n, gdim)) < 0.6
@@ -52,21 +52,21 @@ def some_components(problem, rng, turned=True):
 
 
 def system(problem, base, slaved, L, bs, proximal, options):
-    owner = np.concatenate([p.owner for p in problem._pairs])
+    owner = np.concatenate([p.owner for p in problem.operators.pairs])
     rank = problem.comm.rank
     node, component = np.nonzero(slaved)
-    frame_owner = problem._frame_unknowns.owner[::3]
+    frame_owner = problem.operators.frames.owner[::3]
     rows = SlavedRows(
-        np.concatenate(problem._dofs)[node],
+        np.concatenate(problem.operators.side_dofs)[node],
         base[node, component],
         L,
         Numbering(owner[node], rank),
         Numbering(np.repeat(frame_owner, bs), rank),
         bs,
     )
-    split = SplitStiffness(problem.K.copy(), np.concatenate(problem._dofs))
+    split = SplitStiffness(problem.K.copy(), np.concatenate(problem.operators.side_dofs))
     made = CondensedSystem(
-        split, rows, problem._fixed, problem.scale, proximal=proximal, options=options
+        split, rows, problem.bulk.dofs.fixed, problem.scale, proximal=proximal, options=options
     )
     return rows, made
 
@@ -78,7 +78,11 @@ def everywhere(comm, local):
 def exact(problem, rows, f, g, proximal, centre):
     """u, λ, v of (31) in NumPy; where λ is not unique the smallest, as the package does."""
     comm = problem.comm
-    K, fixed, f = dense(comm, problem.K), everywhere(comm, problem._fixed), everywhere(comm, f)
+    K, fixed, f = (
+        dense(comm, problem.K),
+        everywhere(comm, problem.bulk.dofs.fixed),
+        everywhere(comm, f),
+    )
     B = np.zeros((len(K), len(rows.dofs)))
     for r, (dofs, vector) in enumerate(zip(rows.dofs, rows.base, strict=True)):
         B[dofs, r] = vector
@@ -107,13 +111,13 @@ def differences(problem, kind, seed, options) -> dict:
         base, slaved, L, bs = some_components(problem, rng, kind == "turned")
         proximal = problem.scale * 10.0 ** rng.uniform(-4.0, 0.0, L.shape[1])
     rows, made = system(problem, base, slaved, L, bs, proximal, options)
-    f, centre = problem._assemble_load(), rng.standard_normal(L.shape[1])
+    f, centre = problem.bulk.load(), rng.standard_normal(L.shape[1])
     # Gaps that the prescribed dofs can follow: the rows may say the same thing twice.
     node, component = np.nonzero(slaved)
     held = np.zeros(problem.K.getSize()[0])
-    held[:] = everywhere(comm, problem._fixed)
+    held[:] = everywhere(comm, problem.bulk.dofs.fixed)
     shift = rng.standard_normal((len(base), 3))
-    shift *= held[np.concatenate(problem._dofs)] == 0.0
+    shift *= held[np.concatenate(problem.operators.side_dofs)] == 0.0
     g = L @ rng.standard_normal(L.shape[1])
     g -= np.einsum("ri,ri->r", base[node, component], shift[node])
     u, multiplier, v = made.solve(f, g[rows.multipliers.mine], centre)

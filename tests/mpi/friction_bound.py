@@ -77,10 +77,10 @@ def differences(comm, name):
         solvers.FLEXIBLE = limit
         problem = scene(comm, name, solver)
         u = np.concatenate([f.x.array for f in problem.solve()])
-        multiplier, held = problem._iteration.multiplier, problem._soft
-        on_frame = problem._iteration.L[held].T @ multiplier[held]
+        multiplier, held = problem.method.iteration.multiplier, problem.operators.soft
+        on_frame = problem.method.iteration.L[held].T @ multiplier[held]
         if held_on_both(name):
-            on_frame = on_frame[: problem._iteration.n_v]
+            on_frame = on_frame[: problem.method.iteration.n_v]
         answer = u, np.where(held, 0.0, multiplier), on_frame
         known = known or answer
         sizes = [max(comm.allgather(np.abs(known[i]).max())) for i in (0, 1, 1)]

@@ -18,7 +18,7 @@ from dolfinx_llm.operators.numbering import Numbering
 RANK = 1e-8  # of rows that bind the frame alone, as in ``operators.prescribed_rows``
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SlavedRows:
     """The rows of L_b of all frames that tie surface nodes to them, on every rank."""
 
@@ -50,7 +50,7 @@ class SlavedRows:
         return 2.0 * (c ** (1.0 / (self.dofs.shape[1] - 1)) + 2.0) ** (self.dofs.shape[1] - 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NodeElimination:
     """u = A (L_b v - g) + N w at one rank's dofs, and the rows that bind the frame alone."""
 

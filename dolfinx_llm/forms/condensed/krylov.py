@@ -72,6 +72,8 @@ def near_null_space(matrix, S, modes: np.ndarray) -> None:
     # PETSc wants them orthonormal.
     size, vectors = np.linalg.eigh(matrix.comm.tompi4py().allreduce(values.T @ values))
     kept = size > 1e-12 * size[-1]
+    if not kept.any():  # supports and obstacles hold every dof
+        return
     values = values @ (vectors[:, kept] / np.sqrt(size[kept]))
     found = []
     for column in values.T:

@@ -1,0 +1,159 @@
+"""The closest point of a surface mesh: segments, triangles or bilinear quads, in 2D or 3D."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from dolfinx_llm.geometry.cells import (
+    _joined,
+    _on_sides,
+    _repeated,
+    cell_sizes,
+    points_of,
+    shape_functions,
+    vector_areas,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Location:
+    """Points located on a frame: where each lies and how far from it."""
+
+    cell: np.ndarray  # (n,) frame cell
+    xi: np.ndarray  # (n, d) reference coordinates of the closest point
+    N: np.ndarray  # (n, k) shape functions of that cell's nodes, continued linearly outside
+    outside: np.ndarray  # (n,) tangential distance from the cell in units of its size, 0 inside
+
+
+@dataclass(frozen=True, eq=False)
+class ClosestPoints:
+    """Finds closest points of cells (n_cells, k) over nodes x (m, gdim) [length]."""
+
+    x: np.ndarray
+    cells: np.ndarray
+
+    def locate(self, x: np.ndarray) -> Location:
+        """Closest point for each x (n, gdim); see ``Frame.locate``."""
+        cell = cKDTree(self._balls[0]).query(x)[1]
+        xi, distance = self._invert(x, cell)
+        far = np.maximum(np.abs(x).max(axis=1, initial=0.0), np.abs(self.x).max())
+        rounding = 1e-10 * self._size.mean() + 10.0 * np.finfo(float).eps * far
+        N, dN = shape_functions(self.cells.shape[1], xi)
+        inside = (N.min(axis=1) > 1e-9) & (distance <= rounding)
+        rest = np.flatnonzero(~inside)
+        if len(rest):
+            cell[rest], xi[rest] = self._closest(x[rest], distance[rest], rounding[rest])
+            N, dN = shape_functions(self.cells.shape[1], xi)
+        step, offset = self._step(x, cell, xi)
+        N = N + np.einsum("nkd,nd->nk", dN, step)
+        return Location(cell, xi, N, self._outside(offset, cell))
+
+    @cached_property
+    def _size(self) -> np.ndarray:
+        """(n_cells,) size of the cells [length]."""
+        return cell_sizes(self.x, self.cells)
+
+    def _closest(
+        self, x: np.ndarray, bound: np.ndarray, rounding: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Cells with the closest points, of equally close ones the first, and these points.
+
+        Args:
+            x: (n, gdim) points [length].
+            bound: (n,) how far from each there is a cell [length].
+            rounding: (n,) distances that differ by less are the same [length].
+        """
+        point, cell = self._candidates(x, bound, rounding)
+        xi, distance = self._invert(x[point], cell)
+        least = np.full(len(x), np.inf)
+        np.minimum.at(least, point, distance)
+        close = distance <= (least + rounding)[point]
+        point, cell, xi = point[close], cell[close], xi[close]
+        # Above an edge distances hardly differ from where the foot lies in one of its cells.
+        outside = self._outside(self._step(x[point], cell, xi)[1], cell)
+        order = np.lexsort((cell, outside > 0.0, point))
+        best = order[np.unique(point[order], return_index=True)[1]]
+        return cell[best], xi[best]
+
+    def _outside(self, offset: np.ndarray, cell: np.ndarray) -> np.ndarray:
+        """Tangential distance from cells in units of their size, 0 inside."""
+        outside = np.linalg.norm(offset, axis=1) / self._size[cell]
+        outside[outside < 1e-11] = 0.0  # rounding of the coordinates
+        return outside
+
+    def _step(
+        self, x: np.ndarray, cell: np.ndarray, xi: np.ndarray, inside: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Newton step towards the foot of points x, or the closest point inside the quad, and how
+        far it moves in space."""
+        _, y, t = points_of(self.x, self.cells[cell], xi)
+        JJ = np.einsum("nai,nbi->nab", t, t)
+        rhs = np.einsum("nai,ni->na", t, x - y)
+        if JJ.shape[1] == 1:
+            step = rhs / JJ[:, 0]
+        else:
+            a, b, c = JJ[:, 0, 0], JJ[:, 0, 1], JJ[:, 1, 1]
+            if inside:  # at a side that a point lies beyond, the other coordinate goes on alone
+                b = np.where(((np.abs(xi) >= 1.0) & (xi * rhs > 0.0)).any(axis=1), 0.0, b)
+            adjugate = np.column_stack(
+                [c * rhs[:, 0] - b * rhs[:, 1], a * rhs[:, 1] - b * rhs[:, 0]]
+            )
+            step = adjugate / np.maximum(a * c - b * b, 1e-300)[:, None]
+        return step, np.einsum("na,nai->ni", step, t)
+
+    @cached_property
+    def _balls(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centroids (n_cells, gdim) and radii (n_cells,) of balls that hold the cells [length]."""
+        corners = self.x[self.cells]
+        centre = corners.mean(axis=1)
+        return centre, np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
+
+    def _candidates(
+        self, x: np.ndarray, bound: np.ndarray, rounding: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs (point, cell) of all cells that may be as close as the bound: for points on the
+        frame those whose ball holds them, for others what ball and plane of a cell leave."""
+        centre, radius = self._balls
+        on = np.flatnonzero(bound <= rounding)
+        found = cKDTree(x[on]).query_ball_point(centre, radius + 2.0 * rounding.max())
+        points, cells = [on[_joined(found)]], [_repeated(np.arange(len(centre)), found)]
+        normal = vector_areas(self.x, self.cells)
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        corners = self.x[self.cells] - centre[:, None]
+        warp = np.abs(np.einsum("cki,ci->ck", corners, normal)).max(axis=1)
+        off, bound, tree = np.flatnonzero(bound > rounding), bound + rounding, cKDTree(centre)
+        for some in np.array_split(off, len(off) // 1000 + 1):  # points far away have many cells
+            found = tree.query_ball_point(x[some], bound[some] + radius.max())
+            point, cell = _repeated(some, found), _joined(found)
+            d = x[point] - centre[cell]
+            height = np.einsum("ni,ni->n", d, normal[cell])
+            along = np.linalg.norm(d - height[:, None] * normal[cell], axis=1) - radius[cell]
+            above = np.abs(height) - warp[cell]
+            near = np.hypot(np.maximum(above, 0.0), np.maximum(along, 0.0)) <= bound[point]
+            points.append(point[near])
+            cells.append(cell[near])
+        return np.concatenate(points), np.concatenate(cells)
+
+    def _invert(self, x: np.ndarray, cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Reference coordinates of the closest point in a cell, and its distance [length]."""
+        k = self.cells.shape[1]
+        xi = np.full((len(x), 1 if k == 2 else 2), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
+        active = np.arange(len(x))
+        for _ in range(2 if k < 4 else 20):
+            step, _ = self._step(x[active], cell[active], xi[active], inside=k == 4)
+            new = xi[active] + step
+            if k != 3:
+                new = np.clip(new, -1.0 if k == 4 else 0.0, 1.0)
+            moved = np.abs(new - xi[active]).max(axis=1) > 1e-14  # below is rounding
+            xi[active] = new
+            active = active[moved]
+            if not len(active):
+                break
+        if k == 3:
+            beyond = np.flatnonzero((xi < 0.0).any(axis=1) | (xi.sum(axis=1) > 1.0))
+            xi[beyond] = _on_sides(self.x[self.cells[cell[beyond]]], x[beyond])
+        return xi, np.linalg.norm(x - points_of(self.x, self.cells[cell], xi)[1], axis=1)

@@ -1,0 +1,194 @@
+"""B, L_b and g of all interfaces of a problem, for one geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse
+from petsc4py import PETSc
+
+from dolfinx_llm.base.parallel import gather_rows
+from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.operators.assemble import (
+    assemble_B,
+    assemble_gap,
+    assemble_L_b,
+    interface_operator,
+)
+from dolfinx_llm.operators.bodies import Bodies
+from dolfinx_llm.operators.numbering import (
+    BodyDofs,
+    Numbering,
+    Rows,
+    frame_numbering,
+    places,
+    slip_numbering,
+)
+from dolfinx_llm.operators.petsc import mean_diagonal
+from dolfinx_llm.operators.prescribed import prescribed_rows
+from dolfinx_llm.operators.support import check_loops, check_support
+
+NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
+
+
+class ContactOperators:
+    """What the interfaces put into (31), for one geometry of theirs.
+
+    Collective. Arrays named by rows or unknowns hold those of all ranks, on every rank.
+
+    Args:
+        models: the interfaces.
+        dofs: numbers of the bodies' dofs.
+        K: stiffness of the bodies, PETSc AIJ; it is only read here.
+        times: to which the seconds are added.
+
+    Attributes:
+        comm, models, dofs: as given.
+        pairs: ``ContactPairs`` of every side.
+        side_dofs: per side (n, gdim) numbers of its nodes' dofs in the vector of all bodies.
+        places: per interface its ``Place`` in all vectors.
+        rows: the multipliers: base vectors, dofs and numbers.
+        frames, unknowns: ``Numbering`` of the frame unknowns v, and of w: v and the slips κ.
+        blocks: per interface its L_b as csr (rows, frame unknowns).
+        L: csr of all, empty in redundant rows.
+        B, L_b: PETSc AIJ of (31).
+        soft: (n,) rows at dofs that are prescribed, or nearly so.
+        redundant: (n,) rows of ties at prescribed dofs that say nothing new.
+        prescribed: per tie (rows, basis) at prescribed dofs, as of ``prescribed_rows``.
+        bodies: connected bodies and their rigid motions.
+        scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
+
+    Raises:
+        ContactError: supports and ties leave a motion free, or ties close a loop.
+    """
+
+    def __init__(
+        self,
+        models: Sequence[ContactModel],
+        dofs: BodyDofs,
+        K: PETSc.Mat,
+        times: StageTimes,
+    ) -> None:
+        self.comm, self.models, self.dofs = dofs.comm, list(models), dofs
+        with times.timed("operators"):
+            self._number()
+            self._find_prescribed()
+            self.B = assemble_B(self.comm, self.rows, (dofs.sizes, dofs.first), dofs.fixed)
+            kept = scipy.sparse.diags((~self.redundant).astype(float))
+            self.L = (kept @ scipy.sparse.block_diag(self.blocks, format="csr")).tocsr()
+            self.L.eliminate_zeros()
+            self.L_b = assemble_L_b(self.comm, self.L, self.rows.numbering, self.frames)
+        self.scale = self._stiffness_scale(K)
+        with times.timed("support check"):
+            self.bodies = Bodies(dofs.spaces)
+            self._check_support(K)
+
+    def _number(self) -> None:
+        """Places, rows, unknowns, and L_b of each interface."""
+        models = self.models
+        self.pairs = [pairs for model in models for pairs in model.pairs]
+        spaces = [space for model in models for space in model.spaces]
+        self.side_dofs = [self.dofs.of(*side) for side in zip(spaces, self.pairs, strict=True)]
+        self.places = places(models)
+        self.rows = Rows.of(self.comm, self.pairs, self.side_dofs)
+        self.frames = frame_numbering(models, self.comm)
+        self.unknowns = slip_numbering(models, self.places, self.frames)
+        self.blocks = [interface_operator(model.pairs, model.directions) for model in models]
+
+    def _find_prescribed(self) -> None:
+        """Rows of L_b at prescribed dofs, and the redundant ones of ties, which (31) leaves out."""
+        mine = self.rows.numbering.mine
+        fixed = self.dofs.fixed[self.rows.dofs[mine] - self.dofs.first]
+        free = np.where(fixed, 0.0, self.rows.base[mine])
+        free = np.linalg.norm(self.gather(self.rows.numbering, free), axis=1)
+        self.soft, prescribed = free < NEARLY_FIXED, free == 0.0
+        self.redundant = np.zeros(len(prescribed), dtype=bool)
+        self.prescribed = []
+        for model, place, L in zip(self.models, self.places, self.blocks, strict=True):
+            if not model.interface.law.unilateral:
+                rows, basis, redundant = prescribed_rows(L, prescribed[place.rows])
+                self.prescribed.append((place.rows.start + rows, basis))
+                self.redundant[place.rows.start + redundant] = True
+
+    def _stiffness_scale(self, K: PETSc.Mat) -> float:
+        """Mean diagonal of K on the free surface dofs [force / length]; the geometric mean where
+        bodies may part, since there the softer one tells the forces."""
+        fixed, rows = self.dofs.fixed, self.rows.dofs.ravel() - self.dofs.first
+        rows = rows[(rows >= 0) & (rows < len(fixed))]
+        unilateral = any(model.interface.law.unilateral for model in self.models)
+        return mean_diagonal(K, rows[~fixed[rows]], geometric=unilateral)
+
+    def _check_support(self, K: PETSc.Mat) -> None:
+        """Require that supports and ties hold every body, and that ties close no loop."""
+        bodies, labels, moves = self.bodies, [], []
+        for side, dofs in zip(self.pairs, self.side_dofs, strict=True):
+            label = self.dofs.values(dofs[:, 0], np.repeat(bodies.label, self.dofs.gdim))
+            labels.append(label.astype(np.int64))
+            move = np.einsum("nci,nibm->ncbm", side.base, bodies.modes(labels[-1], side.x))
+            moves.append(move.reshape(-1, *move.shape[2:]))
+        check_loops(self.models, labels)
+        constraints = [
+            (L if L.shape[1] else None, np.concatenate(moves[place.sides]))
+            for place, L in zip(self.places, self.blocks, strict=True)
+        ]
+        check_support(bodies, K, self.dofs.fixed, constraints)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Global number of unknowns: displacements u, multipliers lambda, frame v."""
+        rows, frames = self.rows.numbering.sizes[1], self.frames.sizes[1]
+        return {"u": self.dofs.sizes[1], "lambda": rows, "v": frames}
+
+    def gather(self, numbering: Numbering, local: np.ndarray) -> np.ndarray:
+        """Values of all ranks in the unknowns' own order, from this rank's (n_local, ...)."""
+        return gather_rows(self.comm, local)[numbering.number]
+
+    def least(self, multiplier: np.ndarray) -> np.ndarray:
+        """(n,) multipliers, at prescribed dofs the smallest that have the same effect."""
+        multiplier = multiplier.copy()
+        for rows, basis in self.prescribed:
+            multiplier[rows] = basis @ (basis.T @ multiplier[rows])
+        return multiplier
+
+    def motion(self, side: int, u: np.ndarray) -> np.ndarray:
+        """(n, gdim) displacement of a side's nodes, on every rank, from this rank's u."""
+        return self.dofs.values(self.side_dofs[side], u)
+
+    def side_gaps(self, moved: bool = True) -> list[np.ndarray]:
+        """Per side (n, gdim) the gaps that the law sees: along the normal where bodies may part;
+        with obstacles where they are now, or as drawn."""
+        gaps = []
+        for model in self.models:
+            for side in model.pairs:
+                law, gap = model.interface.law, side.gap
+                if law.unilateral:
+                    gap = np.einsum("ni,ni->n", gap, side.normal)[:, None] * side.normal
+                elif not law.close_gap:
+                    gap = np.zeros_like(gap)
+                if moved and model.interface.obstacle is not None:
+                    gap = gap - model.interface.obstacle.motion(gap.shape[1])
+                gaps.append(gap)
+        return gaps
+
+    def gap(self, prescribed: np.ndarray, moved: bool = True) -> np.ndarray:
+        """This rank's g, with the prescribed displacements, whose rows of B are empty.
+
+        Args:
+            prescribed: (n_local,) of which the values at prescribed dofs count.
+            moved: obstacles are where they are now, not as drawn.
+        """
+        g = assemble_gap(self.comm, self.pairs, self.rows.numbering, self.side_gaps(moved))
+        values = g.array_r.copy()
+        g.destroy()
+        mine = self.rows.numbering.mine
+        at = self.rows.dofs[mine] - self.dofs.first
+        known = np.where(self.dofs.fixed[at], prescribed[at], 0.0)
+        values += np.einsum("ni,ni->n", self.rows.base[mine], known)
+        return np.where(self.redundant[mine], 0.0, values)
+
+    def destroy(self) -> None:
+        """Free B and L_b; collective."""
+        self.B.destroy()
+        self.L_b.destroy()

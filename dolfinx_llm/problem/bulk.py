@@ -1,0 +1,146 @@
+"""What the bodies are asked for: their stiffness and their load."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from dolfinx_llm.base import compat
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.operators.numbering import BodyDofs
+from dolfinx_llm.problem.arguments import Arguments
+
+
+class Bulk(Protocol):
+    """Bodies without their contact, K(u) u⁺ = f(u): linear ones, nonlinear ones, a time step."""
+
+    comm: MPI.Comm
+    spaces: list[Any]  # function space of each mesh
+    dofs: BodyDofs  # their numbers in the vector of all bodies, and which are prescribed
+    linear: bool  # K and f do not depend on u
+
+    def assemble(self, u: np.ndarray) -> tuple[PETSc.Mat, np.ndarray]:
+        """K(u), and this rank's f = K(u) u - F(u), with the values at prescribed dofs."""
+
+    def functions(self, u: np.ndarray) -> list[fem.Function]:
+        """This rank's u as a Function per mesh."""
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+
+
+class LinearBulk:
+    """Linear bodies of UFL forms: K of a, f of L and of nodal forces.
+
+    Args:
+        given: arguments of ``ContactProblem``, which fit each other.
+        times: to which seconds are added.
+
+    Attributes:
+        several: whether forms came as sequences, one per mesh.
+
+    Raises:
+        ContactInputError: a form that cannot be compiled.
+        ContactError: the stiffness is not finite.
+    """
+
+    linear = True
+
+    def __init__(self, given: Arguments, times: StageTimes) -> None:
+        self.several, self.times = given.several, times
+        with times.timed("form compilation"):
+            self._a = [compat.form("a", form) for form in given.a]
+            self._L = [compat.form("L", form) for form in given.L]
+        self.spaces, self.comm = given.spaces, given.spaces[0].mesh.comm
+        self._bcs = [[bc for bc in given.bcs if compat.in_space(bc, V)] for V in self.spaces]
+        self._nodal = [
+            [load for load in given.nodal_loads if load.function_space.mesh is V.mesh]
+            for V in self.spaces
+        ]
+        self.fixed = [self._prescribed(i) for i in range(len(self.spaces))]
+        self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(self.fixed))
+        self._K: Any = None  # see K
+
+    def _prescribed(self, i: int) -> np.ndarray:
+        """(n,) which of this rank's dofs of a mesh are prescribed."""
+        V = self.spaces[i]
+        n = V.dofmap.index_map.size_local * V.dofmap.index_map_bs
+        return ~np.isnan(compat.prescribed_values(V, self._bcs[i])[:n])
+
+    @property
+    def K(self) -> PETSc.Mat:
+        """PETSc AIJ of the stiffness, identity rows and columns at prescribed dofs; assembled anew
+        when it was taken.
+
+        Raises:
+            ContactError: it has entries that are not finite.
+        """
+        if self._K is None:
+            with self.times.timed("assembly of K"):
+                blocks = [compat.assemble_matrix(a, b, 1.0) for a, b in zip(self._a, self._bcs)]
+                self._K = blocks[0] if len(blocks) == 1 else _block_diagonal(blocks)
+            if not np.isfinite(self._K.norm()):
+                raise ContactError(
+                    "the stiffness has entries that are NaN or infinite. Check the coefficients of "
+                    "the forms a and the mesh for degenerate cells"
+                )
+        return self._K
+
+    def take_K(self) -> PETSc.Mat:
+        """K, which the bulk no longer has then."""
+        K, self._K = self.K, None
+        return K
+
+    def load(self) -> np.ndarray:
+        """This rank's f, with the values at prescribed dofs.
+
+        Raises:
+            ContactError: it has entries that are not finite.
+        """
+        loads = [
+            compat.assemble_load(L, a, bcs, V, nodal)
+            for L, a, bcs, V, nodal in zip(self._L, self._a, self._bcs, self.spaces, self._nodal)
+        ]
+        f = np.concatenate(loads)
+        bad = self.comm.allreduce(int((~np.isfinite(f)).sum()))
+        if bad:
+            raise ContactError(
+                f"the load has {bad} entries that are NaN or infinite. Check L, nodal_loads, the "
+                "values of the Dirichlet conditions and the coefficients of the forms"
+            )
+        return f
+
+    def assemble(self, u: np.ndarray | None = None) -> tuple[PETSc.Mat, np.ndarray]:
+        """K and f, which do not depend on u."""
+        return self.K, self.load()
+
+    def functions(self, u: np.ndarray) -> list[fem.Function]:
+        """This rank's u (n_local,) as a Function per mesh."""
+        functions = []
+        for V, part in zip(self.spaces, np.split(u, np.cumsum(self.dofs.counts)), strict=False):
+            function = fem.Function(V, name="u")
+            function.x.array[: len(part)] = part
+            function.x.scatter_forward()
+            functions.append(function)
+        return functions
+
+    def destroy(self) -> None:
+        """Free K; collective."""
+        if self._K is not None:
+            self._K.destroy()
+        self._K = None
+
+
+def _block_diagonal(blocks: list[PETSc.Mat]) -> PETSc.Mat:
+    n = len(blocks)
+    rows = [[blocks[i] if i == j else None for j in range(n)] for i in range(n)]
+    nest = PETSc.Mat().createNest(rows, comm=blocks[0].comm)
+    matrix = nest.convert("aij", PETSc.Mat())
+    for M in (nest, *blocks):
+        M.destroy()
+    return matrix
