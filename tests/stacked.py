@@ -1,4 +1,4 @@
-"""Blocks on each other in 2D, with springs, moduli and laws of their own; what holds them is told."""
+"""Blocks on each other in 2D, with springs, moduli and laws of their own."""
 
 import contact_scenes as scenes
 import numpy as np

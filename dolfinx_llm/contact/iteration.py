@@ -26,7 +26,7 @@ from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.contact.state import InterfaceState, interface_states
 from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import InterfaceSystem, force_level
-from dolfinx_llm.forms.verdict import UNBALANCED, FinalError, Verdict, judge
+from dolfinx_llm.forms.verdict import FinalError, Verdict, judge
 from dolfinx_llm.laws.coulomb import OPEN, SLIP, STICK, newton_rows, projection_miss, switch_rows
 from dolfinx_llm.operators.system import ContactOperators
 
@@ -117,7 +117,7 @@ class ContactIteration:
                 log.info("no convergence: the load is applied in parts of %.3g", part)
                 continue
             try:
-                u = self._judged(multiplier, y + g_t)
+                u = self._judged(multiplier)
             except ContactError:
                 self._restore(first)
                 raise
@@ -126,12 +126,12 @@ class ContactIteration:
         self.f, self.g = end
         return u, multiplier, w[: self.n_v]
 
-    def _judged(self, multiplier: np.ndarray, position: np.ndarray) -> np.ndarray:
+    def _judged(self, multiplier: np.ndarray) -> np.ndarray:
         """u of this rank, once its equations hold."""
         comm = self.backend.comm
         u, miss, terms, loads = self.backend.displacement(multiplier, self.alpha)
-        largest = max(comm.allgather(np.abs(loads).max(initial=0.0)))
-        self.forces = max(self.forces, largest, force_level(multiplier, position, self.scale))
+        largest = [np.abs(loads).max(initial=0.0), np.abs(multiplier).max(initial=0.0)]
+        self.forces = max(self.forces, float(np.max(comm.allgather(largest))))
         how = f"the form {type(self.backend).__name__}"
         found = judge(comm, miss, terms, self.forces, how)
         on = diags(np.concatenate([s.closed_rows() for s in self.states]).astype(float))
@@ -170,12 +170,13 @@ class ContactIteration:
         w = self.w if known else np.zeros(self.m)
         centre = w if known else self._middle(g)
         floating = self.backend.floating
-        start = anchor = self.alpha if known else np.zeros(floating.count)
+        alpha = self.alpha if known else np.zeros(floating.count)
         about = (self.multiplier if known else np.zeros(self.n), w)
         calm, was_calm = 0, False  # iterations without a change of state
         before, w_last = np.inf, w  # last residual and motion
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
-        pull = Pull(floating, EPSILON * self.scale, self.backend.f)
+        spring = floating.spring(self.scale)
+        pull = Pull(floating, spring, self.backend.f, self.forces, alpha)
         for s in self.states:
             s.begin()
         for iteration in range(1, MAXIMUM + 1):
@@ -183,7 +184,7 @@ class ContactIteration:
             if not known and iteration == 1:
                 step = self._all_stick(step)
             multiplier, y, w, alpha, active, wrong = self.backend.solve(
-                step, EPSILON * self.scale, anchor, self._normal
+                step, spring, pull.anchor, self._normal
             )
             largest = force_level(multiplier, y + g, self.scale)
             changes = sum(self._take(s, active, wrong, multiplier, w) for s in self.states)
@@ -192,11 +193,11 @@ class ContactIteration:
             self.history.append(entry)
             tell_iteration(entry, self.bar)
             calm = 0 if changes else calm + 1
-            pull.watch(alpha - anchor, multiplier, calm)
+            pull.watch(alpha, multiplier, calm, self.backend.noise)
             stalled = calm > CALM and miss > 0.5 * before
             enough = max(ENOUGH, self.backend.noise / largest)
             settled = miss <= self.backend.accuracy or (stalled and miss <= enough)
-            if settled and calm > corrections and pull.share <= UNBALANCED:
+            if settled and calm > corrections and pull.rests:
                 self.multiplier, self.w, self.alpha = multiplier, w, alpha
                 return multiplier, y, w
             # Friction is linearised about the last iterate, or halfway where that did not help.
@@ -208,9 +209,6 @@ class ContactIteration:
             if stalled:  # a frame node under a tiny force goes to where it touches, ever faster
                 centre = w + (2.0**calm - 1.0) * np.where(self._drifts, w - w_last, 0.0)
             w_last = w
-            # Springs pull to where the bodies were, until contact stays: a motion that contact leaves
-            # free is not one that some iteration has led to.
-            anchor = alpha if calm else start
             if calm:
                 self.backend.correct(multiplier, alpha)
         raise ContactError(self._failure(self.history[first:]))

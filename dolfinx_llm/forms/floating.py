@@ -17,9 +17,14 @@ from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.support import pins
 
+SPRING = 1e-10  # stiffness of the springs that hold free bodies, of the surfaces'
+WEAKER = 1e-5  # ... of that of springs which hold other bodies
+LEAST = 1e-13  # ... of the surfaces', at least
 PULLED = 8  # iterations in which the springs are pulled the same way: nothing else will hold
 PLAIN = 1e-4  # of the forces, that they must carry for it while contact still changes
 DRIFTS = 1e-9  # rounding of K over the stiffness of springs, from which on it is looked at
+STEADY = 0.95  # part of the force of one iteration that is left in the next: it does not fall
+NOTHING = 1e-12  # of the forces, that the springs may carry at a solution
 ALIKE = 0.99  # cosine between forces that count as the same
 
 
@@ -55,6 +60,12 @@ class Floating:
     def amounts(self, u: np.ndarray) -> np.ndarray:
         """(count,) α of this rank's displacement u (n_local,)."""
         return np.linalg.solve(self._at_pins, gather_rows(self.comm, u[self.pins]))
+
+    def spring(self, scale: float) -> float:
+        """Stiffness of the springs [force / length]: weak against ``scale``, and against springs
+        of the bodies' own that they may act in line with, as far as digits allow."""
+        weakest = np.diagonal(self.rigid.stiffness)[self.count :].min(initial=np.inf)
+        return float(max(min(SPRING * scale, WEAKER * weakest), LEAST * scale))
 
     @property
     def grip(self) -> np.ndarray:
@@ -92,44 +103,78 @@ class Pull:
     """What the springs carry from one iteration of a contact law to the next.
 
     Where contact holds the bodies it vanishes as soon as the state of contact stays. What stays
-    then, or has stayed for ``PULLED`` iterations, finds nothing that holds it: a mechanism.
+    then, or goes on for ``PULLED`` iterations, finds nothing that holds it: a mechanism.
 
     Args:
         floating: the motions.
         spring: stiffness of the springs [force / length].
         f: this rank's loads.
+        forces: size of the forces in earlier load steps.
+        start: (count,) where the springs hold the motions.
+
+    Attributes:
+        anchor: (count,) where they hold them next.
+        share: of the forces along the motions, that they carried in the last iteration.
     """
 
-    def __init__(self, floating: Floating, spring: float, f: np.ndarray):
+    def __init__(
+        self, floating: Floating, spring: float, f: np.ndarray, forces: float, start: np.ndarray
+    ):
         self._floating, self._spring, self._loads = floating, spring, floating.sizes(f)
+        self._forces, self.anchor, self.share = forces, start, 0.0
         self._last, self._pulls = np.zeros(floating.count), 0
-        self.share = 0.0  # of the forces along the motions
+        self._moved = np.zeros(floating.count)
+        self._least = UNBALANCED  # share that may be rounding
+        self._rest = np.inf  # last share while the state of contact stayed
 
-    def watch(self, moved: np.ndarray, multiplier: np.ndarray, calm: int) -> None:
+    def watch(self, alpha: np.ndarray, multiplier: np.ndarray, calm: int, noise: float) -> None:
         """See another iteration.
 
         Args:
-            moved: (count,) how far the motions went from where the springs hold them.
+            alpha: (count,) where the motions went to.
             multiplier: (n,) λ.
             calm: iterations since the state of contact changed.
+            noise: rounding of forces [force].
 
         Raises:
             FinalError: nothing holds some bodies.
         """
         if not self._floating.count:
             return
+        moved = alpha - self.anchor
         force = self._spring * (self._floating.square @ moved)
         size = (self._loads + np.abs(multiplier) @ self._floating.grip).max()
+        size = max(size, self._forces)
+        self._rest = self.share if calm > 1 else np.inf
         self.share = float(np.abs(force).max() / size) if size > 0.0 else 0.0
+        self._least = max(UNBALANCED, noise / size) if size > 0.0 else UNBALANCED
         lengths = np.linalg.norm(force), np.linalg.norm(self._last)
         same = force @ self._last > ALIKE * lengths[0] * lengths[1]
         same = same and lengths[0] > 0.1 * lengths[1] > 0.0
-        stays = same and lengths[0] > 0.5 * lengths[1]
+        stays = same and lengths[0] > STEADY * lengths[1]
         self._last, self._pulls = force, self._pulls + 1 if same and self.share > PLAIN else 0
-        if self._pulls > PULLED or (calm > 1 and stays and self.share > UNBALANCED):
+        if self._pulls > PULLED or (calm > 1 and stays and self.share > self._least):
             raise FinalError(
                 f"contact and supports do not balance the load: {self.share:.1e} of the forces "
                 "is left. A body that only contact holds is pulled off, or slides or turns away "
                 f"without end: {self._floating.rigid.describe(moved, force)}. Add supports or "
                 "springs that hold it, prescribe its motion, or change the load"
             )
+        if calm:
+            self.anchor = self._next(moved, calm)
+        self._moved = moved
+
+    def _next(self, moved: np.ndarray, calm: int) -> np.ndarray:
+        """Springs pull to where the bodies were until contact stays, so that a motion that contact
+        leaves free is not one that some iteration has led to. Then they follow; where something
+        nearly as weak holds the bodies, farther than these went (Aitken)."""
+        before = self._moved @ self._moved
+        rate = float(moved @ self._moved / before) if calm > 1 and before > 0.0 else 0.0
+        far = self.share > self._least and 1e-3 < rate < STEADY
+        return self.anchor + moved / (1.0 - rate if far else 1.0)
+
+    @property
+    def rests(self) -> bool:
+        """Whether the springs carry nothing but rounding."""
+        falls = self.share < 0.5 * self._rest
+        return self.share <= NOTHING or (self.share <= self._least and not falls)

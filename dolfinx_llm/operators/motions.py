@@ -1,7 +1,7 @@
 """Rigid motions that supports leave to a body: free ones, and those that weak springs hold.
 
-A body on springs that are weak against its own stiffness moves far: K⁻¹ then consists of that motion
-and little else, and the forces in the body are differences of large numbers. So these motions are
+A body on springs that are weak against its own stiffness moves far: K⁻¹ is then that motion and
+little else, and the forces in the body are differences of large numbers. So these motions are
 told apart from the start, with a stiffness of their own, which is zero where nothing holds them.
 """
 
