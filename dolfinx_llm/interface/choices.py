@@ -9,7 +9,7 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.surface import check_facet_tags
-from dolfinx_llm.interface.obstacles import _Obstacle
+from dolfinx_llm.interface.obstacles import Obstacle
 from dolfinx_llm.laws.law import LAWS, Coulomb, Frictionless, Tied
 
 DESIGNS = ("auto", "positions", "weights", None)
@@ -52,7 +52,7 @@ class Interface:
         if len(sides) != 2:
             checks.refuse("sides", self.sides, SIDES)
         object.__setattr__(self, "sides", tuple(_side(side) for side in sides))
-        rigid = sum(isinstance(side, _Obstacle) for side in sides)
+        rigid = sum(isinstance(side, Obstacle) for side in sides)
         if rigid == 2:
             raise ContactInputError("both sides are rigid obstacles: one must be a body")
         if rigid and self.frame is not None:
@@ -64,19 +64,19 @@ class Interface:
     def name(self) -> str:
         """The two sides, for messages."""
         names = [
-            type(side).__name__ if isinstance(side, _Obstacle) else str(_tagged(self, side)[1])
+            type(side).__name__ if isinstance(side, Obstacle) else str(_tagged(self, side)[1])
             for side in self.sides
         ]
         return " | ".join(names)
 
     @property
-    def obstacle(self) -> _Obstacle | None:
+    def obstacle(self) -> Obstacle | None:
         """The rigid side, if there is one."""
-        return next((side for side in self.sides if isinstance(side, _Obstacle)), None)
+        return next((side for side in self.sides if isinstance(side, Obstacle)), None)
 
     def tagged_sides(self) -> list[tuple[Any, int]]:
         """The sides that are bodies, as (facet tags, tag)."""
-        return [_tagged(self, side) for side in self.sides if not isinstance(side, _Obstacle)]
+        return [_tagged(self, side) for side in self.sides if not isinstance(side, Obstacle)]
 
 
 def _tagged(interface: Interface, side: Any) -> Any:
@@ -85,7 +85,7 @@ def _tagged(interface: Interface, side: Any) -> Any:
 
 def _side(side: Any) -> Any:
     """A side as an obstacle, a tag, or a tuple of facet tags and tag."""
-    if isinstance(side, _Obstacle):
+    if isinstance(side, Obstacle):
         return side
     if not isinstance(side, (tuple, list)):
         return checks.integer("sides: facet tag", side, SIDES)

@@ -83,6 +83,7 @@ class ContactProblem:
         self.times = StageTimes()
         self.history: list[dict] = []
         self.results: list[InterfaceResult] = []
+        self._doubts: list[str] = []
         self.method: TiedMethod | LawMethod | None = None
         self.bulk = LinearBulk(given, self.times)
         self.spaces, self.comm = self.bulk.spaces, self.bulk.comm
@@ -165,7 +166,8 @@ class ContactProblem:
         with self.times.timed("results"):
             states = self.method.states
             self.results = collect_results(self.operators, u, multiplier, w, states)
-        for warning in doubts(self.models, self.results, states):  # on all ranks: it may raise
+        self._doubts = doubts(self.models, self.results, states)  # on all ranks: it may raise
+        for warning in self._doubts:
             if self.comm.rank == 0:
                 log.warning(warning)
         self._u = self.bulk.functions(u)
@@ -210,6 +212,7 @@ class ContactProblem:
         ]
         for model in self.models:
             lines += describe(model)
+        lines += [f"  after the last solve: {text}" for text in self._doubts]
         return "\n".join(lines)
 
     def destroy(self) -> None:
