@@ -23,7 +23,7 @@ FAR = 30.0  # sizes of cells from the origin, from which on their coordinates co
 EPS = np.finfo(float).eps
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RigidMotions:
     """k rigid motions of single bodies, each of about size 1; the free ones come first."""
 
