@@ -17,6 +17,9 @@ try:
     import dolfinx.io
     import ufl
     from petsc4py import PETSc
+    from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+    from ufl.algorithms.apply_derivatives import apply_derivatives
+    from ufl.algorithms.check_arities import ArityMismatch, check_form_arity
 except ImportError as error:
     raise ImportError(
         "dolfinx_llm needs dolfinx with petsc4py and mpi4py. On Debian or Ubuntu: "
@@ -106,8 +109,11 @@ def form(name: str, ufl_form: Any) -> Any:
         ContactInputError: UFL or dolfinx cannot compile it.
     """
     try:
+        # First on every rank: newer UFL raises no Exception here, which rank 0 alone would meet.
+        lowered = apply_derivatives(apply_algebra_lowering(ufl_form))
+        check_form_arity(lowered, ufl_form.arguments())
         return dolfinx.fem.form(ufl_form)
-    except Exception as error:
+    except (Exception, ArityMismatch) as error:
         text = " ".join(str(error).split())[:300]
         raise ContactInputError(f"the form {name} cannot be compiled: {text}") from error
 
