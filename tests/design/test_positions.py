@@ -1,10 +1,9 @@
 """Frame design by positions: the paper's scene (section 5), invariances, failure, derivatives."""
 
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import paper_data as data
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -12,11 +11,6 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design import positions
 from dolfinx_llm.geometry import overlap_flat as patch
 from dolfinx_llm.geometry.frame import Frame
-
-demos = str(Path(__file__).parent.parent / "demos")
-if demos not in sys.path:
-    sys.path.insert(0, demos)
-import paper_data as data  # noqa: E402
 
 MIN_SIDE = 0.06
 
