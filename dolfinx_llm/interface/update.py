@@ -14,7 +14,7 @@ from dolfinx_llm.interface.build import assembled, build, build_against, build_p
 from dolfinx_llm.interface.geometry import ContactModel
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Transfer:
     """How what an interface remembers goes from one geometry to the next."""
 
@@ -47,7 +47,7 @@ def relocated(
     for part in model.parts:
         last = replace(part, frame=part.frame.moved(v[first : first + len(part.frame.x)]))
         first += len(part.frame.x)
-        parts.append(build_piece(site, part.piece.moved(site.whole), notes, clock, last))
+        parts.append(build_piece(site, part.piece.moved(site.whole), notes, clock, last=last))
     rims = [np.zeros(len(side.x), dtype=bool) for side in site.whole]
     for rim, side, own, pairs in zip(rims, site.whole, model.rims, model.pairs, strict=True):
         rim[np.isin(side.dofs, pairs.dofs[own])] = True

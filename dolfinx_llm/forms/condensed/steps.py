@@ -20,8 +20,6 @@ from dolfinx_llm.forms.exchange import WholeSteps
 from dolfinx_llm.forms.step import SOFT, InterfaceSystem, force_level
 from dolfinx_llm.operators.numbering import Numbering
 
-ROUNDING = 30.0 * np.finfo(float).eps  # of forces that are f - K u, of stiffness times motion
-
 
 class CondensedSteps(WholeSteps):
     """The steps of ``iteration.ContactIteration`` in the condensed form.
@@ -47,9 +45,8 @@ class CondensedSteps(WholeSteps):
     def solve(self, step: InterfaceSystem, spring, centre, may_open):
         found = super().solve(step, spring, centre, may_open)
         if self.eager:  # what a factorisation leaves is the rounding of f - K u
-            multiplier, y = found[:2]
-            level = force_level(multiplier, y + step.g, self.scale)
-            noise = ROUNDING * self.scale * np.abs(y).max(initial=0.0) / level
+            level = force_level(found[0], found[1] + step.g, self.scale)
+            noise = 0.5 * self.noise / level
             self.accuracy = min(max(noise, WholeSteps.accuracy), CondensedSteps.accuracy)
         return found
 
@@ -79,7 +76,7 @@ class CondensedSteps(WholeSteps):
 
     def _symmetric(self, slaved, step):
         hold = -step.D.diagonal()
-        wanted = np.concatenate([step.active, hold, [self._spring * self.floating]])
+        wanted = np.concatenate([step.active, hold, [self._spring * self.floating.count]])
         if not np.array_equal(wanted, self._known):
             self.split.hold(self._pins, self._spring)
             if self.system is None:
@@ -115,7 +112,8 @@ class CondensedSteps(WholeSteps):
         test = form.columns_of(E.T.tocsr()[slaved.multipliers.mine])
         law = form.frame_law(E, step.D, self.scale)
         matrix = form.reduce(-law, self.scale, test)
-        solver = DirectSolver(matrix, self._prefix, {"pc_type": "lu"}, own=True)
+        own = {k: v for k, v in (self._options or {}).items() if k not in ("ksp_type", "pc_type")}
+        solver = DirectSolver(matrix, self._prefix, own | {"pc_type": "lu"}, own=True)
 
         def solve(f, g, rhs):
             u_0, v_0 = form.offsets(f, g)

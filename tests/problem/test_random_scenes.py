@@ -1,5 +1,5 @@
 """Random scenes: conditions of contact from K u - f and the positions alone, and what must not
-change the answer. ``python tests/random_campaign.py 1001-1300 --variants`` runs many more."""
+change the answer. Many more: ``python tests/shared/random_campaign.py 1001-1300 --variants``."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,12 @@ POSED = {
 }
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+QUICK = (1003, 1005, 1007, 1008, 1009, 1015)
+
+
+@pytest.mark.parametrize(
+    "seed", [pytest.param(s, marks=pytest.mark.quick if s in QUICK else ()) for s in SEEDS]
+)
 def test_conditions(seed):
     _, found = scene_oracle.check(scenes.draw(seed))
     wrong = [
