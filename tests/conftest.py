@@ -103,6 +103,23 @@ class Ranks:
         return self.errors.read()[-4000:]
 
 
+def pytest_collection_modifyitems(items):
+    """Mark the tests that start ranks of their own: by the names that they use."""
+    for item in items:
+        code = getattr(getattr(item, "function", None), "__code__", None)
+        if {"run_mpi", "run_mpi_json", "mpirun"} & words_of(code):
+            item.add_marker(pytest.mark.mpi)
+
+
+def words_of(code) -> set[str]:
+    """Names and strings in a function and in those inside of it."""
+    found: set[str] = set()
+    for word in (*code.co_names, *code.co_consts) if code else ():
+        found |= {word} if isinstance(word, str) else set()
+        found |= words_of(word) if hasattr(word, "co_names") else set()
+    return found
+
+
 _running: dict[int, Ranks] = {}
 
 

@@ -19,7 +19,12 @@ POSED = {
 }
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+QUICK = (1003, 1005, 1007, 1008, 1009, 1015)
+
+
+@pytest.mark.parametrize(
+    "seed", [pytest.param(s, marks=pytest.mark.quick if s in QUICK else ()) for s in SEEDS]
+)
 def test_conditions(seed):
     _, found = scene_oracle.check(scenes.draw(seed))
     wrong = [

@@ -40,7 +40,8 @@ def collective(comm: MPI.Comm) -> Iterator[None]:
         error = caught
     if comm.size > 1:
         errors = comm.allgather(error and _sendable(error))
-        error = error or next((e for e in errors if e is not None), None)
+        first = next((rank for rank, e in enumerate(errors) if e is not None), comm.rank)
+        error = error if first == comm.rank else errors[first]
     if error is not None:
         raise error
 

@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.design.arguments import weight_arguments
 from dolfinx_llm.design.stencils import (
     RowStencils,
     adjacency,
@@ -81,6 +82,7 @@ def design_weights(
         Pair of corrected (n_i, m) CSR matrices.
 
     Raises:
+        ContactInputError: an argument of another type, shape or size.
         ContactError: the stencils leave too little freedom; the message names the frame nodes.
 
     Three segments between sides of two and of three facets; forces are those of unit pressure:
@@ -98,6 +100,7 @@ def design_weights(
     >>> (designed[0] @ frame.x[:, 0]).round(12)  # linear fields still pass
     array([0. , 1.5, 3. ])
     """
+    s, N, forces, keep = weight_arguments(frame, s, N, forces, keep)
     far = np.abs(frame.x).max() / np.ptp(frame.x, axis=0).max()
     allowed = max(TOLERANCE, 50.0 * np.finfo(float).eps * far)  # rounding of far coordinates
     ring, best, least = adjacency(frame.cells, len(s)), N, (np.inf, np.inf)

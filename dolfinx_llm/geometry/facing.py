@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from dolfinx_llm.geometry.cells import _joined, _repeated, vector_areas
+from dolfinx_llm.geometry.cells import joined_lists, repeated_for, vector_areas
 from dolfinx_llm.geometry.separation import Separation
 from dolfinx_llm.geometry.surface import Surface
 
@@ -25,7 +25,7 @@ NEAREST = 8  # facets that are tried before all within reach are
 PAIRS = 2_000_000  # of facets that are looked at in one go
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Facets:
     """The facets of a surface as discs."""
 
@@ -49,7 +49,7 @@ class Facets:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Facing:
     """Facets of one side that can touch the other."""
 
@@ -137,7 +137,7 @@ class _Search:
             reach = around + ASIDE * (self.own.radius[facet] + largest)
             for some in _portions(tree.query_ball_point(points, reach, return_length=True)):
                 near = tree.query_ball_point(points[some], reach[some])
-                self._try(_repeated(facet[some], near), group[_joined(near)])
+                self._try(repeated_for(facet[some], near), group[joined_lists(near)])
 
     def _try(self, facet: np.ndarray, other: np.ndarray) -> None:
         """Keep the nearest of the facets that face each other, of pairs (n,), (n,)."""

@@ -26,7 +26,7 @@ NARROW = 0.05  # width of the surroundings of the nearest place, in the surfaces
 STRAIGHT = 1e-8  # difference of the unit normals of a flat side's facets
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Piece:
     """Parts of both sides that are treated together."""
 

@@ -14,7 +14,7 @@ from dolfinx_llm.geometry.surface import Surface
 ROUNDING = 1e-9  # of the surface's size: depths below are none
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Separation:
     """The nodes of one side against the other surface; n nodes."""
 

@@ -69,7 +69,9 @@ def against_obstacle(
             f"{len(side.facets) - len(facets)} of {len(side.facets)} facets of {side.name} left "
             "out: they do not face the obstacle"
         )
-    _say_place(obstacle, side, nodes, distance + normal @ obstacle.motion(gdim), name, notes)
+    # It may be drawn inside and moved away, or drawn at the surface and pressed in.
+    moved = np.maximum(distance, distance + normal @ obstacle.motion(gdim))
+    _say_place(obstacle, side, nodes, moved, name, notes)
     return pairs, steep_rim(side, facets, np.isfinite(distance))[nodes]
 
 
@@ -126,11 +128,11 @@ def _say_place(
     name: str,
     notes: list[str],
 ) -> None:
-    """How far the body is from the obstacle, or how deep inside of it; refused where all of it is.
+    """How far the body is from the obstacle, or how deep inside of it: refused at half of it.
 
     Args:
         nodes: those that face the obstacle.
-        distance: (n,) of all nodes from the obstacle where it is now.
+        distance: (n,) of all nodes from the obstacle.
     """
     kind, size = type(obstacle).__name__, facet_sizes(side)
     depth = np.zeros(len(distance))
@@ -145,10 +147,7 @@ def _say_place(
             )
         return
     text = overlap_text(side, depth, f"the {kind}")
-    if (
-        depth[worst] > max(BURIED * Facets.of(side).reach, size[worst])
-        or (depth[nodes] > size[nodes]).all()
-    ):
+    if depth[worst] > max(BURIED * Facets.of(side).reach, size[worst]):
         raise ContactError(
             f"{text}, where facets have the size {size[worst]:.3g}: the body lies inside of the "
             "obstacle. Check positions, units, the obstacle's normal, `inside` and displacement"

@@ -336,7 +336,7 @@ class LoadSteps:
         suffix: str = ".xdmf",
         cell_fields: Callable[[dolfinx.fem.Function], dict[str, Expr]] | None = None,
     ):
-        if {"solve", "results", "u"} - set(dir(type(problem))):
+        if {"solve", "reset", "u"} - set(dir(type(problem))):
             checks.refuse("problem", problem, "give a ContactProblem")
         with collective(problem.comm):
             checks.one_of("suffix", suffix, SUFFIXES)

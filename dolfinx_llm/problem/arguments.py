@@ -16,14 +16,15 @@ from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.forms.choice import SOLVERS
+from dolfinx_llm.forms.options import check_values
 from dolfinx_llm.geometry.surface import check_space
 from dolfinx_llm.interface.choices import Interface
 
 FORMS = {
-    2: ("a", "bilinear", "give a bilinear UFL form, or a list of them, one per mesh"),
+    2: ("a", "must be bilinear", "give a bilinear UFL form, or a list of them, one per mesh"),
     1: (
         "L",
-        "linear",
+        "must be linear",
         "give a linear UFL form, or a list of them; without loads "
         "ufl.inner(fem.Constant(mesh, (0.0, ...)), v) * ufl.dx",
     ),
@@ -41,7 +42,7 @@ class Arguments:
     a: list[ufl.Form]  # bilinear, one per mesh
     L: list[ufl.Form]  # linear, in the order of a
     spaces: list[Any]  # function space of each
-    bcs: list[Any]  # Dirichlet conditions
+    bcs: Sequence[Any]  # Dirichlet conditions; the user's own list, which may change
     interfaces: list[Interface]
     nodal_loads: list[fem.Function]
 
@@ -75,13 +76,14 @@ def problem_arguments(
     for V in spaces:
         check_space(V)
     with collective(comm):
+        conditions(bcs, spaces)
         loads = _in_order(forms, spaces, _forms(1, L))
         given = Arguments(
             isinstance(a, (list, tuple)),
             forms,
             loads,
             spaces,
-            _conditions(bcs, spaces),
+            bcs if isinstance(bcs, list) else conditions(bcs, spaces),
             _interfaces(interfaces, spaces),
             _nodal_loads(nodal_loads, spaces),
         )
@@ -141,6 +143,7 @@ def check_petsc_options(options: Any, prefix: Any = "") -> None:
         plain = value is None or isinstance(value, (str, bool, np.bool_))
         if not plain:
             checks.number(f'petsc_options: "{key}"', value, "give a text, a finite number, or None")
+    check_values(options)
 
 
 def _communicator(*given: Any) -> MPI.Comm:
@@ -175,8 +178,7 @@ def _forms(count: int, value: Any) -> list[ufl.Form]:
         if len(arguments) != count:
             hint = ", or is zero as a whole" if not arguments else ""
             raise ContactInputError(
-                f"the form {name} must be {kind}, has {len(arguments)} argument(s){hint}: "
-                f"{accepted}"
+                f"the form {name} {kind}, has {len(arguments)} argument(s){hint}: {accepted}"
             )
         meshes = [V.mesh for V in map(_space_of, arguments) if V is not None]
         meshes += [
@@ -257,7 +259,16 @@ def _is_condition(bc: Any) -> bool:
     return hasattr(bc, "function_space") and hasattr(bc, "g") and not isinstance(bc, type)
 
 
-def _conditions(bcs: Any, spaces: Sequence[Any]) -> list[Any]:
+def conditions(bcs: Any, spaces: Sequence[Any]) -> list[Any]:
+    """Dirichlet conditions as a list.
+
+    Args:
+        bcs: as given.
+        spaces: function spaces of the forms.
+
+    Raises:
+        ContactInputError: no conditions, or of another space.
+    """
     found = [bcs] if _is_condition(bcs) else checks.items("bcs", bcs, BCS)
     for bc in found:
         if not _is_condition(bc):
