@@ -100,15 +100,16 @@ def design_weights(
     >>> (designed[0] @ frame.x[:, 0]).round(12)  # linear fields still pass
     array([0. , 1.5, 3. ])
     """
-    s, N, forces, keep = weight_arguments(frame, s, N, forces, keep)
+    s, rows, forces, keep = weight_arguments(frame, s, N, forces, keep)
     far = np.abs(frame.x).max() / np.ptp(frame.x, axis=0).max()
     allowed = max(TOLERANCE, 50.0 * np.finfo(float).eps * far)  # rounding of far coordinates
-    ring, best, least = adjacency(frame.cells, len(s)), N, (np.inf, np.inf)
-    for widths in _widths(s, N):
+    best: Sequence[csr_matrix] = rows
+    ring, least = adjacency(frame.cells, len(s)), (np.inf, np.inf)
+    for widths in _widths(s, rows):
         around = [reduce(matmul, [ring] * w) for w in widths]
-        found = _corrected(s, N, forces, keep, around)
+        found = _corrected(s, rows, forces, keep, around)
         residual = np.abs(patch_residual(found, forces)).max()
-        change = max(abs(M - L).max() for M, L in zip(found, N, strict=True))
+        change = max(abs(M - L).max() for M, L in zip(found, rows, strict=True))
         # What passes with the smaller correction; else what is nearer to passing.
         rank = (max(residual, allowed), change if residual <= allowed else 0.0)
         if rank < least:

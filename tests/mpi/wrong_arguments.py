@@ -671,12 +671,6 @@ add(
 add("starts=", lambda s: s.positions(starts=0), lambda s: s.positions(starts=INF))
 add("s=.*give", lambda s: s.weights(s=None), lambda s: s.weights(s=np.zeros((4, 3))))
 add("N=.*give a pair", lambda s: s.weights(N=None), lambda s: s.weights(N=[np.eye(4)] * 2))
-add(
-    "cells=.*give a pair",
-    lambda s: s.weights(cells=None),
-    lambda s: s.weights(cells=[np.zeros(4, int) + 7] * 2),
-    lambda s: s.weights(cells=[np.zeros(4)] * 2),
-)
 add("keep=.*give a pair", lambda s: s.weights(keep=True), lambda s: s.weights(keep=[[0.5] * 4] * 2))
 
 # Classical forms
