@@ -12,6 +12,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from dolfinx_llm.base.destroyed import Destroyed
+from dolfinx_llm.base.disposable import Disposable, Remains, free_garbage
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.doubts import doubts
@@ -29,7 +30,7 @@ from dolfinx_llm.problem.methods import Setting, method_of
 log = logging.getLogger("dolfinx_llm")
 
 
-class ContactProblem:
+class ContactProblem(Disposable):
     """Bodies with stiffness a and load L that touch along interfaces, (31) of the paper.
 
     Args:
@@ -78,6 +79,7 @@ class ContactProblem:
         given = problem_arguments(
             a, L, bcs, interfaces, nodal_loads, solver, petsc_options_prefix, petsc_options
         )
+        free_garbage(given.spaces[0].mesh.comm)
         self.interfaces, self.solver = given.interfaces, solver
         self.times = StageTimes()
         self.history: list[dict] = []
@@ -88,6 +90,7 @@ class ContactProblem:
         self.spaces, self.comm = self.bulk.spaces, self.bulk.comm
         self._build_operators()
         self.method = method_of(self._setting())
+        self._remains = Remains([V.mesh for V in self.spaces])
 
     def _build_operators(self) -> None:
         """Pairs, frames and operators, from positions and conditions as they are now."""
@@ -218,13 +221,12 @@ class ContactProblem:
         return "\n".join(lines)
 
     def destroy(self) -> None:
-        """Free the PETSc objects; collective.
-
-        May be called again. Not left to Python's garbage collector, which runs at another time on
-        every rank: in loops over many problems on several ranks call it when done with each.
+        """Free the PETSc objects; collective. May be called again, and is at the end of a ``with``
+        block. On one rank the garbage collector does it, too; on several that runs at other times.
         """
         for part in (self.method, self.operators, self.bulk):
             if not isinstance(part, Destroyed):
                 part.destroy()
         gone: Any = Destroyed("this ContactProblem")
+        self._remains.destroyed = True
         self.method = self.operators = self.bulk = self.results = self.B = self.L_b = gone
