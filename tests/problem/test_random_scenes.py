@@ -1,5 +1,5 @@
 """Random scenes: conditions of contact from K u - f and the positions alone, and what must not
-change the answer. ``python tests/random_campaign.py 1001-1300 --variants`` runs many more."""
+change the answer. Many more: ``python tests/shared/random_campaign.py 1001-1300 --variants``."""
 
 import numpy as np
 import pytest
