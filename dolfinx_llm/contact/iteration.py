@@ -234,7 +234,7 @@ class ContactIteration:
             rows = switch_rows(T, N, delta, s.law.mu, c, s.status)
         else:
             rows = newton_rows(T, N, delta, s.law.mu, c)
-        return rows.tied(s.speaker, self.scale)
+        return rows.tied(s.speaker, s.unheld, self.scale)
 
     def _all_stick(self, step: InterfaceSystem) -> InterfaceSystem:
         """The first step, when nothing is known: all stick, as in the paper."""
@@ -309,7 +309,7 @@ class ContactIteration:
     def _count(self) -> dict:
         """Numbers of pairs in contact, and of those that stick and slip."""
         status = np.concatenate([s.pair_status() for s in self.states])
-        counts = np.bincount(status, minlength=3)
+        counts = np.bincount(status, minlength=4)
         return {
             "active": int(len(status) - counts[OPEN]),
             "stick": int(counts[STICK]),

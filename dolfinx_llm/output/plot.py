@@ -278,7 +278,7 @@ def _draw_flat(figure: Any, scene: Scene, normal: np.ndarray, norm: Any) -> None
         if len(at):
             axis.plot(*s[at].T, "o", color=colour, mec="k", markersize=3, label=name)
     axis.set_aspect("equal")
-    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=3, facecolor="0.85")
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=4, facecolor="0.85")
 
 
 def _skin(u: Function, field: Function) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -330,7 +330,8 @@ def _draw_skin(figure: Any, polygons: np.ndarray, colours: np.ndarray) -> None:
 def interface(result: InterfaceResult, path: str | Path, field: str = "pressure") -> None:
     """A field of an interface: over the contact in 2D, on the deformed frame in 3D.
 
-    Draws on rank 0 when called on all ranks. Marks show the status: open, stick or slip.
+    Draws on rank 0 when called on all ranks. Marks show the status: open, stick, slip,
+    or closed without friction.
 
     Args:
         result: an ``InterfaceResult``.
