@@ -20,7 +20,8 @@ def tagged(domain, groups):
 
 
 def ring(comm, n, k=4, radius=1.0, inner=0.4, centre=(0.0, 1.0), whole=True, depth=0.0):
-    """A ring of n bricks around and k through; its outer circle tagged, wholly or what faces down.
+    """A ring of n bricks around and k through; its outer circle tagged, wholly or what faces down
+    (or an angle from there).
 
     With a depth it is a tube of two layers of hexahedra along z.
     """
@@ -35,7 +36,6 @@ def ring(comm, n, k=4, radius=1.0, inner=0.4, centre=(0.0, 1.0), whole=True, dep
         layers, m = np.linspace(0.0, depth, 3), len(x)
         x = np.concatenate([np.column_stack([x[:, 0], 0 * x[:, 0] + z, x[:, 1]]) for z in layers])
         cells = np.concatenate([np.hstack([cells, cells + m]) + m * layer for layer in (0, 1)])
-        cells = cells[:, [0, 1, 2, 3, 4, 5, 6, 7]]
         kind = "hexahedron"
     if comm.rank:
         x, cells = x[:0], cells[:0]
@@ -43,9 +43,11 @@ def ring(comm, n, k=4, radius=1.0, inner=0.4, centre=(0.0, 1.0), whole=True, dep
     dim = domain.topology.dim
     up = dim - 1  # the axis that points up
     away = lambda p: np.hypot(p[0] - centre[0], p[up] - centre[1])  # noqa: E731
-    low = radius * (1.0 - np.cos(ARC))
+    low = radius * (1.0 - np.cos(ARC if whole is False else whole))
     at = [
-        lambda p: np.isclose(away(p), radius) & (whole | (p[up] < centre[1] - radius + low)),
+        lambda p: (
+            np.isclose(away(p), radius) & ((whole is True) | (p[up] < centre[1] - radius + low))
+        ),
         lambda p: np.isclose(away(p), inner),
     ]
     return domain, tagged(domain, [mesh.locate_entities_boundary(domain, dim - 1, f) for f in at])

@@ -7,15 +7,19 @@ import numpy as np
 import pairs
 import pytest
 import scenes
+from conftest import run_mpi_json
 from dolfinx import mesh
 from facing_scenes import SURFACE, apart, ring, solved
 from mpi4py import MPI
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
+from dolfinx_llm.design.predict import predict_frame
 from dolfinx_llm.geometry.facing import facing_facets
+from dolfinx_llm.geometry.overlap_flat import common_area, nodal_forces
 from dolfinx_llm.geometry.pieces import touching_pieces
 from dolfinx_llm.geometry.separation import separation
+from dolfinx_llm.interface.touching import find_pieces
 
 COMM = MPI.COMM_SELF
 LAWS = [llm.Frictionless(), llm.Coulomb(0.3)]
@@ -75,19 +79,43 @@ def test_nothing_faces():
         assert not len(facing[0].facets) and not len(facing[1].facets)
 
 
+def roller(n, layers=3):
+    """The shell of a cylinder of radius 1 along y that touches z = 0."""
+    t, y = np.meshgrid(
+        np.linspace(0, 2 * np.pi, n, False), np.linspace(0, 1, layers + 1), indexing="ij"
+    )
+    x = np.column_stack([np.cos(t.ravel()), y.ravel(), 1.0 + np.sin(t.ravel())])
+    i, j = (g.ravel() for g in np.meshgrid(np.arange(n), np.arange(layers), indexing="ij"))
+    m = layers + 1
+    a, b = i * m + j, (i + 1) % n * m + j
+    return curved_scenes.surface(x, np.column_stack([a, a + 1, b + 1, b]), "roller")
+
+
+@pytest.mark.parametrize("n, cells", [(12, 30), (40, 6), (250, 9)])
+def test_both_sides_cover_the_same(n, cells):
+    """However fine the one, all that it faces of the other is found: unit pressure balances."""
+    sides = roller(n), box((-2, -1, -1), (2, 2, 0), cells)
+    _, distances = found(sides)
+    (piece,) = touching_pieces(sides, distances, True)
+    parts = [side.part(facets) for side, facets in zip(sides, piece.facets, strict=True)]
+    area = common_area(*parts, piece.plane)
+    moments = []
+    for part in parts:
+        s = piece.plane.project(part.x)
+        f = nodal_forces(part, s, area)
+        moments.append([f.sum(), *(f @ s)])
+    np.testing.assert_allclose(moments[0], moments[1], atol=1e-12)
+    width = np.abs(parts[0].x[:, 0]).max()
+    assert moments[0][0] == pytest.approx(2.0 * width) and 0.7 < width < np.sin(1.0) + 4.0 / n
+
+
 @pytest.mark.parametrize("seed", [3, 5, 7])
 def test_the_same_facets_in_any_orientation(seed):
     """Boxes and balls, turned and shifted: the same facets, planes that turn with them."""
     R = fs.turn(3, seed)
-    n = 12
-    t, z = np.meshgrid(np.linspace(0, 2 * np.pi, n, False), np.linspace(0, 1, 4), indexing="ij")
-    x = np.column_stack([np.cos(t.ravel()), z.ravel(), 1.0 + np.sin(t.ravel())])
-    i, j = (g.ravel() for g in np.meshgrid(np.arange(n), np.arange(3), indexing="ij"))
-    a, b = i * 4 + j, (i + 1) % n * 4 + j
-    roller = curved_scenes.surface(x, np.column_stack([a, a + 1, b + 1, b]), "roller")
     for sides in (
         (box((-1, -1, 0), (1, 1, 1), 7), box((-0.6, -0.5, 1), (0.5, 0.7, 2), 5)),
-        (roller, box((-2, -1, -1), (2, 2, 0), 6)),
+        (roller(12), box((-2, -1, -1), (2, 2, 0), 6)),
     ):
         one, apart = found(sides)
         moved = tuple(turned(side, R, [3.0, -1.0, 2.0]) for side in sides)
@@ -233,3 +261,118 @@ def test_pieces_are_joined(law):
     assert len(model.frame.x) == sum(len(m.frame.x) for m in two.models)
     assert (np.diff(model.pairs[0].nodes) > 0).all()
     assert model.certificate.residual < 1e-13
+
+
+def test_more_than_what_touches_changes_little():
+    """The lower part of the circle, ± 24°, against all of it: other facets beyond what touches."""
+    few, u, _ = on_block(COMM, llm.Frictionless(), whole=0.42, n=192)
+    whole, v, _ = on_block(COMM, llm.Frictionless(), n=192)
+    assert len(few.models[0].pairs[0].nodes) < 0.6 * len(whole.models[0].pairs[0].nodes)
+    forces = [p.results[0].resultant[1] for p in (few, whole)]
+    assert forces[0] == pytest.approx(forces[1], rel=5e-3) and apart(u, v) < 2e-2
+
+
+def in_bore(comm, law, seed=None):
+    """A pin in a bore with clearance: all surfaces of both rings tagged, the pin pushed down."""
+    pin = fs.all_tagged(ring(comm, 44, inner=0.4, centre=(0.0, 0.0)))
+    lug = fs.all_tagged(ring(comm, 32, k=3, inner=1.02, radius=1.8, centre=(0.0, 0.0)))
+
+    def interfaces(tags, R):
+        return llm.Interface(None, ((tags[0], cs.ABOVE), (tags[1], cs.ABOVE)), law=law)
+
+    moved = [(0, lambda p: np.hypot(p[0], p[1]) < 0.41)]
+    fixed = [(1, lambda p: np.hypot(p[0], p[1]) > 1.79)]
+    return solved([pin, lug], interfaces, moved, fixed, (0.0, -0.05), seed)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=str)
+def test_pin_in_bore(law):
+    """Contact turns with the bore: local normals, forces from all around the lower half."""
+    problem, _, _ = in_bore(COMM, law)
+    model, result = problem.models[0], problem.results[0]
+    assert [len(side.facets) for side in model.sides] == [44, 32]
+    for p in model.pairs:
+        out = p.x / np.linalg.norm(p.x, axis=1)[:, None]
+        assert np.abs(np.einsum("ni,ni->n", p.normal, out)).min() > 0.99
+    side = result.sides[0]
+    pressing = side.normal_force > 1e-3 * side.normal_force.max()
+    angle = np.degrees(np.arctan2(side.x[:, 0], -side.x[:, 1]))[pressing]
+    assert angle.min() < -25.0 and angle.max() > 25.0 and np.abs(angle).max() < 90.0
+    assert result.resultant[1] < -1.0
+
+
+def blocks_at(lift, law=None, motion=-0.0, tops=(cs.ABOVE, cs.BELOW), **options):
+    """A block drawn over a block with a gap of ``lift``, negative where they overlap."""
+    rng = np.random.default_rng(5)
+    low = cs.rectangle(COMM, (9, 4), (-1, 0), (1, 1), "quadrilateral", 0.2, rng)
+    high = cs.rectangle(COMM, (6, 3), (-0.6, 1 + lift), (0.6, 2 + lift), "triangle", 0.2, rng)
+
+    def interfaces(tags, R):
+        sides = (tags[0], tops[0]), (tags[1], tops[1])
+        return llm.Interface(None, sides, law=law or llm.Frictionless())
+
+    moved = [(1, lambda p: p[1] > 2 + lift - 1e-9)]
+    fixed = [(0, lambda p: p[1] < 1e-9)]
+    return solved([low, high], interfaces, moved, fixed, (0.0, motion), **options)
+
+
+@pytest.mark.parametrize("depth, said", [(0.05, False), (0.29, True)])
+def test_overlap_is_said(depth, said, caplog):
+    """Less than a facet is noted, more is said, with numbers; bodies are pushed apart."""
+    problem, _, _ = blocks_at(-depth)
+    texts = [note for note in problem.models[0].notes if f"by {depth:g}" in note]
+    assert texts and "inside of the body" in texts[0]
+    assert any(f"by {depth:g}" in r.message for r in caplog.records) == said
+    assert problem.results[0].resultant[1] > 1.0
+
+
+@pytest.mark.parametrize(
+    "lift, tops", [(-0.8, (cs.ABOVE, cs.BELOW)), (0.0, (cs.BELOW, cs.ABOVE))], ids=["deep", "away"]
+)
+def test_buried_bodies_are_refused(lift, tops):
+    """Half inside of each other, or tags of the sides that face away."""
+    with pytest.raises(llm.ContactError, match=r"deepest at .* by .*one body lies"):
+        blocks_at(lift, tops=tops)
+
+
+def test_one_body_inside_of_another():
+    """Whole boundaries: a small box in a large one that is no cavity."""
+    sides = box((-1, -1, -1), (1, 1, 1), 4, "large"), box((-0.2, -0.2, -0.2), (0.2, 0.2, 0.2), 3)
+    assert separation(sides[1], sides[0]).depth.min() == pytest.approx(0.8)
+    with pytest.raises(llm.ContactError, match="one body lies"):
+        find_pieces(sides, True, "name", [])
+
+
+def test_bodies_that_never_touch_are_said(caplog):
+    problem, _, _ = blocks_at(0.3, motion=-0.1)
+    assert not problem.results[0].resultant.any()
+    assert any("from 0.3 as drawn to about 0.2" in r.message for r in caplog.records)
+    assert "nothing touches" in str(problem)
+    caplog.clear()
+    problem, _, _ = blocks_at(0.0, motion=0.1)  # lifted off
+    assert not problem.results[0].resultant.any() and not caplog.records
+
+
+def test_pieces_have_cells_of_one_kind():
+    """The finer side's facets where the coarser one's are of another kind than is wanted."""
+    fine, coarse = box((0, 0, 0), (1, 1, 1), 6), box((0, 0, 1), (1, 1, 2), 3)
+    tops = [
+        side.part(np.flatnonzero((side.x[side.facets][..., 2] == 1.0).all(axis=1)))
+        for side in (fine, coarse)
+    ]
+    quads = tops[1].facets
+    triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    tops[1] = curved_scenes.surface(tops[1].x, triangles)
+    forces = [np.ones(len(t.x)) for t in tops]
+    for corners in (None, 3, 4):
+        frame, _ = predict_frame(tops, forces, None, True, corners)
+        assert len(frame.cells) == {None: 18, 3: 18, 4: 36}[corners]
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks(ranks):
+    one, other = (run_mpi_json("facing_ranks.py", n, seconds=240.0) for n in (1, ranks))
+    assert one.keys() == other.keys()
+    for key, value in one.items():
+        size = np.abs(value).max()
+        assert np.abs(np.array(value) - other[key]).max() <= 1e-10 * size, key

@@ -68,7 +68,7 @@ def _apart(model: ContactModel, result: InterfaceResult) -> list[str]:
         return []
     return [
         f"interface {model.interface.name}: nothing touches: the load brings both sides nearer to "
-        f"each other, from {before.min():.3g} as drawn to {now[near]:.3g} at "
+        f"each other, from {before.min():.2g} as drawn to about {now[near]:.2g} at "
         f"{result.x[near].round(6).tolist()}, and no contact force arises. Check positions, units "
         "and the load, or draw the bodies nearer"
     ]

@@ -80,6 +80,22 @@ class ContactIteration:
         self.f, self.g = self._rest
         self.history: list[dict] = []
 
+    def resume(self, other: ContactIteration, f: np.ndarray, g: np.ndarray):
+        """Go on from the state of another iteration of the same pairs and frames.
+
+        Args:
+            other: where it ended.
+            f, g: this rank's load and the gaps with which bodies and operators of this one are in
+                balance there.
+        """
+        if other.multiplier is None:
+            return
+        for state, kept in zip(self.states, other.states, strict=True):
+            state.restore(kept.snapshot())
+        self.multiplier, self.w = other.multiplier, other.w
+        self.alpha = np.zeros(self.backend.floating)  # found anew: other modes, perhaps
+        self.f, self.g = f, g
+
     def advance(self, f: np.ndarray, g: np.ndarray, increments: int):
         """One load step to this rank's load f and gaps g, in parts; halved where one fails.
 

@@ -129,7 +129,7 @@ def collect_results(
         states: per interface its ``InterfaceState``; None: all tied.
     """
     motions = [operators.motion(side, u) for side in range(len(operators.pairs))]
-    gaps, results = operators.side_gaps(moved=False), []
+    gaps, results = operators.side_gaps(), []
     for i, (model, place) in enumerate(zip(operators.models, operators.places, strict=True)):
         m, d, gdim = model.directions.shape
         moved = motions[place.sides]

@@ -21,6 +21,7 @@ from dolfinx_llm.geometry.surface import Surface
 TURN = 1.0  # [rad] between facing normals; no two sides of a regular polygon differ by as much
 ASIDE = 3.0  # between centres of facing facets, in the sum of their radii
 BEYOND = 0.5  # how much farther than the nearest ones facets count, in the smaller surface's radius
+BEHIND = 3.0  # how much farther than what is nearest to its partner a facet may lie
 NEAREST = 8  # facets that are tried before all within reach are
 PAIRS = 2_000_000  # of facets that are looked at in one go
 
@@ -83,7 +84,7 @@ def facing_facets(
         (partner, gap), (_, other) = found[k], found[1 - k]
         own, across = keep[k], partner[keep[k]]
         sizes = all_facets[k].radius[own] + all_facets[1 - k].radius[across]
-        seen = own[gap[own] <= np.maximum(other[across], 0.0) + 2.0 * sizes]
+        seen = own[gap[own] <= BEHIND * np.maximum(other[across], 0.0) + 2.0 * sizes]
         out.append(Facing(seen, partner[seen]))
     return out[0], out[1]
 
@@ -128,13 +129,14 @@ class _Search:
         """Try all facets of the other side with a gap between two bounds."""
         first = low == 0.0
         middle = np.where(first, 0.0, 0.5 * (low + high))
-        # The mean of two normals is off one of them by at most TURN / 2.
-        lean = 2.0 * np.sin(0.25 * TURN) * high
-        around = np.where(first, high + self.depth, 0.5 * (high - low) + lean)
+        # The mean of two normals is off one of them by at most TURN / 2, and what is across, too.
+        sine = np.sin(0.5 * TURN)
+        lean = (2.0 * np.sin(0.25 * TURN) + sine / (1.0 - sine)) * high
+        around = np.where(first, 2.0 * high + self.depth, 0.5 * (high - low) + lean)
         points = self.own.centre[facet] + middle[:, None] * self.own.normal[facet]
         for group, tree in zip(self.sizes, self.trees):
             largest = self.other.radius[group].max()
-            reach = around + ASIDE * (self.own.radius[facet] + largest)
+            reach = around + ASIDE * (self.own.radius[facet] + largest) / (1.0 - sine)
             for some in _portions(tree.query_ball_point(points, reach, return_length=True)):
                 near = tree.query_ball_point(points[some], reach[some])
                 self._try(repeated_for(facet[some], near), group[joined_lists(near)])
@@ -159,7 +161,9 @@ class _Search:
         gap = np.einsum("ni,ni->n", d, m)
         aside = np.linalg.norm(d - gap[:, None] * m, axis=1)
         sizes = self.own.radius[facet] + self.other.radius[other]
-        good &= aside <= ASIDE * sizes
+        # Along either normal a facet is across, and of facets that lean these are two directions.
+        lean = np.linalg.norm(d, axis=1) * np.sqrt(np.maximum(0.5 * (1.0 - cosine), 0.0))
+        good &= aside <= ASIDE * sizes + lean
         # Each has a point in front of the other's plane, or no deeper than bodies overlap.
         sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
         deepest = -1.001 * self.depth - 1e-6 * sizes

@@ -8,17 +8,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import Clock
 from dolfinx_llm.design.curved import balance, curved_rows, nodal_normals, vector_residual
-from dolfinx_llm.design.line import check_closed_form, frame_at_roots
-from dolfinx_llm.design.positions import design_positions
-from dolfinx_llm.design.predict import face_side_1, predict_frame
+from dolfinx_llm.design.line import check_closed_form
 from dolfinx_llm.design.weights import TOLERANCE, design_weights, patch_residual
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_curved import vector_areas_in_contact
@@ -35,13 +31,12 @@ from dolfinx_llm.interface.against import against_obstacle
 from dolfinx_llm.interface.anatomy import describe
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.frames import choose_frame, move_nodes
 from dolfinx_llm.interface.geometry import ContactModel
 from dolfinx_llm.interface.join import Part, joined, whole_piece
 from dolfinx_llm.interface.touching import check_flat, find_pieces
 
 log = logging.getLogger("dolfinx_llm")
-
-COVERED, REACH = 1e-6, 3.0  # cells that a node may lie beyond a given, a predicted frame
 
 
 def build_model(
@@ -79,8 +74,10 @@ def build_model(
         pieces = [whole_piece(pieces)]
     clock.stop("facing facets")
     held: Any = None if fixed is None else [(spaces[i], fixed[i]) for i in owners]
-    parts = [_build_piece(interface, whole, piece, spaces[0], held, notes, clock)
-             for piece in pieces]  # fmt: skip
+    parts: list[Part] = []
+    for piece in pieces:  # one frame has cells of one kind
+        corners = parts[0].frame.cells.shape[1] if parts else None
+        parts.append(_build_piece(interface, whole, piece, spaces[0], held, corners, notes, clock))
     both, frame, base, certificate = joined(whole, parts)
     rims = [
         rim[np.isin(side.dofs, p.surface.dofs)][p.nodes]
@@ -95,12 +92,14 @@ def _build_piece(
     piece: Piece,
     V: Any,
     held: Any,
+    corners: int | None,
     notes: list[str],
     clock: Clock,
 ) -> Part:
     """Common area, frame, design and pairs of one piece of two surfaces.
 
     Args:
+        corners: of a predicted frame's cells; None: those of the coarser side.
         held: per side its function space and (n_owned dofs,) whether a dof is prescribed.
     """
     law, plane = interface.law, piece.plane
@@ -117,11 +116,11 @@ def _build_piece(
         area = common_area(sides[0], sides[1], plane)
         forces = [nodal_forces(side, plane.project(side.x), area) for side in sides]
     clock.stop("patch forces")
-    frame, note, reach = _frame(interface, sides, forces, plane, area)
+    frame, note, reach = choose_frame(interface, sides, forces, plane, area, corners)
     notes.append(note)
     clock.stop("frame")
     if interface.design == "positions" and frame.gdim == 3:
-        frame = _moved(frame, sides, forces, V.mesh.comm)
+        frame = move_nodes(frame, sides, forces, V.mesh.comm)
         notes.append("design: frame nodes moved (positions)")
         clock.stop("design")
     pairs = [
@@ -228,49 +227,6 @@ def _space_of(tags: Any, spaces: Sequence[Any]) -> int:
         "the facet tags belong to none of the meshes of the forms. For bodies on two meshes give "
         "sides=((tags_0, tag_0), (tags_1, tag_1))"
     )
-
-
-def _frame(
-    interface: Interface,
-    sides: tuple[Surface, ...],
-    forces: Sequence[np.ndarray],
-    plane: Plane | None,
-    area: Any,
-) -> tuple[Frame, str, float]:
-    """The user's frame, turned to point out of side 0, or a predicted one.
-
-    Returns:
-        The frame, a sentence that says what it is, and how many cells a node may lie beyond its
-        outline.
-    """
-    if interface.frame is not None:
-        frame = face_side_1(interface.frame, sides[0])
-        if plane is None:
-            return frame, "frame: given", REACH
-        if frame.gdim == 2 and interface.design == "positions":
-            return *frame_at_roots(sides, plane, area, frame), COVERED
-        return frame, "frame: given", COVERED
-    if plane and len(plane.origin) == 2 and interface.design in ("positions", "auto"):
-        try:
-            return *frame_at_roots(sides, plane, area), COVERED
-        except ContactError as error:
-            if interface.design == "positions":
-                raise
-            log.info("closed form of the frame left out: %s", error)
-    return *predict_frame(sides, forces, plane, interface.law.unilateral), REACH
-
-
-def _moved(
-    frame: Frame, sides: Sequence[Surface], forces: Sequence[np.ndarray], comm: MPI.Comm
-) -> Frame:
-    """The frame with its nodes moved, found on one rank: the search feels rounding, which need not
-    be the same on all."""
-    in_contact = [f > 0.0 for f in forces]
-    with collective(comm):
-        if comm.rank == 0:
-            x = [side.x[k] for side, k in zip(sides, in_contact)]
-            frame = design_positions(frame, x, [f[k] for f, k in zip(forces, in_contact)])
-    return comm.bcast(frame, root=0)
 
 
 def _fixed_nodes(pairs: ContactPairs, V: Any, fixed: np.ndarray) -> np.ndarray:

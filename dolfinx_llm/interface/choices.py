@@ -25,7 +25,8 @@ class Interface:
     Args:
         facet_tags: dolfinx mesh tags of facets; unused where ``sides`` brings its own.
         sides: the two facet tags, e.g. (3, 7); or ((tags_0, 3), (tags_1, 7)) for two meshes. One
-            of them may be a rigid obstacle, e.g. ``RigidPlane``.
+            of them may be a rigid obstacle, e.g. ``RigidPlane``. Whole surfaces of bodies may be
+            tagged: what can touch is found facet by facet.
         law: contact law: ``Tied()``, ``Frictionless()`` or ``Coulomb(mu)``.
         frame: contact frame; None: predicted from the two surfaces.
         design: how the frame is made to pass the patch test (28): "weights" corrects the rows of

@@ -42,7 +42,7 @@ class Arguments:
     a: list[ufl.Form]  # bilinear, one per mesh
     L: list[ufl.Form]  # linear, in the order of a
     spaces: list[Any]  # function space of each
-    bcs: list[Any]  # Dirichlet conditions
+    bcs: Sequence[Any]  # Dirichlet conditions; the user's own list, which may change
     interfaces: list[Interface]
     nodal_loads: list[fem.Function]
 
@@ -76,13 +76,14 @@ def problem_arguments(
     for V in spaces:
         check_space(V)
     with collective(comm):
+        conditions(bcs, spaces)
         loads = _in_order(forms, spaces, _forms(1, L))
         given = Arguments(
             isinstance(a, (list, tuple)),
             forms,
             loads,
             spaces,
-            _conditions(bcs, spaces),
+            bcs if isinstance(bcs, list) else conditions(bcs, spaces),
             _interfaces(interfaces, spaces),
             _nodal_loads(nodal_loads, spaces),
         )
@@ -258,7 +259,16 @@ def _is_condition(bc: Any) -> bool:
     return hasattr(bc, "function_space") and hasattr(bc, "g") and not isinstance(bc, type)
 
 
-def _conditions(bcs: Any, spaces: Sequence[Any]) -> list[Any]:
+def conditions(bcs: Any, spaces: Sequence[Any]) -> list[Any]:
+    """Dirichlet conditions as a list.
+
+    Args:
+        bcs: as given.
+        spaces: function spaces of the forms.
+
+    Raises:
+        ContactInputError: no conditions, or of another space.
+    """
     found = [bcs] if _is_condition(bcs) else checks.items("bcs", bcs, BCS)
     for bc in found:
         if not _is_condition(bc):

@@ -14,7 +14,8 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.operators.numbering import BodyDofs
-from dolfinx_llm.problem.arguments import Arguments
+from dolfinx_llm.problem.arguments import Arguments, conditions
+from dolfinx_llm.problem.changes import Changes, Fingerprint
 
 
 class Bulk(Protocol):
@@ -44,6 +45,9 @@ class LinearBulk:
 
     Attributes:
         several: whether forms came as sequences, one per mesh.
+        fixed: per mesh (n,) which of this rank's dofs are prescribed.
+        dofs, spaces, comm: as of ``Bulk``.
+        version: counts the changes.
 
     Raises:
         ContactInputError: a form that cannot be compiled.
@@ -59,20 +63,43 @@ class LinearBulk:
             self._a = [compat.form("a", form) for form in given.a]
             self._L = [compat.form("L", form) for form in given.L]
         self.spaces, self.comm = given.spaces, given.spaces[0].mesh.comm
-        self._bcs = [[bc for bc in given.bcs if compat.in_space(bc, V)] for V in self.spaces]
         self._nodal = [
             [load for load in given.nodal_loads if load.function_space.mesh is V.mesh]
             for V in self.spaces
         ]
-        self.fixed = [self._prescribed(i) for i in range(len(self.spaces))]
-        self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(self.fixed))
+        self._given = given.bcs
         self._K: Any = None  # see K
+        self._sort_conditions()
+        self._fingerprint = Fingerprint(given.a, self.spaces)
+        self._fingerprint.changes(self.fixed)
+        self._pending, self.version = Changes(), 0
 
-    def _prescribed(self, i: int) -> np.ndarray:
-        """(n,) which of this rank's dofs of a mesh are prescribed."""
-        V = self.spaces[i]
-        n = V.dofmap.index_map.size_local * V.dofmap.index_map_bs
-        return ~np.isnan(compat.prescribed_values(V, self._bcs[i])[:n])
+    def _sort_conditions(self) -> None:
+        """Conditions by mesh, and which dofs they prescribe."""
+        with collective(self.comm):
+            bcs = conditions(self._given, self.spaces)
+        self._bcs = [[bc for bc in bcs if compat.in_space(bc, V)] for V in self.spaces]
+        self.fixed = [compat.fixed_dofs(*part) for part in zip(self.spaces, self._bcs)]
+        self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(self.fixed))
+
+    def changes(self) -> Changes:
+        """What has changed since ``settle`` was called last; collective.
+
+        Values of Constants and Functions in the forms a, which dofs the conditions prescribe, and
+        positions of the meshes are looked at; K is then assembled anew. Loads and prescribed values
+        are assembled for every solve.
+        """
+        self._sort_conditions()
+        found = self._fingerprint.changes(self.fixed)
+        self._pending |= found
+        if found:
+            self.version += 1
+            self.destroy()
+        return self._pending
+
+    def settle(self) -> None:
+        """All that is made of K has been made anew."""
+        self._pending = Changes()
 
     @property
     def K(self) -> PETSc.Mat:
@@ -87,6 +114,7 @@ class LinearBulk:
                 blocks = [compat.assemble_matrix(a, b, 1.0) for a, b in zip(self._a, self._bcs)]
                 self._K = blocks[0] if len(blocks) == 1 else _block_diagonal(blocks)
             if not np.isfinite(self._K.norm()):
+                self.destroy()
                 raise ContactError(
                     "the stiffness has entries that are NaN or infinite. Check the coefficients of "
                     "the forms a and the mesh for degenerate cells"

@@ -103,13 +103,28 @@ class _ClassicalForm:
         self.residual: float | None = None  # of (6) after a solve, relative
         self._system: Any = None
         self._options = petsc_options
+        self._operators, self._version = problem.operators, problem.bulk.version
+
+    def _load(self) -> np.ndarray:
+        """This rank's load, once what has changed in the problem is taken over."""
+        problem = self.problem
+        problem.update()
+        if problem.operators is not self._operators:
+            raise ContactError(
+                "a mesh was moved, or other dofs are prescribed, since Q was made: make it anew"
+            )
+        if problem.bulk.version != self._version and self._system is not None:
+            self._system.destroy()
+            self._system = None
+        self._version = problem.bulk.version
+        return problem.bulk.load()
 
     def _solve(self, f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """This rank's u and multipliers of (6)."""
         if self._system is None:
             p, Q_t = self.problem, self.Q.copy()
             Q_t.transpose()
-            prefix = f"{p.petsc_options_prefix}classical_"
+            prefix = f"{p.method.setting.prefix}classical_"
             self._system = SaddleSystem(p.K, Q_t, None, p.scale, prefix, self._options)
             Q_t.destroy()
         u, multiplier, _ = self._system.solve(f, g)
@@ -231,10 +246,10 @@ class NodeToSegment(_ClassicalForm):
             The displacement: a dolfinx Function, or a list of them for several meshes.
 
         Raises:
-            ContactError: the system cannot be solved.
+            ContactError: the system cannot be solved, or Q is of another geometry.
         """
         problem = self.problem
-        f = problem.bulk.load()
+        f = self._load()
         gaps = [
             np.einsum("nci,ni->nc", t.base, t.gap * model.interface.law.close_gap).ravel()
             for t, model in zip(self._ties, problem.models, strict=True)
@@ -371,12 +386,12 @@ class Elimination(_ClassicalForm):
             The displacement: a dolfinx Function, or a list of them for several meshes.
 
         Raises:
-            ContactError: the system cannot be solved.
+            ContactError: the system cannot be solved, or Q is of another geometry.
         """
         problem, operators = self.problem, self.problem.operators
         rows = operators.rows.numbering
-        f = problem.bulk.load()
-        g = operators.gap(f)
+        f = self._load()
+        g = operators.gap(f, operators.obstacle_motions())
         first, last = self.Q.getOwnershipRange()
         gap = operators.gather(rows, g)
         u, reduced = self._solve(f, (self._basis.T @ gap)[first:last])
