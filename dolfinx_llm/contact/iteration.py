@@ -24,7 +24,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.contact.state import InterfaceState, interface_states
 from dolfinx_llm.forms.step import InterfaceSystem, force_level
-from dolfinx_llm.laws.coulomb import OPEN, SLIP, STICK, newton_rows, projection_miss, switch_rows
+from dolfinx_llm.laws.law import OPEN, SLIP, STICK
 from dolfinx_llm.operators.system import ContactOperators
 
 log = logging.getLogger("dolfinx_llm")
@@ -238,18 +238,15 @@ class ContactIteration:
                 own = s.theta * C_T @ s.gather @ P[s.kappa.ravel()]
                 C_delta = C_delta @ s.relative
                 D.append(own + C_delta @ s.selection(self.m))
-                rhs.append(own @ centre + rows.rhs.ravel() + C_delta @ s.kappa_before.ravel())
+                given = rows.rhs - rows.C_N * s.cohesion(multiplier)[:, None]
+                rhs.append(own @ centre + given.ravel() + C_delta @ s.kappa_before.ravel())
         return InterfaceSystem(
             active, self.L, g, stack(E, format="csr"), stack(D, format="csr"), np.concatenate(rhs)
         )
 
     def _friction_rows(self, s: InterfaceState, multiplier, w):
-        T, N = s.forces(multiplier)
-        delta, c = s.slip(w), s.slip_stiffness(self.scale)
-        if s.law.method == "switch":
-            rows = switch_rows(T, N, delta, s.law.mu, c, s.status)
-        else:
-            rows = newton_rows(T, N, delta, s.law.mu, c)
+        T, bound = s.forces(multiplier)
+        rows = s.law.rows(T, bound, s.slip(w), s.slip_stiffness(self.scale), s.status)
         return rows.tied(s.speaker, s.unheld, self.scale)
 
     def _all_stick(self, step: InterfaceSystem) -> InterfaceSystem:
@@ -317,8 +314,8 @@ class ContactIteration:
         worst = 0.0
         for s in self.states:
             if s.kappa.size:
-                T, N = s.forces(multiplier)
-                miss = projection_miss(T, N, s.slip(w), s.law.mu, s.slip_stiffness(self.scale))
+                T, bound = s.forces(multiplier)
+                miss = s.law.miss(T, bound, s.slip(w), s.slip_stiffness(self.scale))
                 worst = max(worst, float(miss.max(initial=0.0)))
         return worst
 
