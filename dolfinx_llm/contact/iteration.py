@@ -12,6 +12,7 @@ alone: arrays that are the same on every rank.
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,14 +24,15 @@ from tqdm import tqdm
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.contact.state import InterfaceState, interface_states
+from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import InterfaceSystem, force_level
+from dolfinx_llm.forms.verdict import FinalError, Verdict, judge
 from dolfinx_llm.laws.law import OPEN, SLIP, STICK
 from dolfinx_llm.operators.system import ContactOperators
 
 log = logging.getLogger("dolfinx_llm")
 
 EPSILON = 1e-10  # proximal term, of the surfaces' stiffness
-UNBALANCED = 1e-8  # residual of K u + B λ = f, over the forces' size
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
 CALM = 2  # iterations without a change after which a residual may have stopped falling
@@ -76,24 +78,28 @@ class ContactIteration:
             state.forget()
         self.multiplier: Any = None  # (n,) [force]; None: nothing has been solved
         self.w: Any = None  # (m,) [length]
-        self.alpha: Any = None  # motion of floating bodies
+        self.alpha: Any = None  # rigid motion of bodies that nothing else holds
+        self.forces = 0.0  # largest so far
+        self.verdict = Verdict(0.0, 0.0)  # of the last load step
         self.f, self.g = self._rest
         self.history: list[dict] = []
 
-    def resume(self, other: ContactIteration, f: np.ndarray, g: np.ndarray):
+    def resume(self, other: ContactIteration, f: np.ndarray, g: np.ndarray, u: np.ndarray):
         """Go on from the state of another iteration of the same pairs and frames.
 
         Args:
             other: where it ended.
             f, g: this rank's load and the gaps with which bodies and operators of this one are in
                 balance there.
+            u: this rank's displacement there.
         """
         if other.multiplier is None:
             return
         for state, kept in zip(self.states, other.states, strict=True):
             state.restore(kept.snapshot())
         self.multiplier, self.w = other.multiplier, other.w
-        self.alpha = np.zeros(self.backend.floating)  # found anew: other modes, perhaps
+        self.alpha = self.backend.floating.amounts(u)  # of other modes, perhaps
+        self.forces = other.forces
         self.f, self.g = f, g
 
     def advance(self, f: np.ndarray, g: np.ndarray, increments: int):
@@ -117,6 +123,9 @@ class ContactIteration:
             self.backend.load(f_t)
             try:
                 multiplier, y, w = self._iterate(g_t)
+            except FinalError:
+                self._restore(first)
+                raise
             except ContactError:
                 self._restore(before)
                 if part <= SMALLEST / increments:
@@ -125,18 +134,31 @@ class ContactIteration:
                 part /= 2.0
                 log.info("no convergence: the load is applied in parts of %.3g", part)
                 continue
-            u = self.backend.displacement(multiplier, self.alpha)
-            if not self.backend.residual <= UNBALANCED:
+            try:
+                u = self._judged(multiplier)
+            except ContactError:
                 self._restore(first)
-                raise ContactError(
-                    f"contact and supports do not balance the load: {self.backend.residual:.1e} of "
-                    "the forces' size is left. A body that only contact holds is pulled off, or "
-                    "slides away. Add supports, or springs, or prescribe its motion"
-                )
+                raise
             self._accept(y, w, g_t)
             done = reached
         self.f, self.g = end
         return u, multiplier, w[: self.n_v]
+
+    def _judged(self, multiplier: np.ndarray) -> np.ndarray:
+        """u of this rank, once its equations hold."""
+        comm = self.backend.comm
+        u, miss, terms, loads = self.backend.displacement(multiplier, self.alpha)
+        largest = [np.abs(loads).max(initial=0.0), np.abs(multiplier).max(initial=0.0)]
+        self.forces = max(self.forces, float(np.max(comm.allgather(largest))))
+        how = f"the form {type(self.backend).__name__}"
+        found = judge(comm, miss, terms, self.forces, how)
+        on = diags(np.concatenate([s.closed_rows() for s in self.states]).astype(float))
+        self.verdict = replace(
+            found, drift=self.backend.floating.drift((on @ self.L[:, : self.n_v]).tocsr())
+        )
+        for words in self.verdict.lost if comm.rank == 0 else []:
+            log.warning(words)
+        return u
 
     def _snapshot(self):
         """What a load step may have to be taken back to."""
@@ -165,11 +187,14 @@ class ContactIteration:
         first, known = len(self.history), self.w is not None
         w = self.w if known else np.zeros(self.m)
         centre = w if known else self._middle(g)
-        alpha = self.alpha if known else np.zeros(self.backend.floating)
+        floating = self.backend.floating
+        alpha = self.alpha if known else np.zeros(floating.count)
         about = (self.multiplier if known else np.zeros(self.n), w)
         calm, was_calm = 0, False  # iterations without a change of state
         before, w_last = np.inf, w  # last residual and motion
-        corrections = min(self.backend.floating, 1)  # what springs hold is corrected once at least
+        corrections = min(floating.count, 1)  # what springs hold is corrected once at least
+        spring = floating.spring(self.scale)
+        pull = Pull(floating, spring, self.backend.f, self.forces, alpha)
         for s in self.states:
             s.begin()
         for iteration in range(1, MAXIMUM + 1):
@@ -177,7 +202,7 @@ class ContactIteration:
             if not known and iteration == 1:
                 step = self._all_stick(step)
             multiplier, y, w, alpha, active, wrong = self.backend.solve(
-                step, EPSILON * self.scale, alpha, self._normal
+                step, spring, pull.anchor, self._normal
             )
             largest = force_level(multiplier, y + g, self.scale)
             changes = sum(self._take(s, active, wrong, multiplier, w) for s in self.states)
@@ -186,9 +211,11 @@ class ContactIteration:
             self.history.append(entry)
             tell_iteration(entry, self.bar)
             calm = 0 if changes else calm + 1
+            pull.watch(alpha, multiplier, calm, self.backend.noise)
             stalled = calm > CALM and miss > 0.5 * before
-            settled = miss <= self.backend.accuracy or (stalled and miss <= ENOUGH)
-            if settled and calm > corrections:
+            enough = max(ENOUGH, self.backend.noise / largest)
+            settled = miss <= self.backend.accuracy or (stalled and miss <= enough)
+            if settled and calm > corrections and pull.rests:
                 self.multiplier, self.w, self.alpha = multiplier, w, alpha
                 return multiplier, y, w
             # Friction is linearised about the last iterate, or halfway where that did not help.

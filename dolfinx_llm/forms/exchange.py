@@ -12,10 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from dolfinx_llm.base.parallel import gather_rows
-from dolfinx_llm.forms.step import DRIFT, SIGN, InterfaceSystem, force_level, wrong_signs
+from dolfinx_llm.forms.floating import Floating
+from dolfinx_llm.forms.step import SIGN, InterfaceSystem, force_level, wrong_signs
+from dolfinx_llm.forms.verdict import EPS, SEVERAL
 from dolfinx_llm.laws.complementarity import complementarity
-from dolfinx_llm.operators.petsc import times
-from dolfinx_llm.operators.support import floating_modes, pins
+from dolfinx_llm.operators.petsc import diagonal_of, times
 
 
 class WholeSteps:
@@ -28,14 +29,16 @@ class WholeSteps:
     """
 
     accuracy = 1e-13  # of balance and law, relative
+    noise = 0.0  # of forces, by rounding [force]
     most = 200  # pairs that are asked for; where more have a wrong sign, all of these change
     eager = True  # asks whenever it may, not only where change has brought nothing
 
     def __init__(self, K, B, rows, frames, bodies, fixed, scale, prefix, options=None):
         self.K, self.B, self.rows, self.frames, self.scale = K, B, rows, frames, scale
         self.comm, self.fixed, self._prefix, self._options = bodies.comm, fixed, prefix, options
-        modes = floating_modes(bodies, K, fixed)
-        self._pins, self.floating = pins(self.comm, modes), modes.shape[1]
+        self.floating = Floating(K, B, rows, bodies, fixed)
+        self._pins = self.floating.pins
+        self._diagonal = diagonal_of(K)
         self._u = np.zeros(0)  # of the last step
         self._wrong = np.inf  # signs that were wrong there
 
@@ -47,10 +50,9 @@ class WholeSteps:
         """Nothing to correct: every step solves the whole system."""
 
     def solve(self, step: InterfaceSystem, spring: float, centre: np.ndarray, may_open: np.ndarray):
-        """One linear step; see ``Flexibility.solve``. α: motion of the dofs that springs hold."""
+        """One linear step; see ``Flexibility.solve``."""
         f = self.f.copy()
-        first = sum(self.comm.allgather(len(self._pins))[: self.comm.rank])
-        f[self._pins] += spring * centre[first : first + len(self._pins)]
+        f[self._pins] += spring * self.floating.at_pins(centre)
         ask, done = self._set_up(step, spring)
         try:
             multiplier, y, w = self._answer(ask, f, step.g, step.rhs)
@@ -69,7 +71,9 @@ class WholeSteps:
                     wrong = wrong_signs(chosen, may_open, multiplier, y, w, self.scale)
         finally:
             done()
-        return multiplier, y, w, gather_rows(self.comm, self._u[self._pins]), active, wrong
+        terms = np.abs(~self.fixed * self._diagonal * self._u).max(initial=0.0)
+        self.noise = SEVERAL * EPS * max(self.comm.allgather(terms))
+        return multiplier, y, w, self.floating.amounts(self._u), active, wrong
 
     def _set_up(self, step: InterfaceSystem, spring: float):
         """Two functions: of this rank's f, (n,) g and (m,) rhs that gives u of this rank, λ (n,)
@@ -126,15 +130,11 @@ class WholeSteps:
         """This rank's part of K u, without springs."""
         return times(self.K, u)
 
-    def displacement(self, multiplier: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-        """This rank's u of the last step; sets ``residual``, of K u + B λ = f."""
+    def displacement(self, multiplier: np.ndarray, alpha: np.ndarray):
+        """This rank's u of the last step, K u + B λ - f, |K_ii u_i| and |f|."""
         load = self.f - times(self.B, multiplier[self.rows.mine])
-        miss = np.abs(self._K_times(self._u) - load).max(initial=0.0)
-        sizes = [np.abs(self.f), np.abs(load), DRIFT * self.scale * np.abs(self._u)]
-        found = self.comm.allgather((miss, max(a.max(initial=0.0) for a in sizes)))
-        miss, size = np.max(found, axis=0)
-        self.residual = miss / max(size, 1e-300)
-        return self._u
+        free, u = ~self.fixed, self._u
+        return u, free * (self._K_times(u) - load), free * self._diagonal * u, free * self.f
 
     def _gather(self, numbering, local: np.ndarray) -> np.ndarray:
         return gather_rows(self.comm, local)[numbering.number]

@@ -17,10 +17,11 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress
 from dolfinx_llm.forms.direct import DirectSolver
-from dolfinx_llm.forms.step import DRIFT, SOFT, InterfaceSystem, wrong_signs
+from dolfinx_llm.forms.floating import Floating
+from dolfinx_llm.forms.step import SOFT, InterfaceSystem, wrong_signs
 from dolfinx_llm.laws.complementarity import complementarity
-from dolfinx_llm.operators.petsc import with_springs
-from dolfinx_llm.operators.support import floating_modes, pins
+from dolfinx_llm.operators.petsc import diagonal_of, times, with_springs
+from dolfinx_llm.operators.support import pins
 
 COLUMNS = 64  # right-hand sides solved at once
 
@@ -40,18 +41,32 @@ class Flexibility:
     """
 
     accuracy = 1e-13  # of balance and law, relative
+    noise = 0.0  # of forces, by rounding: they are unknowns, not differences [force]
 
     def __init__(self, K, B, rows, bodies, fixed, scale, prefix, options=None, *, soft):
         self.K, self.B, self.rows, self.scale = K, B, rows, scale
-        self.comm = bodies.comm
-        self.modes = floating_modes(bodies, K, fixed)
-        self._local_B = _local_csr(B)
-        # Springs hold the floating modes; under forces in balance they carry nothing.
-        diagonal = K.getDiagonal()
-        pinned = with_springs(K, pins(bodies.comm, self.modes), diagonal.array_r)
-        diagonal.destroy()
+        self.comm, self._fixed = bodies.comm, fixed
+        self.floating = Floating(K, B, rows, bodies, fixed)
+        rigid = self.floating.rigid
+        self._local_B, self._diagonal = _local_csr(B), diagonal_of(K)
+        # Springs hold all rigid motions, also those that springs of the form a hold weakly: under
+        # forces in balance they carry nothing.
+        pinned = with_springs(K, pins(self.comm, rigid.modes), self._diagonal)
         self._solver = DirectSolver(pinned, prefix, options, own=True)
-        self.floating = self.modes.shape[1]
+        # What is left of K u + B λ = f when u = K_p⁻¹ (f - B λ) + Q α, with Q = R - K_p⁻¹ K R that
+        # leaves the springs at the pins alone, is Qᵀ (f - B λ) = Qᵀ K R α.
+        self.modes = rigid.modes.copy()
+        self._weak = rigid.forces[:, rigid.free :]
+        for k in range(rigid.free, len(rigid.body)):
+            self.modes[:, k] -= self._solver.solve(rigid.forces[:, k])
+        k = len(rigid.body)
+        self._own = np.zeros((k, k))  # Qᵀ K R
+        self._own[rigid.free :, rigid.free :] = self.comm.allreduce(
+            self.modes[:, rigid.free :].T @ self._weak
+        )
+        self._own = 0.5 * (self._own + self._own.T)
+        self._held = np.zeros((k, k))
+        self._held[: rigid.free, : rigid.free] = self.floating.square
         self.G = self._interface_sum(self._local_B.T @ self.modes)
         self.F: Any = self._flexibility()  # (n, n) on rank 0, None elsewhere
         if self.F is not None:
@@ -82,6 +97,7 @@ class Flexibility:
         self.f = f
         self.h = self._interface_sum(self._local_B.T @ self._solver.solve(f))
         self.r = self.comm.allreduce(self.modes.T @ f)
+        self._alpha = np.zeros(len(self.r))
 
     def solve(self, step: InterfaceSystem, spring: float, centre: np.ndarray, may_open: np.ndarray):
         """One linear step, and which pairs are in contact.
@@ -117,14 +133,16 @@ class Flexibility:
         result, error = self.comm.bcast((result, error))
         if result is None:
             raise ContactError(f"a step of the contact law is singular: {error}")
-        return result
+        multiplier, y, w, self._alpha, active, wrong = result
+        return multiplier, y, w, self._alpha[: self.floating.count], active, wrong
 
     def _equations(self, step: InterfaceSystem, on: np.ndarray, spring: float, centre):
-        """Matrix and right-hand side of the rows ``on``, the frame and the floating modes.
+        """Matrix and right-hand side of the rows ``on``, the frame and the rigid motions.
 
         Unknowns λ / c, w, α: every entry is then a pure number.
         """
-        c, n, m, k = self.scale, len(on), step.L.shape[1], len(centre)
+        c, n, m, k = self.scale, len(on), step.L.shape[1], len(self.r)
+        held = spring * self._held
         A = np.zeros((n + m + k, n + m + k))
         A[:n, :n] = c * self.F[np.ix_(on, on)]
         A[:n, n : n + m] = step.L[on].toarray()
@@ -132,10 +150,9 @@ class Flexibility:
         A[n : n + m, :n] = step.E[:, on].toarray()
         A[n : n + m, n : n + m] = step.D.toarray() / c
         A[n + m :, :n] = self.G[on].T
-        A[n + m :, n + m :] = spring / c * np.eye(k)
-        rhs = np.concatenate(
-            [self.h[on] + step.g[on], step.rhs / c, self.r / c + spring / c * centre]
-        )
+        A[n + m :, n + m :] = (self._own + held) / c
+        pull = self.r + held[:, : len(centre)] @ centre
+        rhs = np.concatenate([self.h[on] + step.g[on], step.rhs / c, pull / c])
         return A, rhs
 
     def _dense(self, step: InterfaceSystem, spring: float, centre: np.ndarray):
@@ -161,27 +178,22 @@ class Flexibility:
         active[on[:n]] = complementarity(M, q, step.active[on[:n]])
         return active
 
-    def displacement(self, multiplier: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-        """This rank's u for multipliers and floating motions; sets ``residual``."""
+    def displacement(self, multiplier: np.ndarray, alpha: np.ndarray):
+        """This rank's u for multipliers and rigid motions, K u + B λ - f, |K_ii u_i| and |f|."""
+        load, u = self._pinned(multiplier)
+        u = u + self.modes @ self._alpha
+        free = ~self._fixed
+        return u, free * (times(self.K, u) - load), free * self._diagonal * u, free * self.f
+
+    def _pinned(self, multiplier: np.ndarray):
+        """f - B λ of this rank, and the displacement that it causes where springs hold the pins."""
         load = self.f - self._local_B @ self._in_petsc_order(multiplier)
-        u = self._solver.solve(load) + self.modes @ alpha
-        x, y = self.K.createVecs()
-        x.array_w[:] = u
-        self.K.mult(x, y)
-        miss = np.abs(y.array_r - load).max(initial=0.0)
-        sizes = [np.abs(self.f), np.abs(load), DRIFT * self.scale * np.abs(u)]
-        size = max(a.max(initial=0.0) for a in sizes)
-        for vector in (x, y):
-            vector.destroy()
-        found = np.max(self.comm.allgather((miss, size)), axis=0)
-        self.residual = found[0] / max(found[1], 1e-300)
-        return u
+        return load, self._solver.solve(load)
 
     def correct(self, multiplier: np.ndarray, alpha: np.ndarray) -> None:
         """Take h from the displacement for these multipliers: F and the pinned solve of the load
         alone are subject to rounding that the forces together are not."""
-        u = self.displacement(multiplier, alpha)
-        y = self._interface_sum(self._local_B.T @ u) - self.G @ alpha
+        y = self._interface_sum(self._local_B.T @ self._pinned(multiplier)[1])
         if self.comm.rank == 0:
             self.h = y + self.F @ multiplier
 

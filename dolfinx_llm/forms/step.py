@@ -9,8 +9,6 @@ from scipy.sparse import csr_matrix
 
 SIGN = 1e-11  # relative: what rounding may not switch
 GRAZING = 1e-3  # forces below this part of scale times motion count as none
-DRIFT = 1e-6  # part of scale times motion that an unbalanced force is held against: a body that
-# nothing holds drifts far, and may not hide its force behind that
 SOFT = 1e-11  # compliance, relative to the surface's, that makes forces at supports unique
 
 

@@ -132,7 +132,7 @@ class LawMethod:
             self.system = build_steps(of.form, of.bulk, operators, of.prefix, of.options)
         self.iteration = ContactIteration(operators, self.system, at_rest, self._gaps(at_rest))
         if known:
-            self.iteration.resume(before, held, self._gaps(*self._last))
+            self.iteration.resume(before, held, self._gaps(*self._last), self._last[0])
 
     def _gaps(self, u: np.ndarray, motions: Any = None) -> np.ndarray:
         """(n,) g where supports are as u (n_local,), and obstacles moved."""

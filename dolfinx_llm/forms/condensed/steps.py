@@ -20,8 +20,6 @@ from dolfinx_llm.forms.exchange import WholeSteps
 from dolfinx_llm.forms.step import SOFT, InterfaceSystem, force_level
 from dolfinx_llm.operators.numbering import Numbering
 
-ROUNDING = 30.0 * np.finfo(float).eps  # of forces that are f - K u, of stiffness times motion
-
 
 class CondensedSteps(WholeSteps):
     """The steps of ``iteration.ContactIteration`` in the condensed form.
@@ -47,9 +45,8 @@ class CondensedSteps(WholeSteps):
     def solve(self, step: InterfaceSystem, spring, centre, may_open):
         found = super().solve(step, spring, centre, may_open)
         if self.eager:  # what a factorisation leaves is the rounding of f - K u
-            multiplier, y = found[:2]
-            level = force_level(multiplier, y + step.g, self.scale)
-            noise = ROUNDING * self.scale * np.abs(y).max(initial=0.0) / level
+            level = force_level(found[0], found[1] + step.g, self.scale)
+            noise = 0.5 * self.noise / level
             self.accuracy = min(max(noise, WholeSteps.accuracy), CondensedSteps.accuracy)
         return found
 
@@ -79,7 +76,7 @@ class CondensedSteps(WholeSteps):
 
     def _symmetric(self, slaved, step):
         hold = -step.D.diagonal()
-        wanted = np.concatenate([step.active, hold, [self._spring * self.floating]])
+        wanted = np.concatenate([step.active, hold, [self._spring * self.floating.count]])
         if not np.array_equal(wanted, self._known):
             self.split.hold(self._pins, self._spring)
             if self.system is None:
