@@ -20,7 +20,7 @@ docs = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(docs)
 
 EXAMPLES = [
-    "geometry.frame", "laws.law", "interface.obstacles", "design.weights", "laws.coulomb",
+    "geometry.frame", "laws.tied", "laws.frictionless", "interface.obstacles", "design.weights", "laws.coulomb",
     "laws.complementarity", "laws.speakers",
 ]  # fmt: skip
 

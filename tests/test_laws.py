@@ -5,7 +5,6 @@ import pytest
 from test_contact import down, pressed
 
 import dolfinx_llm as llm
-from dolfinx_llm.laws.complementarity import complementarity
 from dolfinx_llm.laws.coulomb import newton_rows, projection_miss
 from dolfinx_llm.laws.law import CLOSED, OPEN, SLIP, STICK
 
@@ -44,23 +43,6 @@ def test_slip_rows_are_the_derivative(seed):
         rows.C_N * ds[:, None]
     )
     np.testing.assert_allclose(found, (ends[0] - ends[1]) / (2 * h), atol=1e-7)
-
-
-@pytest.mark.parametrize("seed", [11, 12, 13])
-@pytest.mark.parametrize("symmetric", [True, False])
-def test_complementarity(seed, symmetric):
-    rng = np.random.default_rng(seed)
-    A = rng.standard_normal((12, 12))
-    M = A @ A.T + np.eye(12)
-    if not symmetric:
-        skew = rng.standard_normal((12, 12))
-        M = M + skew - skew.T
-    q = 3.0 * rng.standard_normal(12)
-    on = complementarity(M, q, rng.random(12) < 0.5)
-    x = np.zeros(12)
-    x[on] = np.linalg.solve(M[np.ix_(on, on)], -q[on])
-    s = M @ x + q
-    assert x.min() >= -1e-12 and s.min() >= -1e-11 and abs(x @ s) < 1e-11
 
 
 def dragged(law):

@@ -77,19 +77,52 @@ class Coulomb(Law):
         return f"Coulomb({', '.join(shown)})"
 
     def coefficients(self, x: np.ndarray) -> np.ndarray:
+        """(k,) μ at nodes.
+
+        Args:
+            x: (k, gdim) their positions [length].
+
+        Raises:
+            ContactInputError: not a value of at least 0 for each.
+        """
         return _values("mu", self.mu, x)
 
     def cohesion_at(self, x: np.ndarray) -> np.ndarray:
+        """(k,) cohesion at nodes [force / area].
+
+        Args:
+            x: (k, gdim) their positions [length].
+
+        Raises:
+            ContactInputError: not a value of at least 0 for each.
+        """
         return _values("cohesion", self.cohesion, x)
 
     def rows(
         self, T: np.ndarray, bound: np.ndarray, jump: np.ndarray, c: np.ndarray, before: np.ndarray
     ) -> LawRows:
+        """The law linearised about the last iterate, by the method chosen.
+
+        Args:
+            T: (k, t) tangential forces [force].
+            bound: (k,) what they may reach; at most 0 where nothing presses [force].
+            jump: (k, t) slip of this load step [length].
+            c: (k,) positive [force / length]; the solution does not depend on it.
+            before: (k,) status in the last iterate.
+        """
         if self.method == "switch":
             return switch_rows(T, bound, jump, c, before)
         return newton_rows(T, bound, jump, c)
 
     def miss(self, T: np.ndarray, bound: np.ndarray, jump: np.ndarray, c: np.ndarray) -> np.ndarray:
+        """(k,) distance from the law [force].
+
+        Args:
+            T: (k, t) tangential forces [force].
+            bound: (k,) what they may reach; at most 0 where nothing presses [force].
+            jump: (k, t) slip of this load step [length].
+            c: (k,) positive [force / length]; the solution does not depend on it.
+        """
         return projection_miss(T, bound, jump, c)
 
 

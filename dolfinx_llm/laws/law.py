@@ -28,12 +28,19 @@ class Law:
     close_gap: bool
 
     def coefficients(self, x: np.ndarray) -> np.ndarray:
-        """(k,) tangential over normal force that nodes x (k, gdim) [length] bear."""
+        """(k,) tangential over normal force that nodes bear.
+
+        Args:
+            x: (k, gdim) their positions [length].
+        """
         return np.zeros(len(x))
 
     def cohesion_at(self, x: np.ndarray) -> np.ndarray:
-        """(k,) tangential traction that nodes x (k, gdim) [length] bear besides
-        [force / area]."""
+        """(k,) tangential traction that nodes bear besides [force / area].
+
+        Args:
+            x: (k, gdim) their positions [length].
+        """
         return np.zeros(len(x))
 
     def rows(
@@ -51,7 +58,14 @@ class Law:
         raise NotImplementedError
 
     def miss(self, T: np.ndarray, bound: np.ndarray, jump: np.ndarray, c: np.ndarray) -> np.ndarray:
-        """(k,) distance from the law [force]; arguments as of ``rows``."""
+        """(k,) distance from the law [force].
+
+        Args:
+            T: (k, t) tangential forces [force].
+            bound: (k,) what they may reach; at most 0 where nothing presses [force].
+            jump: (k, t) slip of this load step [length].
+            c: (k,) positive [force / length]; the solution does not depend on it.
+        """
         raise NotImplementedError
 
 
