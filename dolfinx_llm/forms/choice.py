@@ -135,10 +135,10 @@ def build_steps(
     rows, B, frames = operators.rows, operators.B, operators.unknowns
     common = operators.bodies, operators.dofs.fixed, operators.scale, prefix, options
     if form == "flexibility":
-        return Flexibility(bulk.K, B, rows.numbering, *common, soft=operators.soft)
+        return Flexibility(bulk.K, B, rows.numbering, *common)
     if form == "saddle":
         numbers = rows.numbering, frames
-        return SparseSteps(bulk.K, B, *numbers, *common, soft=operators.soft)
+        return SparseSteps(bulk.K, B, *numbers, *common)
     block, modes = 1, None
     if not any(model.interface.law.friction for model in operators.models):
         block, modes = block_size(operators), rigid_modes_of(operators)

@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix, diags
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.exchange import WholeSteps
-from dolfinx_llm.forms.step import SOFT, InterfaceSystem
+from dolfinx_llm.forms.step import LinearStep
 from dolfinx_llm.forms.verdict import SEVERAL, check_rounding, rounding_error
 from dolfinx_llm.operators.petsc import (
     create_aij,
@@ -113,15 +113,12 @@ class SparseSteps(WholeSteps):
 
     Args:
         *arguments: of ``WholeSteps``.
-        soft: (n,) rows of prescribed dofs, as of ``Flexibility``.
     """
 
-    def __init__(self, *arguments, soft):
-        super().__init__(*arguments)
-        self._soft = soft
+    name = "(31) factorised"
 
-    def _set_up(self, step: InterfaceSystem, spring: float):
-        K = with_springs(self.K, self._pins, np.full(len(self.f), spring))
+    def _set_up(self, step: LinearStep):
+        K = with_springs(self.K, self._pins, np.full(len(self.f), step.spring))
         blocks = self._blocks(K, step)
         matrix, places = join_blocks(blocks)
         for M in (M for row in blocks for M in row if M is not None):
@@ -141,7 +138,7 @@ class SparseSteps(WholeSteps):
 
         return ask, solver.destroy
 
-    def _blocks(self, K, step: InterfaceSystem):
+    def _blocks(self, K, step: LinearStep):
         """Blocks of the system in u, λ / c and w, symmetric without friction."""
         c, comm = self.scale, self.comm
         rows, frames = self.rows, self.frames
@@ -151,7 +148,7 @@ class SparseSteps(WholeSteps):
         picked.destroy()
         B_t = B.copy()
         B_t.transpose()
-        idle = diags(np.where(step.active, np.where(self._soft, -SOFT * c, 0.0), c)).tocsr()
+        idle = diags(np.where(step.active, -(c**2) * step.compliance, c)).tocsr()
         own = _aij(comm, idle, rows, rows)
         if not step.L.shape[1]:
             return [[K, B], [B_t, own]]
