@@ -228,5 +228,5 @@ def test_a_design_is_never_worse_than_none(counts, law):
     assert certificate.residual <= certificate.residual_before
     for p in model.pairs:
         assert np.abs(p.N.sum(axis=1) - 1.0).max() < 1e-9
-    said = any("coarse" in note for note in model.notes)
+    said = any("are coarse" in note for note in model.notes)
     assert said == (certificate.residual > 0.1)
