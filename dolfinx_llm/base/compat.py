@@ -20,6 +20,7 @@ try:
     from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
     from ufl.algorithms.apply_derivatives import apply_derivatives
     from ufl.algorithms.check_arities import ArityMismatch, check_form_arity
+    from ufl.algorithms.remove_complex_nodes import remove_complex_nodes
 except ImportError as error:
     raise ImportError(
         "dolfinx_llm needs dolfinx with petsc4py and mpi4py. On Debian or Ubuntu: "
@@ -110,7 +111,10 @@ def form(name: str, ufl_form: Any) -> Any:
     """
     try:
         # First on every rank: newer UFL raises no Exception here, which rank 0 alone would meet.
-        lowered = apply_derivatives(apply_algebra_lowering(ufl_form))
+        lowered = apply_algebra_lowering(ufl_form)
+        if not np.issubdtype(PETSc.ScalarType, np.complexfloating):
+            lowered = remove_complex_nodes(lowered)  # v and conj(v) are one
+        lowered = apply_derivatives(lowered)
         check_form_arity(lowered, ufl_form.arguments())
         return dolfinx.fem.form(ufl_form)
     except (Exception, ArityMismatch) as error:
@@ -148,6 +152,17 @@ def assemble_load(L: Any, a: Any, bcs: Sequence[Any], V: Any, nodal: Sequence[An
         load += function.x.array[:n]
     fixed, values = _prescribed(V, bcs)
     return np.where(fixed[:n], values[:n], load)
+
+
+def assemble_force(forms: Sequence[Any], signs: Sequence[float], V: Any) -> np.ndarray:
+    """Owned entries of the sum of compiled linear forms, with signs, without conditions."""
+    total = np.zeros(V.dofmap.index_map.size_local * V.dofmap.index_map_bs)
+    for form_, sign in zip(forms, signs, strict=True):
+        b = dolfinx.fem.petsc.assemble_vector(form_)
+        b.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
+        total += sign * b.array_r[: len(total)]
+        b.destroy()
+    return total
 
 
 def ghosted_vector(V: Any, bs: int) -> PETSc.Vec:

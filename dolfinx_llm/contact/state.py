@@ -8,8 +8,8 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags, identity, vstack
 
 from dolfinx_llm.interface.geometry import ContactModel
-from dolfinx_llm.laws.coulomb import OPEN, SLIP, STICK
-from dolfinx_llm.laws.speakers import follow, speakers
+from dolfinx_llm.laws.law import CLOSED, OPEN, STICK
+from dolfinx_llm.laws.speakers import follow, speakers, unheld
 from dolfinx_llm.operators.assemble import interface_operator
 from dolfinx_llm.operators.system import ContactOperators
 
@@ -33,13 +33,16 @@ class InterfaceState:
     kept: np.ndarray  # (n c,) rows that are not redundant (prescribed on both sides)
     L: csr_matrix  # (n c, m d)
     L_kappa: csr_matrix  # (n c, k t)
-    normal_weight: csr_matrix  # (k, n) normal force at the friction nodes from λ_n
+    L_normal: csr_matrix  # (k, n c) normal force at the friction nodes from λ
     theta: float
     active: np.ndarray = field(init=False)  # (n,) pairs in contact, changed by ``touch``
+    coefficients: np.ndarray = field(init=False)  # (k,) of friction
+    cohesive: np.ndarray = field(init=False)  # (k,) tangential force besides [force]
     closings: np.ndarray = field(init=False)  # (n,) how often they have closed in this load step
     status: np.ndarray = field(init=False)  # (k,) of the friction nodes
     kappa_before: np.ndarray = field(init=False)  # (k, t) at the end of the last load step [length]
     speaker: np.ndarray = field(init=False)  # (k,) the friction node whose law holds for each
+    unheld: np.ndarray = field(init=False)  # (k,) friction nodes that no force reaches
     sums: csr_matrix = field(init=False)  # (k, k) values of all nodes at the speakers
     gather: csr_matrix = field(init=False)  # (k t, k t) the same for tangential forces
     relative: csr_matrix = field(init=False)  # (k t, k t) slip; of the others against speakers'
@@ -47,8 +50,17 @@ class InterfaceState:
     def __post_init__(self):
         self._N = [p.N for p in self.model.pairs] if self.model.frame is not None else []
         self.speaker = np.arange(len(self.kappa))
+        x, area = self._law_nodes()
+        self.coefficients, self.cohesive = self.law.coefficients(x), area * self.law.cohesion_at(x)
         self._squares = [A.power(2).T.tocsr() for A in self._N or [identity(len(self.rows))]]
         self.forget()
+
+    def _law_nodes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (k, gdim) [length] and areas (k,) of the friction nodes."""
+        pairs, frame = self.model.pairs[0], self.model.frame
+        if not self.kappa.size:
+            return pairs.x[:0], pairs.forces[:0]
+        return (pairs.x, pairs.forces) if frame is None else (frame.x, pairs.N.T @ pairs.forces)
 
     @property
     def law(self):
@@ -80,11 +92,14 @@ class InterfaceState:
             return
         k, t = self.kappa.shape
         self.speaker, self.sums = np.arange(k), identity(k, format="csr")
+        self.unheld = np.zeros(k, dtype=bool)
         self.gather = self.relative = identity(k * t, format="csr")
         if self._N:
             tied, ends = self._tied, np.cumsum([len(p.nodes) for p in self.model.pairs])
             on = [diags(a.astype(float)) for a in np.split(tied, ends[:-1])]
-            self.speaker = speakers([a @ N for a, N in zip(on, self._N, strict=True)])
+            held = [a @ N for a, N in zip(on, self._N, strict=True)]
+            self.speaker = speakers(held)
+            self.unheld = unheld(held, self.speaker)
             self.sums = csr_matrix((np.ones(k), (self.speaker, np.arange(k))), (k, k))
             alike = follow(self.speaker, self.model.directions[:, :-1])
             self.gather = alike.T.tocsr()
@@ -145,18 +160,31 @@ class InterfaceState:
         return scale * self.theta * np.sum(self.support(tied=True), axis=0)
 
     def forces(self, multiplier: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Tangential (k, t) and normal forces (k,) that the law holds for [force]."""
-        own = multiplier[self.rows]
-        T = self.gather @ (self.theta * (self.L_kappa.T @ own.ravel()))
-        return T.reshape(self.kappa.shape), self.sums @ (self.normal_weight @ own[:, -1])
+        """Tangential forces (k, t) that the law holds for, and their bound (k,) [force]."""
+        own = multiplier[self.rows].ravel()
+        T = self.gather @ (self.theta * (self.L_kappa.T @ own))
+        bound = self._bound(self.L_normal @ own)
+        return T.reshape(self.kappa.shape), self.sums @ bound
+
+    def cohesion(self, multiplier: np.ndarray) -> np.ndarray:
+        """(k,) part of the bound that does not grow with the normal force [force]."""
+        normal = self.L_normal @ multiplier[self.rows].ravel()
+        return self.sums @ np.where(normal > 0.0, self.cohesive, 0.0)
+
+    def _bound(self, normal: np.ndarray) -> np.ndarray:
+        """(k,) what tangential forces may reach for normal forces (k,), node by node [force]."""
+        return self.coefficients * normal + np.where(normal > 0.0, self.cohesive, 0.0)
 
     def share_out(self, friction: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """Forces of friction (k, gdim) of those that speak for others, divided among them as the
-        normal forces (k,) are: what the law says of the sum then holds for each."""
-        pressed = np.maximum(normal, 0.0)
+        bounds for normal forces (k,) are: what the law says of the sum then holds for each."""
+        pressed = np.maximum(self._bound(normal), 0.0)
         total = (self.sums @ pressed)[self.speaker]
         part = np.where(total > 0.0, pressed / np.where(total > 0.0, total, 1.0), 0.0)
-        shared = part[:, None] * (self.sums @ friction)[self.speaker]
+        tangents = self.model.directions[:, :-1]
+        own = np.einsum("ki,kai->ka", friction, tangents)
+        own = (self.gather.T @ (self.gather @ own.ravel())).reshape(own.shape)
+        shared = part[:, None] * np.einsum("ka,kai->ki", own, tangents)
         return np.where((total > 0.0)[:, None], shared, friction)
 
     def slip(self, w: np.ndarray) -> np.ndarray:
@@ -164,11 +192,10 @@ class InterfaceState:
         return (w[self.kappa] - self.kappa_before) / self.theta
 
     def friction_operator(self, C_T, C_N, n_all: int) -> csr_matrix:
-        """C_T T + C_N N as a matrix (k t, n_all) that multiplies all multipliers."""
-        n, c = self.rows.shape
-        normal = csr_matrix((np.ones(n), (np.arange(n), c * np.arange(n) + c - 1)), (n, n * c))
+        """C_T T + C_N S, with S the bound but for cohesion, as a matrix (k t, n_all) of all
+        multipliers."""
         own = C_T @ self.gather @ (self.theta * self.L_kappa.T)
-        own += C_N @ self.sums @ self.normal_weight @ normal
+        own += C_N @ self.sums @ diags(self.coefficients) @ self.L_normal
         own = own.tocoo()
         return csr_matrix((own.data, (own.row, own.col + self.rows[0, 0])), (own.shape[0], n_all))
 
@@ -178,16 +205,18 @@ class InterfaceState:
         return csr_matrix((np.ones(len(at)), (np.arange(len(at)), at)), (len(at), m))
 
     def pair_status(self) -> np.ndarray:
-        """(n,) OPEN, STICK or SLIP per pair; with friction that of the friction node next to it."""
+        """(n,) OPEN, STICK, SLIP or CLOSED per pair: with friction that of the friction node next
+        to it, CLOSED where it has lost its own."""
         if not self.law.unilateral:
             return np.full(len(self.rows), STICK)
-        status = np.full(len(self.rows), SLIP)
+        status = np.full(len(self.rows), CLOSED)
         if self.law.friction:
             status = self.status
             if self.model.frame is not None:
                 N = vstack([p.N for p in self.model.pairs]).tocsr()
                 status = self.status[np.asarray(N.argmax(axis=1)).ravel()]
             status = np.where(status == OPEN, STICK, status)
+            status = np.where(self._tied, status, CLOSED)
         return np.where(self.active, status, OPEN)
 
 
@@ -196,7 +225,7 @@ def interface_states(operators: ContactOperators) -> list[InterfaceState]:
     states = []
     for model, place, L in zip(operators.models, operators.places, operators.blocks, strict=True):
         n, c = sum(len(p.nodes) for p in model.pairs), model.pairs[0].base.shape[1]
-        L_kappa, weight, theta = _slip_operators(model, n, c)
+        L_kappa, across, theta = _slip_operators(model, n, c)
         rows, slips = (np.arange(at.start, at.stop) for at in (place.rows, place.slips))
         states.append(
             InterfaceState(
@@ -207,7 +236,7 @@ def interface_states(operators: ContactOperators) -> list[InterfaceState]:
                 kept=~operators.redundant[place.rows],
                 L=L,
                 L_kappa=L_kappa,
-                normal_weight=weight,
+                L_normal=across,
                 theta=theta,
             )
         )
@@ -215,17 +244,13 @@ def interface_states(operators: ContactOperators) -> list[InterfaceState]:
 
 
 def _slip_operators(model, n: int, c: int):
-    """L_kappa (n c, k t), weights of λ_n at the friction nodes (k, n), and θ."""
+    """L_kappa (n c, k t), N (k, n c) of the multipliers, and θ."""
     if not model.interface.law.friction:
-        return csr_matrix((n * c, 0)), csr_matrix((0, n)), 1.0
+        return csr_matrix((n * c, 0)), csr_matrix((0, n * c)), 1.0
     if model.frame is None:
-        tangential = np.flatnonzero(np.arange(n * c) % c != c - 1)
-        L = identity(n * c, format="csr")[:, tangential]
-        return L, identity(n, format="csr"), 1.0
-    sides = []
-    for p, sign in zip(model.pairs, (1.0, -1.0), strict=True):
-        base = sign * p.base  # both sides slip by κ in their own base, (13)
-        base[:, -1] = 0.0
-        sides.append(replace(p, base=base))
-    L = interface_operator(sides, model.directions[:, :-1])
-    return L, 0.5 * vstack([p.N for p in model.pairs]).T.tocsr(), 0.5
+        every, normal = identity(n * c, format="csr"), np.arange(n * c) % c == c - 1
+        return every[:, ~normal], every[normal], 1.0
+    # Both sides slip by κ in their own base, (13).
+    sides = [replace(p, base=sign * p.base) for p, sign in zip(model.pairs, (1.0, -1.0))]
+    across = interface_operator(sides, model.directions[:, -1:])
+    return interface_operator(sides, model.directions[:, :-1]), 0.5 * across.T.tocsr(), 0.5

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix, diags
 from scipy.sparse.csgraph import connected_components
 
+LEAST = 1e-2  # the same, below which no force passes from side to side
 HELD = 0.3  # least sum of N² over the pairs of each side that tells the slip of a frame node
 
 
@@ -50,6 +51,23 @@ def speakers(sides: list[csr_matrix]) -> np.ndarray:
     return np.where(known, speaker, np.arange(k))
 
 
+def unheld(sides: list[csr_matrix], speaker: np.ndarray) -> np.ndarray:
+    """(k,) nodes for which one speaks that pairs of one side alone hold, or of none.
+
+    No force passes there, so that equilibrium leaves the law nothing to say, and the slip would be
+    free: these nodes stick.
+
+    Args:
+        sides: as in ``speakers``.
+        speaker: (k,) what it returned.
+
+    >>> unheld([csr_matrix([[1.0, 0.0]]), csr_matrix([[0.99, 0.01]])], np.arange(2)).tolist()
+    [False, True]
+    """
+    support = np.min([np.asarray(N.power(2).sum(axis=0)).ravel() for N in sides], axis=0)
+    return support[speaker] < LEAST
+
+
 def follow(speaker: np.ndarray, tangents: np.ndarray) -> csr_matrix:
     """(k t, k t) slip of all nodes from that of those that speak for them.
 
@@ -60,7 +78,9 @@ def follow(speaker: np.ndarray, tangents: np.ndarray) -> csr_matrix:
         tangents: (k, t, gdim) unit tangents at the nodes.
     """
     k, t, _ = tangents.shape
-    turn = np.einsum("kai,kbi->kab", tangents, tangents[speaker])
+    # The rotation next to this: what is passed on keeps its length on curved surfaces.
+    left, _, right = np.linalg.svd(np.einsum("kai,kbi->kab", tangents, tangents[speaker]))
+    turn = left @ right
     turn[speaker == np.arange(k)] = np.eye(t)
     index = np.arange(t)
     row = np.broadcast_to(np.arange(k)[:, None, None] * t + index[:, None], turn.shape)

@@ -155,10 +155,7 @@ def test_lift_off_and_closing_again():
     result = scene.problem.results[0]
     for side in result.sides:
         assert (side.status == 0).all() and not side.force.any()
-    gap = sum(
-        p.N.T @ (s.gap * p.forces) for p, s in zip(scene.problem.models[0].pairs, result.sides)
-    )
-    assert gap.sum() / scene.problem.models[0].area == pytest.approx(0.06, rel=1e-10)
+        assert side.gap == pytest.approx(0.06, rel=1e-10) and not side.slip.any()
     again = nodal(scene.move(down(0.03, turn=0.01)))
     assert np.abs(again - first).max() < 1e-12 * np.abs(first).max()
     assert iterations <= 12 and len(scene.problem.history) <= 12
@@ -394,7 +391,7 @@ def test_history_and_anatomy():
     scene = pressed(llm.Frictionless())
     scene.move(down(0.02))
     last = scene.problem.history[-1]
-    assert last["active"] == last["slip"] > 0 and last["stick"] == last["changes"] == 0
+    assert last["active"] > 0 and last["stick"] == last["slip"] == last["changes"] == 0
     text = str(scene.problem)
     assert "tangential multipliers" in text and "Frictionless()" in text
     n = sum(len(p.nodes) for p in scene.problem.models[0].pairs)
