@@ -4,12 +4,11 @@ import contact_scenes as cs
 import curved_scenes
 import facing_scenes as fs
 import numpy as np
-import pairs
 import pytest
 import scenes
 from conftest import run_mpi_json
 from dolfinx import mesh
-from facing_scenes import SURFACE, apart, ring, solved
+from facing_scenes import apart, ring, solved
 from mpi4py import MPI
 
 import dolfinx_llm as llm
@@ -79,22 +78,10 @@ def test_nothing_faces():
         assert not len(facing[0].facets) and not len(facing[1].facets)
 
 
-def roller(n, layers=3):
-    """The shell of a cylinder of radius 1 along y that touches z = 0."""
-    t, y = np.meshgrid(
-        np.linspace(0, 2 * np.pi, n, False), np.linspace(0, 1, layers + 1), indexing="ij"
-    )
-    x = np.column_stack([np.cos(t.ravel()), y.ravel(), 1.0 + np.sin(t.ravel())])
-    i, j = (g.ravel() for g in np.meshgrid(np.arange(n), np.arange(layers), indexing="ij"))
-    m = layers + 1
-    a, b = i * m + j, (i + 1) % n * m + j
-    return curved_scenes.surface(x, np.column_stack([a, a + 1, b + 1, b]), "roller")
-
-
 @pytest.mark.parametrize("n, cells", [(12, 30), (40, 6), (250, 9)])
 def test_both_sides_cover_the_same(n, cells):
     """However fine the one, all that it faces of the other is found: unit pressure balances."""
-    sides = roller(n), box((-2, -1, -1), (2, 2, 0), cells)
+    sides = fs.roller(n), box((-2, -1, -1), (2, 2, 0), cells)
     _, distances = found(sides)
     (piece,) = touching_pieces(sides, distances, True)
     parts = [side.part(facets) for side, facets in zip(sides, piece.facets, strict=True)]
@@ -115,7 +102,7 @@ def test_the_same_facets_in_any_orientation(seed):
     R = fs.turn(3, seed)
     for sides in (
         (box((-1, -1, 0), (1, 1, 1), 7), box((-0.6, -0.5, 1), (0.5, 0.7, 2), 5)),
-        (roller(12), box((-2, -1, -1), (2, 2, 0), 6)),
+        (fs.roller(12), box((-2, -1, -1), (2, 2, 0), 6)),
     ):
         one, apart = found(sides)
         moved = tuple(turned(side, R, [3.0, -1.0, 2.0]) for side in sides)
@@ -158,40 +145,15 @@ def test_corner_is_said():
 # Problems
 
 
-def on_block(comm, law, whole=True, block=False, seed=None, depth=0.0, n=48, motion=-0.02):
-    """A roller pressed on a block: its whole circle tagged or a part, the block's top or all of it.
-
-    With a depth in 3D.
-    """
-    rng = np.random.default_rng(5)
-    roller = ring(comm, n, whole=whole, depth=depth)
-    if depth:
-        base = pairs.block(
-            comm, (16, 3, 2), (-1.5, 0, -1), (1.5, depth, 0), "hexahedron", jitter=0.2, rng=rng
-        )
-    else:
-        base = cs.rectangle(comm, (30, 6), (-1.5, -1.0), (1.5, 0.0), "triangle", 0.2, rng)
-    base = fs.all_tagged(base) if block else base
-
-    def interfaces(tags, R):
-        return llm.Interface(None, ((tags[0], SURFACE), (tags[1], cs.ABOVE)), law=law)
-
-    down = np.eye(roller[0].geometry.dim)[-1] * motion
-    fixed = [(1, lambda p: p[roller[0].geometry.dim - 1] < -1.0 + 1e-9)]
-    up = roller[0].geometry.dim - 1
-    moved = [(0, lambda p: np.hypot(p[0], p[up] - 1.0) < 0.41)]
-    return solved([roller, base], interfaces, moved, fixed, down, seed)
-
-
 @pytest.mark.parametrize("law", LAWS, ids=str)
 def test_roller_tagged_all_round(law):
     """The whole circle against the part that faces, and the block's whole boundary against its
     top: the same facets take part, so that answers agree; in any orientation."""
-    problem, u, _ = on_block(COMM, law, whole=False)
+    problem, u, _ = fs.on_block(COMM, law, whole=False)
     force = problem.results[0].resultant
     assert force[1] < -1.0 and not problem._doubts
     for options in ({}, {"block": True}, {"seed": 3}, {"block": True, "seed": 7}):
-        other, v, R = on_block(COMM, law, **options)
+        other, v, R = fs.on_block(COMM, law, **options)
         assert apart(u, v) < 1e-10
         result = other.results[0]
         np.testing.assert_allclose(result.resultant @ R, force, atol=1e-10 * np.abs(force).max())
@@ -201,36 +163,17 @@ def test_roller_tagged_all_round(law):
 
 def test_roller_in_3d_tagged_all_round():
     """Hexahedra; whole against part, wholly tagged block against its top."""
-    _, u, _ = on_block(COMM, llm.Frictionless(), whole=False, depth=0.5, n=32)
-    _, v, _ = on_block(COMM, llm.Frictionless(), block=True, depth=0.5, n=32)
+    _, u, _ = fs.on_block(COMM, llm.Frictionless(), whole=False, depth=0.5, n=32)
+    _, v, _ = fs.on_block(COMM, llm.Frictionless(), block=True, depth=0.5, n=32)
     assert apart(u, v) < 1e-10
-
-
-def squeezed(comm, law, seed=None):
-    """An O-ring between two plates."""
-    rng = np.random.default_rng(11)
-    o_ring = ring(comm, 40, inner=0.5)
-    low = cs.rectangle(comm, (21, 4), (-1.5, -0.5), (1.5, 0.0), "triangle", 0.2, rng)
-    high = cs.rectangle(comm, (17, 4), (-1.5, 2.0), (1.5, 2.5), "quadrilateral", 0.2, rng)
-
-    def interfaces(tags, R):
-        return [
-            llm.Interface(None, ((tags[0], SURFACE), (tags[1], cs.ABOVE)), law=law),
-            llm.Interface(None, ((tags[0], SURFACE), (tags[2], cs.BELOW)), law=law),
-        ]
-
-    moved, fixed = [(2, lambda p: p[1] > 2.5 - 1e-9)], [(1, lambda p: p[1] < -0.5 + 1e-9)]
-    # The ring is held against sliding where its hole is, with nothing to carry by symmetry.
-    fixed.append((0, lambda p: (np.abs(p[0]) < 1e-9) & (p[1] > 1.49) & (p[1] < 1.51)))
-    return solved([o_ring, low, high], interfaces, moved, fixed, (0.0, -0.03), seed)
 
 
 @pytest.mark.parametrize("law", LAWS, ids=str)
 def test_o_ring_between_plates(law):
-    problem, u, _ = squeezed(COMM, law)
+    problem, u, _ = fs.squeezed(COMM, law)
     for result, sign in zip(problem.results, (-1.0, 1.0), strict=True):
         assert sign * result.resultant[1] > 0.1
-    other, v, _ = squeezed(COMM, law, seed=5)
+    other, v, _ = fs.squeezed(COMM, law, seed=5)
     assert apart(u, v) < 1e-10
 
 
@@ -265,8 +208,8 @@ def test_pieces_are_joined(law):
 
 def test_more_than_what_touches_changes_little():
     """The lower part of the circle, ± 24°, against all of it: other facets beyond what touches."""
-    few, u, _ = on_block(COMM, llm.Frictionless(), whole=0.42, n=192)
-    whole, v, _ = on_block(COMM, llm.Frictionless(), n=192)
+    few, u, _ = fs.on_block(COMM, llm.Frictionless(), whole=0.42, n=192)
+    whole, v, _ = fs.on_block(COMM, llm.Frictionless(), n=192)
     assert len(few.models[0].pairs[0].nodes) < 0.6 * len(whole.models[0].pairs[0].nodes)
     forces = [p.results[0].resultant[1] for p in (few, whole)]
     assert forces[0] == pytest.approx(forces[1], rel=5e-3) and apart(u, v) < 2e-2

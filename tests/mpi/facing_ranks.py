@@ -2,8 +2,8 @@
 
 import json
 
+import facing_scenes as scenes_of
 import numpy as np
-import test_facing as scenes_of
 from mpi4py import MPI
 from scenes import sorted_nodes
 

@@ -1,7 +1,9 @@
 """Bodies whose whole surfaces are tagged, in any orientation."""
 
 import contact_scenes as cs
+import curved_scenes
 import numpy as np
+import pairs
 import ufl
 from dolfinx import fem, mesh
 
@@ -113,3 +115,59 @@ def apart(one, other):
     """Largest difference of displacements over the largest one."""
     size = max(np.abs(u).max() for u in one)
     return max(np.abs(u - v).max() for u, v in zip(one, other, strict=True)) / size
+
+
+def roller(n, layers=3):
+    """The shell of a cylinder of radius 1 along y that touches z = 0."""
+    t, y = np.meshgrid(
+        np.linspace(0, 2 * np.pi, n, False), np.linspace(0, 1, layers + 1), indexing="ij"
+    )
+    x = np.column_stack([np.cos(t.ravel()), y.ravel(), 1.0 + np.sin(t.ravel())])
+    i, j = (g.ravel() for g in np.meshgrid(np.arange(n), np.arange(layers), indexing="ij"))
+    m = layers + 1
+    a, b = i * m + j, (i + 1) % n * m + j
+    return curved_scenes.surface(x, np.column_stack([a, a + 1, b + 1, b]), "roller")
+
+
+def on_block(comm, law, whole=True, block=False, seed=None, depth=0.0, n=48, motion=-0.02):
+    """A roller pressed on a block: its whole circle tagged or a part, the block's top or all of it.
+
+    With a depth in 3D.
+    """
+    rng = np.random.default_rng(5)
+    roller = ring(comm, n, whole=whole, depth=depth)
+    if depth:
+        base = pairs.block(
+            comm, (16, 3, 2), (-1.5, 0, -1), (1.5, depth, 0), "hexahedron", jitter=0.2, rng=rng
+        )
+    else:
+        base = cs.rectangle(comm, (30, 6), (-1.5, -1.0), (1.5, 0.0), "triangle", 0.2, rng)
+    base = all_tagged(base) if block else base
+
+    def interfaces(tags, R):
+        return llm.Interface(None, ((tags[0], SURFACE), (tags[1], cs.ABOVE)), law=law)
+
+    down = np.eye(roller[0].geometry.dim)[-1] * motion
+    fixed = [(1, lambda p: p[roller[0].geometry.dim - 1] < -1.0 + 1e-9)]
+    up = roller[0].geometry.dim - 1
+    moved = [(0, lambda p: np.hypot(p[0], p[up] - 1.0) < 0.41)]
+    return solved([roller, base], interfaces, moved, fixed, down, seed)
+
+
+def squeezed(comm, law, seed=None):
+    """An O-ring between two plates."""
+    rng = np.random.default_rng(11)
+    o_ring = ring(comm, 40, inner=0.5)
+    low = cs.rectangle(comm, (21, 4), (-1.5, -0.5), (1.5, 0.0), "triangle", 0.2, rng)
+    high = cs.rectangle(comm, (17, 4), (-1.5, 2.0), (1.5, 2.5), "quadrilateral", 0.2, rng)
+
+    def interfaces(tags, R):
+        return [
+            llm.Interface(None, ((tags[0], SURFACE), (tags[1], cs.ABOVE)), law=law),
+            llm.Interface(None, ((tags[0], SURFACE), (tags[2], cs.BELOW)), law=law),
+        ]
+
+    moved, fixed = [(2, lambda p: p[1] > 2.5 - 1e-9)], [(1, lambda p: p[1] < -0.5 + 1e-9)]
+    # The ring is held against sliding where its hole is, with nothing to carry by symmetry.
+    fixed.append((0, lambda p: (np.abs(p[0]) < 1e-9) & (p[1] > 1.49) & (p[1] < 1.51)))
+    return solved([o_ring, low, high], interfaces, moved, fixed, (0.0, -0.03), seed)
