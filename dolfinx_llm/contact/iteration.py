@@ -29,10 +29,13 @@ from dolfinx_llm.operators.system import ContactOperators
 
 log = logging.getLogger("dolfinx_llm")
 
-EPSILON = 1e-10  # proximal term, of the surfaces' stiffness
+EPSILON = 1e-13  # proximal term, of the surfaces' stiffness
+SPRING = 1e-10  # what holds floating bodies, of the same
 UNBALANCED = 1e-8  # residual of K u + B λ = f, over the forces' size
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
+NEAR = 1e-2  # residual below which a pair that closes does so for reasons of its own
+LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 CALM = 2  # iterations without a change after which a residual may have stopped falling
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
 
@@ -161,10 +164,11 @@ class ContactIteration:
             if not known and iteration == 1:
                 step = self._all_stick(step)
             multiplier, y, w, alpha, active, wrong = self.backend.solve(
-                step, EPSILON * self.scale, alpha, self._normal
+                step, SPRING * self.scale, alpha, self._normal
             )
             largest = force_level(multiplier, y + g, self.scale)
-            changes = sum(self._take(s, active, wrong, multiplier, w) for s in self.states)
+            near = before <= NEAR
+            changes = sum(self._take(s, active, wrong, multiplier, w, near) for s in self.states)
             miss = max(self._imbalance(multiplier), self._friction_miss(multiplier, w)) / largest
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
@@ -212,7 +216,11 @@ class ContactIteration:
         """
         active = np.concatenate([s.closed_rows() for s in self.states])
         P = self._proximal()
-        E, D, rhs = [self._L_t], [P[: self.n_v]], [P[: self.n_v] @ centre]
+        gather = self._frame_gather()
+        own = gather @ P[: self.n_v]
+        relative = block_diag([s.frame_relative for s in self.states], format="csr")
+        relative.resize(own.shape)
+        E, D, rhs = [gather @ self._L_t], [own + self.scale * relative], [own @ centre]
         for s in self.states:
             if s.kappa.size:
                 rows = self._friction_rows(s, multiplier, w)
@@ -279,12 +287,14 @@ class ContactIteration:
         index = np.concatenate(row), np.concatenate(col)
         return coo_matrix((np.concatenate(value), index), (self.m, self.m)).tocsr()
 
-    def _take(self, s: InterfaceState, active, wrong, multiplier, w) -> int:
+    def _take(self, s: InterfaceState, active, wrong, multiplier, w, near: bool) -> int:
         """Take over the pairs in contact, and find what sticks and slips; number of changes."""
         normal = s.rows[:, -1]
         chosen = active[normal] ^ wrong[normal] if s.law.unilateral else s.active
         changes = int((chosen != s.active).sum())
-        s.closings += chosen & ~s.active
+        force = np.abs(multiplier[normal])
+        light = force <= LIGHT * np.abs(multiplier).max(initial=0.0)
+        s.closings += np.where(chosen & ~s.active, np.where(light | near, 4, 1), 0)
         s.touch(chosen)
         if s.kappa.size:
             status = self._friction_rows(s, multiplier, w).status
@@ -294,7 +304,10 @@ class ContactIteration:
 
     def _imbalance(self, multiplier) -> float:
         """Largest entry of L_bᵀ λ [force]."""
-        return float(np.abs(self._L_t @ multiplier).max(initial=0.0))
+        return float(np.abs(self._frame_gather() @ (self._L_t @ multiplier)).max(initial=0.0))
+
+    def _frame_gather(self):
+        return block_diag([s.frame_gather for s in self.states], format="csr")
 
     def _friction_miss(self, multiplier, w) -> float:
         """Largest distance of a tangential force from Coulomb's law [force]."""

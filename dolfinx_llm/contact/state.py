@@ -9,11 +9,11 @@ from scipy.sparse import csr_matrix, diags, identity, vstack
 
 from dolfinx_llm.interface.geometry import ContactModel
 from dolfinx_llm.laws.coulomb import OPEN, SLIP, STICK
-from dolfinx_llm.laws.speakers import follow, speakers
+from dolfinx_llm.laws.speakers import HELD, follow, speakers
 from dolfinx_llm.operators.assemble import interface_operator
 from dolfinx_llm.operators.system import ContactOperators
 
-LOOSE = 3  # a pair that has closed so often in a load step has no friction of its own
+LOOSE = 12  # a pair that has closed so often in a load step has no friction of its own
 FLOOR = 1e-3  # what pairs without contact add to the support of a frame node
 
 
@@ -33,7 +33,7 @@ class InterfaceState:
     kept: np.ndarray  # (n c,) rows that are not redundant (prescribed on both sides)
     L: csr_matrix  # (n c, m d)
     L_kappa: csr_matrix  # (n c, k t)
-    normal_weight: csr_matrix  # (k, n) normal force at the friction nodes from λ_n
+    normal_weight: csr_matrix  # (k, n c) normal force at the friction nodes from λ
     theta: float
     active: np.ndarray = field(init=False)  # (n,) pairs in contact, changed by ``touch``
     closings: np.ndarray = field(init=False)  # (n,) how often they have closed in this load step
@@ -57,6 +57,8 @@ class InterfaceState:
     def forget(self):
         """All in contact, no slip."""
         self.closings = np.zeros(len(self.rows), dtype=np.int64)
+        self.frame_gather = identity(len(self.v), format="csr")
+        self.frame_relative = csr_matrix((len(self.v), len(self.v)))
         self.touch(np.ones(len(self.rows), dtype=bool))
         self.status = np.full(len(self.kappa), STICK)
         self.kappa_before = np.zeros(self.kappa.shape)
@@ -82,14 +84,32 @@ class InterfaceState:
         self.speaker, self.sums = np.arange(k), identity(k, format="csr")
         self.gather = self.relative = identity(k * t, format="csr")
         if self._N:
-            tied, ends = self._tied, np.cumsum([len(p.nodes) for p in self.model.pairs])
-            on = [diags(a.astype(float)) for a in np.split(tied, ends[:-1])]
-            self.speaker = speakers([a @ N for a, N in zip(on, self._N, strict=True)])
+            follows, touching = self._of(self._tied), self._of(self.active)
+            self.speaker = speakers(follows, touching)
             self.sums = csr_matrix((np.ones(k), (self.speaker, np.arange(k))), (k, k))
             alike = follow(self.speaker, self.model.directions[:, :-1])
             self.gather = alike.T.tocsr()
             weak = np.repeat(self.weak, t).astype(float)
             self.relative = (identity(k * t) - diags(weak) @ alike).tocsr()
+            held = sum(N.power(2).sum(axis=0).A1 for N in follows)
+            self._carry(np.where(held < HELD, self.speaker, np.arange(k)))
+
+    def _of(self, pairs: np.ndarray) -> list[csr_matrix]:
+        """Per side (n_i, m) shape functions of some of the pairs (n,)."""
+        ends = np.cumsum([len(p.nodes) for p in self.model.pairs])
+        chosen = np.split(pairs.astype(float), ends[:-1])
+        return [(diags(a) @ N).tocsr() for a, N in zip(chosen, self._N, strict=True)]
+
+    def _carry(self, leader: np.ndarray):
+        """Frame nodes that hardly any pair holds move tangentially as their leader (m,) does."""
+        m, d = self.model.directions.shape[:2]
+        weak = np.repeat(leader != np.arange(m), d)
+        weak[d - 1 :: d] = False
+        alike = follow(leader, self.model.directions)
+        own = diags((~weak).astype(float))
+        moved = diags(weak.astype(float)) @ alike
+        self.frame_gather = (own + moved.T).tocsr()
+        self.frame_relative = (diags(weak.astype(float)) - moved).tocsr()
 
     @property
     def weak(self) -> np.ndarray:
@@ -146,9 +166,9 @@ class InterfaceState:
 
     def forces(self, multiplier: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tangential (k, t) and normal forces (k,) that the law holds for [force]."""
-        own = multiplier[self.rows]
-        T = self.gather @ (self.theta * (self.L_kappa.T @ own.ravel()))
-        return T.reshape(self.kappa.shape), self.sums @ (self.normal_weight @ own[:, -1])
+        own = multiplier[self.rows].ravel()
+        T = self.gather @ (self.theta * (self.L_kappa.T @ own))
+        return T.reshape(self.kappa.shape), self.sums @ (self.normal_weight @ own)
 
     def share_out(self, friction: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """Forces of friction (k, gdim) of those that speak for others, divided among them as the
@@ -165,11 +185,8 @@ class InterfaceState:
 
     def friction_operator(self, C_T, C_N, n_all: int) -> csr_matrix:
         """C_T T + C_N N as a matrix (k t, n_all) that multiplies all multipliers."""
-        n, c = self.rows.shape
-        normal = csr_matrix((np.ones(n), (np.arange(n), c * np.arange(n) + c - 1)), (n, n * c))
         own = C_T @ self.gather @ (self.theta * self.L_kappa.T)
-        own += C_N @ self.sums @ self.normal_weight @ normal
-        own = own.tocoo()
+        own = (own + C_N @ self.sums @ self.normal_weight).tocoo()
         return csr_matrix((own.data, (own.row, own.col + self.rows[0, 0])), (own.shape[0], n_all))
 
     def selection(self, m: int) -> csr_matrix:
@@ -217,15 +234,15 @@ def interface_states(operators: ContactOperators) -> list[InterfaceState]:
 def _slip_operators(model, n: int, c: int):
     """L_kappa (n c, k t), weights of λ_n at the friction nodes (k, n), and θ."""
     if not model.interface.law.friction:
-        return csr_matrix((n * c, 0)), csr_matrix((0, n)), 1.0
+        return csr_matrix((n * c, 0)), csr_matrix((0, n * c)), 1.0
     if model.frame is None:
         tangential = np.flatnonzero(np.arange(n * c) % c != c - 1)
-        L = identity(n * c, format="csr")[:, tangential]
-        return L, identity(n, format="csr"), 1.0
-    sides = []
-    for p, sign in zip(model.pairs, (1.0, -1.0), strict=True):
-        base = sign * p.base  # both sides slip by κ in their own base, (13)
-        base[:, -1] = 0.0
-        sides.append(replace(p, base=base))
+        own = identity(n * c, format="csr")
+        return own[:, tangential], own[c - 1 :: c], 1.0
+    # Both sides slip by κ in their own base, (13).
+    sides = [
+        replace(p, base=sign * p.base) for p, sign in zip(model.pairs, (1.0, -1.0), strict=True)
+    ]
     L = interface_operator(sides, model.directions[:, :-1])
-    return L, 0.5 * vstack([p.N for p in model.pairs]).T.tocsr(), 0.5
+    normal = interface_operator(sides, model.directions[:, -1:])
+    return L, 0.5 * normal.T.tocsr(), 0.5
