@@ -29,12 +29,12 @@ from dolfinx_llm.operators.system import ContactOperators
 
 log = logging.getLogger("dolfinx_llm")
 
-EPSILON = 1e-13  # proximal term, of the surfaces' stiffness
 SPRING = 1e-10  # what holds floating bodies, of the same
 UNBALANCED = 1e-8  # residual of K u + B λ = f, over the forces' size
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
 NEAR = 1e-2  # residual below which a pair that closes does so for reasons of its own
+FEW = 0.02  # of the pairs: the same where no more change
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 CALM = 2  # iterations without a change after which a residual may have stopped falling
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
@@ -47,7 +47,8 @@ class ContactIteration:
         operators: of the interfaces.
         backend: solves linear steps: load(f), solve(step, spring, centre, may_open),
             correct(multiplier, alpha) and displacement(multiplier, alpha), to ``accuracy`` of the
-            largest multiplier in L_bᵀ λ and the law of friction; see ``Flexibility``.
+            largest multiplier in L_bᵀ λ and the law of friction; ``proximal``: ε, of the surfaces'
+            stiffness; see ``Flexibility``.
         f, g: this rank's load and the gaps at rest, from which the first load step starts.
     """
 
@@ -267,7 +268,7 @@ class ContactIteration:
         def add(i, j, x):
             row.append(i)
             col.append(j)
-            value.append(-EPSILON * self.scale * x)
+            value.append(-self.backend.proximal * self.scale * x)
 
         for s in self.states:
             if not s.law.unilateral:
@@ -292,9 +293,9 @@ class ContactIteration:
         normal = s.rows[:, -1]
         chosen = active[normal] ^ wrong[normal] if s.law.unilateral else s.active
         changes = int((chosen != s.active).sum())
-        force = np.abs(multiplier[normal])
-        light = force <= LIGHT * np.abs(multiplier).max(initial=0.0)
-        s.closings += np.where(chosen & ~s.active, np.where(light | near, 4, 1), 0)
+        few = near or changes <= FEW * len(chosen) + 2
+        light = np.abs(multiplier[normal]) <= LIGHT * np.abs(multiplier).max(initial=0.0)
+        s.closings += np.where(chosen & ~s.active, np.where(light | few, 4, 1), 0)
         s.touch(chosen)
         if s.kappa.size:
             status = self._friction_rows(s, multiplier, w).status

@@ -28,6 +28,7 @@ class WholeSteps:
     """
 
     accuracy = 1e-13  # of balance and law, relative
+    proximal = 1e-10  # what holds frame nodes that nothing touches, of the surfaces' stiffness
     most = 200  # pairs that are asked for; where more have a wrong sign, all of these change
     eager = True  # asks whenever it may, not only where change has brought nothing
 

@@ -41,6 +41,8 @@ class Flexibility:
     """
 
     accuracy = 1e-13  # of balance and law, relative
+    proximal = 1e-13  # what holds frame nodes that nothing touches, of the surfaces' stiffness: the
+    # smaller, the sooner those under a tiny force are where they touch
 
     def __init__(self, K, B, rows, bodies, fixed, scale, prefix, options=None, *, soft):
         self.K, self.B, self.rows, self.scale = K, B, rows, scale

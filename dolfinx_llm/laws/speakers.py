@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix, diags
 from scipy.sparse.csgraph import connected_components
 
+LEAST = 1e-2  # the same, below which no force passes from side to side
 HELD = 0.3  # least sum of N² over the pairs of each side that tells the slip of a frame node
 
 
@@ -51,6 +52,23 @@ def speakers(sides: list[csr_matrix], touching: list[csr_matrix] | None = None) 
             break
         known[ask[reached]] = True
     return np.where(known, speaker, np.arange(k))
+
+
+def unheld(sides: list[csr_matrix], speaker: np.ndarray) -> np.ndarray:
+    """(k,) nodes for which one speaks that pairs of one side alone hold, or of none.
+
+    No force passes there, so that equilibrium leaves the law nothing to say, and the slip would be
+    free: these nodes stick.
+
+    Args:
+        sides: as in ``speakers``.
+        speaker: (k,) what it returned.
+
+    >>> unheld([csr_matrix([[1.0, 0.0]]), csr_matrix([[0.99, 0.01]])], np.arange(2)).tolist()
+    [False, True]
+    """
+    support = np.min([np.asarray(N.power(2).sum(axis=0)).ravel() for N in sides], axis=0)
+    return support[speaker] < LEAST
 
 
 def follow(speaker: np.ndarray, tangents: np.ndarray) -> csr_matrix:
