@@ -2,7 +2,7 @@ VENV ?= .venv
 ACTIVATE = . $(VENV)/bin/activate
 
 .DEFAULT_GOAL := help
-.PHONY: help setup tools test patch3d coverage check lint types docs clean
+.PHONY: help setup tools test quick patch3d coverage check lint types docs clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -12,6 +12,9 @@ setup: ## install what is missing from Debian and make .venv; quick when all is 
 
 test: setup ## run the tests; ARGS="-k word" is passed on to pytest
 	$(ACTIVATE) && pytest $(ARGS)
+
+quick: setup ## run those that take no more than a moment, on one rank
+	$(ACTIVATE) && pytest -m "quick and not mpi" $(ARGS)
 
 patch3d: setup ## run the 3D patch test on two ranks
 	$(ACTIVATE) && mpirun -n 2 python demos/patch3d.py

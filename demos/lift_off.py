@@ -84,7 +84,7 @@ def complementarity(problem):
         force = max(side.normal_force.max() for side in result.sides)
         size = max(np.abs(side.u).max() for side in result.sides)
         for side in result.sides:
-            n, gap = side.normal_force / force, side.gap / size
+            n, gap = side.normal_force / force, side.frame_gap / size
             worst = max(worst, -n.min(), -gap.min(), np.abs(n * gap).max())
     return float(worst)
 

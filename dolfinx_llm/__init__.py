@@ -13,7 +13,13 @@ from dolfinx_llm.design.positions import design_positions
 from dolfinx_llm.design.weights import design_weights
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.interface.choices import Interface
-from dolfinx_llm.interface.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
+from dolfinx_llm.interface.obstacles import (
+    Obstacle,
+    RigidCylinder,
+    RigidPlane,
+    RigidSphere,
+    RigidSurface,
+)
 from dolfinx_llm.laws.law import Coulomb, Frictionless, Tied
 from dolfinx_llm.output import plot, post
 from dolfinx_llm.problem import classical
@@ -34,6 +40,7 @@ __all__ = [
     "Frame",
     "Frictionless",
     "Interface",
+    "Obstacle",
     "RigidCylinder",
     "RigidPlane",
     "RigidSphere",

@@ -2,8 +2,12 @@
 
 import json
 import os
+import queue
 import subprocess
 import sys
+import tempfile
+import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -17,6 +21,9 @@ sys.path[:0] = PATHS
 LAUNCHERS = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "MPI_LOCAL")
 SETTINGS = ("OMPI_MCA_", "OMPI_ALLOW_", "PRTE_MCA_", "PMIX_MCA_")
 
+LIMIT = 600.0  # seconds: it catches ranks that hang, also on a machine with much other work
+DONE = "== done: "  # with what follows, the line that ends a script's output
+
 
 def clean_environment() -> dict[str, str]:
     """Environment for a spawned mpirun."""
@@ -29,49 +36,124 @@ def clean_environment() -> dict[str, str]:
         **env,
         "OMPI_ALLOW_RUN_AS_ROOT": "1",
         "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-        # More ranks than cores, in Open MPI 4, 5 and 6.
+        # More ranks than cores, in Open MPI 4, 5 and 6; those that wait leave the core to others.
         "OMPI_MCA_rmaps_base_oversubscribe": "1",
         "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
         "PRTE_MCA_mapby": ":oversubscribe",
+        "OMPI_MCA_mpi_yield_when_idle": "1",
         "OMP_NUM_THREADS": "1",
         "PYTHONPATH": os.pathsep.join([*PATHS, os.environ.get("PYTHONPATH", "")]).strip(os.pathsep),
     }
 
 
-def run_mpi(script: str, n: int, *args, seconds: float = 90.0) -> str:
+class Ranks:
+    """An mpirun of n ranks that runs one script after the other, see mpi/guard.py."""
+
+    def __init__(self, n: int):
+        self.errors = tempfile.TemporaryFile("w+")
+        self.process = subprocess.Popen(
+            ["mpirun", "-n", str(n), sys.executable, str(TESTS / "mpi" / "guard.py")],
+            env=clean_environment(),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self.errors,
+            text=True,
+        )
+        self.lines: queue.Queue[str | None] = queue.Queue()
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        for line in self.process.stdout:
+            self.lines.put(line)
+        self.lines.put(None)
+
+    def run(self, command: list[str], seconds: float) -> str | None:
+        """What a script printed; None where it has not ended as it should, and all have ended."""
+        end, self.out = time.monotonic() + seconds, ""
+        mark = DONE + str(time.monotonic_ns())
+        try:
+            self.process.stdin.write(json.dumps([mark, *command]) + "\n")
+            self.process.stdin.flush()
+            while (line := self.lines.get(timeout=max(end - time.monotonic(), 0.01))) is not None:
+                if line.rstrip("\n") == mark:
+                    return self.out
+                self.out += line
+        except (queue.Empty, BrokenPipeError):
+            pass
+        self.stop(terminate=time.monotonic() > end)
+        return None
+
+    def stop(self, terminate: bool = False) -> None:
+        """End the ranks; mpirun ends those that hang."""
+        if terminate:
+            self.process.terminate()
+        try:
+            self.process.stdin.close()
+        except BrokenPipeError:
+            pass
+        try:
+            self.process.wait(timeout=60.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+    def complaints(self) -> str:
+        """The end of what the ranks wrote to stderr."""
+        self.errors.seek(0)
+        return self.errors.read()[-4000:]
+
+
+def pytest_collection_modifyitems(items):
+    """Mark the tests that start ranks of their own: by the names that they use."""
+    for item in items:
+        code = getattr(getattr(item, "function", None), "__code__", None)
+        if {"run_mpi", "run_mpi_json", "mpirun"} & words_of(code):
+            item.add_marker(pytest.mark.mpi)
+
+
+def words_of(code) -> set[str]:
+    """Names and strings in a function and in those inside of it."""
+    found: set[str] = set()
+    for word in (*code.co_names, *code.co_consts) if code else ():
+        found |= {word} if isinstance(word, str) else set()
+        found |= words_of(word) if hasattr(word, "co_names") else set()
+    return found
+
+
+_running: dict[int, Ranks] = {}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_mpirun_per_file():
+    """Every file of tests starts its own ranks, once for each number of them."""
+    yield
+    for n in list(_running):
+        _running.pop(n).stop()
+
+
+def run_mpi(script: str, n: int, *args, seconds: float = LIMIT) -> str:
     """Run tests/mpi/<script> on n ranks and return what it printed.
 
-    An exception on any rank ends all of them, so that none waits for it; after ``seconds`` the
-    run is ended. Both fail the test with the ranks' output.
+    The scripts of a file of tests run one after the other on the same ranks. An exception on any
+    rank ends all of them, so that none waits for it; after ``seconds`` they are ended. Both fail
+    the test with the ranks' output.
     """
-    command = ["mpirun", "-n", str(n), sys.executable, str(TESTS / "mpi" / "guard.py")]
-    command += [str(TESTS / "mpi" / script), *map(str, args)]
-    process = subprocess.Popen(
-        command,
-        env=clean_environment(),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        out, err = process.communicate(timeout=seconds)
-    except subprocess.TimeoutExpired:
-        process.terminate()  # mpirun ends its ranks
-        try:
-            out, err = process.communicate(timeout=10.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            out, err = process.communicate()
-        pytest.fail(f"{' '.join(command)}\ntook over {seconds} s\n{out[-4000:]}\n{err[-4000:]}")
-    if process.returncode != 0:
-        pytest.fail(
-            f"{' '.join(command)}\nended with {process.returncode}\n{out[-4000:]}\n{err[-4000:]}"
-        )
+    command = [str(TESTS / "mpi" / script), *map(str, args)]
+    if n not in _running:
+        _running[n] = Ranks(n)
+    ranks, began = _running[n], time.monotonic()
+    out = ranks.run(command, seconds)
+    if out is None:
+        del _running[n]
+        why = f"ended with {ranks.process.returncode}"
+        if time.monotonic() - began >= seconds:
+            why = f"took over {seconds} s"
+        text = f"{ranks.out[-4000:]}\n{ranks.complaints()}"
+        pytest.fail(f"{' '.join(command)} on {n} rank(s)\n{why}\n{text}")
     return out
 
 
-def run_mpi_json(script: str, n: int, *args, seconds: float = 90.0):
+def run_mpi_json(script: str, n: int, *args, seconds: float = LIMIT):
     """The same, for scripts whose rank 0 prints one line of JSON; PETSc may add others."""
     out = run_mpi(script, n, *args, seconds=seconds)
     lines = [line for line in out.splitlines() if line.startswith("{")]

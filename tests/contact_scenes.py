@@ -176,8 +176,8 @@ def violations(problem) -> dict:
         mu = getattr(model.interface.law, "mu", 0.0)
         for side in result.sides:
             note("pull", -side.normal_force / force)
-            note("overlap", -side.gap / size)
-            note("product", np.abs(side.normal_force * side.gap) / (force * size))
+            note("overlap", -side.frame_gap / size)
+            note("product", np.abs(side.normal_force * side.frame_gap) / (force * size))
             note("product", np.abs(side.normal_force[side.status == OPEN]) / force)
         total = sum(s.force.sum(axis=0) for s in result.sides)
         note("balance", np.abs(total) / force)

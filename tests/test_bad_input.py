@@ -5,6 +5,7 @@ import sys
 
 import bad_input
 import pytest
+import wrong_arguments
 from conftest import clean_environment, run_mpi_json
 from mpi4py import MPI
 
@@ -61,3 +62,18 @@ def test_missing_dolfinx_is_said():
     assert run.returncode == 1
     assert "ImportError: dolfinx_llm needs dolfinx" in run.stderr
     assert "apt install python3-dolfinx" in run.stderr
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_wrong_arguments(n):
+    """Every public function refuses what it cannot use: in a sentence, the same on all ranks."""
+    found = run_mpi_json("wrong_arguments.py", n, seconds=300.0)
+    expected = wrong_arguments.entries(n)
+    assert list(found) == [name for name, *_ in expected]
+    assert len(expected) > 400
+    wrong = {
+        name: outcomes
+        for name, outcomes in found.items()
+        if len(outcomes) != n or not all(o == outcomes[0] and o[2] for o in outcomes)
+    }
+    assert wrong == {}

@@ -10,6 +10,8 @@ import pytest
 import dolfinx_llm as llm
 from dolfinx_llm.laws.complementarity import _descent, _lemke, complementarity
 
+pytestmark = pytest.mark.quick
+
 WRONG = [
     (lambda: llm.Coulomb(-0.1), "mu=-0.1"),
     (lambda: llm.Coulomb(np.nan), "mu=nan"),

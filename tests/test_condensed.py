@@ -1,5 +1,7 @@
 """The condensed form against the saddle form, against dense oracles, and its own manners."""
 
+from dataclasses import replace
+
 import both_forms
 import condensed_reuse
 import numpy as np
@@ -66,7 +68,7 @@ def test_parts_of_the_components(n):
 
 def von_mises_error(options):
     problem = solve_scenes.paper_scene(COMM, "predicted")
-    problem.form, problem.petsc_options = "condensed", options
+    problem.method.renew(replace(problem.method.setting, form="condensed", options=options))
     return patch3d.stress_error(problem.solve())
 
 

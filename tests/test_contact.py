@@ -155,10 +155,7 @@ def test_lift_off_and_closing_again():
     result = scene.problem.results[0]
     for side in result.sides:
         assert (side.status == 0).all() and not side.force.any()
-    gap = sum(
-        p.N.T @ (s.gap * p.forces) for p, s in zip(scene.problem.models[0].pairs, result.sides)
-    )
-    assert gap.sum() / scene.problem.models[0].area == pytest.approx(0.06, rel=1e-10)
+        assert side.gap == pytest.approx(0.06, rel=1e-10) and not side.slip.any()
     again = nodal(scene.move(down(0.03, turn=0.01)))
     assert np.abs(again - first).max() < 1e-12 * np.abs(first).max()
     assert iterations <= 12 and len(scene.problem.history) <= 12
@@ -388,7 +385,7 @@ def test_history_and_anatomy():
     scene = pressed(llm.Frictionless())
     scene.move(down(0.02))
     last = scene.problem.history[-1]
-    assert last["active"] == last["slip"] > 0 and last["stick"] == last["changes"] == 0
+    assert last["active"] > 0 and last["stick"] == last["slip"] == last["changes"] == 0
     text = str(scene.problem)
     assert "tangential multipliers" in text and "Frictionless()" in text
     n = sum(len(p.nodes) for p in scene.problem.models[0].pairs)
@@ -477,16 +474,16 @@ def test_doubts_are_logged(caplog):
     rng = np.random.default_rng(5)
     low = rectangle(COMM, (20, 4), (-1.0, 0.0), (1.0, 1.0), "triangle", 0.2, rng)
 
-    def bulge(x):  # a parabola as steep as 45 degrees at its ends
+    def bulge(x):  # a parabola as steep as 70 degrees at its ends
         share = np.clip(2.0 - x[:, 1:], 0.0, 1.0)
-        return np.column_stack([x[:, 0], x[:, 1] + share[:, 0] * x[:, 0] ** 2 / 1.2])
+        return np.column_stack([x[:, 0], x[:, 1] + share[:, 0] * 2.3 * x[:, 0] ** 2])
 
     high = rectangle(COMM, (16, 4), (-0.6, 1.0), (0.6, 2.0), "triangle", 0.2, rng, bulge)
     scene = Pressed(
         [low, high], llm.Frictionless(), lambda p: p[1] > 2.0 - 1e-9, lambda p: p[1] < 1e-9
     )
-    assert any("tilted beyond 30" in note for note in scene.problem.models[0].notes)
+    assert any("do not face" in note for note in scene.problem.models[0].notes)
     scene.move(down(0.01))
     assert not caplog.records
-    scene.move(down(0.4))
+    scene.move(down(0.8))
     assert any("reaches" in r.message for r in caplog.records)

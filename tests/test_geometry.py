@@ -15,6 +15,8 @@ from dolfinx_llm.geometry import overlap_flat as patch
 from dolfinx_llm.geometry.cells import shape_functions, vector_areas
 from dolfinx_llm.geometry.frame import Frame
 
+pytestmark = pytest.mark.quick
+
 CORNERS = {
     2: np.array([[0.0], [1.0]]),
     3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),

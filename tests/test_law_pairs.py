@@ -1,9 +1,13 @@
 """Every pair of laws as two interfaces of one problem, pressed, dragged, lifted and pressed again:
 in 2D and 3D, on one rank and on two, each pair in each of the three solver forms."""
 
+import numpy as np
 import pytest
 from conftest import run_mpi_json
-from law_scenes import PAIRS
+from law_scenes import PAIRS, Lifted
+from mpi4py import MPI
+
+from dolfinx_llm.forms import choice
 
 FORMS = "flexibility", "saddle", "condensed"
 
@@ -21,3 +25,32 @@ def test_every_pair(ranks, gdim, first):
         if not value < 1e-9
     ]
     assert not wrong
+
+
+def scene(gdim, name, form, monkeypatch):
+    monkeypatch.setattr(choice, "FLEXIBLE", 0 if form == "saddle" else 10**6)
+    return Lifted(MPI.COMM_SELF, gdim, name, "auto" if form == "flexibility" else form)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("gdim", [2, 3])
+@pytest.mark.parametrize("name", ["smooth", "rough", "rigid smooth", "rigid rough", "rigid zero"])
+def test_press_lift_and_press_again(name, gdim, form, monkeypatch):
+    """A body that is not yet there, or is lifted off, is free of stress; pressed again it is where
+    it was: straight down there is no other way to slip."""
+    lifted, answers = scene(gdim, name, form, monkeypatch), []
+    for down, along in ((0.02, 0.01), (0.08, 0.0), (-0.1, 0.02), (0.0, -0.01), (0.08, 0.0)):
+        u = lifted.move(down, along)
+        worst = lifted.violations()
+        assert max(worst.values()) < 1e-9, worst
+        answers.append(np.concatenate([f.x.array for f in u]))
+        result = lifted.problem.results[0]
+        if down < 0.05:
+            moved = u[0].x.array.reshape(-1, gdim)
+            assert np.abs(moved - moved[0]).max() < 1e-12
+            assert not any(side.status.any() or side.force.any() for side in result.sides)
+        else:
+            assert result.resultant[-1] != 0.0
+    if "rough" not in name:
+        assert np.abs(answers[4] - answers[1]).max() < 1e-11
+    lifted.problem.destroy()

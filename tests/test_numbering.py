@@ -11,6 +11,8 @@ import dolfinx_llm as llm
 from dolfinx_llm import compat
 from dolfinx_llm.operators.numbering import places
 
+pytestmark = pytest.mark.quick
+
 
 @pytest.fixture(scope="module")
 def problem():

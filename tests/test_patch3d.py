@@ -38,7 +38,7 @@ def within(contact, u, bound):
         assert side.area.sum() == pytest.approx(total / paper.PRESSURE, rel=1e-14)
         assert np.abs(side.normal_force - paper.PRESSURE * side.area).max() <= bound * largest
         assert np.abs(side.u - STRAIN * side.x).max() <= bound
-        assert np.abs(side.gap).max() <= bound and np.abs(side.slip).max() <= bound
+        assert np.abs(side.frame_gap).max() <= bound and np.abs(side.slip).max() <= bound
         assert (side.status == 1).all()
 
 

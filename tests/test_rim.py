@@ -6,6 +6,8 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.laws.speakers import HELD, follow, speakers
 
+pytestmark = pytest.mark.quick
+
 
 def test_all_speak_for_themselves_where_meshes_match():
     N = csr_matrix(np.eye(5))

@@ -17,24 +17,28 @@ import numpy as np
 from dolfinx_llm.base.errors import ContactInputError
 
 T = TypeVar("T")
+PLAIN = (str, bytes, bool, numbers.Number, np.ndarray, np.generic, Path, type(None))
 LONGEST = 80  # characters of a value in a message
 
 
 def shown(value: Any) -> str:
-    """A value for messages: short, and without addresses, which differ between ranks.
+    """A value for messages: short, and without what differs between ranks, such as addresses.
 
-    >>> shown("up"), shown((3, 7)), shown(np.zeros((2, 3))), shown(object())
-    ("'up'", '(3, 7)', 'an array of shape (2, 3)', 'object')
+    >>> shown("up"), shown((3, 7)), shown(np.zeros((2, 3))), shown([object()])
+    ("'up'", '(3, 7)', 'an array of shape (2, 3)', '[object]')
     """
     if isinstance(value, np.ndarray) and value.size > 4:
         return f"an array of shape {value.shape}"
-    try:
-        text = "class " + value.__name__ if isinstance(value, type) else repr(value)
-    except Exception:
-        text = "<"
-    if "<" in text and not isinstance(value, str):
+    if isinstance(value, type):
+        text = f"class {value.__name__}"
+    elif isinstance(value, (list, tuple)):
+        inner = ", ".join(map(shown, value[:4])) + ", ..." * (len(value) > 4)
+        text = f"[{inner}]" if isinstance(value, list) else f"({inner})"
+        text = text.replace(")", ",)") if isinstance(value, tuple) and len(value) == 1 else text
+    elif isinstance(value, PLAIN) or type(value).__module__.startswith("dolfinx_llm.laws"):
+        text = " ".join(repr(value).split())
+    else:
         text = type(value).__name__
-    text = " ".join(text.split())
     return text if len(text) <= LONGEST else text[: LONGEST - 4] + " ..."
 
 

@@ -17,6 +17,9 @@ try:
     import dolfinx.io
     import ufl
     from petsc4py import PETSc
+    from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+    from ufl.algorithms.apply_derivatives import apply_derivatives
+    from ufl.algorithms.check_arities import ArityMismatch, check_form_arity
 except ImportError as error:
     raise ImportError(
         "dolfinx_llm needs dolfinx with petsc4py and mpi4py. On Debian or Ubuntu: "
@@ -24,6 +27,8 @@ except ImportError as error:
         "(/usr/bin/python3 -m venv --system-site-packages .venv; `make setup` does all of this). "
         f"The import failed with: {error}"
     ) from error
+
+from dolfinx_llm.base.errors import ContactInputError
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -88,9 +93,29 @@ def in_space(bc: Any, V: Any) -> bool:
     return bc.function_space == space or space.contains(bc.function_space)
 
 
-def form(ufl_form: Any) -> Any:
-    """Compiled form; a compiled one is passed through."""
-    return dolfinx.fem.form(ufl_form)
+def same_space(V: Any, W: Any) -> bool:
+    """Whether two function spaces are one."""
+    return V is W or V._cpp_object == W._cpp_object
+
+
+def form(name: str, ufl_form: Any) -> Any:
+    """Compiled form.
+
+    Args:
+        name: for the message.
+        ufl_form: UFL form.
+
+    Raises:
+        ContactInputError: UFL or dolfinx cannot compile it.
+    """
+    try:
+        # First on every rank: newer UFL raises no Exception here, which rank 0 alone would meet.
+        lowered = apply_derivatives(apply_algebra_lowering(ufl_form))
+        check_form_arity(lowered, ufl_form.arguments())
+        return dolfinx.fem.form(ufl_form)
+    except (Exception, ArityMismatch) as error:
+        text = " ".join(str(error).split())[:300]
+        raise ContactInputError(f"the form {name} cannot be compiled: {text}") from error
 
 
 def assemble_matrix(a: Any, bcs: Sequence[Any], diagonal: float) -> PETSc.Mat:
@@ -121,8 +146,8 @@ def assemble_load(L: Any, a: Any, bcs: Sequence[Any], V: Any, nodal: Sequence[An
     b.destroy()
     for function in nodal:
         load += function.x.array[:n]
-    fixed = prescribed_values(V, bcs)[:n]
-    return np.where(np.isnan(fixed), load, fixed)
+    fixed, values = _prescribed(V, bcs)
+    return np.where(fixed[:n], values[:n], load)
 
 
 def ghosted_vector(V: Any, bs: int) -> PETSc.Vec:
@@ -138,6 +163,17 @@ def ghosted_vector(V: Any, bs: int) -> PETSc.Vec:
 
 def prescribed_values(V: Any, bcs: Sequence[Any]) -> np.ndarray:
     """Values that the conditions prescribe, per owned and ghost dof; NaN where a dof is free."""
+    fixed, values = _prescribed(V, bcs)
+    return np.where(fixed, values, np.nan)
+
+
+def fixed_dofs(V: Any, bcs: Sequence[Any]) -> np.ndarray:
+    """(n_owned dofs,) which dofs the conditions prescribe."""
+    return _prescribed(V, bcs)[0][: V.dofmap.index_map.size_local * V.dofmap.index_map_bs]
+
+
+def _prescribed(V: Any, bcs: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Whether conditions prescribe each owned and ghost dof, and which values."""
     b = ghosted_vector(V, V.dofmap.index_map_bs)
     marks = []
     for start in (0.0, 1.0):  # a dof is fixed where the result does not depend on the start
@@ -148,7 +184,7 @@ def prescribed_values(V: Any, bcs: Sequence[Any]) -> np.ndarray:
         with b.localForm() as local:
             marks.append(local.array_r.copy())
     b.destroy()
-    return np.where(marks[0] == marks[1], marks[0], np.nan)
+    return (marks[0] == marks[1]) | np.isnan(marks[0]), marks[0]
 
 
 def evaluate(

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.errors import ContactError, ContactInputError
 
 
 def gather_rows(comm: MPI.Comm, rows: np.ndarray) -> np.ndarray:
@@ -37,10 +39,20 @@ def collective(comm: MPI.Comm) -> Iterator[None]:
     except Exception as caught:
         error = caught
     if comm.size > 1:
-        errors = comm.allgather(error)
-        error = error or next((e for e in errors if e is not None), None)
+        errors = comm.allgather(error and _sendable(error))
+        first = next((rank for rank, e in enumerate(errors) if e is not None), comm.rank)
+        error = error if first == comm.rank else errors[first]
     if error is not None:
         raise error
+
+
+def _sendable(error: Exception) -> Exception:
+    """An error that can be sent to other ranks: some cannot be pickled, or not be read again."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return ContactError(f"{type(error).__name__}: {error}")
+    return error
 
 
 def check(comm: MPI.Comm, failed: bool, message: str, kind: type[Exception] = ContactError) -> None:
@@ -49,3 +61,25 @@ def check(comm: MPI.Comm, failed: bool, message: str, kind: type[Exception] = Co
     for text in texts:
         if text:
             raise kind(text)
+
+
+def agree(comm: MPI.Comm, what: str, value: Any) -> None:
+    """Require that an argument is the same on all ranks.
+
+    Args:
+        comm: MPI communicator.
+        what: name of the argument.
+        value: plain data, compared by their text.
+
+    Raises:
+        ContactInputError: ranks differ; on all of them.
+    """
+    if comm.size == 1:
+        return
+    texts = comm.allgather(repr(value))
+    if any(text != texts[0] for text in texts):
+        other = next(i for i, text in enumerate(texts) if text != texts[0])
+        raise ContactInputError(
+            f"{what} must be the same on all ranks: rank 0 has {texts[0][:80]}, rank {other} has "
+            f"{texts[other][:80]}"
+        )

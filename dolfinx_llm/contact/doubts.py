@@ -12,13 +12,16 @@ from dolfinx_llm.interface.geometry import ContactModel
 from dolfinx_llm.laws.coulomb import OPEN
 
 LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
+RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
+NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close
 
 
 def doubts(
     models: Sequence[ContactModel], results: Sequence[InterfaceResult], states: Any = None
 ) -> list[str]:
     """What in a solution lies outside of what the method allows for: contact at the rim of what may
-    touch, sliding farther than a facet, pairs that lost their friction."""
+    touch, sliding farther than a facet, pairs that lost their friction, bodies that come nearer and
+    do not touch."""
     out = []
     for state, result in zip(states or [], results):
         share = state.loose_share([side.normal_force for side in result.sides])
@@ -29,13 +32,17 @@ def doubts(
                 "normal force. Apply the load in more increments"
             )
     for model, result in zip(models, results, strict=True):
+        out += _apart(model, result)
         for pairs, side, rim in zip(model.pairs, result.sides, model.rims, strict=True):
-            reached = int((rim & (side.status != OPEN)).sum())
-            if reached:
+            reached, total = side.normal_force[rim].sum(), side.normal_force.sum()
+            count = int((rim & (side.status != OPEN)).sum())
+            if reached > RIM_SHARE * total > 0.0:
                 out.append(
-                    f"interface {model.interface.name}: contact reaches {reached} node(s) at the "
-                    f"rim of what {pairs.surface.name} may touch with; facets beyond were left out "
-                    "as too steep. Check the tags, or split the surface into several interfaces"
+                    f"interface {model.interface.name}: contact reaches the rim of what "
+                    f"{pairs.surface.name} may touch with: {count} node(s) "
+                    f"there carry {reached / total:.1%} of the normal force; facets beyond "
+                    "are too steep to face the other side. Check the tags, or split the surface "
+                    "into several interfaces"
                 )
             closed = side.status != OPEN
             slip = np.linalg.norm(side.slip[closed], axis=1).max(initial=0.0)
@@ -47,3 +54,33 @@ def doubts(
                     "drawn positions (small sliding). Move the bodies in the drawing instead"
                 )
     return out
+
+
+def _apart(model: ContactModel, result: InterfaceResult) -> list[str]:
+    """Bodies that have come nearer to each other than in the drawing, and touch nowhere."""
+    law, sides = model.interface.law, result.sides
+    if not law.unilateral or any((side.status != OPEN).any() for side in sides):
+        return []
+    drawn = [-np.einsum("ni,ni->n", p.gap, p.normal) for p in model.pairs]
+    now, before = (_gaps(model, gaps) for gaps in ([side.gap for side in sides], drawn))
+    near = int(now.argmin())
+    if not now[near] < before.min() - NEARER * model.sides[0].diameter:
+        return []
+    return [
+        f"interface {model.interface.name}: nothing touches: the load brings both sides nearer to "
+        f"each other, from {before.min():.2g} as drawn to about {now[near]:.2g} at "
+        f"{result.x[near].round(6).tolist()}, and no contact force arises. Check positions, units "
+        "and the load, or draw the bodies nearer"
+    ]
+
+
+def _gaps(model: ContactModel, gaps: Sequence[np.ndarray]) -> np.ndarray:
+    """Distance between both sides at the frame's nodes, or of the nodes from the obstacle."""
+    if model.frame is None:
+        return gaps[0]
+    total = np.zeros(len(model.frame.x))
+    for pairs, gap in zip(model.pairs, gaps, strict=True):
+        area = pairs.N.T @ pairs.forces
+        at = pairs.N.T @ (gap * pairs.forces)
+        total += np.where(area > 0.0, at / np.where(area > 0.0, area, 1.0), np.inf)
+    return total

@@ -84,6 +84,22 @@ class ContactIteration:
         self.f, self.g = self._rest
         self.history: list[dict] = []
 
+    def resume(self, other: ContactIteration, f: np.ndarray, g: np.ndarray):
+        """Go on from the state of another iteration of the same pairs and frames.
+
+        Args:
+            other: where it ended.
+            f, g: this rank's load and the gaps with which bodies and operators of this one are in
+                balance there.
+        """
+        if other.multiplier is None:
+            return
+        for state, kept in zip(self.states, other.states, strict=True):
+            state.restore(kept.snapshot())
+        self.multiplier, self.w = other.multiplier, other.w
+        self.alpha = np.zeros(self.backend.floating)  # found anew: other modes, perhaps
+        self.f, self.g = f, g
+
     def advance(self, f: np.ndarray, g: np.ndarray, increments: int):
         """One load step to this rank's load f and gaps g, in parts; halved where one fails.
 
@@ -243,7 +259,7 @@ class ContactIteration:
             rows = switch_rows(T, N, delta, s.law.mu, c, s.status)
         else:
             rows = newton_rows(T, N, delta, s.law.mu, c)
-        return rows.tied(s.speaker, self.scale)
+        return rows.tied(s.speaker, s.unheld, self.scale)
 
     def _all_stick(self, step: InterfaceSystem) -> InterfaceSystem:
         """The first step, when nothing is known: all stick, as in the paper."""
@@ -323,7 +339,7 @@ class ContactIteration:
     def _count(self) -> dict:
         """Numbers of pairs in contact, and of those that stick and slip."""
         status = np.concatenate([s.pair_status() for s in self.states])
-        counts = np.bincount(status, minlength=3)
+        counts = np.bincount(status, minlength=4)
         return {
             "active": int(len(status) - counts[OPEN]),
             "stick": int(counts[STICK]),

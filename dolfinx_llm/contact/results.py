@@ -12,28 +12,37 @@ from numpy.typing import ArrayLike
 from scipy.sparse import identity
 from scipy.sparse.linalg import splu
 
+from dolfinx_llm.design.curved import nodal_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.geometry import ContactModel
-from dolfinx_llm.laws.coulomb import OPEN, SLIP, STICK
+from dolfinx_llm.laws.coulomb import CLOSED, OPEN, STICK
 from dolfinx_llm.operators.system import ContactOperators
 
+FELT = 1e-9  # part of the largest force or motion, below which there is none
 WEAK = 1e-3  # of a frame node's mean support: what draws its tangential motion to the mean
 
 
 @dataclass(frozen=True, eq=False)
 class SideResult:
-    """One side of an interface; n nodes in contact, sorted by position."""
+    """One side of an interface; n nodes that may touch, sorted by position.
+
+    A node is closed where it presses, or where the bodies touch without force; with friction it has
+    the status of the frame node next to it. ``slip`` is counted from the drawing, and to the frame,
+    which moves as the mean of both bodies do: of a sliding interface it is half of the way that one
+    body goes along the other. Against a rigid obstacle that takes the frame's place.
+    """
 
     x: np.ndarray  # (n, gdim) node positions X [length]
     u: np.ndarray  # (n, gdim) their displacements [length]
     force: np.ndarray  # (n, gdim) forces that the body exerts on the frame [force]
     normal: np.ndarray  # (n, gdim) frame normal, out of this side
     normal_force: np.ndarray  # (n,) positive in compression [force]
-    gap: np.ndarray  # (n,) distance to the frame along the normal, positive when open [length]
-    slip: np.ndarray  # (n, gdim) tangential motion relative to the frame [length]
-    status: np.ndarray  # (n,) 0 open, 1 stick, 2 slip
+    gap: np.ndarray  # (n,) distance to the other body along the normal, 0 where closed [length]
+    frame_gap: np.ndarray  # (n,) the same to the frame, which lies between the bodies [length]
+    slip: np.ndarray  # (n, gdim) tangential motion relative to the frame, 0 where open [length]
+    status: np.ndarray  # (n,) 0 open, 1 stick, 2 slip, 3 closed without friction
     area: np.ndarray  # (n,) tributary area: the force of unit pressure [area]
     facets: np.ndarray  # (m, k) facets of the surface that lie between these nodes
 
@@ -45,15 +54,22 @@ class SideResult:
 
 @dataclass(frozen=True, eq=False)
 class InterfaceResult:
-    """Result of one interface; against a rigid obstacle the side's nodes take the frame's place."""
+    """Result of one interface; against a rigid obstacle the side's nodes take the frame's place.
+
+    The force at frame node J is sum_p N_pJ F_p over the nodes p of side 0, with F_p what these
+    exert on the frame; side 1 exerts the opposite, which is the frame's equilibrium. Its component
+    along the normal of J, out of side 0, is ``frame_force``, the rest ``frame_friction``. Coulomb's
+    law holds for these two.
+    """
 
     frame: Frame | None  # with its displacement v, (m, gdim) [length]
     sides: tuple[SideResult, ...]  # two, in the interface's order; one against an obstacle
     certificate: Certificate | None  # of the frame; None against an obstacle
-    frame_force: np.ndarray  # (m,) normal force at the frame's nodes, L_bᵀ λ_n of a side [force]
+    frame_force: np.ndarray  # (m,) normal force at the frame's nodes [force]
     frame_area: np.ndarray  # (m,) tributary area of the frame's nodes, L_bᵀ of the sides' [area]
     frame_friction: np.ndarray  # (m, gdim) tangential force of side 0 at the frame's nodes [force]
-    frame_status: np.ndarray  # (m,) of the frame's nodes: 0 open, 1 stick, 2 slip
+    frame_status: np.ndarray  # (m,) of its nodes: 0 open, 1 stick, 2 slip, 3 closed, no friction
+    presses: bool = True  # the law lets bodies part: no force pulls
 
     @property
     def x(self) -> np.ndarray:
@@ -65,10 +81,13 @@ class InterfaceResult:
         """(m,) contact pressure at the frame's nodes [force / area].
 
         Nodal force over tributary area misleads on the finer side; on the frame both sides carry
-        the same force.
+        the same force. Where bodies may part it is at least 0: at the rim of contact a corrected
+        row may leave a frame node a slightly negative share of forces that all press, which
+        ``frame_force`` shows and the pressure does not.
         """
         area = self.frame_area
-        return np.where(area > 0.0, self.frame_force / np.where(area > 0.0, area, 1.0), 0.0)
+        pressure = np.where(area > 0.0, self.frame_force / np.where(area > 0.0, area, 1.0), 0.0)
+        return np.maximum(pressure, 0.0) if self.presses else pressure
 
     @property
     def traction(self) -> np.ndarray:
@@ -110,7 +129,7 @@ def collect_results(
         states: per interface its ``InterfaceState``; None: all tied.
     """
     motions = [operators.motion(side, u) for side in range(len(operators.pairs))]
-    gaps, results = operators.side_gaps(moved=False), []
+    gaps, results = operators.side_gaps(), []
     for i, (model, place) in enumerate(zip(operators.models, operators.places, strict=True)):
         m, d, gdim = model.directions.shape
         moved = motions[place.sides]
@@ -119,8 +138,9 @@ def collect_results(
             v = v + _tangential_average(model, moved)
         if model.frame is None:
             v = np.zeros((0, gdim))
-        forces = multiplier[place.rows].reshape(-1, model.pairs[0].base.shape[1])
-        status = states[i].pair_status() if states else np.full(len(forces), STICK)
+        state, c = states and states[i], model.pairs[0].base.shape[1]
+        forces = multiplier[place.rows].reshape(-1, c)
+        status = state.pair_status() if state else np.full(len(forces), STICK)
         sides, first = [], 0
         for p, motion, gap in zip(model.pairs, moved, gaps[place.sides], strict=True):
             own = slice(first, first + len(p.nodes))
@@ -129,8 +149,37 @@ def collect_results(
                 follows = follows + model.interface.obstacle.motion(gdim)
             sides.append(_side_result(p, forces[own], motion, follows, gap, status[own]))
             first = own.stop
-        results.append(_interface_result(model, sides, v, states and states[i]))
+        if model.interface.law.unilateral:
+            sides = _between_bodies(model, sides)
+        results.append(_interface_result(model, sides, v, state))
     return results
+
+
+def _between_bodies(model: ContactModel, sides: list[SideResult]) -> list[SideResult]:
+    """The sides with gaps between the bodies, and open where these are apart.
+
+    A node may lie on the frame, which is free there, and the other body be away.
+    """
+    gaps = [side.frame_gap for side in sides]
+    positions = [side.x + side.u for side in sides]
+    for k, N in enumerate(model.opposite):
+        across = N @ positions[1 - k] - positions[k]
+        gaps[k] = np.einsum("ni,ni->n", across, sides[k].normal)
+    force = max(np.abs(side.normal_force).max(initial=0.0) for side in sides)
+    size = max(np.abs(a).max(initial=0.0) for side in sides for a in (side.u, side.frame_gap))
+    out = []
+    for side, gap in zip(sides, gaps, strict=True):
+        pressed = side.normal_force > FELT * force
+        closed = (side.status != OPEN) & (pressed | (gap <= FELT * size))
+        out.append(
+            replace(
+                side,
+                gap=np.where(closed, 0.0, np.maximum(gap, 0.0)),
+                slip=np.where(closed[:, None], side.slip, 0.0),
+                status=np.where(closed, side.status, OPEN),
+            )
+        )
+    return out
 
 
 def _tangential_average(model: ContactModel, moved: Sequence[np.ndarray]) -> np.ndarray:
@@ -165,7 +214,8 @@ def _side_result(
         force=force,
         normal=pairs.normal,
         normal_force=np.einsum("ni,ni->n", force, pairs.normal),
-        gap=-normal_motion - np.einsum("ni,ni->n", gap, pairs.normal),
+        gap=np.zeros(len(force)),
+        frame_gap=-normal_motion - np.einsum("ni,ni->n", gap, pairs.normal),
         slip=motion - normal_motion[:, None] * pairs.normal,
         status=status,
         area=pairs.forces,
@@ -176,18 +226,24 @@ def _side_result(
 def _interface_result(
     model: ContactModel, sides: list[SideResult], v: np.ndarray, state: Any
 ) -> InterfaceResult:
-    side, pairs = sides[0], model.pairs[0]
+    side, pairs, law = sides[0], model.pairs[0], model.interface.law
     if model.frame is None:
         own = side.normal_force, side.area, side.tangential_force
-        return InterfaceResult(None, tuple(sides), None, *own, side.status)
-    force, area, friction = (
-        pairs.N.T @ a for a in (side.normal_force, side.area, side.tangential_force)
-    )
-    status = np.where(force > 0.0, SLIP, OPEN)
-    if state is None or not model.interface.law.unilateral:
-        status = np.full(len(force), STICK)
-    elif model.interface.law.friction:
-        status = state.status
-        friction = state.share_out(friction, force)
+        return InterfaceResult(None, tuple(sides), None, *own, side.status, law.unilateral)
+    normal = model.directions[:, -1] if law.unilateral else nodal_normals(model.frame)
+    total = pairs.N.T @ side.force
+    force, area = np.einsum("mi,mi->m", total, normal), pairs.N.T @ side.area
+    friction = total - force[:, None] * normal
+    status = np.full(len(force), STICK)
+    if law.unilateral:
+        pressed = force > FELT * np.abs(force).max(initial=0.0)
+        status = np.where(pressed, CLOSED, OPEN)
+        if law.friction:
+            status = np.where(pressed, state.status, OPEN)
+            friction = state.share_out(friction, force)
+        else:
+            friction = np.zeros_like(friction)
     frame = replace(model.frame, v=v)
-    return InterfaceResult(frame, tuple(sides), model.certificate, force, area, friction, status)
+    return InterfaceResult(
+        frame, tuple(sides), model.certificate, force, area, friction, status, law.unilateral
+    )

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags, identity, vstack
 
 from dolfinx_llm.interface.geometry import ContactModel
-from dolfinx_llm.laws.coulomb import OPEN, SLIP, STICK
-from dolfinx_llm.laws.speakers import HELD, follow, speakers
+from dolfinx_llm.laws.coulomb import CLOSED, OPEN, STICK
+from dolfinx_llm.laws.speakers import HELD, follow, speakers, unheld
 from dolfinx_llm.operators.assemble import interface_operator
 from dolfinx_llm.operators.system import ContactOperators
 
@@ -33,13 +33,14 @@ class InterfaceState:
     kept: np.ndarray  # (n c,) rows that are not redundant (prescribed on both sides)
     L: csr_matrix  # (n c, m d)
     L_kappa: csr_matrix  # (n c, k t)
-    normal_weight: csr_matrix  # (k, n c) normal force at the friction nodes from λ
+    L_normal: csr_matrix  # (k, n c) normal force at the friction nodes from λ
     theta: float
     active: np.ndarray = field(init=False)  # (n,) pairs in contact, changed by ``touch``
     closings: np.ndarray = field(init=False)  # (n,) how often they have closed in this load step
     status: np.ndarray = field(init=False)  # (k,) of the friction nodes
     kappa_before: np.ndarray = field(init=False)  # (k, t) at the end of the last load step [length]
     speaker: np.ndarray = field(init=False)  # (k,) the friction node whose law holds for each
+    unheld: np.ndarray = field(init=False)  # (k,) friction nodes that no force reaches
     sums: csr_matrix = field(init=False)  # (k, k) values of all nodes at the speakers
     gather: csr_matrix = field(init=False)  # (k t, k t) the same for tangential forces
     relative: csr_matrix = field(init=False)  # (k t, k t) slip; of the others against speakers'
@@ -82,16 +83,18 @@ class InterfaceState:
             return
         k, t = self.kappa.shape
         self.speaker, self.sums = np.arange(k), identity(k, format="csr")
+        self.unheld = np.zeros(k, dtype=bool)
         self.gather = self.relative = identity(k * t, format="csr")
         if self._N:
             follows, touching = self._of(self._tied), self._of(self.active)
             self.speaker = speakers(follows, touching)
+            self.unheld = unheld(follows, self.speaker)
             self.sums = csr_matrix((np.ones(k), (self.speaker, np.arange(k))), (k, k))
             alike = follow(self.speaker, self.model.directions[:, :-1])
             self.gather = alike.T.tocsr()
             weak = np.repeat(self.weak, t).astype(float)
             self.relative = (identity(k * t) - diags(weak) @ alike).tocsr()
-            held = sum(N.power(2).sum(axis=0).A1 for N in follows)
+            held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
             self._carry(np.where(held < HELD, self.speaker, np.arange(k)))
 
     def _of(self, pairs: np.ndarray) -> list[csr_matrix]:
@@ -166,9 +169,9 @@ class InterfaceState:
 
     def forces(self, multiplier: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tangential (k, t) and normal forces (k,) that the law holds for [force]."""
-        own = multiplier[self.rows].ravel()
-        T = self.gather @ (self.theta * (self.L_kappa.T @ own))
-        return T.reshape(self.kappa.shape), self.sums @ (self.normal_weight @ own)
+        own = multiplier[self.rows]
+        T = self.gather @ (self.theta * (self.L_kappa.T @ own.ravel()))
+        return T.reshape(self.kappa.shape), self.sums @ (self.L_normal @ own.ravel())
 
     def share_out(self, friction: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """Forces of friction (k, gdim) of those that speak for others, divided among them as the
@@ -176,7 +179,10 @@ class InterfaceState:
         pressed = np.maximum(normal, 0.0)
         total = (self.sums @ pressed)[self.speaker]
         part = np.where(total > 0.0, pressed / np.where(total > 0.0, total, 1.0), 0.0)
-        shared = part[:, None] * (self.sums @ friction)[self.speaker]
+        tangents = self.model.directions[:, :-1]
+        own = np.einsum("ki,kai->ka", friction, tangents)
+        own = (self.gather.T @ (self.gather @ own.ravel())).reshape(own.shape)
+        shared = part[:, None] * np.einsum("ka,kai->ki", own, tangents)
         return np.where((total > 0.0)[:, None], shared, friction)
 
     def slip(self, w: np.ndarray) -> np.ndarray:
@@ -186,7 +192,8 @@ class InterfaceState:
     def friction_operator(self, C_T, C_N, n_all: int) -> csr_matrix:
         """C_T T + C_N N as a matrix (k t, n_all) that multiplies all multipliers."""
         own = C_T @ self.gather @ (self.theta * self.L_kappa.T)
-        own = (own + C_N @ self.sums @ self.normal_weight).tocoo()
+        own += C_N @ self.sums @ self.L_normal
+        own = own.tocoo()
         return csr_matrix((own.data, (own.row, own.col + self.rows[0, 0])), (own.shape[0], n_all))
 
     def selection(self, m: int) -> csr_matrix:
@@ -195,16 +202,18 @@ class InterfaceState:
         return csr_matrix((np.ones(len(at)), (np.arange(len(at)), at)), (len(at), m))
 
     def pair_status(self) -> np.ndarray:
-        """(n,) OPEN, STICK or SLIP per pair; with friction that of the friction node next to it."""
+        """(n,) OPEN, STICK, SLIP or CLOSED per pair: with friction that of the friction node next
+        to it, CLOSED where it has lost its own."""
         if not self.law.unilateral:
             return np.full(len(self.rows), STICK)
-        status = np.full(len(self.rows), SLIP)
+        status = np.full(len(self.rows), CLOSED)
         if self.law.friction:
             status = self.status
             if self.model.frame is not None:
                 N = vstack([p.N for p in self.model.pairs]).tocsr()
                 status = self.status[np.asarray(N.argmax(axis=1)).ravel()]
             status = np.where(status == OPEN, STICK, status)
+            status = np.where(self._tied, status, CLOSED)
         return np.where(self.active, status, OPEN)
 
 
@@ -213,7 +222,7 @@ def interface_states(operators: ContactOperators) -> list[InterfaceState]:
     states = []
     for model, place, L in zip(operators.models, operators.places, operators.blocks, strict=True):
         n, c = sum(len(p.nodes) for p in model.pairs), model.pairs[0].base.shape[1]
-        L_kappa, weight, theta = _slip_operators(model, n, c)
+        L_kappa, across, theta = _slip_operators(model, n, c)
         rows, slips = (np.arange(at.start, at.stop) for at in (place.rows, place.slips))
         states.append(
             InterfaceState(
@@ -224,7 +233,7 @@ def interface_states(operators: ContactOperators) -> list[InterfaceState]:
                 kept=~operators.redundant[place.rows],
                 L=L,
                 L_kappa=L_kappa,
-                normal_weight=weight,
+                L_normal=across,
                 theta=theta,
             )
         )
@@ -232,17 +241,13 @@ def interface_states(operators: ContactOperators) -> list[InterfaceState]:
 
 
 def _slip_operators(model, n: int, c: int):
-    """L_kappa (n c, k t), weights of λ_n at the friction nodes (k, n), and θ."""
+    """L_kappa (n c, k t), N (k, n c) of the multipliers, and θ."""
     if not model.interface.law.friction:
         return csr_matrix((n * c, 0)), csr_matrix((0, n * c)), 1.0
     if model.frame is None:
-        tangential = np.flatnonzero(np.arange(n * c) % c != c - 1)
-        own = identity(n * c, format="csr")
-        return own[:, tangential], own[c - 1 :: c], 1.0
+        every, normal = identity(n * c, format="csr"), np.arange(n * c) % c == c - 1
+        return every[:, ~normal], every[normal], 1.0
     # Both sides slip by κ in their own base, (13).
-    sides = [
-        replace(p, base=sign * p.base) for p, sign in zip(model.pairs, (1.0, -1.0), strict=True)
-    ]
-    L = interface_operator(sides, model.directions[:, :-1])
-    normal = interface_operator(sides, model.directions[:, -1:])
-    return L, 0.5 * normal.T.tocsr(), 0.5
+    sides = [replace(p, base=sign * p.base) for p, sign in zip(model.pairs, (1.0, -1.0))]
+    across = interface_operator(sides, model.directions[:, -1:])
+    return interface_operator(sides, model.directions[:, :-1]), 0.5 * across.T.tocsr(), 0.5

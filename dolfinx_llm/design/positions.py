@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress
+from dolfinx_llm.design.arguments import position_arguments
 from dolfinx_llm.geometry.cells import shape_functions, vector_areas
 from dolfinx_llm.geometry.frame import Frame
 
@@ -432,10 +433,11 @@ def design_positions(
         The designed frame, same cells.
 
     Raises:
+        ContactInputError: an argument of another type, shape or size.
         ContactError: the frame is not flat, does not cover the points, or no start passes.
     """
-    x = [np.asarray(p, dtype=float) for p in x]
-    forces = [np.asarray(f, dtype=float) for f in forces]
+    angles, sizes, search_for = (min_angle, max_angle), (min_side, tol), (seed, starts)
+    x, forces = position_arguments(frame, x, forces, angles, sizes, search_for)
     lmin = 0.3 * frame.quality.min_side if min_side is None else min_side
     bounds = np.array([np.radians(min_angle), np.radians(max_angle), lmin])
     search, exact, free, lift = _scenes(frame, x, forces, bounds)

@@ -22,6 +22,7 @@ def predict_frame(
     forces: Sequence[np.ndarray],
     plane: Plane | None = None,
     by_nodes: bool = False,
+    corners: int | None = None,
 ) -> tuple[Frame, str]:
     """Frame for two surfaces: the facets in contact of the coarser side.
 
@@ -31,11 +32,15 @@ def predict_frame(
         plane: contact plane of flat surfaces, halfway between which the frame lies; None: the
             facets stay where they are.
         by_nodes: of ``coarser_facets``.
+        corners: of the frame's cells where only one kind will do; None: those of the coarser side.
 
     Returns:
         The frame and a sentence that says what it is.
     """
     k, facets = coarser_facets(sides, forces, by_nodes)
+    if corners not in (None, facets.shape[1]):
+        k = 1 - k
+        facets = touched_facets(sides[k], forces[k])
     nodes, cells = np.unique(facets, return_inverse=True)
     cells = cells.reshape(facets.shape)
     x = sides[k].x[nodes]
@@ -56,8 +61,7 @@ def coarser_facets(
     """
     touched = []
     for side, f in zip(sides, forces):
-        # A facet counts if all its nodes carry force: those that the area merely borders do not.
-        facets = side.facets[(f[side.facets] > 0.0).all(axis=1)]
+        facets = touched_facets(side, f)
         size = np.linalg.norm(vector_areas(side.x, facets), axis=1).mean()
         touched.append((facets, size))
     counts = [len(np.unique(facets)) for facets, _ in touched]
@@ -66,11 +70,28 @@ def coarser_facets(
         k = int(np.argmin(counts))
     elif abs(size0 - size1) > 1e-9 * max(size0, size1):
         k = int(size1 > size0)
-    else:  # equally coarse: what does not depend on the order of the sides decides
-        keys = [(-len(facets), tuple(side.x[facets].sum(axis=(0, 1)))) for side, (facets, _) in
-                zip(sides, touched)]  # fmt: skip
-        k = 0 if keys[0] <= keys[1] else 1
+    else:  # equally coarse: what depends neither on the order of the sides nor on the axes decides
+        shapes = [_shape(side.x, facets) for side, (facets, _) in zip(sides, touched)]
+        scale = np.maximum(np.abs(shapes[0]), np.abs(shapes[1]))
+        apart = np.flatnonzero(np.abs(shapes[0] - shapes[1]) > 1e-9 * scale)
+        k = int(shapes[0][apart[0]] > shapes[1][apart[0]]) if len(apart) else 0
     return k, touched[k][0]
+
+
+def touched_facets(side: Surface, forces: np.ndarray) -> np.ndarray:
+    """(m, k) facets of a side whose nodes all carry force: those that the area merely borders do
+    not count."""
+    return side.facets[(forces[side.facets] > 0.0).all(axis=1)]
+
+
+def _shape(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Numbers that tell one mesh from another, however they lie in space."""
+    centre, size = x[facets].mean(axis=1), np.linalg.norm(vector_areas(x, facets), axis=1)
+    away = np.linalg.norm(centre - size @ centre / size.sum(), axis=1)
+    sides = np.linalg.norm(x[facets] - np.roll(x[facets], -1, axis=1), axis=2)
+    return np.array([
+        -len(facets), size @ size, sides.sum(), size @ away**2, size**2 @ away, size @ away**4
+    ])  # fmt: skip
 
 
 def face_side_1(frame: Frame, side0: Surface) -> Frame:

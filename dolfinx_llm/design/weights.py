@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.design.arguments import weight_arguments
 from dolfinx_llm.geometry.frame import Frame
 
 TOLERANCE = 1e-13  # a frame with max|r| / max f below this passes
@@ -67,6 +68,7 @@ def design_weights(
         Pair of corrected (n_i, m) CSR matrices.
 
     Raises:
+        ContactInputError: an argument of another type, shape or size.
         ContactError: the stencils leave too little freedom; the message names the frame nodes.
 
     Three segments between sides of two and of three facets; forces are those of unit pressure:
@@ -84,6 +86,7 @@ def design_weights(
     >>> (designed[0] @ frame.x[:, 0]).round(12)  # linear fields still pass
     array([0. , 1.5, 3. ])
     """
+    s, N, cells, forces, keep = weight_arguments(frame, s, N, cells, forces, keep)
     nodes, mask, P = _stencils(frame.cells, s)
     scale = max(f.max() for f in forces)
     change = [np.ones(len(c)) if keep is None else 1.0 - k for c, k in zip(cells, keep or cells)]

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.operators.petsc import (
-    is_symmetric,
-)
+from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.forms.options import PRECONDITIONERS, check_read, refused
+from dolfinx_llm.operators.petsc import is_symmetric
 
 # Richardson on top of the factorisation is iterative refinement on any number of ranks: MUMPS's
 # own works on one rank only. ICNTL(24): null pivots.
@@ -22,6 +21,10 @@ SADDLE_OPTIONS = {
 }
 
 
+# Where another Krylov method is asked for: the same, but that it stops by itself.
+KRYLOV_OPTIONS = {"ksp_max_it": 30, "ksp_rtol": 1e-12}
+
+
 class DirectSolver:
     """A matrix factorised by MUMPS; solves are refined.
 
@@ -32,6 +35,7 @@ class DirectSolver:
         own: destroy the matrix with the solver.
 
     Raises:
+        ContactInputError: options with names that are not known, or values that PETSc refuses.
         ContactError: MUMPS could not factorise.
     """
 
@@ -45,14 +49,19 @@ class DirectSolver:
         """Set up and factorise, with more spare memory where delayed pivots outgrow it."""
         if self.symmetric:
             self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        options = self._options = self._fitting(options)
+        usual = dict(SADDLE_OPTIONS)
+        if options.get("ksp_type", "richardson") not in ("richardson", "preonly"):
+            del usual["ksp_norm_type"]
+            usual |= KRYLOV_OPTIONS
         for spare in (80, 400, 2000):
             chosen = {
-                **SADDLE_OPTIONS,
+                **usual,
                 "mat_mumps_icntl_14": spare,
                 "pc_type": "cholesky" if self.symmetric else "lu",
                 **options,
             }
-            ksp = set_up_ksp(self.matrix, prefix, chosen)
+            ksp = set_up_ksp(self.matrix, prefix, chosen, options)
             self.infog = mumps_infog(ksp)
             if self.infog.get(1, 0) not in (-8, -9):
                 break
@@ -65,10 +74,27 @@ class DirectSolver:
             )
         return ksp
 
+    def _fitting(self, options: dict) -> dict:
+        """The options given, of which a factorisation is required; Cholesky's needs symmetry."""
+        pc = options.get("pc_type", "lu")
+        if pc in PRECONDITIONERS and pc not in ("lu", "cholesky"):
+            raise ContactInputError(
+                f"petsc_options: pc_type={pc!r}: this form of the system is factorised, give 'lu' "
+                "or 'cholesky' or leave it out; solver='condensed' iterates"
+            )
+        return options | {"pc_type": "lu"} if pc == "cholesky" and not self.symmetric else options
+
     def solve(self, b: np.ndarray) -> np.ndarray:
-        """This rank's part of the solution for its part of a load."""
+        """This rank's part of the solution for its part of a load.
+
+        Raises:
+            ContactError: PETSc cannot solve.
+        """
         self.rhs.array_w[:] = b
-        self.ksp.solve(self.rhs, self.solution)
+        try:
+            self.ksp.solve(self.rhs, self.solution)
+        except PETSc.Error as error:
+            raise refused(error, self._options, "solve") from None
         return self.solution.array_r.copy()
 
     def solve_many(self, b: np.ndarray) -> np.ndarray:
@@ -90,8 +116,20 @@ class DirectSolver:
             item.destroy()
 
 
-def set_up_ksp(matrix, prefix: str, chosen: dict):
-    """A KSP with these options, which do not stay in PETSc's global database."""
+def set_up_ksp(matrix, prefix: str, chosen: dict, given: dict | None = None):
+    """A KSP with these options, which do not stay in PETSc's global database.
+
+    Args:
+        matrix: PETSc AIJ.
+        prefix: of the options.
+        chosen: all options.
+        given: those of them that the user gave, all of which must be known.
+
+    Raises:
+        ContactInputError: options with names that are not known, or values that PETSc refuses.
+        ContactError: PETSc cannot set up the solver.
+    """
+    given = given or {}
     ksp = PETSc.KSP().create(matrix.comm)
     ksp.setOperators(matrix)
     ksp.setOptionsPrefix(prefix)
@@ -102,6 +140,11 @@ def set_up_ksp(matrix, prefix: str, chosen: dict):
     try:
         ksp.setFromOptions()
         ksp.setUp()
+        ours = [key for key in given if prefix + key in added]
+        check_read(ksp, prefix, ours, chosen.keys() - given.keys())
+    except PETSc.Error as error:
+        ksp.destroy()
+        raise refused(error, given, "set up the solver") from None
     finally:
         for key in added:
             database.delValue(key)

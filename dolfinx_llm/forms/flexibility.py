@@ -235,7 +235,9 @@ def _refined(A: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     Raises:
         numpy.linalg.LinAlgError: singular; when called.
     """
-    scale = 1.0 / np.maximum(np.abs(A).max(axis=1, initial=0.0), 1e-300)[:, None]
+    if not len(A):  # supports hold the body, and nothing touches the obstacle
+        return lambda b: b
+    scale = 1.0 / np.maximum(np.abs(A).max(axis=1), 1e-300)[:, None]
     A = A * scale
     factor = scipy.linalg.lu_factor(A, check_finite=False)
     if not np.abs(np.diagonal(factor[0])).min(initial=np.inf) > 0.0:

@@ -30,7 +30,7 @@ def shape_functions(k: int, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return N, np.broadcast_to(dN, (n, k, k - 1))
 
 
-def _on_sides(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+def closest_on_sides(p: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Reference coordinates (n, 2) of the points closest to x on the sides of triangles p."""
     side = np.roll(p, -1, axis=1) - p
     d = x[:, None] - p
@@ -42,12 +42,12 @@ def _on_sides(p: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.stack([[t, 0.0 * t], [1.0 - t, t], [0.0 * t, 1.0 - t]])[best, :, n]
 
 
-def _joined(found: Sequence[list[int]]) -> np.ndarray:
+def joined_lists(found: Sequence[list[int]]) -> np.ndarray:
     """One array of many lists of numbers."""
     return np.fromiter(chain.from_iterable(found), np.int64)
 
 
-def _repeated(of: np.ndarray, found: Sequence[list[int]]) -> np.ndarray:
+def repeated_for(of: np.ndarray, found: Sequence[list[int]]) -> np.ndarray:
     """To whom, of (n,), the numbers of each list belong."""
     return np.repeat(of, [len(f) for f in found])
 
@@ -72,6 +72,23 @@ def cell_sizes(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """(n_cells,) square root of every cell's area, length of segments [length]."""
     area = np.linalg.norm(vector_areas(x, cells), axis=1)
     return area if cells.shape[1] == 2 else np.sqrt(area)
+
+
+def corner_jacobians(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """(n_cells, k) Jacobian at the corners over the cell's mean; of a warped quad, along its
+    mean normal."""
+    p = x[cells]
+    if cells.shape[1] == 2:
+        length = np.linalg.norm(p[:, 1] - p[:, 0], axis=1)
+        return np.column_stack([length, length]) / max(length.mean(), 1e-300)
+    area = vector_areas(x, cells)
+    size = np.linalg.norm(area, axis=1)
+    if cells.shape[1] == 3:
+        side = np.linalg.norm(p - np.roll(p, -1, axis=1), axis=2).max(axis=1)
+        return np.repeat((size / np.maximum(side, 1e-300) ** 2)[:, None], 3, axis=1)
+    corner = np.cross(np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p)
+    normal = area / np.maximum(size, 1e-300)[:, None]
+    return np.einsum("cki,ci->ck", corner, normal) / np.maximum(size, 1e-300)[:, None]
 
 
 def points_of(x: np.ndarray, cells: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, ...]:

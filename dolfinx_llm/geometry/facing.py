@@ -1,85 +1,178 @@
-"""What two surfaces may touch with: flat sides that are tied, facets that face each other.
+"""Which facets of two surfaces can touch: those that face each other and lie near, one by one.
 
-Surfaces that may part are treated in their common plane as long as they tilt little against it;
-those that follow each other, as a pin does its bore, as curved ones.
+Nothing here knows a common plane, so that whole surfaces of bodies may be given, and whatever their
+orientation in space the same facets are found. Two facets face each other where their outward
+normals are opposite within TURN, one lies in front of the other along the mean of both normals, and
+aside of it by no more than a few facets.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.geometry.cells import vector_areas
-from dolfinx_llm.geometry.overlap_flat import Plane
-from dolfinx_llm.geometry.pairs import ContactPairs
+from dolfinx_llm.geometry.cells import joined_lists, repeated_for, vector_areas
+from dolfinx_llm.geometry.separation import Separation
 from dolfinx_llm.geometry.surface import Surface
 
-TILT = 30.0  # [degree] up to which surfaces that may part are treated in their common plane
+TURN = 1.0  # [rad] between facing normals; no two sides of a regular polygon differ by as much
+ASIDE = 3.0  # between centres of facing facets, in the sum of their radii
+BEYOND = 0.5  # how much farther than the nearest ones facets count, in the smaller surface's radius
+BEHIND = 3.0  # how much farther than what is nearest to its partner a facet may lie
+NEAREST = 8  # facets that are tried before all within reach are
+PAIRS = 2_000_000  # of facets that are looked at in one go
 
 
-def facing(sides: Sequence[Surface], plane: Plane, notes: list) -> tuple[Surface, ...]:
-    """The facets of surfaces that may part which tilt at most TILT against their common plane."""
-    out = []
-    for side, sign in zip(sides, (1.0, -1.0)):
-        area = vector_areas(side.x, side.facets)
-        cosine = sign * (area @ plane.normal) / np.linalg.norm(area, axis=1)
-        keep = cosine >= np.cos(np.radians(TILT))
-        if not keep.any():
-            raise ContactError(
-                f"no facet of {side.name} lies within {TILT:g}° of the plane with the normal "
-                f"{plane.normal.round(6).tolist()} between the two surfaces. Tag only the parts "
-                "of both surfaces that may touch"
-            )
-        if not keep.all():
-            notes.append(f"{(~keep).sum()} facets of {side.name} left out: tilted beyond {TILT:g}°")
-        out.append(replace(side, facets=side.facets[keep]))
-    return tuple(out)
+@dataclass(frozen=True, eq=False)
+class Facets:
+    """The facets of a surface as discs."""
 
+    centre: np.ndarray  # (m, gdim) [length]
+    radius: np.ndarray  # (m,) of a ball about the centre that holds the facet [length]
+    normal: np.ndarray  # (m, gdim) unit, out of the body
+    reach: float  # radius of the surface about its own centre [length]
 
-def conformal(sides: Sequence[Surface]) -> bool:
-    """Whether two curved surfaces follow each other, as a pin does its bore: facets tilted beyond
-    TILT against the mean plane mostly face the nearest facet of the other side."""
-    areas = [vector_areas(side.x, side.facets) for side in sides]
-    normals = [a / np.linalg.norm(a, axis=1)[:, None] for a in areas]
-    centres = [side.x[side.facets].mean(axis=1) for side in sides]
-    limit, mean = np.cos(np.radians(TILT)), areas[0].sum(axis=0) - areas[1].sum(axis=0)
-    size, length = np.linalg.norm(areas[0], axis=1).sum(), np.linalg.norm(mean)
-    tilted = np.ones(len(centres[0]), dtype=bool)
-    if length > 1e-6 * size:
-        tilted = normals[0] @ (mean / length) < limit
-    nearest = cKDTree(centres[1]).query(centres[0])[1]
-    facing = np.einsum("fi,fi->f", normals[0], normals[1][nearest]) < -limit
-    return bool(tilted.any() and facing[tilted].mean() > 0.5)
-
-
-def rim(pairs: ContactPairs, whole: Surface) -> np.ndarray:
-    """(n,) whether a facet of the tagged surface next to a node of the pairs is left out."""
-    n = len(whole.x)
-    facets = [np.bincount(f.ravel(), minlength=n) for f in (whole.facets, pairs.surface.facets)]
-    return (facets[0] > facets[1])[pairs.nodes]
-
-
-def check_flat(sides: Sequence[Surface], plane: Plane) -> None:
-    """Require flat sides parallel to each other, closer than a facet's size."""
-    size = max(side.diameter for side in sides)
-    heights = [plane.height(side.x) for side in sides]
-    for side, height in zip(sides, heights):
-        if np.ptp(height) > 1e-6 * size:
-            raise ContactError(
-                f"{side.name} is flat, but not parallel to the other side: its nodes lie within "
-                f"{np.ptp(height):.3g} along the normal {plane.normal.round(6).tolist()} (allowed "
-                f"{1e-6 * size:.3g}). Check the geometry"
-            )
-    gap = heights[1].mean() - heights[0].mean()
-    areas = [np.linalg.norm(vector_areas(side.x, side.facets), axis=1).max() for side in sides]
-    facet = max(areas) ** (1.0 / (len(plane.origin) - 1))
-    if abs(gap) > facet:
-        raise ContactError(
-            f"the surfaces {sides[0].name} and {sides[1].name} lie {gap:.3g} apart along the "
-            f"normal, more than the largest facet's size, {facet:.3g}; Tied() is for surfaces that "
-            "touch. Check tags, positions and units"
+    @classmethod
+    def of(cls, surface: Surface) -> Facets:
+        """The facets of a surface."""
+        p = surface.x[surface.facets]
+        centre, area = p.mean(axis=1), vector_areas(surface.x, surface.facets)
+        size = np.linalg.norm(area, axis=1)
+        middle = size @ centre / size.sum()
+        return cls(
+            centre,
+            np.linalg.norm(p - centre[:, None], axis=2).max(axis=1),
+            area / size[:, None],
+            float(np.linalg.norm(centre - middle, axis=1).max()),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Facing:
+    """Facets of one side that can touch the other."""
+
+    facets: np.ndarray  # (k,) ascending numbers
+    partner: np.ndarray  # (k,) a facet of the other side that each faces
+
+
+def facing_facets(
+    sides: Sequence[Surface], separations: Sequence[Separation]
+) -> tuple[Facing, Facing]:
+    """The facets of two surfaces that can touch.
+
+    Args:
+        sides: the two surfaces.
+        separations: how far their nodes lie from each other; bodies may overlap in the drawing.
+
+    Returns:
+        The facets of both sides; none at all where nothing faces.
+    """
+    all_facets = [Facets.of(side) for side in sides]
+    depth = max(float(s.depth.max()) for s in separations)
+    found = []
+    for k in (0, 1):
+        distance = separations[k].distance[sides[k].facets].mean(axis=1)
+        found.append(_Search(all_facets[k], all_facets[1 - k], depth).partners(distance))
+    nearest = min(gap.min(initial=np.inf) for _, gap in found)
+    limit = nearest + BEYOND * min(f.reach for f in all_facets)
+    keep = [np.flatnonzero(np.isfinite(gap) & (gap <= limit)) for _, gap in found]
+    out = []
+    for k in (0, 1):  # what lies behind another part of the other body cannot be touched
+        (partner, gap), (_, other) = found[k], found[1 - k]
+        own, across = keep[k], partner[keep[k]]
+        sizes = all_facets[k].radius[own] + all_facets[1 - k].radius[across]
+        seen = own[gap[own] <= BEHIND * np.maximum(other[across], 0.0) + 2.0 * sizes]
+        out.append(Facing(seen, partner[seen]))
+    return out[0], out[1]
+
+
+class _Search:
+    """Finds for facets one of the other side that they face."""
+
+    def __init__(self, own: Facets, other: Facets, depth: float):
+        self.own, self.other, self.depth = own, other, depth
+        step = np.log2(other.radius / other.radius.min()).astype(int)
+        self.sizes = [np.flatnonzero(step == k) for k in np.unique(step)]
+        self.trees = [cKDTree(other.centre[group]) for group in self.sizes]
+        self.partner = np.full(len(own.centre), -1)
+        self.gap = np.full(len(own.centre), np.inf)
+
+    def partners(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(m,) partner of each facet, -1 for none, and the gap between them.
+
+        Args:
+            distance: (m,) of each facet from the other surface [length].
+        """
+        own, other = self.own, self.other
+        everywhere = cKDTree(other.centre)
+        for ahead in (0.0 * distance, distance):  # most face one of those next to them
+            points = own.centre + ahead[:, None] * own.normal
+            near = everywhere.query(points, k=min(NEAREST, len(other.centre)))[1]
+            near = near.reshape(len(points), -1)
+            self._try(np.repeat(np.arange(len(points)), near.shape[1]), near.ravel())
+        span = np.linalg.norm(own.centre.mean(axis=0) - other.centre.mean(axis=0))
+        span += own.reach + other.reach
+        low = np.zeros(len(own.centre))
+        high = 2.0 * own.radius
+        while True:  # farther and farther ahead of those that have found none
+            limit = min(span, self.gap.min() + BEYOND * min(own.reach, other.reach))
+            rest = np.flatnonzero((self.partner < 0) & (low <= limit))
+            if not len(rest):
+                return self.partner, self.gap
+            self._look_ahead(rest, low[rest], high[rest])
+            low[rest], high[rest] = high[rest], 1.5 * high[rest]
+
+    def _look_ahead(self, facet: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
+        """Try all facets of the other side with a gap between two bounds."""
+        first = low == 0.0
+        middle = np.where(first, 0.0, 0.5 * (low + high))
+        # The mean of two normals is off one of them by at most TURN / 2, and what is across, too.
+        sine = np.sin(0.5 * TURN)
+        lean = (2.0 * np.sin(0.25 * TURN) + sine / (1.0 - sine)) * high
+        around = np.where(first, 2.0 * high + self.depth, 0.5 * (high - low) + lean)
+        points = self.own.centre[facet] + middle[:, None] * self.own.normal[facet]
+        for group, tree in zip(self.sizes, self.trees):
+            largest = self.other.radius[group].max()
+            reach = around + ASIDE * (self.own.radius[facet] + largest) / (1.0 - sine)
+            for some in _portions(tree.query_ball_point(points, reach, return_length=True)):
+                near = tree.query_ball_point(points[some], reach[some])
+                self._try(repeated_for(facet[some], near), group[joined_lists(near)])
+
+    def _try(self, facet: np.ndarray, other: np.ndarray) -> None:
+        """Keep the nearest of the facets that face each other, of pairs (n,), (n,)."""
+        gap = self._gaps(facet, other)
+        good = np.flatnonzero(np.isfinite(gap))
+        order = good[np.lexsort((np.abs(gap[good]), facet[good]))]
+        first = order[np.unique(facet[order], return_index=True)[1]]
+        first = first[np.abs(gap[first]) < np.abs(self.gap[facet[first]])]
+        self.partner[facet[first]], self.gap[facet[first]] = other[first], gap[first]
+
+    def _gaps(self, facet: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """(n,) gap between facets along the mean of their normals; inf where they do not face."""
+        n0, n1 = self.own.normal[facet], self.other.normal[other]
+        d = self.other.centre[other] - self.own.centre[facet]
+        cosine = -np.einsum("ni,ni->n", n0, n1)
+        good = cosine > np.cos(TURN)
+        m = n0 - n1
+        m /= np.maximum(np.linalg.norm(m, axis=1), 1e-300)[:, None]
+        gap = np.einsum("ni,ni->n", d, m)
+        aside = np.linalg.norm(d - gap[:, None] * m, axis=1)
+        sizes = self.own.radius[facet] + self.other.radius[other]
+        # Along either normal a facet is across, and of facets that lean these are two directions.
+        lean = np.linalg.norm(d, axis=1) * np.sqrt(np.maximum(0.5 * (1.0 - cosine), 0.0))
+        good &= aside <= ASIDE * sizes + lean
+        # Each has a point in front of the other's plane, or no deeper than bodies overlap.
+        sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+        deepest = -1.001 * self.depth - 1e-6 * sizes
+        good &= np.einsum("ni,ni->n", d, n0) + self.other.radius[other] * sine >= deepest
+        good &= self.own.radius[facet] * sine - np.einsum("ni,ni->n", d, n1) >= deepest
+        return np.where(good, gap, np.inf)
+
+
+def _portions(counts: np.ndarray) -> Iterator[np.ndarray]:
+    """Numbers 0, 1, ... in portions whose counts add up to no more than PAIRS, or of one."""
+    total = np.cumsum(counts)
+    yield from np.split(np.arange(len(counts)), np.flatnonzero(np.diff(total // PAIRS)) + 1)

@@ -19,7 +19,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.geometry.cells import cell_sizes, points_of, vector_areas
+from dolfinx_llm.geometry.cells import cell_sizes, corner_jacobians, points_of
 from dolfinx_llm.geometry.location import ClosestPoints, Location
 
 POSITIONS, NUMBERS = "give (m, gdim) node positions", "give (n, k) node numbers, integers"
@@ -146,20 +146,7 @@ class Frame:
 
     @cached_property
     def _corner_jacobians(self) -> np.ndarray:
-        """(n_cells, k) Jacobian at the corners over the cell's mean; of a warped quad, along its
-        mean normal."""
-        p = self.x[self.cells]
-        if self.cells.shape[1] == 2:
-            length = np.linalg.norm(p[:, 1] - p[:, 0], axis=1)
-            return np.column_stack([length, length]) / max(length.mean(), 1e-300)
-        area = vector_areas(self.x, self.cells)
-        size = np.linalg.norm(area, axis=1)
-        if self.cells.shape[1] == 3:
-            side = np.linalg.norm(p - np.roll(p, -1, axis=1), axis=2).max(axis=1)
-            return np.repeat((size / np.maximum(side, 1e-300) ** 2)[:, None], 3, axis=1)
-        corner = np.cross(np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p)
-        normal = area / np.maximum(size, 1e-300)[:, None]
-        return np.einsum("cki,ci->ck", corner, normal) / np.maximum(size, 1e-300)[:, None]
+        return corner_jacobians(self.x, self.cells)
 
     @cached_property
     def quality(self) -> Quality:

@@ -9,11 +9,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.geometry.cells import (
-    _joined,
-    _on_sides,
-    _repeated,
     cell_sizes,
+    closest_on_sides,
+    joined_lists,
     points_of,
+    repeated_for,
     shape_functions,
     vector_areas,
 )
@@ -120,7 +120,7 @@ class ClosestPoints:
         centre, radius = self._balls
         on = np.flatnonzero(bound <= rounding)
         found = cKDTree(x[on]).query_ball_point(centre, radius + 2.0 * rounding.max())
-        points, cells = [on[_joined(found)]], [_repeated(np.arange(len(centre)), found)]
+        points, cells = [on[joined_lists(found)]], [repeated_for(np.arange(len(centre)), found)]
         normal = vector_areas(self.x, self.cells)
         normal /= np.linalg.norm(normal, axis=1)[:, None]
         corners = self.x[self.cells] - centre[:, None]
@@ -128,7 +128,7 @@ class ClosestPoints:
         off, bound, tree = np.flatnonzero(bound > rounding), bound + rounding, cKDTree(centre)
         for some in np.array_split(off, len(off) // 1000 + 1):  # points far away have many cells
             found = tree.query_ball_point(x[some], bound[some] + radius.max())
-            point, cell = _repeated(some, found), _joined(found)
+            point, cell = repeated_for(some, found), joined_lists(found)
             d = x[point] - centre[cell]
             height = np.einsum("ni,ni->n", d, normal[cell])
             along = np.linalg.norm(d - height[:, None] * normal[cell], axis=1) - radius[cell]
@@ -155,5 +155,5 @@ class ClosestPoints:
                 break
         if k == 3:
             beyond = np.flatnonzero((xi < 0.0).any(axis=1) | (xi.sum(axis=1) > 1.0))
-            xi[beyond] = _on_sides(self.x[self.cells[cell[beyond]]], x[beyond])
+            xi[beyond] = closest_on_sides(self.x[self.cells[cell[beyond]]], x[beyond])
         return xi, np.linalg.norm(x - points_of(self.x, self.cells[cell], xi)[1], axis=1)

@@ -43,11 +43,14 @@ def facet_vectors(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
     return np.einsum("mgi,gk->mki", np.cross(t[:, :, 0], t[:, :, 1]), N)
 
 
-def vector_areas_in_contact(side0: Surface, side1: Surface) -> list[np.ndarray]:
+def vector_areas_in_contact(
+    side0: Surface, side1: Surface, may_part: bool = False
+) -> list[np.ndarray]:
     """Vector areas a_p of the nodes of two surfaces over what both cover.
 
     Args:
         side0, side1: the surfaces.
+        may_part: they may lie any distance apart; else no more than REACH facets.
 
     Returns:
         Pair of (n_i, gdim) vector areas, out of each side [area]; zero at nodes without contact.
@@ -55,7 +58,8 @@ def vector_areas_in_contact(side0: Surface, side1: Surface) -> list[np.ndarray]:
     Raises:
         ContactError: the surfaces face the same way, lie too far apart, or do not overlap.
     """
-    vectors = [_covered(side, other) for side, other in ((side0, side1), (side1, side0))]
+    reach = np.inf if may_part else REACH
+    vectors = [_covered(side, other, reach) for side, other in ((side0, side1), (side1, side0))]
     if not all(np.abs(a).any() for a in vectors):
         _no_overlap(side0, side1)
     return vectors
@@ -72,7 +76,7 @@ def _no_overlap(side: Surface, other: Surface) -> NoReturn:
     )
 
 
-def _covered(side: Surface, other: Surface) -> np.ndarray:
+def _covered(side: Surface, other: Surface, reach: float) -> np.ndarray:
     """(n, gdim) vector areas of a side's nodes over what the other covers."""
     surface, area = Frame(other.x, other.facets), vector_areas(side.x, side.facets)
     normal = area / np.linalg.norm(area, axis=1)[:, None]
@@ -84,7 +88,7 @@ def _covered(side: Surface, other: Surface) -> np.ndarray:
     facing = np.einsum("fi,fi->f", normal, bases(tangents)[:, -1])
     border = _near_outline(other, centre, radius)
     gap = np.linalg.norm(centre - y, axis=1)
-    within = gap <= REACH * np.maximum(2.0 * radius, surface.cell_size[at.cell])
+    within = gap <= reach * np.maximum(2.0 * radius, surface.cell_size[at.cell])
     inside = (at.outside < 0.5) & ~border
     _check(side, other, inside, facing, gap, within, 2.0 * radius)
     vectors = np.zeros(p.shape)
@@ -92,7 +96,7 @@ def _covered(side: Surface, other: Surface) -> np.ndarray:
     vectors[whole] = facet_vectors(side.x, side.facets[whole])
     clip: Any = _Clip(other, side) if border.any() else None
     for f in np.flatnonzero(border):  # the few facets at the outline
-        vectors[f] = clip(p[f], normal[f], radius[f])
+        vectors[f] = clip(p[f], normal[f], radius[f], gap[f] if reach > REACH else 0.0)
     a = np.zeros_like(side.x)
     np.add.at(a, side.facets, vectors)
     return a
@@ -164,15 +168,16 @@ class _Clip:
         self.off = off[other.facets].max(axis=1)
         self.tree = cKDTree(self.centre)
 
-    def __call__(self, p: np.ndarray, normal: np.ndarray, radius: float) -> np.ndarray:
+    def __call__(self, p: np.ndarray, normal: np.ndarray, radius: float, gap: float) -> np.ndarray:
         """(k, gdim) integrals of N n dA over the covered part of the facet p (k, gdim)."""
         k, gdim = p.shape
         centre = p.mean(axis=0)
-        near = np.array(self.tree.query_ball_point(centre, 1.5 * (radius + self.radius)), int)
+        reach = 1.5 * (radius + self.radius) + gap
+        near = np.array(self.tree.query_ball_point(centre, reach), int)
         base = orthonormal_base(normal)[:-1]
         height = (self.p[near] - centre) @ normal
         facing = self.normal[near] @ normal
-        close = np.abs(height).min(axis=1) <= 2.0 * REACH * max(radius, self.radius)
+        close = np.abs(height).min(axis=1) <= 2.0 * REACH * max(radius, self.radius) + gap
         keep = (facing < FACING) & close
         if not keep.any():
             return np.zeros(p.shape)

@@ -84,6 +84,11 @@ def common_plane(side0: Surface, side1: Surface) -> Plane:
         )
     # Neither side may be preferred: the difference of the unit normals, the mean of the centres.
     normal = np.subtract(a0 / n0 if n0 > 0.0 else 0.0, a1 / n1 if n1 > 0.0 else 0.0)
+    return plane_with(normal, side0, side1)
+
+
+def plane_with(normal: np.ndarray, side0: Surface, side1: Surface) -> Plane:
+    """Plane with a normal, of any length, in the middle of what two surfaces share."""
     normal = normal / np.linalg.norm(normal)
     normal[np.abs(normal) < 4e-16] = 0.0
     normal = normal / np.linalg.norm(normal)

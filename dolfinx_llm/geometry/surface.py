@@ -33,6 +33,23 @@ class Surface:
         """(n, gdim) node positions as drawn [length]."""
         return self.x if self.drawn is None else self.drawn
 
+    def part(self, facets: np.ndarray) -> Surface:
+        """Some of the facets, and their nodes, in the same order.
+
+        Args:
+            facets: (k,) numbers of facets.
+        """
+        nodes, cells = np.unique(self.facets[facets], return_inverse=True)
+        drawn = None if self.drawn is None else self.drawn[nodes]
+        return replace(
+            self,
+            x=self.x[nodes],
+            facets=cells.reshape(len(facets), -1),
+            dofs=self.dofs[nodes],
+            owner=self.owner[nodes],
+            drawn=drawn,
+        )
+
     def moved(self, u: np.ndarray) -> Surface:
         """The surface at x = X + u; nothing is gathered anew.
 

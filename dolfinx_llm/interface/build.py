@@ -8,38 +8,35 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import Clock
 from dolfinx_llm.design.curved import balance, curved_rows, nodal_normals, vector_residual
-from dolfinx_llm.design.line import check_closed_form, frame_at_roots
-from dolfinx_llm.design.positions import design_positions
-from dolfinx_llm.design.predict import face_side_1, predict_frame
+from dolfinx_llm.design.line import check_closed_form
 from dolfinx_llm.design.weights import TOLERANCE, design_weights, patch_residual
-from dolfinx_llm.geometry.facing import check_flat, conformal, facing, rim
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.geometry.overlap_curved import facet_vectors, is_flat, vector_areas_in_contact
+from dolfinx_llm.geometry.overlap_curved import vector_areas_in_contact
 from dolfinx_llm.geometry.overlap_flat import (
     Plane,
     common_area,
-    common_plane,
     local_bases,
     nodal_forces,
 )
 from dolfinx_llm.geometry.pairs import ContactPairs, locate_pairs, rank_certificate, with_weights
+from dolfinx_llm.geometry.pieces import Piece
 from dolfinx_llm.geometry.surface import Surface, check_sides, extract_surface
+from dolfinx_llm.interface.against import against_obstacle
 from dolfinx_llm.interface.anatomy import describe
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.frames import choose_frame, move_nodes
 from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.join import Part, joined, whole_piece
+from dolfinx_llm.interface.touching import check_flat, find_pieces
 
 log = logging.getLogger("dolfinx_llm")
-
-COVERED, REACH = 1e-6, 3.0  # cells that a node may lie beyond a given, a predicted frame
 
 
 def build_model(
@@ -63,25 +60,67 @@ def build_model(
         extract_surface(spaces[i], tags, tag)
         for i, (tags, tag) in zip(owners, interface.tagged_sides())
     )
+    notes: list[str] = []
     if interface.obstacle is not None:
-        return _obstacle_model(interface, whole[0], owners, clock)
+        pairs, rim = against_obstacle(interface.obstacle, whole[0], interface.name, notes)
+        clock.stop("surfaces")
+        base = np.empty((0, *pairs.base.shape[1:]))
+        return _model(interface, owners, [pairs], None, base, None, [rim], notes, clock)
     check_sides(whole[0], whole[1], same_mesh=owners[0] == owners[1])
     clock.stop("surfaces")
-    notes: list[str] = []
-    sides, plane = _facing_sides(interface, whole, notes)
+    law = interface.law
+    pieces, whole_rims = find_pieces(whole, law.unilateral, interface.name, notes)
+    if len(pieces) > 1 and interface.frame is not None:
+        pieces = [whole_piece(pieces)]
+    clock.stop("facing facets")
+    held: Any = None if fixed is None else [(spaces[i], fixed[i]) for i in owners]
+    parts: list[Part] = []
+    for piece in pieces:  # one frame has cells of one kind
+        corners = parts[0].frame.cells.shape[1] if parts else None
+        parts.append(_build_piece(interface, whole, piece, spaces[0], held, corners, notes, clock))
+    both, frame, base, certificate = joined(whole, parts)
+    rims = [
+        rim[np.isin(side.dofs, p.surface.dofs)][p.nodes]
+        for rim, side, p in zip(whole_rims, whole, both, strict=True)
+    ]
+    return _model(interface, owners, both, frame, base, certificate, rims, notes, clock)
+
+
+def _build_piece(
+    interface: Interface,
+    whole: Sequence[Surface],
+    piece: Piece,
+    V: Any,
+    held: Any,
+    corners: int | None,
+    notes: list[str],
+    clock: Clock,
+) -> Part:
+    """Common area, frame, design and pairs of one piece of two surfaces.
+
+    Args:
+        corners: of a predicted frame's cells; None: those of the coarser side.
+        held: per side its function space and (n_owned dofs,) whether a dof is prescribed.
+    """
+    law, plane = interface.law, piece.plane
+    sides = whole[0].part(piece.facets[0]), whole[1].part(piece.facets[1])
     area: Any = None
     if plane is None:  # curved: vector areas, smooth rows, balance in least squares
-        vectors = vector_areas_in_contact(*sides)
+        if interface.design == "positions":
+            raise ContactInputError("design='positions' needs flat sides; use 'weights' or 'auto'")
+        vectors = vector_areas_in_contact(sides[0], sides[1], law.unilateral)
         forces = [np.linalg.norm(a, axis=1) for a in vectors]
     else:
+        if not law.unilateral:
+            check_flat(sides, plane)
         area = common_area(sides[0], sides[1], plane)
         forces = [nodal_forces(side, plane.project(side.x), area) for side in sides]
     clock.stop("patch forces")
-    frame, note, reach = _frame(interface, sides, forces, plane, area)
+    frame, note, reach = choose_frame(interface, sides, forces, plane, area, corners)
     notes.append(note)
     clock.stop("frame")
     if interface.design == "positions" and frame.gdim == 3:
-        frame = _moved(frame, sides, forces, spaces[0].mesh.comm)
+        frame = move_nodes(frame, sides, forces, V.mesh.comm)
         notes.append("design: frame nodes moved (positions)")
         clock.stop("design")
     pairs = [
@@ -93,45 +132,27 @@ def build_model(
         pairs, certificate = _balanced(interface, frame, pairs, vectors, notes)
         base = local_bases(nodal_normals(frame))
     else:
-        keep = fixed and [_fixed_nodes(p, spaces[i], fixed[i]) for p, i in zip(pairs, owners)]
+        keep = held and [_fixed_nodes(p, *h) for p, h in zip(pairs, held)]
         pairs, certificate = _designed(interface, frame, plane, pairs, notes, keep)
         base = np.broadcast_to(plane.base, (len(frame.x), *plane.base.shape))
     clock.stop("design")
-    return _model(interface, whole, owners, pairs, frame, base, certificate, notes, clock)
-
-
-def _facing_sides(
-    interface: Interface, sides: tuple[Surface, ...], notes: list[str]
-) -> tuple[tuple[Surface, ...], Plane | None]:
-    """What of two sides takes part, and their plane; None: they are curved."""
-    size = max(side.diameter for side in sides)
-    if interface.law.unilateral and not conformal(sides):
-        sides = facing(sides, common_plane(*sides), notes)
-    elif not all(is_flat(side, 1e-6 * size) for side in sides):
-        if interface.design == "positions":
-            raise ContactInputError("design='positions' needs flat sides; use 'weights' or 'auto'")
-        return sides, None
-    plane = common_plane(*sides)
-    if not interface.law.unilateral:
-        check_flat(sides, plane)
-    return sides, plane
+    return Part(tuple(pairs), frame, base, certificate)
 
 
 def _model(
     interface: Interface,
-    whole: Sequence[Surface],
     owners: Sequence[int],
     pairs: Sequence[ContactPairs],
     frame: Frame | None,
     base: np.ndarray,
     certificate: Certificate | None,
+    rims: Sequence[np.ndarray],
     notes: Sequence[str],
     clock: Clock,
 ) -> ContactModel:
     """The model with the base vectors and frame directions that the law needs.
 
     Args:
-        whole: the surfaces as they are tagged; those of the pairs may lack facets.
         base: (m, gdim, gdim) tangents and normal, out of side 0, at the frame's nodes.
     """
     law, gdim = interface.law, base.shape[2]
@@ -147,52 +168,12 @@ def _model(
         base = np.broadcast_to(np.eye(gdim), base.shape)
     model = ContactModel(
         interface, tuple(p.surface for p in pairs), tuple(owners), tuple(pairs), frame, base,
-        float(pairs[0].forces.sum()), certificate,
-        tuple(rim(p, side) for p, side in zip(pairs, whole)), tuple(notes), clock.times,
+        float(pairs[0].forces.sum()), certificate, tuple(rims), tuple(notes), clock.times,
     )  # fmt: skip
     if log.isEnabledFor(logging.INFO):
         stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())
         log.info("%s\n    %s", "\n".join(describe(model)).strip(), stages)
     return model
-
-
-def _obstacle_model(
-    interface: Interface, side: Surface, owners: Sequence[int], clock: Clock
-) -> ContactModel:
-    """A body against a rigid obstacle: every surface node against its point of the obstacle."""
-    obstacle: Any = interface.obstacle
-    gdim = side.x.shape[1]
-    if obstacle.gdim != gdim:
-        raise ContactInputError(
-            f"the {type(obstacle).__name__} lies in {obstacle.gdim}D, the body in {gdim}D"
-        )
-    distance, normal = obstacle.clearance(side.x)
-    vectors = np.zeros_like(side.x)
-    np.add.at(vectors, side.facets, facet_vectors(side.x, side.facets))
-    area = np.linalg.norm(vectors, axis=1)
-    facing = np.einsum("ni,ni->n", vectors, normal)
-    reachable = np.isfinite(distance) & (facing > 0.0)
-    if not reachable.any():
-        raise ContactError(
-            f"no node of {side.name} faces the {type(obstacle).__name__}: seen from the body it "
-            "must lie on the outer side of the surface. Check the obstacle's normal, `inside`, the "
-            "tag and positions"
-        )
-    clock.stop("surfaces")
-    nodes = np.flatnonzero(reachable)
-    pairs = ContactPairs(
-        surface=side,
-        nodes=nodes,
-        forces=area[nodes],
-        cell=np.zeros(len(nodes), dtype=np.int64),
-        N=csr_matrix((len(nodes), 0)),
-        normal=normal[nodes],
-        base=np.broadcast_to(np.eye(gdim), (len(nodes), gdim, gdim)).copy(),
-        gap=-distance[nodes, None] * normal[nodes],
-    )
-    notes = [f"rigid {type(obstacle).__name__}: {len(nodes)} nodes face it"]
-    base = np.empty((0, gdim, gdim))
-    return _model(interface, [side], owners, [pairs], None, base, None, notes, clock)
 
 
 def _balanced(
@@ -246,49 +227,6 @@ def _space_of(tags: Any, spaces: Sequence[Any]) -> int:
         "the facet tags belong to none of the meshes of the forms. For bodies on two meshes give "
         "sides=((tags_0, tag_0), (tags_1, tag_1))"
     )
-
-
-def _frame(
-    interface: Interface,
-    sides: tuple[Surface, ...],
-    forces: Sequence[np.ndarray],
-    plane: Plane | None,
-    area: Any,
-) -> tuple[Frame, str, float]:
-    """The user's frame, turned to point out of side 0, or a predicted one.
-
-    Returns:
-        The frame, a sentence that says what it is, and how many cells a node may lie beyond its
-        outline.
-    """
-    if interface.frame is not None:
-        frame = face_side_1(interface.frame, sides[0])
-        if plane is None:
-            return frame, "frame: given", REACH
-        if frame.gdim == 2 and interface.design == "positions":
-            return *frame_at_roots(sides, plane, area, frame), COVERED
-        return frame, "frame: given", COVERED
-    if plane and len(plane.origin) == 2 and interface.design in ("positions", "auto"):
-        try:
-            return *frame_at_roots(sides, plane, area), COVERED
-        except ContactError as error:
-            if interface.design == "positions":
-                raise
-            log.info("closed form of the frame left out: %s", error)
-    return *predict_frame(sides, forces, plane, interface.law.unilateral), REACH
-
-
-def _moved(
-    frame: Frame, sides: Sequence[Surface], forces: Sequence[np.ndarray], comm: MPI.Comm
-) -> Frame:
-    """The frame with its nodes moved, found on one rank: the search feels rounding, which need not
-    be the same on all."""
-    in_contact = [f > 0.0 for f in forces]
-    with collective(comm):
-        if comm.rank == 0:
-            x = [side.x[k] for side, k in zip(sides, in_contact)]
-            frame = design_positions(frame, x, [f[k] for f, k in zip(forces, in_contact)])
-    return comm.bcast(frame, root=0)
 
 
 def _fixed_nodes(pairs: ContactPairs, V: Any, fixed: np.ndarray) -> np.ndarray:

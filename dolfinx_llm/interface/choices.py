@@ -9,7 +9,7 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.surface import check_facet_tags
-from dolfinx_llm.interface.obstacles import _Obstacle
+from dolfinx_llm.interface.obstacles import Obstacle
 from dolfinx_llm.laws.law import LAWS, Coulomb, Frictionless, Tied
 
 DESIGNS = ("auto", "positions", "weights", None)
@@ -25,7 +25,8 @@ class Interface:
     Args:
         facet_tags: dolfinx mesh tags of facets; unused where ``sides`` brings its own.
         sides: the two facet tags, e.g. (3, 7); or ((tags_0, 3), (tags_1, 7)) for two meshes. One
-            of them may be a rigid obstacle, e.g. ``RigidPlane``.
+            of them may be a rigid obstacle, e.g. ``RigidPlane``. Whole surfaces of bodies may be
+            tagged: what can touch is found facet by facet.
         law: contact law: ``Tied()``, ``Frictionless()`` or ``Coulomb(mu)``.
         frame: contact frame; None: predicted from the two surfaces.
         design: how the frame is made to pass the patch test (28): "weights" corrects the rows of
@@ -52,7 +53,7 @@ class Interface:
         if len(sides) != 2:
             checks.refuse("sides", self.sides, SIDES)
         object.__setattr__(self, "sides", tuple(_side(side) for side in sides))
-        rigid = sum(isinstance(side, _Obstacle) for side in sides)
+        rigid = sum(isinstance(side, Obstacle) for side in sides)
         if rigid == 2:
             raise ContactInputError("both sides are rigid obstacles: one must be a body")
         if rigid and self.frame is not None:
@@ -64,19 +65,19 @@ class Interface:
     def name(self) -> str:
         """The two sides, for messages."""
         names = [
-            type(side).__name__ if isinstance(side, _Obstacle) else str(_tagged(self, side)[1])
+            type(side).__name__ if isinstance(side, Obstacle) else str(_tagged(self, side)[1])
             for side in self.sides
         ]
         return " | ".join(names)
 
     @property
-    def obstacle(self) -> _Obstacle | None:
+    def obstacle(self) -> Obstacle | None:
         """The rigid side, if there is one."""
-        return next((side for side in self.sides if isinstance(side, _Obstacle)), None)
+        return next((side for side in self.sides if isinstance(side, Obstacle)), None)
 
     def tagged_sides(self) -> list[tuple[Any, int]]:
         """The sides that are bodies, as (facet tags, tag)."""
-        return [_tagged(self, side) for side in self.sides if not isinstance(side, _Obstacle)]
+        return [_tagged(self, side) for side in self.sides if not isinstance(side, Obstacle)]
 
 
 def _tagged(interface: Interface, side: Any) -> Any:
@@ -85,7 +86,7 @@ def _tagged(interface: Interface, side: Any) -> Any:
 
 def _side(side: Any) -> Any:
     """A side as an obstacle, a tag, or a tuple of facet tags and tag."""
-    if isinstance(side, _Obstacle):
+    if isinstance(side, Obstacle):
         return side
     if not isinstance(side, (tuple, list)):
         return checks.integer("sides: facet tag", side, SIDES)

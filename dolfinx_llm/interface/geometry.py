@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
@@ -28,3 +30,19 @@ class ContactModel:
     rims: tuple[np.ndarray, ...]  # per side (n,) pairs next to facets that were left out
     notes: tuple[str, ...]  # what was chosen or left out, and why
     times: dict[str, float]  # seconds per stage
+
+    @cached_property
+    def opposite(self) -> tuple[csr_matrix, ...]:
+        """Per side (n, n_other) values of the other side's nodes at the point of its facets, as
+        drawn, that is closest to each node; empty against a rigid obstacle."""
+        found = []
+        for own, other in zip(self.pairs, self.pairs[::-1] if len(self.pairs) == 2 else ()):
+            x, facets = other.x, other.facets
+            used, cells = np.unique(facets, return_inverse=True)
+            at = Frame(x[used], cells.reshape(facets.shape)).locate(own.x)
+            N = np.maximum(at.N, 0.0)  # beyond the rim the nearest point of it counts
+            N /= N.sum(axis=1, keepdims=True)
+            nodes, shape = facets[at.cell], (len(own.x), len(x))
+            row = np.repeat(np.arange(len(own.x)), nodes.shape[1])
+            found.append(csr_matrix((N.ravel(), (row, nodes.ravel())), shape))
+        return tuple(found)

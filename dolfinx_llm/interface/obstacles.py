@@ -40,45 +40,63 @@ def _radius(value: float, inside: bool) -> float:
 
 
 @dataclass(eq=False)
-class _Obstacle:
-    """What all obstacles share."""
+class Obstacle:
+    """What all obstacles share, and the base of your own: write ``clearance``.
+
+    Args:
+        displacement: (gdim,) motion since the drawing [length]; None: at rest.
+
+    >>> class Sine(Obstacle):
+    ...     "The floor y = sin(x) / 10."
+    ...
+    ...     def clearance(self, x):
+    ...         slope = 0.1 * np.cos(x[:, 0])  # of the floor below a point
+    ...         normal = np.column_stack([slope, -np.ones(len(x))])
+    ...         length = np.linalg.norm(normal, axis=1)
+    ...         return (x[:, 1] - 0.1 * np.sin(x[:, 0])) / length, normal / length[:, None]
+    >>> Sine().clearance(np.array([[0.0, 0.5]]))[0].round(6)
+    array([0.497519])
+    """
 
     # (gdim,) motion since the drawing [length]; may be set anew before every solve
     displacement: np.ndarray | None = field(default=None, kw_only=True)
 
-    def motion(self, gdim: int) -> np.ndarray:
+    def motion(self, gdim: int | None) -> np.ndarray:
         """(gdim,) the displacement [length], zeros where none is set.
 
         Args:
-            gdim: dimension of the space, 2 or 3.
+            gdim: dimension of the space, 2 or 3; None: whatever the displacement has.
 
         Raises:
             ContactInputError: another size, or values that are not finite.
         """
         if self.displacement is None:
-            return np.zeros(gdim)
+            return np.zeros(gdim or 0)
         return _vector("displacement", self.displacement, gdim)
 
     def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance of points to the surface, and the direction into the obstacle.
 
+        It is asked once, for the surface's nodes as drawn; a linear estimate of the distance along
+        the direction is enough where nodes are near.
+
         Args:
             x: (n, gdim) points of a body, as drawn [length].
 
         Returns:
-            (n,) distance, negative inside the obstacle [length], and (n, gdim) unit vectors into
-            it.
+            (n,) distance, negative inside the obstacle, inf where there is none of it [length], and
+            (n, gdim) unit vectors into it.
         """
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} must define clearance(x)")
 
     @property
-    def gdim(self) -> int:
-        """Dimension of the space, 2 or 3."""
-        raise NotImplementedError
+    def gdim(self) -> int | None:
+        """Dimension of the space, 2 or 3; None: any."""
+        return None
 
 
 @dataclass(eq=False)
-class RigidPlane(_Obstacle):
+class RigidPlane(Obstacle):
     """A half-space.
 
     Args:
@@ -114,7 +132,7 @@ class RigidPlane(_Obstacle):
 
 
 @dataclass(eq=False)
-class RigidSphere(_Obstacle):
+class RigidSphere(Obstacle):
     """A ball (a disc in 2D), or with ``inside`` a cavity that holds the body.
 
     Args:
@@ -151,7 +169,7 @@ class RigidSphere(_Obstacle):
 
 
 @dataclass(eq=False)
-class RigidCylinder(_Obstacle):
+class RigidCylinder(Obstacle):
     """An endless cylinder in 3D, or with ``inside`` a bore that holds the body.
 
     Args:
@@ -188,7 +206,7 @@ class RigidCylinder(_Obstacle):
 
 
 @dataclass(eq=False)
-class RigidSurface(_Obstacle):
+class RigidSurface(Obstacle):
     """A surface mesh: the closest point counts, with the normal of its cell.
 
     Args:

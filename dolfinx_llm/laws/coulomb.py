@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 OPEN, STICK, SLIP = 0, 1, 2
+CLOSED = 3  # in contact, without friction
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,19 +30,20 @@ class FrictionRows:
     C_N: np.ndarray  # (n, d)
     rhs: np.ndarray  # (n, d) [force]
 
-    def tied(self, speaker: np.ndarray, c: float) -> FrictionRows:
+    def tied(self, speaker: np.ndarray, unheld: np.ndarray, c: float) -> FrictionRows:
         """The same, but that nodes for which others speak slip as those do: their δ, taken relative
-        to it, vanishes.
+        to it, vanishes; and that nodes which no force reaches do not slip.
 
         Args:
-            speaker: (n,) of ``rim.speakers``.
+            speaker: (n,) of ``speakers``.
+            unheld: (n,) of the function of that name.
             c: size of their rows [force / length].
         """
         own = speaker == np.arange(len(speaker))
-        kept = own[:, None, None]
+        kept = (own & ~unheld)[:, None, None]
         unit = np.eye(self.rhs.shape[1])
         return FrictionRows(
-            self.status[speaker],
+            np.where(unheld, OPEN, self.status[speaker]),
             C_T=np.where(kept, self.C_T, 0.0),
             C_delta=np.where(kept, self.C_delta, c * unit),
             C_N=np.where(kept[:, 0], self.C_N, 0.0),

@@ -34,7 +34,7 @@ def speakers(sides: list[csr_matrix], touching: list[csr_matrix] | None = None) 
     k = sides[0].shape[1]
     shared, support = csr_matrix((k, k)), np.full(k, np.inf)
     for N in sides:
-        support = np.minimum(support, N.power(2).sum(axis=0).A1)
+        support = np.minimum(support, np.asarray(N.power(2).sum(axis=0)).ravel())
     for N in touching or sides:
         shared = shared + abs(N).T @ abs(N)
     _, piece = connected_components(shared, directed=False)
@@ -81,7 +81,9 @@ def follow(speaker: np.ndarray, tangents: np.ndarray) -> csr_matrix:
         tangents: (k, t, gdim) unit tangents at the nodes.
     """
     k, t, _ = tangents.shape
-    turn = np.einsum("kai,kbi->kab", tangents, tangents[speaker])
+    # The rotation next to this: what is passed on keeps its length on curved surfaces.
+    left, _, right = np.linalg.svd(np.einsum("kai,kbi->kab", tangents, tangents[speaker]))
+    turn = left @ right
     turn[speaker == np.arange(k)] = np.eye(t)
     index = np.arange(t)
     row = np.broadcast_to(np.arange(k)[:, None, None] * t + index[:, None], turn.shape)

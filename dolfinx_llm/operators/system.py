@@ -42,7 +42,7 @@ class ContactOperators:
         models: the interfaces.
         dofs: numbers of the bodies' dofs.
         K: stiffness of the bodies, PETSc AIJ; it is only read here.
-        times: to which the seconds are added.
+        times: to which the seconds are added, and those of the interfaces.
 
     Attributes:
         comm, models, dofs: as given.
@@ -72,6 +72,8 @@ class ContactOperators:
         times: StageTimes,
     ) -> None:
         self.comm, self.models, self.dofs = dofs.comm, list(models), dofs
+        for model in models:
+            times.add(model.times)
         with times.timed("operators"):
             self._number()
             self._find_prescribed()
@@ -80,9 +82,18 @@ class ContactOperators:
             self.L = (kept @ scipy.sparse.block_diag(self.blocks, format="csr")).tocsr()
             self.L.eliminate_zeros()
             self.L_b = assemble_L_b(self.comm, self.L, self.rows.numbering, self.frames)
-        self.scale = self._stiffness_scale(K)
         with times.timed("support check"):
             self.bodies = Bodies(dofs.spaces)
+        self.renew(K, times)
+
+    def renew(self, K: PETSc.Mat, times: StageTimes) -> None:
+        """Take over another stiffness of the same bodies; see ``ContactOperators``.
+
+        Raises:
+            ContactError: a motion is free.
+        """
+        self.scale = self._stiffness_scale(K)
+        with times.timed("support check"):
             self._check_support(K)
 
     def _number(self) -> None:
@@ -156,30 +167,38 @@ class ContactOperators:
         """(n, gdim) displacement of a side's nodes, on every rank, from this rank's u."""
         return self.dofs.values(self.side_dofs[side], u)
 
-    def side_gaps(self, moved: bool = True) -> list[np.ndarray]:
+    def obstacle_motions(self) -> list[np.ndarray]:
+        """Per interface (gdim,) how far an obstacle is from where it was drawn; zero without."""
+        at_rest = np.zeros(self.dofs.gdim)
+        obstacles = [model.interface.obstacle for model in self.models]
+        return [at_rest if o is None else o.motion(self.dofs.gdim) for o in obstacles]
+
+    def side_gaps(self, motions: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
         """Per side (n, gdim) the gaps that the law sees: along the normal where bodies may part;
-        with obstacles where they are now, or as drawn."""
+        with obstacles moved as of ``obstacle_motions``, or as drawn."""
         gaps = []
-        for model in self.models:
+        for i, model in enumerate(self.models):
             for side in model.pairs:
                 law, gap = model.interface.law, side.gap
                 if law.unilateral:
                     gap = np.einsum("ni,ni->n", gap, side.normal)[:, None] * side.normal
                 elif not law.close_gap:
                     gap = np.zeros_like(gap)
-                if moved and model.interface.obstacle is not None:
-                    gap = gap - model.interface.obstacle.motion(gap.shape[1])
+                if motions is not None and model.interface.obstacle is not None:
+                    gap = gap - motions[i]
                 gaps.append(gap)
         return gaps
 
-    def gap(self, prescribed: np.ndarray, moved: bool = True) -> np.ndarray:
+    def gap(
+        self, prescribed: np.ndarray, motions: Sequence[np.ndarray] | None = None
+    ) -> np.ndarray:
         """This rank's g, with the prescribed displacements, whose rows of B are empty.
 
         Args:
             prescribed: (n_local,) of which the values at prescribed dofs count.
-            moved: obstacles are where they are now, not as drawn.
+            motions: of the obstacles, as of ``obstacle_motions``; None: as drawn.
         """
-        g = assemble_gap(self.comm, self.pairs, self.rows.numbering, self.side_gaps(moved))
+        g = assemble_gap(self.comm, self.pairs, self.rows.numbering, self.side_gaps(motions))
         values = g.array_r.copy()
         g.destroy()
         mine = self.rows.numbering.mine

@@ -10,12 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import ufl
 from dolfinx.fem import Function
 from dolfinx.mesh import exterior_facet_indices
+from mpi4py import MPI
 from ufl.core.expr import Expr
 
-from dolfinx_llm.base import compat
+from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.contact.results import InterfaceResult
 from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.frame import Frame
@@ -23,7 +26,11 @@ from dolfinx_llm.geometry.overlap_flat import Plane, orthonormal_base
 from dolfinx_llm.geometry.surface import facet_corners
 from dolfinx_llm.output import post, render
 from dolfinx_llm.output.render import Scene
+from dolfinx_llm.output.writing import writable_file, writable_folder, writing
 
+FIELDS = ("pressure", "status", "traction")  # of an interface
+PICTURES = (".png", ".pdf", ".svg")
+LINES = "give a list of (label, style, x, y), or a list of such lists"
 FLAT = 0.98  # sum of vector areas over area, from which a surface is seen along its normal
 
 
@@ -37,9 +44,13 @@ def _pyplot() -> Any:
 
 
 def _save(plt: Any, figure: Any, path: str | Path) -> None:
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=150, bbox_inches="tight")
-    plt.close(figure)
+    path = Path(path)
+    try:
+        with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            figure.savefig(path, dpi=150, bbox_inches="tight")
+    finally:
+        plt.close(figure)
 
 
 def frame_design(result: InterfaceResult, before: Frame | None, path: str | Path) -> None:
@@ -53,10 +64,17 @@ def frame_design(result: InterfaceResult, before: Frame | None, path: str | Path
         path: PNG to write.
 
     Raises:
-        ContactInputError: the interface has no frame, but a rigid obstacle.
+        ContactInputError: the interface has no frame, but a rigid obstacle, or lies in 2D;
+            arguments of other types, or a path that cannot be written.
     """
+    post.check_result(result)
     if result.frame is None:
         raise ContactInputError("against a rigid obstacle there is no frame to draw")
+    if before is not None:
+        checks.instance("before", before, Frame, "give a dolfinx_llm.Frame or None")
+    if {frame.gdim for frame in (result.frame, before) if frame is not None} != {3}:
+        raise ContactInputError("frames are drawn in 3D; of 2D scenes draw plot.interface")
+    writable_file("path", path, PICTURES)
     if not _on_root():
         return
     plt = _pyplot()
@@ -90,11 +108,21 @@ def curves(
             diagrams side by side.
         path: PNG to write.
         xlabel, ylabel, title: of all diagrams.
+
+    Raises:
+        ContactInputError: lines of another form, or a path that cannot be written.
     """
+    given = checks.items("lines", lines, LINES)
+    diagrams = given if given and isinstance(given[0], list) else [given]
+    for diagram in diagrams:
+        for line in checks.items("lines", diagram, LINES) or checks.refuse("lines", lines, LINES):
+            _check_line(line)
+    for name, text in (("xlabel", xlabel), ("ylabel", ylabel), ("title", title)):
+        checks.instance(name, text, str, "give a text")
+    writable_file("path", path, PICTURES)
     if not _on_root():
         return
     plt = _pyplot()
-    diagrams = lines if isinstance(lines[0], list) else [lines]
     figure, axes = plt.subplots(1, len(diagrams), figsize=(6.5 * len(diagrams), 5), squeeze=False)
     for axis, diagram in zip(axes[0], diagrams):
         for label, style, x, y in diagram:
@@ -104,9 +132,28 @@ def curves(
     _save(plt, figure, path)
 
 
-def _on_root() -> bool:
-    from mpi4py import MPI
+def _check_line(line: Any) -> None:
+    """Require (label, style, x, y) with as many numbers in x as in y."""
+    if not isinstance(line, (tuple, list)) or len(line) != 4:
+        checks.refuse("lines: line", line, LINES)
+    label, style, *xy = line
+    checks.instance("lines: label", label, str, LINES)
+    checks.instance("lines: style", style, str, 'give a style of Matplotlib such as "C0o-"')
+    try:
+        from matplotlib.figure import Figure
 
+        Figure().add_subplot().plot([], [], style)
+    except ValueError:
+        checks.refuse("lines: style", style, 'give a style of Matplotlib such as "C0o-"')
+    x, y = (np.asarray(values) for values in xy)
+    for name, values in (("x", x), ("y", y)):
+        if values.ndim != 1 or values.dtype.kind not in "iuf":
+            checks.refuse(f"lines: {name} of {label!r}", values, "give a list of numbers")
+    if x.shape != y.shape:
+        raise ContactInputError(f"lines: {label!r} has {len(x)} x and {len(y)} y: give as many")
+
+
+def _on_root() -> bool:
     return MPI.COMM_WORLD.rank == 0
 
 
@@ -139,12 +186,55 @@ def bodies(
         path: PNG to write.
         label: of the colour bar.
         scale: factor on the displacement; None: such that it is a tenth of the size at most, or 1.
+
+    Raises:
+        ContactInputError: arguments of other types, or a path that cannot be written; on all ranks.
     """
-    mesh = u.function_space.mesh
-    field = post.cell_maximum(expression, mesh)
-    gathered = mesh.comm.gather(_skin(u, field), root=0)
-    if mesh.comm.rank:
-        return
+    comm = post.check_displacement(u)
+    with collective(comm):
+        writable_file("path", path, PICTURES)
+        checks.instance("label", label, str, "give a text")
+        if scale is not None:
+            scale = checks.number("scale", scale, "give a finite number or None")
+    field = post.cell_maximum(expression, u.function_space.mesh)
+    gathered = comm.gather(_skin(u, field), root=0)
+    with collective(comm):
+        if gathered is not None:
+            _draw_bodies(gathered, label, scale, path)
+
+
+def pictures(
+    comm: MPI.Comm,
+    u: Sequence[Function],
+    results: Sequence[InterfaceResult],
+    folder: str | Path,
+    field: str = "pressure",
+) -> None:
+    """What ``ContactProblem.plot`` draws; collective.
+
+    Args:
+        comm: MPI communicator.
+        u: displacement of each mesh.
+        results: of each interface.
+        folder: where the pictures go; it is made.
+        field: of ``interface``.
+
+    Raises:
+        ContactInputError: no such field, or a folder that cannot be written; on all ranks.
+    """
+    with collective(comm):
+        checks.one_of("field", field, FIELDS)
+        place = writable_folder("folder", folder)
+    for i, motion in enumerate(u):
+        length = ufl.sqrt(ufl.inner(motion, motion))
+        bodies(motion, length, place / f"bodies_{i}.png", label="length of u")
+    with collective(comm):
+        for i, result in enumerate(results if comm.rank == 0 else []):
+            draw_interface(result, place / f"interface_{i}.png", field)
+
+
+def _draw_bodies(gathered: list[Any], label: str, scale: float | None, path: str | Path) -> None:
+    """Bodies of what ``_skin`` gives on every rank."""
     x, v, values = (np.concatenate(part) for part in zip(*gathered))
     if scale is None:
         size, motion = np.ptp(x.reshape(-1, x.shape[2]), axis=0).max(), np.abs(v).max()
@@ -160,9 +250,8 @@ def bodies(
 
 def _draw(scene: Scene, path: str | Path) -> None:
     """Scenes in 3D by PyVista where it is installed and can; Matplotlib otherwise, and in 2D."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if scene.points.shape[1] == 3 and render.draw(scene, path):
+    path = writable_file("path", path)
+    if scene.points.shape[1] == 3 and path.suffix == ".png" and render.draw(scene, path):
         return
     plt = _pyplot()
     figure, norm = plt.figure(figsize=(8, 6)), plt.Normalize(*scene.limits)
@@ -189,7 +278,7 @@ def _draw_flat(figure: Any, scene: Scene, normal: np.ndarray, norm: Any) -> None
         if len(at):
             axis.plot(*s[at].T, "o", color=colour, mec="k", markersize=3, label=name)
     axis.set_aspect("equal")
-    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=3, facecolor="0.85")
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=4, facecolor="0.85")
 
 
 def _skin(u: Function, field: Function) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -241,7 +330,8 @@ def _draw_skin(figure: Any, polygons: np.ndarray, colours: np.ndarray) -> None:
 def interface(result: InterfaceResult, path: str | Path, field: str = "pressure") -> None:
     """A field of an interface: over the contact in 2D, on the deformed frame in 3D.
 
-    Draws on rank 0 when called on all ranks. Marks show the status: open, stick or slip.
+    Draws on rank 0 when called on all ranks. Marks show the status: open, stick, slip,
+    or closed without friction.
 
     Args:
         result: an ``InterfaceResult``.
@@ -249,17 +339,26 @@ def interface(result: InterfaceResult, path: str | Path, field: str = "pressure"
         field: "pressure", "status", or "traction" (its length).
 
     Raises:
-        ContactInputError: there is no such field.
+        ContactInputError: there is no such field, result is none, or the path cannot be written.
+    """
+    post.check_result(result)
+    checks.one_of("field", field, FIELDS)
+    writable_file("path", path, PICTURES)
+    if _on_root():
+        draw_interface(result, path, field)
+
+
+def draw_interface(result: InterfaceResult, path: str | Path, field: str = "pressure") -> None:
+    """What ``interface`` draws, on this rank.
+
+    Args:
+        result, path, field: as of ``interface``.
     """
     values = {
         "pressure": result.pressure,
         "status": result.frame_status.astype(float),
         "traction": np.linalg.norm(result.traction, axis=1),
     }
-    if field not in values:
-        raise ContactInputError(f"field={field!r}: choose one of {tuple(values)}")
-    if not _on_root():
-        return
     x, value, side = result.x, values[field], result.sides[0]
     if x.shape[1] == 3:
         frame = result.frame or Frame(x, side.facets)

@@ -14,11 +14,16 @@ import numpy as np
 import ufl
 from ufl.core.expr import Expr
 
-from dolfinx_llm.base import compat
+from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.base.parallel import collective
+from dolfinx_llm.base.parallel import check, collective
 from dolfinx_llm.contact.results import InterfaceResult
+from dolfinx_llm.geometry.surface import check_space
+from dolfinx_llm.output.writing import writable_file, writable_folder, writing
 from dolfinx_llm.output.xdmf import write_step
+
+EXPRESSION = "give a scalar UFL expression without test and trial functions"
+SUFFIXES = (".xdmf", ".bp")
 
 
 def von_mises(sigma: Expr) -> Expr:
@@ -26,7 +31,13 @@ def von_mises(sigma: Expr) -> Expr:
 
     Args:
         sigma: (3, 3) UFL expression of the stress [force / area].
+
+    Raises:
+        ContactInputError: another type or shape.
     """
+    accepted = "give a UFL expression of shape (3, 3), in plane strain with the stress across"
+    if checks.instance("sigma", sigma, Expr, accepted).ufl_shape != (3, 3):
+        checks.refuse("sigma", sigma, f"{accepted}, not of shape {sigma.ufl_shape}")
     s = sigma - ufl.tr(sigma) / 3 * ufl.Identity(3)
     return ufl.sqrt(1.5 * ufl.inner(s, s))
 
@@ -41,8 +52,64 @@ def at_quadrature_points(expression: Expr, mesh: dolfinx.mesh.Mesh, degree: int 
 
     Returns:
         (n_cells, n_points).
+
+    Raises:
+        ContactInputError: another type, an expression that is no scalar or lives elsewhere.
     """
-    return compat.evaluate(expression, compat.quadrature_points(mesh, degree), mesh)
+    _check_expression(expression, mesh, degree)
+    points = compat.quadrature_points(mesh, degree)
+    try:
+        return compat.evaluate(expression, points, mesh)
+    except Exception as error:
+        text = " ".join(str(error).split())[:300]
+        raise ContactInputError(f"expression: cannot be evaluated on the mesh: {text}") from error
+
+
+def _check_expression(expression: Any, mesh: Any, degree: Any) -> None:
+    """Require a scalar expression on a mesh, and a degree of quadrature."""
+    checks.instance("mesh", mesh, dolfinx.mesh.Mesh, "give a dolfinx mesh")
+    accepted = "give an integer from 0 to 30"
+    if checks.integer("degree", degree, accepted, low=0) > 30:
+        checks.refuse("degree", degree, accepted)
+    if checks.instance("expression", expression, Expr, EXPRESSION).ufl_shape:
+        shape = expression.ufl_shape
+        checks.refuse("expression", expression, f"{EXPRESSION}, not of shape {shape}")
+    if ufl.algorithms.extract_arguments(expression):
+        checks.refuse("expression", expression, EXPRESSION)
+    for function in ufl.algorithms.extract_coefficients(expression):
+        space = getattr(function, "function_space", None)
+        if getattr(space, "mesh", None) is not mesh:
+            checks.refuse("expression", expression, "its Functions must live on the same mesh")
+
+
+def check_result(result: Any) -> None:
+    """Require a result of an interface.
+
+    Args:
+        result: what was given.
+
+    Raises:
+        ContactInputError: something else.
+    """
+    accepted = "give a result of a solve, e.g. problem.results[0]"
+    checks.instance("result", result, InterfaceResult, accepted)
+
+
+def check_displacement(u: Any) -> Any:
+    """Require a displacement; collective.
+
+    Args:
+        u: what was given.
+
+    Returns:
+        The communicator of its mesh.
+
+    Raises:
+        ContactInputError: something else; on all ranks.
+    """
+    accepted = "give the displacement, a dolfinx Function (of several meshes one after the other)"
+    check_space(checks.instance("u", u, dolfinx.fem.Function, accepted).function_space)
+    return u.function_space.mesh.comm
 
 
 def write_csv(path: str | Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
@@ -52,11 +119,21 @@ def write_csv(path: str | Path, header: Sequence[str], rows: Iterable[Sequence[A
         path: file to write.
         header: names of the columns.
         rows: one sequence of values each.
+
+    Raises:
+        ContactInputError: rows of another length than the header, or a path that cannot be written.
     """
-    with open(Path(path), "w", newline="", encoding="utf-8") as file:
+    names = checks.items("header", header, "give a list of names")
+    table = [checks.items("rows: row", row, "give a list of values") for row in
+             checks.items("rows", rows, "give a list of rows")]  # fmt: skip
+    for i, row in enumerate(table):
+        if len(row) != len(names):
+            raise ContactInputError(f"rows: row {i} has {len(row)} values, header {len(names)}")
+    file_path = writable_file("path", path)
+    with writing(file_path), open(file_path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows(rows)
+        writer.writerow(names)
+        writer.writerows(table)
 
 
 def cell_maximum(
@@ -68,7 +145,13 @@ def cell_maximum(
         expression: scalar UFL expression.
         mesh: the mesh that it lives on.
         degree: of the quadrature, at whose points the expression is evaluated.
+
+    Raises:
+        ContactInputError: as of ``at_quadrature_points``; on all ranks.
     """
+    checks.instance("mesh", mesh, dolfinx.mesh.Mesh, "give a dolfinx mesh")
+    with collective(mesh.comm):
+        _check_expression(expression, mesh, degree)
     V = compat.function_space(mesh, "DG", 0)
     function = dolfinx.fem.Function(V)
     values = at_quadrature_points(expression, mesh, degree)
@@ -89,9 +172,10 @@ def write_bodies(
         cell_fields: name to scalar UFL expression; in XDMF only.
 
     Raises:
-        ContactInputError: another ending, or what VTX cannot hold or this dolfinx not write.
+        ContactInputError: another ending, or what VTX cannot hold or this dolfinx not write; a path
+            that cannot be written; other types. On all ranks.
     """
-    file = _BodyFile(Path(path), u, cell_fields or {})
+    file = _BodyFile(path, u, {} if cell_fields is None else cell_fields)
     file.write(0.0)
     file.close()
 
@@ -99,20 +183,25 @@ def write_bodies(
 class _BodyFile:
     """An open file of one mesh's fields: what they are now, step by step."""
 
-    def __init__(self, path: Path, u: dolfinx.fem.Function, cell_fields: dict[str, Expr]):
+    def __init__(self, given: str | Path, u: dolfinx.fem.Function, cell_fields: dict[str, Expr]):
+        comm = check_displacement(u)
+        with collective(comm):
+            path = writable_file("path", given, SUFFIXES)
+            _check_fields(cell_fields, u.function_space.mesh)
+            if path.suffix == ".bp" and cell_fields:
+                raise ContactInputError(f"{path}: cell_fields are for .xdmf; VTX holds one space")
+            if path.suffix == ".xdmf" and path.with_suffix(".h5").is_dir():
+                raise ContactInputError(f"{path} cannot be written: its .h5 is a folder")
         self._u, self._cell_fields = u, cell_fields
-        comm, u.name = u.function_space.mesh.comm, "displacement"
-        path.parent.mkdir(parents=True, exist_ok=True)
+        u.name = "displacement"
         self._file: Any
         if path.suffix == ".xdmf":
-            self._file = dolfinx.io.XDMFFile(comm, str(path), "w")
-            self._file.write_mesh(u.function_space.mesh)
-        elif path.suffix != ".bp":
-            raise ContactInputError(f"{path}: the file must end on .xdmf or .bp")
-        elif cell_fields:
-            raise ContactInputError(f"{path}: cell_fields are for .xdmf; VTX holds one space")
+            with writing(path):
+                self._file = dolfinx.io.XDMFFile(comm, str(path), "w")
+                self._file.write_mesh(u.function_space.mesh)
         else:
-            self._file = compat.vtx_writer(comm, path, u)
+            with writing(path):
+                self._file = compat.vtx_writer(comm, path, u)
             if self._file is None:
                 raise ContactInputError(
                     f"{path}: this dolfinx {dolfinx.__version__} is built without ADIOS2, which "
@@ -134,6 +223,14 @@ class _BodyFile:
         self._file.close()
 
 
+def _check_fields(fields: Any, mesh: Any) -> None:
+    """Require names of scalar expressions on a mesh."""
+    accepted = 'give a dict of names and scalar UFL expressions, e.g. {"pressure": p}, or None'
+    for name, expression in checks.instance("cell_fields", fields, dict, accepted).items():
+        checks.instance("cell_fields: name", name, str, accepted)
+        _check_expression(expression, mesh, 2)
+
+
 def interface_fields(
     result: InterfaceResult,
 ) -> dict[str, tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]]:
@@ -147,7 +244,11 @@ def interface_fields(
     Returns:
         Name of a part to its points (n, gdim) [length], cells (m, k), and name to field (n,) or
         (n, gdim), with the units of ``SideResult`` and ``InterfaceResult``.
+
+    Raises:
+        ContactInputError: result is none.
     """
+    check_result(result)
     parts: dict[str, Any] = {}
     own = {"pressure": result.pressure, "traction": result.traction, "area": result.frame_area}
     if result.frame is not None:
@@ -160,6 +261,7 @@ def interface_fields(
             "force": side.force,
             "normal_force": side.normal_force,
             "gap": side.gap,
+            "frame_gap": side.frame_gap,
             "slip": side.slip,
             "status": side.status.astype(float),
             "area": side.area,
@@ -172,13 +274,18 @@ def write_interface(folder: str | Path, result: InterfaceResult) -> None:
     """Frame and sides with their fields as XDMF, for ParaView, and as CSV; call it on one rank.
 
     Writes frame.xdmf (displacement, pressure, traction, area, status) and per side side_0.xdmf,
-    side_1.xdmf (displacement, force, normal force, gap, slip, status, area), a CSV beside each.
+    side_1.xdmf (displacement, force, normal force, gap, frame_gap, slip, status, area), a
+    CSV beside each.
 
     Args:
         folder: where the files go; it is made.
         result: of a solve, ``problem.results[i]``.
+
+    Raises:
+        ContactInputError: result is none, or the folder cannot be written.
     """
-    folder = Path(folder)
+    check_result(result)
+    folder = writable_folder("folder", folder)
     parts = interface_fields(result)
     _write_parts(folder, parts, 0.0, append=False)
     for name, (x, _, fields) in parts.items():
@@ -193,9 +300,11 @@ def write_interface(folder: str | Path, result: InterfaceResult) -> None:
 
 
 def _write_parts(folder: Path, parts: dict[str, Any], time: float, append: bool) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = writable_folder("folder", folder)
     for name, (x, cells, fields) in parts.items():
-        write_step(folder / f"{name}.xdmf", time, x, cells, fields, append)
+        path = folder / f"{name}.xdmf"
+        with writing(path):
+            write_step(path, time, x, cells, fields, append)
 
 
 class LoadSteps:
@@ -229,12 +338,22 @@ class LoadSteps:
         suffix: str = ".xdmf",
         cell_fields: Callable[[dolfinx.fem.Function], dict[str, Expr]] | None = None,
     ):
-        self._problem, self._folder, self._steps = problem, Path(folder), 0
+        if {"solve", "reset", "u"} - set(dir(type(problem))):
+            checks.refuse("problem", problem, "give a ContactProblem")
+        with collective(problem.comm):
+            checks.one_of("suffix", suffix, SUFFIXES)
+            self._folder = writable_folder("folder", folder)
+            given: Any = cell_fields
+            if not (given is None or callable(given)):
+                accepted = "give a function of the displacement that returns a dict, or None"
+                checks.refuse("cell_fields", cell_fields, accepted)
         self._u = [dolfinx.fem.Function(V) for V in problem.spaces]
-        self._files = []
+        with collective(problem.comm):
+            fields = [cell_fields(u) if cell_fields else {} for u in self._u]
+        self._problem, self._steps, self._closed = problem, 0, False
+        self._files: list[_BodyFile] = []
         for i, u in enumerate(self._u):
-            path = self._folder / f"bodies_{i}{suffix}"
-            self._files.append(_BodyFile(path, u, cell_fields(u) if cell_fields else {}))
+            self._files.append(_BodyFile(self._folder / f"bodies_{i}{suffix}", u, fields[i]))
 
     def write(self, time: float | None = None) -> None:
         """Add the last solve.
@@ -243,27 +362,33 @@ class LoadSteps:
             time: of the load step; None: its number, from 0 on.
 
         Raises:
+            ContactInputError: time is no finite number; after ``close``.
             ContactError: nothing has been solved.
         """
         if not self._problem.results:
             raise ContactError("there is nothing to write yet: call solve() first")
-        time = float(self._steps if time is None else time)
+        comm = self._problem.comm
+        check(comm, self._closed, "these files are closed: make LoadSteps anew", ContactInputError)
+        with collective(comm):
+            accepted = "give a finite number or None"
+            time = float(self._steps) if time is None else checks.number("time", time, accepted)
         u = self._problem.u
         solved = u if isinstance(u, list) else [u]
         for own, u, file in zip(self._u, solved, self._files, strict=True):
             own.x.array[:] = u.x.array
             file.write(time)
-        with collective(self._problem.comm):
+        with collective(comm):
             for i, result in enumerate(self._problem.results):
                 parts, folder = interface_fields(result), self._folder / f"interface_{i}"
-                if self._problem.comm.rank == 0:
+                if comm.rank == 0:
                     _write_parts(folder, parts, time, append=self._steps > 0)
         self._steps += 1
 
     def close(self) -> None:
-        """Close the files; leaving a ``with`` block does so, too."""
-        for file in self._files:
+        """Close the files; leaving a ``with`` block does so, too. May be called again."""
+        for file in [] if self._closed else self._files:
             file.close()
+        self._closed = True
 
     def __enter__(self) -> LoadSteps:
         return self

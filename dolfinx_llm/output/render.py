@@ -24,7 +24,8 @@ log = logging.getLogger("dolfinx_llm")
 SECONDS = 120.0  # that a picture may take
 SIZE = (1600, 1200)  # [pixel]
 ABOVE = (0.43, -0.75, 0.5)  # from where a scene is seen that has no view of its own
-STATUS = {"open": "white", "stick": "black", "slip": "red"}  # colours of marks 0, 1, 2
+# Colours of marks 0, 1, 2, 3.
+STATUS = {"open": "white", "stick": "black", "slip": "red", "closed": "blue"}
 # What launchers leave in a rank's environment; an MPI in the new process would take it for its own.
 LAUNCHERS = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "MPI_LOCAL")
 
@@ -41,7 +42,7 @@ class Scene:
     limits: tuple[float, float]  # of the colours
     label: str  # of the colour bar
     view: np.ndarray | None = None  # (3,) where a flat surface is seen from; None: ABOVE
-    status: np.ndarray | None = None  # (n,) marks at the points: 0 open, 1 stick, 2 slip
+    status: np.ndarray | None = None  # (n,) marks at the points: 0 open, 1 stick, 2 slip, 3 closed
 
 
 def draw(scene: Scene, path: Path) -> bool:

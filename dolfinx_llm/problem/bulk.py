@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
-import ufl
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base import compat
-from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.base.parallel import check
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.geometry.surface import check_space
 from dolfinx_llm.operators.numbering import BodyDofs
+from dolfinx_llm.problem.arguments import Arguments, conditions
+from dolfinx_llm.problem.changes import Changes, Fingerprint
 
 
 class Bulk(Protocol):
@@ -41,65 +40,66 @@ class LinearBulk:
     """Linear bodies of UFL forms: K of a, f of L and of nodal forces.
 
     Args:
-        a, L, bcs, nodal_loads: as of ``ContactProblem``.
+        given: arguments of ``ContactProblem``, which fit each other.
         times: to which seconds are added.
 
     Attributes:
         several: whether forms came as sequences, one per mesh.
+        fixed: per mesh (n,) which of this rank's dofs are prescribed.
+        dofs, spaces, comm: as of ``Bulk``.
+        version: counts the changes.
 
     Raises:
-        ContactInputError: arguments that do not fit.
+        ContactInputError: a form that cannot be compiled.
         ContactError: the stiffness is not finite.
     """
 
     linear = True
 
-    def __init__(
-        self,
-        a: ufl.Form | Sequence[ufl.Form],
-        L: ufl.Form | Sequence[ufl.Form],
-        bcs: Sequence[Any],
-        nodal_loads: Sequence[fem.Function],
-        times: StageTimes,
-    ) -> None:
-        self.several = isinstance(a, (list, tuple))
-        forms_a, forms_L = (list(a), list(L)) if self.several else ([a], [L])
-        if len(forms_a) != len(forms_L):
-            raise ContactInputError(f"{len(forms_a)} bilinear forms, {len(forms_L)} linear ones")
-        self.times = times
-        with times.timed("form compilation"):
-            self._a = [fem.form(form) for form in forms_a]
-            self._L = [fem.form(form) for form in forms_L]
-        self.spaces = [_argument_space(form) for form in forms_a]
-        self.comm = self.spaces[0].mesh.comm
-        for V in self.spaces:
-            check_space(V)
-        self._sort(bcs, nodal_loads)
-        self.fixed = [self._prescribed(i) for i in range(len(self.spaces))]
-        self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(self.fixed))
-        self._K: Any = None  # see K
-
-    def _sort(self, bcs: Sequence[Any], nodal_loads: Sequence[fem.Function]) -> None:
-        """Conditions and nodal loads by mesh."""
-        self._bcs = [[bc for bc in bcs if compat.in_space(bc, V)] for V in self.spaces]
-        if sum(map(len, self._bcs)) != len(bcs):
-            raise ContactInputError("a Dirichlet condition belongs to none of the forms' spaces")
+    def __init__(self, given: Arguments, times: StageTimes) -> None:
+        self.several, self.times = given.several, times
+        comm = given.spaces[0].mesh.comm
+        with times.timed("form compilation"), collective(comm):
+            self._a = [compat.form("a", form) for form in given.a]
+            self._L = [compat.form("L", form) for form in given.L]
+        self.spaces, self.comm = given.spaces, given.spaces[0].mesh.comm
         self._nodal = [
-            [load for load in nodal_loads if load.function_space.mesh is V.mesh]
+            [load for load in given.nodal_loads if load.function_space.mesh is V.mesh]
             for V in self.spaces
         ]
-        if sum(map(len, self._nodal)) != len(nodal_loads):
-            raise ContactInputError("a nodal load lives on none of the forms' meshes")
-        for V, loads in zip(self.spaces, self._nodal):
-            wrong = [load.name for load in loads if _layout(load.function_space) != _layout(V)]
-            text = f"nodal load(s) {wrong}: must be Functions of the space of the form"
-            check(self.comm, bool(wrong), text, ContactInputError)
+        self._given = given.bcs
+        self._K: Any = None  # see K
+        self._sort_conditions()
+        self._fingerprint = Fingerprint(given.a, self.spaces)
+        self._fingerprint.changes(self.fixed)
+        self._pending, self.version = Changes(), 0
 
-    def _prescribed(self, i: int) -> np.ndarray:
-        """(n,) which of this rank's dofs of a mesh are prescribed."""
-        V = self.spaces[i]
-        n = V.dofmap.index_map.size_local * V.dofmap.index_map_bs
-        return ~np.isnan(compat.prescribed_values(V, self._bcs[i])[:n])
+    def _sort_conditions(self) -> None:
+        """Conditions by mesh, and which dofs they prescribe."""
+        with collective(self.comm):
+            bcs = conditions(self._given, self.spaces)
+        self._bcs = [[bc for bc in bcs if compat.in_space(bc, V)] for V in self.spaces]
+        self.fixed = [compat.fixed_dofs(*part) for part in zip(self.spaces, self._bcs)]
+        self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(self.fixed))
+
+    def changes(self) -> Changes:
+        """What has changed since ``settle`` was called last; collective.
+
+        Values of Constants and Functions in the forms a, which dofs the conditions prescribe, and
+        positions of the meshes are looked at; K is then assembled anew. Loads and prescribed values
+        are assembled for every solve.
+        """
+        self._sort_conditions()
+        found = self._fingerprint.changes(self.fixed)
+        self._pending |= found
+        if found:
+            self.version += 1
+            self.destroy()
+        return self._pending
+
+    def settle(self) -> None:
+        """All that is made of K has been made anew."""
+        self._pending = Changes()
 
     @property
     def K(self) -> PETSc.Mat:
@@ -114,6 +114,7 @@ class LinearBulk:
                 blocks = [compat.assemble_matrix(a, b, 1.0) for a, b in zip(self._a, self._bcs)]
                 self._K = blocks[0] if len(blocks) == 1 else _block_diagonal(blocks)
             if not np.isfinite(self._K.norm()):
+                self.destroy()
                 raise ContactError(
                     "the stiffness has entries that are NaN or infinite. Check the coefficients of "
                     "the forms a and the mesh for degenerate cells"
@@ -163,20 +164,6 @@ class LinearBulk:
         if self._K is not None:
             self._K.destroy()
         self._K = None
-
-
-def _layout(V: Any) -> tuple[int, ...]:
-    """Number of this rank's nodes of a space, of a cell's, and of components."""
-    dofmap = V.dofmap
-    return dofmap.index_map.size_local, dofmap.dof_layout.num_dofs, dofmap.index_map_bs
-
-
-def _argument_space(form: ufl.Form) -> Any:
-    """dolfinx function space of a form's trial function."""
-    arguments = form.arguments()
-    if len(arguments) != 2:
-        raise ContactInputError(f"the form a must be bilinear, has {len(arguments)} argument(s)")
-    return arguments[0].ufl_function_space()
 
 
 def _block_diagonal(blocks: list[PETSc.Mat]) -> PETSc.Mat:

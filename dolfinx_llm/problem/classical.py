@@ -17,8 +17,10 @@ from petsc4py import PETSc
 from scipy.linalg import solve_triangular
 from scipy.sparse import block_diag, csr_matrix
 
+from dolfinx_llm.base import checks
+from dolfinx_llm.base.destroyed import Destroyed
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.base.parallel import collective, gather_rows
+from dolfinx_llm.base.parallel import agree, collective, gather_rows
 from dolfinx_llm.forms.saddle import SaddleSystem
 from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
@@ -27,6 +29,7 @@ from dolfinx_llm.laws.law import Tied
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import create_aij, times
 from dolfinx_llm.operators.support import check_support
+from dolfinx_llm.problem.arguments import check_petsc_options
 from dolfinx_llm.problem.problem import ContactProblem
 
 MAX_ROWS = 5000  # multipliers up to which v is eliminated: Q is dense
@@ -56,7 +59,17 @@ def constraint_stats(Q: PETSc.Mat, gdim: int) -> ConstraintStats:
     Args:
         Q: PETSc AIJ, one row per constraint, one column per dof of the bodies.
         gdim: dofs per node; the dofs of a node follow each other.
+
+    Raises:
+        ContactInputError: Q is no PETSc matrix, or has not gdim columns per node.
     """
+    checks.instance("Q", Q, PETSc.Mat, "give a PETSc matrix")
+    if not Q.handle:
+        checks.refuse("Q", Q, "the matrix has been destroyed")
+    checks.integer("gdim", gdim, "give 2 or 3")
+    if gdim not in (2, 3) or Q.getSize()[1] % gdim:
+        accepted = f"give 2 or 3, of which {Q.getSize()[1]}, the columns of Q, are a multiple"
+        checks.refuse("gdim", gdim, accepted)
     comm = Q.comm.tompi4py()
     indptr, cols, values = Q.getValuesCSR()
     rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)) + Q.getOwnershipRange()[0]
@@ -75,6 +88,12 @@ def constraint_stats(Q: PETSc.Mat, gdim: int) -> ConstraintStats:
     )
 
 
+def _checked(problem: Any) -> ContactProblem:
+    """The problem, if it is one."""
+    accepted = "give a ContactProblem"
+    return checks.instance("problem", problem, ContactProblem, accepted)
+
+
 class _ClassicalForm:
     """Q of (6) and its factorised system."""
 
@@ -84,13 +103,28 @@ class _ClassicalForm:
         self.residual: float | None = None  # of (6) after a solve, relative
         self._system: Any = None
         self._options = petsc_options
+        self._operators, self._version = problem.operators, problem.bulk.version
+
+    def _load(self) -> np.ndarray:
+        """This rank's load, once what has changed in the problem is taken over."""
+        problem = self.problem
+        problem.update()
+        if problem.operators is not self._operators:
+            raise ContactError(
+                "a mesh was moved, or other dofs are prescribed, since Q was made: make it anew"
+            )
+        if problem.bulk.version != self._version and self._system is not None:
+            self._system.destroy()
+            self._system = None
+        self._version = problem.bulk.version
+        return problem.bulk.load()
 
     def _solve(self, f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """This rank's u and multipliers of (6)."""
         if self._system is None:
             p, Q_t = self.problem, self.Q.copy()
             Q_t.transpose()
-            prefix = f"{p.petsc_options_prefix}classical_"
+            prefix = f"{p.method.setting.prefix}classical_"
             self._system = SaddleSystem(p.K, Q_t, None, p.scale, prefix, self._options)
             Q_t.destroy()
         u, multiplier, _ = self._system.solve(f, g)
@@ -103,10 +137,12 @@ class _ClassicalForm:
 
     def destroy(self) -> None:
         """Free Q and the factorised system; collective, as ``ContactProblem.destroy``."""
-        if self._system is not None:
+        if not (self._system is None or isinstance(self._system, Destroyed)):
             self._system.destroy()
-            self._system = None
-        self.Q.destroy()
+        if not isinstance(self.Q, Destroyed):
+            self.Q.destroy()
+        gone: Any = Destroyed("this classical form")
+        self._system = self.Q = gone
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,10 +194,17 @@ class NodeToSegment(_ClassicalForm):
         components: str = "all",
         petsc_options: dict | None = None,
     ) -> None:
-        if slave not in (0, 1):
-            raise ContactInputError(f"slave={slave!r}: choose side 0 or 1")
-        if components not in ("all", "normal"):
-            raise ContactInputError(f'components={components!r}: choose "all" or "normal"')
+        with collective(_checked(problem).comm):
+            if checks.integer("slave", slave, "choose side 0 or 1") not in (0, 1):
+                checks.refuse("slave", slave, "choose side 0 or 1")
+            checks.one_of("components", components, ("all", "normal"))
+            check_petsc_options(petsc_options)
+        agree(
+            problem.comm, "slave, components and PETSc options", (slave, components, petsc_options)
+        )
+        rigid = [model.interface.name for model in problem.models if model.frame is None]
+        if rigid:
+            raise ContactInputError(f"interfaces {rigid}: node-to-segment needs two bodies")
         laws = [model.interface.law for model in problem.models]
         if not all(isinstance(law, Tied) for law in laws):
             raise ContactInputError(f"laws {laws}: node-to-segment is there for Tied() only")
@@ -203,10 +246,10 @@ class NodeToSegment(_ClassicalForm):
             The displacement: a dolfinx Function, or a list of them for several meshes.
 
         Raises:
-            ContactError: the system cannot be solved.
+            ContactError: the system cannot be solved, or Q is of another geometry.
         """
         problem = self.problem
-        f = problem.bulk.load()
+        f = self._load()
         gaps = [
             np.einsum("nci,ni->nc", t.base, t.gap * model.interface.law.close_gap).ravel()
             for t, model in zip(self._ties, problem.models, strict=True)
@@ -297,6 +340,12 @@ class Elimination(_ClassicalForm):
     """
 
     def __init__(self, problem: ContactProblem, *, petsc_options: dict | None = None) -> None:
+        with collective(_checked(problem).comm):
+            check_petsc_options(petsc_options)
+        agree(problem.comm, "PETSc options", petsc_options)
+        laws = [model.interface.law for model in problem.models]
+        if not all(isinstance(law, Tied) for law in laws):
+            raise ContactInputError(f"laws {laws}: the classical form is there for Tied() only")
         n, m = problem.L_b.getSize()
         if n > MAX_ROWS:
             raise ContactInputError(
@@ -337,12 +386,12 @@ class Elimination(_ClassicalForm):
             The displacement: a dolfinx Function, or a list of them for several meshes.
 
         Raises:
-            ContactError: the system cannot be solved.
+            ContactError: the system cannot be solved, or Q is of another geometry.
         """
         problem, operators = self.problem, self.problem.operators
         rows = operators.rows.numbering
-        f = problem.bulk.load()
-        g = operators.gap(f)
+        f = self._load()
+        g = operators.gap(f, operators.obstacle_motions())
         first, last = self.Q.getOwnershipRange()
         gap = operators.gather(rows, g)
         u, reduced = self._solve(f, (self._basis.T @ gap)[first:last])

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base import checks
+from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.geometry.overlap_curved import facet_vectors
 from dolfinx_llm.geometry.overlap_flat import common_area, common_plane, covered_forces, full_forces
-from dolfinx_llm.geometry.surface import check_space, extract_surface
+from dolfinx_llm.geometry.surface import check_facet_tags, check_space, extract_surface
 
 
 def free_surface_load(
@@ -37,17 +38,22 @@ def free_surface_load(
         Function of V that holds nodal forces; pass it as ``nodal_loads``.
 
     Raises:
-        ContactInputError: no such tag, a pressure that is not finite.
+        ContactInputError: no such tag, a pressure that is not finite, arguments of other types.
         ContactError: the surfaces do not face each other or do not overlap.
     """
-    if not np.isfinite(pressure):
-        raise ContactInputError(f"pressure={pressure}: must be finite")
     check_space(V)
+    with collective(V.mesh.comm):
+        checks.integer("facet tag", tag)
+        pressure = checks.number("pressure", pressure, "must be a finite number")
+        other_side = None if covered_by is None else _other(V, covered_by)
+    agree(V.mesh.comm, "pressure and tags", (pressure, tag, other_side and other_side[2]))
     side = extract_surface(V, facet_tags, tag)
-    if covered_by is None:
+    if other_side is None:
         forces = facet_vectors(side.x, side.facets)
     else:
-        other = extract_surface(*(covered_by if len(covered_by) == 3 else (V, *covered_by)))
+        if other_side[0] is not V:
+            check_space(other_side[0])
+        other = extract_surface(*other_side)
         plane = common_plane(side, other)
         s = plane.project(side.x)
         area = common_area(side, other, plane)
@@ -63,3 +69,14 @@ def free_surface_load(
     load.x.array[dofs.ravel()] = nodal[mine].ravel()
     load.x.scatter_forward()
     return load
+
+
+def _other(V: fem.FunctionSpace, covered_by: Any) -> tuple[Any, Any, int]:
+    """Function space, facet tags and tag of the surface that covers."""
+    accepted = "give (facet tags, tag) or (function space, facet tags, tag), or None"
+    given = checks.items("covered_by", covered_by, accepted)
+    if len(given) not in (2, 3):
+        checks.refuse("covered_by", covered_by, accepted)
+    *space, tags, tag = given
+    check_facet_tags("covered_by: facet tags", tags)
+    return (space or [V])[0], tags, checks.integer("covered_by: tag", tag, accepted)

@@ -11,24 +11,26 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.destroyed import Destroyed
+from dolfinx_llm.base.disposable import Disposable, Remains, free_garbage
+from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.doubts import doubts
 from dolfinx_llm.contact.results import InterfaceResult, collect_results
-from dolfinx_llm.forms.choice import SOLVERS, choose_solver
-from dolfinx_llm.forms.choice import describe as describe_solver
+from dolfinx_llm.forms.choice import choose_solver
 from dolfinx_llm.interface.anatomy import describe
 from dolfinx_llm.interface.build import build_model
 from dolfinx_llm.interface.choices import Interface
-from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.system import ContactOperators
+from dolfinx_llm.output import plot
+from dolfinx_llm.problem.arguments import problem_arguments, step_arguments
 from dolfinx_llm.problem.bulk import LinearBulk
-from dolfinx_llm.problem.methods import LawMethod, Setting, TiedMethod, method_of
+from dolfinx_llm.problem.methods import Setting, method_of
 
 log = logging.getLogger("dolfinx_llm")
 
 
-class ContactProblem:
+class ContactProblem(Disposable):
     """Bodies with stiffness a and load L that touch along interfaces, (31) of the paper.
 
     Args:
@@ -47,14 +49,15 @@ class ContactProblem:
         results: after ``solve``, an ``InterfaceResult`` per interface, the same on every rank.
         history: of the last ``solve``, a dict per iteration: "iteration", "active" (pairs in
             contact), "stick", "slip", "residual" (relative), with laws that iterate "changes".
+        form: of the system, "saddle", "condensed" or "flexibility", by ``solver``, laws and size.
+        unknowns: global number of displacements u, multipliers lambda and frame unknowns v.
         times: seconds per stage, summed over all calls.
         models: a ``ContactModel`` per interface: surfaces, frame, pairs and certificate.
         spaces: function space of each mesh.
         K, B, L_b: PETSc matrices of (31).
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
         bulk, operators: ``LinearBulk`` and ``ContactOperators``, of which (31) is made.
-        form: "saddle", "condensed" or "flexibility", chosen by ``solver``, laws and size.
-        method: ``TiedMethod`` or ``LawMethod``, once something has been solved.
+        method: ``TiedMethod`` or ``LawMethod``, which solves.
 
     Raises:
         ContactInputError: arguments that do not fit.
@@ -73,31 +76,66 @@ class ContactProblem:
         petsc_options_prefix: str = "llm_",
         petsc_options: dict | None = None,
     ):
-        if solver not in SOLVERS:
-            raise ContactInputError(f"solver={solver!r}: choose one of {SOLVERS}")
-        interfaces = [interfaces] if isinstance(interfaces, Interface) else list(interfaces)
-        if not interfaces:
-            raise ContactInputError("give at least one Interface")
-        self.interfaces, self.solver = interfaces, solver
-        self.petsc_options_prefix, self.petsc_options = petsc_options_prefix, petsc_options
+        given = problem_arguments(
+            a, L, bcs, interfaces, nodal_loads, solver, petsc_options_prefix, petsc_options
+        )
+        free_garbage(given.spaces[0].mesh.comm)
+        self.interfaces, self.solver = given.interfaces, solver
         self.times = StageTimes()
         self.history: list[dict] = []
         self.results: list[InterfaceResult] = []
-        self.method: TiedMethod | LawMethod | None = None
-        self.bulk = LinearBulk(a, L, bcs, nodal_loads, self.times)
+        self._doubts: list[str] = []
+        self._petsc = petsc_options_prefix, petsc_options
+        self.bulk = LinearBulk(given, self.times)
         self.spaces, self.comm = self.bulk.spaces, self.bulk.comm
-        self.models = [build_model(i, self.spaces, self.bulk.fixed) for i in interfaces]
-        for model in self.models:
-            self.times.add(model.times)
-        self.operators = ContactOperators(self.models, self.bulk.dofs, self.K, self.times)
-        self.form, self._why = choose_solver(solver, self.K, self.operators)
+        self._build_operators()
+        self.method = method_of(self._setting())
+        self._remains = Remains([V.mesh for V in self.spaces])
+
+    def _build_operators(self) -> None:
+        """Pairs, frames and operators, from positions and conditions as they are now."""
+        models = [build_model(i, self.spaces, self.bulk.fixed) for i in self.interfaces]
+        self.operators = ContactOperators(models, self.bulk.dofs, self.K, self.times)
+        self.models, self.bodies = self.operators.models, self.operators.bodies
+        self.B, self.L_b = self.operators.B, self.operators.L_b
+
+    def _setting(self) -> Setting:
+        """What the method works with, in the form that suits."""
+        self.form, why = choose_solver(self.solver, self.K, self.operators)
+        self.scale, self.unknowns = self.operators.scale, self.operators.counts
+        return Setting(self.form, self.bulk, self.operators, *self._petsc, self.times, why)
+
+    def update(self) -> None:
+        """Notice what has changed in forms, conditions and meshes; ``solve`` does so by itself.
+
+        Where values of Constants or Functions in the forms a have changed, or which dofs are
+        prescribed, K is assembled anew; laws that let bodies part or slip go on from the state of
+        contact and the displacement that there were. Where a mesh was moved, contact is found anew
+        for the new positions, from which displacements then count, and that state is forgotten.
+        Forms are not compiled anew; what does not depend on the change stays. Collective.
+
+        Raises:
+            ContactError, ContactInputError: as when the problem was made.
+        """
+        changes = self.bulk.changes()
+        if not changes:
+            return
+        log.info("changed since the last solve: %s", ", ".join(changes.names))
+        self.method.destroy()
+        if changes.positions or changes.conditions:
+            self.operators.destroy()
+            self._build_operators()
+        else:
+            self.operators.renew(self.K, self.times)
+        self.method.renew(self._setting(), keep=not changes.positions)
+        self.bulk.settle()
 
     @property
     def u(self) -> fem.Function | list[fem.Function]:
         """The displacement of the last ``solve``, as it was returned.
 
         Raises:
-            ContactError: nothing has been solved.
+            ContactError: nothing has been solved, or after ``destroy``.
         """
         if not self.results:
             raise ContactError("there is no displacement yet: call solve() first")
@@ -111,33 +149,8 @@ class ContactProblem:
         """
         return self.bulk.K
 
-    @property
-    def B(self) -> PETSc.Mat:
-        """PETSc AIJ of (31), a column per multiplier."""
-        return self.operators.B
-
-    @property
-    def L_b(self) -> PETSc.Mat:
-        """PETSc AIJ of (31), a row per multiplier, a column per frame unknown."""
-        return self.operators.L_b
-
-    @property
-    def scale(self) -> float:
-        """Mean stiffness of the surfaces, the unit of λ in the solvers [force / length]."""
-        return self.operators.scale
-
-    @property
-    def bodies(self) -> Bodies:
-        """Connected bodies and their rigid motions."""
-        return self.operators.bodies
-
-    @property
-    def unknowns(self) -> dict[str, int]:
-        """Global number of unknowns: displacements u, multipliers lambda, frame v."""
-        return self.operators.counts
-
     def solve(self, increments: int = 1) -> fem.Function | list[fem.Function]:
-        """Assemble the load, solve, and fill ``results``.
+        """Assemble the load, solve, and fill ``results``; first ``update``.
 
         With a law that lets bodies part or slip, each call is a load step that starts from the
         state of the one before; ``reset()`` forgets it.
@@ -154,19 +167,17 @@ class ContactProblem:
             ContactError: NaN in the load, a system that cannot be solved, a law that does not
                 converge.
         """
-        if not increments >= 1:
-            raise ContactInputError(f"increments={increments!r}: give a number of at least 1")
+        increments = step_arguments(self.comm, increments, self.interfaces)
+        self.update()
         with self.times.timed("assembly of f"):
             f = self.bulk.load()
-        if self.method is None:
-            common = self.petsc_options_prefix, self.petsc_options, self.times
-            self.method = method_of(Setting(self.form, self.bulk, self.operators, *common))
         u, multiplier, w = self.method.solve(f, increments)
         self.history = self.method.history
         with self.times.timed("results"):
             states = self.method.states
             self.results = collect_results(self.operators, u, multiplier, w, states)
-        for warning in doubts(self.models, self.results, states):  # on all ranks: it may raise
+        self._doubts = doubts(self.models, self.results, states)  # on all ranks: it may raise
+        for warning in self._doubts:
             if self.comm.rank == 0:
                 log.warning(warning)
         self._u = self.bulk.functions(u)
@@ -181,45 +192,41 @@ class ContactProblem:
             field: "pressure", "status" or "traction".
 
         Raises:
-            ContactError: nothing has been solved.
+            ContactInputError: no such field, or a folder that cannot be made or written.
+            ContactError: nothing has been solved, or after ``destroy``.
         """
-        from dolfinx_llm.output import plot
-
         if not self.results:
             raise ContactError("there is nothing to draw yet: call solve() first")
-        for i, u in enumerate(self._u):
-            length = ufl.sqrt(ufl.inner(u, u))
-            plot.bodies(u, length, Path(folder) / f"bodies_{i}.png", label="length of u")
-        for i, result in enumerate(self.results):
-            plot.interface(result, Path(folder) / f"interface_{i}.png", field)
+        plot.pictures(self.comm, self._u, self.results, folder, field)
 
     def reset(self) -> None:
-        """Forget the last load steps: contact state, slip and loads."""
-        if self.method is not None:
-            self.method.reset()
+        """Forget the last load steps: contact state, slip and loads.
+
+        Raises:
+            ContactError: after ``destroy``.
+        """
+        self.method.reset()
 
     def __str__(self) -> str:
         """Anatomy: sizes, blocks present, what was left out and why."""
         n_u, n_l, n_v = self.unknowns.values()
-        system = self.method.system if isinstance(self.method, TiedMethod) else None
         lines = [
             f"ContactProblem: {len(self.spaces)} mesh(es), {self.bodies.count} bodies, "
             f"{len(self.models)} interface(s), {self.comm.size} rank(s)",
             f"  unknowns: {n_u + n_l + n_v} = {n_u} u + {n_l} λ + {n_v} v",
-            f"  solver: {describe_solver(self.form, system)} ({self._why})",
+            f"  solver: {self.method.describe()}",
         ]
-        for model in self.models:
-            lines += describe(model)
+        lines += [line for model in self.models for line in describe(model)]
+        lines += [f"  after the last solve: {text}" for text in self._doubts]
         return "\n".join(lines)
 
     def destroy(self) -> None:
-        """Free the PETSc objects; collective.
-
-        Not left to Python's garbage collector, which runs at another time on every rank: in loops
-        over many problems on several ranks call it when done with each.
+        """Free the PETSc objects; collective. May be called again, and is at the end of a ``with``
+        block. On one rank the garbage collector does it, too; on several that runs at other times.
         """
-        if self.method is not None:
-            self.method.destroy()
-        self.method = None
-        self.operators.destroy()
-        self.bulk.destroy()
+        for part in (self.method, self.operators, self.bulk):
+            if not isinstance(part, Destroyed):
+                part.destroy()
+        gone: Any = Destroyed("this ContactProblem")
+        self._remains.destroyed = True
+        self.method = self.operators = self.bulk = self.results = self.B = self.L_b = gone

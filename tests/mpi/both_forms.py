@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import curved_scenes as cs
 import numpy as np
@@ -91,9 +92,7 @@ SCENES = {
 
 def solve(problem, form, options=None):
     """u at this rank's nodes, forces and frames, solved anew in a form."""
-    if problem.method is not None:
-        problem.method.destroy()
-    problem.method, problem.form, problem.petsc_options = None, form, options
+    problem.method.renew(replace(problem.method.setting, form=form, options=options))
     u = problem.solve()
     sides = [side for result in problem.results for side in result.sides]
     return {

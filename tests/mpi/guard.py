@@ -1,16 +1,58 @@
-"""Run a script so that an exception on one rank ends all ranks."""
+"""Run scripts that rank 0 is told by lines on stdin, so that an exception on one rank ends all.
 
+A line is JSON: the mark that ends the output, the script, its arguments.
+"""
+
+import gc
+import json
+import logging
 import runpy
 import sys
 import traceback
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
-sys.argv = sys.argv[1:]
+comm = MPI.COMM_WORLD
+
+
+def run(command):
+    """One script, in a state like that of a fresh process."""
+    sys.argv = command
+    ours = [m for name, m in sys.modules.items() if name.split(".")[0] == "dolfinx_llm"]
+    names = [(m, dict(vars(m))) for m in ours]
+    root = logging.root
+    log = root.handlers[:], root.level, root.manager.disable
+    try:
+        runpy.run_path(command[0], run_name="__main__")
+    except SystemExit as end:
+        if end.code:
+            raise
+    for m, before in names:  # constants that the script has set
+        vars(m).update(before)
+    root.handlers[:], root.level, root.manager.disable = log
+    gc.collect()
+    if hasattr(PETSc, "garbage_cleanup"):
+        PETSc.garbage_cleanup()
+
+
+def main():
+    """Read, run, mark; the end of stdin is the end."""
+    while True:
+        command = comm.bcast(json.loads(sys.stdin.readline() or "[]") if comm.rank == 0 else None)
+        if not command:
+            return
+        mark, *command = command
+        run(command)
+        sys.stdout.flush()
+        comm.barrier()
+        if comm.rank == 0:
+            print(mark, flush=True)
+
+
 try:
-    runpy.run_path(sys.argv[0], run_name="__main__")
-except BaseException as error:
-    if not (isinstance(error, SystemExit) and not error.code):
-        traceback.print_exc()
-        sys.stderr.flush()
-        MPI.COMM_WORLD.Abort(1)
+    main()
+except BaseException:
+    traceback.print_exc()
+    sys.stderr.flush()
+    MPI.COMM_WORLD.Abort(1)

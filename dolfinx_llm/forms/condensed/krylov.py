@@ -33,6 +33,7 @@ def solver_of(matrix, prefix: str, given: dict):
         The solver, its name, and whether it is the default one, which may be given up.
 
     Raises:
+        ContactInputError: options with names that are not known, or values that PETSc refuses.
         ContactError: MUMPS could not factorise the matrix.
     """
     database = PETSc.Options(prefix)
@@ -43,14 +44,14 @@ def solver_of(matrix, prefix: str, given: dict):
     pc, krylov = chosen("pc_type", "gamg"), chosen("ksp_type", "cg")
     factor = pc in ("cholesky", "lu")
     default = krylov == "cg" and pc == "gamg" and chosen("ksp_max_it", None) is None
-    options = dict(ITERATIVE) if krylov == "cg" else {}
+    options = dict(ITERATIVE) if krylov == "cg" else {"ksp_rtol": ITERATIVE["ksp_rtol"]}
     options |= GAMG if pc == "gamg" else {}
     options |= {"ksp_max_it": PATIENCE} if default else {}
     options |= {"pc_factor_mat_solver_type": "mumps"} if factor else {}
     options |= given
     for spare in (50, 400, 2000):
         more = {"mat_mumps_icntl_14": spare} if factor else {}
-        ksp = set_up_ksp(matrix, prefix, more | options)
+        ksp = set_up_ksp(matrix, prefix, more | options, given)
         infog = mumps_infog(ksp) if factor else {}
         if infog.get(1, 0) not in (-8, -9):
             break

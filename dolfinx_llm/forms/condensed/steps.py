@@ -115,7 +115,8 @@ class CondensedSteps(WholeSteps):
         test = form.columns_of(E.T.tocsr()[slaved.multipliers.mine])
         law = form.frame_law(E, step.D, self.scale)
         matrix = form.reduce(-law, self.scale, test)
-        solver = DirectSolver(matrix, self._prefix, {"pc_type": "lu"}, own=True)
+        own = {k: v for k, v in (self._options or {}).items() if k not in ("ksp_type", "pc_type")}
+        solver = DirectSolver(matrix, self._prefix, own | {"pc_type": "lu"}, own=True)
 
         def solve(f, g, rhs):
             u_0, v_0 = form.offsets(f, g)

@@ -1,0 +1,35 @@
+"""What stands in the place of something that has been destroyed."""
+
+from __future__ import annotations
+
+from typing import Any, NoReturn
+
+from dolfinx_llm.base.errors import ContactError
+
+
+class Destroyed:
+    """Whose use, in any way, is an error.
+
+    Args:
+        owner: what has been destroyed, for the message.
+
+    Raises:
+        ContactError: whenever it is used.
+
+    >>> try:
+    ...     Destroyed("this problem").solve
+    ... except ContactError as error:
+    ...     print(str(error)[:31])
+    this problem has been destroyed
+    """
+
+    def __init__(self, owner: str) -> None:
+        self.owner = owner
+
+    def _refuse(self, *_: Any) -> NoReturn:
+        raise ContactError(
+            f"{self.owner} has been destroyed: take what is needed of it before destroy(), or make "
+            "a new one"
+        )
+
+    __getattr__ = __getitem__ = __iter__ = __len__ = __bool__ = __call__ = _refuse

@@ -1,0 +1,84 @@
+"""Objects that hold PETSc's, and what becomes of these."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from types import TracebackType
+from typing import Any, Self
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from dolfinx_llm.base.errors import ContactError
+
+log = logging.getLogger("dolfinx_llm")
+
+
+class Disposable:
+    """Frees its PETSc objects in ``destroy``, at the end of a ``with`` block, or, on one rank, when
+    nobody refers to it any more."""
+
+    comm: MPI.Comm
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        # Other errors may have ended the block on this rank alone.
+        if error is None or isinstance(error, ContactError) or self.comm.size == 1:
+            self.destroy()
+
+
+class Remains:
+    """The last attribute of an object: when that goes, so does, on one rank, what PETSc has left.
+
+    petsc4py frees what is shared between ranks only where all of them ask for it together.
+
+    Args:
+        meshes: whose communicators the PETSc objects live on.
+    """
+
+    dropped = 0  # objects that went without ``destroy`` on several ranks
+    told = False  # that this costs memory
+
+    def __init__(self, meshes: list[Any]) -> None:
+        self._meshes, self.destroyed = meshes, False
+
+    def __del__(self) -> None:
+        if sys.is_finalizing() or self.destroyed:
+            return
+        if MPI.COMM_WORLD.size > 1:
+            Remains.dropped += 1
+            return
+        for mesh in self._meshes:
+            free_garbage(mesh.comm)
+
+
+def free_garbage(comm: MPI.Comm) -> None:
+    """Free PETSc objects that no rank refers to any more; collective on a communicator.
+
+    On several ranks a warning says, once, where this had been left to the garbage collector.
+    """
+    if not hasattr(PETSc, "garbage_cleanup") or PETSc.Sys.isFinalized():
+        return
+    PETSc.garbage_cleanup(comm)
+    if comm.size == MPI.COMM_WORLD.size:
+        PETSc.garbage_cleanup(MPI.COMM_WORLD)
+    if comm.size > 1 and Remains.dropped and not Remains.told:
+        Remains.told = True
+        if comm.rank == 0:
+            log.warning(
+                "a ContactProblem was dropped without destroy(): on several ranks its memory stays "
+                "taken. Call destroy() when done with each, or write `with ContactProblem(...) as "
+                "problem:`"
+            )

@@ -1,0 +1,188 @@
+"""The pieces of two surfaces that can touch, each with its plane where a single one does.
+
+Surfaces that do not follow each other touch in a small part of what faces, about the place where
+they are nearest: the plane there does. Where both turn together, as a pin and its bore do, contact
+turns with them: local normals are needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.facing import TURN, Facing, facing_facets
+from dolfinx_llm.geometry.overlap_curved import is_flat
+from dolfinx_llm.geometry.overlap_flat import Plane, common_plane, plane_with
+from dolfinx_llm.geometry.separation import Separation
+from dolfinx_llm.geometry.surface import Surface
+
+TOGETHER = 0.2  # [rad] by which both surfaces may turn against the plane of what may part
+NARROW = 0.05  # width of the surroundings of the nearest place, in the surfaces' radius
+STRAIGHT = 1e-8  # difference of the unit normals of a flat side's facets
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Parts of both sides that are treated together."""
+
+    facets: tuple[np.ndarray, np.ndarray]  # of each side, (k_i,) numbers
+    plane: Plane | None  # None: curved
+    edges: int  # sharp edges inside of it
+
+
+def touching_pieces(
+    sides: Sequence[Surface], separations: Sequence[Separation], unilateral: bool
+) -> list[Piece]:
+    """What of two surfaces can touch: one piece, or several where planes do only piece by piece.
+
+    Args:
+        sides: the two surfaces.
+        separations: how far their nodes lie from each other.
+        unilateral: whether they may part; surfaces that are tied are flat to rounding, or curved.
+
+    Returns:
+        The pieces; none where nothing faces.
+    """
+    found = _Found(sides, facing_facets(sides, separations), separations, unilateral)
+    if not found.count[0] or not found.count[1]:
+        return []
+    everything = np.ones(sum(found.count), dtype=bool)
+    plane = found.plane(everything)
+    if plane is not None:
+        return [found.piece(everything, plane)]
+    groups, smooth = found.groups(), found.smooth_parts()
+    planes = [found.plane(group) for group in groups]
+    if len(groups) > 1 and all(planes):
+        return [found.piece(group, plane) for group, plane in zip(groups, planes)]
+    return [found.piece(everything, None, edges=smooth - len(groups))]
+
+
+class _Found:
+    """The facets of both sides that face each other, one list of both."""
+
+    def __init__(
+        self,
+        sides: Sequence[Surface],
+        facing: tuple[Facing, Facing],
+        separations: Sequence[Separation],
+        unilateral: bool,
+    ):
+        self.sides, self.facing, self.unilateral = sides, facing, unilateral
+        self.count = [len(f.facets) for f in facing]
+        areas = [vector_areas(side.x, side.facets) for side in sides]
+        normals = [a / np.linalg.norm(a, axis=1)[:, None] for a in areas]
+        self.area = np.concatenate([a[f.facets] for a, f in zip(areas, facing)])
+        self.normal = np.concatenate([n[f.facets] for n, f in zip(normals, facing)])
+        across = [normals[1 - k][f.partner] for k, f in enumerate(facing)]
+        self.across = np.concatenate(across)
+        self.side = np.repeat([0, 1], self.count)
+        self.distance = np.concatenate([
+            s.distance[side.facets[f.facets]].mean(axis=1)
+            for s, side, f in zip(separations, sides, facing)
+        ])  # fmt: skip
+        self.centre = np.concatenate([
+            side.x[side.facets[f.facets]].mean(axis=1) for side, f in zip(sides, facing)
+        ])  # fmt: skip
+
+    def piece(self, which: np.ndarray, plane: Plane | None, edges: int = 0) -> Piece:
+        """The piece of some facets."""
+        parts = np.split(which, [self.count[0]])
+        return Piece(
+            (self.facing[0].facets[parts[0]], self.facing[1].facets[parts[1]]), plane, edges
+        )
+
+    def parts(self, which: np.ndarray) -> list[Surface]:
+        """Both surfaces of some facets alone."""
+        return [s.part(f) for s, f in zip(self.sides, self.piece(which, None).facets)]
+
+    def plane(self, which: np.ndarray) -> Plane | None:
+        """The plane that does for some facets, if one does."""
+        of = [which & (self.side == k) for k in (0, 1)]
+        if not all(o.any() for o in of):
+            return None
+        parts = self.parts(which)
+        if not self.unilateral:
+            size = max(part.diameter for part in parts)
+            sums = [self.area[o].sum(axis=0) for o in of]
+            opposite = np.dot(*sums) < -np.cos(TURN) * np.prod([np.linalg.norm(a) for a in sums])
+            flat = opposite and all(is_flat(part, 1e-6 * size) for part in parts)
+            return common_plane(*parts) if flat else None
+        normal = self._normal(of)
+        if normal is None:
+            return None
+        sign = np.where(self.side[which] == 0, 1.0, -1.0)[:, None]
+        own, across = sign * self.normal[which], -sign * self.across[which]
+        mean = own + across
+        mean /= np.linalg.norm(mean, axis=1)[:, None]
+        between = np.arccos(np.clip(np.einsum("ni,ni->n", own, across), -1.0, 1.0))
+        turned = np.arccos(np.clip(mean @ normal, -1.0, 1.0)) - 0.5 * between
+        return plane_with(normal, *parts) if turned.max() <= TOGETHER else None
+
+    def _normal(self, of: Sequence[np.ndarray]) -> np.ndarray | None:
+        """Unit normal out of side 0 where the sides are nearest: a flat side's own; else the mean
+        of both sides' about there. None: their facets look everywhere."""
+        means, straight = [], []
+        near = min(self.distance[o].min() for o in of)
+        radius = min(
+            np.linalg.norm(self.centre[o] - self.centre[o].mean(axis=0), axis=1).max() for o in of
+        )
+        for o in of:
+            off = (self.distance[o] - near) / max(NARROW * radius, 1e-300)
+            total = (1.0 / (1.0 + off**2) ** 2) @ self.area[o]
+            size = np.linalg.norm(self.area[o], axis=1) @ (1.0 / (1.0 + off**2) ** 2)
+            if not np.linalg.norm(total) > 0.1 * size:
+                return None
+            means.append(total / np.linalg.norm(total))
+            straight.append(bool(np.abs(self.normal[o] - means[-1]).max() < STRAIGHT))
+        if straight[0] != straight[1]:
+            return means[0] if straight[0] else -means[1]
+        mean = means[0] - means[1]
+        length = np.linalg.norm(mean)
+        return mean / length if length > 0.1 else None
+
+    def smooth_parts(self) -> int:
+        """Number of connected parts without a sharp edge inside."""
+        return int(self._components(sharp=False).max()) + 1
+
+    def groups(self) -> list[np.ndarray]:
+        """Facets that are connected by nodes, or by facing each other."""
+        label = self._components(sharp=True)
+        return [label == k for k in range(label.max() + 1)]
+
+    def _components(self, sharp: bool) -> np.ndarray:
+        """(m,) connected part of each facet; with sharp edges as ties, or without."""
+        rows, cols, start = [], [], np.array([0, self.count[0]])
+        for k, (side, f) in enumerate(zip(self.sides, self.facing)):
+            i, j = neighbours(side.facets[f.facets], by_nodes=sharp)
+            i, j = i + start[k], j + start[k]
+            if not sharp:
+                cosine = np.einsum("ni,ni->n", self.normal[i], self.normal[j])
+                i, j = i[cosine > np.cos(TURN)], j[cosine > np.cos(TURN)]
+            place = np.full(len(self.sides[1 - k].facets), -1)
+            place[self.facing[1 - k].facets] = start[1 - k] + np.arange(self.count[1 - k])
+            across = place[f.partner]
+            own = np.flatnonzero(across >= 0)
+            rows += [i, start[k] + own]
+            cols += [j, across[own]]
+        row, col = np.concatenate(rows), np.concatenate(cols)
+        n = sum(self.count)
+        return connected_components(coo_matrix((np.ones(len(row)), (row, col)), (n, n)), False)[1]
+
+
+def neighbours(facets: np.ndarray, by_nodes: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of facets that share an edge (a node of segments, or where ``by_nodes``)."""
+    m, k = facets.shape
+    if k == 2 or by_nodes:
+        key = facets.ravel()
+    else:
+        ends = np.sort(np.stack([facets, np.roll(facets, -1, axis=1)], axis=2), axis=2)
+        key = (ends[..., 0] * (facets.max() + 1) + ends[..., 1]).ravel()
+    owner = np.repeat(np.arange(m), k)
+    order = np.lexsort((owner, key))
+    same = key[order][1:] == key[order][:-1]
+    return owner[order][:-1][same], owner[order][1:][same]

@@ -1,0 +1,160 @@
+"""A body against a rigid obstacle: every surface node against its point of the obstacle."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.facing import BEYOND, TURN, Facets
+from dolfinx_llm.geometry.overlap_curved import facet_vectors
+from dolfinx_llm.geometry.pairs import ContactPairs
+from dolfinx_llm.geometry.separation import facet_sizes
+from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.interface.obstacles import Obstacle
+from dolfinx_llm.interface.touching import BURIED, overlap_text, steep_rim
+
+log = logging.getLogger("dolfinx_llm")
+
+
+def against_obstacle(
+    obstacle: Obstacle, side: Surface, name: str, notes: list[str]
+) -> tuple[ContactPairs, np.ndarray]:
+    """The pairs of a body against a rigid obstacle, and which lie at a rim that is too steep.
+
+    Args:
+        obstacle: the obstacle.
+        side: the surface as tagged.
+        name: of the interface, for messages.
+        notes: to which is added what was found.
+
+    Raises:
+        ContactError: no facet faces the obstacle, or the body lies inside of it.
+        ContactInputError: the obstacle is of another dimension, or its clearance is no clearance.
+    """
+    gdim, kind = side.x.shape[1], type(obstacle).__name__
+    if obstacle.gdim not in (None, gdim):
+        raise ContactInputError(f"the {kind} lies in {obstacle.gdim}D, the body in {gdim}D")
+    distance, normal = _clearance(obstacle, side.x)
+    facets = _facing_facets(side, distance, normal)
+    if not len(facets):
+        near = int(distance.argmin())
+        raise ContactError(
+            f"no node of {side.name} faces the {kind}: seen from the body it must lie on the outer "
+            f"side of the surface. The nearest node, {side.x[near].round(6).tolist()}, has the "
+            f"clearance {distance[near]:.3g}. Check the obstacle's normal, `inside`, the tag and "
+            "positions"
+        )
+    vectors = np.zeros_like(side.x)
+    np.add.at(vectors, side.facets[facets], facet_vectors(side.x, side.facets[facets]))
+    facing = np.zeros(len(side.x), dtype=bool)
+    facing[side.facets[facets]] = True
+    nodes = np.flatnonzero(facing & np.isfinite(distance))
+    pairs = ContactPairs(
+        surface=side,
+        nodes=nodes,
+        forces=np.linalg.norm(vectors[nodes], axis=1),
+        cell=np.zeros(len(nodes), dtype=np.int64),
+        N=csr_matrix((len(nodes), 0)),
+        normal=normal[nodes],
+        base=np.broadcast_to(np.eye(gdim), (len(nodes), gdim, gdim)).copy(),
+        gap=-distance[nodes, None] * normal[nodes],
+    )
+    notes.append(f"rigid {kind}: {len(nodes)} nodes face it")
+    if len(facets) < len(side.facets):
+        notes.append(
+            f"{len(side.facets) - len(facets)} of {len(side.facets)} facets of {side.name} left "
+            "out: they do not face the obstacle"
+        )
+    # It may be drawn inside and moved away, or drawn at the surface and pressed in.
+    moved = np.maximum(distance, distance + normal @ obstacle.motion(gdim))
+    _say_place(obstacle, side, nodes, moved, name, notes)
+    return pairs, steep_rim(side, facets, np.isfinite(distance))[nodes]
+
+
+def _clearance(obstacle: Obstacle, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What the obstacle says of points, checked: own obstacles may say anything."""
+    kind = type(obstacle).__name__
+    try:
+        distance, normal = obstacle.clearance(x)
+        distance, normal = np.array(distance, float), np.array(normal, float)
+    except (TypeError, ValueError) as error:
+        if isinstance(error, ContactInputError):
+            raise
+        raise ContactInputError(f"{kind}.clearance(x) fails: {error}; {WANTED}") from error
+    if distance.shape != (len(x),) or normal.shape != x.shape:
+        raise ContactInputError(
+            f"{kind}.clearance(x) of {len(x)} points gives shapes {distance.shape} and "
+            f"{normal.shape}; {WANTED}"
+        )
+    there = np.isfinite(distance)
+    length = np.linalg.norm(normal[there], axis=1)
+    if np.isnan(distance).any() or (distance == -np.inf).any() or np.isnan(length).any():
+        raise ContactInputError(f"{kind}.clearance(x) gives NaN or -inf; {WANTED}")
+    if there.any() and np.abs(length - 1.0).max() > 1e-6:
+        raise ContactInputError(
+            f"{kind}.clearance(x) gives directions of length {length.min():.6g} to "
+            f"{length.max():.6g}; {WANTED}"
+        )
+    return distance, np.where(there[:, None], normal, 0.0)
+
+
+WANTED = (
+    "it must return (n,) distances, negative inside the obstacle, inf where there is none of it, "
+    "and (n, gdim) unit vectors into it"
+)
+
+
+def _facing_facets(side: Surface, distance: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Numbers of the facets that face the obstacle and lie near."""
+    direction = normal[side.facets].sum(axis=1)
+    direction /= np.maximum(np.linalg.norm(direction, axis=1), 1e-300)[:, None]
+    area = vector_areas(side.x, side.facets)
+    cosine = np.einsum("fi,fi->f", area, direction) / np.linalg.norm(area, axis=1)
+    faces = cosine > np.cos(TURN)
+    at = distance[side.facets].min(axis=1)
+    limit = at[faces].min(initial=np.inf) + BEYOND * Facets.of(side).reach
+    return np.flatnonzero(faces & np.isfinite(at) & (at <= limit))
+
+
+def _say_place(
+    obstacle: Obstacle,
+    side: Surface,
+    nodes: np.ndarray,
+    distance: np.ndarray,
+    name: str,
+    notes: list[str],
+) -> None:
+    """How far the body is from the obstacle, or how deep inside of it: refused at half of it.
+
+    Args:
+        nodes: those that face the obstacle.
+        distance: (n,) of all nodes from the obstacle.
+    """
+    kind, size = type(obstacle).__name__, facet_sizes(side)
+    depth = np.zeros(len(distance))
+    depth[nodes] = np.maximum(-distance[nodes], 0.0)
+    worst = int(depth.argmax())
+    if depth[worst] <= 1e-9 * side.diameter:
+        near = nodes[distance[nodes].argmin()]
+        if distance[near] > 1e-9 * side.diameter:
+            notes.append(
+                f"not touching as drawn: nearest at {side.x[near].round(6).tolist()}, "
+                f"{distance[near]:.3g} from the {kind}"
+            )
+        return
+    text = overlap_text(side, depth, f"the {kind}")
+    if depth[worst] > max(BURIED * Facets.of(side).reach, size[worst]):
+        raise ContactError(
+            f"{text}, where facets have the size {size[worst]:.3g}: the body lies inside of the "
+            "obstacle. Check positions, units, the obstacle's normal, `inside` and displacement"
+        )
+    notes.append(text)
+    if depth[worst] > size[worst]:
+        log.warning(
+            "interface %s: %s, more than a facet's size, %.3g: contact pushes it out by as much "
+            "in the first load step. Check positions and units", name, text, size[worst],
+        )  # fmt: skip

@@ -1,0 +1,76 @@
+"""The frame of an interface: the user's own, in closed form, predicted, or moved to pass."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.parallel import collective
+from dolfinx_llm.design.line import frame_at_roots
+from dolfinx_llm.design.positions import design_positions
+from dolfinx_llm.design.predict import face_side_1, predict_frame
+from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.overlap_flat import Plane
+from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.interface.choices import Interface
+
+log = logging.getLogger("dolfinx_llm")
+
+COVERED, REACH = 1e-6, 3.0  # cells that a node may lie beyond a given, a predicted frame
+
+
+def choose_frame(
+    interface: Interface,
+    sides: tuple[Surface, ...],
+    forces: Sequence[np.ndarray],
+    plane: Plane | None,
+    area: Any,
+    corners: int | None = None,
+) -> tuple[Frame, str, float]:
+    """The user's frame, turned to point out of side 0, or a predicted one.
+
+    Args:
+        interface: the user's choices.
+        sides: the two surfaces.
+        forces: pair of (n_i,) forces of unit pressure.
+        plane: of flat surfaces; None: they are curved.
+        area: what both cover, in the plane.
+        corners: of a predicted frame's cells; None: those of the coarser side.
+
+    Returns:
+        The frame, a sentence that says what it is, and how many cells a node may lie beyond its
+        outline.
+    """
+    if interface.frame is not None:
+        frame = face_side_1(interface.frame, sides[0])
+        if plane is None:
+            return frame, "frame: given", REACH
+        if frame.gdim == 2 and interface.design == "positions":
+            return *frame_at_roots(sides, plane, area, frame), COVERED
+        return frame, "frame: given", COVERED
+    if plane and len(plane.origin) == 2 and interface.design in ("positions", "auto"):
+        try:
+            return *frame_at_roots(sides, plane, area), COVERED
+        except ContactError as error:
+            if interface.design == "positions":
+                raise
+            log.info("closed form of the frame left out: %s", error)
+    return *predict_frame(sides, forces, plane, interface.law.unilateral, corners), REACH
+
+
+def move_nodes(
+    frame: Frame, sides: Sequence[Surface], forces: Sequence[np.ndarray], comm: MPI.Comm
+) -> Frame:
+    """The frame with its nodes moved, found on one rank: the search feels rounding, which need not
+    be the same on all."""
+    in_contact = [f > 0.0 for f in forces]
+    with collective(comm):
+        if comm.rank == 0:
+            x = [side.x[k] for side, k in zip(sides, in_contact)]
+            frame = design_positions(frame, x, [f[k] for f, k in zip(forces, in_contact)])
+    return comm.bcast(frame, root=0)

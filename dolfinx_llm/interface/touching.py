@@ -1,0 +1,162 @@
+"""What of the tagged surfaces takes part, and what is said or refused before any solve."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from typing import NoReturn
+
+import numpy as np
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.facing import TURN
+from dolfinx_llm.geometry.overlap_curved import is_flat, vector_areas_in_contact
+from dolfinx_llm.geometry.overlap_flat import Plane, common_area, common_plane
+from dolfinx_llm.geometry.pieces import Piece, touching_pieces
+from dolfinx_llm.geometry.separation import Separation, separation
+from dolfinx_llm.geometry.surface import Surface
+
+log = logging.getLogger("dolfinx_llm")
+
+BURIED = 0.5  # depth, in the radius of the smaller surface, that no drawing can mean
+
+
+def find_pieces(
+    sides: Sequence[Surface], unilateral: bool, name: str, notes: list[str]
+) -> tuple[list[Piece], list[np.ndarray]]:
+    """The pieces of two surfaces that can touch, and per side its ``steep_rim``.
+
+    Args:
+        sides: the surfaces as tagged.
+        unilateral: whether they may part.
+        name: of the interface, for messages.
+        notes: to which is added what was left out and how bodies overlap.
+
+    Raises:
+        ContactError: nothing faces, or one body lies inside of the other.
+    """
+    separations = separation(sides[0], sides[1]), separation(sides[1], sides[0])
+    pieces = touching_pieces(sides, separations, unilateral)
+    if unilateral:
+        _say_overlap(sides, separations, pieces, name, notes)
+    if not pieces:
+        _refuse(sides, separations)
+    rims = []
+    for k, side in enumerate(sides):
+        facets = np.concatenate([piece.facets[k] for piece in pieces])
+        rims.append(steep_rim(side, facets, separations[k].over))
+        left = len(side.facets) - len(facets)
+        if left:
+            notes.append(f"{left} of {len(side.facets)} facets of {side.name} left out: they do "
+                         "not face the other side")  # fmt: skip
+    edges = sum(piece.edges for piece in pieces)
+    if edges > 0:
+        text = (
+            f"the facets that face each other meet at {edges} sharp edge(s), where the contact "
+            "normal is rounded off: forces there are not exact. Tag one face of the edge only"
+        )
+        log.warning("interface %s: %s", name, text)
+        notes.append(text)
+    return pieces, rims
+
+
+def _say_overlap(
+    sides: Sequence[Surface],
+    separations: Sequence[Separation],
+    pieces: Sequence[Piece],
+    name: str,
+    notes: list[str],
+) -> None:
+    """Bodies that overlap in the drawing: noted, said beyond a facet, refused where one lies inside
+    of the other."""
+    k = int(np.argmax([s.depth.max() for s in separations]))
+    side, other, depth = sides[k], sides[1 - k], separations[k].depth
+    if not depth.any():
+        return
+    worst = int(depth.argmax())
+    radius = min(np.linalg.norm(s.x - s.x.mean(axis=0), axis=1).max() for s in sides)
+    text = overlap_text(side, depth, f"the body of {other.name}")
+    buried = depth[worst] > max(BURIED * radius, separations[k].size[worst])
+    if buried or (not pieces and depth[worst] > separations[k].size[worst]):
+        raise ContactError(
+            f"{text}, where facets have the size {separations[k].size[worst]:.3g}: one body lies "
+            "inside of the other, or the tags mark sides that face away from each other. Check "
+            "tags, positions and units"
+        )
+    notes.append(text)
+    if depth[worst] > separations[k].size[worst]:
+        log.warning(
+            "interface %s: %s, more than a facet's size, %.3g: contact pushes them apart by as "
+            "much in the first load step. Check positions and units",
+            name, text, separations[k].size[worst],
+        )  # fmt: skip
+
+
+def overlap_text(side: Surface, depth: np.ndarray, what: str) -> str:
+    """How deep nodes of a side lie inside of something, and where."""
+    worst = int(depth.argmax())
+    return (
+        f"{int((depth > 0.0).sum())} node(s) of {side.name} lie inside of {what} as drawn, the "
+        f"deepest at {side.x[worst].round(6).tolist()} by {depth[worst]:.3g}"
+    )
+
+
+def _refuse(sides: Sequence[Surface], separations: Sequence[Separation]) -> NoReturn:
+    """Say why nothing of two surfaces faces."""
+    size = max(side.diameter for side in sides)
+    if all(is_flat(side, 1e-6 * size) for side in sides):
+        common_area(sides[0], sides[1], common_plane(sides[0], sides[1]))
+    else:
+        vector_areas_in_contact(sides[0], sides[1])
+    near = int(separations[0].distance.argmin())
+    raise ContactError(
+        f"no facet of {sides[0].name} faces one of {sides[1].name}: they are nearest at "
+        f"{sides[0].x[near].round(6).tolist()}, {separations[0].distance[near]:.3g} apart, and "
+        "nowhere lie in front of each other with opposite normals. Check tags, positions and units"
+    )
+
+
+def steep_rim(whole: Surface, facets: np.ndarray, over: np.ndarray) -> np.ndarray:
+    """(n,) nodes of a surface where it goes on, without a sharp edge, into facets that were left
+    out though the other side is there.
+
+    Args:
+        whole: the surface as tagged.
+        facets: (k,) numbers of those that take part.
+        over: (n,) nodes that lie over a facet of the other side.
+    """
+    area = vector_areas(whole.x, whole.facets)
+    normal = area / np.linalg.norm(area, axis=1)[:, None]
+    left = over[whole.facets].any(axis=1)
+    left[facets] = False
+    mean = np.zeros_like(whole.x)
+    np.add.at(mean, whole.facets[facets], area[facets][:, None, :])
+    size = np.linalg.norm(mean, axis=1)
+    mean /= np.where(size > 0.0, size, 1.0)[:, None]
+    rim = np.zeros(len(whole.x), dtype=bool)
+    cosine = np.einsum("fki,fi->fk", mean[whole.facets[left]], normal[left])
+    rim[whole.facets[left][cosine > np.cos(TURN)]] = True
+    return rim
+
+
+def check_flat(sides: Sequence[Surface], plane: Plane) -> None:
+    """Require flat sides parallel to each other, closer than a facet's size."""
+    size = max(side.diameter for side in sides)
+    heights = [plane.height(side.x) for side in sides]
+    for side, height in zip(sides, heights):
+        if np.ptp(height) > 1e-6 * size:
+            raise ContactError(
+                f"{side.name} is flat, but not parallel to the other side: its nodes lie within "
+                f"{np.ptp(height):.3g} along the normal {plane.normal.round(6).tolist()} (allowed "
+                f"{1e-6 * size:.3g}). Check the geometry"
+            )
+    gap = heights[1].mean() - heights[0].mean()
+    areas = [np.linalg.norm(vector_areas(side.x, side.facets), axis=1).max() for side in sides]
+    facet = max(areas) ** (1.0 / (len(plane.origin) - 1))
+    if abs(gap) > facet:
+        raise ContactError(
+            f"the surfaces {sides[0].name} and {sides[1].name} lie {gap:.3g} apart along the "
+            f"normal, more than the largest facet's size, {facet:.3g}; Tied() is for surfaces that "
+            "touch. Check tags, positions and units"
+        )

@@ -1,0 +1,317 @@
+"""What ``ContactProblem`` is given: checked on all ranks together before anything is made of it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.parallel import agree, collective
+from dolfinx_llm.forms.choice import SOLVERS
+from dolfinx_llm.forms.options import check_values
+from dolfinx_llm.geometry.surface import check_space
+from dolfinx_llm.interface.choices import Interface
+
+FORMS = {
+    2: ("a", "must be bilinear", "give a bilinear UFL form, or a list of them, one per mesh"),
+    1: (
+        "L",
+        "must be linear",
+        "give a linear UFL form, or a list of them; without loads "
+        "ufl.inner(fem.Constant(mesh, (0.0, ...)), v) * ufl.dx",
+    ),
+}
+BCS = "give a list of Dirichlet conditions (fem.dirichletbc)"
+LOADS = "give a list of dolfinx Functions of nodal forces"
+INTERFACES = "give at least one Interface, or a list of them"
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Arguments of a problem that fit each other."""
+
+    several: bool  # forms came as sequences
+    a: list[ufl.Form]  # bilinear, one per mesh
+    L: list[ufl.Form]  # linear, in the order of a
+    spaces: list[Any]  # function space of each
+    bcs: Sequence[Any]  # Dirichlet conditions; the user's own list, which may change
+    interfaces: list[Interface]
+    nodal_loads: list[fem.Function]
+
+
+def problem_arguments(
+    a: Any,
+    L: Any,
+    bcs: Any,
+    interfaces: Any,
+    nodal_loads: Any,
+    solver: Any,
+    petsc_options_prefix: Any,
+    petsc_options: Any,
+) -> Arguments:
+    """Check the arguments of ``ContactProblem``; collective.
+
+    Args:
+        a, L, bcs, interfaces, nodal_loads, solver, petsc_options_prefix, petsc_options: as given.
+
+    Returns:
+        Lists, the forms L in the order of the forms a.
+
+    Raises:
+        ContactInputError: an argument does not fit; on all ranks, with what is accepted.
+    """
+    comm = _communicator(a, L, bcs, nodal_loads)
+    with collective(comm):
+        forms = _forms(2, a)
+        spaces = [_space(form) for form in forms]
+        _check_meshes(spaces)
+    for V in spaces:
+        check_space(V)
+    with collective(comm):
+        conditions(bcs, spaces)
+        loads = _in_order(forms, spaces, _forms(1, L))
+        given = Arguments(
+            isinstance(a, (list, tuple)),
+            forms,
+            loads,
+            spaces,
+            bcs if isinstance(bcs, list) else conditions(bcs, spaces),
+            _interfaces(interfaces, spaces),
+            _nodal_loads(nodal_loads, spaces),
+        )
+        checks.one_of("solver", solver, SOLVERS)
+        check_petsc_options(petsc_options, petsc_options_prefix)
+    told = [_told(interface) for interface in given.interfaces]
+    counts = len(given.bcs), len(given.nodal_loads), len(forms)
+    agree(comm, "the numbers of Dirichlet conditions, nodal loads and forms", counts)
+    agree(comm, "the interfaces", told)
+    agree(comm, "solver and PETSc options", (solver, petsc_options_prefix, petsc_options))
+    return given
+
+
+def step_arguments(comm: MPI.Comm, increments: Any, interfaces: Sequence[Interface]) -> int:
+    """Check what ``ContactProblem.solve`` is given, and where obstacles are now; collective.
+
+    Args:
+        comm: MPI communicator.
+        increments: as given.
+        interfaces: of the problem.
+
+    Returns:
+        The number of increments.
+
+    Raises:
+        ContactInputError: no integer of at least 1, or displacements of obstacles that are no
+            finite vectors; on all ranks.
+    """
+    with collective(comm):
+        parts = checks.integer("increments", increments, "give an integer of at least 1", low=1)
+        obstacles = [i.obstacle for i in interfaces if i.obstacle is not None]
+        motions = [obstacle.motion(obstacle.gdim).tolist() for obstacle in obstacles]
+    agree(comm, "increments", parts)
+    agree(comm, "the obstacles' displacements", motions)
+    return parts
+
+
+def check_petsc_options(options: Any, prefix: Any = "") -> None:
+    """Require PETSc options in the form of a dict, and a prefix.
+
+    Args:
+        options: name, without prefix and hyphen, to value; or None.
+        prefix: what stands before the names in PETSc's database.
+
+    Raises:
+        ContactInputError: other types, names with a hyphen, values that are no text or number.
+    """
+    if not (isinstance(prefix, str) and re.fullmatch(r"(\w[\w.]*)?", prefix)):
+        checks.refuse("petsc_options_prefix", prefix, 'give a word such as "llm_", without hyphen')
+    if options is None:
+        return
+    accepted = 'give a dict of names and values, e.g. {"ksp_type": "cg"}, or None'
+    checks.instance("petsc_options", options, dict, accepted)
+    for key, value in options.items():
+        if not (isinstance(key, str) and re.fullmatch(r"\w[\w.]*", key)):
+            checks.refuse("petsc_options: name", key, 'give a name such as "ksp_type", no hyphen')
+        plain = value is None or isinstance(value, (str, bool, np.bool_))
+        if not plain:
+            checks.number(f'petsc_options: "{key}"', value, "give a text, a finite number, or None")
+    check_values(options)
+
+
+def _communicator(*given: Any) -> MPI.Comm:
+    """Of the first form, condition or load that has one."""
+    found = [_mesh_of(item) for value in given for item in _listed(value)]
+    mesh = next((mesh for mesh in found if mesh is not None), None)
+    return MPI.COMM_SELF if mesh is None else mesh.comm
+
+
+def _listed(value: Any) -> Sequence[Any]:
+    return value if isinstance(value, (list, tuple)) else [value]
+
+
+def _mesh_of(item: Any) -> Any:
+    """Mesh of a form's arguments, a condition or a Function; None if there is none."""
+    space = getattr(item, "function_space", None)
+    if isinstance(item, ufl.Form):
+        parts = (*item.arguments(), *item.coefficients())
+        space = parts[0].ufl_function_space() if parts else None
+    return getattr(space, "mesh", None)
+
+
+def _forms(count: int, value: Any) -> list[ufl.Form]:
+    """UFL forms with a number of arguments."""
+    name, kind, accepted = FORMS[count]
+    forms = list(_listed(value))
+    if not forms:
+        checks.refuse(name, value, accepted)
+    for form in forms:
+        checks.instance(name, form, ufl.Form, accepted)
+        arguments = form.arguments()
+        if len(arguments) != count:
+            hint = ", or is zero as a whole" if not arguments else ""
+            raise ContactInputError(
+                f"the form {name} {kind}, has {len(arguments)} argument(s){hint}: {accepted}"
+            )
+        meshes = [V.mesh for V in map(_space_of, arguments) if V is not None]
+        meshes += [
+            c.function_space.mesh for c in form.coefficients() if isinstance(c, fem.Function)
+        ]
+        if len(meshes) < count:
+            checks.refuse(name, form, "its arguments must be of dolfinx function spaces")
+        domains = {domain.ufl_id() for domain in form.ufl_domains()}
+        if any(mesh is not meshes[0] for mesh in meshes) or len(domains) > 1:
+            raise ContactInputError(
+                f"the form {name} lives on several meshes: give one form per mesh, whose arguments "
+                "and Functions are of that mesh"
+            )
+    return forms
+
+
+def _space_of(argument: Any) -> Any:
+    """dolfinx function space of a form's argument, or None."""
+    space = argument.ufl_function_space()
+    return space if hasattr(space, "dofmap") else None
+
+
+def _space(form: ufl.Form) -> Any:
+    test, trial = (_space_of(argument) for argument in form.arguments())
+    if not compat.same_space(test, trial):
+        raise ContactInputError(
+            "the form a has test and trial functions of two spaces: take both of one space"
+        )
+    return test
+
+
+def _same(V: Any, W: Any) -> bool:
+    """Whether two function spaces number the same values in the same way."""
+    if V is W:
+        return True
+    if V.mesh is not W.mesh or V.ufl_element() != W.ufl_element():
+        return False
+    dofs = compat.cell_dofs(V), compat.cell_dofs(W)
+    return dofs[0].shape == dofs[1].shape and bool((dofs[0] == dofs[1]).all())
+
+
+def _check_meshes(spaces: Sequence[Any]) -> None:
+    """One form per mesh, of one communicator and dimension."""
+    if len({id(V.mesh) for V in spaces}) < len(spaces):
+        raise ContactInputError(
+            "two of the forms a live on one mesh: give one form per mesh, the sum of what lives on "
+            "it"
+        )
+    first = spaces[0].mesh
+    for V in spaces[1:]:
+        if MPI.Comm.Compare(first.comm, V.mesh.comm) not in (MPI.IDENT, MPI.CONGRUENT):
+            raise ContactInputError("the meshes of the forms a are of different communicators")
+        if V.mesh.geometry.dim != first.geometry.dim:
+            dims = [V.mesh.geometry.dim for V in spaces]
+            raise ContactInputError(f"the meshes of the forms a lie in {dims} dimensions: mix none")
+
+
+def _in_order(a: list[ufl.Form], spaces: Sequence[Any], L: list[ufl.Form]) -> list[ufl.Form]:
+    """The linear forms in the order of the bilinear ones, matched by their spaces."""
+    if len(a) != len(L):
+        raise ContactInputError(
+            f"{len(a)} bilinear forms, {len(L)} linear ones: give one of each per mesh"
+        )
+    ordered = []
+    for V in spaces:
+        found = [form for form in L if _same(_space_of(form.arguments()[0]), V)]
+        if len(found) != 1:
+            raise ContactInputError(
+                f"{len(found)} of the forms L have a test function of the space of a form a: give "
+                "one per form a, with a test function of the same function space"
+            )
+        ordered += found
+    return ordered
+
+
+def _is_condition(bc: Any) -> bool:
+    """Whether this is a Dirichlet condition; their class bears other names in other versions."""
+    return hasattr(bc, "function_space") and hasattr(bc, "g") and not isinstance(bc, type)
+
+
+def conditions(bcs: Any, spaces: Sequence[Any]) -> list[Any]:
+    """Dirichlet conditions as a list.
+
+    Args:
+        bcs: as given.
+        spaces: function spaces of the forms.
+
+    Raises:
+        ContactInputError: no conditions, or of another space.
+    """
+    found = [bcs] if _is_condition(bcs) else checks.items("bcs", bcs, BCS)
+    for bc in found:
+        if not _is_condition(bc):
+            checks.refuse("bcs: item", bc, BCS)
+        if not any(compat.in_space(bc, V) for V in spaces):
+            raise ContactInputError("a Dirichlet condition belongs to none of the forms' spaces")
+    return found
+
+
+def _nodal_loads(loads: Any, spaces: Sequence[Any]) -> list[fem.Function]:
+    one = isinstance(loads, fem.Function)
+    found = [loads] if one else checks.items("nodal_loads", loads, LOADS)
+    for load in found:
+        checks.instance("nodal_loads: item", load, fem.Function, LOADS)
+        V = load.function_space
+        if not any(V.mesh is W.mesh for W in spaces):
+            raise ContactInputError("a nodal load lives on none of the forms' meshes")
+        if not any(_same(V, W) for W in spaces):
+            raise ContactInputError(
+                f"nodal load {load.name}: must be a Function of the space of the form"
+            )
+    return found
+
+
+def _interfaces(interfaces: Any, spaces: Sequence[Any]) -> list[Interface]:
+    one = isinstance(interfaces, Interface)
+    found = [interfaces] if one else checks.items("interfaces", interfaces, INTERFACES)
+    if not found:
+        raise ContactInputError(INTERFACES)
+    for interface in found:
+        checks.instance("interfaces: item", interface, Interface, INTERFACES)
+        for tags, _ in interface.tagged_sides():
+            if not any(compat.tags_belong_to(tags, V.mesh) for V in spaces):
+                raise ContactInputError(
+                    "the facet tags belong to none of the meshes of the forms. For bodies on two "
+                    "meshes give sides=((tags_0, tag_0), (tags_1, tag_1))"
+                )
+    return found
+
+
+def _told(interface: Interface) -> tuple[str, ...]:
+    """An interface's choices as texts, to compare them between ranks."""
+    frame, obstacle = interface.frame, interface.obstacle
+    nodes = () if frame is None else (frame.x.tobytes().hex(), frame.cells.tobytes().hex())
+    law, rigid = checks.shown(interface.law), "" if obstacle is None else repr(obstacle)
+    return interface.name, law, str(interface.design), rigid, *nodes

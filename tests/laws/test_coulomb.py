@@ -1,0 +1,102 @@
+"""Coulomb's law at single nodes: by hand values."""
+
+import numpy as np
+import pytest
+
+from dolfinx_llm.laws.coulomb import (
+    OPEN,
+    SLIP,
+    STICK,
+    newton_rows,
+    projection_miss,
+    switch_rows,
+)
+
+pytestmark = pytest.mark.quick
+
+MU = 0.5
+# T, N, δ that obey |T| <= μ N, with what they are; μ N is 5 where N is 10.
+LAWFUL = {
+    "stick": ([3.0, 0.0], 10.0, [0.0, 0.0], STICK),
+    "slip": ([3.0, 4.0], 10.0, [0.6, 0.8], SLIP),
+    "slip back": ([-5.0, 0.0], 10.0, [-2.0, 0.0], SLIP),
+    "open": ([0.0, 0.0], 0.0, [1.0, -2.0], OPEN),
+}
+
+
+def node(T, N, delta):
+    return np.array([T], dtype=float), np.array([N], dtype=float), np.array([delta], dtype=float)
+
+
+def left(rows, T, N, delta):
+    """C_T T + C_δ δ + C_N N - rhs."""
+    own = np.einsum("nij,nj->ni", rows.C_T, T) + np.einsum("nij,nj->ni", rows.C_delta, delta)
+    return own + rows.C_N * N[:, None] - rows.rhs
+
+
+@pytest.mark.parametrize("c", [1e-3, 1.0, 1e4])
+@pytest.mark.parametrize("name", LAWFUL)
+def test_what_obeys_the_law_solves_its_rows(name, c):
+    *values, status = LAWFUL[name]
+    T, N, delta = node(*values)
+    c = np.array([c])
+    assert projection_miss(T, N, delta, MU, c) <= 1e-14 * 10.0
+    rows = newton_rows(T, N, delta, MU, c)
+    assert rows.status.tolist() == [status]
+    assert np.abs(left(rows, T, N, delta)).max() <= 1e-13 * max(10.0, *c * np.abs(delta).max())
+
+
+@pytest.mark.parametrize(
+    ("T", "N", "delta", "miss"),
+    [
+        ([6.0, 0.0], 10.0, [0.0, 0.0], 1.0),  # beyond the limit of 5 by 1
+        ([3.0, 0.0], 10.0, [1.0, 0.0], 1.0),  # slips by 1 at c = 1: z = 4 is inside, T should be 4
+        ([3.0, 4.0], 10.0, [-6.0, -8.0], 10.0),  # slips against its force
+        ([1.0, 0.0], 0.0, [0.0, 0.0], 1.0),  # friction without normal force
+        ([1.0, 0.0], -3.0, [0.0, 0.0], 1.0),
+    ],
+)
+def test_miss(T, N, delta, miss):
+    assert np.allclose(projection_miss(*node(T, N, delta), MU, np.ones(1)), miss, atol=1e-14)
+
+
+@pytest.mark.parametrize("pull", [[2.0, 1.0], [30.0, 0.0], [-6.0, 8.0], [0.0, -5.1]])
+def test_newton_drags_a_spring(pull):
+    """A node on a spring of stiffness 4: T = pull - 4 δ. It sticks up to |pull| = 5; beyond, T has
+    the direction of the pull and length 5, and δ is what is left over 4."""
+    pull, k, N = np.array([pull]), 4.0, np.array([10.0])
+    T, delta, c = pull.copy(), np.zeros((1, 2)), np.array([3.0])
+    for _ in range(30):
+        rows = newton_rows(T, N, delta, MU, c)
+        A = rows.C_delta[0] - k * rows.C_T[0]
+        delta = np.linalg.solve(A, rows.rhs[0] - rows.C_T[0] @ pull[0] - rows.C_N[0] * N)[None]
+        T = pull - k * delta
+    length = np.linalg.norm(pull)
+    known = pull * min(1.0, 5.0 / length)
+    assert np.allclose(T, known, rtol=0.0, atol=1e-12)
+    assert np.allclose(delta, (pull - known) / k, rtol=0.0, atol=1e-12)
+
+
+def test_switch():
+    """Stick to slip by the force (16), slip to stick where the slip turns against it (17)."""
+    T = np.array([[4.0], [6.0], [5.0], [5.0], [1.0]])
+    delta = np.array([[0.0], [0.0], [2.0], [-2.0], [0.0]])
+    N = np.array([10.0, 10.0, 10.0, 10.0, -1.0])
+    before = np.array([STICK, STICK, SLIP, SLIP, STICK])
+    rows = switch_rows(T, N, delta, MU, np.ones(5), before)
+    assert rows.status.tolist() == [STICK, SLIP, SLIP, STICK, OPEN]
+    # Slip: T = μ N in the direction of the force, or of the slip.
+    assert rows.C_T[1:3].ravel().tolist() == [1.0, 1.0]
+    assert rows.C_N[1:3].ravel().tolist() == [-MU, -MU]
+    assert not rows.C_delta[1:3].any() and not rows.rhs.any()
+
+
+def test_those_that_others_speak_for():
+    """Their slip against the speaker's vanishes; they take its status."""
+    T, N = np.array([[1.0], [6.0], [0.0]]), np.array([10.0, 10.0, 10.0])
+    rows = newton_rows(T, N, np.zeros((3, 1)), MU, np.ones(3))
+    told = rows.tied(np.array([0, 1, 1]), c=7.0)
+    assert told.status.tolist() == [STICK, SLIP, SLIP]
+    assert np.array_equal(told.C_T[:2], rows.C_T[:2])
+    assert told.C_delta[2].tolist() == [[7.0]]
+    assert not told.C_T[2].any() and not told.C_N[2].any() and not told.rhs[2].any()

@@ -1,0 +1,981 @@
+"""Wrong arguments of all public functions, as one table: what is given, and what is answered.
+
+Every entry is refused with the class and a pattern of its message; run as a script on several
+ranks, rank 0 prints what every rank got. ``s`` is a scene that is made once, see ``Scene``.
+"""
+
+import json
+import re
+import sys
+import tempfile
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import scenes
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+
+import dolfinx_llm as llm
+from dolfinx_llm import classical, compat, plot, post
+
+INPUT, ERROR = llm.ContactInputError, llm.ContactError
+NAN, INF = float("nan"), float("inf")
+FRAME_X = [[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0], [0.0, 1.0, 1.0]]
+FRAME_CELLS = [[0, 1, 2, 3]]
+PIVOT = [[0.0, 0.0], [1.0, 0.0]], [[0, 1]]
+
+
+class Scene:
+    """Two blocks, their forms and a solved problem; wrong things to give in their place."""
+
+    def __init__(self, comm):
+        self.comm = comm
+        self.V, self.tags = scenes.two_blocks(comm, 3, 2)
+        self.mesh = self.V.mesh
+        self.a, self.L = scenes.forms(self.V)
+        self.u, self.v = ufl.TrialFunction(self.V), ufl.TestFunction(self.V)
+        self.bcs = scenes.hold(self.V, scenes.SYMMETRY)
+        self.interface = llm.Interface(self.tags, (2, 3))
+        self.frame = llm.Frame(FRAME_X, FRAME_CELLS)
+        self.flat = llm.Frame(*PIVOT)
+        root = tempfile.mkdtemp() if comm.rank == 0 else None
+        self.folder = Path(comm.bcast(root))
+        self.file = self.folder / "file"
+        if comm.rank == 0:
+            self.file.write_text("no folder")
+            (self.folder / "folder.png").mkdir()
+            (self.folder / "folder.xdmf").mkdir()
+            (self.folder / "taken.h5").mkdir()
+        comm.barrier()
+
+    def problem(self, a=None, L=None, **other):
+        """A problem with something else in the place of what is right."""
+        chosen = {"bcs": self.bcs, "interfaces": [self.interface]} | other
+        a, L = self.a if a is None else a, self.L if L is None else L
+        return llm.ContactProblem(a, L, **chosen)
+
+    def law(self, law, sides=(2, 3)):
+        held = ((2, scenes.on(2, 0.0)), *((k, scenes.on(2, z)) for k in (0, 1) for z in (0.0, 2.0)))
+        interface = llm.Interface(self.tags, sides, law=law)
+        return self.problem(bcs=scenes.hold(self.V, held), interfaces=interface)
+
+    @cached_property
+    def solved(self):
+        problem = self.problem()
+        problem.solve()
+        return problem
+
+    def steps(self, problem, name, time=None):
+        """Files of load steps, closed on all ranks whatever happens."""
+        with post.LoadSteps(problem, self.path(name)) as files:
+            files.write(time)
+
+    @cached_property
+    def unsolved(self):
+        return self.problem()
+
+    @cached_property
+    def gone(self):
+        problem = self.problem()
+        problem.solve()
+        problem.destroy()
+        problem.destroy()
+        return problem
+
+    @cached_property
+    def pressed(self):
+        return self.law(llm.Frictionless())
+
+    @cached_property
+    def result(self):
+        return self.solved.results[0]
+
+    @cached_property
+    def other(self):
+        """Function space and tags of another mesh."""
+        return scenes.two_blocks(self.comm, 2, 3)
+
+    @cached_property
+    def scalar(self):
+        return compat.function_space(self.mesh)
+
+    @cached_property
+    def size(self):
+        """A scalar expression on the mesh."""
+        u = self.solved.u
+        return ufl.sqrt(ufl.inner(u, u))
+
+    def prisms(self):
+        """Function space and tags of prisms; a mesh on every rank, since dolfinx shares none."""
+        kind = mesh.CellType.prism
+        domain = mesh.create_unit_cube(MPI.COMM_SELF, 2, 2, 2, cell_type=kind)
+        tags = mesh.meshtags(domain, 2, np.zeros(1, np.int32), np.full(1, 2, np.int32))
+        return compat.function_space(domain, shape=(3,)), tags
+
+    def tagged(self, domain):
+        dim = domain.topology.dim
+        domain.topology.create_connectivity(dim - 1, dim)
+        top = mesh.locate_entities_boundary(domain, dim - 1, lambda p: p[0] > 1 - 1e-9)
+        tags = scenes.tags_from(domain, [top], [np.full(len(top), 2, np.int32)], dim - 1)
+        shape = (domain.geometry.dim,)
+        return compat.function_space(domain, shape=shape), tags
+
+    def load(self, V, tags):
+        return llm.free_surface_load(V, tags, 2, 1.0)
+
+    def path(self, name):
+        return self.folder / name
+
+    @cached_property
+    def pairs(self):
+        """Arguments of the designs: a frame of one cell and points on it."""
+        x = [np.array(FRAME_X), np.array(FRAME_X)]
+        forces = [np.full(4, 0.25), np.full(4, 0.25)]
+        at = [self.frame.locate(p) for p in x]
+        N = [self.frame.interpolation(a) for a in at]
+        return x, forces, N, [a.cell for a in at]
+
+    def weights(self, **other):
+        x, forces, N, cells = self.pairs
+        s = self.frame.x[:, :2]
+        chosen = {"frame": self.frame, "s": s, "N": N, "cells": cells, "forces": forces} | other
+        return llm.design_weights(**chosen)
+
+    def positions(self, **other):
+        x, forces, _, _ = self.pairs
+        return llm.design_positions(**{"frame": self.frame, "x": x, "forces": forces} | other)
+
+    def surface_mesh(self):
+        """Triangles in space."""
+        x, quads = scenes.grid(2, 2)
+        x = np.column_stack([x, 0.0 * x[:, 0]])
+        cells = np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
+        if self.comm.rank:
+            x, cells = x[:0], cells[:0]
+        return self.tagged(compat.create_mesh(self.comm, cells, x, "triangle"))
+
+    def second_order_mesh(self):
+        """A square of six-node triangles."""
+        import gmsh
+
+        gmsh.initialize()
+        gmsh.option.setNumber("General.Terminal", 0)
+        if self.comm.rank == 0:
+            gmsh.model.occ.addRectangle(0.0, 0.0, 0.0, 1.0, 1.0)
+            gmsh.model.occ.synchronize()
+            gmsh.model.addPhysicalGroup(2, [1], 1)
+            gmsh.model.addPhysicalGroup(1, [1], 2)
+            gmsh.model.mesh.generate(2)
+            gmsh.model.mesh.setOrder(2)
+        domain = compat.model_to_mesh(gmsh.model, self.comm, 0, gdim=2)[0]
+        gmsh.finalize()
+        return self.tagged(domain)
+
+
+COULOMB = [
+    (f"Coulomb {mu!r}", INPUT, r"Coulomb: mu=.*: give a finite number of at least 0", mu)
+    for mu in ("0.3", None, -0.1, NAN, INF, [0.3], np.array([0.3, 0.4]), True, 1j, {}, 10**400)
+]
+TABLE = [
+    *[(name, kind, words, lambda s, mu=mu: llm.Coulomb(mu)) for name, kind, words, mu in COULOMB],
+]
+
+
+def add(words, *calls, kind=INPUT):
+    """Entries with one pattern."""
+    TABLE.extend((f"{words} {len(TABLE)}", kind, words, call) for call in calls)
+
+
+# Laws, obstacles, interfaces
+
+add(
+    "method=.*choose one of",
+    lambda s: llm.Coulomb(0.1, method=3),
+    lambda s: llm.Coulomb(0.1, method=["newton"]),
+)
+add(
+    "close_gap=.*give True or False",
+    lambda s: llm.Tied(close_gap="no"),
+    lambda s: llm.Tied(close_gap=1),
+    lambda s: llm.Tied(None),
+    lambda s: llm.Tied([True]),
+)
+add(
+    "point=.*give 2 or 3 numbers",
+    lambda s: llm.RigidPlane(0.0, (0, 0, 1)),
+    lambda s: llm.RigidPlane(None, (0, 0, 1)),
+    lambda s: llm.RigidPlane("abc", (0, 0, 1)),
+    lambda s: llm.RigidPlane((0, 0, 0, 0), (0, 0, 1)),
+    lambda s: llm.RigidPlane((), (0, 0, 1)),
+    lambda s: llm.RigidPlane((0, NAN, 0), (0, 0, 1)),
+    lambda s: llm.RigidPlane(s.mesh, (0, 0, 1)),
+    lambda s: llm.RigidPlane((0, 0, 1j), (0, 0, 1)),
+    lambda s: llm.RigidPlane(((0, 0, 0), (1, 1, 1)), (0, 0, 1)),
+    lambda s: llm.RigidPlane((0, (1, 2), 0), (0, 0, 1)),
+    lambda s: llm.RigidPlane((True, False), (0, 1)),
+)
+add("normal=.*has no direction", lambda s: llm.RigidPlane((0, 0, 0), (0, 0, 0)))
+add(
+    "normal=.*give 3 numbers",
+    lambda s: llm.RigidPlane((0, 0, 0), (0, 1)),
+    lambda s: llm.RigidPlane((0, 0, 0), (0, INF, 1)),
+    lambda s: llm.RigidPlane((0, 0, 0), "up"),
+)
+add(
+    "axis=.*(give 3 numbers|no direction)",
+    lambda s: llm.RigidCylinder((0, 0, 0), (0, 0, 0), 1.0),
+    lambda s: llm.RigidCylinder((0, 0, 0), 2, 1.0),
+)
+add(
+    "radius=.*give a positive, finite number",
+    lambda s: llm.RigidSphere((0, 0), -1),
+    lambda s: llm.RigidSphere((0, 0), 0),
+    lambda s: llm.RigidSphere((0, 0), "1"),
+    lambda s: llm.RigidSphere((0, 0), INF),
+    lambda s: llm.RigidSphere((0, 0), None),
+    lambda s: llm.RigidSphere((0, 0), (1, 1)),
+    lambda s: llm.RigidSphere((0, 0), True),
+    lambda s: llm.RigidCylinder((0, 0, 0), (0, 0, 1), NAN),
+)
+add(
+    "inside=.*give True or False",
+    lambda s: llm.RigidSphere((0, 0), 1.0, inside="yes"),
+    lambda s: llm.RigidSphere((0, 0), 1.0, inside=2),
+)
+add(
+    "displacement=.*give [23] numbers",
+    lambda s: llm.RigidSphere((0, 0), 1.0, displacement=(1, 2, 3)),
+    lambda s: llm.RigidPlane((0, 0, 0), (0, 0, 1), displacement=0.1),
+    lambda s: llm.RigidPlane((0, 0, 0), (0, 0, 1), displacement="down"),
+    lambda s: llm.RigidPlane((0, 0, 0), (0, 0, 1), displacement=(0, 0, NAN)),
+)
+add(
+    "mesh=.*give a dolfinx_llm.Frame",
+    lambda s: llm.RigidSurface(s.mesh),
+    lambda s: llm.RigidSurface(None),
+    lambda s: llm.RigidSurface(FRAME_X),
+)
+add(
+    "sides.*give two facet tags",
+    lambda s: llm.Interface(s.tags, ("2", "3")),
+    lambda s: llm.Interface(s.tags, (2.0, 3)),
+    lambda s: llm.Interface(s.tags, (True, 3)),
+    lambda s: llm.Interface(s.tags, (2, None)),
+    lambda s: llm.Interface(s.tags, 2),
+    lambda s: llm.Interface(s.tags, "23"),
+    lambda s: llm.Interface(s.tags, None),
+    lambda s: llm.Interface(s.tags, (2,)),
+    lambda s: llm.Interface(s.tags, (2, 3, 4)),
+    lambda s: llm.Interface(s.tags, {2: 3, 4: 5}),
+    lambda s: llm.Interface(s.tags, (s.tags, s.tags)),
+    lambda s: llm.Interface(s.tags, ((), 3)),
+    lambda s: llm.Interface(s.tags, ((s.tags, "2"), (s.tags, 3))),
+    lambda s: llm.Interface(s.tags, (np.array([2, 5]), 3)),
+)
+add(
+    "facet tags=.*give dolfinx mesh tags",
+    lambda s: llm.Interface(s.mesh, (2, 3)),
+    lambda s: llm.Interface(None, (2, 3)),
+    lambda s: llm.Interface("tags", (2, 3)),
+    lambda s: llm.Interface(np.array([2, 3]), (2, 3)),
+    lambda s: llm.Interface(s.V, (2, 3)),
+    lambda s: llm.Interface(s.tags, ((2, 3), 4)),
+    lambda s: llm.Interface(None, ((s.mesh, 2), (s.tags, 3))),
+)
+add(
+    "law=.*choose",
+    lambda s: llm.Interface(s.tags, (2, 3), law=None),
+    lambda s: llm.Interface(s.tags, (2, 3), law=llm.Tied),
+    lambda s: llm.Interface(s.tags, (2, 3), law=0.3),
+)
+add(
+    "design=.*choose one of",
+    lambda s: llm.Interface(s.tags, (2, 3), design=True),
+    lambda s: llm.Interface(s.tags, (2, 3), design=["weights"]),
+    lambda s: llm.Interface(s.tags, (2, 3), design=np.array([1, 2])),
+)
+add(
+    "frame=.*give a dolfinx_llm.Frame",
+    lambda s: llm.Interface(s.tags, (2, 3), frame=s.mesh),
+    lambda s: llm.Interface(s.tags, (2, 3), frame=(FRAME_X, FRAME_CELLS)),
+)
+
+# Frames
+
+add(
+    "frame: x(=.*give| must be)",
+    lambda s: llm.Frame("x", FRAME_CELLS),
+    lambda s: llm.Frame(None, FRAME_CELLS),
+    lambda s: llm.Frame([[0, 1], [1]], FRAME_CELLS),
+    lambda s: llm.Frame(np.array(FRAME_X) * 1j, FRAME_CELLS),
+    lambda s: llm.Frame([], FRAME_CELLS),
+    lambda s: llm.Frame([1.0, 2.0], FRAME_CELLS),
+    lambda s: llm.Frame(np.zeros((4, 4)), FRAME_CELLS),
+)
+add(
+    "frame: cells(=.*give| must be)",
+    lambda s: llm.Frame(FRAME_X, [[0.5, 1, 2, 3]]),
+    lambda s: llm.Frame(FRAME_X, "all"),
+    lambda s: llm.Frame(FRAME_X, None),
+    lambda s: llm.Frame(FRAME_X, []),
+    lambda s: llm.Frame(FRAME_X, [0, 1, 2, 3]),
+    lambda s: llm.Frame(FRAME_X, [[True, False, True, False]]),
+    lambda s: llm.Frame(FRAME_X, [[0, 1]]),
+    lambda s: llm.Frame(FRAME_X, [[0, 1, 2], [0, 2]]),
+)
+add(
+    "frame: cells name nodes",
+    lambda s: llm.Frame(FRAME_X, [[0, 1, 2, 4]]),
+    lambda s: llm.Frame(FRAME_X, [[-1, 1, 2, 3]]),
+)
+add(
+    "frame: 1 coordinates are not finite",
+    lambda s: llm.Frame([[0.0, 0.0, NAN], *FRAME_X[1:]], FRAME_CELLS),
+)
+add("frame: nodes .* belong to no cell", lambda s: llm.Frame(FRAME_X, [[0, 1, 2]]))
+add(
+    "frame: v=.*give",
+    lambda s: llm.Frame(FRAME_X, FRAME_CELLS, v=[1, 2]),
+    lambda s: llm.Frame(FRAME_X, FRAME_CELLS, v="moved"),
+)
+add(
+    "points=.*give",
+    lambda s: s.frame.locate([[0.0, 1.0]]),
+    lambda s: s.frame.locate("here"),
+    lambda s: s.frame.locate([[0.0, NAN, 1.0]]),
+)
+add(
+    "model=.*give gmsh.model",
+    lambda s: llm.Frame.from_gmsh(None, 1, s.comm),
+    lambda s: llm.Frame.from_gmsh("mine.msh", 1),
+    lambda s: llm.Frame.from_gmsh(s.mesh, 1, s.comm),
+)
+add(
+    "gdim=.*give 2 or 3",
+    lambda s: llm.Frame.from_gmsh(None, 1, s.comm, gdim=4),
+    lambda s: llm.Frame.from_gmsh(None, 1, s.comm, gdim="3"),
+)
+add(
+    "physical_group=.*give the tag",
+    lambda s: llm.Frame.from_gmsh(None, "top", s.comm),
+    lambda s: llm.Frame.from_gmsh(None, 1.5),
+)
+add("comm=.*give an MPI communicator", lambda s: llm.Frame.from_gmsh(None, 1, 0))
+
+
+@lambda f: add("physical group 1", f)
+def gmsh_that_is_not_initialised(s):
+    import gmsh
+
+    llm.Frame.from_gmsh(gmsh.model, 1, s.comm)
+
+
+# Problems
+
+add(
+    "a=.*give a bilinear UFL form",
+    lambda s: s.problem(a="a"),
+    lambda s: s.problem(a=1.0),
+    lambda s: s.problem(a=fem.form(s.a)),
+    lambda s: s.problem(a=[]),
+    lambda s: s.problem(a=[s.a, None], L=[s.L, s.L]),
+    lambda s: s.problem(a=s.solved.K),
+    lambda s: s.problem(a=s.a == s.L),
+)
+add(
+    "L=.*give a linear UFL form",
+    lambda s: llm.ContactProblem(s.a, None, interfaces=s.interface),
+    lambda s: s.problem(L=0.0),
+    lambda s: s.problem(L=np.zeros(3)),
+    lambda s: s.problem(L=[]),
+    lambda s: s.problem(L=fem.form(s.L)),
+    lambda s: s.problem(L=fem.Function(s.V)),
+)
+add(
+    "form a must be bilinear, has [013]",
+    lambda s: s.problem(a=ufl.Form([])),
+    lambda s: s.problem(a=s.L),
+    lambda s: s.problem(a=s.solved.u[0] * ufl.dx),
+    lambda s: s.problem(a=s.u[0] * s.v[0] * ufl.Argument(s.V, 2)[0] * ufl.dx),
+)
+add(
+    "form L must be linear, has [02]",
+    lambda s: s.problem(L=s.a),
+    lambda s: s.problem(L=ufl.Form([])),
+    lambda s: s.problem(L=s.solved.u[0] * ufl.dx),
+)
+add("1 bilinear forms, 2 linear", lambda s: s.problem(a=[s.a], L=[s.L, s.L]))
+add("two of the forms a live on one mesh", lambda s: s.problem(a=[s.a, s.a], L=[s.L, s.L]))
+add(
+    "0 of the forms L have a test function",
+    lambda s: s.problem(L=scenes.forms(s.other[0])[1]),
+    lambda s: s.problem(L=ufl.TestFunction(s.scalar) * ufl.dx),
+)
+add(
+    "test and trial functions of two spaces",
+    lambda s: s.problem(
+        a=ufl.inner(ufl.TrialFunction(compat.function_space(s.mesh, shape=(3,))), s.v) * ufl.dx
+    ),
+    lambda s: s.problem(a=s.u[0] * ufl.TestFunction(s.scalar) * ufl.dx),
+)
+add(
+    "(several meshes|cannot be compiled)",
+    lambda s: s.problem(a=fem.Function(s.other[0])[0] * ufl.inner(s.u, s.v) * ufl.dx(s.mesh)),
+)
+add(
+    "cannot be compiled",
+    lambda s: s.problem(a=s.u[0] ** 2 * s.v[0] * ufl.dx),
+    lambda s: s.problem(L=ufl.sqrt(s.v[0]) * ufl.dx),
+)
+add(
+    "bcs(: item)?=.*give a list of Dirichlet",
+    lambda s: s.problem(bcs=[s.bcs]),
+    lambda s: s.problem(bcs=None),
+    lambda s: s.problem(bcs="fixed"),
+    lambda s: s.problem(bcs=[None]),
+    lambda s: s.problem(bcs=fem.Function(s.V)),
+    lambda s: s.problem(bcs={"top": s.bcs}),
+    lambda s: s.problem(bcs=0),
+)
+add(
+    "Dirichlet condition belongs to none",
+    lambda s: s.problem(bcs=scenes.hold(s.other[0], scenes.SYMMETRY)),
+)
+add(
+    "interfaces(: item)?=.*give at least one",
+    lambda s: s.problem(interfaces=None),
+    lambda s: s.problem(interfaces=[None]),
+    lambda s: s.problem(interfaces=(2, 3)),
+    lambda s: s.problem(interfaces=[[s.interface]]),
+    lambda s: s.problem(interfaces="top"),
+)
+add("give at least one", lambda s: s.problem(interfaces=[]))
+add("facet tags belong to none", lambda s: s.problem(interfaces=llm.Interface(s.other[1], (2, 3))))
+add(
+    "nodal_loads(: item)?=.*give a list of dolfinx Functions",
+    lambda s: s.problem(nodal_loads=None),
+    lambda s: s.problem(nodal_loads=[1.0]),
+    lambda s: s.problem(nodal_loads=s.L),
+    lambda s: s.problem(nodal_loads=[[fem.Function(s.V)]]),
+    lambda s: s.problem(nodal_loads=np.zeros(3)),
+)
+add(
+    "nodal load",
+    lambda s: s.problem(nodal_loads=fem.Function(s.scalar)),
+    lambda s: s.problem(nodal_loads=fem.Function(s.other[0])),
+)
+add(
+    "solver=.*choose one of",
+    lambda s: s.problem(solver=None),
+    lambda s: s.problem(solver="mumps"),
+    lambda s: s.problem(solver=["saddle"]),
+    lambda s: s.problem(solver=1),
+)
+add(
+    "petsc_options_prefix=.*give a word",
+    lambda s: s.problem(petsc_options_prefix=None),
+    lambda s: s.problem(petsc_options_prefix="-llm_"),
+    lambda s: s.problem(petsc_options_prefix=3),
+    lambda s: s.problem(petsc_options_prefix="my own"),
+)
+add(
+    "petsc_options=.*give a dict",
+    lambda s: s.problem(petsc_options="-ksp_type cg"),
+    lambda s: s.problem(petsc_options=[("ksp_type", "cg")]),
+    lambda s: s.problem(petsc_options=3),
+)
+add(
+    "petsc_options: name=.*no hyphen",
+    lambda s: s.problem(petsc_options={"-ksp_type": "cg"}),
+    lambda s: s.problem(petsc_options={1: "cg"}),
+    lambda s: s.problem(petsc_options={"": "cg"}),
+    lambda s: s.problem(petsc_options={"ksp type": "cg"}),
+)
+add(
+    'petsc_options: "ksp_rtol"=.*give a text',
+    lambda s: s.problem(petsc_options={"ksp_rtol": NAN}),
+    lambda s: s.problem(petsc_options={"ksp_rtol": [1e-8]}),
+    lambda s: s.problem(petsc_options={"ksp_rtol": {"value": 1e-8}}),
+)
+add(
+    "petsc_options: ksp_(max_it|rtol)=.*give",
+    lambda s: s.problem(petsc_options={"ksp_max_it": -5}),
+    lambda s: s.problem(petsc_options={"ksp_max_it": 1.5}),
+    lambda s: s.problem(petsc_options={"ksp_rtol": -1e-9}),
+)
+add("did you mean 'cholesky'", lambda s: s.problem(petsc_options={"pc_type": "cholseky"}))
+add("did you mean 'gmres'", lambda s: s.problem(petsc_options={"ksp_type": "gmers"}))
+add(
+    "'ksp_tpye' is no option.*did you mean 'ksp_type'",
+    lambda s: s.problem(petsc_options={"ksp_tpye": "cg"}).solve(),
+    lambda s: s.problem(petsc_options={"ksp_tpye": "cg"}, solver="condensed").solve(),
+)
+add(
+    "'mat_mumps_icnlt_14' is no option",
+    lambda s: s.problem(petsc_options={"mat_mumps_icnlt_14": 90}).solve(),
+)
+add(
+    "PETSc cannot set up the solver with ksp_rtol='small'",
+    lambda s: s.problem(petsc_options={"ksp_rtol": "small"}).solve(),
+    lambda s: s.problem(petsc_options={"ksp_rtol": "small"}, solver="condensed").solve(),
+)
+add(
+    "PETSc cannot set up the solver with pc_type='magic'",
+    lambda s: s.problem(petsc_options={"pc_type": "magic"}, solver="saddle").solve(),
+    lambda s: s.problem(petsc_options={"pc_type": "magic"}, solver="condensed").solve(),
+)
+add(
+    "PETSc cannot set up the solver with pc_factor_mat_solver_type",
+    lambda s: s.problem(petsc_options={"pc_factor_mat_solver_type": "mumsp"}).solve(),
+)
+add(
+    "pc_type='jacobi': this form of the system is factorised",
+    lambda s: s.problem(petsc_options={"pc_type": "jacobi"}, solver="saddle").solve(),
+)
+add(
+    "increments=.*give an integer of at least 1",
+    *(
+        lambda s, n=n: s.pressed.solve(n)
+        for n in (0, -1, 2.5, True, "3", INF, NAN, None, [2], np.array([1, 2]), 2.0)
+    ),
+)
+add(
+    "there is (no displacement|nothing to draw|nothing to write) yet",
+    lambda s: s.unsolved.u,
+    lambda s: s.unsolved.plot(s.path("x")),
+    lambda s: s.steps(s.unsolved, "steps"),
+    kind=ERROR,
+)
+add(
+    "this ContactProblem has been destroyed",
+    lambda s: s.gone.solve(),
+    lambda s: s.gone.plot(s.path("x")),
+    lambda s: s.gone.K,
+    lambda s: s.gone.B,
+    lambda s: s.gone.L_b,
+    lambda s: s.gone.u,
+    lambda s: s.gone.reset(),
+    lambda s: s.gone.results[0],
+    lambda s: len(s.gone.results),
+    lambda s: print(s.gone),
+    lambda s: classical.NodeToSegment(s.gone, slave=0),
+    lambda s: classical.Elimination(s.gone),
+    kind=ERROR,
+)
+add(
+    "(folder|path)=.*give a path",
+    lambda s: s.solved.plot(None),
+    lambda s: s.solved.plot(3),
+    lambda s: s.solved.plot(""),
+    lambda s: s.solved.plot(["out"]),
+    lambda s: s.solved.plot(b"out"),
+)
+add(
+    "cannot be written",
+    lambda s: s.solved.plot(s.file),
+    lambda s: s.solved.plot(s.file / "in"),
+    lambda s: s.solved.plot("/proc/none/here"),
+)
+add(
+    "field=.*choose one of",
+    lambda s: s.solved.plot(s.folder, field="gap"),
+    lambda s: s.solved.plot(s.folder, field=None),
+    lambda s: s.solved.plot(s.folder, field=0),
+)
+
+# Meshes and function spaces
+
+add("cells of the kind.* prism", lambda s: s.load(*s.prisms()))
+add("surface or curve of dimension 2 in 3D", lambda s: s.load(*s.surface_mesh()))
+add(
+    "cells of the kind.* interval",
+    lambda s: s.load(*s.tagged(mesh.create_unit_interval(s.comm, 3))),
+)
+add("cells of order 2", lambda s: s.load(*s.second_order_mesh()))
+add(
+    "V=.*give a dolfinx function space",
+    lambda s: llm.free_surface_load(s.mesh, s.tags, 4, 1.0),
+    lambda s: llm.free_surface_load(None, s.tags, 4, 1.0),
+    lambda s: llm.free_surface_load(s.tags, s.V, 4, 1.0),
+)
+add(
+    "facet tags=.*give dolfinx mesh tags",
+    lambda s: llm.free_surface_load(s.V, s.mesh, 4, 1.0),
+    lambda s: llm.free_surface_load(s.V, None, 4, 1.0),
+    lambda s: llm.free_surface_load(s.V, s.tags, 4, 1.0, covered_by=(None, 3)),
+)
+add("facet tags belong to another mesh", lambda s: llm.free_surface_load(s.V, s.other[1], 4, 1.0))
+add(
+    "facet tag=.*give an integer",
+    lambda s: llm.free_surface_load(s.V, s.tags, "4", 1.0),
+    lambda s: llm.free_surface_load(s.V, s.tags, None, 1.0),
+    lambda s: llm.free_surface_load(s.V, s.tags, 4.0, 1.0),
+    lambda s: llm.free_surface_load(s.V, s.tags, True, 1.0),
+)
+add(
+    "pressure=.*must be a finite number",
+    lambda s: llm.free_surface_load(s.V, s.tags, 4, "high"),
+    lambda s: llm.free_surface_load(s.V, s.tags, 4, None),
+    lambda s: llm.free_surface_load(s.V, s.tags, 4, INF),
+    lambda s: llm.free_surface_load(s.V, s.tags, 4, fem.Constant(s.mesh, 1.0)),
+    lambda s: llm.free_surface_load(s.V, s.tags, 4, 1 + 1j),
+)
+add(
+    "covered_by.*give",
+    lambda s: llm.free_surface_load(s.V, s.tags, 2, 1.0, covered_by=3),
+    lambda s: llm.free_surface_load(s.V, s.tags, 2, 1.0, covered_by=()),
+    lambda s: llm.free_surface_load(s.V, s.tags, 2, 1.0, covered_by=(s.tags, "3")),
+    lambda s: llm.free_surface_load(s.V, s.tags, 2, 1.0, covered_by="punch"),
+)
+
+# Designs
+
+add(
+    "frame=.*give a dolfinx_llm.Frame",
+    lambda s: s.weights(frame=None),
+    lambda s: s.positions(frame=FRAME_X),
+)
+add("frame: lies in 2D", lambda s: s.positions(frame=s.flat))
+add(
+    "x=.*give a pair",
+    lambda s: s.positions(x=None),
+    lambda s: s.positions(x=[FRAME_X]),
+    lambda s: s.positions(x=[FRAME_X, [[0.0, 1.0]]]),
+    lambda s: s.positions(x=["a", "b"]),
+    lambda s: s.positions(x=[np.full((4, 3), NAN)] * 2),
+)
+add(
+    "forces=.*give a pair",
+    lambda s: s.positions(forces=None),
+    lambda s: s.positions(forces=[1, 1]),
+    lambda s: s.positions(forces=[np.ones(3)] * 2),
+    lambda s: s.weights(forces=[-np.ones(4)] * 2),
+    lambda s: s.weights(forces=[np.zeros(4)] * 2),
+    lambda s: s.weights(forces="equal"),
+)
+add(
+    "min_angle=",
+    lambda s: s.positions(min_angle="25"),
+    lambda s: s.positions(min_angle=-5.0),
+    lambda s: s.positions(min_angle=170.0),
+)
+add("max_angle=", lambda s: s.positions(max_angle=None), lambda s: s.positions(max_angle=400.0))
+add("min_side=", lambda s: s.positions(min_side=-1.0), lambda s: s.positions(min_side="long"))
+add("tol=", lambda s: s.positions(tol=0.0), lambda s: s.positions(tol=NAN))
+add(
+    "seed=",
+    lambda s: s.positions(seed=-1),
+    lambda s: s.positions(seed=1.5),
+    lambda s: s.positions(seed="x"),
+)
+add("starts=", lambda s: s.positions(starts=0), lambda s: s.positions(starts=INF))
+add("s=.*give", lambda s: s.weights(s=None), lambda s: s.weights(s=np.zeros((4, 3))))
+add("N=.*give a pair", lambda s: s.weights(N=None), lambda s: s.weights(N=[np.eye(4)] * 2))
+add(
+    "cells=.*give a pair",
+    lambda s: s.weights(cells=None),
+    lambda s: s.weights(cells=[np.zeros(4, int) + 7] * 2),
+    lambda s: s.weights(cells=[np.zeros(4)] * 2),
+)
+add("keep=.*give a pair", lambda s: s.weights(keep=True), lambda s: s.weights(keep=[[0.5] * 4] * 2))
+
+# Classical forms
+
+add(
+    "problem=.*give a ContactProblem",
+    lambda s: classical.NodeToSegment(s.a, slave=0),
+    lambda s: classical.Elimination(None),
+    kind=INPUT,
+)
+add(
+    "slave=.*choose side 0 or 1",
+    lambda s: classical.NodeToSegment(s.solved, slave=2),
+    lambda s: classical.NodeToSegment(s.solved, slave="0"),
+    lambda s: classical.NodeToSegment(s.solved, slave=None),
+    lambda s: classical.NodeToSegment(s.solved, slave=True),
+)
+add(
+    "components=.*choose one of",
+    lambda s: classical.NodeToSegment(s.solved, slave=0, components="tangential"),
+    lambda s: classical.NodeToSegment(s.solved, slave=0, components=None),
+)
+add(
+    "petsc_options=.*give a dict",
+    lambda s: classical.NodeToSegment(s.solved, slave=0, petsc_options="cg"),
+    lambda s: classical.Elimination(s.solved, petsc_options=["cg"]),
+)
+add(
+    "Tied\\(\\) only",
+    lambda s: classical.NodeToSegment(s.pressed, slave=0),
+    lambda s: classical.Elimination(s.pressed),
+)
+add(
+    "Q=.*PETSc matrix",
+    lambda s: classical.constraint_stats(None, 3),
+    lambda s: classical.constraint_stats(np.eye(3), 3),
+)
+add(
+    "gdim=.*give 2 or 3",
+    lambda s: classical.constraint_stats(s.solved.K, 5),
+    lambda s: classical.constraint_stats(s.solved.K, "3"),
+)
+
+
+@lambda f: add("this classical form has been destroyed", f, kind=ERROR)
+def classical_form_after_its_end(s):
+    ties = classical.NodeToSegment(s.solved, slave=0)
+    ties.destroy()
+    ties.destroy()
+    ties.solve()
+
+
+# Values, files and pictures
+
+add(
+    "sigma=.*give a UFL expression of shape",
+    lambda s: post.von_mises(None),
+    lambda s: post.von_mises(np.eye(3)),
+    lambda s: post.von_mises(ufl.grad(s.solved.u)[0, :]),
+    lambda s: post.von_mises(ufl.Identity(2)),
+)
+add(
+    "expression=.*give a scalar UFL expression",
+    lambda s: post.cell_maximum(1.0, s.mesh),
+    lambda s: post.cell_maximum(s.solved.u, s.mesh),
+    lambda s: post.cell_maximum(None, s.mesh),
+    lambda s: post.cell_maximum(s.u[0], s.mesh),
+    lambda s: post.at_quadrature_points("u", s.mesh),
+    lambda s: post.cell_maximum(s.a, s.mesh),
+)
+add("expression=.*same mesh", lambda s: post.cell_maximum(fem.Function(s.other[0])[0], s.mesh))
+add(
+    "mesh=.*give a dolfinx mesh",
+    lambda s: post.cell_maximum(s.size, None),
+    lambda s: post.at_quadrature_points(s.size, s.V),
+)
+add(
+    "degree=.*give an integer from 0 to 30",
+    lambda s: post.cell_maximum(s.size, s.mesh, -1),
+    lambda s: post.cell_maximum(s.size, s.mesh, "2"),
+    lambda s: post.cell_maximum(s.size, s.mesh, 99),
+    lambda s: post.at_quadrature_points(s.size, s.mesh, 1.5),
+)
+add(
+    "u=.*give the displacement",
+    lambda s: post.write_bodies(s.path("u.xdmf"), None),
+    lambda s: post.write_bodies(s.path("u.xdmf"), [s.solved.u]),
+    lambda s: plot.bodies(s.V, s.size, s.path("u.png")),
+)
+add(
+    "vector space of first order",
+    lambda s: post.write_bodies(s.path("u.xdmf"), fem.Function(s.scalar)),
+)
+add(
+    "must end on .xdmf or .bp",
+    lambda s: post.write_bodies(s.path("u.vtk"), s.solved.u),
+    lambda s: post.write_bodies(s.path("u"), s.solved.u),
+)
+add(
+    "path=.*give a path",
+    lambda s: post.write_bodies(None, s.solved.u),
+    lambda s: post.write_bodies(3, s.solved.u),
+    lambda s: post.write_csv(None, ["a"], [[1]]),
+    lambda s: plot.interface(s.result, 1),
+    lambda s: plot.curves([("a", "-", [1], [2])], None),
+)
+add(
+    "cannot be written",
+    lambda s: post.write_bodies(s.file / "u.xdmf", s.solved.u),
+    lambda s: post.write_bodies(s.path("folder.xdmf"), s.solved.u),
+    lambda s: post.write_bodies(s.path("taken.xdmf"), s.solved.u),
+    lambda s: post.write_bodies("/proc/none/u.xdmf", s.solved.u),
+    lambda s: post.write_interface(s.file, s.result),
+    lambda s: post.write_csv(s.file / "t.csv", ["a"], [[1]]),
+    lambda s: plot.interface(s.result, s.file / "i.png"),
+    lambda s: plot.interface(s.result, s.path("folder.png")),
+    lambda s: plot.bodies(s.solved.u, s.size, s.file / "u.png"),
+    lambda s: plot.frame_design(s.result, None, s.file / "f.png"),
+    lambda s: plot.curves([("a", "-", [1], [2])], s.file / "c.png"),
+    lambda s: post.LoadSteps(s.solved, s.file),
+    lambda s: post.LoadSteps(s.solved, "/proc/none"),
+)
+add(
+    "cell_fields(: name)?=.*give a dict",
+    lambda s: post.write_bodies(s.path("u.xdmf"), s.solved.u, [s.size]),
+    lambda s: post.write_bodies(s.path("u.xdmf"), s.solved.u, {1: s.size}),
+    lambda s: post.write_bodies(s.path("u.xdmf"), s.solved.u, "size"),
+    lambda s: post.LoadSteps(s.solved, s.path("w"), cell_fields=lambda u: [u[0]]),
+)
+add(
+    "expression=.*give a scalar",
+    lambda s: post.write_bodies(s.path("u.xdmf"), s.solved.u, {"u": s.solved.u}),
+    lambda s: plot.bodies(s.solved.u, s.solved.u, s.path("u.png")),
+)
+add(
+    "result=.*give a result",
+    lambda s: post.interface_fields(None),
+    lambda s: post.interface_fields(s.solved),
+    lambda s: post.write_interface(s.folder, [s.result]),
+    lambda s: plot.interface(s.solved, s.path("i.png")),
+    lambda s: plot.frame_design(None, None, s.path("f.png")),
+)
+add(
+    "folder=.*give a path",
+    lambda s: post.write_interface(None, s.result),
+    lambda s: post.LoadSteps(s.solved, None),
+)
+add(
+    "header=|rows",
+    lambda s: post.write_csv(s.path("t.csv"), None, [[1]]),
+    lambda s: post.write_csv(s.path("t.csv"), ["a"], [[1, 2]]),
+    lambda s: post.write_csv(s.path("t.csv"), ["a"], [1]),
+    lambda s: post.write_csv(s.path("t.csv"), ["a"], None),
+)
+add(
+    "problem=.*give a ContactProblem",
+    lambda s: post.LoadSteps(s.mesh, s.path("w")),
+    lambda s: post.LoadSteps(None, s.path("w")),
+)
+add(
+    "suffix=.*choose one of",
+    lambda s: post.LoadSteps(s.solved, s.path("w"), suffix=".vtk"),
+    lambda s: post.LoadSteps(s.solved, s.path("w"), suffix=None),
+)
+add("cell_fields=.*give a function", lambda s: post.LoadSteps(s.solved, s.path("w"), cell_fields=3))
+add(
+    "time=.*give a finite number",
+    lambda s: s.steps(s.solved, "w", "now"),
+    lambda s: s.steps(s.solved, "w", NAN),
+)
+add(
+    "field=.*choose one of",
+    lambda s: plot.interface(s.result, s.path("i.png"), "force"),
+    lambda s: plot.interface(s.result, s.path("i.png"), None),
+)
+add(
+    "before=.*give a dolfinx_llm.Frame",
+    lambda s: plot.frame_design(s.result, s.mesh, s.path("f.png")),
+)
+add("drawn in 3D", lambda s: plot.frame_design(s.result, s.flat, s.path("f.png")))
+add(
+    "must end on",
+    lambda s: plot.interface(s.result, s.path("i.txt")),
+    lambda s: plot.bodies(s.solved.u, s.size, s.path("u")),
+)
+add(
+    "label=|scale=",
+    lambda s: plot.bodies(s.solved.u, s.size, s.path("u.png"), label=None),
+    lambda s: plot.bodies(s.solved.u, s.size, s.path("u.png"), scale="big"),
+    lambda s: plot.bodies(s.solved.u, s.size, s.path("u.png"), scale=NAN),
+)
+add(
+    "lines",
+    lambda s: plot.curves([], s.path("c.png")),
+    lambda s: plot.curves(3, s.path("c.png")),
+    lambda s: plot.curves([("a", "-", [1])], s.path("c.png")),
+    lambda s: plot.curves([("a", "-", [1], [1, 2])], s.path("c.png")),
+    lambda s: plot.curves([("a", "-", ["x"], [1])], s.path("c.png")),
+    lambda s: plot.curves([("a", "zigzag", [1], [1])], s.path("c.png")),
+    lambda s: plot.curves([(1, "-", [1], [1])], s.path("c.png")),
+)
+add("title=.*give a text", lambda s: plot.curves([("a", "-", [1], [1])], s.path("c.png"), title=3))
+
+
+@lambda f: add("these files are closed", f)
+def files_that_are_closed(s):
+    files = post.LoadSteps(s.solved, s.path("closed"))
+    files.close()
+    files.close()
+    files.write()
+
+
+# Wrong on one rank alone: on all of them an error, and none waits.
+
+ONE_RANK = []
+
+
+def one(words, *calls, kind=INPUT):
+    """Entries whose argument ``w`` is wrong on the last rank only."""
+    ONE_RANK.extend((f"one rank: {words} {len(ONE_RANK)}", kind, words, call) for call in calls)
+
+
+def pick(s, right, wrong):
+    return wrong if s.comm.rank == s.comm.size - 1 else right
+
+
+one("bcs: item=", lambda s: s.problem(bcs=pick(s, s.bcs, [*s.bcs, None])))
+one("solver=", lambda s: s.problem(solver=pick(s, "saddle", "magic")))
+one("L=", lambda s: s.problem(L=pick(s, s.L, "none")))
+one("nodal_loads", lambda s: s.problem(nodal_loads=pick(s, [], None)))
+one("petsc_options", lambda s: s.problem(petsc_options=pick(s, None, {"-ksp_type": "cg"})))
+one("increments=", lambda s: s.pressed.solve(pick(s, 1, 0)))
+one("field=", lambda s: s.solved.plot(s.folder, pick(s, "status", "gap")))
+one("folder=", lambda s: s.solved.plot(pick(s, s.folder, None)))
+one("pressure=", lambda s: llm.free_surface_load(s.V, s.tags, 4, pick(s, 1.0, NAN)))
+one("facet tag=", lambda s: llm.free_surface_load(s.V, s.tags, pick(s, 4, "4"), 1.0))
+one("slave=", lambda s: classical.NodeToSegment(s.solved, slave=pick(s, 0, 7)))
+one("cell_fields=", lambda s: post.write_bodies(s.path("u.xdmf"), s.solved.u, pick(s, None, 3)))
+one("must end on", lambda s: post.write_bodies(s.path(pick(s, "u.xdmf", "u.x")), s.solved.u))
+one(
+    "cannot be written",
+    lambda s: post.write_bodies(pick(s, s.folder, s.file) / "u.xdmf", s.solved.u),
+)
+one("time=", lambda s: s.steps(s.solved, "one", pick(s, 1.0, NAN)))
+
+# Different on the last rank, though right by itself.
+
+DIFFERENT = []
+
+
+def differ(words, *calls):
+    DIFFERENT.extend((f"differ: {words} {len(DIFFERENT)}", INPUT, words, c) for c in calls)
+
+
+differ(
+    "solver and PETSc options must be the same on all ranks",
+    lambda s: s.problem(solver=pick(s, "saddle", "condensed")),
+    lambda s: s.problem(petsc_options=pick(s, None, {"ksp_rtol": 1e-9})),
+)
+differ(
+    "interfaces must be the same on all ranks",
+    lambda s: s.law(pick(s, llm.Coulomb(0.3), llm.Coulomb(0.4))),
+    lambda s: s.law(llm.Tied(), sides=pick(s, (2, 3), (3, 2))),
+)
+differ("increments must be the same", lambda s: s.pressed.solve(pick(s, 1, 2)))
+differ(
+    "pressure and tags must be the same",
+    lambda s: llm.free_surface_load(s.V, s.tags, 4, pick(s, 1.0, 2.0)),
+)
+differ("numbers of Dirichlet conditions", lambda s: s.problem(bcs=pick(s, s.bcs, s.bcs[:2])))
+
+
+def entries(size):
+    """All that is asked on a number of ranks."""
+    return [*TABLE, *ONE_RANK, *(DIFFERENT if size > 1 else [])]
+
+
+def outcome(scene, entry):
+    """What this rank got: class and message, and whether they are the right ones."""
+    _, kind, words, call = entry
+    try:
+        call(scene)
+    except kind as error:
+        text = str(error)
+        clean = "Traceback" not in text and " at 0x" not in text and len(text) < 800
+        return [type(error).__name__, text, clean and bool(re.search(words, text, re.DOTALL))]
+    except Exception as error:
+        return [type(error).__name__, repr(error)[:500], False]
+    return ["none", "no error", False]
+
+
+if __name__ == "__main__":
+    comm = MPI.COMM_WORLD
+    scene, found = Scene(comm), {}
+    for entry in entries(comm.size):
+        if comm.rank == 0:
+            print(entry[0], file=sys.stderr, flush=True)  # says where a run stopped
+        found[entry[0]] = comm.gather(outcome(scene, entry))
+    if comm.rank == 0:
+        print(json.dumps(found))

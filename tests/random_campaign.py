@@ -1,0 +1,112 @@
+"""Many random scenes, each in a process that may crash or hang: what failed, and how.
+
+    python tests/random_campaign.py FIRST LAST [--variants] [--out FILE] [--seconds 60]
+
+Prints one line of JSON per seed.
+"""
+
+import argparse
+import json
+import logging
+import os
+import signal
+import sys
+import time
+import traceback
+from pathlib import Path
+
+sys.path[:0] = [str(Path(__file__).resolve().parent)]
+
+
+def one(seed, variants):
+    """Result of one seed as a dict."""
+    import random_scenes as scenes
+    import scene_oracle
+
+    import dolfinx_llm as llm
+
+    logging.disable(logging.CRITICAL)
+    scene = scenes.draw(seed)
+    out = {"seed": seed, "solver": scene.solver, "kind": "ok", "worst": {}, "variants": {}}
+    try:
+        answers, found = scene_oracle.check(scene)
+    except llm.ContactError as error:
+        return {**out, "kind": "raise", "text": str(error)}
+    except Exception:
+        return {**out, "kind": "error", "text": traceback.format_exc()[-1500:]}
+    for step, worst in enumerate(found, 1):
+        for name, value in worst.items():
+            if value > 1e-8:
+                out["worst"][f"{step} {name}"] = value
+    hard = [k for k in out["worst"] if "(" not in k]
+    out["kind"] = "violation" if hard else "ok"
+    if not variants:
+        return out
+    posed = {
+        "again": scenes.Variant(),
+        "turned": scenes.Variant(turn="random"),
+        "mirrored": scenes.Variant(turn="mirror"),
+        "swapped": scenes.Variant(swap=True),
+        "renumbered": scenes.Variant(renumber=seed),
+        "units": scenes.Variant(length=1e3, modulus=1e-5),
+        "form": scenes.Variant(solver="saddle" if scene.solver == "condensed" else "condensed"),
+    }
+    for name, variant in posed.items():
+        try:
+            difference = scenes.differences(scenes.solve(scene, variant.of(scene)), answers, scene)
+        except Exception as error:
+            out["variants"][name] = f"{type(error).__name__}: {error}"[:300]
+            continue
+        out["variants"][name] = difference
+    return out
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("seeds", nargs="+", help="seeds, or FIRST-LAST")
+    parser.add_argument("--variants", action="store_true")
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--seconds", type=int, default=60)
+    args = parser.parse_args()
+    seeds = []
+    for word in args.seeds:
+        low, _, high = word.partition("-")
+        seeds += range(int(low), int(high or low) + 1)
+    import random_scenes  # noqa: F401
+
+    for seed in seeds:
+        began = time.time()
+        read, write = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.close(read)
+            try:
+                text = json.dumps(one(seed, args.variants))
+            except BaseException:
+                text = json.dumps({"seed": seed, "kind": "broken", "text": traceback.format_exc()})
+            with os.fdopen(write, "w") as file:
+                file.write(text)
+            os._exit(0)
+        os.close(write)
+        signal.signal(signal.SIGALRM, lambda *_, child=child: os.kill(child, signal.SIGKILL))
+        signal.alarm(args.seconds)
+        with os.fdopen(read) as file:
+            text = file.read()
+        _, status = os.waitpid(child, 0)
+        signal.alarm(0)
+        if text:
+            result = json.loads(text)
+        else:
+            killed = os.WIFSIGNALED(status) and os.WTERMSIG(status)
+            result = {"seed": seed, "kind": "hang" if killed == signal.SIGKILL else "crash"}
+            result["text"] = f"signal {killed}"
+        result["seconds"] = round(time.time() - began, 2)
+        line = json.dumps(result)
+        print(line, flush=True)
+        if args.out:
+            with args.out.open("a") as file:
+                file.write(line + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""Random scenes: conditions of contact from K u - f and the positions alone, and what must not
+change the answer. ``python tests/random_campaign.py 1001-1300 --variants`` runs many more."""
+
+import numpy as np
+import pytest
+import random_scenes as scenes
+import scene_oracle
+from conftest import run_mpi_json
+
+SEEDS = [*range(1001, 1004), *range(1005, 1013), *range(1014, 1043)]
+BOUND = 1e-8
+POSED = {
+    "again": scenes.Variant(),
+    "turned": scenes.Variant(turn="random"),
+    "mirrored": scenes.Variant(turn="mirror"),
+    "swapped": scenes.Variant(swap=True),
+    "renumbered": scenes.Variant(renumber=2001),
+    "units": scenes.Variant(length=1e2, modulus=1e-4),
+}
+
+
+QUICK = (1003, 1005, 1007, 1008, 1009, 1015)
+
+
+@pytest.mark.parametrize(
+    "seed", [pytest.param(s, marks=pytest.mark.quick if s in QUICK else ()) for s in SEEDS]
+)
+def test_conditions(seed):
+    _, found = scene_oracle.check(scenes.draw(seed))
+    wrong = [
+        {name: size for name, size in worst.items() if size > BOUND and name[0] != "("}
+        for worst in found
+    ]
+    assert wrong == [{}] * len(found)
+
+
+def agree(found, known, scene):
+    """Forces alike, and displacements but for what rounding leaves to weak springs."""
+    off = scenes.differences(found, known, scene)
+    assert off["force"] <= BOUND and off["u"] <= max(BOUND, off["allowed u"]), off
+
+
+# Where a surface node lies on an edge of the frame, rounding decides on its cell.
+RIM = pytest.mark.xfail(reason="the stencil jumps from cell to cell of the frame")
+
+
+KNOWN = {(1006, "turned"), (1006, "mirrored"), (1033, "turned"), (1041, "mirrored")}
+CASES = sorted(KNOWN | set(zip(SEEDS[2::4], 2 * list(POSED))))
+
+
+@pytest.mark.parametrize(
+    ("seed", "name"), [pytest.param(*c, marks=RIM if c in KNOWN else ()) for c in CASES]
+)
+def test_poses(seed, name):
+    scene = scenes.draw(seed)
+    agree(scenes.solve(scene, POSED[name].of(scene)), scenes.solve(scene), scene)
+
+
+def test_ranks():
+    seeds = [1001, 1003, 1005, 1007, 1008, 1009, 1015, 1016]
+    ranks = run_mpi_json("random_ranks.py", 2, *seeds)
+    for seed in seeds:
+        scene = scenes.draw(seed)
+        found = [
+            scenes.Answer(np.array(a["u"]), [np.array(f) for f in a["force"]], [], [])
+            for a in ranks[str(seed)]
+        ]
+        agree(found, scenes.solve(scene), scene)

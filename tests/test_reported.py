@@ -1,0 +1,113 @@
+"""What is reported means what it says: gap, status, slip, pressure, and the frame's forces."""
+
+import contact_scenes
+import curved_scenes as curved
+import numpy as np
+import pytest
+import scenes
+from contact_scenes import violations
+from dolfinx import fem
+from law_scenes import Lifted
+from mpi4py import MPI
+from test_contact import down, pressed
+
+import dolfinx_llm as llm
+from dolfinx_llm.laws.coulomb import CLOSED, OPEN, SLIP, STICK
+
+LAWS = [llm.Frictionless(), llm.Coulomb(0.3)]
+
+
+@pytest.mark.parametrize("law", LAWS, ids=str)
+def test_gap_is_between_the_bodies(law):
+    """A block pressed and turned lifts off at one end: the gap there is what the positions of both
+    bodies say, wherever the frame lies in it."""
+    scene = pressed(law)
+    scene.move(down(0.01, turn=0.03))
+    sides = scene.problem.results[0].sides
+    opened = 0
+    for k, side in enumerate(sides):
+        other = sides[1 - k]
+        order = np.argsort(other.x[:, 0])
+        y = np.interp(side.x[:, 0], other.x[order, 0], (other.x + other.u)[order, 1])
+        expected = (y - (side.x + side.u)[:, 1]) * side.normal[:, 1]
+        apart = side.status == OPEN
+        opened += apart.sum()
+        np.testing.assert_allclose(side.gap[apart], expected[apart], atol=1e-12)
+        assert not side.gap[~apart].any() and not side.slip[apart].any()
+        assert not side.normal_force[apart].any() and (expected[apart] > 0.0).all()
+        known = {OPEN, STICK, SLIP} if law.friction else {OPEN, CLOSED}
+        assert set(side.status) <= known
+    assert opened > 2 and sum((side.status != OPEN).sum() for side in sides) > 2
+
+
+@pytest.mark.parametrize("seed", [303, 307, 551])
+def test_pressure_where_all_presses(seed):
+    scene, motions = contact_scenes.random_pressed(MPI.COMM_SELF, seed)
+    for motion in motions:
+        scene.move(motion)
+        result = scene.problem.results[0]
+        assert (result.pressure >= 0.0).all()
+        closed = result.frame_status != OPEN
+        assert (result.frame_force[closed] > 0.0).all()
+
+
+def test_rigid_obstacle_has_no_slip_without_friction():
+    scene = Lifted(MPI.COMM_SELF, 2, "rigid smooth")
+    scene.move(0.08, 0.01)
+    side = scene.problem.results[0].sides[0]
+    assert set(side.status) <= {OPEN, CLOSED} and (side.status == CLOSED).any()
+    assert np.abs(side.gap - side.frame_gap).max() < 1e-12
+
+
+def drum(mu, counts, swap=False):
+    """A belt round the upper half of an elastic drum, and a function that pulls at its ends."""
+    V, tags = curved.rings(
+        MPI.COMM_SELF, ((counts[0], 4), (counts[1], 2)), ((0.5, 1.0), (1.0, 1.1)), 180.0
+    )
+    a, L = scenes.forms(V)
+    ends = [fem.Function(V) for _ in range(3)]
+    r = lambda p: np.hypot(p[0], p[1])  # noqa: E731
+    where = [
+        lambda p: np.isclose(r(p), 0.5),
+        lambda p: np.isclose(p[1], 0.0) & (p[0] > 1.04),
+        lambda p: np.isclose(p[1], 0.0) & (p[0] < -1.04),
+    ]
+    bcs = [
+        fem.dirichletbc(f, fem.locate_dofs_geometrical(V, w))
+        for f, w in zip(ends, where, strict=True)
+    ]
+    sides = (curved.FACE_0, curved.FACE_1)
+    interface = llm.Interface(tags, sides[::-1] if swap else sides, law=llm.Coulomb(mu))
+    problem = llm.ContactProblem(a, L, bcs=bcs, interfaces=[interface])
+
+    def pull(right, left):
+        for f, amount in zip(ends[1:], (right, left), strict=True):
+            f.interpolate(lambda p, d=amount: np.array([0.0 * p[0], -d + 0.0 * p[0]]))
+        problem.solve()
+        return problem.results[0]
+
+    return problem, pull
+
+
+@pytest.mark.parametrize("swap", [False, True])
+@pytest.mark.parametrize("counts", [(20, 30), (30, 20)])
+@pytest.mark.parametrize("mu", [0.05, 0.3])
+def test_belt_round_a_drum(mu, counts, swap):
+    """Pulled evenly, then dragged over the drum: the law holds at every node that is reported, both
+    sides exert the same there, and no slip is larger than the bodies' motions."""
+    problem, pull = drum(mu, counts, swap)
+    for ends in ((0.02, 0.02), (0.06, -0.02)):
+        result = pull(*ends)
+        largest = max(np.abs(side.normal_force).max() for side in result.sides)
+        N, T = result.frame_force, np.linalg.norm(result.frame_friction, axis=1)
+        assert (T - mu * np.maximum(N, 0.0)).max() <= 1e-9 * largest
+        speaker = problem.method.states[0].speaker  # a group has the sum of its forces
+        alone = np.bincount(speaker, minlength=len(N))[speaker] == 1
+        slips = (result.frame_status == SLIP) & alone
+        assert np.abs(T - mu * N)[slips].max(initial=0.0) <= 1e-9 * largest
+        totals = [p.N.T @ s.force for p, s in zip(problem.models[0].pairs, result.sides)]
+        assert np.abs(totals[0] + totals[1]).max() <= 1e-9 * largest
+        motion = max(np.abs(side.u).max() for side in result.sides)
+        assert max(np.abs(side.slip).max() for side in result.sides) <= 2.0 * motion
+        assert violations(problem)["residual"] < 1e-9
+    assert slips.sum() > 0.7 * len(slips)
