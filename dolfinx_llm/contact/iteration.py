@@ -33,8 +33,7 @@ SPRING = 1e-10  # what holds floating bodies, of the same
 UNBALANCED = 1e-8  # residual of K u + B λ = f, over the forces' size
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
-NEAR = 1e-2  # residual below which a pair that closes does so for reasons of its own
-FEW = 0.02  # of the pairs: the same where no more change
+FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 CALM = 2  # iterations without a change after which a residual may have stopped falling
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
@@ -171,7 +170,7 @@ class ContactIteration:
         centre = w if known else self._middle(g)
         alpha = self.alpha if known else np.zeros(self.backend.floating)
         about = (self.multiplier if known else np.zeros(self.n), w)
-        calm, was_calm = 0, False  # iterations without a change of state
+        calm, self._calmed = 0, False  # iterations without a change of state; whether any was
         before, w_last = np.inf, w  # last residual and motion
         corrections = min(self.backend.floating, 1)  # what springs hold is corrected once at least
         for s in self.states:
@@ -184,8 +183,7 @@ class ContactIteration:
                 step, SPRING * self.scale, alpha, self._normal
             )
             largest = force_level(multiplier, y + g, self.scale)
-            near = before <= NEAR
-            changes = sum(self._take(s, active, wrong, multiplier, w, near) for s in self.states)
+            changes = sum(self._take(s, active, wrong, multiplier, w) for s in self.states)
             miss = max(self._imbalance(multiplier), self._friction_miss(multiplier, w)) / largest
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
@@ -200,8 +198,9 @@ class ContactIteration:
             half = iteration > 1 and changes and miss > 0.9 * before
             about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
             before = miss
-            was_calm = was_calm or calm > 0  # from then on the frame goes on from where it is
-            centre = w if was_calm else self._middle(y + g)
+            # From then on the frame goes on from where it is, and what no force holds stays.
+            self._calmed = self._calmed or calm > 0
+            centre = w if self._calmed else self._middle(y + g)
             if stalled:  # a frame node under a tiny force goes to where it touches, ever faster
                 centre = w + (2.0**calm - 1.0) * np.where(self._drifts, w - w_last, 0.0)
             w_last = w
@@ -259,7 +258,7 @@ class ContactIteration:
             rows = switch_rows(T, N, delta, s.law.mu, c, s.status)
         else:
             rows = newton_rows(T, N, delta, s.law.mu, c)
-        return rows.tied(s.speaker, s.unheld, self.scale)
+        return rows.tied(s.speaker, s.unheld & self._calmed, self.scale)
 
     def _all_stick(self, step: InterfaceSystem) -> InterfaceSystem:
         """The first step, when nothing is known: all stick, as in the paper."""
@@ -304,12 +303,12 @@ class ContactIteration:
         index = np.concatenate(row), np.concatenate(col)
         return coo_matrix((np.concatenate(value), index), (self.m, self.m)).tocsr()
 
-    def _take(self, s: InterfaceState, active, wrong, multiplier, w, near: bool) -> int:
+    def _take(self, s: InterfaceState, active, wrong, multiplier, w) -> int:
         """Take over the pairs in contact, and find what sticks and slips; number of changes."""
         normal = s.rows[:, -1]
         chosen = active[normal] ^ wrong[normal] if s.law.unilateral else s.active
         changes = int((chosen != s.active).sum())
-        few = near or changes <= FEW * len(chosen) + 2
+        few = changes <= FEW * len(chosen) + 2
         light = np.abs(multiplier[normal]) <= LIGHT * np.abs(multiplier).max(initial=0.0)
         s.closings += np.where(chosen & ~s.active, np.where(light | few, 4, 1), 0)
         s.touch(chosen)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix, diags
 from scipy.sparse.csgraph import connected_components
 
-LEAST = 1e-2  # the same, below which no force passes from side to side
+LEAST = 1e-6  # the same, below which no force passes from side to side
 HELD = 0.3  # least sum of N² over the pairs of each side that tells the slip of a frame node
 
 
