@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 TESTS = Path(__file__).resolve().parent
-PATHS = [str(TESTS), str(TESTS / "mpi"), str(TESTS.parent / "demos")]
+PATHS = [str(p) for p in (TESTS, TESTS / "shared", TESTS / "mpi", TESTS.parent / "demos")]
 sys.path[:0] = PATHS
 
 # Of the launchers' variables only settings that a user made are kept: what a process that has

@@ -105,7 +105,7 @@ def test_the_list_is_not_empty():
                  "contact.results.SideResult.tangential_force",
                  "interface.obstacles.RigidPlane.clearance",
                  "problem.classical.NodeToSegment", "output.plot.interface",
-                 "geometry.frame.Frame.from_gmsh", "output.post.write_interface"):  # fmt: skip
+                 "geometry.frame.Frame.from_gmsh", "output.files.write_interface"):  # fmt: skip
         assert f"dolfinx_llm.{name}" in PUBLIC, name
 
 

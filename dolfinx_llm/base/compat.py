@@ -150,6 +150,17 @@ def assemble_load(L: Any, a: Any, bcs: Sequence[Any], V: Any, nodal: Sequence[An
     return np.where(fixed[:n], values[:n], load)
 
 
+def assemble_force(forms: Sequence[Any], signs: Sequence[float], V: Any) -> np.ndarray:
+    """Owned entries of the sum of compiled linear forms, with signs, without conditions."""
+    total = np.zeros(V.dofmap.index_map.size_local * V.dofmap.index_map_bs)
+    for form_, sign in zip(forms, signs, strict=True):
+        b = dolfinx.fem.petsc.assemble_vector(form_)
+        b.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
+        total += sign * b.array_r[: len(total)]
+        b.destroy()
+    return total
+
+
 def ghosted_vector(V: Any, bs: int) -> PETSc.Vec:
     """PETSc vector over V's nodes, ``bs`` entries each, with V's ghosts."""
     index_map = V.dofmap.index_map

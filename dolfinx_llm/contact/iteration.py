@@ -12,6 +12,7 @@ alone: arrays that are the same on every rank.
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,14 +24,14 @@ from tqdm import tqdm
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.contact.state import InterfaceState, interface_states
-from dolfinx_llm.forms.step import InterfaceSystem, force_level
+from dolfinx_llm.forms.floating import Pull
+from dolfinx_llm.forms.step import SOFT, LinearStep, StepForm, StepResult, force_level
+from dolfinx_llm.forms.verdict import FinalError, Verdict, judge
 from dolfinx_llm.laws.coulomb import OPEN, SLIP, STICK, newton_rows, projection_miss, switch_rows
 from dolfinx_llm.operators.system import ContactOperators
 
 log = logging.getLogger("dolfinx_llm")
 
-SPRING = 1e-10  # what holds floating bodies, of the same
-UNBALANCED = 1e-8  # residual of K u + B λ = f, over the forces' size
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
 FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
@@ -44,15 +45,13 @@ class ContactIteration:
 
     Args:
         operators: of the interfaces.
-        backend: solves linear steps: load(f), solve(step, spring, centre, may_open),
-            correct(multiplier, alpha) and displacement(multiplier, alpha), to ``accuracy`` of the
-            largest multiplier in L_bᵀ λ and the law of friction; ``proximal``: ε, of the surfaces'
-            stiffness; see ``Flexibility``.
+        form: solves linear steps.
         f, g: this rank's load and the gaps at rest, from which the first load step starts.
     """
 
-    def __init__(self, operators: ContactOperators, backend, f, g):
-        self.scale, self.backend, self._rest = operators.scale, backend, (f, g)
+    def __init__(self, operators: ContactOperators, form: StepForm, f: np.ndarray, g: np.ndarray):
+        self.scale, self.form, self._rest = operators.scale, form, (f, g)
+        self._compliance = np.where(operators.soft, SOFT / self.scale, 0.0)
         self.bar: tqdm | None = None  # progress line, while there is one
         self.states = interface_states(operators)
         self.n = sum(state.rows.size for state in self.states)
@@ -71,6 +70,7 @@ class ContactIteration:
             self._normal[s.rows[:, -1]] = s.law.unilateral
             if len(s.v):
                 self._drifts[s.v.reshape(-1, s.model.directions.shape[1])[:, -1]] = True
+        self._calmed = False
         self.forget()
 
     def forget(self):
@@ -79,24 +79,28 @@ class ContactIteration:
             state.forget()
         self.multiplier: Any = None  # (n,) [force]; None: nothing has been solved
         self.w: Any = None  # (m,) [length]
-        self.alpha: Any = None  # motion of floating bodies
+        self.alpha: Any = None  # rigid motion of bodies that nothing else holds
+        self.forces = 0.0  # largest so far
+        self.verdict = Verdict(0.0, 0.0)  # of the last load step
         self.f, self.g = self._rest
         self.history: list[dict] = []
 
-    def resume(self, other: ContactIteration, f: np.ndarray, g: np.ndarray):
+    def resume(self, other: ContactIteration, f: np.ndarray, g: np.ndarray, u: np.ndarray):
         """Go on from the state of another iteration of the same pairs and frames.
 
         Args:
             other: where it ended.
             f, g: this rank's load and the gaps with which bodies and operators of this one are in
                 balance there.
+            u: this rank's displacement there.
         """
         if other.multiplier is None:
             return
         for state, kept in zip(self.states, other.states, strict=True):
             state.restore(kept.snapshot())
         self.multiplier, self.w = other.multiplier, other.w
-        self.alpha = np.zeros(self.backend.floating)  # found anew: other modes, perhaps
+        self.alpha = self.form.floating.amounts(u)  # of other modes, perhaps
+        self.forces = other.forces
         self.f, self.g = f, g
 
     def advance(self, f: np.ndarray, g: np.ndarray, increments: int):
@@ -117,9 +121,11 @@ class ContactIteration:
             if reached > 1.0 - 1e-9:
                 f_t, g_t = end
             before = self._snapshot()
-            self.backend.load(f_t)
             try:
-                multiplier, y, w = self._iterate(g_t)
+                found = self._iterate(f_t, g_t)
+            except FinalError:
+                self._restore(first)
+                raise
             except ContactError:
                 self._restore(before)
                 if part <= SMALLEST / increments:
@@ -128,18 +134,30 @@ class ContactIteration:
                 part /= 2.0
                 log.info("no convergence: the load is applied in parts of %.3g", part)
                 continue
-            u = self.backend.displacement(multiplier, self.alpha)
-            if not self.backend.residual <= UNBALANCED:
+            try:
+                u = self._judged(found)
+            except ContactError:
                 self._restore(first)
-                raise ContactError(
-                    f"contact and supports do not balance the load: {self.backend.residual:.1e} of "
-                    "the forces' size is left. A body that only contact holds is pulled off, or "
-                    "slides away. Add supports, or springs, or prescribe its motion"
-                )
-            self._accept(y, w, g_t)
+                raise
+            self._accept(found.y, found.w, g_t)
             done = reached
         self.f, self.g = end
-        return u, multiplier, w[: self.n_v]
+        return u, found.multiplier, found.w[: self.n_v]
+
+    def _judged(self, found: StepResult) -> np.ndarray:
+        """u of this rank, once its equations hold."""
+        comm = self.form.comm
+        u, left, terms, loads = self.form.displacement(found)
+        largest = [np.abs(a).max(initial=0.0) for a in (loads, found.multiplier)]
+        self.forces = max(self.forces, float(np.max(comm.allgather(largest))))
+        verdict = judge(comm, left, terms, self.forces, self.form.name)
+        on = diags(np.concatenate([s.closed_rows() for s in self.states]).astype(float))
+        self.verdict = replace(
+            verdict, drift=self.form.floating.drift((on @ self.L[:, : self.n_v]).tocsr())
+        )
+        for words in self.verdict.lost if comm.rank == 0 else []:
+            log.warning(words)
+        return u
 
     def _snapshot(self):
         """What a load step may have to be taken back to."""
@@ -156,11 +174,8 @@ class ContactIteration:
         for s in self.states:
             s.accept(w, fitted)
 
-    def _iterate(self, g: np.ndarray):
-        """Iterate to a state that meets all conditions, for the load that the backend holds.
-
-        Returns:
-            λ (n,) [force], y (n,) and w (m,) [length].
+    def _iterate(self, f: np.ndarray, g: np.ndarray) -> StepResult:
+        """Iterate to a state that meets all conditions, for this rank's load f and gaps g (n,).
 
         Raises:
             ContactError: no convergence.
@@ -168,32 +183,36 @@ class ContactIteration:
         first, known = len(self.history), self.w is not None
         w = self.w if known else np.zeros(self.m)
         centre = w if known else self._middle(g)
-        alpha = self.alpha if known else np.zeros(self.backend.floating)
-        about = (self.multiplier if known else np.zeros(self.n), w)
+        floating = self.form.floating
+        alpha = self.alpha if known else np.zeros(floating.count)
+        about: Any = (self.multiplier if known else np.zeros(self.n), w)
         calm, self._calmed = 0, False  # iterations without a change of state; whether any was
         before, w_last = np.inf, w  # last residual and motion
-        corrections = min(self.backend.floating, 1)  # what springs hold is corrected once at least
+        corrections = min(floating.count, 1)  # what springs hold is corrected once at least
+        spring = floating.spring(self.scale)
+        pull = Pull(floating, spring, f, self.forces, alpha)
         for s in self.states:
             s.begin()
         for iteration in range(1, MAXIMUM + 1):
-            step = self._step(*about, g, centre)
+            step = self._step(about, g, centre, (pull.anchor, spring))
             if not known and iteration == 1:
                 step = self._all_stick(step)
-            multiplier, y, w, alpha, active, wrong = self.backend.solve(
-                step, SPRING * self.scale, alpha, self._normal
-            )
+            found = self.form.solve(f, step)
+            multiplier, y, w = found.multiplier, found.y, found.w
             largest = force_level(multiplier, y + g, self.scale)
-            changes = sum(self._take(s, active, wrong, multiplier, w) for s in self.states)
+            changes = sum(self._take(s, found) for s in self.states)
             miss = max(self._imbalance(multiplier), self._friction_miss(multiplier, w)) / largest
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
             tell_iteration(entry, self.bar)
             calm = 0 if changes else calm + 1
+            pull.watch(found.floating, multiplier, calm, self.form.noise)
             stalled = calm > CALM and miss > 0.5 * before
-            settled = miss <= self.backend.accuracy or (stalled and miss <= ENOUGH)
-            if settled and calm > corrections:
-                self.multiplier, self.w, self.alpha = multiplier, w, alpha
-                return multiplier, y, w
+            enough = max(ENOUGH, self.form.noise / largest)
+            settled = miss <= self.form.accuracy or (stalled and miss <= enough)
+            if settled and calm > corrections and pull.rests:
+                self.multiplier, self.w, self.alpha = multiplier, w, found.floating
+                return found
             # Friction is linearised about the last iterate, or halfway where that did not help.
             half = iteration > 1 and changes and miss > 0.9 * before
             about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
@@ -205,7 +224,7 @@ class ContactIteration:
                 centre = w + (2.0**calm - 1.0) * np.where(self._drifts, w - w_last, 0.0)
             w_last = w
             if calm:
-                self.backend.correct(multiplier, alpha)
+                self.form.correct(found)
         raise ContactError(self._failure(self.history[first:]))
 
     def _failure(self, history) -> str:
@@ -222,13 +241,14 @@ class ContactIteration:
         """(m,) frame that fits the positions of all rows best."""
         return self._fit.solve(self.L.T @ position) if self.m else np.zeros(0)
 
-    def _step(self, multiplier, w, g, centre) -> InterfaceSystem:
+    def _step(self, about: Any, g: np.ndarray, centre: np.ndarray, held: Any) -> LinearStep:
         """The linear equations of one iteration about λ and w.
 
         Args:
-            multiplier, w: last iterate.
+            about: λ and w of the last iterate.
             g: gaps.
             centre: of the proximal term.
+            held: where springs hold free bodies, and their stiffness.
         """
         active = np.concatenate([s.closed_rows() for s in self.states])
         P = self._proximal()
@@ -239,7 +259,7 @@ class ContactIteration:
         E, D, rhs = [gather @ self._L_t], [own + self.scale * relative], [own @ centre]
         for s in self.states:
             if s.kappa.size:
-                rows = self._friction_rows(s, multiplier, w)
+                rows = self._friction_rows(s, *about)
                 C_T, C_delta = _blocks(rows.C_T), _blocks(rows.C_delta) / s.theta
                 E.append(s.friction_operator(C_T, _blocks(rows.C_N[:, :, None]), self.n))
                 # The proximal force stands beside T.
@@ -247,9 +267,9 @@ class ContactIteration:
                 C_delta = C_delta @ s.relative
                 D.append(own + C_delta @ s.selection(self.m))
                 rhs.append(own @ centre + rows.rhs.ravel() + C_delta @ s.kappa_before.ravel())
-        return InterfaceSystem(
-            active, self.L, g, stack(E, format="csr"), stack(D, format="csr"), np.concatenate(rhs)
-        )
+        frame = stack(E, format="csr"), stack(D, format="csr"), np.concatenate(rhs)
+        rows = active, self._normal, self.L, g, self._compliance
+        return LinearStep(*rows, *frame, *held)
 
     def _friction_rows(self, s: InterfaceState, multiplier, w):
         T, N = s.forces(multiplier)
@@ -260,7 +280,7 @@ class ContactIteration:
             rows = newton_rows(T, N, delta, s.law.mu, c)
         return rows.tied(s.speaker, s.unheld & self._calmed, self.scale)
 
-    def _all_stick(self, step: InterfaceSystem) -> InterfaceSystem:
+    def _all_stick(self, step: LinearStep) -> LinearStep:
         """The first step, when nothing is known: all stick, as in the paper."""
         for s in self.states:
             s.status[:] = STICK
@@ -271,7 +291,7 @@ class ContactIteration:
         D = stack([step.D[:first], self.scale * select], format="csr")
         before = [s.kappa_before.ravel() for s in self.states]
         rhs = np.concatenate([step.rhs[:first], self.scale * np.concatenate(before)])
-        return InterfaceSystem(step.active, step.L, step.g, E, D, rhs)
+        return replace(step, E=E, D=D, rhs=rhs)
 
     def _proximal(self) -> csr_matrix:
         """(m, m) matrix of the proximal term -ε c (w - w_c).
@@ -283,7 +303,7 @@ class ContactIteration:
         def add(i, j, x):
             row.append(i)
             col.append(j)
-            value.append(-self.backend.proximal * self.scale * x)
+            value.append(-self.form.proximal * self.scale * x)
 
         for s in self.states:
             if not s.law.unilateral:
@@ -303,26 +323,27 @@ class ContactIteration:
         index = np.concatenate(row), np.concatenate(col)
         return coo_matrix((np.concatenate(value), index), (self.m, self.m)).tocsr()
 
-    def _take(self, s: InterfaceState, active, wrong, multiplier, w) -> int:
+    def _take(self, s: InterfaceState, found: StepResult) -> int:
         """Take over the pairs in contact, and find what sticks and slips; number of changes."""
         normal = s.rows[:, -1]
-        chosen = active[normal] ^ wrong[normal] if s.law.unilateral else s.active
+        chosen = found.active[normal] ^ found.wrong[normal] if s.law.unilateral else s.active
         changes = int((chosen != s.active).sum())
-        few = changes <= FEW * len(chosen) + 2
-        light = np.abs(multiplier[normal]) <= LIGHT * np.abs(multiplier).max(initial=0.0)
-        s.closings += np.where(chosen & ~s.active, np.where(light | few, 4, 1), 0)
+        few, force = changes <= FEW * len(chosen) + 2, np.abs(found.multiplier)
+        light = few | (force[normal] <= LIGHT * force.max(initial=0.0))
+        s.closings += np.where(chosen & ~s.active, np.where(light, 4, 1), 0)
         s.touch(chosen)
         if s.kappa.size:
-            status = self._friction_rows(s, multiplier, w).status
+            status = self._friction_rows(s, found.multiplier, found.w).status
             changes += int((status != s.status).sum())
             s.status = status
         return changes
 
     def _imbalance(self, multiplier) -> float:
-        """Largest entry of L_bᵀ λ [force]."""
+        """Largest entry of L_bᵀ λ [force]; of nodes that follow others in the sum with theirs."""
         return float(np.abs(self._frame_gather() @ (self._L_t @ multiplier)).max(initial=0.0))
 
-    def _frame_gather(self):
+    def _frame_gather(self) -> csr_matrix:
+        """(n_v, n_v) forces at the frame's nodes, summed up where equilibrium is asked for."""
         return block_diag([s.frame_gather for s in self.states], format="csr")
 
     def _friction_miss(self, multiplier, w) -> float:

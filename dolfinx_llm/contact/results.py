@@ -97,7 +97,11 @@ class InterfaceResult:
 
     @cached_property
     def resultant(self) -> np.ndarray:
-        """(gdim,) total force of side 0 (of the body, against an obstacle) [force]."""
+        """(gdim,) total force of side 0 on side 1 (of the body on an obstacle) [force].
+
+        Where supports end at the interface, what goes through it there is what the body exerts,
+        f - K u of its nodes, as far as the other side takes it up.
+        """
         return self.sides[0].force.sum(axis=0)
 
     def moment(self, about: ArrayLike | None = None) -> np.ndarray:

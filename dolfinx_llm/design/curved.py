@@ -17,8 +17,7 @@ from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from dolfinx_llm.design.quadric import Stencils, cell_stencils, projectors
-from dolfinx_llm.design.weights import stencil_rows
+from dolfinx_llm.design.quadric import Stencils, cell_stencils, projectors, stencil_rows
 from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import outline_edges

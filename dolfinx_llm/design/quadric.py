@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
-from dolfinx_llm.design.weights import nodes_around
 from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
 
@@ -122,3 +122,26 @@ def projectors(st: Stencils) -> Any:
     M = (U / np.where(keep, S, 1.0)[:, None, :]) @ Vt
     M[..., -1] *= scale[:, None]
     return P, M[..., 1:]
+
+
+def nodes_around(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of every cell and of the cells around it.
+
+    Returns:
+        nodes (n_cells, w), padded with node 0; mask (n_cells, w).
+    """
+    n, k = cells.shape
+    incidence = csr_matrix((np.ones(n * k), (np.repeat(np.arange(n), k), cells.ravel())))
+    around = (incidence @ incidence.T @ incidence).tocsr()
+    around.sort_indices()
+    width = np.diff(around.indptr)
+    mask = np.arange(width.max()) < width[:, None]
+    nodes = np.zeros(mask.shape, dtype=np.int64)
+    nodes[mask] = around.indices
+    return nodes, mask
+
+
+def stencil_rows(values: np.ndarray, nodes: np.ndarray, mask: np.ndarray, m: int) -> csr_matrix:
+    """Rows of stencil values as a sparse matrix with m columns."""
+    indptr = np.concatenate([[0], np.cumsum(mask.sum(axis=1))])
+    return csr_matrix((values[mask], nodes[mask], indptr), shape=(len(values), m))

@@ -19,6 +19,7 @@ from dolfinx_llm.forms.condensed.system import CondensedSystem
 from dolfinx_llm.forms.exchange import WholeSteps
 from dolfinx_llm.forms.flexibility import Flexibility
 from dolfinx_llm.forms.saddle import SaddleSystem, SparseSteps
+from dolfinx_llm.forms.verdict import Verdict
 from dolfinx_llm.operators.bodies import rigid_modes
 from dolfinx_llm.operators.petsc import is_symmetric
 from dolfinx_llm.operators.system import ContactOperators
@@ -30,7 +31,6 @@ SOLVERS = ("auto", "saddle", "condensed")
 # measured on two blocks and on two rings.
 CROSSOVER = {2: 500_000, 3: 20_000}
 FLEXIBLE = 1500  # multipliers up to which contact laws iterate on the surfaces' flexibility
-ROUNDING_WARNING = 1e-9  # relative error of the forces
 
 
 class Stiffness(Protocol):
@@ -135,10 +135,10 @@ def build_steps(
     rows, B, frames = operators.rows, operators.B, operators.unknowns
     common = operators.bodies, operators.dofs.fixed, operators.scale, prefix, options
     if form == "flexibility":
-        return Flexibility(bulk.K, B, rows.numbering, *common, soft=operators.soft)
+        return Flexibility(bulk.K, B, rows.numbering, *common)
     if form == "saddle":
         numbers = rows.numbering, frames
-        return SparseSteps(bulk.K, B, *numbers, *common, soft=operators.soft)
+        return SparseSteps(bulk.K, B, *numbers, *common)
     block, modes = 1, None
     if not any(model.interface.law.friction for model in operators.models):
         block, modes = block_size(operators), rigid_modes_of(operators)
@@ -194,14 +194,7 @@ def describe(form: str, system) -> str:
 
 def lost_digits(system) -> list[str]:
     """What the last solve may have lost to rounding, where that is more than usual."""
-    lost = getattr(system, "rounding", 0.0)
-    if not lost > ROUNDING_WARNING:
-        return []
-    return [
-        f"forces may be off by {lost:.0e}, by rounding alone: stiffness times displacement is that "
-        "much larger than the loads. A stiff body hangs on a soft one (hold it by a support or a "
-        "spring), or cells are slivers"
-    ]
+    return Verdict(0.0, getattr(system, "rounding", 0.0)).lost
 
 
 def warn(system, comm: MPI.Comm) -> None:

@@ -18,10 +18,11 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress
 from dolfinx_llm.forms.direct import DirectSolver
-from dolfinx_llm.forms.step import DRIFT, SIGN, SOFT, InterfaceSystem, wrong_signs
+from dolfinx_llm.forms.floating import Floating
+from dolfinx_llm.forms.step import SIGN, Displacement, LinearStep, StepResult, wrong_signs
 from dolfinx_llm.laws.complementarity import complementarity
-from dolfinx_llm.operators.petsc import with_springs
-from dolfinx_llm.operators.support import floating_modes, pins
+from dolfinx_llm.operators.petsc import diagonal_of, times, with_springs
+from dolfinx_llm.operators.support import pins
 
 COLUMNS = 64  # right-hand sides solved at once
 
@@ -37,28 +38,40 @@ class Flexibility:
         fixed: (n_local,) prescribed dofs.
         scale: mean stiffness of the surface [force / length].
         prefix, options: PETSc options, of the factorisation.
-        soft: (n,) rows of prescribed dofs, which get a compliance ``SOFT``: they may say the same.
     """
 
+    name = "the flexibility of the surfaces"
     accuracy = 1e-13  # of balance and law, relative
-    proximal = 1e-13  # what holds frame nodes that nothing touches, of the surfaces' stiffness: the
-    # smaller, the sooner those under a tiny force are where they touch
+    proximal = 1e-13  # the smaller, the sooner nodes under a tiny force are where they touch
+    noise = 0.0  # of forces, by rounding: they are unknowns, not differences [force]
 
-    def __init__(self, K, B, rows, bodies, fixed, scale, prefix, options=None, *, soft):
+    def __init__(self, K, B, rows, bodies, fixed, scale, prefix, options=None):
         self.K, self.B, self.rows, self.scale = K, B, rows, scale
-        self.comm = bodies.comm
-        self.modes = floating_modes(bodies, K, fixed)
-        self._local_B = _local_csr(B)
-        # Springs hold the floating modes; under forces in balance they carry nothing.
-        diagonal = K.getDiagonal()
-        pinned = with_springs(K, pins(bodies.comm, self.modes), diagonal.array_r)
-        diagonal.destroy()
+        self.comm, self._fixed = bodies.comm, fixed
+        self.floating = Floating(K, B, rows, bodies, fixed)
+        rigid = self.floating.rigid
+        self._local_B, self._diagonal = _local_csr(B), diagonal_of(K)
+        # Springs hold all rigid motions, also those that springs of the form a hold weakly: under
+        # forces in balance they carry nothing.
+        pinned = with_springs(K, pins(self.comm, rigid.modes), self._diagonal)
         self._solver = DirectSolver(pinned, prefix, options, own=True)
-        self.floating = self.modes.shape[1]
+        # What is left of K u + B λ = f when u = K_p⁻¹ (f - B λ) + Q α, with Q = R - K_p⁻¹ K R that
+        # leaves the springs at the pins alone, is Qᵀ (f - B λ) = Qᵀ K R α.
+        self.modes = rigid.modes.copy()
+        self._weak = rigid.forces[:, rigid.free :]
+        for k in range(rigid.free, len(rigid.body)):
+            self.modes[:, k] -= self._solver.solve(rigid.forces[:, k])
+        k = len(rigid.body)
+        self._own = np.zeros((k, k))  # Qᵀ K R
+        self._own[rigid.free :, rigid.free :] = self.comm.allreduce(
+            self.modes[:, rigid.free :].T @ self._weak
+        )
+        self._own = 0.5 * (self._own + self._own.T)
+        self._held = np.zeros((k, k))
+        self._held[: rigid.free, : rigid.free] = self.floating.square
         self.G = self._interface_sum(self._local_B.T @ self.modes)
         self.F: Any = self._flexibility()  # (n, n) on rank 0, None elsewhere
-        if self.F is not None:
-            self.F[soft, soft] += SOFT / scale
+        self.f: Any = None  # this rank's load that h and r are of
 
     def _interface_sum(self, part: np.ndarray) -> np.ndarray:
         """Sum over ranks of a part with one row per multiplier, in their own order."""
@@ -80,70 +93,61 @@ class Flexibility:
         F = F[np.ix_(self.rows.number, self.rows.number)]
         return 0.5 * (F + F.T)
 
-    def load(self, f: np.ndarray):
+    def _load(self, f: np.ndarray) -> None:
         """Take this rank's load: h, and the resultant along the floating modes."""
         self.f = f
         self.h = self._interface_sum(self._local_B.T @ self._solver.solve(f))
         self.r = self.comm.allreduce(self.modes.T @ f)
+        self._alpha = np.zeros(len(self.r))
 
-    def solve(self, step: InterfaceSystem, spring: float, centre: np.ndarray, may_open: np.ndarray):
-        """One linear step, and which pairs are in contact.
-
-        Contact is first taken as ``step.active`` says; where that gives tension or overlap, the
-        complementarity λ >= 0, gap >= 0, λ gap = 0 is solved.
-
-        Args:
-            step: the law's equations.
-            spring: stiffness that holds floating modes at ``centre`` [force / length]; with
-                centre at the solution it carries nothing.
-            centre: (k,) their last values.
-            may_open: (n,) rows of normal forces that may open.
-
-        Returns:
-            λ (n,), y (n,), w (m,), α (k,), (n,) rows in contact and (n,) those where a sign is
-            still wrong; on every rank.
-        """
+    def solve(self, f: np.ndarray, step: LinearStep) -> StepResult:
+        """See ``StepForm``; where pairs change, the complementarity λ >= 0, gap >= 0, λ gap = 0 is
+        solved."""
+        if f is not self.f:
+            self._load(f)
         result, error = None, ""
         if self.comm.rank == 0:
             try:
                 active = step.active
-                found = self._dense(step, spring, centre)
-                wrong = wrong_signs(step, may_open, found[0], found[1], found[2], self.scale)
+                found = self._dense(step)
+                wrong = wrong_signs(step, found[0], found[1], found[2], self.scale)
                 if wrong.any():
-                    active = self._choose(step, spring, centre, may_open)
+                    active = self._choose(step)
                     chosen = replace(step, active=active)
-                    found = self._dense(chosen, spring, centre)
-                    wrong = wrong_signs(chosen, may_open, found[0], found[1], found[2], self.scale)
+                    found = self._dense(chosen)
+                    wrong = wrong_signs(chosen, found[0], found[1], found[2], self.scale)
                 result = *found, active, wrong
             except (np.linalg.LinAlgError, ValueError) as failed:
                 error = str(failed)
         result, error = self.comm.bcast((result, error))
         if result is None:
             raise ContactError(f"a step of the contact law is singular: {error}")
-        return result
+        multiplier, y, w, self._alpha, active, wrong = result
+        free = self._alpha[: self.floating.count]
+        return StepResult(multiplier, y, w, free, active, wrong)
 
-    def _equations(self, step: InterfaceSystem, on: np.ndarray, spring: float, centre):
-        """Matrix and right-hand side of the rows ``on``, the frame and the floating modes.
+    def _equations(self, step: LinearStep, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Matrix and right-hand side of the rows ``on``, the frame and the rigid motions.
 
         Unknowns λ / c, w, α: every entry is then a pure number.
         """
-        c, n, m, k = self.scale, len(on), step.L.shape[1], len(centre)
+        c, n, m, k = self.scale, len(on), step.L.shape[1], len(self.r)
+        held = step.spring * self._held
         A = np.zeros((n + m + k, n + m + k))
-        A[:n, :n] = c * self.F[np.ix_(on, on)]
+        A[:n, :n] = c * self.F[np.ix_(on, on)] + np.diag(c * step.compliance[on])
         A[:n, n : n + m] = step.L[on].toarray()
         A[:n, n + m :] = -self.G[on]
         A[n : n + m, :n] = step.E[:, on].toarray()
         A[n : n + m, n : n + m] = step.D.toarray() / c
         A[n + m :, :n] = self.G[on].T
-        A[n + m :, n + m :] = spring / c * np.eye(k)
-        rhs = np.concatenate(
-            [self.h[on] + step.g[on], step.rhs / c, self.r / c + spring / c * centre]
-        )
+        A[n + m :, n + m :] = (self._own + held) / c
+        pull = self.r + held[:, : len(step.anchor)] @ step.anchor
+        rhs = np.concatenate([self.h[on] + step.g[on], step.rhs / c, pull / c])
         return A, rhs
 
-    def _dense(self, step: InterfaceSystem, spring: float, centre: np.ndarray):
+    def _dense(self, step: LinearStep) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         on, c, m = np.flatnonzero(step.active), self.scale, step.L.shape[1]
-        A, rhs = self._equations(step, on, spring, centre)
+        A, rhs = self._equations(step, on)
         x = _refined(A)(rhs[:, None])[:, 0]
         multiplier, n = np.zeros(len(step.active)), len(on)
         multiplier[on] = c * x[:n]
@@ -151,14 +155,14 @@ class Flexibility:
         y = self.h - self.F @ multiplier + self.G @ alpha
         return multiplier, y, x[n : n + m], alpha
 
-    def _choose(self, step: InterfaceSystem, spring: float, centre, may_open) -> np.ndarray:
+    def _choose(self, step: LinearStep) -> np.ndarray:
         """Rows in contact: linear complementarity among those whose sign is or becomes wrong.
 
         The others keep their state and are eliminated. Eliminating the frame without them would
         leave its nodes to the proximal term, whose compliance drowns that of the bodies.
         """
-        n, rows = len(step.active), np.flatnonzero(may_open)
-        A, rhs = self._equations(step, np.arange(n), spring, centre)
+        n, rows = len(step.active), np.flatnonzero(step.may_open)
+        A, rhs = self._equations(step, np.arange(n))
         kept = np.concatenate([np.flatnonzero(step.active), np.arange(n, len(A))])
         place = np.cumsum(step.active) - 1
         on = step.active[rows]
@@ -189,29 +193,25 @@ class Flexibility:
         active[rows[pairs[change]]] ^= True
         return active
 
-    def displacement(self, multiplier: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-        """This rank's u for multipliers and floating motions; sets ``residual``."""
-        load = self.f - self._local_B @ self._in_petsc_order(multiplier)
-        u = self._solver.solve(load) + self.modes @ alpha
-        x, y = self.K.createVecs()
-        x.array_w[:] = u
-        self.K.mult(x, y)
-        miss = np.abs(y.array_r - load).max(initial=0.0)
-        sizes = [np.abs(self.f), np.abs(load), DRIFT * self.scale * np.abs(u)]
-        size = max(a.max(initial=0.0) for a in sizes)
-        for vector in (x, y):
-            vector.destroy()
-        found = np.max(self.comm.allgather((miss, size)), axis=0)
-        self.residual = found[0] / max(found[1], 1e-300)
-        return u
+    def displacement(self, found: StepResult) -> Displacement:
+        """See ``StepForm``."""
+        load, u = self._pinned(found.multiplier)
+        u = u + self.modes @ self._alpha
+        free = ~self._fixed
+        left = free * (times(self.K, u) - load)
+        return Displacement(u, left, free * self._diagonal * u, free * self.f)
 
-    def correct(self, multiplier: np.ndarray, alpha: np.ndarray) -> None:
+    def _pinned(self, multiplier: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """f - B λ of this rank, and the displacement that it causes where springs hold the pins."""
+        load = self.f - self._local_B @ self._in_petsc_order(multiplier)
+        return load, self._solver.solve(load)
+
+    def correct(self, found: StepResult) -> None:
         """Take h from the displacement for these multipliers: F and the pinned solve of the load
         alone are subject to rounding that the forces together are not."""
-        u = self.displacement(multiplier, alpha)
-        y = self._interface_sum(self._local_B.T @ u) - self.G @ alpha
+        y = self._interface_sum(self._local_B.T @ self._pinned(found.multiplier)[1])
         if self.comm.rank == 0:
-            self.h = y + self.F @ multiplier
+            self.h = y + self.F @ found.multiplier
 
     def _in_petsc_order(self, values: np.ndarray) -> np.ndarray:
         """Values of the multipliers by their global number."""

@@ -107,12 +107,12 @@ class _Search:
             distance: (m,) of each facet from the other surface [length].
         """
         own, other = self.own, self.other
-        everywhere = cKDTree(other.centre)
+        everywhere, tries = cKDTree(other.centre), min(NEAREST, len(other.centre))
         for ahead in (0.0 * distance, distance):  # most face one of those next to them
-            points = own.centre + ahead[:, None] * own.normal
-            near = everywhere.query(points, k=min(NEAREST, len(other.centre)))[1]
-            near = near.reshape(len(points), -1)
-            self._try(np.repeat(np.arange(len(points)), near.shape[1]), near.ravel())
+            rest = np.flatnonzero(self.partner < 0)
+            points = own.centre[rest] + ahead[rest, None] * own.normal[rest]
+            near = everywhere.query(points, k=tries)[1]
+            self._try(np.repeat(rest, tries), near.ravel())
         span = np.linalg.norm(own.centre.mean(axis=0) - other.centre.mean(axis=0))
         span += own.reach + other.reach
         low = np.zeros(len(own.centre))

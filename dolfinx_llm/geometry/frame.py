@@ -217,17 +217,15 @@ class Frame:
     def _places(self) -> ClosestPoints:
         return ClosestPoints(self.x, self.cells)
 
-    def interpolation(self, location: Location) -> csr_matrix:
+    def interpolation(self, location: Location, points: np.ndarray | None = None) -> csr_matrix:
         """(n, m) matrix of the shape functions N_J(xi_p): the scalar L_b before any design.
 
         Args:
             location: of n points, as ``locate`` gives it.
+            points: (n, gdim) these points; then those beyond a node of the outline have the mean of
+                what the cells around it continue, whichever of these comes first [length].
         """
-        n, k = location.N.shape
-        cols, begins = self.cells[location.cell], np.arange(0, n * k + 1, k)
-        matrix = csr_matrix((location.N.ravel(), cols.ravel(), begins), shape=(n, len(self.x)))
-        matrix.sort_indices()
-        return matrix
+        return self._places.interpolation(location, points)
 
 
 def _numbers(name: str, value: Any, accepted: str) -> np.ndarray:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.geometry.cells import (
@@ -17,6 +18,13 @@ from dolfinx_llm.geometry.cells import (
     shape_functions,
     vector_areas,
 )
+
+# Reference coordinates of the corners of segments, triangles and quads.
+_CORNERS = {
+    2: np.array([[0.0], [1.0]]),
+    3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
+    4: np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,3 +165,40 @@ class ClosestPoints:
             beyond = np.flatnonzero((xi < 0.0).any(axis=1) | (xi.sum(axis=1) > 1.0))
             xi[beyond] = closest_on_sides(self.x[self.cells[cell[beyond]]], x[beyond])
         return xi, np.linalg.norm(x - points_of(self.x, self.cells[cell], xi)[1], axis=1)
+
+    def interpolation(self, at: Location, x: np.ndarray | None = None) -> csr_matrix:
+        """(n, m) matrix of the shape functions at located points x; see ``Frame.interpolation``."""
+        n, k = at.N.shape
+        cols = self.cells[at.cell]
+        matrix = csr_matrix(
+            (at.N.ravel(), cols.ravel(), np.arange(0, n * k + 1, k)), self._shape(n)
+        )
+        matrix.sort_indices()
+        if x is None:
+            return matrix
+        foot = shape_functions(k, at.xi)[0]
+        beyond = np.flatnonzero((at.outside > 0.0) & (foot.max(axis=1) > 1.0 - 1e-9))
+        if not len(beyond):
+            return matrix
+        mean = self._continued(cols[beyond, foot[beyond].argmax(axis=1)], x[beyond]).tocoo()
+        kept = matrix.tocoo()
+        kept.data[np.isin(kept.row, beyond)] = 0.0
+        row, col = np.append(kept.row, beyond[mean.row]), np.append(kept.col, mean.col)
+        return csr_matrix((np.append(kept.data, mean.data), (row, col)), self._shape(n))
+
+    def _shape(self, n: int) -> tuple[int, int]:
+        return n, len(self.x)
+
+    def _continued(self, node: np.ndarray, x: np.ndarray) -> csr_matrix:
+        """(n, m) shape functions at x, the mean of what the cells around each node continue."""
+        k, flat = self.cells.shape[1], self.cells.ravel()
+        order = np.argsort(flat, kind="stable")
+        first, last = (np.searchsorted(flat[order], node, side) for side in ("left", "right"))
+        count = last - first
+        row = np.repeat(np.arange(len(node)), count)
+        place = order[np.arange(len(row)) + np.repeat(first - np.cumsum(count) + count, count)]
+        cell, xi = place // k, _CORNERS[k][place % k]
+        N, dN = shape_functions(k, xi)
+        N = N + np.einsum("nkd,nd->nk", dN, self._step(x[row], cell, xi)[0])
+        index = np.repeat(row, k), self.cells[cell].ravel()
+        return csr_matrix(((N / count[row][:, None]).ravel(), index), self._shape(len(x)))

@@ -38,6 +38,8 @@ from dolfinx_llm.interface.touching import check_flat, find_pieces
 
 log = logging.getLogger("dolfinx_llm")
 
+ACROSS = 1e-6  # direction cosine with the normal up to which a dof lies in the contact plane
+
 
 def build_model(
     interface: Interface, spaces: Sequence[Any], fixed: Sequence[np.ndarray] | None = None
@@ -132,7 +134,10 @@ def _build_piece(
         pairs, certificate = _balanced(interface, frame, pairs, vectors, notes)
         base = local_bases(nodal_normals(frame))
     else:
-        keep = held and [_fixed_nodes(p, *h) for p, h in zip(pairs, held)]
+        normal_only = law.unilateral and not law.friction
+        keep = held and [
+            _fixed_nodes(p, space, fixed, normal_only) for p, (space, fixed) in zip(pairs, held)
+        ]
         pairs, certificate = _designed(interface, frame, plane, pairs, notes, keep)
         base = np.broadcast_to(plane.base, (len(frame.x), *plane.base.shape))
     clock.stop("design")
@@ -229,12 +234,19 @@ def _space_of(tags: Any, spaces: Sequence[Any]) -> int:
     )
 
 
-def _fixed_nodes(pairs: ContactPairs, V: Any, fixed: np.ndarray) -> np.ndarray:
-    """(n,) whether a Dirichlet condition prescribes something at a node, on all ranks."""
+def _fixed_nodes(pairs: ContactPairs, V: Any, fixed: np.ndarray, normal_only: bool) -> np.ndarray:
+    """(n,) whether a Dirichlet condition prescribes a motion that the law ties, on all ranks.
+
+    Args:
+        fixed: (n_owned dofs,) whether a dof is prescribed.
+        normal_only: the law ties the normal motion alone: what is prescribed across it is free.
+    """
     mine = pairs.owner == V.mesh.comm.rank
     start = V.dofmap.index_map.local_range[0]
     held = np.zeros(len(mine), dtype=np.int64)
-    held[mine] = fixed.reshape(-1, pairs.x.shape[1])[pairs.dofs[mine] - start].any(axis=1)
+    used = np.abs(pairs.normal[mine]) > ACROSS if normal_only else True
+    at = fixed.reshape(-1, pairs.x.shape[1])[pairs.dofs[mine] - start]
+    held[mine] = (at & used).any(axis=1)
     return V.mesh.comm.allreduce(held) > 0
 
 
@@ -253,11 +265,10 @@ def _designed(
     N: Sequence[csr_matrix] = plain
     if interface.design == "weights" or (interface.design == "auto" and before > TOLERANCE):
         s = plane.project(frame.x)
-        cells = [p.cell for p in pairs]
         try:  # rows at supports bind the frame's edge: better left alone, where that is enough
-            N = design_weights(frame, s, plain, cells, forces, keep)
+            N = design_weights(frame, s, plain, forces, keep)
         except ContactError:
-            N = design_weights(frame, s, plain, cells, forces)
+            N = design_weights(frame, s, plain, forces)
         pairs = [with_weights(p, M, frame) for p, M in zip(pairs, N)]
         notes.append("design: rows of L_b corrected (weights)")
     elif interface.design == "auto":

@@ -36,6 +36,10 @@ def find_pieces(
     Raises:
         ContactError: nothing faces, or one body lies inside of the other.
     """
+    if not unilateral and _flat(sides):  # the common area says what takes part
+        facets = np.arange(len(sides[0].facets)), np.arange(len(sides[1].facets))
+        piece = Piece(facets, common_plane(sides[0], sides[1]), 0)
+        return [piece], [np.zeros(len(side.x), dtype=bool) for side in sides]
     separations = separation(sides[0], sides[1]), separation(sides[1], sides[0])
     pieces = touching_pieces(sides, separations, unilateral)
     if unilateral:
@@ -102,10 +106,15 @@ def overlap_text(side: Surface, depth: np.ndarray, what: str) -> str:
     )
 
 
+def _flat(sides: Sequence[Surface]) -> bool:
+    """Whether both surfaces are flat, to rounding."""
+    size = max(side.diameter for side in sides)
+    return all(is_flat(side, 1e-6 * size) for side in sides)
+
+
 def _refuse(sides: Sequence[Surface], separations: Sequence[Separation]) -> NoReturn:
     """Say why nothing of two surfaces faces."""
-    size = max(side.diameter for side in sides)
-    if all(is_flat(side, 1e-6 * size) for side in sides):
+    if _flat(sides):
         common_area(sides[0], sides[1], common_plane(sides[0], sides[1]))
     else:
         vector_areas_in_contact(sides[0], sides[1])

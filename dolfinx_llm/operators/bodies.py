@@ -12,6 +12,8 @@ from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base import compat
 
+ALONG = 1e-2  # part of a rotation below which it counts as translation, of a screw as rotation
+
 
 def body_labels(V: Any) -> tuple[np.ndarray, int]:
     """Number of the connected body of every local node of V (owned and ghost), and their count.
@@ -112,3 +114,38 @@ class Bodies:
     def name(self, body: int) -> str:
         low, high = ((x[body].round(6) + 0.0).tolist() for x in (self.low, self.high))
         return f"body {body} (from {low} to {high})"
+
+    def motion(self, body: int, amounts: np.ndarray, work: float) -> str:
+        """Words for a rigid motion of a body, and for the force or moment along it.
+
+        Args:
+            body: its number.
+            amounts: (3 or 6,) of the motions of ``own_modes``.
+            work: that forces do along it [force length].
+        """
+        low, high, gdim = self.low[body], self.high[body], self.gdim
+        centre, size = 0.5 * (low + high), np.linalg.norm(high - low)
+        shift, turn = amounts[:gdim], 2.0 / size * amounts[gdim:]
+        if gdim == 2:
+            shift, centre, turn = np.append(shift, 0.0), np.append(centre, 0.0), [0.0, 0.0, turn[0]]
+        else:
+            turn = turn[[1, 2, 0]]  # from the planes xy, yz, zx
+        rate = np.linalg.norm(turn)
+        if 0.5 * size * rate <= ALONG * np.linalg.norm(shift):
+            length = np.linalg.norm(shift)
+            words = f"a translation along {_listed(shift[:gdim] / length)}"
+            return f"{self.name(body)}: {words}, force along it {abs(work) / length:.3g}"
+        about = centre + np.cross(turn, shift) / rate**2
+        words = f"a rotation about {_listed(about[:gdim])}"
+        if gdim == 3:
+            words += f" and the axis {_listed(turn / rate)}"
+            along = turn @ shift / rate**2
+            if abs(along) > ALONG * size:
+                words += f", with a shift of {along:.3g} along it per radian"
+        return f"{self.name(body)}: {words}, moment about it {abs(work) / rate:.3g}"
+
+
+def _listed(values: np.ndarray) -> list[float]:
+    """Three digits each, without those below a thousandth of the largest."""
+    size = np.abs(values).max()
+    return [float(f"{v:.3g}") if abs(v) > 1e-3 * size else 0.0 for v in values]

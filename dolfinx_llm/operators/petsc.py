@@ -40,6 +40,14 @@ def times(M, x: np.ndarray, transposed: bool = False) -> np.ndarray:
     return values
 
 
+def diagonal_of(K) -> np.ndarray:
+    """This rank's diagonal entries of K."""
+    diagonal = K.getDiagonal()
+    values = diagonal.array_r.copy()
+    diagonal.destroy()
+    return values
+
+
 def join_blocks(blocks):
     """AIJ from a nest of blocks, and this rank's rows of each block row: the nest interleaves the
     blocks by rank."""

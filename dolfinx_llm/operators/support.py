@@ -12,42 +12,10 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.operators.bodies import Bodies
+from dolfinx_llm.operators.motions import rigid_motions
 
 FACTORISED = 5000  # frame unknowns up to which a factorisation is the quickest least-squares fit
 HELD = 1e-11  # singular values below, of the largest, are motions that nothing holds
-
-
-def _held_without_interfaces(bodies: Bodies, K: Any, fixed: np.ndarray) -> np.ndarray:
-    """(k, modes) rows that vanish for combinations of rigid motions that supports do not hold."""
-    R = bodies.own_modes(bodies.label, bodies.points).reshape(len(fixed), -1)
-    label = np.repeat(bodies.label, bodies.gdim)
-    x, y = K.createVecs()
-    diagonal = K.getDiagonal()
-    scale = np.where(diagonal.array_r == 0.0, 1.0, np.abs(diagonal.array_r))
-    KR = np.empty_like(R)
-    for k in range(R.shape[1]):  # of all bodies at once: K does not couple them
-        x.array_w[:] = np.where(fixed, 0.0, R[:, k])
-        K.mult(x, y)
-        KR[:, k] = y.array_r / scale
-    for vector in (x, y, diagonal):
-        vector.destroy()
-    # Orthogonal reduction, not the Gram matrix, whose rounding would hide the zeros.
-    rows = [bodies.triangle(R[fixed], label[fixed]), bodies.triangle(KR, label)]
-    return np.concatenate(bodies.comm.allgather(np.concatenate(rows)))
-
-
-def floating_modes(bodies: Bodies, K: Any, fixed: np.ndarray) -> np.ndarray:
-    """(n_local, k) rigid motions that supports alone leave free, on this rank's dofs.
-
-    Args:
-        bodies, K, fixed: as in ``check_support``.
-    """
-    rows = _held_without_interfaces(bodies, K, fixed)
-    _, values, vectors = np.linalg.svd(rows)
-    free = vectors[np.count_nonzero(values >= HELD * max(values[0], 1.0)) :]
-    R = bodies.modes(bodies.label, bodies.points).reshape(len(fixed), -1) @ free.T
-    R[fixed] = 0.0
-    return R
 
 
 def pins(comm: MPI.Comm, modes: np.ndarray) -> list[int]:
@@ -86,22 +54,25 @@ def check_support(
     Raises:
         ContactError: some motion is not held.
     """
-    rows = [_held_without_interfaces(bodies, K, fixed)]
-    values = np.linalg.svd(rows[0], compute_uv=False)
-    if len(values) == rows[0].shape[1] and values[-1] >= HELD * max(values[0], 1.0):
-        return  # by supports alone
-    for L, BtR in interfaces:
-        BtR = BtR.reshape(len(BtR), -1)
-        rows.append(BtR if L is None else BtR - L @ _least_squares(L, BtR))
-    _, values, vectors = np.linalg.svd(np.concatenate(rows), full_matrices=False)
-    free = vectors[values < HELD * values[0]]
-    if not len(free):
+    rigid = rigid_motions(bodies, K, fixed)
+    if not rigid.free:
         return
-    parts = np.moveaxis(free.reshape(len(free), bodies.count, -1), 1, 0)
-    counts = [np.linalg.matrix_rank(part, 1e-6) for part in parts]
+    moves = np.zeros((bodies.count, rigid.parts.shape[1], rigid.free))
+    moves[rigid.body[: rigid.free], :, np.arange(rigid.free)] = rigid.parts[: rigid.free]
+    moves = moves.reshape(-1, rigid.free)
+    rows = [np.zeros((1, rigid.free))]
+    for L, BtR in interfaces:
+        BtR = BtR.reshape(len(BtR), -1) @ moves
+        rows.append(BtR if L is None else BtR - L @ _least_squares(L, BtR))
+    _, values, vectors = np.linalg.svd(np.concatenate(rows), full_matrices=True)
+    held = np.count_nonzero(values >= HELD * max(values[0], 1.0))
+    left = moves @ vectors[held:].T
+    if not left.shape[1]:
+        return
+    counts = np.linalg.matrix_rank(left.reshape(bodies.count, -1, left.shape[1]), 1e-6)
     names = [f"{bodies.name(b)} in {count}" for b, count in enumerate(counts) if count]
     raise ContactError(
-        f"{len(free)} rigid motion(s) are held by no support and no interface; they move "
+        f"{left.shape[1]} rigid motion(s) are held by no support and no interface; they move "
         f"{', '.join(names)} independent way(s). Add Dirichlet conditions or springs that hold them"
     )
 

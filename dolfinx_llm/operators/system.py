@@ -55,6 +55,7 @@ class ContactOperators:
         L: csr of all, empty in redundant rows.
         B, L_b: PETSc AIJ of (31).
         soft: (n,) rows at dofs that are prescribed, or nearly so.
+        held: (n,) rows at dofs that are prescribed.
         redundant: (n,) rows of ties at prescribed dofs that say nothing new.
         prescribed: per tie (rows, basis) at prescribed dofs, as of ``prescribed_rows``.
         bodies: connected bodies and their rigid motions.
@@ -114,12 +115,12 @@ class ContactOperators:
         fixed = self.dofs.fixed[self.rows.dofs[mine] - self.dofs.first]
         free = np.where(fixed, 0.0, self.rows.base[mine])
         free = np.linalg.norm(self.gather(self.rows.numbering, free), axis=1)
-        self.soft, prescribed = free < NEARLY_FIXED, free == 0.0
-        self.redundant = np.zeros(len(prescribed), dtype=bool)
+        self.soft, self.held = free < NEARLY_FIXED, free == 0.0
+        self.redundant = np.zeros(len(self.held), dtype=bool)
         self.prescribed = []
         for model, place, L in zip(self.models, self.places, self.blocks, strict=True):
             if not model.interface.law.unilateral:
-                rows, basis, redundant = prescribed_rows(L, prescribed[place.rows])
+                rows, basis, redundant = prescribed_rows(L, self.held[place.rows])
                 self.prescribed.append((place.rows.start + rows, basis))
                 self.redundant[place.rows.start + redundant] = True
 

@@ -22,35 +22,17 @@ from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.contact.results import InterfaceResult
 from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.geometry.overlap_flat import Plane, orthonormal_base
 from dolfinx_llm.geometry.surface import facet_corners
-from dolfinx_llm.output import post, render
+from dolfinx_llm.output import render
+from dolfinx_llm.output.drawing import draw_cells, draw_scene, mean_plane, on_root, pyplot, save
 from dolfinx_llm.output.render import Scene
-from dolfinx_llm.output.writing import writable_file, writable_folder, writing
+from dolfinx_llm.output.values import cell_maximum, check_displacement, check_result
+from dolfinx_llm.output.writing import writable_file, writable_folder
 
 FIELDS = ("pressure", "status", "traction")  # of an interface
 PICTURES = (".png", ".pdf", ".svg")
 LINES = "give a list of (label, style, x, y), or a list of such lists"
 FLAT = 0.98  # sum of vector areas over area, from which a surface is seen along its normal
-
-
-def _pyplot() -> Any:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    return plt
-
-
-def _save(plt: Any, figure: Any, path: str | Path) -> None:
-    path = Path(path)
-    try:
-        with writing(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(path, dpi=150, bbox_inches="tight")
-    finally:
-        plt.close(figure)
 
 
 def frame_design(result: InterfaceResult, before: Frame | None, path: str | Path) -> None:
@@ -67,7 +49,7 @@ def frame_design(result: InterfaceResult, before: Frame | None, path: str | Path
         ContactInputError: the interface has no frame, but a rigid obstacle, or lies in 2D;
             arguments of other types, or a path that cannot be written.
     """
-    post.check_result(result)
+    check_result(result)
     if result.frame is None:
         raise ContactInputError("against a rigid obstacle there is no frame to draw")
     if before is not None:
@@ -75,17 +57,17 @@ def frame_design(result: InterfaceResult, before: Frame | None, path: str | Path
     if {frame.gdim for frame in (result.frame, before) if frame is not None} != {3}:
         raise ContactInputError("frames are drawn in 3D; of 2D scenes draw plot.interface")
     writable_file("path", path, PICTURES)
-    if not _on_root():
+    if not on_root():
         return
-    plt = _pyplot()
-    plane = _plane(result.frame)
+    plt = pyplot()
+    plane = mean_plane(result.frame)
     frames: list[tuple[str, Any]] = [("prediction", before)] if before is not None else []
     frames.append(("frame", result.frame))
     figure, axes = plt.subplots(1, len(frames), figsize=(6.5 * len(frames), 6), squeeze=False)
     largest = max(side.normal_force.max() for side in result.sides)
     for axis, (title, frame) in zip(axes[0], frames):
         s = plane.project(frame.x)
-        _draw_cells(axis, s, frame.cells)
+        draw_cells(axis, s, frame.cells)
         for k, side in enumerate(result.sides):
             p = plane.project(side.x)
             size = 120.0 * np.maximum(side.normal_force, 0.0) / largest
@@ -93,7 +75,7 @@ def frame_design(result: InterfaceResult, before: Frame | None, path: str | Path
             axis.plot(*p.T, "." if k else "x", color=f"C{k}", markersize=4)
         axis.set(aspect="equal", title=f"{title}: {len(frame.x)} nodes, {len(frame.cells)} cells")
         axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=2, fontsize=8)
-    _save(plt, figure, path)
+    save(plt, figure, path)
 
 
 def curves(
@@ -120,16 +102,16 @@ def curves(
     for name, text in (("xlabel", xlabel), ("ylabel", ylabel), ("title", title)):
         checks.instance(name, text, str, "give a text")
     writable_file("path", path, PICTURES)
-    if not _on_root():
+    if not on_root():
         return
-    plt = _pyplot()
+    plt = pyplot()
     figure, axes = plt.subplots(1, len(diagrams), figsize=(6.5 * len(diagrams), 5), squeeze=False)
     for axis, diagram in zip(axes[0], diagrams):
         for label, style, x, y in diagram:
             axis.plot(x, y, style, label=label, markersize=4, linewidth=1)
         axis.set(xlabel=xlabel, ylabel=ylabel, title=title)
         axis.legend(fontsize=8)
-    _save(plt, figure, path)
+    save(plt, figure, path)
 
 
 def _check_line(line: Any) -> None:
@@ -153,23 +135,6 @@ def _check_line(line: Any) -> None:
         raise ContactInputError(f"lines: {label!r} has {len(x)} x and {len(y)} y: give as many")
 
 
-def _on_root() -> bool:
-    return MPI.COMM_WORLD.rank == 0
-
-
-def _plane(frame: Frame) -> Plane:
-    normal = vector_areas(frame.x, frame.cells).sum(axis=0)
-    normal /= np.linalg.norm(normal)
-    return Plane(frame.x.mean(axis=0), orthonormal_base(normal))
-
-
-def _draw_cells(axis: Any, s: np.ndarray, cells: np.ndarray) -> None:
-    from matplotlib.collections import PolyCollection
-
-    axis.add_collection(PolyCollection(s[cells], facecolors="none", edgecolors="k", linewidths=1))
-    axis.plot(*s.T, "ks", markersize=3)
-
-
 def bodies(
     u: Function,
     expression: Expr,
@@ -190,13 +155,13 @@ def bodies(
     Raises:
         ContactInputError: arguments of other types, or a path that cannot be written; on all ranks.
     """
-    comm = post.check_displacement(u)
+    comm = check_displacement(u)
     with collective(comm):
         writable_file("path", path, PICTURES)
         checks.instance("label", label, str, "give a text")
         if scale is not None:
             scale = checks.number("scale", scale, "give a finite number or None")
-    field = post.cell_maximum(expression, u.function_space.mesh)
+    field = cell_maximum(expression, u.function_space.mesh)
     gathered = comm.gather(_skin(u, field), root=0)
     with collective(comm):
         if gathered is not None:
@@ -245,40 +210,7 @@ def _draw_bodies(gathered: list[Any], label: str, scale: float | None, path: str
     label = f"{label} ({values.min():.6g} to {values.max():.6g}); displacement × {scale:.3g}"
     polygons = x + scale * v
     cells = np.arange(polygons.shape[0] * polygons.shape[1]).reshape(polygons.shape[:2])
-    _draw(Scene(polygons.reshape(-1, x.shape[2]), cells, values, (low, high), label), path)
-
-
-def _draw(scene: Scene, path: str | Path) -> None:
-    """Scenes in 3D by PyVista where it is installed and can; Matplotlib otherwise, and in 2D."""
-    path = writable_file("path", path)
-    if scene.points.shape[1] == 3 and path.suffix == ".png" and render.draw(scene, path):
-        return
-    plt = _pyplot()
-    figure, norm = plt.figure(figsize=(8, 6)), plt.Normalize(*scene.limits)
-    per_cell = scene.values
-    if len(scene.values) == len(scene.points):
-        per_cell = scene.values[scene.cells].mean(axis=1)
-    if scene.view is not None:
-        _draw_flat(figure, scene, scene.view, norm)
-    else:
-        _draw_skin(figure, scene.points[scene.cells], plt.cm.viridis(norm(per_cell)))
-    bar = plt.cm.ScalarMappable(norm, "viridis")
-    figure.colorbar(bar, ax=figure.axes, shrink=0.7, label=scene.label)
-    _save(plt, figure, path)
-
-
-def _draw_flat(figure: Any, scene: Scene, normal: np.ndarray, norm: Any) -> None:
-    """A flat surface seen along its normal."""
-    plane = Plane(scene.points.mean(axis=0), orthonormal_base(normal))
-    axis, s, cells = figure.add_subplot(), plane.project(scene.points), scene.cells
-    triangles = np.concatenate([cells[:, [0, i, i + 1]] for i in range(1, cells.shape[1] - 1)])
-    axis.tripcolor(*s.T, triangles, scene.values, shading="gouraud", norm=norm)
-    for k, (name, colour) in enumerate(render.STATUS.items()):
-        at = np.flatnonzero(scene.status == k)
-        if len(at):
-            axis.plot(*s[at].T, "o", color=colour, mec="k", markersize=3, label=name)
-    axis.set_aspect("equal")
-    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=4, facecolor="0.85")
+    draw_scene(Scene(polygons.reshape(-1, x.shape[2]), cells, values, (low, high), label), path)
 
 
 def _skin(u: Function, field: Function) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -304,34 +236,10 @@ def _skin(u: Function, field: Function) -> tuple[np.ndarray, np.ndarray, np.ndar
     return x[nodes], motion[nodes], values[cells]
 
 
-def _draw_skin(figure: Any, polygons: np.ndarray, colours: np.ndarray) -> None:
-    if polygons.shape[2] == 2:
-        from matplotlib.collections import PolyCollection
-
-        axis = figure.add_subplot()
-        axis.add_collection(
-            PolyCollection(polygons, facecolors=colours, edgecolors="k", linewidths=0.1)
-        )
-        axis.autoscale_view()
-        axis.set_aspect("equal")
-        return
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-    axis = figure.add_subplot(projection="3d")
-    axis.add_collection3d(
-        Poly3DCollection(polygons, facecolors=colours, edgecolors="k", linewidths=0.2)
-    )
-    low, high = polygons.min(axis=(0, 1)), polygons.max(axis=(0, 1))
-    for k, name in enumerate("xyz"):
-        getattr(axis, f"set_{name}lim")(low[k], high[k])
-    axis.set_box_aspect(high - low)
-
-
 def interface(result: InterfaceResult, path: str | Path, field: str = "pressure") -> None:
     """A field of an interface: over the contact in 2D, on the deformed frame in 3D.
 
-    Draws on rank 0 when called on all ranks. Marks show the status: open, stick, slip,
-    or closed without friction.
+    Draws on rank 0 when called on all ranks. Marks show the status: open, stick or slip.
 
     Args:
         result: an ``InterfaceResult``.
@@ -341,10 +249,10 @@ def interface(result: InterfaceResult, path: str | Path, field: str = "pressure"
     Raises:
         ContactInputError: there is no such field, result is none, or the path cannot be written.
     """
-    post.check_result(result)
+    check_result(result)
     checks.one_of("field", field, FIELDS)
     writable_file("path", path, PICTURES)
-    if _on_root():
+    if on_root():
         draw_interface(result, path, field)
 
 
@@ -367,12 +275,12 @@ def draw_interface(result: InterfaceResult, path: str | Path, field: str = "pres
         limits = low, max(value.max(), low + 1e-300)
         areas = vector_areas(moved, frame.cells)
         flat = np.linalg.norm(areas.sum(axis=0)) > FLAT * np.linalg.norm(areas, axis=1).sum()
-        view = _plane(frame).normal if flat else None
+        view = mean_plane(frame).normal if flat else None
         if view is not None and view @ render.ABOVE < 0.0:
             view = -view
-        _draw(Scene(moved, frame.cells, value, limits, label, view, result.frame_status), path)
+        draw_scene(Scene(moved, frame.cells, value, limits, label, view, result.frame_status), path)
         return
-    plt = _pyplot()
+    plt = pyplot()
     figure = plt.figure(figsize=(7, 5))
     axis, order = figure.add_subplot(), np.lexsort(x.T)
     along = x[order] - x[order[0]]
@@ -383,4 +291,4 @@ def draw_interface(result: InterfaceResult, path: str | Path, field: str = "pres
         axis.plot(s[at], value[order][at], f"C{k}o", mfc=None if k else "none", label=name)
     axis.set(xlabel="distance along the contact", ylabel=field)
     axis.legend()
-    _save(plt, figure, path)
+    save(plt, figure, path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 import numpy as np
+import ufl
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -69,6 +70,8 @@ class LinearBulk:
         ]
         self._given = given.bcs
         self._K: Any = None  # see K
+        self._forms = given.a
+        self._actions: Any = None  # of the forms a, once ``force`` is asked for
         self._sort_conditions()
         self._fingerprint = Fingerprint(given.a, self.spaces)
         self._fingerprint.changes(self.fixed)
@@ -144,6 +147,28 @@ class LinearBulk:
                 "values of the Dirichlet conditions and the coefficients of the forms"
             )
         return f
+
+    def force(self, u: np.ndarray) -> np.ndarray:
+        """This rank's f - K u of all dofs, with K as it is without the conditions: what bodies
+        exert on interfaces and supports.
+
+        Args:
+            u: (n_local,) displacement.
+        """
+        if self._actions is None:
+            self._motions = [fem.Function(V) for V in self.spaces]
+            self._actions = [
+                compat.form("a", ufl.action(form, motion))
+                for form, motion in zip(self._forms, self._motions, strict=True)
+            ]
+        parts = []
+        for i, (V, function) in enumerate(zip(self.spaces, self.functions(u), strict=True)):
+            self._motions[i].x.array[:] = function.x.array
+            part = compat.assemble_force((self._L[i], self._actions[i]), (1.0, -1.0), V)
+            for load in self._nodal[i]:
+                part += load.x.array[: len(part)]
+            parts.append(part)
+        return np.concatenate(parts)
 
     def assemble(self, u: np.ndarray | None = None) -> tuple[PETSc.Mat, np.ndarray]:
         """K and f, which do not depend on u."""

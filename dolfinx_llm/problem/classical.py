@@ -28,6 +28,7 @@ from dolfinx_llm.interface.geometry import ContactModel
 from dolfinx_llm.laws.law import Tied
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import create_aij, times
+from dolfinx_llm.operators.reactions import with_reactions
 from dolfinx_llm.operators.support import check_support
 from dolfinx_llm.problem.arguments import check_petsc_options
 from dolfinx_llm.problem.problem import ContactProblem
@@ -317,8 +318,8 @@ class Elimination(_ClassicalForm):
     λ = P Φ λ̂ fulfils the frame's equilibrium for any λ̂: P (32) projects on the complement of the
     range of L_b, and the columns of Φ (35) are an orthonormal basis of that complement, from a
     complete QR of L_b. What is left is (6) with Qᵀ = B P Φ. Where surface dofs are prescribed, what
-    would act on those alone is left out of Φ, and λ there is the least that fits. Collective; P, Φ
-    and what is made of them lie on every rank.
+    would act on those alone is left out of Φ, and λ there is as of ``with_reactions``. Collective;
+    P, Φ and what is made of them lie on every rank.
 
     Args:
         problem: ``ContactProblem``.
@@ -398,6 +399,9 @@ class Elimination(_ClassicalForm):
         multiplier = operators.least(self._basis @ gather_rows(problem.comm, reduced))
         motion = gap + operators.gather(rows, times(operators.B, u, transposed=True))  # g + Bᵀu
         v = solve_triangular(self._R, self._range.T @ motion)  # (33)
+        if operators.held.any():
+            force = problem.bulk.force(u)
+            multiplier = with_reactions(operators, multiplier, v, u, force)
         self.multiplier = multiplier.reshape(self._base.shape[:2])
         self.force = np.einsum("nc,nci->ni", self.multiplier, self._base)
         directions = np.concatenate([model.directions for model in problem.models])

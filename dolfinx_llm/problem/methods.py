@@ -12,6 +12,7 @@ from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.forms.choice import build_steps, build_system, describe, warn
 from dolfinx_llm.operators.petsc import times
+from dolfinx_llm.operators.reactions import with_reactions
 from dolfinx_llm.operators.system import ContactOperators
 from dolfinx_llm.problem.bulk import LinearBulk
 
@@ -68,7 +69,8 @@ class TiedMethod:
         self.history = [
             {"iteration": 1, "active": n, "stick": n, "slip": 0, "residual": self.system.residual}
         ]
-        return u, multiplier, operators.gather(operators.frames, v)
+        v = operators.gather(operators.frames, v)
+        return u, _with_reactions(self.setting, u, multiplier, v), v
 
     def describe(self) -> str:
         """For ``print(problem)``: the form, why, and what the last solve took."""
@@ -132,7 +134,7 @@ class LawMethod:
             self.system = build_steps(of.form, of.bulk, operators, of.prefix, of.options)
         self.iteration = ContactIteration(operators, self.system, at_rest, self._gaps(at_rest))
         if known:
-            self.iteration.resume(before, held, self._gaps(*self._last))
+            self.iteration.resume(before, held, self._gaps(*self._last), self._last[0])
 
     def _gaps(self, u: np.ndarray, motions: Any = None) -> np.ndarray:
         """(n,) g where supports are as u (n_local,), and obstacles moved."""
@@ -152,9 +154,9 @@ class LawMethod:
         motions, stage = self.setting.operators.obstacle_motions(), "iteration of contact laws"
         g = self._gaps(f, motions)
         with self.setting.times.timed(stage), progress(None, stage) as self.iteration.bar:
-            found = self.iteration.advance(f, g, increments)
-        self._last = found[0], motions
-        return found
+            u, multiplier, w = self.iteration.advance(f, g, increments)
+        self._last = u, motions
+        return u, _with_reactions(self.setting, u, multiplier, w), w
 
     def describe(self) -> str:
         """For ``print(problem)``: the form, and why."""
@@ -170,6 +172,15 @@ class LawMethod:
         if self.system is not None:
             self.system.destroy()
         self.system = None
+
+
+def _with_reactions(
+    setting: Setting, u: np.ndarray, multiplier: np.ndarray, v: np.ndarray
+) -> np.ndarray:
+    """Multipliers (n,) with what bodies pass on at nodes that supports hold."""
+    if not setting.operators.held.any():
+        return multiplier
+    return with_reactions(setting.operators, multiplier, v, u, setting.bulk.force(u))
 
 
 def method_of(setting: Setting) -> TiedMethod | LawMethod:

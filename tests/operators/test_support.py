@@ -10,7 +10,8 @@ from scipy.sparse import csr_matrix
 import dolfinx_llm as llm
 from dolfinx_llm import compat
 from dolfinx_llm.operators.bodies import Bodies
-from dolfinx_llm.operators.support import check_support, floating_modes, pins
+from dolfinx_llm.operators.motions import rigid_motions
+from dolfinx_llm.operators.support import check_support
 
 pytestmark = pytest.mark.quick
 
@@ -64,21 +65,40 @@ ROLLERS = [((0.0, 0.0), 1), ((1.0, 0.0), 1)]
 def test_one_square(held, spring, free):
     squares = Squares(spring=spring)  # which keeps the mesh
     parts = squares.parts(held)
-    assert floating_modes(*parts).shape[1] == free
-    if free and held:
+    assert rigid_motions(*parts).free == free
+    if free:
         with pytest.raises(llm.ContactError, match=rf"^{free} rigid motion\(s\) .*body 0"):
             check_support(*parts, [])
-    elif held or spring:
+    else:
         check_support(*parts, [])
 
 
-def test_pins_hold_what_floats():
-    """As many dofs as motions, and no motion leaves them all at rest."""
+def test_motions_move_no_support():
+    """Of two squares, one on a pin: it turns about the pin, the other one moves as it likes."""
     squares = Squares(count=2)
-    modes = floating_modes(*squares.parts(PIN))
-    chosen = pins(COMM, modes)
-    assert modes.shape[1] == 4 and len(set(chosen)) == 4
-    assert np.linalg.svd(modes[chosen], compute_uv=False).min() > 0.1
+    bodies, K, fixed = squares.parts(PIN)
+    rigid = rigid_motions(bodies, K, fixed)
+    assert rigid.free == 4 and np.bincount(rigid.body).tolist() == [1, 3]
+    assert not rigid.modes[fixed].any() and not rigid.stiffness.any()
+    arm = squares.x[bodies.label == 0]  # from the pin, at the origin
+    turn = rigid.modes.reshape(-1, 2, 4)[bodies.label == 0, :, list(rigid.body).index(0)]
+    assert np.abs(np.einsum("ni,ni->n", arm, turn)).max() < 1e-14
+    assert np.allclose(
+        np.linalg.norm(turn, axis=1), np.linalg.norm(arm, axis=1) * np.abs(turn).max()
+    )
+
+
+@pytest.mark.parametrize("spring", [1e-4, 1e-8, 1e-12])
+def test_weak_springs_are_motions_with_a_stiffness(spring):
+    """On volume springs k the translations of a unit square have k each, the rotation about its
+    middle k times its polar moment 1/6 over its size, half a diagonal, squared."""
+    squares = Squares(spring=spring)
+    rigid = rigid_motions(*squares.parts([]))
+    assert rigid.free == 0
+    order = np.argsort(np.linalg.eigvalsh(rigid.stiffness))
+    known = np.array([1 / 3, 1.0, 1.0]) * spring
+    found = np.linalg.eigvalsh(rigid.stiffness)[order]
+    assert np.allclose(found, known, rtol=1e-12 + 1e-15 / spring)
 
 
 @pytest.mark.parametrize(("components", "free"), [((0, 1), 0), ((0,), 2), ((1,), 1), ((), 3)])

@@ -17,10 +17,9 @@ from dolfinx_llm.forms.condensed.system import CondensedSystem
 from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.exchange import WholeSteps
-from dolfinx_llm.forms.step import SOFT, InterfaceSystem, force_level
+from dolfinx_llm.forms.step import SOFT, LinearStep, StepResult, force_level
+from dolfinx_llm.forms.verdict import FinalError
 from dolfinx_llm.operators.numbering import Numbering
-
-ROUNDING = 30.0 * np.finfo(float).eps  # of forces that are f - K u, of stiffness times motion
 
 
 class CondensedSteps(WholeSteps):
@@ -34,6 +33,7 @@ class CondensedSteps(WholeSteps):
         B, *others: as of ``WholeSteps``.
     """
 
+    name = "the condensed form"
     accuracy = 1e-11  # of balance and law, relative: what CG leaves
     most = 60  # as of ``WholeSteps``
 
@@ -44,12 +44,18 @@ class CondensedSteps(WholeSteps):
         self.system: Any = None  # without friction, once there is one
         self._known = np.zeros(0)  # what the system's matrix was made of
 
-    def solve(self, step: InterfaceSystem, spring, centre, may_open):
-        found = super().solve(step, spring, centre, may_open)
+    def solve(self, f: np.ndarray, step: LinearStep) -> StepResult:
+        """See ``StepForm``."""
+        given = step.compliance[step.active].max(initial=0.0) * self.scale
+        if given > 10.0 * SOFT:
+            raise FinalError(
+                f"rows that give way (compliance {given:.1e} of the surfaces') cannot be "
+                "eliminated: use solver='saddle' in the place of 'condensed'"
+            )
+        found = super().solve(f, step)
         if self.eager:  # what a factorisation leaves is the rounding of f - K u
-            multiplier, y = found[:2]
-            level = force_level(multiplier, y + step.g, self.scale)
-            noise = ROUNDING * self.scale * np.abs(y).max(initial=0.0) / level
+            level = force_level(found.multiplier, found.y + step.g, self.scale)
+            noise = 0.5 * self.noise / level
             self.accuracy = min(max(noise, WholeSteps.accuracy), CondensedSteps.accuracy)
         return found
 
@@ -58,8 +64,8 @@ class CondensedSteps(WholeSteps):
         product[self._pins] -= self._spring * u[self._pins]
         return product
 
-    def _set_up(self, step: InterfaceSystem, spring: float):
-        self._spring = spring
+    def _set_up(self, step: LinearStep):
+        self._spring = step.spring
         on = np.flatnonzero(step.active)
         numbering = Numbering(self.rows.owner[on], self.comm.rank)
         dofs, base = self._multipliers.dofs[on], self._multipliers.base[on]
@@ -79,7 +85,7 @@ class CondensedSteps(WholeSteps):
 
     def _symmetric(self, slaved, step):
         hold = -step.D.diagonal()
-        wanted = np.concatenate([step.active, hold, [self._spring * self.floating]])
+        wanted = np.concatenate([step.active, hold, [self._spring * self.floating.count]])
         if not np.array_equal(wanted, self._known):
             self.split.hold(self._pins, self._spring)
             if self.system is None:

@@ -20,7 +20,7 @@ from dolfinx_llm.forms.condensed.elimination import SlavedRows
 from dolfinx_llm.forms.condensed.krylov import DIRECT, WIDEST, near_null_space, solver_of
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.transformation import Transformation
-from dolfinx_llm.forms.verdict import rounding_error
+from dolfinx_llm.forms.verdict import SEVERAL, check_rounding, rounding_error
 from dolfinx_llm.operators.petsc import times
 
 log = logging.getLogger("dolfinx_llm")
@@ -31,7 +31,6 @@ DIGITS = 13.0  # by which a solve makes the residual smaller, about
 COST = 3.0  # iterations, about, for a row that the preconditioner knows otherwise
 EPS = np.finfo(float).eps
 ROUNDING = 4.0 * EPS  # of a residual of the scaled system, per size of its unknowns
-DRIFTING = 30.0  # rounding errors of such unknowns that a load may leave, where v moves far
 
 
 class CondensedSystem:
@@ -290,10 +289,8 @@ class CondensedSystem:
         # A tolerance that the user made larger is the user's choice.
         asked = 0.0 if self.ksp.getType() == "preonly" else 10.0 * self.ksp.getTolerances()[0]
         allowed = max(1e-9, asked), max(1e-6, asked)
-        if self.form.proximal is not None and load > 0.0:
-            # What a weak term alone holds, a small force moves far: that much is rounding.
-            drift = DRIFTING * EPS * sizes[4] / load
-            allowed = allowed[0], max(allowed[1], min(drift, 1e-3))
+        # What weak springs alone hold, a small force moves far: that much is rounding.
+        allowed = allowed[0], max(allowed[1], SEVERAL * self.rounding)
         if not (self.residual < allowed[0] and against_load < allowed[1]):
             raise ContactError(
                 f"the condensed solve failed: residual {self.residual:.1e} of the unknowns' size "
@@ -303,6 +300,8 @@ class CondensedSystem:
                 f"{self.ksp.getConvergedReason()}. Check supports, material data and the "
                 "petsc_options given, or use solver='saddle'"
             )
+        if self.form.proximal is None:  # else the law's iteration has the last word
+            check_rounding(self.rounding)
 
     def destroy(self):
         self._discard()

@@ -26,11 +26,15 @@ DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky"}
 # Against the saddle form
 
 
+LARGE = ("optimised", "random 101", "random 117")  # on one rank; others like them go on several
+
+
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_forms_agree(n):
     """u, λ, v by Cholesky and by CG + GAMG at the default tolerance."""
-    found = run_mpi_json("both_forms.py", n, *both_forms.SCENES, seconds=300.0)
-    assert len(found) == 2 * len(both_forms.SCENES)
+    names = [name for name in both_forms.SCENES if n == 1 or name not in LARGE]
+    found = run_mpi_json("both_forms.py", n, *names)
+    assert len(found) == 2 * len(names)
     wrong = {
         name: errors for name, errors in found.items() if not max(errors.values()) <= bound(name)
     }

@@ -1,10 +1,9 @@
 """Frame design by positions: the paper's scene (section 5), invariances, failure, derivatives."""
 
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import paper_data as data
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -12,11 +11,6 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design import positions
 from dolfinx_llm.geometry import overlap_flat as patch
 from dolfinx_llm.geometry.frame import Frame
-
-demos = str(Path(__file__).parent.parent / "demos")
-if demos not in sys.path:
-    sys.path.insert(0, demos)
-import paper_data as data  # noqa: E402
 
 MIN_SIDE = 0.06
 
@@ -112,28 +106,32 @@ def test_printed_frame_is_only_polished(paper):
     assert residual(frame, *paper[1:]) <= 1e-13
 
 
-def test_order_and_orientation_do_not_matter(paper, designed):
-    frame, x, forces = paper
-    order = np.random.default_rng(5).permutation(len(x[0]))
-    swapped = positions.design_positions(
-        frame.flipped(), (x[1], x[0][order]), (forces[1], forces[0][order]), min_side=MIN_SIDE
-    )
-    np.testing.assert_allclose(swapped.x, designed.x, atol=1e-12)
-
-
-@pytest.mark.parametrize("scale, shift, tol", [(1e3, 0.0, 1e-13), (1e-3, 300.0, 3e-12)])
-def test_rotated_shifted_scaled(paper, designed, scale, shift, tol):
-    """At 100 diameters from the origin the coordinates' rounding, 1e-14 of the frame's size,
-    limits the residual: the tolerance there is 20 eps max|x| / size."""
+def moved(paper, scale, shift):
+    """The paper's scene turned, shifted and in other units, and the map."""
     R = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
     move = lambda x: scale * (x @ R.T + shift)  # noqa: E731
     frame, x, forces = paper
-    args = [move(p) for p in x], [scale**2 * f for f in forces]
-    moved = positions.design_positions(
-        Frame(move(frame.x), frame.cells), *args, min_side=MIN_SIDE * scale
-    )
-    assert residual(moved, *args) <= tol
-    np.testing.assert_allclose(moved.x, move(designed.x), atol=1e-10 * scale)
+    frame = Frame(move(frame.x), frame.cells)
+    return move, frame, [move(p) for p in x], [scale**2 * f for f in forces]
+
+
+def test_order_orientation_and_units_do_not_matter(paper, designed):
+    """Sides and nodes in another order, the frame turned over, lengths in thousands."""
+    move, frame, x, forces = moved(paper, 1e3, 0.0)
+    order = np.random.default_rng(5).permutation(len(x[0]))
+    args = (x[1], x[0][order]), (forces[1], forces[0][order])
+    swapped = positions.design_positions(frame.flipped(), *args, min_side=MIN_SIDE * 1e3)
+    assert residual(swapped, *args) <= 1e-13
+    np.testing.assert_allclose(swapped.x, move(designed.x), atol=1e-10 * 1e3)
+
+
+def test_far_from_the_origin(paper, designed):
+    """At 100 diameters from the origin the coordinates' rounding, 1e-14 of the frame's size,
+    limits the residual: the tolerance there is 20 eps max|x| / size."""
+    move, frame, *args = moved(paper, 1e-3, 300.0)
+    found = positions.design_positions(frame, *args, min_side=MIN_SIDE * 1e-3)
+    assert residual(found, *args) <= 3e-12
+    np.testing.assert_allclose(found.x, move(designed.x), atol=1e-10 * 1e-3)
 
 
 def jittered():

@@ -1,14 +1,11 @@
-"""What users choose from, laws and obstacles: wrong values are refused; and the choice of contact,
-held against trying all sets."""
+"""What users choose from, laws and obstacles: wrong values are refused."""
 
-import itertools
 import re
 
 import numpy as np
 import pytest
 
 import dolfinx_llm as llm
-from dolfinx_llm.laws.complementarity import _descent, _lemke, complementarity
 
 pytestmark = pytest.mark.quick
 
@@ -48,40 +45,3 @@ def test_two_obstacles_or_an_obstacle_with_a_frame_are_refused():
         llm.Interface(None, (plane, plane))
     with pytest.raises(llm.ContactInputError, match="leave frame=None"):
         llm.Interface(None, (3, plane), frame=frame)
-
-
-def by_trial(M, q):
-    """The one set of positive λ with λ >= 0 and s >= 0, by trying all."""
-    found = []
-    for choice in itertools.product([False, True], repeat=len(q)):
-        on = np.array(choice)
-        x = np.zeros(len(q))
-        x[on] = np.linalg.solve(M[np.ix_(on, on)], -q[on])
-        if (x >= 0.0).all() and ((M @ x + q)[~on] >= 0.0).all():
-            found.append(on)
-    assert len(found) == 1
-    return found[0]
-
-
-@pytest.mark.parametrize("seed", range(100, 120))
-@pytest.mark.parametrize("symmetric", [True, False])
-def test_complementarity(seed, symmetric):
-    """Block exchange, and the two methods that stand behind it, from any start."""
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(2, 9))
-    A, B = rng.standard_normal((2, n, n))
-    M = A @ A.T + 0.1 * np.eye(n)  # positive definite
-    if not symmetric:
-        M += 2.0 * (B - B.T)  # and still so: all principal minors are positive
-    q, start = rng.standard_normal(n), rng.random(n) < 0.5
-    expected = by_trial(M, q)
-    np.testing.assert_array_equal(complementarity(M, q, start), expected)
-    np.testing.assert_array_equal(_lemke(M, q), expected)
-    if symmetric:
-        np.testing.assert_array_equal(_descent(M, q, start), expected)
-
-
-def test_lemke_without_solution():
-    """λ = 0 gives s < 0, and no λ helps."""
-    assert _lemke(np.array([[0.0]]), np.array([-1.0])) is None
-    assert not _lemke(np.eye(2), np.array([1.0, 2.0])).any()

@@ -15,6 +15,7 @@ from paper_data import scene as patch_scene
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat, plot, post
+from dolfinx_llm.contact.results import InterfaceResult
 from dolfinx_llm.output import render
 
 COMM = MPI.COMM_SELF
@@ -133,7 +134,7 @@ def test_curved_frame_by_matplotlib(tmp_path, monkeypatch):
     cells = np.column_stack([k, (k + 1) % 12, (k + 1) % 12 + 12, k + 12])
     frame = llm.Frame(x, cells, v=0.0 * x)
     zero = np.zeros(24)
-    result = post.InterfaceResult(
+    result = InterfaceResult(
         frame, (None,), None, zero + 1.0, zero + 1.0, 0.0 * x, zero.astype(int)
     )
     plot.interface(result, tmp_path / "ring.png")

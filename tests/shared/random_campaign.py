@@ -1,6 +1,6 @@
 """Many random scenes, each in a process that may crash or hang: what failed, and how.
 
-    python tests/random_campaign.py FIRST LAST [--variants] [--out FILE] [--seconds 60]
+    python tests/shared/random_campaign.py FIRST LAST [--variants] [--out FILE] [--seconds 60]
 
 Prints one line of JSON per seed.
 """

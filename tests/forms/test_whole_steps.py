@@ -39,7 +39,7 @@ def test_ranks():
         check(outcome)
 
 
-@pytest.mark.parametrize("elements", [(8, 12), (16, 23)])
+@pytest.mark.parametrize("elements", [(8, 12), (12, 17)])
 def test_hertz(elements):
     """With weights of the pressure, which the condensed form could not settle pair by pair."""
     a, p0 = hertz2d.hertz("cylinders")

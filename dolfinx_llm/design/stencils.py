@@ -1,0 +1,162 @@
+"""What rows of L_b may be corrected on: weighted nodes around each row, and what it must keep.
+
+Each row p has weights w_pJ on the frame nodes around its own, which vary continuously with its
+place: on an edge or a node of the frame they do not depend on which of the adjacent cells is named
+first. With the row's constraints C (sum delta = 0, linear fields stay), corrections that keep them
+are delta_p = P_p mu, P = √W (I - Q Qᵀ)² √W, Q an orthonormal base of √W C. Ragged arrays in the
+pattern of a CSR matrix, so that all rows are treated at once, whatever their number of nodes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+ZERO = 1e-13  # shape functions below this are rounding: the node lies on an edge
+FADE = 1e-4  # of the largest singular value: where constraints fade that hardly differ from others
+
+
+@dataclass(frozen=True, eq=False)
+class RowStencils:
+    """Stencils of n rows, z entries in all, with c constraints each."""
+
+    indptr: np.ndarray  # (n + 1,)
+    nodes: np.ndarray  # (z,) frame nodes
+    root: np.ndarray  # (z,) square roots of the weights
+    Q: np.ndarray  # (z, c) orthogonal columns per row, of length 1; less where a constraint fades
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, c)"""
+        return len(self.indptr) - 1, self.Q.shape[1]
+
+    def project(self, mu: np.ndarray) -> np.ndarray:
+        """(z,) P_p mu of values (z,) at the entries, without what the constraints see.
+
+        Done twice: P takes away nearly all of a large smooth mu, and the rounding that the first
+        time leaves would break the constraints.
+        """
+        value = self.root * mu
+        for _ in range(2):
+            for q in self.Q.T:
+                value = value - q * spread(sums(q * value, self.indptr), self.indptr)
+        return self.root * value
+
+    def matrix(self, values: np.ndarray, m: int) -> csr_matrix:
+        """(n, m) matrix of values (z,) at the entries."""
+        return csr_matrix((values, self.nodes, self.indptr), (self.shape[0], m))
+
+
+def sums(values: np.ndarray, indptr: np.ndarray) -> np.ndarray:
+    """Sums of entries per row; no row is empty."""
+    return np.add.reduceat(values, indptr[:-1])
+
+
+def spread(values: np.ndarray, indptr: np.ndarray) -> np.ndarray:
+    """Values of rows at their entries."""
+    return np.repeat(values, np.diff(indptr), axis=0)
+
+
+def adjacency(cells: np.ndarray, m: int) -> csr_matrix:
+    """(m, m) matrix of ones where two nodes belong to one cell, with the diagonal."""
+    n, k = cells.shape
+    of = csr_matrix((np.ones(n * k), cells.ravel(), np.arange(0, n * k + 1, k)), shape=(n, m))
+    A = (of.T @ of).tocsr()
+    A.data[:] = 1.0
+    return A
+
+
+def inner_part(N: csr_matrix) -> csr_matrix:
+    """N without what is negative (it is continued beyond the outline) or rounding, sums 1."""
+    inside = N.copy()
+    inside.data[inside.data < ZERO] = 0.0
+    inside.eliminate_zeros()
+    inside.data /= spread(sums(inside.data, inside.indptr), inside.indptr)
+    return inside
+
+
+def row_weights(N: csr_matrix, around: csr_matrix) -> csr_matrix:
+    """(n, m) weights of the frame nodes in each row's stencil: those around the row's own nodes.
+
+    Args:
+        N: interpolation.
+        around: (m, m) how much each node belongs to the surroundings of each.
+    """
+    return (inner_part(N) @ around).tocsr()
+
+
+def flat_stencils(W: csr_matrix, s: np.ndarray) -> RowStencils:
+    """Stencils of weights W whose corrections keep constants and linear fields of the plane.
+
+    Args:
+        s: (m, d) frame nodes in coordinates of the plane [length].
+    """
+    root, local = np.sqrt(W.data), s[W.indices]
+    total = sums(W.data, W.indptr)
+    mean = np.column_stack([sums(W.data * c, W.indptr) / total for c in local.T])
+    local = local - spread(mean, W.indptr)
+    columns: list[np.ndarray] = []
+    for value in (np.ones(len(root)), *local.T):
+        q = root * value
+        for _ in range(2):  # again, against rounding
+            for other in columns:
+                q = q - other * spread(sums(other * q, W.indptr), W.indptr)
+        columns.append(q / np.sqrt(spread(sums(q * q, W.indptr), W.indptr)))
+    return RowStencils(W.indptr, W.indices, root, np.column_stack(columns))
+
+
+@dataclass(frozen=True, eq=False)
+class CurvedStencils:
+    """Stencils on curved frames, and the least corrections that move a row's place."""
+
+    rows: RowStencils
+    C: np.ndarray  # (z, c) constraints: 1 and the place against the row's own, over h
+    inverse: np.ndarray  # (n, c, c) of C W C, filtered
+    h: np.ndarray  # (n,) size of the stencils [length]
+
+    def moved(self, step: np.ndarray) -> np.ndarray:
+        """(z,) least corrections that move the rows' places by a step (n, gdim) [length]."""
+        indptr, weight = self.rows.indptr, self.rows.root**2
+        delta, left = np.zeros(len(weight)), np.column_stack([np.zeros(len(step)), step])
+        left[:, 1:] /= self.h[:, None]
+        for _ in range(2):  # again, against rounding
+            factor = np.einsum("nij,nj->ni", self.inverse, left)
+            more = weight * np.einsum("zi,zi->z", self.C, spread(factor, indptr))
+            delta = delta + more
+            left = left - np.column_stack([sums(more * c, indptr) for c in self.C.T])
+        return delta
+
+
+def curved_stencils(W: csr_matrix, x: np.ndarray, place: np.ndarray, fade: float) -> CurvedStencils:
+    """Stencils of weights W whose corrections keep constants and linear fields of space.
+
+    Where the surface is nearly flat, or a stencil has few nodes, a constraint hardly differs from
+    the others: with S the singular values of √W C it is kept by 1 - (q / (S² + q))⁴, q the square
+    of ``fade`` times the largest, which fades instead of cutting.
+
+    Args:
+        x: (m, gdim) frame nodes [length].
+        place: (n, gdim) places of the rows [length].
+    """
+    indptr, root = W.indptr, np.sqrt(W.data)
+    d = x[W.indices] - spread(place, indptr)
+    total = sums(W.data, indptr)
+    h = np.sqrt(sums(W.data * np.einsum("zi,zi->z", d, d), indptr) / total)
+    h = np.maximum(h, 1e-300)
+    C = np.column_stack([np.ones(len(root)), d / spread(h, indptr)[:, None]])
+    gram = np.empty((len(h), C.shape[1], C.shape[1]))
+    for i in range(C.shape[1]):
+        for j in range(i + 1):
+            gram[:, i, j] = gram[:, j, i] = sums(W.data * C[:, i] * C[:, j], indptr)
+    square, V = np.linalg.eigh(gram)
+    square = np.maximum(square, 0.0)
+    q = fade**2 * square[:, -1:]
+    t = q / (square + q)
+    # Applied twice in ``project``: 1 - t² each time.
+    once = V * np.sqrt((1.0 + t) / (square + q))[:, None, :]
+    Q = root[:, None] * np.einsum("zi,zik->zk", C, spread(once, indptr))
+    factor = (1.0 + t) * (1.0 + t * t) / (square + q)
+    inverse = np.einsum("nik,nk,njk->nij", V, factor, V)
+    return CurvedStencils(RowStencils(indptr, W.indices, root, Q), C, inverse, h)

@@ -1,0 +1,55 @@
+"""Forces at nodes that supports hold."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dolfinx_llm.operators.prescribed import largest_share, undetermined
+from dolfinx_llm.operators.system import ContactOperators
+
+CLOSED = 1e-9  # gaps up to this part of motions are none
+
+
+def with_reactions(
+    operators: ContactOperators,
+    multiplier: np.ndarray,
+    v: np.ndarray,
+    u: np.ndarray,
+    force: np.ndarray,
+) -> np.ndarray:
+    """Multipliers (n,) with what bodies pass on at nodes that supports hold; collective.
+
+    There the equations leave open what the supports take and what goes through the frame. Of
+    the forces that bodies exert on both, f - K u, the part is added that leaves the frame in
+    balance; what may open stays pressed together, and without it where it is open. Nodes of
+    several interfaces, and those against obstacles, stay as they are.
+
+    Args:
+        operators: of the interfaces.
+        multiplier: the least that meet (31).
+        v: (m,) frame unknowns.
+        u: (n_local,) displacement.
+        force: (n_local,) f - K u, with the rows of prescribed dofs.
+    """
+    rows, multiplier = operators.rows, multiplier.copy()
+    motion, passed = (
+        np.einsum("ni,ni->n", rows.base, operators.dofs.values(rows.dofs, local))
+        for local in (u, force)
+    )
+    node = rows.dofs[:, 0]
+    sides = zip(operators.pairs, operators.side_gaps(), strict=True)
+    gaps = np.concatenate([np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in sides])
+    opening = operators.L @ v - motion - gaps
+    closed = opening <= CLOSED * max(np.abs(motion).max(), np.abs(gaps).max())
+    for model, place, L in zip(operators.models, operators.places, operators.blocks, strict=True):
+        if model.frame is None:
+            continue
+        others = np.delete(node, np.r_[place.rows])
+        chosen = operators.held[place.rows] & ~np.isin(node[place.rows], others)
+        opens, c = model.interface.law.unilateral, model.pairs[0].base.shape[1]
+        if opens:  # the law binds tangential forces
+            chosen &= closed[place.rows] & (np.arange(len(chosen)) % c == c - 1)
+        at = place.rows.start + np.flatnonzero(chosen)
+        rest = undetermined(L, chosen, passed[at] - multiplier[at])
+        multiplier[at] += rest * (largest_share(multiplier[at], rest) if opens else 1.0)
+    return multiplier

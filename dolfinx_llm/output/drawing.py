@@ -1,0 +1,113 @@
+"""How pictures are drawn and saved: by PyVista in 3D where it is installed, else by Matplotlib."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.overlap_flat import Plane, orthonormal_base
+from dolfinx_llm.output import render
+from dolfinx_llm.output.render import Scene
+from dolfinx_llm.output.writing import writable_file, writing
+
+
+def pyplot() -> Any:
+    """Matplotlib's, without a display."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    return plt
+
+
+def save(plt: Any, figure: Any, path: str | Path) -> None:
+    """Write a figure and let go of it; its folder is made."""
+    path = Path(path)
+    try:
+        with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            figure.savefig(path, dpi=150, bbox_inches="tight")
+    finally:
+        plt.close(figure)
+
+
+def on_root() -> bool:
+    """Whether this rank draws."""
+    return MPI.COMM_WORLD.rank == 0
+
+
+def mean_plane(frame: Frame) -> Plane:
+    """The plane that a flat frame lies in, or nearly."""
+    normal = vector_areas(frame.x, frame.cells).sum(axis=0)
+    normal /= np.linalg.norm(normal)
+    return Plane(frame.x.mean(axis=0), orthonormal_base(normal))
+
+
+def draw_cells(axis: Any, s: np.ndarray, cells: np.ndarray) -> None:
+    """Outlines and nodes (m, 2) of cells (n, k)."""
+    from matplotlib.collections import PolyCollection
+
+    axis.add_collection(PolyCollection(s[cells], facecolors="none", edgecolors="k", linewidths=1))
+    axis.plot(*s.T, "ks", markersize=3)
+
+
+def draw_scene(scene: Scene, path: str | Path) -> None:
+    """Scenes in 3D by PyVista where it is installed and can; Matplotlib otherwise, and in 2D."""
+    path = writable_file("path", path)
+    if scene.points.shape[1] == 3 and path.suffix == ".png" and render.draw(scene, path):
+        return
+    plt = pyplot()
+    figure, norm = plt.figure(figsize=(8, 6)), plt.Normalize(*scene.limits)
+    per_cell = scene.values
+    if len(scene.values) == len(scene.points):
+        per_cell = scene.values[scene.cells].mean(axis=1)
+    if scene.view is not None:
+        _draw_flat(figure, scene, scene.view, norm)
+    else:
+        _draw_skin(figure, scene.points[scene.cells], plt.cm.viridis(norm(per_cell)))
+    bar = plt.cm.ScalarMappable(norm, "viridis")
+    figure.colorbar(bar, ax=figure.axes, shrink=0.7, label=scene.label)
+    save(plt, figure, path)
+
+
+def _draw_flat(figure: Any, scene: Scene, normal: np.ndarray, norm: Any) -> None:
+    """A flat surface seen along its normal."""
+    plane = Plane(scene.points.mean(axis=0), orthonormal_base(normal))
+    axis, s, cells = figure.add_subplot(), plane.project(scene.points), scene.cells
+    triangles = np.concatenate([cells[:, [0, i, i + 1]] for i in range(1, cells.shape[1] - 1)])
+    axis.tripcolor(*s.T, triangles, scene.values, shading="gouraud", norm=norm)
+    for k, (name, colour) in enumerate(render.STATUS.items()):
+        at = np.flatnonzero(scene.status == k)
+        if len(at):
+            axis.plot(*s[at].T, "o", color=colour, mec="k", markersize=3, label=name)
+    axis.set_aspect("equal")
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=3, facecolor="0.85")
+
+
+def _draw_skin(figure: Any, polygons: np.ndarray, colours: np.ndarray) -> None:
+    if polygons.shape[2] == 2:
+        from matplotlib.collections import PolyCollection
+
+        axis = figure.add_subplot()
+        axis.add_collection(
+            PolyCollection(polygons, facecolors=colours, edgecolors="k", linewidths=0.1)
+        )
+        axis.autoscale_view()
+        axis.set_aspect("equal")
+        return
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    axis = figure.add_subplot(projection="3d")
+    axis.add_collection3d(
+        Poly3DCollection(polygons, facecolors=colours, edgecolors="k", linewidths=0.2)
+    )
+    low, high = polygons.min(axis=(0, 1)), polygons.max(axis=(0, 1))
+    for k, name in enumerate("xyz"):
+        getattr(axis, f"set_{name}lim")(low[k], high[k])
+    axis.set_box_aspect(high - low)
