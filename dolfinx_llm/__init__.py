@@ -20,7 +20,9 @@ from dolfinx_llm.interface.obstacles import (
     RigidSphere,
     RigidSurface,
 )
-from dolfinx_llm.laws.law import Coulomb, Frictionless, Tied
+from dolfinx_llm.laws.coulomb import Coulomb
+from dolfinx_llm.laws.frictionless import Frictionless
+from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.output import plot, post
 from dolfinx_llm.problem import classical
 from dolfinx_llm.problem.loads import free_surface_load

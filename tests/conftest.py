@@ -1,5 +1,7 @@
 """Paths for the tests' own modules, and MPI runs in processes of their own."""
 
+import contextlib
+import io
 import json
 import os
 import queue
@@ -136,9 +138,15 @@ def run_mpi(script: str, n: int, *args, seconds: float = LIMIT) -> str:
 
     The scripts of a file of tests run one after the other on the same ranks. An exception on any
     rank ends all of them, so that none waits for it; after ``seconds`` they are ended. Both fail
-    the test with the ranks' output.
+    the test with the ranks' output. One rank is this process.
     """
     command = [str(TESTS / "mpi" / script), *map(str, args)]
+    if n == 1:
+        import guard
+
+        with contextlib.redirect_stdout(io.StringIO()) as printed:
+            guard.run(command)
+        return printed.getvalue()
     if n not in _running:
         _running[n] = Ranks(n)
     ranks, began = _running[n], time.monotonic()

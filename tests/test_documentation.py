@@ -20,8 +20,8 @@ docs = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(docs)
 
 EXAMPLES = [
-    "geometry.frame", "laws.law", "interface.obstacles", "design.weights", "laws.coulomb",
-    "laws.complementarity", "laws.speakers",
+    "geometry.frame", "laws.tied", "laws.frictionless", "laws.coulomb", "laws.complementarity",
+    "laws.speakers", "interface.obstacles", "design.weights",
 ]  # fmt: skip
 
 

@@ -20,6 +20,7 @@ try:
     from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
     from ufl.algorithms.apply_derivatives import apply_derivatives
     from ufl.algorithms.check_arities import ArityMismatch, check_form_arity
+    from ufl.algorithms.remove_complex_nodes import remove_complex_nodes
 except ImportError as error:
     raise ImportError(
         "dolfinx_llm needs dolfinx with petsc4py and mpi4py. On Debian or Ubuntu: "
@@ -110,7 +111,10 @@ def form(name: str, ufl_form: Any) -> Any:
     """
     try:
         # First on every rank: newer UFL raises no Exception here, which rank 0 alone would meet.
-        lowered = apply_derivatives(apply_algebra_lowering(ufl_form))
+        lowered = apply_algebra_lowering(ufl_form)
+        if not np.issubdtype(PETSc.ScalarType, np.complexfloating):
+            lowered = remove_complex_nodes(lowered)  # v and conj(v) are one
+        lowered = apply_derivatives(lowered)
         check_form_arity(lowered, ufl_form.arguments())
         return dolfinx.fem.form(ufl_form)
     except (Exception, ArityMismatch) as error:

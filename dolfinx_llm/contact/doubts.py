@@ -9,7 +9,7 @@ import numpy as np
 
 from dolfinx_llm.contact.results import InterfaceResult
 from dolfinx_llm.interface.geometry import ContactModel
-from dolfinx_llm.laws.coulomb import OPEN
+from dolfinx_llm.laws.law import OPEN
 
 LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out

@@ -27,7 +27,7 @@ from dolfinx_llm.contact.state import InterfaceState, interface_states
 from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import SOFT, LinearStep, StepForm, StepResult, force_level
 from dolfinx_llm.forms.verdict import FinalError, Verdict, judge
-from dolfinx_llm.laws.coulomb import OPEN, SLIP, STICK, newton_rows, projection_miss, switch_rows
+from dolfinx_llm.laws.law import OPEN, SLIP, STICK
 from dolfinx_llm.operators.system import ContactOperators
 
 log = logging.getLogger("dolfinx_llm")
@@ -266,18 +266,15 @@ class ContactIteration:
                 own = s.theta * C_T @ s.gather @ P[s.kappa.ravel()]
                 C_delta = C_delta @ s.relative
                 D.append(own + C_delta @ s.selection(self.m))
-                rhs.append(own @ centre + rows.rhs.ravel() + C_delta @ s.kappa_before.ravel())
+                given = rows.rhs - rows.C_N * s.cohesion(about[0])[:, None]
+                rhs.append(own @ centre + given.ravel() + C_delta @ s.kappa_before.ravel())
         frame = stack(E, format="csr"), stack(D, format="csr"), np.concatenate(rhs)
-        rows = active, self._normal, self.L, g, self._compliance
-        return LinearStep(*rows, *frame, *held)
+        every = active, self._normal, self.L, g, self._compliance
+        return LinearStep(*every, *frame, *held)
 
     def _friction_rows(self, s: InterfaceState, multiplier, w):
-        T, N = s.forces(multiplier)
-        delta, c = s.slip(w), s.slip_stiffness(self.scale)
-        if s.law.method == "switch":
-            rows = switch_rows(T, N, delta, s.law.mu, c, s.status)
-        else:
-            rows = newton_rows(T, N, delta, s.law.mu, c)
+        T, bound = s.forces(multiplier)
+        rows = s.law.rows(T, bound, s.slip(w), s.slip_stiffness(self.scale), s.status)
         return rows.tied(s.speaker, s.unheld & self._calmed, self.scale)
 
     def _all_stick(self, step: LinearStep) -> LinearStep:
@@ -351,8 +348,8 @@ class ContactIteration:
         worst = 0.0
         for s in self.states:
             if s.kappa.size:
-                T, N = s.forces(multiplier)
-                miss = projection_miss(T, N, s.slip(w), s.law.mu, s.slip_stiffness(self.scale))
+                T, bound = s.forces(multiplier)
+                miss = s.law.miss(T, bound, s.slip(w), s.slip_stiffness(self.scale))
                 worst = max(worst, float(miss.max(initial=0.0)))
         return worst
 

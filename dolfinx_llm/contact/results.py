@@ -17,7 +17,7 @@ from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.geometry import ContactModel
-from dolfinx_llm.laws.coulomb import CLOSED, OPEN, STICK
+from dolfinx_llm.laws.law import CLOSED, OPEN, STICK
 from dolfinx_llm.operators.system import ContactOperators
 
 FELT = 1e-9  # part of the largest force or motion, below which there is none
@@ -243,7 +243,7 @@ def _interface_result(
         pressed = force > FELT * np.abs(force).max(initial=0.0)
         status = np.where(pressed, CLOSED, OPEN)
         if law.friction:
-            status = np.where(pressed, state.status, OPEN)
+            status = np.where(pressed & (state.status != OPEN), state.status, status)
             friction = state.share_out(friction, force)
         else:
             friction = np.zeros_like(friction)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags, identity, vstack
 
 from dolfinx_llm.interface.geometry import ContactModel
-from dolfinx_llm.laws.coulomb import CLOSED, OPEN, STICK
+from dolfinx_llm.laws.law import CLOSED, OPEN, STICK
 from dolfinx_llm.laws.speakers import HELD, follow, speakers, unheld
 from dolfinx_llm.operators.assemble import interface_operator
 from dolfinx_llm.operators.system import ContactOperators
@@ -36,6 +36,8 @@ class InterfaceState:
     L_normal: csr_matrix  # (k, n c) normal force at the friction nodes from λ
     theta: float
     active: np.ndarray = field(init=False)  # (n,) pairs in contact, changed by ``touch``
+    coefficients: np.ndarray = field(init=False)  # (k,) of friction
+    cohesive: np.ndarray = field(init=False)  # (k,) tangential force besides [force]
     closings: np.ndarray = field(init=False)  # (n,) how often they have closed in this load step
     status: np.ndarray = field(init=False)  # (k,) of the friction nodes
     kappa_before: np.ndarray = field(init=False)  # (k, t) at the end of the last load step [length]
@@ -48,8 +50,17 @@ class InterfaceState:
     def __post_init__(self):
         self._N = [p.N for p in self.model.pairs] if self.model.frame is not None else []
         self.speaker = np.arange(len(self.kappa))
+        x, area = self._law_nodes()
+        self.coefficients, self.cohesive = self.law.coefficients(x), area * self.law.cohesion_at(x)
         self._squares = [A.power(2).T.tocsr() for A in self._N or [identity(len(self.rows))]]
         self.forget()
+
+    def _law_nodes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (k, gdim) [length] and areas (k,) of the friction nodes."""
+        pairs, frame = self.model.pairs[0], self.model.frame
+        if not self.kappa.size:
+            return pairs.x[:0], pairs.forces[:0]
+        return (pairs.x, pairs.forces) if frame is None else (frame.x, pairs.N.T @ pairs.forces)
 
     @property
     def law(self):
@@ -168,15 +179,25 @@ class InterfaceState:
         return scale * self.theta * np.sum(self.support(tied=True), axis=0)
 
     def forces(self, multiplier: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Tangential (k, t) and normal forces (k,) that the law holds for [force]."""
-        own = multiplier[self.rows]
-        T = self.gather @ (self.theta * (self.L_kappa.T @ own.ravel()))
-        return T.reshape(self.kappa.shape), self.sums @ (self.L_normal @ own.ravel())
+        """Tangential forces (k, t) that the law holds for, and their bound (k,) [force]."""
+        own = multiplier[self.rows].ravel()
+        T = self.gather @ (self.theta * (self.L_kappa.T @ own))
+        bound = self._bound(self.L_normal @ own)
+        return T.reshape(self.kappa.shape), self.sums @ bound
+
+    def cohesion(self, multiplier: np.ndarray) -> np.ndarray:
+        """(k,) part of the bound that does not grow with the normal force [force]."""
+        normal = self.L_normal @ multiplier[self.rows].ravel()
+        return self.sums @ np.where(normal > 0.0, self.cohesive, 0.0)
+
+    def _bound(self, normal: np.ndarray) -> np.ndarray:
+        """(k,) what tangential forces may reach for normal forces (k,), node by node [force]."""
+        return self.coefficients * normal + np.where(normal > 0.0, self.cohesive, 0.0)
 
     def share_out(self, friction: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """Forces of friction (k, gdim) of those that speak for others, divided among them as the
-        normal forces (k,) are: what the law says of the sum then holds for each."""
-        pressed = np.maximum(normal, 0.0)
+        bounds for normal forces (k,) are: what the law says of the sum then holds for each."""
+        pressed = np.maximum(self._bound(normal), 0.0)
         total = (self.sums @ pressed)[self.speaker]
         part = np.where(total > 0.0, pressed / np.where(total > 0.0, total, 1.0), 0.0)
         tangents = self.model.directions[:, :-1]
@@ -190,9 +211,10 @@ class InterfaceState:
         return (w[self.kappa] - self.kappa_before) / self.theta
 
     def friction_operator(self, C_T, C_N, n_all: int) -> csr_matrix:
-        """C_T T + C_N N as a matrix (k t, n_all) that multiplies all multipliers."""
+        """C_T T + C_N S, with S the bound but for cohesion, as a matrix (k t, n_all) of all
+        multipliers."""
         own = C_T @ self.gather @ (self.theta * self.L_kappa.T)
-        own += C_N @ self.sums @ self.L_normal
+        own += C_N @ self.sums @ diags(self.coefficients) @ self.L_normal
         own = own.tocoo()
         return csr_matrix((own.data, (own.row, own.col + self.rows[0, 0])), (own.shape[0], n_all))
 

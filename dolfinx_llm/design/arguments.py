@@ -101,12 +101,12 @@ def position_arguments(
 
 
 def weight_arguments(
-    frame: Any, s: Any, N: Any, forces: Any, keep: Any
-) -> tuple[np.ndarray, list[csr_matrix], list[np.ndarray], Any]:
+    frame: Any, s: Any, N: Any, cells: Any, forces: Any, keep: Any
+) -> tuple[np.ndarray, list[csr_matrix], list[np.ndarray], list[np.ndarray], Any]:
     """Check the arguments of ``design_weights``.
 
     Args:
-        frame, s, N, forces, keep: as given.
+        frame, s, N, cells, forces, keep: as given.
 
     Returns:
         All but the frame, as arrays.
@@ -124,10 +124,17 @@ def weight_arguments(
         if not issparse(M) or M.shape[1] != m or not np.isfinite(M.data).all():
             checks.refuse("N", M, accepted)
     counts = [M.shape[0] for M in rows]
+    words = f"give a pair of (n_i,) frame cells, 0 to {len(frame.cells) - 1}, one for each row of N"
+    at = [
+        checks.array("cells", c, (n,), words, integers=True)
+        for c, n in zip(pair("cells", cells), counts, strict=True)
+    ]
+    if any(len(c) and not 0 <= c.min() <= c.max() < len(frame.cells) for c in at):
+        checks.refuse("cells", cells, words)
     if keep is not None:
         flags = "give a pair of (n_i,) booleans, one for each row of N, or None"
         keep = [np.asarray(k) for k in pair("keep", keep)]
         for k, n in zip(keep, counts, strict=True):
             if k.shape != (n,) or k.dtype != bool:
                 checks.refuse("keep", k, flags)
-    return s, [M.tocsr() for M in rows], forces_of(forces, counts), keep
+    return s, [M.tocsr() for M in rows], at, forces_of(forces, counts), keep

@@ -60,6 +60,7 @@ def design_weights(
     frame: Frame,
     s: np.ndarray,
     N: Sequence[csr_matrix],
+    cells: Sequence[np.ndarray],
     forces: Sequence[np.ndarray],
     keep: Sequence[np.ndarray] | None = None,
 ) -> Sequence[csr_matrix]:
@@ -75,6 +76,7 @@ def design_weights(
         frame: the frame, m nodes.
         s: (m, d) its nodes in coordinates of the contact plane.
         N: pair of (n_i, m) interpolation matrices.
+        cells: pair of (n_i,) frame cell of each row; the stencils need N alone.
         forces: pair of (n_i,) forces of unit pressure [area].
         keep: pair of (n_i,) whether a row stays as it is; None: all may change.
 
@@ -82,7 +84,6 @@ def design_weights(
         Pair of corrected (n_i, m) CSR matrices.
 
     Raises:
-        ContactInputError: an argument of another type, shape or size.
         ContactError: the stencils leave too little freedom; the message names the frame nodes.
 
     Three segments between sides of two and of three facets; forces are those of unit pressure:
@@ -94,17 +95,18 @@ def design_weights(
     >>> N = [frame.interpolation(a) for a in at]
     >>> (patch_residual(N, forces) * 1.5).round(3) + 0.0
     array([ 0.15, -0.05, -0.35,  0.25])
-    >>> designed = design_weights(frame, frame.x[:, :1], N, forces)
+    >>> designed = design_weights(frame, frame.x[:, :1], N, [a.cell for a in at], forces)
     >>> bool(np.abs(patch_residual(designed, forces)).max() < 1e-13)
     True
     >>> (designed[0] @ frame.x[:, 0]).round(12)  # linear fields still pass
     array([0. , 1.5, 3. ])
     """
-    s, rows, forces, keep = weight_arguments(frame, s, N, forces, keep)
+    s, rows, _, forces, keep = weight_arguments(frame, s, N, cells, forces, keep)
     far = np.abs(frame.x).max() / np.ptp(frame.x, axis=0).max()
     allowed = max(TOLERANCE, 50.0 * np.finfo(float).eps * far)  # rounding of far coordinates
+    ring = adjacency(frame.cells, len(s))
     best: Sequence[csr_matrix] = rows
-    ring, least = adjacency(frame.cells, len(s)), (np.inf, np.inf)
+    least = (np.inf, np.inf)
     for widths in _widths(s, rows):
         around = [reduce(matmul, [ring] * w) for w in widths]
         found = _corrected(s, rows, forces, keep, around)

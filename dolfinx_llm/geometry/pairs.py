@@ -61,6 +61,7 @@ def locate_pairs(
     sign: float,
     reach: float,
     plane: Plane | None = None,
+    nodes: np.ndarray | None = None,
 ) -> ContactPairs:
     """Locate the nodes of a side that carry force on the frame.
 
@@ -72,6 +73,7 @@ def locate_pairs(
         reach: how far, in cells, a node may lie beyond the frame's outline.
         plane: contact plane, along whose normal nodes meet a flat frame; None: they meet the
             closest point of the frame.
+        nodes: (n_surface,) which nodes take part; None: those with force.
 
     Returns:
         The pairs, in the Cartesian base.
@@ -79,7 +81,7 @@ def locate_pairs(
     Raises:
         ContactInputError: the frame does not cover nodes that carry force.
     """
-    nodes = np.flatnonzero(forces > 0.0)
+    nodes = np.flatnonzero(forces > 0.0 if nodes is None else nodes)
     x = surface.x[nodes]
     points = x
     if plane is not None:

@@ -8,7 +8,7 @@ turns with them: local normals are needed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -33,6 +33,28 @@ class Piece:
     facets: tuple[np.ndarray, np.ndarray]  # of each side, (k_i,) numbers
     plane: Plane | None  # None: curved
     edges: int  # sharp edges inside of it
+    weights: tuple[np.ndarray, np.ndarray] | None = None  # (k_i,) of the facets' areas in the
+    # normal of surfaces that may part; None: tied, or curved
+
+    def parts(self, sides: Sequence[Surface]) -> tuple[Surface, Surface]:
+        """Both sides' surfaces of this piece alone."""
+        return sides[0].part(self.facets[0]), sides[1].part(self.facets[1])
+
+    def moved(self, sides: Sequence[Surface]) -> Piece:
+        """The same facets with their plane where the surfaces are now; curved where none does.
+
+        Args:
+            sides: the surfaces as tagged, where they are now.
+        """
+        if self.plane is None:
+            return self
+        parts = self.parts(sides)
+        if self.weights is None:
+            plane = tied_plane(parts)
+        else:
+            normal = mean_normal([vector_areas(s.x, s.facets) for s in parts], self.weights)
+            plane = None if normal is None else plane_with(normal, *parts)
+        return replace(self, plane=plane)
 
 
 def touching_pieces(
@@ -92,26 +114,20 @@ class _Found:
     def piece(self, which: np.ndarray, plane: Plane | None, edges: int = 0) -> Piece:
         """The piece of some facets."""
         parts = np.split(which, [self.count[0]])
-        return Piece(
-            (self.facing[0].facets[parts[0]], self.facing[1].facets[parts[1]]), plane, edges
-        )
-
-    def parts(self, which: np.ndarray) -> list[Surface]:
-        """Both surfaces of some facets alone."""
-        return [s.part(f) for s, f in zip(self.sides, self.piece(which, None).facets)]
+        weights = None
+        if plane is not None and self.unilateral:
+            weights = self._weights([which & (self.side == k) for k in (0, 1)])
+        facets = self.facing[0].facets[parts[0]], self.facing[1].facets[parts[1]]
+        return Piece(facets, plane, edges, weights)
 
     def plane(self, which: np.ndarray) -> Plane | None:
         """The plane that does for some facets, if one does."""
         of = [which & (self.side == k) for k in (0, 1)]
         if not all(o.any() for o in of):
             return None
-        parts = self.parts(which)
+        parts = self.piece(which, None).parts(self.sides)
         if not self.unilateral:
-            size = max(part.diameter for part in parts)
-            sums = [self.area[o].sum(axis=0) for o in of]
-            opposite = np.dot(*sums) < -np.cos(TURN) * np.prod([np.linalg.norm(a) for a in sums])
-            flat = opposite and all(is_flat(part, 1e-6 * size) for part in parts)
-            return common_plane(*parts) if flat else None
+            return tied_plane(parts)
         normal = self._normal(of)
         if normal is None:
             return None
@@ -124,26 +140,17 @@ class _Found:
         return plane_with(normal, *parts) if turned.max() <= TOGETHER else None
 
     def _normal(self, of: Sequence[np.ndarray]) -> np.ndarray | None:
-        """Unit normal out of side 0 where the sides are nearest: a flat side's own; else the mean
-        of both sides' about there. None: their facets look everywhere."""
-        means, straight = [], []
+        """Unit normal out of side 0 where the sides are nearest; see ``mean_normal``."""
+        return mean_normal([self.area[o] for o in of], self._weights(of))
+
+    def _weights(self, of: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Per side the weights of facets about where the sides are nearest."""
         near = min(self.distance[o].min() for o in of)
         radius = min(
             np.linalg.norm(self.centre[o] - self.centre[o].mean(axis=0), axis=1).max() for o in of
         )
-        for o in of:
-            off = (self.distance[o] - near) / max(NARROW * radius, 1e-300)
-            total = (1.0 / (1.0 + off**2) ** 2) @ self.area[o]
-            size = np.linalg.norm(self.area[o], axis=1) @ (1.0 / (1.0 + off**2) ** 2)
-            if not np.linalg.norm(total) > 0.1 * size:
-                return None
-            means.append(total / np.linalg.norm(total))
-            straight.append(bool(np.abs(self.normal[o] - means[-1]).max() < STRAIGHT))
-        if straight[0] != straight[1]:
-            return means[0] if straight[0] else -means[1]
-        mean = means[0] - means[1]
-        length = np.linalg.norm(mean)
-        return mean / length if length > 0.1 else None
+        off = [(self.distance[o] - near) / max(NARROW * radius, 1e-300) for o in of]
+        return 1.0 / (1.0 + off[0] ** 2) ** 2, 1.0 / (1.0 + off[1] ** 2) ** 2
 
     def smooth_parts(self) -> int:
         """Number of connected parts without a sharp edge inside."""
@@ -172,6 +179,39 @@ class _Found:
         row, col = np.concatenate(rows), np.concatenate(cols)
         n = sum(self.count)
         return connected_components(coo_matrix((np.ones(len(row)), (row, col)), (n, n)), False)[1]
+
+
+def tied_plane(parts: Sequence[Surface]) -> Plane | None:
+    """The common plane of two surfaces that are flat to rounding and face each other, or None."""
+    size = max(part.diameter for part in parts)
+    sums = [part.normal for part in parts]
+    opposite = np.dot(*sums) < -np.cos(TURN) * np.prod([np.linalg.norm(a) for a in sums])
+    if not (opposite and all(is_flat(part, 1e-6 * size) for part in parts)):
+        return None
+    return common_plane(parts[0], parts[1])
+
+
+def mean_normal(areas: Sequence[np.ndarray], weights: Sequence[np.ndarray]) -> np.ndarray | None:
+    """Unit normal out of side 0: a flat side's own; else the mean of both sides'. None: their
+    facets look everywhere.
+
+    Args:
+        areas: per side (k_i, gdim) vector areas of the facets [area].
+        weights: per side (k_i,) of the facets.
+    """
+    means, straight = [], []
+    for area, weight in zip(areas, weights, strict=True):
+        length = np.linalg.norm(area, axis=1)
+        total = weight @ area
+        if not np.linalg.norm(total) > 0.1 * (weight @ length):
+            return None
+        means.append(total / np.linalg.norm(total))
+        straight.append(bool(np.abs(area / length[:, None] - means[-1]).max() < STRAIGHT))
+    if straight[0] != straight[1]:
+        return means[0] if straight[0] else -means[1]
+    mean = means[0] - means[1]
+    size = np.linalg.norm(mean)
+    return mean / size if size > 0.1 else None
 
 
 def neighbours(facets: np.ndarray, by_nodes: bool = False) -> tuple[np.ndarray, np.ndarray]:

@@ -21,7 +21,11 @@ log = logging.getLogger("dolfinx_llm")
 
 
 def against_obstacle(
-    obstacle: Obstacle, side: Surface, name: str, notes: list[str]
+    obstacle: Obstacle,
+    side: Surface,
+    name: str,
+    notes: list[str],
+    nodes: np.ndarray | None = None,
 ) -> tuple[ContactPairs, np.ndarray]:
     """The pairs of a body against a rigid obstacle, and which lie at a rim that is too steep.
 
@@ -30,6 +34,7 @@ def against_obstacle(
         side: the surface as tagged.
         name: of the interface, for messages.
         notes: to which is added what was found.
+        nodes: (n,) those that take part; None: those of facets that face the obstacle.
 
     Raises:
         ContactError: no facet faces the obstacle, or the body lies inside of it.
@@ -50,9 +55,10 @@ def against_obstacle(
         )
     vectors = np.zeros_like(side.x)
     np.add.at(vectors, side.facets[facets], facet_vectors(side.x, side.facets[facets]))
-    facing = np.zeros(len(side.x), dtype=bool)
-    facing[side.facets[facets]] = True
-    nodes = np.flatnonzero(facing & np.isfinite(distance))
+    if nodes is None:
+        facing = np.zeros(len(side.x), dtype=bool)
+        facing[side.facets[facets]] = True
+        nodes = np.flatnonzero(facing & np.isfinite(distance))
     pairs = ContactPairs(
         surface=side,
         nodes=nodes,

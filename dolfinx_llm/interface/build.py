@@ -31,8 +31,8 @@ from dolfinx_llm.interface.against import against_obstacle
 from dolfinx_llm.interface.anatomy import describe
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.choices import Interface
-from dolfinx_llm.interface.frames import choose_frame, move_nodes
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.frames import REACH, choose_frame, move_nodes
+from dolfinx_llm.interface.geometry import ContactModel, Site
 from dolfinx_llm.interface.join import Part, joined, whole_piece
 from dolfinx_llm.interface.touching import check_flat, find_pieces
 
@@ -57,55 +57,121 @@ def build_model(
         ContactError, ContactInputError: see the functions called.
     """
     clock = Clock()
-    owners = [_space_of(tags, spaces) for tags, _ in interface.tagged_sides()]
+    site = find_site(interface, spaces, fixed)
+    clock.stop("surfaces")
+    return build(site, clock)
+
+
+def find_site(
+    interface: Interface, spaces: Sequence[Any], fixed: Sequence[np.ndarray] | None = None
+) -> Site:
+    """The surfaces of an interface and what is prescribed there, gathered on every rank.
+
+    Args:
+        interface, spaces, fixed: as of ``build_model``.
+
+    Raises:
+        ContactError, ContactInputError: tags without facets, surfaces that share nodes.
+    """
+    tagged = interface.tagged_sides()
+    owners = tuple(_space_of(tags, spaces) for tags, _ in tagged)
     whole = tuple(
-        extract_surface(spaces[i], tags, tag)
-        for i, (tags, tag) in zip(owners, interface.tagged_sides())
+        extract_surface(spaces[i], tags, tag) for i, (tags, tag) in zip(owners, tagged, strict=True)
     )
+    if len(whole) == 2:
+        check_sides(whole[0], whole[1], same_mesh=owners[0] == owners[1])
+    held = None
+    if fixed is not None:
+        held = tuple(_held(side, spaces[i], fixed[i]) for side, i in zip(whole, owners))
+    return Site(interface, whole, owners, held, spaces[0].mesh.comm)
+
+
+def _held(side: Surface, V: Any, fixed: np.ndarray) -> np.ndarray:
+    """(n, gdim) whether a Dirichlet condition prescribes a node's dof, on all ranks.
+
+    Args:
+        fixed: (n_owned dofs,) whether a dof is prescribed.
+    """
+    mine = side.owner == V.mesh.comm.rank
+    start = V.dofmap.index_map.local_range[0]
+    held = np.zeros(side.x.shape, dtype=np.int64)
+    held[mine] = fixed.reshape(-1, side.x.shape[1])[side.dofs[mine] - start]
+    return V.mesh.comm.allreduce(held) > 0
+
+
+def build(site: Site, clock: Clock | None = None) -> ContactModel:
+    """Common area, frame, design and pairs of surfaces where they are now.
+
+    Raises:
+        ContactError, ContactInputError: see the functions called.
+    """
+    clock = clock or Clock()
+    interface, whole = site.interface, site.whole
     notes: list[str] = []
     if interface.obstacle is not None:
-        pairs, rim = against_obstacle(interface.obstacle, whole[0], interface.name, notes)
-        clock.stop("surfaces")
-        base = np.empty((0, *pairs.base.shape[1:]))
-        return _model(interface, owners, [pairs], None, base, None, [rim], notes, clock)
-    check_sides(whole[0], whole[1], same_mesh=owners[0] == owners[1])
-    clock.stop("surfaces")
-    law = interface.law
-    pieces, whole_rims = find_pieces(whole, law.unilateral, interface.name, notes)
+        return build_against(site, notes, clock)
+    pieces, rims = find_pieces(whole, interface.law.unilateral, interface.name, notes)
     if len(pieces) > 1 and interface.frame is not None:
         pieces = [whole_piece(pieces)]
     clock.stop("facing facets")
-    held: Any = None if fixed is None else [(spaces[i], fixed[i]) for i in owners]
     parts: list[Part] = []
     for piece in pieces:  # one frame has cells of one kind
         corners = parts[0].frame.cells.shape[1] if parts else None
-        parts.append(_build_piece(interface, whole, piece, spaces[0], held, corners, notes, clock))
-    both, frame, base, certificate = joined(whole, parts)
+        parts.append(build_piece(site, piece, notes, clock, corners))
+    return assembled(site, parts, rims, notes, clock)
+
+
+def build_against(
+    site: Site, notes: list[str], clock: Clock, nodes: np.ndarray | None = None
+) -> ContactModel:
+    """The model of a body against a rigid obstacle.
+
+    Args:
+        nodes: (n,) those that take part; None: those that face the obstacle.
+    """
+    obstacle, name = site.interface.obstacle, site.interface.name
+    assert obstacle is not None
+    pairs, rim = against_obstacle(obstacle, site.whole[0], name, notes, nodes)
+    clock.stop("surfaces")
+    return _model(site, [pairs], None, None, None, [rim], notes, clock, ())
+
+
+def assembled(
+    site: Site,
+    parts: Sequence[Part],
+    whole_rims: Sequence[np.ndarray],
+    notes: Sequence[str],
+    clock: Clock,
+) -> ContactModel:
+    """The model of an interface from what was built of its pieces.
+
+    Args:
+        whole_rims: per side (n,) nodes at a rim that is too steep.
+    """
+    pairs, frame, base, certificate = joined(site.whole, parts)
     rims = [
         rim[np.isin(side.dofs, p.surface.dofs)][p.nodes]
-        for rim, side, p in zip(whole_rims, whole, both, strict=True)
+        for rim, side, p in zip(whole_rims, site.whole, pairs, strict=True)
     ]
-    return _model(interface, owners, both, frame, base, certificate, rims, notes, clock)
+    return _model(site, pairs, frame, base, certificate, rims, notes, clock, tuple(parts))
 
 
-def _build_piece(
-    interface: Interface,
-    whole: Sequence[Surface],
+def build_piece(
+    site: Site,
     piece: Piece,
-    V: Any,
-    held: Any,
-    corners: int | None,
     notes: list[str],
     clock: Clock,
+    corners: int | None = None,
+    last: Part | None = None,
 ) -> Part:
     """Common area, frame, design and pairs of one piece of two surfaces.
 
     Args:
         corners: of a predicted frame's cells; None: those of the coarser side.
-        held: per side its function space and (n_owned dofs,) whether a dof is prescribed.
+        last: what was built of it before, whose frame, where it has moved to, and nodes stay.
     """
-    law, plane = interface.law, piece.plane
-    sides = whole[0].part(piece.facets[0]), whole[1].part(piece.facets[1])
+    interface, law, plane = site.interface, site.interface.law, piece.plane
+    sides = piece.parts(site.whole)
     area: Any = None
     if plane is None:  # curved: vector areas, smooth rows, balance in least squares
         if interface.design == "positions":
@@ -118,16 +184,20 @@ def _build_piece(
         area = common_area(sides[0], sides[1], plane)
         forces = [nodal_forces(side, plane.project(side.x), area) for side in sides]
     clock.stop("patch forces")
-    frame, note, reach = choose_frame(interface, sides, forces, plane, area, corners)
+    if last is None:
+        frame, note, reach = choose_frame(interface, sides, forces, plane, area, corners)
+    else:
+        frame, note, reach = last.frame, "frame: moved with the bodies", REACH
     notes.append(note)
     clock.stop("frame")
-    if interface.design == "positions" and frame.gdim == 3:
-        frame = move_nodes(frame, sides, forces, V.mesh.comm)
+    if interface.design == "positions" and frame.gdim == 3 and last is None:
+        frame = move_nodes(frame, sides, forces, site.comm)
         notes.append("design: frame nodes moved (positions)")
         clock.stop("design")
+    nodes = [f > 0.0 for f in forces] if last is None else [_mask(p) for p in last.pairs]
     pairs = [
-        locate_pairs(side, f, frame, sign, reach, plane)
-        for side, f, sign in zip(sides, forces, (1.0, -1.0))
+        locate_pairs(side, f, frame, sign, reach, plane, nodes=taking_part)
+        for side, f, sign, taking_part in zip(sides, forces, (1.0, -1.0), nodes, strict=True)
     ]
     clock.stop("location")
     if plane is None:
@@ -135,32 +205,42 @@ def _build_piece(
         base = local_bases(nodal_normals(frame))
     else:
         normal_only = law.unilateral and not law.friction
-        keep = held and [
-            _fixed_nodes(p, space, fixed, normal_only) for p, (space, fixed) in zip(pairs, held)
+        keep = site.held and [
+            _fixed_nodes(p, side, held, normal_only)
+            for p, side, held in zip(pairs, site.whole, site.held, strict=True)
         ]
         pairs, certificate = _designed(interface, frame, plane, pairs, notes, keep)
         base = np.broadcast_to(plane.base, (len(frame.x), *plane.base.shape))
     clock.stop("design")
-    return Part(tuple(pairs), frame, base, certificate)
+    return Part(piece, tuple(pairs), frame, base, certificate)
+
+
+def _mask(pairs: ContactPairs) -> np.ndarray:
+    """(n_surface,) nodes of a surface that take part."""
+    mask = np.zeros(len(pairs.surface.x), dtype=bool)
+    mask[pairs.nodes] = True
+    return mask
 
 
 def _model(
-    interface: Interface,
-    owners: Sequence[int],
+    site: Site,
     pairs: Sequence[ContactPairs],
     frame: Frame | None,
-    base: np.ndarray,
+    base: np.ndarray | None,
     certificate: Certificate | None,
     rims: Sequence[np.ndarray],
     notes: Sequence[str],
     clock: Clock,
+    parts: tuple[Part, ...],
 ) -> ContactModel:
     """The model with the base vectors and frame directions that the law needs.
 
     Args:
-        base: (m, gdim, gdim) tangents and normal, out of side 0, at the frame's nodes.
+        base: (m, gdim, gdim) tangents and normal, out of side 0, at the frame's nodes; None: there
+            is no frame.
     """
-    law, gdim = interface.law, base.shape[2]
+    interface, law, gdim = site.interface, site.interface.law, site.whole[0].x.shape[1]
+    base = np.empty((0, gdim, gdim)) if base is None else base
     if law.unilateral:  # normals alone without friction
         first = 0 if law.friction else gdim - 1
         signs = (1.0, -1.0)
@@ -172,8 +252,9 @@ def _model(
     else:
         base = np.broadcast_to(np.eye(gdim), base.shape)
     model = ContactModel(
-        interface, tuple(p.surface for p in pairs), tuple(owners), tuple(pairs), frame, base,
+        interface, tuple(p.surface for p in pairs), site.spaces, tuple(pairs), frame, base,
         float(pairs[0].forces.sum()), certificate, tuple(rims), tuple(notes), clock.times,
+        site, parts,
     )  # fmt: skip
     if log.isEnabledFor(logging.INFO):
         stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())
@@ -234,20 +315,19 @@ def _space_of(tags: Any, spaces: Sequence[Any]) -> int:
     )
 
 
-def _fixed_nodes(pairs: ContactPairs, V: Any, fixed: np.ndarray, normal_only: bool) -> np.ndarray:
-    """(n,) whether a Dirichlet condition prescribes a motion that the law ties, on all ranks.
+def _fixed_nodes(
+    pairs: ContactPairs, whole: Surface, held: np.ndarray, normal_only: bool
+) -> np.ndarray:
+    """(n,) whether a Dirichlet condition prescribes a motion that the law ties.
 
     Args:
-        fixed: (n_owned dofs,) whether a dof is prescribed.
+        whole: the surface as tagged.
+        held: (n_whole, gdim) whether its nodes' dofs are prescribed.
         normal_only: the law ties the normal motion alone: what is prescribed across it is free.
     """
-    mine = pairs.owner == V.mesh.comm.rank
-    start = V.dofmap.index_map.local_range[0]
-    held = np.zeros(len(mine), dtype=np.int64)
-    used = np.abs(pairs.normal[mine]) > ACROSS if normal_only else True
-    at = fixed.reshape(-1, pairs.x.shape[1])[pairs.dofs[mine] - start]
-    held[mine] = (at & used).any(axis=1)
-    return V.mesh.comm.allreduce(held) > 0
+    used = np.abs(pairs.normal) > ACROSS if normal_only else True
+    at = held[np.isin(whole.dofs, pairs.surface.dofs)][pairs.nodes]
+    return (at & used).any(axis=1)
 
 
 def _designed(
@@ -265,10 +345,11 @@ def _designed(
     N: Sequence[csr_matrix] = plain
     if interface.design == "weights" or (interface.design == "auto" and before > TOLERANCE):
         s = plane.project(frame.x)
+        cells = [p.cell for p in pairs]
         try:  # rows at supports bind the frame's edge: better left alone, where that is enough
-            N = design_weights(frame, s, plain, forces, keep)
+            N = design_weights(frame, s, plain, cells, forces, keep)
         except ContactError:
-            N = design_weights(frame, s, plain, forces)
+            N = design_weights(frame, s, plain, cells, forces)
         pairs = [with_weights(p, M, frame) for p, M in zip(pairs, N)]
         notes.append("design: rows of L_b corrected (weights)")
     elif interface.design == "auto":

@@ -10,7 +10,9 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.surface import check_facet_tags
 from dolfinx_llm.interface.obstacles import Obstacle
-from dolfinx_llm.laws.law import LAWS, Coulomb, Frictionless, Tied
+from dolfinx_llm.laws.coulomb import Coulomb
+from dolfinx_llm.laws.frictionless import Frictionless
+from dolfinx_llm.laws.tied import Tied
 
 DESIGNS = ("auto", "positions", "weights", None)
 SIDES = (
@@ -46,7 +48,12 @@ class Interface:
 
     def __post_init__(self) -> None:
         checks.one_of("design", self.design, DESIGNS)
-        checks.instance("law", self.law, LAWS, "choose Tied(), Frictionless() or Coulomb(mu)")
+        checks.instance(
+            "law",
+            self.law,
+            (Tied, Frictionless, Coulomb),
+            "choose Tied(), Frictionless() or Coulomb(mu)",
+        )
         if self.frame is not None:
             checks.instance("frame", self.frame, Frame, "give a dolfinx_llm.Frame or None")
         sides = tuple(checks.items("sides", self.sides, SIDES))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.geometry.frame import Frame
@@ -13,6 +15,27 @@ from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.join import Part
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """What an interface is built of; the same on every rank."""
+
+    interface: Interface  # the user's choices
+    whole: tuple[Surface, ...]  # the surfaces as tagged: two, one against a rigid obstacle
+    spaces: tuple[int, ...]  # index of the function space of each
+    held: tuple[np.ndarray, ...] | None  # per side (n, gdim) prescribed dofs of its nodes
+    comm: MPI.Comm
+
+    def moved(self, motions: Sequence[np.ndarray]) -> Site:
+        """The same with the surfaces at x = X + u; nothing is gathered.
+
+        Args:
+            motions: per side (n, gdim) displacement u of its nodes since the drawing [length].
+        """
+        sides = [side.moved(u) for side, u in zip(self.whole, motions, strict=True)]
+        return replace(self, whole=tuple(sides))
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +53,9 @@ class ContactModel:
     rims: tuple[np.ndarray, ...]  # per side (n,) pairs next to facets that were left out
     notes: tuple[str, ...]  # what was chosen or left out, and why
     times: dict[str, float]  # seconds per stage
+    site: Site  # what it was built of
+    parts: tuple[Part, ...]  # its pieces, one after the other in frame and pairs; none against an
+    # obstacle
 
     @cached_property
     def opposite(self) -> tuple[csr_matrix, ...]:

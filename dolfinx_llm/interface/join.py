@@ -19,6 +19,7 @@ from dolfinx_llm.interface.certificate import Certificate
 class Part:
     """What is built of one piece."""
 
+    piece: Piece
     pairs: tuple[ContactPairs, ...]  # of both sides
     frame: Frame
     base: np.ndarray  # (m, gdim, gdim) tangents and normal, out of side 0, at the frame's nodes

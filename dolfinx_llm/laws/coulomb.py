@@ -12,79 +12,166 @@ Against a rigid obstacle each surface node is its own J and δ = κ - κ_before.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 
-OPEN, STICK, SLIP = 0, 1, 2
-CLOSED = 3  # in contact, without friction
+from dolfinx_llm.base import checks
+from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.laws.law import OPEN, SLIP, STICK, Law, LawRows
+
+METHODS = ("newton", "switch")
+Varying = float | np.ndarray | Callable[[np.ndarray], np.ndarray]
 
 
-@dataclass(frozen=True, eq=False)
-class FrictionRows:
-    """C_T T + C_δ δ + C_N N = rhs at n nodes, d tangents."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Coulomb(Law):
+    """The bodies may part, stick, and slip under friction, (11)-(17).
 
-    status: np.ndarray  # (n,) OPEN, STICK, SLIP
-    C_T: np.ndarray  # (n, d, d)
-    C_delta: np.ndarray  # (n, d, d) [force / length]
-    C_N: np.ndarray  # (n, d)
-    rhs: np.ndarray  # (n, d) [force]
+    Args:
+        mu: coefficient of friction, at least 0; 0 leaves out all that friction needs. A number, a
+            function of positions (n, gdim) that returns (n,), or an array with a value per node of
+            ``result.x``: the frame's, or the surface's own against a rigid obstacle.
+        cohesion: tangential traction that the surfaces bear besides, where they are in contact,
+            |T| <= μ N + cohesion area; a number, function or array in the same way [force / area].
+        method: "newton": semismooth Newton on the projection form; "switch": the paper's own
+            switch between stick and slip with the direction of the last iterate (16), (17), which
+            settles gross sliding, and does not settle first slip where directions turn.
 
-    def tied(self, speaker: np.ndarray, unheld: np.ndarray, c: float) -> FrictionRows:
-        """The same, but that nodes for which others speak slip as those do: their δ, taken relative
-        to it, vanishes; and that nodes which no force reaches do not slip.
+    Raises:
+        ContactInputError: mu negative or not finite, unknown method.
+
+    >>> Coulomb(0.3)
+    Coulomb(mu=0.3, method='newton')
+    >>> Coulomb(0.0).friction
+    False
+    """
+
+    mu: Varying
+    method: str = "newton"
+    cohesion: Varying = 0.0
+    friction: bool = field(init=False, default=True)  # whether there are tangential forces at all
+    unilateral, close_gap = True, True
+
+    @property
+    def _bounds(self) -> tuple[Varying, Varying]:
+        return self.mu, self.cohesion
+
+    def __post_init__(self) -> None:
+        for name, value in zip(("mu", "cohesion"), self._bounds, strict=True):
+            if isinstance(value, np.ndarray) and value.ndim:
+                _at_least_0(name, value, len(value))
+            elif not callable(value):
+                checks.number(
+                    f"Coulomb: {name}", value, "give a finite number of at least 0", low=0.0
+                )
+        checks.one_of("Coulomb: method", self.method, METHODS)
+        bears = any(callable(a) or bool(np.any(np.asarray(a) > 0.0)) for a in self._bounds)
+        object.__setattr__(self, "friction", bears)
+
+    def __repr__(self) -> str:
+        shown = [f"mu={checks.shown(self.mu)}", f"method={self.method!r}"]
+        if callable(self.cohesion) or np.any(np.asarray(self.cohesion) != 0.0):
+            shown.append(f"cohesion={checks.shown(self.cohesion)}")
+        return f"Coulomb({', '.join(shown)})"
+
+    def coefficients(self, x: np.ndarray) -> np.ndarray:
+        """(k,) μ at nodes.
 
         Args:
-            speaker: (n,) of ``speakers``.
-            unheld: (n,) of the function of that name.
-            c: size of their rows [force / length].
+            x: (k, gdim) their positions [length].
+
+        Raises:
+            ContactInputError: not a value of at least 0 for each.
         """
-        own = speaker == np.arange(len(speaker))
-        kept = (own & ~unheld)[:, None, None]
-        unit = np.eye(self.rhs.shape[1])
-        return FrictionRows(
-            np.where(unheld, OPEN, self.status[speaker]),
-            C_T=np.where(kept, self.C_T, 0.0),
-            C_delta=np.where(kept, self.C_delta, c * unit),
-            C_N=np.where(kept[:, 0], self.C_N, 0.0),
-            rhs=np.where(kept[:, 0], self.rhs, 0.0),
+        return _values("mu", self.mu, x)
+
+    def cohesion_at(self, x: np.ndarray) -> np.ndarray:
+        """(k,) cohesion at nodes [force / area].
+
+        Args:
+            x: (k, gdim) their positions [length].
+
+        Raises:
+            ContactInputError: not a value of at least 0 for each.
+        """
+        return _values("cohesion", self.cohesion, x)
+
+    def rows(
+        self, T: np.ndarray, bound: np.ndarray, jump: np.ndarray, c: np.ndarray, before: np.ndarray
+    ) -> LawRows:
+        """The law linearised about the last iterate, by the method chosen.
+
+        Args:
+            T: (k, t) tangential forces [force].
+            bound: (k,) what they may reach; at most 0 where nothing presses [force].
+            jump: (k, t) slip of this load step [length].
+            c: (k,) positive [force / length]; the solution does not depend on it.
+            before: (k,) status in the last iterate.
+        """
+        if self.method == "switch":
+            return switch_rows(T, bound, jump, c, before)
+        return newton_rows(T, bound, jump, c)
+
+    def miss(self, T: np.ndarray, bound: np.ndarray, jump: np.ndarray, c: np.ndarray) -> np.ndarray:
+        """(k,) distance from the law [force].
+
+        Args:
+            T: (k, t) tangential forces [force].
+            bound: (k,) what they may reach; at most 0 where nothing presses [force].
+            jump: (k, t) slip of this load step [length].
+            c: (k,) positive [force / length]; the solution does not depend on it.
+        """
+        return projection_miss(T, bound, jump, c)
+
+
+def _values(name: str, value: Varying, x: np.ndarray) -> np.ndarray:
+    """(k,) at positions x (k, gdim)."""
+    found = np.asarray(value(x) if callable(value) else value, dtype=np.float64)
+    if not found.ndim:
+        return np.full(len(x), float(found))
+    return _at_least_0(name, found, len(x))
+
+
+def _at_least_0(name: str, values: np.ndarray, n: int) -> np.ndarray:
+    if values.shape != (n,) or not (np.isfinite(values) & (values >= 0.0)).all():
+        raise ContactInputError(
+            f"Coulomb: {name} has the shape {values.shape} and the least value "
+            f"{values.min(initial=0.0):g}: give a finite number of at least 0 for each of {n} nodes"
         )
+    return values
 
 
 def _length(a: np.ndarray) -> np.ndarray:
     return np.linalg.norm(a, axis=1)
 
 
-def projection_miss(
-    T: np.ndarray, N: np.ndarray, delta: np.ndarray, mu: float, c: np.ndarray
-) -> np.ndarray:
-    """(n,) distance of T from the projection of z = T + c δ on the disc of radius μ N [force]."""
-    z, s = T + c[:, None] * delta, mu * np.maximum(N, 0.0)
+def projection_miss(T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """(n,) distance of T from the projection of z = T + c δ on the disc of radius s [force]."""
+    z, s = T + c[:, None] * delta, np.maximum(s, 0.0)
     size = _length(z)
     return _length(T - z * np.minimum(1.0, s / np.maximum(size, 1e-300))[:, None])
 
 
-def newton_rows(
-    T: np.ndarray, N: np.ndarray, delta: np.ndarray, mu: float, c: np.ndarray
-) -> FrictionRows:
+def newton_rows(T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarray) -> LawRows:
     """Semismooth Newton on T = projection of z = T + c δ, in the stabilised form of Hüeber, Stadler
     and Wohlmuth, SIAM J. Sci. Comput. 30 (2008) 572-596.
 
     Args:
         T: (n, d) tangential forces [force].
-        N: (n,) normal forces [force].
+        s: (n,) bound of these, μ N; at most 0 where nothing presses [force].
         delta: (n, d) slip of this load step [length].
-        mu: coefficient of friction.
         c: (n,) positive [force / length]; the solution does not depend on it.
 
-    >>> T, N, delta = np.array([[1.0], [4.0], [1.0]]), np.array([10.0, 10.0, 0.0]), np.zeros((3, 1))
-    >>> newton_rows(T, N, delta, 0.3, np.ones(3)).status.tolist() == [STICK, SLIP, OPEN]
+    >>> T, s, delta = np.array([[1.0], [4.0], [1.0]]), np.array([3.0, 3.0, 0.0]), np.zeros((3, 1))
+    >>> newton_rows(T, s, delta, np.ones(3)).status.tolist() == [STICK, SLIP, OPEN]
     True
     """
     n, d = T.shape
-    z, s = T + c[:, None] * delta, mu * np.maximum(N, 0.0)
+    z, s, closed = T + c[:, None] * delta, np.maximum(s, 0.0), s > 0.0
     size, t = _length(z), _length(T)
-    status = np.where(N <= 0.0, OPEN, np.where(size < s, STICK, SLIP))
+    status = np.where(~closed, OPEN, np.where(size < s, STICK, SLIP))
     safe = np.maximum(size, 1e-300)
     direction = z / safe[:, None]
     e = np.minimum(s / safe, 1.0)
@@ -96,31 +183,33 @@ def newton_rows(
     slip = (status == SLIP)[:, None, None]
     stick = (status == STICK)[:, None, None]
     unit, c = np.broadcast_to(np.eye(d), (n, d, d)), c[:, None, None]
-    return FrictionRows(
+    return LawRows(
         status,
         C_T=np.where(stick, 0.0, np.where(slip, unit - M, unit)),
         C_delta=np.where(stick, c * unit, np.where(slip, -c * M, 0.0)),
-        C_N=np.where(slip[:, 0], -mu * direction, 0.0),
+        C_N=np.where(slip[:, 0], -direction, 0.0),
         rhs=np.where(slip[:, 0], -np.einsum("nij,nj->ni", M, z), 0.0),
     )
 
 
-def switch_rows(T, N, delta, mu: float, c: np.ndarray, before: np.ndarray) -> FrictionRows:
+def switch_rows(
+    T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarray, before: np.ndarray
+) -> LawRows:
     """The paper's switch: stick until |T| exceeds μ N, slip until the slip turns round.
 
     A node that begins to slip takes the direction of its force (16), one that slips that of its
     slip (17), both of the last iterate; the size of the force follows N of this one.
 
     Args:
-        T, N, delta, mu, c: as in ``newton_rows``.
+        T, s, delta, c: as in ``newton_rows``.
         before: (n,) status in the last iterate.
     """
     n, d = T.shape
     was_slip = before == SLIP
     force, slip = _length(T), _length(delta)
     turned = np.einsum("ni,ni->n", T, delta) < 0.0
-    slips = np.where(was_slip, ~turned & (slip > 0.0), force > mu * np.maximum(N, 0.0))
-    status = np.where(N <= 0.0, OPEN, np.where(slips, SLIP, STICK))
+    slips = np.where(was_slip, ~turned & (slip > 0.0), force > np.maximum(s, 0.0))
+    status = np.where(s <= 0.0, OPEN, np.where(slips, SLIP, STICK))
     direction = np.where(
         was_slip[:, None],
         delta / np.maximum(slip, 1e-300)[:, None],
@@ -128,10 +217,10 @@ def switch_rows(T, N, delta, mu: float, c: np.ndarray, before: np.ndarray) -> Fr
     )
     stick = (status == STICK)[:, None, None]
     unit, c = np.broadcast_to(np.eye(d), (n, d, d)), c[:, None, None]
-    return FrictionRows(
+    return LawRows(
         status,
         C_T=np.where(stick, 0.0, unit),
         C_delta=np.where(stick, c * unit, 0.0),
-        C_N=np.where((status == SLIP)[:, None], -mu * direction, 0.0),
+        C_N=np.where((status == SLIP)[:, None], -direction, 0.0),
         rhs=np.zeros((n, d)),
     )

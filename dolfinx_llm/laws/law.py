@@ -1,81 +1,100 @@
-"""Contact laws: what the user chooses. The equations they stand for are in ``iteration`` and
-``friction``."""
+"""What contact laws have in common: their flags, states of nodes, and linearised rows.
+
+A law holds at k nodes: those of the frame, or the surface's own against a rigid obstacle. Plain
+NumPy.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dolfinx_llm.base import checks
+import numpy as np
 
-METHODS = ("newton", "switch")
+OPEN, STICK, SLIP = 0, 1, 2
+CLOSED = 3  # in contact, without friction
 
 
-@dataclass(frozen=True)
-class Tied:
-    """The bodies stick to each other everywhere (the paper's stick state in the whole domain).
+class Law:
+    """A contact law; the flags say which unknowns and conditions it needs.
 
-    Args:
-        close_gap: close the initial gap between the bodies, which strains them. By default they
-            are tied as drawn, free of stress.
-
-    Raises:
-        ContactInputError: close_gap is neither True nor False.
-
-    >>> Tied()
-    Tied(close_gap=False)
+    Attributes:
+        unilateral: the bodies may part: λ_n >= 0, gap >= 0, λ_n gap = 0.
+        friction: there are tangential forces, bounded, and slip.
+        close_gap: the initial gap counts.
     """
 
-    close_gap: bool = False
-    unilateral, friction = False, False
+    unilateral: bool
+    friction: bool
+    close_gap: bool
 
-    def __post_init__(self) -> None:
-        checks.boolean("Tied: close_gap", self.close_gap)
+    def coefficients(self, x: np.ndarray) -> np.ndarray:
+        """(k,) tangential over normal force that nodes bear.
 
+        Args:
+            x: (k, gdim) their positions [length].
+        """
+        return np.zeros(len(x))
 
-@dataclass(frozen=True)
-class Frictionless:
-    """The bodies may part and slide: contact forces are normal and press, (12) and (15).
+    def cohesion_at(self, x: np.ndarray) -> np.ndarray:
+        """(k,) tangential traction that nodes bear besides [force / area].
 
-    On each side λ_n >= 0, gap >= 0 and λ_n gap = 0.
+        Args:
+            x: (k, gdim) their positions [length].
+        """
+        return np.zeros(len(x))
 
-    >>> Frictionless().unilateral, Frictionless().friction
-    (True, False)
-    """
+    def rows(
+        self, T: np.ndarray, bound: np.ndarray, jump: np.ndarray, c: np.ndarray, before: np.ndarray
+    ) -> LawRows:
+        """The law linearised about the last iterate.
 
-    unilateral, friction, close_gap = True, False, True
+        Args:
+            T: (k, t) tangential forces [force].
+            bound: (k,) what they may reach; at most 0 where nothing presses [force].
+            jump: (k, t) slip of this load step [length].
+            c: (k,) positive [force / length]; the solution does not depend on it.
+            before: (k,) status in the last iterate.
+        """
+        raise NotImplementedError
 
+    def miss(self, T: np.ndarray, bound: np.ndarray, jump: np.ndarray, c: np.ndarray) -> np.ndarray:
+        """(k,) distance from the law [force].
 
-@dataclass(frozen=True)
-class Coulomb:
-    """The bodies may part, stick, and slip under friction, (11)-(17).
-
-    Args:
-        mu: coefficient of friction, at least 0; 0 leaves out all that friction needs.
-        method: "newton": semismooth Newton on the projection form; "switch": the paper's own
-            switch between stick and slip with the direction of the last iterate (16), (17), which
-            settles gross sliding, and does not settle first slip where directions turn.
-
-    Raises:
-        ContactInputError: mu negative or not finite, unknown method.
-
-    >>> Coulomb(0.3)
-    Coulomb(mu=0.3, method='newton')
-    >>> Coulomb(0.0).friction
-    False
-    """
-
-    mu: float
-    method: str = "newton"
-    unilateral, close_gap = True, True
-
-    @property
-    def friction(self) -> bool:
-        """Whether there are tangential forces at all."""
-        return self.mu > 0.0
-
-    def __post_init__(self) -> None:
-        checks.number("Coulomb: mu", self.mu, "give a finite number of at least 0", low=0.0)
-        checks.one_of("Coulomb: method", self.method, METHODS)
+        Args:
+            T: (k, t) tangential forces [force].
+            bound: (k,) what they may reach; at most 0 where nothing presses [force].
+            jump: (k, t) slip of this load step [length].
+            c: (k,) positive [force / length]; the solution does not depend on it.
+        """
+        raise NotImplementedError
 
 
-LAWS = (Tied, Frictionless, Coulomb)
+@dataclass(frozen=True, eq=False)
+class LawRows:
+    """C_T T + C_δ δ + C_N S = rhs at n nodes, d tangents, with S the bound of the forces."""
+
+    status: np.ndarray  # (n,) OPEN, STICK, SLIP
+    C_T: np.ndarray  # (n, d, d)
+    C_delta: np.ndarray  # (n, d, d) [force / length]
+    C_N: np.ndarray  # (n, d)
+    rhs: np.ndarray  # (n, d) [force]
+
+    def tied(self, speaker: np.ndarray, unheld: np.ndarray, c: float) -> LawRows:
+        """The same, but that nodes for which others speak slip as those do: their δ, taken relative
+        to it, vanishes; and that nodes which no force reaches do not slip.
+
+        Args:
+            speaker: (n,) of ``speakers``.
+            unheld: (n,) of the function of that name.
+            c: size of their rows [force / length].
+        """
+        own = speaker == np.arange(len(speaker))
+        kept = (own & ~unheld)[:, None, None]
+        unit = np.eye(self.rhs.shape[1])
+        return LawRows(
+            np.where(unheld, OPEN, self.status[speaker]),
+            C_T=np.where(kept, self.C_T, 0.0),
+            C_delta=np.where(kept, self.C_delta, c * unit),
+            C_N=np.where(kept[:, 0], self.C_N, 0.0),
+            rhs=np.where(kept[:, 0], self.rhs, 0.0),
+        )

@@ -87,7 +87,7 @@ def _draw_flat(figure: Any, scene: Scene, normal: np.ndarray, norm: Any) -> None
         if len(at):
             axis.plot(*s[at].T, "o", color=colour, mec="k", markersize=3, label=name)
     axis.set_aspect("equal")
-    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=3, facecolor="0.85")
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=4, facecolor="0.85")
 
 
 def _draw_skin(figure: Any, polygons: np.ndarray, colours: np.ndarray) -> None:

@@ -154,6 +154,7 @@ def interface_fields(
             "force": side.force,
             "normal_force": side.normal_force,
             "gap": side.gap,
+            "frame_gap": side.frame_gap,
             "slip": side.slip,
             "status": side.status.astype(float),
             "area": side.area,
@@ -166,7 +167,8 @@ def write_interface(folder: str | Path, result: InterfaceResult) -> None:
     """Frame and sides with their fields as XDMF, for ParaView, and as CSV; call it on one rank.
 
     Writes frame.xdmf (displacement, pressure, traction, area, status) and per side side_0.xdmf,
-    side_1.xdmf (displacement, force, normal force, gap, slip, status, area), a CSV beside each.
+    side_1.xdmf (displacement, force, normal force, gap, frame_gap, slip, status, area), a
+    CSV beside each.
 
     Args:
         folder: where the files go; it is made.

@@ -25,7 +25,7 @@ from dolfinx_llm.forms.saddle import SaddleSystem
 from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.interface.geometry import ContactModel
-from dolfinx_llm.laws.law import Tied
+from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import create_aij, times
 from dolfinx_llm.operators.reactions import with_reactions

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from test_contact import down, pressed
 
 import dolfinx_llm as llm
-from dolfinx_llm.laws.coulomb import CLOSED, OPEN, SLIP, STICK
+from dolfinx_llm.laws.law import CLOSED, OPEN, SLIP, STICK
 
 LAWS = [llm.Frictionless(), llm.Coulomb(0.3)]
 

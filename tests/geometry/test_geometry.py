@@ -505,7 +505,7 @@ def test_design_weights(n0, n1, n, kind, seed):
     frame, x, N, cells, forces, nodes = scalar_pairs(n0, n1, n, seed, kind)
     before = np.abs(design.patch_residual(N, forces)).max()
     assert before > 1e-3  # else nothing is tested
-    designed = llm.design_weights(frame, x, N, forces)
+    designed = llm.design_weights(frame, x, N, cells, forces)
     # Oracle of (28): dense sums.
     r = designed[0].toarray().T @ forces[0] - designed[1].toarray().T @ forces[1]
     assert np.abs(r).max() / max(f.max() for f in forces) <= 1e-13
@@ -528,7 +528,7 @@ def test_design_weights_leaves_a_passing_frame_alone():
     frame = Frame(np.column_stack([x, np.zeros(len(x))]), q)
     at = frame.locate(frame.x)
     N = frame.interpolation(at)
-    designed = llm.design_weights(frame, x, [N, N], forces)
+    designed = llm.design_weights(frame, x, [N, N], [at.cell, at.cell], forces)
     assert all(abs(M - N).max() < 1e-14 for M in designed)
 
 
@@ -538,7 +538,7 @@ def test_design_weights_refuses_what_it_cannot_do():
     N[0] = N[0].copy()
     if np.abs(design.patch_residual(N, forces)).max() > 1e-6:
         try:
-            designed = llm.design_weights(frame, x, N, forces)
+            designed = llm.design_weights(frame, x, N, cells, forces)
         except llm.ContactError as error:
             assert "frame nodes" in str(error)
         else:

@@ -120,5 +120,6 @@ def test_rows_that_are_all_kept_are_said():
     model = problem.models[0]
     keep = [np.ones(len(p.nodes), dtype=bool) for p in model.pairs]
     N, forces = [p.N for p in model.pairs], [p.forces for p in model.pairs]
+    cells = [p.cell for p in model.pairs]
     with pytest.raises(llm.ContactError, match="too little freedom"):
-        llm.design_weights(model.frame, model.frame.x[:, :2], N, forces, keep)
+        llm.design_weights(model.frame, model.frame.x[:, :2], N, cells, forces, keep)

@@ -18,7 +18,7 @@ comm = MPI.COMM_WORLD
 
 def run(command):
     """One script, in a state like that of a fresh process."""
-    sys.argv = command
+    argv, sys.argv = sys.argv, command
     ours = [m for name, m in sys.modules.items() if name.split(".")[0] == "dolfinx_llm"]
     names = [(m, dict(vars(m))) for m in ours]
     root = logging.root
@@ -28,9 +28,11 @@ def run(command):
     except SystemExit as end:
         if end.code:
             raise
-    for m, before in names:  # constants that the script has set
-        vars(m).update(before)
-    root.handlers[:], root.level, root.manager.disable = log
+    finally:
+        for m, before in names:  # constants that the script has set
+            vars(m).update(before)
+        root.handlers[:], root.level, root.manager.disable = log
+        sys.argv = argv
     gc.collect()
     if hasattr(PETSc, "garbage_cleanup"):
         PETSc.garbage_cleanup()
@@ -50,9 +52,10 @@ def main():
             print(mark, flush=True)
 
 
-try:
-    main()
-except BaseException:
-    traceback.print_exc()
-    sys.stderr.flush()
-    MPI.COMM_WORLD.Abort(1)
+if __name__ == "__main__":
+    try:
+        main()
+    except BaseException:
+        traceback.print_exc()
+        sys.stderr.flush()
+        comm.Abort(1)

@@ -133,16 +133,18 @@ class Scene:
         """Arguments of the designs: a frame of one cell and points on it."""
         x = [np.array(FRAME_X), np.array(FRAME_X)]
         forces = [np.full(4, 0.25), np.full(4, 0.25)]
-        return x, forces, [self.frame.interpolation(self.frame.locate(p)) for p in x]
+        at = [self.frame.locate(p) for p in x]
+        N = [self.frame.interpolation(a) for a in at]
+        return x, forces, N, [a.cell for a in at]
 
     def weights(self, **other):
-        x, forces, N = self.pairs
+        x, forces, N, cells = self.pairs
         s = self.frame.x[:, :2]
-        chosen = {"frame": self.frame, "s": s, "N": N, "forces": forces} | other
+        chosen = {"frame": self.frame, "s": s, "N": N, "cells": cells, "forces": forces} | other
         return llm.design_weights(**chosen)
 
     def positions(self, **other):
-        x, forces, _ = self.pairs
+        x, forces, _, _ = self.pairs
         return llm.design_positions(**{"frame": self.frame, "x": x, "forces": forces} | other)
 
     def surface_mesh(self):
@@ -671,6 +673,12 @@ add(
 add("starts=", lambda s: s.positions(starts=0), lambda s: s.positions(starts=INF))
 add("s=.*give", lambda s: s.weights(s=None), lambda s: s.weights(s=np.zeros((4, 3))))
 add("N=.*give a pair", lambda s: s.weights(N=None), lambda s: s.weights(N=[np.eye(4)] * 2))
+add(
+    "cells=.*give a pair",
+    lambda s: s.weights(cells=None),
+    lambda s: s.weights(cells=[np.zeros(4, int) + 7] * 2),
+    lambda s: s.weights(cells=[np.zeros(4)] * 2),
+)
 add("keep=.*give a pair", lambda s: s.weights(keep=True), lambda s: s.weights(keep=[[0.5] * 4] * 2))
 
 # Classical forms

@@ -77,3 +77,17 @@ def test_wrong_arguments(n):
         if len(outcomes) != n or not all(o == outcomes[0] and o[2] for o in outcomes)
     }
     assert wrong == {}
+
+
+def test_products_beside_inner_products():
+    """In real arithmetic v and conj(v) are one: a form may write both."""
+    ufl = pytest.importorskip("ufl")
+    from dolfinx import mesh as dmesh
+
+    from dolfinx_llm.base import compat
+
+    domain = dmesh.create_unit_square(MPI.COMM_SELF, 1, 1)
+    V = compat.function_space(domain, shape=(2,))
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    both = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx + ufl.div(u) * ufl.div(v) * ufl.dx
+    assert compat.form("a", both) is not None

@@ -1,0 +1,87 @@
+"""An interface where its bodies have moved to: pairs found again, or all rebuilt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.timing import Clock
+from dolfinx_llm.interface.build import assembled, build, build_against, build_piece
+from dolfinx_llm.interface.geometry import ContactModel
+
+
+@dataclass(frozen=True, eq=False)
+class Transfer:
+    """How what an interface remembers goes from one geometry to the next."""
+
+    frame: csr_matrix  # (m_new, m_old) values at the frame's nodes
+    pairs: tuple[np.ndarray, ...]  # per side (n_new,) place among the old pairs, or -1
+
+
+def relocated(
+    model: ContactModel, motions: Sequence[np.ndarray], v: np.ndarray | None = None
+) -> ContactModel:
+    """The same facets, frame cells and nodes, where bodies and frame are now.
+
+    Shape functions, normals, gaps, forces and the design are made anew; all sizes stay.
+
+    Args:
+        model: the interface before.
+        motions: per side (n, gdim) displacement of the tagged surface since the drawing [length].
+        v: (m, gdim) motion of the frame's nodes since ``model`` [length]; None without a frame.
+
+    Raises:
+        ContactInputError: v is missing, or turns cells of the frame inside out.
+        ContactError: nothing faces any more, or a node has left the frame.
+    """
+    site, clock, notes = model.site.moved(motions), Clock(), list[str]()
+    if model.frame is None:
+        return build_against(site, notes, clock, model.pairs[0].nodes)
+    if v is None:
+        raise ContactInputError("v=None: give the motion (m, gdim) of the frame's nodes")
+    parts, first = [], 0
+    for part in model.parts:
+        last = replace(part, frame=part.frame.moved(v[first : first + len(part.frame.x)]))
+        first += len(part.frame.x)
+        parts.append(build_piece(site, part.piece.moved(site.whole), notes, clock, last=last))
+    rims = [np.zeros(len(side.x), dtype=bool) for side in site.whole]
+    for rim, side, own, pairs in zip(rims, site.whole, model.rims, model.pairs, strict=True):
+        rim[np.isin(side.dofs, pairs.dofs[own])] = True
+    return assembled(site, parts, rims, notes, clock)
+
+
+def rebuilt(
+    model: ContactModel, motions: Sequence[np.ndarray], v: np.ndarray | None = None
+) -> tuple[ContactModel, Transfer]:
+    """All anew where bodies are now, and how to carry over what was remembered.
+
+    Args:
+        model, motions, v: as of ``relocated``; v tells where the old frame is now.
+
+    Raises:
+        ContactError, ContactInputError: as where the interface was drawn.
+    """
+    new = build(model.site.moved(motions))
+    return new, transfer(model, new, v)
+
+
+def transfer(old: ContactModel, new: ContactModel, v: np.ndarray | None = None) -> Transfer:
+    """Between two geometries of one interface.
+
+    Args:
+        v: (m_old, gdim) motion of the old frame's nodes to where the new one is [length].
+    """
+    places = []
+    for before, after in zip(old.pairs, new.pairs, strict=True):
+        order = np.argsort(before.dofs)
+        at = np.searchsorted(before.dofs, after.dofs, sorter=order)
+        at = order[np.minimum(at, len(order) - 1)]
+        places.append(np.where(before.dofs[at] == after.dofs, at, -1))
+    if old.frame is None or new.frame is None:
+        return Transfer(csr_matrix((0, 0)), tuple(places))
+    there = old.frame if v is None else old.frame.moved(v)
+    return Transfer(there.interpolation(there.locate(new.frame.x)), tuple(places))

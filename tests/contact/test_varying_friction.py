@@ -1,0 +1,94 @@
+"""Rows of laws by hand values and finite differences; friction that varies, and cohesion."""
+
+import numpy as np
+import pytest
+from test_contact import down, pressed
+
+import dolfinx_llm as llm
+from dolfinx_llm.laws.coulomb import newton_rows, projection_miss
+from dolfinx_llm.laws.law import CLOSED, OPEN, SLIP, STICK
+
+
+def test_states_by_hand():
+    T = np.array([[1.0, 0.0], [3.0, 4.0], [0.0, 0.0]])
+    rows = newton_rows(T, np.array([2.0, 5.0 - 1e-9, -1.0]), np.zeros((3, 2)), np.ones(3))
+    assert rows.status.tolist() == [STICK, SLIP, OPEN]
+    np.testing.assert_array_equal(rows.C_T[2], np.eye(2))  # T = 0
+    np.testing.assert_array_equal(rows.C_delta[0], np.eye(2))  # no slip
+    assert not rows.rhs[[0, 2]].any() and not rows.C_T[0].any()
+    assert projection_miss(T, np.array([2.0, 2.5, 0.0]), np.zeros((3, 2)), np.ones(3)) == (
+        pytest.approx([0.0, 2.5, 0.0])
+    )
+
+
+@pytest.mark.parametrize("seed", [3, 5, 8])
+def test_slip_rows_are_the_derivative(seed):
+    """On the cone, where the stabilised rows are Newton's own: C_T dT + C_δ dδ + C_N ds is the
+    derivative of T - s z / |z|, along any change."""
+    rng = np.random.default_rng(seed)
+    c, delta = 3.0, rng.standard_normal((4, 2))
+    s = rng.uniform(1.0, 2.0, 4)
+    T = s[:, None] * delta / np.linalg.norm(delta, axis=1)[:, None]
+    rows = newton_rows(T, s, delta, np.full(4, c))
+    assert (rows.status == SLIP).all()
+
+    def residual(T, s, delta):
+        z = T + c * delta
+        return T - s[:, None] * z / np.linalg.norm(z, axis=1)[:, None]
+
+    dT, ds, dd = rng.standard_normal((4, 2)), rng.standard_normal(4), rng.standard_normal((4, 2))
+    h = 1e-6
+    ends = [residual(T + k * h * dT, s + k * h * ds, delta + k * h * dd) for k in (1, -1)]
+    found = sum(np.einsum("nij,nj->ni", C, d) for C, d in ((rows.C_T, dT), (rows.C_delta, dd))) + (
+        rows.C_N * ds[:, None]
+    )
+    np.testing.assert_allclose(found, (ends[0] - ends[1]) / (2 * h), atol=1e-7)
+
+
+def dragged(law):
+    scene = pressed(law)
+    scene.move(down(0.03))
+    scene.move(down(0.03, drag=0.05), increments=2)
+    return scene.problem.results[0]
+
+
+def test_friction_that_varies():
+    """Gross slip: at every node of the frame μ(x) N, with μ as a function or as an array."""
+
+    def mu(x):
+        return 0.2 + 0.1 * x[:, 0]
+
+    result = dragged(llm.Coulomb(mu))
+    N, T = result.frame_force, np.linalg.norm(result.frame_friction, axis=1)
+    assert (result.frame_status == SLIP).all()
+    np.testing.assert_allclose(T, mu(result.x) * N, atol=1e-9 * N.max())
+    again = dragged(llm.Coulomb(mu(result.x)))
+    np.testing.assert_allclose(again.frame_friction, result.frame_friction, atol=1e-10 * N.max())
+
+
+def test_part_without_friction():
+    """Where μ vanishes contact is closed without friction."""
+    result = dragged(llm.Coulomb(lambda x: np.where(x[:, 0] > 0.0, 0.3, 0.0)))
+    smooth = result.x[:, 0] <= 0.0
+    N = result.frame_force.max()
+    assert set(result.frame_status[smooth]) == {CLOSED}
+    assert np.abs(result.frame_friction[smooth]).max() <= 1e-10 * N
+
+
+def test_cohesion():
+    """|T| = μ N + cohesion times area in gross slip; alone it is a traction of its own."""
+    for mu, cohesion in ((0.2, 5.0), (0.0, 8.0)):
+        result = dragged(llm.Coulomb(mu, cohesion=cohesion))
+        N, T = result.frame_force, np.linalg.norm(result.frame_friction, axis=1)
+        assert (result.frame_status == SLIP).all()
+        expected = mu * N + cohesion * result.frame_area
+        np.testing.assert_allclose(T, expected, atol=1e-9 * N.max())
+
+
+def test_bad_values():
+    with pytest.raises(llm.ContactInputError, match="cohesion=-1"):
+        llm.Coulomb(0.1, cohesion=-1.0)
+    with pytest.raises(llm.ContactInputError, match="at least 0"):
+        llm.Coulomb(np.array([0.1, -0.2]))
+    with pytest.raises(llm.ContactInputError, match="nodes"):
+        pressed(llm.Coulomb(np.array([0.1, 0.2]))).move(down(0.01))

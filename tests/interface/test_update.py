@@ -1,0 +1,149 @@
+"""Interfaces where their bodies have moved to: relocated, rebuilt, and what is carried over."""
+
+import numpy as np
+import pytest
+from curved_scenes import FACE_0, FACE_1, rings
+from mpi4py import MPI
+from scenes import grid, stacked
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat
+from dolfinx_llm.interface.build import build_model
+from dolfinx_llm.interface.update import rebuilt, relocated, transfer
+from dolfinx_llm.operators.assemble import interface_operator
+
+LAWS = [llm.Tied(), llm.Frictionless(), llm.Coulomb(0.3)]
+
+
+def flat(law):
+    sections = [grid(4, 4, high=(1.5, 1.5), jitter=0.1), grid(5, 6, (0.2, 0.3), (1.1, 1.2), 0.1, 8)]
+    domain, tags = stacked(MPI.COMM_SELF, sections, (0.0, 1.0, 2.0))
+    return domain, llm.Interface(tags, (2, 3), law=law)
+
+
+def curved(law):
+    V, tags = rings(MPI.COMM_SELF, ((8, 2), (11, 2)))
+    return V.mesh, llm.Interface(tags, (FACE_0, FACE_1), law=law)
+
+
+def obstacle(law):
+    domain, tags = stacked(MPI.COMM_SELF, [grid(3, 4, jitter=0.1)], (0.1, 1.0))
+    return domain, llm.Interface(tags, (1, llm.RigidPlane((0, 0, 0), (0, 0, 1))), law=law)
+
+
+SCENES = [flat, curved, obstacle]
+
+
+def model_of(scene, law):
+    domain, interface = scene(law)
+    gdim = domain.geometry.dim
+    return build_model(interface, [compat.function_space(domain, shape=(gdim,))])
+
+
+def rigid(gdim, seed=9):
+    """Rotation and shift."""
+    rng = np.random.default_rng(seed)
+    Q = np.linalg.qr(rng.standard_normal((gdim, gdim)))[0]
+    Q[0] *= np.sign(np.linalg.det(Q))
+    return Q, rng.uniform(-3.0, 3.0, gdim)
+
+
+def motions(model, Q, shift):
+    """Per side displacement of the tagged surface; that of the frame."""
+    sides = [side.X @ Q.T + shift - side.X for side in model.site.whole]
+    v = None if model.frame is None else model.frame.x @ Q.T + shift - model.frame.x
+    return sides, v
+
+
+def at_rest(model):
+    v = None if model.frame is None else np.zeros_like(model.frame.x)
+    return [np.zeros_like(side.x) for side in model.site.whole], v
+
+
+def same(model, other):
+    for p, q in zip(model.pairs, other.pairs, strict=True):
+        assert (p.nodes == q.nodes).all() and (p.dofs == q.dofs).all()
+        for name in ("forces", "normal", "base", "gap"):
+            assert (getattr(p, name) == getattr(q, name)).all(), name
+        assert p.N.shape == q.N.shape and (p.N != q.N).nnz == 0
+    assert (model.directions == other.directions).all()
+
+
+@pytest.mark.parametrize("law", LAWS, ids=str)
+@pytest.mark.parametrize("scene", SCENES)
+def test_nothing_moved_gives_the_same_to_the_last_bit(scene, law):
+    model = model_of(scene, law)
+    same(model, relocated(model, *at_rest(model)))
+    new, carried = rebuilt(model, *at_rest(model))
+    same(model, new)
+    for p, place in zip(model.pairs, carried.pairs, strict=True):
+        assert (place == np.arange(len(p.nodes))).all()
+    if model.frame is not None:
+        assert abs(carried.frame - np.eye(len(model.frame.x))).max() < 1e-12
+
+
+@pytest.mark.parametrize("law", LAWS, ids=str)
+@pytest.mark.parametrize("scene", SCENES[:2])
+@pytest.mark.parametrize("how", ["relocated", "rebuilt"])
+def test_a_rigid_motion_turns_the_operators_with_it(scene, law, how):
+    """Motions V of the frame as rows of λ see them: L_b V, with V turned as the bodies are."""
+    model = model_of(scene, law)
+    gdim = model.frame.gdim
+    Q, shift = rigid(gdim)
+    moved = motions(model, Q, shift)
+    new = relocated(model, *moved) if how == "relocated" else rebuilt(model, *moved)[0]
+    for p, q in zip(model.pairs, new.pairs, strict=True):
+        assert (p.nodes == q.nodes).all()
+        np.testing.assert_allclose(q.forces, p.forces, atol=1e-12)
+        np.testing.assert_allclose(q.N.toarray(), p.N.toarray(), atol=1e-10)
+        np.testing.assert_allclose(q.normal, p.normal @ Q.T, atol=1e-11)
+        np.testing.assert_allclose(q.gap, p.gap @ Q.T, atol=1e-11)
+        # B and L_b by what spans the same: projectors on the base vectors.
+        spans = [np.einsum("nci,ncj->nij", r.base, r.base) for r in (p, q)]
+        np.testing.assert_allclose(spans[1], Q @ spans[0] @ Q.T, atol=1e-11)
+    push = np.random.default_rng(3).standard_normal(model.frame.x.shape)
+    felt = []
+    for one, field in ((model, push), (new, push @ Q.T)):
+        w = np.einsum("mdi,mi->md", one.directions, field).ravel()
+        force = (interface_operator(one.pairs, one.directions) @ w).reshape(
+            -1, len(one.pairs[0].base[0])
+        )
+        base = np.concatenate([p.base for p in one.pairs])
+        felt.append(np.einsum("nc,nci->ni", force, base))
+    np.testing.assert_allclose(felt[1], felt[0] @ Q.T, atol=1e-10)
+
+
+def test_against_an_obstacle_the_clearance_is_that_of_now():
+    model = model_of(obstacle, llm.Frictionless())
+    up = [np.zeros_like(model.site.whole[0].x)]
+    up[0][:, 2] = 0.25
+    for new in (relocated(model, up), rebuilt(model, up)[0]):
+        np.testing.assert_allclose(new.pairs[0].gap[:, 2], model.pairs[0].gap[:, 2] + 0.25)
+
+
+@pytest.mark.parametrize("scene", [flat, curved])
+def test_there_and_back(scene):
+    """What was remembered returns: of pairs that stay exactly, of the frame as a linear field."""
+    model = model_of(scene, llm.Coulomb(0.3))
+    sides, _ = at_rest(model)
+    slide = 0.03 * np.eye(model.frame.gdim)[0]
+    sides[1] = sides[1] + slide  # side 1 slides over side 0
+    new, there = rebuilt(model, sides, np.zeros_like(model.frame.x))
+    back = transfer(new, model)
+    value = np.arange(len(model.pairs[1].nodes))
+    gone = np.where(there.pairs[1] >= 0, value[there.pairs[1]], -1)
+    returned = np.where(back.pairs[1] >= 0, gone[back.pairs[1]], -1)
+    assert ((returned == value) | (returned == -1)).all() and (returned >= 0).mean() > 0.8
+    linear = model.frame.x @ np.arange(1.0, model.frame.gdim + 1.0)
+    found = back.frame @ (there.frame @ linear)
+    assert np.abs(found - linear).max() < 0.05 * np.ptp(linear)
+
+
+def test_a_body_that_has_left_is_refused():
+    model = model_of(flat, llm.Frictionless())
+    sides, v = at_rest(model)
+    sides[1] = sides[1] + [9.0, 0.0, 0.0]
+    with pytest.raises(llm.ContactError):
+        rebuilt(model, sides, v)
+    with pytest.raises(llm.ContactError):
+        relocated(model, sides, v)
