@@ -9,11 +9,12 @@ from scipy.sparse import csr_matrix, diags, identity, vstack
 
 from dolfinx_llm.interface.geometry import ContactModel
 from dolfinx_llm.laws.law import CLOSED, OPEN, STICK
-from dolfinx_llm.laws.speakers import HELD, follow, speakers, unheld
+from dolfinx_llm.laws.speakers import follow, speakers, unheld
 from dolfinx_llm.operators.assemble import interface_operator
 from dolfinx_llm.operators.system import ContactOperators
 
 LOOSE = 12  # a pair that has closed so often in a load step has no friction of its own
+ADRIFT = 1e-2  # sum of N² of the pairs that follow it below which a frame node follows another
 FLOOR = 1e-3  # what pairs without contact add to the support of a frame node
 
 
@@ -97,7 +98,7 @@ class InterfaceState:
         self.unheld = np.zeros(k, dtype=bool)
         self.gather = self.relative = identity(k * t, format="csr")
         if self._N:
-            follows, touching = self._of(self._tied), self._of(self.active)
+            follows, touching = _of(self._N, self._tied), _of(self._N, self.active)
             self.speaker = speakers(follows, touching)
             self.unheld = unheld(follows, self.speaker)
             self.sums = csr_matrix((np.ones(k), (self.speaker, np.arange(k))), (k, k))
@@ -106,24 +107,8 @@ class InterfaceState:
             weak = np.repeat(self.weak, t).astype(float)
             self.relative = (identity(k * t) - diags(weak) @ alike).tocsr()
             held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
-            self._carry(np.where(held < HELD, self.speaker, np.arange(k)))
-
-    def _of(self, pairs: np.ndarray) -> list[csr_matrix]:
-        """Per side (n_i, m) shape functions of some of the pairs (n,)."""
-        ends = np.cumsum([len(p.nodes) for p in self.model.pairs])
-        chosen = np.split(pairs.astype(float), ends[:-1])
-        return [(diags(a) @ N).tocsr() for a, N in zip(chosen, self._N, strict=True)]
-
-    def _carry(self, leader: np.ndarray):
-        """Frame nodes that hardly any pair holds move tangentially as their leader (m,) does."""
-        m, d = self.model.directions.shape[:2]
-        weak = np.repeat(leader != np.arange(m), d)
-        weak[d - 1 :: d] = False
-        alike = follow(leader, self.model.directions)
-        own = diags((~weak).astype(float))
-        moved = diags(weak.astype(float)) @ alike
-        self.frame_gather = (own + moved.T).tocsr()
-        self.frame_relative = (diags(weak.astype(float)) - moved).tocsr()
+            leader = np.where(held < ADRIFT, self.speaker, np.arange(k))
+            self.frame_gather, self.frame_relative = _carried(leader, self.model.directions)
 
     @property
     def weak(self) -> np.ndarray:
@@ -237,6 +222,24 @@ class InterfaceState:
             status = np.where(status == OPEN, STICK, status)
             status = np.where(self._tied, status, CLOSED)
         return np.where(self.active, status, OPEN)
+
+
+def _of(N: list[csr_matrix], pairs: np.ndarray) -> list[csr_matrix]:
+    """Per side (n_i, m) shape functions of some of the pairs (n,)."""
+    ends = np.cumsum([part.shape[0] for part in N])
+    chosen = np.split(pairs.astype(float), ends[:-1])
+    return [(diags(a) @ part).tocsr() for a, part in zip(chosen, N, strict=True)]
+
+
+def _carried(leader: np.ndarray, directions: np.ndarray) -> tuple[csr_matrix, csr_matrix]:
+    """Frame nodes that hardly any pair holds move tangentially as their leader (m,) does: sums of
+    forces at the leaders, and tangential motion against theirs (m d, m d)."""
+    m, d = directions.shape[:2]
+    weak = np.repeat(leader != np.arange(m), d)
+    weak[d - 1 :: d] = False
+    follows = diags(weak.astype(float))
+    moved = follows @ follow(leader, directions)
+    return (diags((~weak).astype(float)) + moved.T).tocsr(), (follows - moved).tocsr()
 
 
 def interface_states(operators: ContactOperators) -> list[InterfaceState]:
