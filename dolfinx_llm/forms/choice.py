@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.forms.condensed.elimination import SlavedRows
+from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.krylov import WIDEST
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.steps import CondensedSteps
@@ -70,7 +70,7 @@ def choose_solver(asked: str, K: PETSc.Mat, operators: ContactOperators) -> tupl
     limit = CROSSOVER[operators.dofs.gdim]
     if sum(operators.counts.values()) < limit:
         return "saddle", f"chosen: fewer than {limit} unknowns, where factorising is quickest"
-    widest = slaved_rows(operators).widest
+    widest = eliminated_rows(operators).widest
     if widest > WIDEST:
         return "saddle", f"chosen: a frame node couples with some {widest:.0f} nodes, too many"
     return "condensed", f"chosen: from {limit} unknowns on CG + GAMG is quicker"
@@ -88,7 +88,7 @@ def _choose_steps(asked: str, symmetric: bool, operators: ContactOperators) -> t
         return "saddle", "as asked"
     friction = any(model.interface.law.friction for model in operators.models)
     limit = CROSSOVER[operators.dofs.gdim]
-    if not symmetric or friction or unknowns < limit or slaved_rows(operators).widest > WIDEST:
+    if not symmetric or friction or unknowns < limit or eliminated_rows(operators).widest > WIDEST:
         return "saddle", f"chosen: {rows} multipliers, factorised in each step"
     return "condensed", f"chosen: from {limit} unknowns on CG + GAMG is quicker"
 
@@ -116,7 +116,7 @@ def build_system(
         with times.timed("factorisation"):
             return SaddleSystem(bulk.K, operators.B, L_b, operators.scale, prefix, options)
     with times.timed("reduction"):
-        rows = slaved_rows(operators)
+        rows = eliminated_rows(operators)
         split = SplitStiffness(bulk.take_K(), rows.dofs)
         system = CondensedSystem(
             split, rows, operators.dofs.fixed, operators.scale, prefix, options,
@@ -137,8 +137,7 @@ def build_steps(
     if form == "flexibility":
         return Flexibility(bulk.K, B, rows.numbering, *common)
     if form == "saddle":
-        numbers = rows.numbering, frames
-        return SparseSteps(bulk.K, B, *numbers, *common)
+        return SparseSteps(bulk.K, B, rows.numbering, frames, *common)
     block, modes = 1, None
     if not any(model.interface.law.friction for model in operators.models):
         block, modes = block_size(operators), rigid_modes_of(operators)
@@ -152,10 +151,12 @@ def block_size(operators: ContactOperators) -> int:
     return sizes.pop() if len(sizes) == 1 else 1
 
 
-def slaved_rows(operators: ContactOperators) -> SlavedRows:
+def eliminated_rows(operators: ContactOperators) -> EliminatedRows:
     """All multiplier rows, tied to the frames."""
     rows, block = operators.rows, block_size(operators)
-    return SlavedRows(rows.dofs, rows.base, operators.L, rows.numbering, operators.frames, block)
+    return EliminatedRows(
+        rows.dofs, rows.base, operators.L, rows.numbering, operators.frames, block
+    )
 
 
 def rigid_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]:
@@ -178,7 +179,7 @@ def rigid_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]
     )
 
 
-def describe(form: str, system) -> str:
+def describe(form: str, system: Any) -> str:
     """A line for ``print(problem)``: the form, the method and what the last solve took."""
     if form == "flexibility":
         words = ["saddle, on the flexibility of the surfaces, K factorised once by MUMPS"]
@@ -192,12 +193,12 @@ def describe(form: str, system) -> str:
     return "; ".join(words + lost_digits(system))
 
 
-def lost_digits(system) -> list[str]:
+def lost_digits(system: Any) -> list[str]:
     """What the last solve may have lost to rounding, where that is more than usual."""
     return Verdict(0.0, getattr(system, "rounding", 0.0)).lost
 
 
-def warn(system, comm: MPI.Comm) -> None:
+def warn(system: Any, comm: MPI.Comm) -> None:
     """Log what the last solve may have lost to rounding."""
     for words in lost_digits(system):
         if comm.rank == 0:

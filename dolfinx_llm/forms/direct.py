@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from petsc4py import PETSc
 
@@ -39,13 +41,15 @@ class DirectSolver:
         ContactError: MUMPS could not factorise.
     """
 
-    def __init__(self, matrix, prefix: str, options: dict | None = None, own: bool = False):
+    def __init__(
+        self, matrix: Any, prefix: str, options: dict | None = None, own: bool = False
+    ) -> None:
         self.matrix, self._own = matrix, own
         self.symmetric = is_symmetric(matrix)
         self.solution, self.rhs = matrix.createVecs()
         self.ksp = self._factorise(prefix, options or {})
 
-    def _factorise(self, prefix: str, options: dict):
+    def _factorise(self, prefix: str, options: dict) -> Any:
         """Set up and factorise, with more spare memory where delayed pivots outgrow it."""
         if self.symmetric:
             self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -111,12 +115,12 @@ class DirectSolver:
         found.destroy()
         return x
 
-    def destroy(self):
+    def destroy(self) -> None:
         for item in (self.ksp, self.solution, self.rhs, *([self.matrix] * self._own)):
             item.destroy()
 
 
-def set_up_ksp(matrix, prefix: str, chosen: dict, given: dict | None = None):
+def set_up_ksp(matrix: Any, prefix: str, chosen: dict, given: dict | None = None) -> Any:
     """A KSP with these options, which do not stay in PETSc's global database.
 
     Args:
@@ -151,7 +155,7 @@ def set_up_ksp(matrix, prefix: str, chosen: dict, given: dict | None = None):
     return ksp
 
 
-def mumps_infog(ksp) -> dict[int, int]:
+def mumps_infog(ksp: Any) -> dict[int, int]:
     """MUMPS's INFOG(1), (2): error; (12): negative pivots; (28): null pivots."""
     if ksp.getPC().getFactorSolverType() != "mumps":
         return {}

@@ -24,6 +24,7 @@ from dolfinx_llm.forms.step import (
 )
 from dolfinx_llm.forms.verdict import EPS, SEVERAL
 from dolfinx_llm.laws.complementarity import complementarity
+from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import diagonal_of, times
 
 
@@ -43,7 +44,18 @@ class WholeSteps:
     most = 200  # pairs that are asked for; where more have a wrong sign, all of these change
     eager = True  # asks whenever it may, not only where change has brought nothing
 
-    def __init__(self, K, B, rows, frames, bodies, fixed, scale, prefix, options=None):
+    def __init__(
+        self,
+        K: Any,
+        B: Any,
+        rows: Any,
+        frames: Any,
+        bodies: Any,
+        fixed: np.ndarray,
+        scale: float,
+        prefix: str,
+        options: dict | None = None,
+    ) -> None:
         self.K, self.B, self.rows, self.frames, self.scale = K, B, rows, frames, scale
         self.comm, self.fixed, self._prefix, self._options = bodies.comm, fixed, prefix, options
         self.floating = Floating(K, B, rows, bodies, fixed)
@@ -84,17 +96,17 @@ class WholeSteps:
         self.noise = SEVERAL * EPS * max(self.comm.allgather(terms))
         return StepResult(multiplier, y, w, self.floating.amounts(self._u), active, wrong)
 
-    def _set_up(self, step: LinearStep):
+    def _set_up(self, step: LinearStep) -> Any:
         """Two functions: of this rank's f, (n,) g and (m,) rhs that gives u of this rank, λ (n,)
         and w (m,) on every rank, and one that ends its use. K has springs at the pins."""
         raise NotImplementedError
 
-    def _answer(self, ask, f, g, rhs):
+    def _answer(self, ask: Any, f: np.ndarray, g: np.ndarray, rhs: np.ndarray) -> Any:
         """λ (n,), y (n,) and w (m,); keeps u."""
         self._u, multiplier, w = ask(f, g, rhs)
         return multiplier, self._gather(self.rows, times(self.B, self._u, transposed=True)), w
 
-    def _loads(self, step: LinearStep, pairs, forces):
+    def _loads(self, step: LinearStep, pairs: np.ndarray, forces: np.ndarray) -> Any:
         """What is added to f, g and rhs for pairs that are to change: those out of contact get
         forces, the others gaps of forces / c."""
         closing = np.zeros(len(step.active))
@@ -103,7 +115,15 @@ class WholeSteps:
         opening[pairs] = np.where(step.active[pairs], forces / self.scale, 0.0)
         return -times(self.B, closing[self.rows.mine]), opening, -(step.E @ closing)
 
-    def _choose(self, ask, step, wrong, multiplier, y, w):
+    def _choose(
+        self,
+        ask: Any,
+        step: LinearStep,
+        wrong: np.ndarray,
+        multiplier: np.ndarray,
+        y: np.ndarray,
+        w: np.ndarray,
+    ) -> Any:
         """Pairs that have to change so that all signs are right, and their forces (gaps times c,
         where they open): linear complementarity among those whose sign is or becomes wrong."""
         rows = np.flatnonzero(step.may_open)
@@ -111,7 +131,7 @@ class WholeSteps:
         on = step.active[rows]
         band = SIGN * force_level(multiplier, y + step.g, self.scale)
 
-        def signs(multiplier, y, w, g):
+        def signs(multiplier: np.ndarray, y: np.ndarray, w: np.ndarray, g: np.ndarray) -> Any:
             """What must not be negative: forces in contact, gaps times c elsewhere."""
             gap = step.L[rows] @ w - y[rows] - g[rows]
             return np.where(on, multiplier[rows], self.scale * gap)
@@ -146,7 +166,7 @@ class WholeSteps:
         left = free * (self._K_times(u) - load)
         return Displacement(u, left, free * self._diagonal * u, free * self.f)
 
-    def _gather(self, numbering, local: np.ndarray) -> np.ndarray:
+    def _gather(self, numbering: Numbering, local: np.ndarray) -> np.ndarray:
         return gather_rows(self.comm, local)[numbering.number]
 
     def destroy(self) -> None:

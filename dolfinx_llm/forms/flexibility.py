@@ -45,7 +45,17 @@ class Flexibility:
     proximal = 1e-13  # the smaller, the sooner nodes under a tiny force are where they touch
     noise = 0.0  # of forces, by rounding: they are unknowns, not differences [force]
 
-    def __init__(self, K, B, rows, bodies, fixed, scale, prefix, options=None):
+    def __init__(
+        self,
+        K: Any,
+        B: Any,
+        rows: Any,
+        bodies: Any,
+        fixed: np.ndarray,
+        scale: float,
+        prefix: str,
+        options: dict | None = None,
+    ) -> None:
         self.K, self.B, self.rows, self.scale = K, B, rows, scale
         self.comm, self._fixed = bodies.comm, fixed
         self.floating = Floating(K, B, rows, bodies, fixed)
@@ -219,11 +229,11 @@ class Flexibility:
         ordered[self.rows.number] = values
         return ordered
 
-    def destroy(self):
+    def destroy(self) -> None:
         self._solver.destroy()
 
 
-def _local_csr(M) -> csr_matrix:
+def _local_csr(M: Any) -> csr_matrix:
     """This rank's rows of a PETSc matrix, all columns."""
     indptr, indices, data = M.getValuesCSR()
     return csr_matrix((data, indices, indptr), (len(indptr) - 1, M.getSize()[1]))

@@ -41,7 +41,7 @@ class Floating:
         fixed: (n_local,) prescribed dofs.
     """
 
-    def __init__(self, K: Any, B: Any, rows: Numbering, bodies: Bodies, fixed: np.ndarray):
+    def __init__(self, K: Any, B: Any, rows: Numbering, bodies: Bodies, fixed: np.ndarray) -> None:
         self.comm, self.rigid = bodies.comm, rigid_motions(bodies, K, fixed)
         self.count = self.rigid.free
         self.modes = self.rigid.modes[:, : self.count]
@@ -119,7 +119,7 @@ class Pull:
 
     def __init__(
         self, floating: Floating, spring: float, f: np.ndarray, forces: float, start: np.ndarray
-    ):
+    ) -> None:
         self._floating, self._spring, self._loads = floating, spring, floating.sizes(f)
         self._forces, self.anchor, self.share = forces, start, 0.0
         self._last, self._pulls = np.zeros(floating.count), 0

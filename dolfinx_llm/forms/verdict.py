@@ -72,6 +72,20 @@ def rounding_error(
     return float(EPS * terms / forces) if forces > 0.0 else 0.0
 
 
+def require(found: tuple[float, float], allowed: tuple[float, float], how: str) -> None:
+    """Require small residuals of (31), over the size of the unknowns and over the load's.
+
+    Raises:
+        ContactError: they are not.
+    """
+    if not (found[0] < allowed[0] and found[1] < allowed[1]):
+        raise ContactError(
+            f"the solve failed: residual {found[0]:.1e} of the unknowns' size (allowed "
+            f"{allowed[0]:.0e}), {found[1]:.1e} of the load's (allowed {allowed[1]:.0e}); {how}. "
+            "Check supports, material data and the petsc_options given"
+        )
+
+
 def check_rounding(rounding: float) -> None:
     """Refuse forces of which rounding leaves too little.
 

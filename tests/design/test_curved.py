@@ -13,6 +13,7 @@ from dolfinx_llm.design.curved import balance, curved_rows, vector_residual
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_curved import vector_areas_in_contact
 from dolfinx_llm.geometry.pairs import locate_pairs
+from dolfinx_llm.interface.build import build_model
 
 QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
@@ -215,3 +216,17 @@ def test_two_ranks():
 def test_errors(size):
     """On all ranks, with the numbers."""
     assert run_mpi_json("solve_curved.py", size, "errors") == {"wrong": []}
+
+
+@pytest.mark.parametrize("counts", [(2, 7), (3, 4), (4, 3), (4, 6), (8, 11), (5, 16)])
+@pytest.mark.parametrize("law", [llm.Tied(), llm.Tied(close_gap=True), llm.Coulomb(0.3)], ids=str)
+def test_a_design_is_never_worse_than_none(counts, law):
+    """The vector residual does not grow, rows sum to 1, and a coarse mesh is said to be one."""
+    V, tags = cs.rings(MPI.COMM_SELF, [(n, 1) for n in counts])
+    model = build_model(llm.Interface(tags, (cs.FACE_0, cs.FACE_1), law=law), [V])
+    certificate = model.certificate
+    assert certificate.residual <= certificate.residual_before
+    for p in model.pairs:
+        assert np.abs(p.N.sum(axis=1) - 1.0).max() < 1e-9
+    said = any("are coarse" in note for note in model.notes)
+    assert said == (certificate.residual > 0.1)

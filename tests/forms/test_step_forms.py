@@ -102,7 +102,7 @@ def test_compliance(monkeypatch):
             answers.append(np.concatenate([f.x.array for f in scene.move(motions[0])]))
             for side in scene.problem.results[0].sides:
                 closed = side.status != 0
-                away = np.abs(side.gap + softness * side.normal_force)[closed]
+                away = np.abs(side.frame_gap + softness * side.normal_force)[closed]
                 assert closed.any() and away.max() <= 1e-9 * np.abs(side.u).max()
     for other in answers[1:]:
         assert np.abs(other - answers[0]).max() <= 1e-9 * np.abs(answers[0]).max()

@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix, vstack
 from solve_scenes import loaded_forms
 
 import dolfinx_llm as llm
-from dolfinx_llm.forms.condensed.elimination import SlavedRows
+from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.system import CondensedSystem
 from dolfinx_llm.operators.numbering import Numbering
@@ -56,7 +56,7 @@ def system(problem, base, slaved, L, bs, proximal, options):
     rank = problem.comm.rank
     node, component = np.nonzero(slaved)
     frame_owner = problem.operators.frames.owner[::3]
-    rows = SlavedRows(
+    rows = EliminatedRows(
         np.concatenate(problem.operators.side_dofs)[node],
         base[node, component],
         L,

@@ -8,6 +8,7 @@ frame alone, D v = g_D, and is solved for some of the frame's unknowns.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
@@ -19,7 +20,7 @@ RANK = 1e-8  # of rows that bind the frame alone, as in ``operators.prescribed_r
 
 
 @dataclass(frozen=True, eq=False)
-class SlavedRows:
+class EliminatedRows:
     """The rows of L_b of all frames that tie surface nodes to them, on every rank."""
 
     dofs: np.ndarray  # (rows, gdim) numbers, in the vector of all bodies, of the node's dofs
@@ -29,11 +30,11 @@ class SlavedRows:
     frames: Numbering  # of the columns
     block: int  # frame unknowns per node
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         rows, m = len(self.dofs), self.frames.sizes[1]
         if self.L.shape != (rows, m) or self.multipliers.sizes[1] != rows:
             raise ValueError(
-                f"L has the shape {self.L.shape}: {rows} slaved components, "
+                f"L has the shape {self.L.shape}: {rows} eliminated components, "
                 f"{self.multipliers.sizes[1]} multipliers and {m} frame unknowns need ({rows}, {m})"
             )
 
@@ -59,7 +60,7 @@ class NodeElimination:
     W: csr_matrix  # (k, R) orthonormal combinations of rows that move no free dof
 
 
-def eliminate_at_nodes(dofs, vectors, fixed) -> NodeElimination:
+def eliminate_at_nodes(dofs: np.ndarray, vectors: np.ndarray, fixed: np.ndarray) -> NodeElimination:
     """Solve each node's rows S u_p = L_b v - g for its free dofs, with the pseudo-inverse of S.
 
     The directions that the rows leave free get unknowns w in the places of the node's free dofs.
@@ -99,7 +100,7 @@ def eliminate_at_nodes(dofs, vectors, fixed) -> NodeElimination:
     return NodeElimination(A, (N + diags(kept)).tocsr(), _csr(vector, number, row[g], (len(g), R)))
 
 
-def _unit_eigenvectors(P):
+def _unit_eigenvectors(P: np.ndarray) -> Any:
     """Orthonormal bases of the ranges of projectors P (n, k, k): matrix, place, vector of each."""
     values, vectors = np.linalg.eigh(P)
     g, column = np.nonzero(values > 0.5)  # ascending: the last ones
@@ -109,7 +110,7 @@ def _unit_eigenvectors(P):
     return g, column - first[g], vector
 
 
-def _csr(value, rows, cols, shape) -> csr_matrix:
+def _csr(value: np.ndarray, rows: Any, cols: Any, shape: tuple[int, int]) -> csr_matrix:
     keep = value != 0.0
     return csr_matrix((value[keep], (rows[keep], cols[keep])), shape=shape)
 
@@ -128,7 +129,7 @@ class FrameElimination:
         soft: s; 0: rigid rows, whose forces are no unknowns.
     """
 
-    def __init__(self, D: csr_matrix, soft: float = 0.0):
+    def __init__(self, D: csr_matrix, soft: float = 0.0) -> None:
         m = D.shape[1]
         touched = np.unique(D.indices[D.data != 0.0])
         kept = np.ones(m)

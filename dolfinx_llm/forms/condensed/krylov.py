@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from petsc4py import PETSc
 
@@ -23,7 +25,7 @@ PATIENCE = 400  # iterations of the default options, then a factorisation takes 
 WIDEST = 4096  # nodes that PETSc's GAMG allows a row to couple with; more end in an error
 
 
-def solver_of(matrix, prefix: str, given: dict):
+def solver_of(matrix: Any, prefix: str, given: dict) -> Any:
     """KSP of a symmetric positive definite matrix, set up.
 
     Options of PETSc's database come first, then the given ones, then those of ``ITERATIVE`` and
@@ -38,7 +40,7 @@ def solver_of(matrix, prefix: str, given: dict):
     """
     database = PETSc.Options(prefix)
 
-    def chosen(key, default):
+    def chosen(key: Any, default: Any) -> Any:
         return database.getString(key) if database.hasName(key) else given.get(key, default)
 
     pc, krylov = chosen("pc_type", "gamg"), chosen("ksp_type", "cg")
@@ -67,7 +69,7 @@ def solver_of(matrix, prefix: str, given: dict):
     return ksp, " + ".join(parts), default
 
 
-def near_null_space(matrix, S, modes: np.ndarray) -> None:
+def near_null_space(matrix: Any, S: Any, modes: np.ndarray) -> None:
     """Give a matrix scaled by S on both sides the near-null space S⁻¹ modes (n_local, k)."""
     values = modes / S.array_r[:, None]
     # PETSc wants them orthonormal.

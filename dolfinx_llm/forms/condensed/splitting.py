@@ -1,6 +1,6 @@
 """K in two parts: what elimination at the surface leaves as it is, and the rows that it changes.
 
-Tᵀ K T is K but for the rows and columns of the slaved nodes, so that only these are multiplied.
+Tᵀ K T is K but for the rows and columns of the eliminated nodes, so that only these are multiplied.
 With S their dofs, I the others and u_S = T_S q_S,
 
     Tᵀ K T = [ K_II       K_IS T_S     ]
@@ -36,7 +36,7 @@ class SplitStiffness:
         ContactError: K is not symmetric.
     """
 
-    def __init__(self, K: Any, dofs: np.ndarray):
+    def __init__(self, K: Any, dofs: np.ndarray) -> None:
         if not is_symmetric(K):
             raise ContactError(
                 "the condensed form needs a symmetric stiffness, K has none: use solver='saddle'"

@@ -1,4 +1,4 @@
-"""Steps of contact laws in the condensed form: the rows in contact are slaved, the others are free.
+"""Steps of contact laws in the condensed form: rows in contact are eliminated, others free.
 
 Without friction the matrix stays symmetric positive definite, and CG with GAMG solves it at any
 size. With friction the rows of κ hold Coulomb's law instead of the equilibrium of L_bᵀ λ; the
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_llm.forms.condensed.elimination import SlavedRows
+from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.system import CondensedSystem
 from dolfinx_llm.forms.condensed.transformation import Transformation
@@ -37,7 +37,15 @@ class CondensedSteps(WholeSteps):
     accuracy = 1e-11  # of balance and law, relative: what CG leaves
     most = 60  # as of ``WholeSteps``
 
-    def __init__(self, multipliers, block: int, modes, K, B, *others):
+    def __init__(
+        self,
+        multipliers: Any,
+        block: int,
+        modes: tuple[np.ndarray, np.ndarray] | None,
+        K: Any,
+        B: Any,
+        *others: Any,
+    ) -> None:
         super().__init__(K, B, multipliers.numbering, *others)
         self.split = SplitStiffness(K, multipliers.dofs)
         self._multipliers, self._block, self._modes = multipliers, block, modes
@@ -59,23 +67,23 @@ class CondensedSteps(WholeSteps):
             self.accuracy = min(max(noise, WholeSteps.accuracy), CondensedSteps.accuracy)
         return found
 
-    def _K_times(self, u):
+    def _K_times(self, u: np.ndarray) -> Any:
         product = self.split.times(u)
         product[self._pins] -= self._spring * u[self._pins]
         return product
 
-    def _set_up(self, step: LinearStep):
+    def _set_up(self, step: LinearStep) -> Any:
         self._spring = step.spring
         on = np.flatnonzero(step.active)
         numbering = Numbering(self.rows.owner[on], self.comm.rank)
         dofs, base = self._multipliers.dofs[on], self._multipliers.base[on]
-        slaved = SlavedRows(dofs, base, step.L[on], numbering, self.frames, self._block)
+        eliminated = EliminatedRows(dofs, base, step.L[on], numbering, self.frames, self._block)
         symmetric = abs(step.E - step.L.T).nnz == 0
         self.eager = not symmetric  # to ask takes a solve by CG there, a factor's here
         set_up = self._symmetric if symmetric else self._with_friction
-        solve, done = set_up(slaved, step)
+        solve, done = set_up(eliminated, step)
 
-        def ask(f, g, rhs):
+        def ask(f: np.ndarray, g: np.ndarray, rhs: np.ndarray) -> Any:
             u, found, w = solve(f, g[on][numbering.mine], rhs)
             multiplier = np.zeros(len(step.active))
             multiplier[on] = self._gather(numbering, found)
@@ -83,30 +91,30 @@ class CondensedSteps(WholeSteps):
 
         return ask, done
 
-    def _symmetric(self, slaved, step):
+    def _symmetric(self, eliminated: EliminatedRows, step: LinearStep) -> Any:
         hold = -step.D.diagonal()
         wanted = np.concatenate([step.active, hold, [self._spring * self.floating.count]])
         if not np.array_equal(wanted, self._known):
             self.split.hold(self._pins, self._spring)
             if self.system is None:
                 self.system = CondensedSystem(
-                    self.split, slaved, self.fixed, self.scale, self._prefix, self._options,
+                    self.split, eliminated, self.fixed, self.scale, self._prefix, self._options,
                     modes=self._modes, proximal=hold,
                 )  # fmt: skip
             else:
                 n = len(step.active)
                 changed = int((wanted[:n] != self._known[:n]).sum())
-                self.system.slave(slaved, hold, changed)
+                self.system.eliminate(eliminated, hold, changed)
             self._known = wanted
 
-        def solve(f, g, rhs):
+        def solve(f: np.ndarray, g: np.ndarray, rhs: np.ndarray) -> Any:
             centre = np.where(hold > 0.0, -rhs / np.where(hold > 0.0, hold, 1.0), 0.0)
             u, multiplier, w = self.system.solve(f, g, centre)
             return u, multiplier, self._gather(self.frames, w)
 
         return solve, lambda: None  # what is set up may serve the next step
 
-    def _with_friction(self, slaved, step):
+    def _with_friction(self, eliminated: EliminatedRows, step: LinearStep) -> Any:
         """T_lᵀ (f - K T q) + D w + E λ_W = rhs, where T_l has E in the place of L_bᵀ.
 
         λ_W are the forces of rows that bind the frame alone. Without symmetry no combination of the
@@ -116,15 +124,15 @@ class CondensedSteps(WholeSteps):
         """
         self.split.hold(self._pins, self._spring)
         everywhere = np.ones(step.L.shape[1])
-        form = Transformation(self.split, slaved, self.fixed, everywhere, SOFT)
+        form = Transformation(self.split, eliminated, self.fixed, everywhere, SOFT)
         E = step.E[:, np.flatnonzero(step.active)]
-        test = form.columns_of(E.T.tocsr()[slaved.multipliers.mine])
+        test = form.columns_of(E.T.tocsr()[eliminated.multipliers.mine])
         law = form.frame_law(E, step.D, self.scale)
         matrix = form.reduce(-law, self.scale, test)
         own = {k: v for k, v in (self._options or {}).items() if k not in ("ksp_type", "pc_type")}
         solver = DirectSolver(matrix, self._prefix, own | {"pc_type": "lu"}, own=True)
 
-        def solve(f, g, rhs):
+        def solve(f: np.ndarray, g: np.ndarray, rhs: np.ndarray) -> Any:
             u_0, v_0 = form.offsets(f, g)
             b = form.load(f, u_0, test)
             b[len(f) + form.seats] -= (rhs - step.D @ v_0)[form.mine_used]
@@ -134,7 +142,7 @@ class CondensedSteps(WholeSteps):
             multiplier = form.A.T @ force + form.frame_multipliers(q, self.scale)
             return u, multiplier, form.frame_motion(q, v_0)
 
-        def done():
+        def done() -> None:
             for item in (solver, test, form.T):
                 item.destroy()
 

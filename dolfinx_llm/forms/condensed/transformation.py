@@ -2,25 +2,31 @@
 
 q holds, on each rank, a place for each dof of its bodies, idle at surface nodes, and then
 what the surfaces have left to solve for (``tail``): the unknowns of surface nodes that are not
-slaved entirely, and those of the frame nodes, in blocks of gdim.
+eliminated entirely, and those of the frame nodes, in blocks of gdim.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from dolfinx_llm.forms.condensed.elimination import FrameElimination, SlavedRows, eliminate_at_nodes
+from dolfinx_llm.forms.condensed.elimination import (
+    EliminatedRows,
+    FrameElimination,
+    eliminate_at_nodes,
+)
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.operators.petsc import create_aij, times
 
 
 class Transformation:
-    """What the slaved rows make of u and v, with the numbers of the unknowns q.
+    """What the eliminated rows make of u and v, with the numbers of the unknowns q.
 
     Args:
-        split: stiffness of the bodies, parted at the dofs of all slaved nodes or more.
-        rows: what is slaved to the frames.
+        split: stiffness of the bodies, parted at the dofs of all eliminated nodes or more.
+        rows: what is eliminated to the frames.
         fixed: (n_local,) whether a dof of this rank is prescribed.
         proximal: (m,) stiffness of the frames' unknowns, or None.
         soft: as of ``FrameElimination``.
@@ -29,11 +35,11 @@ class Transformation:
     def __init__(
         self,
         split: SplitStiffness,
-        rows: SlavedRows,
+        rows: EliminatedRows,
         fixed: np.ndarray,
         proximal: np.ndarray | None,
         soft: float = 0.0,
-    ):
+    ) -> None:
         self.comm, self.split, self.rows, self.fixed = split.comm, split, rows, fixed
         self.gdim, self.proximal = rows.dofs.shape[1], proximal
         dofs, self.vectors = rows.local  # (R, gdim) base vectors of this rank's rows
@@ -56,7 +62,7 @@ class Transformation:
         self._W_all = csr_matrix((data, (row, col)), shape=(sum(count), self.rows.L.shape[0]))
         return (self._W_all @ self.rows.L).tocsr()
 
-    def _number(self):
+    def _number(self) -> None:
         """Places in the tail: ``left`` (S,) of this rank's surface dofs, -1 where there is none,
         and of its frame unknowns; ``columns`` (m,) are the numbers of all frame unknowns."""
         frames, gdim, comm, surface = self.rows.frames, self.gdim, self.comm, self.split.surface
@@ -95,7 +101,7 @@ class Transformation:
         self.idle[self.left[np.unique(self._N_S.indices)]] = False
         self.idle[self.seats] = False
 
-    def columns_of(self, L: csr_matrix):
+    def columns_of(self, L: csr_matrix) -> Any:
         """T_S, where the rows of this rank see the frames' motion as L (R, m)."""
         nodes, frame = self._N_S.tocoo(), (self.A[self.split.surface] @ L).tocoo()
         value = np.concatenate([nodes.data, frame.data])
@@ -104,7 +110,7 @@ class Transformation:
         local = csr_matrix((value, (row, col)), shape=(nodes.shape[0], self.tail[1]))
         return create_aij(self.comm, self.split.K_SS.getSizes()[0], self.tail, local)
 
-    def reduce(self, D: csr_matrix, idle: float, test=None):
+    def reduce(self, D: csr_matrix, idle: float, test: Any = None) -> Any:
         """Tᵀ K T plus D (m, m) at the frames' unknowns, and ``idle`` on the diagonal where the tail
         has a place without an unknown; with ``test`` the T_S of its rows."""
         D = D[self.mine_used].tocoo()
@@ -133,7 +139,7 @@ class Transformation:
         u[self.split.surface] = times(self.T, q[n:])
         return u
 
-    def load(self, f: np.ndarray, u_0: np.ndarray, test=None) -> np.ndarray:
+    def load(self, f: np.ndarray, u_0: np.ndarray, test: Any = None) -> np.ndarray:
         """Tᵀ (f - K u_0) for u_0 of ``offsets``; with ``test`` in the place of T_S."""
         S = self.split.surface
         left = f - self.split.columns(u_0[S])
@@ -142,7 +148,7 @@ class Transformation:
         tail = times(self.T if test is None else test, left[S], transposed=True)
         return np.concatenate([inside, tail])
 
-    def push(self, centre, v_0: np.ndarray) -> np.ndarray:
+    def push(self, centre: np.ndarray | None, v_0: np.ndarray) -> np.ndarray:
         """Zᵀ d (c - v_0), the load of the proximal term on q."""
         n = len(self.fixed)
         load = np.zeros(n + self.tail[0])
@@ -186,7 +192,9 @@ class Transformation:
         force = c * self.frame.Q @ self.frame_unknowns(q)[self.frame.dependent]
         return self.W.T @ force[self._mine_D]
 
-    def multipliers(self, force: np.ndarray, v: np.ndarray, centre) -> np.ndarray:
+    def multipliers(
+        self, force: np.ndarray, v: np.ndarray, centre: np.ndarray | None
+    ) -> np.ndarray:
         """λ of this rank from the reactions f - K u, zero at fixed dofs.
 
         What a row does to the frame alone follows from the frame's equilibrium.
@@ -197,7 +205,9 @@ class Transformation:
             found = found - self.W.T @ self.frame.multipliers(missing)[self._mine_D]
         return found
 
-    def frame_forces(self, multiplier: np.ndarray, v: np.ndarray, centre) -> np.ndarray:
+    def frame_forces(
+        self, multiplier: np.ndarray, v: np.ndarray, centre: np.ndarray | None
+    ) -> np.ndarray:
         """(m,) L_bᵀ λ less the proximal forces d (v - c), which must vanish."""
         forces = self.comm.allreduce(self.L.T @ multiplier)
         if self.proximal is not None:
@@ -217,7 +227,9 @@ class Transformation:
         values[:n] = body
         return values
 
-    def residual(self, u, multiplier, v, g, force):
+    def residual(
+        self, u: np.ndarray, multiplier: np.ndarray, v: np.ndarray, g: np.ndarray, force: np.ndarray
+    ) -> Any:
         """What (31) leaves of -f + K u + B λ at this rank's dofs, and of Bᵀ u - L_b v + g.
 
         Args:
@@ -227,3 +239,23 @@ class Transformation:
         left = -force
         np.add.at(left, self.dofs, vectors * multiplier[:, None])
         return left, np.einsum("ri,ri->r", vectors, u[self.dofs]) - self.L @ v + g
+
+    def sizes(
+        self, given: Any, found: Any, force: np.ndarray, centre: np.ndarray | None, scale: float
+    ) -> np.ndarray:
+        """(6,) of all ranks, as forces: what (31) leaves of its three rows, loads, motions and
+        multipliers.
+
+        Args:
+            given: this rank's f and g.
+            found: u and λ of this rank, all of v.
+            force: (n_local,) f - K u.
+            centre: (m,) of the proximal term.
+            scale: [force / length].
+        """
+        (f, g), (u, multiplier, v) = given, found
+        residual, miss = self.residual(u, multiplier, v, g, force)
+        frame = self.frame_forces(multiplier, v, centre)
+        parts = [(residual,), (scale * miss,), (frame,), (f, scale * g), (scale * u, scale * v)]
+        own = [max(np.abs(a).max(initial=0.0) for a in part) for part in (*parts, (multiplier,))]
+        return np.max(self.comm.allgather(own), axis=0)
