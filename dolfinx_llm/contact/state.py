@@ -104,16 +104,11 @@ class InterfaceState:
             self.sums = csr_matrix((np.ones(k), (self.speaker, np.arange(k))), (k, k))
             alike = follow(self.speaker, self.model.directions[:, :-1])
             self.gather = alike.T.tocsr()
-            weak = np.repeat(self.weak, t).astype(float)
+            weak = np.repeat(self.speaker != np.arange(k), t).astype(float)
             self.relative = (identity(k * t) - diags(weak) @ alike).tocsr()
             held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
             leader = np.where(held < ADRIFT, self.speaker, np.arange(k))
             self.frame_gather, self.frame_relative = _carried(leader, self.model.directions)
-
-    @property
-    def weak(self) -> np.ndarray:
-        """(k,) friction nodes that others speak for."""
-        return self.speaker != np.arange(len(self.speaker))
 
     def accept(self, w: np.ndarray, fitted: np.ndarray):
         """End a load step; where contact is open, κ follows the bodies."""
