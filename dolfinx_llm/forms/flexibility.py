@@ -122,7 +122,8 @@ class Flexibility:
                 found = self._dense(step)
                 wrong = wrong_signs(step, found[0], found[1], found[2], self.scale)
                 if wrong.any():
-                    active = self._choose(step)
+                    equations = self._equations(step, np.arange(len(step.active)))
+                    active = _choose(step, *equations)
                     chosen = replace(step, active=active)
                     found = self._dense(chosen)
                     wrong = wrong_signs(chosen, found[0], found[1], found[2], self.scale)
@@ -165,44 +166,6 @@ class Flexibility:
         y = self.h - self.F @ multiplier + self.G @ alpha
         return multiplier, y, x[n : n + m], alpha
 
-    def _choose(self, step: LinearStep) -> np.ndarray:
-        """Rows in contact: linear complementarity among those whose sign is or becomes wrong.
-
-        The others keep their state and are eliminated. Eliminating the frame without them would
-        leave its nodes to the proximal term, whose compliance drowns that of the bodies.
-        """
-        n, rows = len(step.active), np.flatnonzero(step.may_open)
-        A, rhs = self._equations(step, np.arange(n))
-        kept = np.concatenate([np.flatnonzero(step.active), np.arange(n, len(A))])
-        place = np.cumsum(step.active) - 1
-        on = step.active[rows]
-        solve = _refined(A[np.ix_(kept, kept)])
-        look = A[np.ix_(rows, kept)]
-
-        def signs(x, gap):
-            """What must not be negative: λ / c in contact, gaps elsewhere."""
-            return np.where(on[:, None], x[place[rows]], look @ x + gap)
-
-        x = solve(rhs[kept][:, None])
-        now = signs(x, -rhs[rows][:, None])[:, 0]
-        band = SIGN * max(np.abs(x[: int(step.active.sum())]).max(initial=0.0), 1e-300)
-        pairs, new = np.empty(0, dtype=np.int64), np.flatnonzero(now < -band)
-        columns, change = np.empty((len(rows), 0)), np.zeros(0, dtype=bool)
-        while len(new):
-            load = np.where(on[new], 0.0, -1.0) * A[np.ix_(kept, rows[new])]
-            load[place[rows[new[on[new]]]], np.flatnonzero(on[new])] = 1.0
-            gap = np.where(on[new], 0.0, 1.0) * A[np.ix_(rows, rows[new])]
-            columns = np.hstack([columns, signs(solve(load), gap)])
-            pairs = np.concatenate([pairs, new])
-            change = complementarity(columns[pairs], now[pairs], now[pairs] < 0.0)
-            M = columns[pairs][np.ix_(change, change)]
-            after = now + columns[:, change] @ np.linalg.solve(M, -now[pairs][change])
-            after[pairs] = 0.0
-            new = np.flatnonzero(after < -band)
-        active = step.active.copy()
-        active[rows[pairs[change]]] ^= True
-        return active
-
     def displacement(self, found: StepResult) -> Displacement:
         """See ``StepForm``."""
         load, u = self._pinned(found.multiplier)
@@ -237,6 +200,48 @@ def _local_csr(M: Any) -> csr_matrix:
     """This rank's rows of a PETSc matrix, all columns."""
     indptr, indices, data = M.getValuesCSR()
     return csr_matrix((data, indices, indptr), (len(indptr) - 1, M.getSize()[1]))
+
+
+def _choose(step: LinearStep, A: np.ndarray, rhs: np.ndarray) -> np.ndarray:
+    """Rows in contact: linear complementarity among those whose sign is or becomes wrong.
+
+    The others keep their state and are eliminated. Eliminating the frame without them would
+    leave its nodes to the proximal term, whose compliance drowns that of the bodies.
+
+    Args:
+        step: the law's equations.
+        A, rhs: those of all rows, the frame and the rigid motions.
+    """
+    n, rows = len(step.active), np.flatnonzero(step.may_open)
+    kept = np.concatenate([np.flatnonzero(step.active), np.arange(n, len(A))])
+    place = np.cumsum(step.active) - 1
+    on = step.active[rows]
+    solve = _refined(A[np.ix_(kept, kept)])
+    look = A[np.ix_(rows, kept)]
+
+    def signs(x: np.ndarray, gap: np.ndarray) -> np.ndarray:
+        """What must not be negative: λ / c in contact, gaps elsewhere."""
+        return np.where(on[:, None], x[place[rows]], look @ x + gap)
+
+    x = solve(rhs[kept][:, None])
+    now = signs(x, -rhs[rows][:, None])[:, 0]
+    band = SIGN * max(np.abs(x[: int(step.active.sum())]).max(initial=0.0), 1e-300)
+    pairs, new = np.empty(0, dtype=np.int64), np.flatnonzero(now < -band)
+    columns, change = np.empty((len(rows), 0)), np.zeros(0, dtype=bool)
+    while len(new):
+        load = np.where(on[new], 0.0, -1.0) * A[np.ix_(kept, rows[new])]
+        load[place[rows[new[on[new]]]], np.flatnonzero(on[new])] = 1.0
+        gap = np.where(on[new], 0.0, 1.0) * A[np.ix_(rows, rows[new])]
+        columns = np.hstack([columns, signs(solve(load), gap)])
+        pairs = np.concatenate([pairs, new])
+        change = complementarity(columns[pairs], now[pairs], now[pairs] < 0.0)
+        M = columns[pairs][np.ix_(change, change)]
+        after = now + columns[:, change] @ np.linalg.solve(M, -now[pairs][change])
+        after[pairs] = 0.0
+        new = np.flatnonzero(after < -band)
+    active = step.active.copy()
+    active[rows[pairs[change]]] ^= True
+    return active
 
 
 def _refined(A: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
