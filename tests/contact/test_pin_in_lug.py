@@ -85,7 +85,7 @@ def pulled(dim, mu, h, clearance, seed=3, comm=MPI.COMM_WORLD):
 
 @pytest.mark.parametrize(
     ("dim", "h", "clearance", "mu"),
-    [(2, 2.0, 0.0, 0.2), (2, 2.0, 0.02, 0.05), (2, 2.0, 0.02, 0.2), (3, 4.0, 0.02, 0.2)],
+    [(2, 2.0, 0.0, 0.2), (2, 2.0, 0.02, 0.05), (2, 2.0, 0.02, 0.5), (3, 4.0, 0.02, 0.2)],
 )
 def test_converges(dim, h, clearance, mu):
     """In a few iterations, on the load's resultant, without tension, within Coulomb's cone."""
