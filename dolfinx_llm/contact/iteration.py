@@ -32,9 +32,10 @@ from dolfinx_llm.operators.system import ContactOperators
 
 log = logging.getLogger("dolfinx_llm")
 
-EPSILON = 1e-10  # proximal term, of the surfaces' stiffness
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
+FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
+LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 CALM = 2  # iterations without a change after which a residual may have stopped falling
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
 
@@ -69,6 +70,7 @@ class ContactIteration:
             self._normal[s.rows[:, -1]] = s.law.unilateral
             if len(s.v):
                 self._drifts[s.v.reshape(-1, s.model.directions.shape[1])[:, -1]] = True
+        self._calmed = False
         self.forget()
 
     def forget(self):
@@ -184,7 +186,7 @@ class ContactIteration:
         floating = self.form.floating
         alpha = self.alpha if known else np.zeros(floating.count)
         about: Any = (self.multiplier if known else np.zeros(self.n), w)
-        calm, was_calm = 0, False  # iterations without a change of state
+        calm, self._calmed = 0, False  # iterations without a change of state; whether any was
         before, w_last = np.inf, w  # last residual and motion
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         spring = floating.spring(self.scale)
@@ -215,8 +217,9 @@ class ContactIteration:
             half = iteration > 1 and changes and miss > 0.9 * before
             about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
             before = miss
-            was_calm = was_calm or calm > 0  # from then on the frame goes on from where it is
-            centre = w if was_calm else self._middle(y + g)
+            # From then on the frame goes on from where it is, and what no force holds stays.
+            self._calmed = self._calmed or calm > 0
+            centre = w if self._calmed else self._middle(y + g)
             if stalled:  # a frame node under a tiny force goes to where it touches, ever faster
                 centre = w + (2.0**calm - 1.0) * np.where(self._drifts, w - w_last, 0.0)
             w_last = w
@@ -249,7 +252,11 @@ class ContactIteration:
         """
         active = np.concatenate([s.closed_rows() for s in self.states])
         P = self._proximal()
-        E, D, rhs = [self._L_t], [P[: self.n_v]], [P[: self.n_v] @ centre]
+        gather = self._frame_gather()
+        own = gather @ P[: self.n_v]
+        relative = block_diag([s.frame_relative for s in self.states], format="csr")
+        relative.resize(own.shape)
+        E, D, rhs = [gather @ self._L_t], [own + self.scale * relative], [own @ centre]
         for s in self.states:
             if s.kappa.size:
                 rows = self._friction_rows(s, *about)
@@ -268,7 +275,7 @@ class ContactIteration:
     def _friction_rows(self, s: InterfaceState, multiplier, w):
         T, bound = s.forces(multiplier)
         rows = s.law.rows(T, bound, s.slip(w), s.slip_stiffness(self.scale), s.status)
-        return rows.tied(s.speaker, s.unheld, self.scale)
+        return rows.tied(s.speaker, s.unheld & self._calmed, self.scale)
 
     def _all_stick(self, step: LinearStep) -> LinearStep:
         """The first step, when nothing is known: all stick, as in the paper."""
@@ -293,7 +300,7 @@ class ContactIteration:
         def add(i, j, x):
             row.append(i)
             col.append(j)
-            value.append(-EPSILON * self.scale * x)
+            value.append(-self.form.proximal * self.scale * x)
 
         for s in self.states:
             if not s.law.unilateral:
@@ -318,7 +325,9 @@ class ContactIteration:
         normal = s.rows[:, -1]
         chosen = found.active[normal] ^ found.wrong[normal] if s.law.unilateral else s.active
         changes = int((chosen != s.active).sum())
-        s.closings += chosen & ~s.active
+        few, force = changes <= FEW * len(chosen) + 2, np.abs(found.multiplier)
+        light = few | (force[normal] <= LIGHT * force.max(initial=0.0))
+        s.closings += np.where(chosen & ~s.active, np.where(light, 4, 1), 0)
         s.touch(chosen)
         if s.kappa.size:
             status = self._friction_rows(s, found.multiplier, found.w).status
@@ -327,8 +336,12 @@ class ContactIteration:
         return changes
 
     def _imbalance(self, multiplier) -> float:
-        """Largest entry of L_bᵀ λ [force]."""
-        return float(np.abs(self._L_t @ multiplier).max(initial=0.0))
+        """Largest entry of L_bᵀ λ [force]; of nodes that follow others in the sum with theirs."""
+        return float(np.abs(self._frame_gather() @ (self._L_t @ multiplier)).max(initial=0.0))
+
+    def _frame_gather(self) -> csr_matrix:
+        """(n_v, n_v) forces at the frame's nodes, summed up where equilibrium is asked for."""
+        return block_diag([s.frame_gather for s in self.states], format="csr")
 
     def _friction_miss(self, multiplier, w) -> float:
         """Largest distance of a tangential force from Coulomb's law [force]."""

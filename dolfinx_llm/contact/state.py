@@ -13,7 +13,8 @@ from dolfinx_llm.laws.speakers import follow, speakers, unheld
 from dolfinx_llm.operators.assemble import interface_operator
 from dolfinx_llm.operators.system import ContactOperators
 
-LOOSE = 3  # a pair that has closed so often in a load step has no friction of its own
+LOOSE = 12  # a pair that has closed so often in a load step has no friction of its own
+ADRIFT = 1e-2  # sum of N² of the pairs that follow it below which a frame node follows another
 FLOOR = 1e-3  # what pairs without contact add to the support of a frame node
 
 
@@ -69,6 +70,8 @@ class InterfaceState:
     def forget(self):
         """All in contact, no slip."""
         self.closings = np.zeros(len(self.rows), dtype=np.int64)
+        self.frame_gather = identity(len(self.v), format="csr")
+        self.frame_relative = csr_matrix((len(self.v), len(self.v)))
         self.touch(np.ones(len(self.rows), dtype=bool))
         self.status = np.full(len(self.kappa), STICK)
         self.kappa_before = np.zeros(self.kappa.shape)
@@ -95,21 +98,17 @@ class InterfaceState:
         self.unheld = np.zeros(k, dtype=bool)
         self.gather = self.relative = identity(k * t, format="csr")
         if self._N:
-            tied, ends = self._tied, np.cumsum([len(p.nodes) for p in self.model.pairs])
-            on = [diags(a.astype(float)) for a in np.split(tied, ends[:-1])]
-            held = [a @ N for a, N in zip(on, self._N, strict=True)]
-            self.speaker = speakers(held)
-            self.unheld = unheld(held, self.speaker)
+            follows, touching = _of(self._N, self._tied), _of(self._N, self.active)
+            self.speaker = speakers(follows, touching)
+            self.unheld = unheld(follows, self.speaker)
             self.sums = csr_matrix((np.ones(k), (self.speaker, np.arange(k))), (k, k))
             alike = follow(self.speaker, self.model.directions[:, :-1])
             self.gather = alike.T.tocsr()
-            weak = np.repeat(self.weak, t).astype(float)
+            weak = np.repeat(self.speaker != np.arange(k), t).astype(float)
             self.relative = (identity(k * t) - diags(weak) @ alike).tocsr()
-
-    @property
-    def weak(self) -> np.ndarray:
-        """(k,) friction nodes that others speak for."""
-        return self.speaker != np.arange(len(self.speaker))
+            held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
+            leader = np.where(held < ADRIFT, self.speaker, np.arange(k))
+            self.frame_gather, self.frame_relative = _carried(leader, self.model.directions)
 
     def accept(self, w: np.ndarray, fitted: np.ndarray):
         """End a load step; where contact is open, κ follows the bodies."""
@@ -218,6 +217,24 @@ class InterfaceState:
             status = np.where(status == OPEN, STICK, status)
             status = np.where(self._tied, status, CLOSED)
         return np.where(self.active, status, OPEN)
+
+
+def _of(N: list[csr_matrix], pairs: np.ndarray) -> list[csr_matrix]:
+    """Per side (n_i, m) shape functions of some of the pairs (n,)."""
+    ends = np.cumsum([part.shape[0] for part in N])
+    chosen = np.split(pairs.astype(float), ends[:-1])
+    return [(diags(a) @ part).tocsr() for a, part in zip(chosen, N, strict=True)]
+
+
+def _carried(leader: np.ndarray, directions: np.ndarray) -> tuple[csr_matrix, csr_matrix]:
+    """Frame nodes that hardly any pair holds move tangentially as their leader (m,) does: sums of
+    forces at the leaders, and tangential motion against theirs (m d, m d)."""
+    m, d = directions.shape[:2]
+    weak = np.repeat(leader != np.arange(m), d)
+    weak[d - 1 :: d] = False
+    follows = diags(weak.astype(float))
+    moved = follows @ follow(leader, directions)
+    return (diags((~weak).astype(float)) + moved.T).tocsr(), (follows - moved).tocsr()
 
 
 def interface_states(operators: ContactOperators) -> list[InterfaceState]:

@@ -7,6 +7,7 @@ bodies that supports alone do not hold), and to iterate on that.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +19,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.floating import Floating
-from dolfinx_llm.forms.step import Displacement, LinearStep, StepResult, wrong_signs
+from dolfinx_llm.forms.step import SIGN, Displacement, LinearStep, StepResult, wrong_signs
 from dolfinx_llm.laws.complementarity import complementarity
 from dolfinx_llm.operators.petsc import diagonal_of, times, with_springs
 from dolfinx_llm.operators.support import pins
@@ -41,6 +42,7 @@ class Flexibility:
 
     name = "the flexibility of the surfaces"
     accuracy = 1e-13  # of balance and law, relative
+    proximal = 1e-13  # the smaller, the sooner nodes under a tiny force are where they touch
     noise = 0.0  # of forces, by rounding: they are unknowns, not differences [force]
 
     def __init__(
@@ -120,7 +122,8 @@ class Flexibility:
                 found = self._dense(step)
                 wrong = wrong_signs(step, found[0], found[1], found[2], self.scale)
                 if wrong.any():
-                    active = self._choose(step)
+                    equations = self._equations(step, np.arange(len(step.active)))
+                    active = _choose(step, *equations)
                     chosen = replace(step, active=active)
                     found = self._dense(chosen)
                     wrong = wrong_signs(chosen, found[0], found[1], found[2], self.scale)
@@ -155,27 +158,13 @@ class Flexibility:
 
     def _dense(self, step: LinearStep) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         on, c, m = np.flatnonzero(step.active), self.scale, step.L.shape[1]
-        x = _solve_refined(*self._equations(step, on))
+        A, rhs = self._equations(step, on)
+        x = _refined(A)(rhs[:, None])[:, 0]
         multiplier, n = np.zeros(len(step.active)), len(on)
         multiplier[on] = c * x[:n]
         alpha = x[n + m :]
         y = self.h - self.F @ multiplier + self.G @ alpha
         return multiplier, y, x[n : n + m], alpha
-
-    def _choose(self, step: LinearStep) -> np.ndarray:
-        """Rows in contact: all else eliminated, a linear complementarity problem in λ_n is left."""
-        choose = step.may_open
-        on = np.concatenate([np.flatnonzero(choose), np.flatnonzero(step.active & ~choose)])
-        A, rhs = self._equations(step, on)
-        n = int(choose.sum())
-        M, q = A[:n, :n], -rhs[:n]
-        if len(A) > n:  # a body that supports hold, against an obstacle, leaves nothing over
-            factor = scipy.linalg.lu_factor(A[n:, n:], check_finite=False)
-            rest = scipy.linalg.lu_solve(factor, np.column_stack([A[n:, :n], rhs[n:]]))
-            M, q = M - A[:n, n:] @ rest[:, :-1], q + A[:n, n:] @ rest[:, -1]
-        active = step.active.copy()
-        active[on[:n]] = complementarity(M, q, step.active[on[:n]])
-        return active
 
     def displacement(self, found: StepResult) -> Displacement:
         """See ``StepForm``."""
@@ -213,21 +202,68 @@ def _local_csr(M: Any) -> csr_matrix:
     return csr_matrix((data, indices, indptr), (len(indptr) - 1, M.getSize()[1]))
 
 
-def _solve_refined(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Solve a dense system with rows scaled and one step of refinement.
+def _choose(step: LinearStep, A: np.ndarray, rhs: np.ndarray) -> np.ndarray:
+    """Rows in contact: linear complementarity among those whose sign is or becomes wrong.
+
+    The others keep their state and are eliminated. Eliminating the frame without them would
+    leave its nodes to the proximal term, whose compliance drowns that of the bodies.
+
+    Args:
+        step: the law's equations.
+        A, rhs: those of all rows, the frame and the rigid motions.
+    """
+    n, rows = len(step.active), np.flatnonzero(step.may_open)
+    kept = np.concatenate([np.flatnonzero(step.active), np.arange(n, len(A))])
+    place = np.cumsum(step.active) - 1
+    on = step.active[rows]
+    solve = _refined(A[np.ix_(kept, kept)])
+    look = A[np.ix_(rows, kept)]
+
+    def signs(x: np.ndarray, gap: np.ndarray) -> np.ndarray:
+        """What must not be negative: λ / c in contact, gaps elsewhere."""
+        return np.where(on[:, None], x[place[rows]], look @ x + gap)
+
+    x = solve(rhs[kept][:, None])
+    now = signs(x, -rhs[rows][:, None])[:, 0]
+    band = SIGN * max(np.abs(x[: int(step.active.sum())]).max(initial=0.0), 1e-300)
+    pairs, new = np.empty(0, dtype=np.int64), np.flatnonzero(now < -band)
+    columns, change = np.empty((len(rows), 0)), np.zeros(0, dtype=bool)
+    while len(new):
+        load = np.where(on[new], 0.0, -1.0) * A[np.ix_(kept, rows[new])]
+        load[place[rows[new[on[new]]]], np.flatnonzero(on[new])] = 1.0
+        gap = np.where(on[new], 0.0, 1.0) * A[np.ix_(rows, rows[new])]
+        columns = np.hstack([columns, signs(solve(load), gap)])
+        pairs = np.concatenate([pairs, new])
+        change = complementarity(columns[pairs], now[pairs], now[pairs] < 0.0)
+        M = columns[pairs][np.ix_(change, change)]
+        after = now + columns[:, change] @ np.linalg.solve(M, -now[pairs][change])
+        after[pairs] = 0.0
+        new = np.flatnonzero(after < -band)
+    active = step.active.copy()
+    active[rows[pairs[change]]] ^= True
+    return active
+
+
+def _refined(A: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Solves dense systems with A, rows scaled and with one step of refinement.
 
     Raises:
-        numpy.linalg.LinAlgError: singular.
+        numpy.linalg.LinAlgError: singular; when called.
     """
-    if not len(b):  # supports hold the body, and nothing touches the obstacle
-        return b
-    scale = 1.0 / np.maximum(np.abs(A).max(axis=1), 1e-300)
-    A, b = A * scale[:, None], b * scale
+    if not len(A):  # supports hold the body, and nothing touches the obstacle
+        return lambda b: b
+    scale = 1.0 / np.maximum(np.abs(A).max(axis=1), 1e-300)[:, None]
+    A = A * scale
     factor = scipy.linalg.lu_factor(A, check_finite=False)
     if not np.abs(np.diagonal(factor[0])).min(initial=np.inf) > 0.0:
         raise np.linalg.LinAlgError("a pivot is zero")
-    x = scipy.linalg.lu_solve(factor, b, check_finite=False)
-    x += scipy.linalg.lu_solve(factor, b - A @ x, check_finite=False)
-    if not np.isfinite(x).all():
-        raise np.linalg.LinAlgError("the solution is not finite")
-    return x
+
+    def solve(b: np.ndarray) -> np.ndarray:
+        b = b * scale
+        x = scipy.linalg.lu_solve(factor, b, check_finite=False)
+        x += scipy.linalg.lu_solve(factor, b - A @ x, check_finite=False)
+        if not np.isfinite(x).all():
+            raise np.linalg.LinAlgError("the solution is not finite")
+        return x
+
+    return solve

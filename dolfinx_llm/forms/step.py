@@ -62,6 +62,7 @@ class StepForm(Protocol):
 
     comm: MPI.Comm
     name: str  # for messages
+    proximal: float  # what holds frame nodes that nothing touches, of the surfaces' stiffness
     accuracy: float  # of L_bᵀ λ and the law of friction, over the largest force
     noise: float  # of forces, by rounding [force]
     floating: Floating

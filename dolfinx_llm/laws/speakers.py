@@ -13,17 +13,19 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix, diags
 from scipy.sparse.csgraph import connected_components
 
-LEAST = 1e-2  # the same, below which no force passes from side to side
+LEAST = 1e-6  # the same, below which no force passes from side to side
 HELD = 0.3  # least sum of N² over the pairs of each side that tells the slip of a frame node
 
 
-def speakers(sides: list[csr_matrix]) -> np.ndarray:
+def speakers(sides: list[csr_matrix], touching: list[csr_matrix] | None = None) -> np.ndarray:
     """(k,) the node that speaks for each frame node: itself, where pairs of both sides hold it.
 
     Nodes that no pair reaches, and the best one of every piece of contact, speak for themselves.
 
     Args:
         sides: per side (n, k) shape functions of the pairs that follow the frame.
+        touching: the same of all pairs in contact, by which nodes are neighbours; by default those
+            that follow the frame.
 
     >>> far = csr_matrix([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.9, 0.1]])
     >>> speakers([far, far]).tolist()
@@ -32,8 +34,9 @@ def speakers(sides: list[csr_matrix]) -> np.ndarray:
     k = sides[0].shape[1]
     shared, support = csr_matrix((k, k)), np.full(k, np.inf)
     for N in sides:
-        product = abs(N).T @ abs(N)
-        shared, support = shared + product, np.minimum(support, product.diagonal())
+        support = np.minimum(support, np.asarray(N.power(2).sum(axis=0)).ravel())
+    for N in touching or sides:
+        shared = shared + abs(N).T @ abs(N)
     _, piece = connected_components(shared, directed=False)
     best = np.zeros(piece.max(initial=0) + 1)
     np.maximum.at(best, piece, support)

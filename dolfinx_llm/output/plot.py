@@ -239,8 +239,7 @@ def _skin(u: Function, field: Function) -> tuple[np.ndarray, np.ndarray, np.ndar
 def interface(result: InterfaceResult, path: str | Path, field: str = "pressure") -> None:
     """A field of an interface: over the contact in 2D, on the deformed frame in 3D.
 
-    Draws on rank 0 when called on all ranks. Marks show the status: open, stick, slip,
-    or closed without friction.
+    Draws on rank 0 when called on all ranks. Marks show the status: open, stick or slip.
 
     Args:
         result: an ``InterfaceResult``.

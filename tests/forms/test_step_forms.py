@@ -24,7 +24,7 @@ def dense(M):
 class DenseForm:
     """(31) with the rows of a law, solved as a dense system; wrong signs are left to the law."""
 
-    name, accuracy, noise = "NumPy", 1e-12, 0.0
+    name, accuracy, noise, proximal = "NumPy", 1e-12, 0.0, 1e-10
 
     def __init__(self, form, bulk, operators, prefix, options):
         rows, fixed = operators.rows.numbering, operators.dofs.fixed

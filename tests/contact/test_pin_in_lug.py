@@ -1,0 +1,104 @@
+"""A pin pulled in the hole of a plate, with friction: a curved fit, in 2D and 3D."""
+
+import gmsh
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat
+
+E, NU, RADIUS, PULL = 210000.0, 0.3, 10.0, 5000.0
+PLATE, PIN, BORE, SHAFT, ENDS, EDGE = 1, 2, 3, 4, 5, 6
+
+
+def draw(dim, h, clearance, seed):
+    """Plate 60 x 40 (x 8) and pin in gmsh, with all tags."""
+    occ, group = gmsh.model.occ, gmsh.model.addPhysicalGroup
+    for option, value in ("RandomSeed", seed), ("MeshSizeMax", h), ("MeshSizeMin", h / 2):
+        gmsh.option.setNumber(f"Mesh.{option}", value)
+    hole = RADIUS + clearance
+    if dim == 3:
+        box, bore = occ.addBox(-20, -20, 0, 60, 40, 8), occ.addCylinder(0, 0, 0, 0, 0, 8, hole)
+        ends = ((-4, 4), (0, 8), (8, 4))  # the part inside the bore has a face of its own
+        parts = [(3, occ.addCylinder(0, 0, z, 0, 0, d, RADIUS)) for z, d in ends]
+        pin, _ = occ.fragment(parts[:1], parts[1:])
+    else:
+        box, bore = occ.addRectangle(-20, -20, 0, 60, 40), occ.addDisk(0, 0, 0, hole, hole)
+        pin = [(2, occ.addDisk(0, 0, 0, RADIUS, RADIUS))]
+    plate, _ = occ.cut([(dim, box)], [(dim, bore)])
+    occ.synchronize()
+    tags = {BORE: [], SHAFT: [], ENDS: [], EDGE: []}
+    for bodies, inner in (plate, BORE), (pin, SHAFT):
+        for d, face in gmsh.model.getBoundary(bodies, oriented=False):
+            centre, low = occ.getCenterOfMass(d, face), gmsh.model.getBoundingBox(d, face)
+            reach = max(abs(value) for i, value in enumerate(low) if i % 3 < 2)
+            if abs(centre[0] - 40.0) < 1e-6:
+                tags[EDGE].append(face)
+            elif reach < hole + 0.1 and (dim == 2 or abs(centre[2] - 4.0) < 1e-6):
+                tags[inner].append(face)
+            elif inner == SHAFT and min(abs(centre[2] + 4), abs(centre[2] - 12)) < 1e-6:
+                tags[ENDS].append(face)
+    group(dim, [body for _, body in plate], PLATE), group(dim, [body for _, body in pin], PIN)
+    for tag, faces in tags.items():
+        if faces:
+            group(dim - 1, faces, tag)
+    gmsh.model.mesh.generate(dim)
+
+
+def pulled(dim, mu, h, clearance, seed=3, comm=MPI.COMM_WORLD):
+    """The problem, and the load per volume (2D) or area of the pin's ends as a Constant."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    if comm.rank == 0:
+        draw(dim, h, clearance, seed)
+    mesh, bodies, tags = compat.model_to_mesh(gmsh.model, comm, 0, gdim=dim)
+    gmsh.finalize()
+    V = compat.function_space(mesh, shape=(dim,))
+    u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
+    dx, ds = ufl.dx(subdomain_data=bodies), ufl.ds(subdomain_data=tags)
+    eps = ufl.sym(ufl.grad(u))
+    stress = E / (1 + NU) * (eps + NU / (1 - 2 * NU) * ufl.tr(eps) * ufl.Identity(dim))
+    where = ds(ENDS) if dim == 3 else dx(PIN)
+    area = fem.assemble_scalar(fem.form(fem.Constant(mesh, 1.0) * where))
+    load, zero = fem.Constant(mesh, 0.0), fem.Constant(mesh, 0.0)
+    held = [(EDGE, k) for k in range(dim)] + [(ENDS, k) for k in range(1, dim) if dim == 3]
+    bcs = [
+        fem.dirichletbc(
+            zero, fem.locate_dofs_topological(V.sub(k), dim - 1, tags.find(tag)), V.sub(k)
+        )
+        for tag, k in held
+    ]
+    if dim == 2:  # the pin does not leave the axis
+        W, _ = V.sub(1).collapse()
+        at = fem.locate_dofs_geometrical(
+            (V.sub(1), W), lambda x: (abs(x[1]) < 1e-6) & (abs(abs(x[0]) - RADIUS) < 1e-6)
+        )
+        bcs.append(fem.dirichletbc(fem.Function(W), at, V.sub(1)))
+    a = ufl.inner(stress, ufl.grad(w)) * (dx(PLATE) + dx(PIN))
+    contact = llm.Interface(tags, (SHAFT, BORE), law=llm.Coulomb(mu))
+    problem = llm.ContactProblem(a, load * w[0] * where, bcs=bcs, interfaces=[contact])
+    return problem, load, comm.allreduce(area)
+
+
+@pytest.mark.parametrize(
+    ("dim", "h", "clearance", "mu"),
+    [(2, 2.0, 0.0, 0.2), (2, 2.0, 0.02, 0.05), (2, 2.0, 0.02, 0.5), (3, 4.0, 0.02, 0.2)],
+)
+def test_converges(dim, h, clearance, mu):
+    """In a few iterations, on the load's resultant, without tension, within Coulomb's cone."""
+    problem, load, area = pulled(dim, mu, h, clearance)
+    total = PULL if dim == 3 else PULL / 8.0
+    load.value = -total / area
+    problem.solve()
+    assert len(problem.history) <= 30
+    result = problem.results[0]
+    assert result.resultant[0] == pytest.approx(-total, rel=1e-8)
+    largest = max(side.normal_force.max() for side in result.sides)
+    for side in result.sides:
+        assert side.normal_force.min() >= -1e-10 * largest
+    friction = np.linalg.norm(result.frame_friction, axis=1)
+    assert (friction - mu * np.maximum(result.frame_force, 0.0)).max() <= 1e-9 * largest
+    problem.destroy()
