@@ -62,7 +62,7 @@ def _apart(model: ContactModel, result: InterfaceResult) -> list[str]:
     if not law.unilateral or any((side.status != OPEN).any() for side in sides):
         return []
     drawn = [-np.einsum("ni,ni->n", p.gap, p.normal) for p in model.pairs]
-    now, before = (_gaps(model, gaps) for gaps in ([side.gap for side in sides], drawn))
+    now, before = (_gaps(model, gaps) for gaps in ([side.frame_gap for side in sides], drawn))
     near = int(now.argmin())
     if not now[near] < before.min() - NEARER * model.sides[0].diameter:
         return []
