@@ -270,7 +270,7 @@ def nan_in_the_stiffness(comm):
     scenes.block_problem(V, tags, scale=fem.Constant(V.mesh, np.nan)).solve()
 
 
-@case(r"pressure=nan: must be finite", INPUT)
+@case(r"pressure=nan: must be a finite number", INPUT)
 def nan_pressure(comm):
     V, tags = scenes.two_blocks(comm)
     llm.free_surface_load(V, tags, 4, np.nan)
