@@ -25,7 +25,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.contact.state import InterfaceState, interface_states
 from dolfinx_llm.forms.floating import Pull
-from dolfinx_llm.forms.step import SOFT, LinearStep, StepForm, StepResult, force_level
+from dolfinx_llm.forms.step import SIGN, SOFT, LinearStep, StepForm, StepResult, force_level
 from dolfinx_llm.forms.verdict import FinalError, Verdict, judge
 from dolfinx_llm.laws.law import OPEN, SLIP, STICK
 from dolfinx_llm.operators.system import ContactOperators
@@ -324,15 +324,20 @@ class ContactIteration:
         """Take over the pairs in contact, and find what sticks and slips; number of changes."""
         normal = s.rows[:, -1]
         chosen = found.active[normal] ^ found.wrong[normal] if s.law.unilateral else s.active
-        changes = int((chosen != s.active).sum())
-        few, force = changes <= FEW * len(chosen) + 2, np.abs(found.multiplier)
-        light = few | (force[normal] <= LIGHT * force.max(initial=0.0))
+        changed, force = chosen != s.active, np.abs(found.multiplier)
+        largest = force.max(initial=0.0)
+        light = (changed.sum() <= FEW * len(chosen) + 2) | (force[normal] <= LIGHT * largest)
         s.closings += np.where(chosen & ~s.active, np.where(light, 4, 1), 0)
         s.touch(chosen)
+        # What carries nothing is in contact or not, sticks or slips, to no effect.
+        felt = (force[s.rows].max(axis=1) > SIGN * largest) | found.wrong[normal]
+        changes = int((changed & felt).sum())
         if s.kappa.size:
-            status = self._friction_rows(s, found.multiplier, found.w).status
-            changes += int((status != s.status).sum())
-            s.status = status
+            rows = self._friction_rows(s, found.multiplier, found.w)
+            T, bound = s.forces(found.multiplier)
+            felt = np.maximum(np.linalg.norm(T, axis=1), np.abs(bound)) > SIGN * largest
+            changes += int(((rows.status != s.status) & felt).sum())
+            s.status = rows.status
         return changes
 
     def _imbalance(self, multiplier) -> float:
