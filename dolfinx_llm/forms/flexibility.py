@@ -221,7 +221,9 @@ def _choose(step: LinearStep, A: np.ndarray, rhs: np.ndarray) -> np.ndarray:
 
     def signs(x: np.ndarray, gap: np.ndarray) -> np.ndarray:
         """What must not be negative: λ / c in contact, gaps elsewhere."""
-        return np.where(on[:, None], x[place[rows]], look @ x + gap)
+        found = look @ x + gap
+        found[on] = x[place[rows[on]]]
+        return found
 
     x = solve(rhs[kept][:, None])
     now = signs(x, -rhs[rows][:, None])[:, 0]

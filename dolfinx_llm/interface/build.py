@@ -273,8 +273,8 @@ def _balanced(
 ) -> tuple[list[ContactPairs], Certificate]:
     """Pairs of curved surfaces after design, and their certificate.
 
-    A design is taken only where it lowers the vector residual that is printed, in its largest value
-    and in its norm, and keeps rigid translations.
+    A design is taken only where it keeps rigid translations and, for bodies tied as drawn, lowers
+    the vector residual that is printed, in its largest value and in its norm.
 
     Args:
         vectors: pair of (n_surface, gdim) vector areas in contact [area].
@@ -290,7 +290,8 @@ def _balanced(
         after = np.linalg.norm(vector_residual(N, vectors), axis=1)
         unity = max(float(np.abs(M.sum(axis=1) - 1.0).max()) for M in N)
         lower = after.max() < before.max() and np.linalg.norm(after) < np.linalg.norm(before)
-        if lower and unity <= UNITY:
+        # Where the gap is closed, plain rows would close the chords' gaps, too.
+        if (lower or close_gap) and unity <= UNITY:
             pairs = [replace(p, N=M) for p, M in zip(smooth, N, strict=True)]
         else:
             notes.append(

@@ -8,6 +8,7 @@ import json
 import logging
 import runpy
 import sys
+import time
 import traceback
 
 from mpi4py import MPI
@@ -38,10 +39,23 @@ def run(command):
         PETSc.garbage_cleanup()
 
 
+def told():
+    """The next command, known to all ranks; those that wait sleep, since waiting in MPI takes a
+    core."""
+    if comm.rank == 0:
+        command = json.loads(sys.stdin.readline() or "[]")
+        for rank in range(1, comm.size):
+            comm.send(command, rank)
+        return command
+    while not comm.iprobe(source=0):
+        time.sleep(0.005)
+    return comm.recv(source=0)
+
+
 def main():
     """Read, run, mark; the end of stdin is the end."""
     while True:
-        command = comm.bcast(json.loads(sys.stdin.readline() or "[]") if comm.rank == 0 else None)
+        command = told()
         if not command:
             return
         mark, *command = command
