@@ -21,6 +21,7 @@ from dolfinx_llm.laws.law import CLOSED, OPEN, STICK
 from dolfinx_llm.operators.system import ContactOperators
 
 FELT = 1e-9  # part of the largest force or motion, below which there is none
+NOTHING = 1e-14  # force over the surfaces' stiffness times their motion that is rounding
 WEAK = 1e-3  # of a frame node's mean support: what draws its tangential motion to the mean
 
 
@@ -154,15 +155,16 @@ def collect_results(
             sides.append(_side_result(p, forces[own], motion, follows, gap, status[own]))
             first = own.stop
         if model.interface.law.unilateral:
-            sides = _between_bodies(model, sides)
+            sides = _between_bodies(model, sides, operators.scale)
         results.append(_interface_result(model, sides, v, state))
     return results
 
 
-def _between_bodies(model: ContactModel, sides: list[SideResult]) -> list[SideResult]:
+def _between_bodies(model: ContactModel, sides: list[SideResult], scale: float) -> list[SideResult]:
     """The sides with gaps between the bodies, and open where these are apart.
 
-    A node may lie on the frame, which is free there, and the other body be away.
+    A node may lie on the frame, which is free there, and the other body be away: what it carries
+    is rounding then, of the surfaces' stiffness ``scale`` times their motion.
     """
     gaps = [side.frame_gap for side in sides]
     positions = [side.x + side.u for side in sides]
@@ -171,13 +173,17 @@ def _between_bodies(model: ContactModel, sides: list[SideResult]) -> list[SideRe
         gaps[k] = np.einsum("ni,ni->n", across, sides[k].normal)
     force = max(np.abs(side.normal_force).max(initial=0.0) for side in sides)
     size = max(np.abs(a).max(initial=0.0) for side in sides for a in (side.u, side.frame_gap))
+    nothing = NOTHING * scale * size
     out = []
     for side, gap in zip(sides, gaps, strict=True):
-        pressed = side.normal_force > FELT * force
+        pressed = side.normal_force > max(FELT * force, nothing)
         closed = (side.status != OPEN) & (pressed | (gap <= FELT * size))
+        idle = ~closed & (np.linalg.norm(side.force, axis=1) <= nothing)
         out.append(
             replace(
                 side,
+                force=np.where(idle[:, None], 0.0, side.force),
+                normal_force=np.where(idle, 0.0, side.normal_force),
                 gap=np.where(closed, 0.0, np.maximum(gap, 0.0)),
                 slip=np.where(closed[:, None], side.slip, 0.0),
                 status=np.where(closed, side.status, OPEN),
