@@ -5,7 +5,7 @@ import stiff_cases
 from mpi4py import MPI
 
 CASES = [(name, key, value) for name, cases in stiff_cases.CASES.items() for key, value in cases]
-REFUSED = {("density", 2.0): "frame is too fine", ("density", 4.0): "patch residual"}
+REFUSED = {("density", 2.0): "frame is too fine", ("density", 4.0): "frame is too fine"}
 INEXACT = {("ratio", 1e8), ("sliver", 1e-8)}
 
 
