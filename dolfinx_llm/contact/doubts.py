@@ -62,14 +62,15 @@ def _apart(model: ContactModel, result: InterfaceResult) -> list[str]:
     if not law.unilateral or any((side.status != OPEN).any() for side in sides):
         return []
     drawn = [-np.einsum("ni,ni->n", p.gap, p.normal) for p in model.pairs]
-    now, before = (_gaps(model, gaps) for gaps in ([side.frame_gap for side in sides], drawn))
-    near = int(now.argmin())
-    if not now[near] < before.min() - NEARER * model.sides[0].diameter:
+    before = _gaps(model, drawn).min()
+    side = min(sides, key=lambda side: float(side.gap.min()))
+    near = int(side.gap.argmin())
+    if not side.gap[near] < before - NEARER * model.sides[0].diameter:
         return []
     return [
         f"interface {model.interface.name}: nothing touches: the load brings both sides nearer to "
-        f"each other, from {before.min():.2g} as drawn to about {now[near]:.2g} at "
-        f"{result.x[near].round(6).tolist()}, and no contact force arises. Check positions, units "
+        f"each other, from {before:.2g} as drawn to about {side.gap[near]:.2g} at "
+        f"{side.x[near].round(6).tolist()}, and no contact force arises. Check positions, units "
         "and the load, or draw the bodies nearer"
     ]
 
