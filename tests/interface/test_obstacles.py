@@ -7,6 +7,7 @@ import facing_scenes as fs
 import numpy as np
 import pairs
 import pytest
+from dolfinx import mesh
 from mpi4py import MPI
 
 import dolfinx_llm as llm
@@ -40,8 +41,8 @@ def block(kind, lift=0.0, whole=False):
         body = pairs.block(COMM, (4, 4, 2), low, high, kind, jitter=0.2, rng=rng)
     if whole:
         domain, tags = fs.all_tagged(body)
-        tags.values[:] = cs.BELOW
-        body = domain, tags
+        one = np.full(len(tags.values), cs.BELOW, dtype=np.int32)
+        body = domain, mesh.meshtags(domain, tags.dim, tags.indices, one)
     return body
 
 
