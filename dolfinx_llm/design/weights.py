@@ -71,7 +71,8 @@ def design_weights(
     sum_J delta_pJ Y_J = 0 (rigid motions and linear fields still pass exactly) and to (28). The
     weights w_pJ = sum_K N_pK A_KJ, A_KK = 1 and less for other nodes of one cell, are those of the
     nodes around p's own; they vary continuously with the place of p, also across the edges of
-    cells, and know no axes. With one multiplier mu_J per frame node the solution is delta_p = -+ P_p mu.
+    cells, and know no axes. With one multiplier mu_J per frame node the solution is
+    delta_p = -+ P_p mu.
 
     Args:
         frame: the frame, m nodes.
