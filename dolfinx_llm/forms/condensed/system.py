@@ -16,6 +16,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.forms.condensed.coarse import CoarseMotions
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.krylov import DIRECT, WIDEST, near_null_space, solver_of
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
@@ -52,6 +53,7 @@ class CondensedSystem:
             {"ksp_type": "preonly", "pc_type": "cholesky"}.
         modes: near-null space for GAMG, rigid modes at the bodies' dofs (n_local, k) and at the
             frames' unknowns (m, k); None: none.
+        weak: motions that supports or springs may hold weakly, in the same way; None: ``modes``.
         proximal: (m,) non-negative stiffness d of the frames' unknowns, which adds
             1/2 sum_J d_J (v_J - c_J)² to the energy [force / length]; None: none.
 
@@ -69,6 +71,7 @@ class CondensedSystem:
         options: dict | None = None,
         *,
         modes: tuple[np.ndarray, np.ndarray] | None = None,
+        weak: tuple[np.ndarray, np.ndarray] | None = None,
         proximal: np.ndarray | None = None,
     ) -> None:
         self.split, self.fixed, self.scale, self.comm = split, fixed, scale, split.comm
@@ -76,6 +79,7 @@ class CondensedSystem:
         self.steps: list[dict] = []
         self.iterations, self.residual, self.set_ups = 0, np.nan, 0
         self._modes, self._prefix = modes, prefix
+        self._weak = modes if weak is None else weak
         options = dict(options or {})
         if rows.widest > WIDEST and options.get("pc_type", "gamg") == "gamg":
             self.notes.append(
@@ -135,6 +139,18 @@ class CondensedSystem:
         self.matrix.diagonalScale(diagonal, diagonal)
         self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self.matrix.setOption(PETSc.Mat.Option.SPD, True)
+        self._coarse: Any = None  # once it is needed
+
+    def _coarsely(self, left: np.ndarray) -> np.ndarray:
+        """q of what is left of the load, as far as weakly held motions take it."""
+        if self._weak is None or not self._weak[0].shape[1]:
+            return np.zeros(len(left))
+        modes = self.form.unknowns(*self._weak)
+        self._coarse = self._coarse or CoarseMotions(self.matrix, self.S, modes)
+        return self._coarse.of(modes, left)
+
+    def _left(self, load: np.ndarray, q: np.ndarray) -> np.ndarray:
+        return load - times(self.matrix, q / self.S.array_r) / self.S.array_r
 
     def _warn(self) -> None:
         log.log(logging.WARNING if self.comm.rank == 0 else logging.DEBUG, self.notes[-1])
@@ -204,7 +220,10 @@ class CondensedSystem:
         x.array_w[:] = q / self.S.array_r
         self.iterations, last, length = 0, np.inf, x.norm()
         for attempt in range(PASSES + 1):
-            left = load - times(self.matrix, q / self.S.array_r) / self.S.array_r
+            left = self._left(load, q)
+            if not direct:
+                q += self._coarsely(left)
+                left = self._left(load, q)
             b.array_w[:] = left * self.S.array_r
             size = b.norm()
             # A factorisation refines while that gains.
