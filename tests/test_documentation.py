@@ -104,7 +104,7 @@ def test_the_list_is_not_empty():
     for name in ("problem.problem.ContactProblem.solve",
                  "contact.results.SideResult.tangential_force",
                  "interface.obstacles.RigidPlane.clearance",
-                 "problem.classical.NodeToSegment", "output.plot.interface",
+                 "problem.classical.node_to_segment.NodeToSegment", "output.plot.interface",
                  "geometry.frame.Frame.from_gmsh", "output.files.write_interface"):  # fmt: skip
         assert f"dolfinx_llm.{name}" in PUBLIC, name
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.geometry.frame import Frame
@@ -16,26 +14,7 @@ from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.join import Part
-
-
-@dataclass(frozen=True, eq=False)
-class Site:
-    """What an interface is built of; the same on every rank."""
-
-    interface: Interface  # the user's choices
-    whole: tuple[Surface, ...]  # the surfaces as tagged: two, one against a rigid obstacle
-    spaces: tuple[int, ...]  # index of the function space of each
-    held: tuple[np.ndarray, ...] | None  # per side (n, gdim) prescribed dofs of its nodes
-    comm: MPI.Comm
-
-    def moved(self, motions: Sequence[np.ndarray]) -> Site:
-        """The same with the surfaces at x = X + u; nothing is gathered.
-
-        Args:
-            motions: per side (n, gdim) displacement u of its nodes since the drawing [length].
-        """
-        sides = [side.moved(u) for side, u in zip(self.whole, motions, strict=True)]
-        return replace(self, whole=tuple(sides))
+from dolfinx_llm.interface.site import Site
 
 
 @dataclass(frozen=True, eq=False)

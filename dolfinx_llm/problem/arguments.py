@@ -19,16 +19,15 @@ from dolfinx_llm.forms.choice import SOLVERS
 from dolfinx_llm.forms.options import check_values
 from dolfinx_llm.geometry.surface import check_space
 from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.problem.form_arguments import (
+    check_meshes,
+    form_space,
+    given_forms,
+    in_order,
+    listed,
+    same_space,
+)
 
-FORMS = {
-    2: ("a", "must be bilinear", "give a bilinear UFL form, or a list of them, one per mesh"),
-    1: (
-        "L",
-        "must be linear",
-        "give a linear UFL form, or a list of them; without loads "
-        "ufl.inner(fem.Constant(mesh, (0.0, ...)), v) * ufl.dx",
-    ),
-}
 BCS = "give a list of Dirichlet conditions (fem.dirichletbc)"
 LOADS = "give a list of dolfinx Functions of nodal forces"
 INTERFACES = "give at least one Interface, or a list of them"
@@ -70,14 +69,14 @@ def problem_arguments(
     """
     comm = _communicator(a, L, bcs, nodal_loads)
     with collective(comm):
-        forms = _forms(2, a)
-        spaces = [_space(form) for form in forms]
-        _check_meshes(spaces)
+        forms = given_forms(2, a)
+        spaces = [form_space(form) for form in forms]
+        check_meshes(spaces)
     for V in spaces:
         check_space(V)
     with collective(comm):
         conditions(bcs, spaces)
-        loads = _in_order(forms, spaces, _forms(1, L))
+        loads = in_order(forms, spaces, given_forms(1, L))
         given = Arguments(
             isinstance(a, (list, tuple)),
             forms,
@@ -148,13 +147,9 @@ def check_petsc_options(options: Any, prefix: Any = "") -> None:
 
 def _communicator(*given: Any) -> MPI.Comm:
     """Of the first form, condition or load that has one."""
-    found = [_mesh_of(item) for value in given for item in _listed(value)]
+    found = [_mesh_of(item) for value in given for item in listed(value)]
     mesh = next((mesh for mesh in found if mesh is not None), None)
     return MPI.COMM_SELF if mesh is None else mesh.comm
-
-
-def _listed(value: Any) -> Sequence[Any]:
-    return value if isinstance(value, (list, tuple)) else [value]
 
 
 def _mesh_of(item: Any) -> Any:
@@ -164,94 +159,6 @@ def _mesh_of(item: Any) -> Any:
         parts = (*item.arguments(), *item.coefficients())
         space = parts[0].ufl_function_space() if parts else None
     return getattr(space, "mesh", None)
-
-
-def _forms(count: int, value: Any) -> list[ufl.Form]:
-    """UFL forms with a number of arguments."""
-    name, kind, accepted = FORMS[count]
-    forms = list(_listed(value))
-    if not forms:
-        checks.refuse(name, value, accepted)
-    for form in forms:
-        checks.instance(name, form, ufl.Form, accepted)
-        arguments = form.arguments()
-        if len(arguments) != count:
-            hint = ", or is zero as a whole" if not arguments else ""
-            raise ContactInputError(
-                f"the form {name} {kind}, has {len(arguments)} argument(s){hint}: {accepted}"
-            )
-        meshes = [V.mesh for V in map(_space_of, arguments) if V is not None]
-        meshes += [
-            c.function_space.mesh for c in form.coefficients() if isinstance(c, fem.Function)
-        ]
-        if len(meshes) < count:
-            checks.refuse(name, form, "its arguments must be of dolfinx function spaces")
-        domains = {domain.ufl_id() for domain in form.ufl_domains()}
-        if any(mesh is not meshes[0] for mesh in meshes) or len(domains) > 1:
-            raise ContactInputError(
-                f"the form {name} lives on several meshes: give one form per mesh, whose arguments "
-                "and Functions are of that mesh"
-            )
-    return forms
-
-
-def _space_of(argument: Any) -> Any:
-    """dolfinx function space of a form's argument, or None."""
-    space = argument.ufl_function_space()
-    return space if hasattr(space, "dofmap") else None
-
-
-def _space(form: ufl.Form) -> Any:
-    test, trial = (_space_of(argument) for argument in form.arguments())
-    if not compat.same_space(test, trial):
-        raise ContactInputError(
-            "the form a has test and trial functions of two spaces: take both of one space"
-        )
-    return test
-
-
-def _same(V: Any, W: Any) -> bool:
-    """Whether two function spaces number the same values in the same way."""
-    if V is W:
-        return True
-    if V.mesh is not W.mesh or V.ufl_element() != W.ufl_element():
-        return False
-    dofs = compat.cell_dofs(V), compat.cell_dofs(W)
-    return dofs[0].shape == dofs[1].shape and bool((dofs[0] == dofs[1]).all())
-
-
-def _check_meshes(spaces: Sequence[Any]) -> None:
-    """One form per mesh, of one communicator and dimension."""
-    if len({id(V.mesh) for V in spaces}) < len(spaces):
-        raise ContactInputError(
-            "two of the forms a live on one mesh: give one form per mesh, the sum of what lives on "
-            "it"
-        )
-    first = spaces[0].mesh
-    for V in spaces[1:]:
-        if MPI.Comm.Compare(first.comm, V.mesh.comm) not in (MPI.IDENT, MPI.CONGRUENT):
-            raise ContactInputError("the meshes of the forms a are of different communicators")
-        if V.mesh.geometry.dim != first.geometry.dim:
-            dims = [V.mesh.geometry.dim for V in spaces]
-            raise ContactInputError(f"the meshes of the forms a lie in {dims} dimensions: mix none")
-
-
-def _in_order(a: list[ufl.Form], spaces: Sequence[Any], L: list[ufl.Form]) -> list[ufl.Form]:
-    """The linear forms in the order of the bilinear ones, matched by their spaces."""
-    if len(a) != len(L):
-        raise ContactInputError(
-            f"{len(a)} bilinear forms, {len(L)} linear ones: give one of each per mesh"
-        )
-    ordered = []
-    for V in spaces:
-        found = [form for form in L if _same(_space_of(form.arguments()[0]), V)]
-        if len(found) != 1:
-            raise ContactInputError(
-                f"{len(found)} of the forms L have a test function of the space of a form a: give "
-                "one per form a, with a test function of the same function space"
-            )
-        ordered += found
-    return ordered
 
 
 def _is_condition(bc: Any) -> bool:
@@ -286,7 +193,7 @@ def _nodal_loads(loads: Any, spaces: Sequence[Any]) -> list[fem.Function]:
         V = load.function_space
         if not any(V.mesh is W.mesh for W in spaces):
             raise ContactInputError("a nodal load lives on none of the forms' meshes")
-        if not any(_same(V, W) for W in spaces):
+        if not any(same_space(V, W) for W in spaces):
             raise ContactInputError(
                 f"nodal load {load.name}: must be a Function of the space of the form"
             )

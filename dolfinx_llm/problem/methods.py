@@ -10,6 +10,7 @@ import numpy as np
 from dolfinx_llm.base.log import progress
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.iteration import ContactIteration
+from dolfinx_llm.contact.load_steps import advance
 from dolfinx_llm.forms.choice import build_steps, build_system, describe, warn
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.reactions import with_reactions
@@ -154,7 +155,7 @@ class LawMethod:
         motions, stage = self.setting.operators.obstacle_motions(), "iteration of contact laws"
         g = self._gaps(f, motions)
         with self.setting.times.timed(stage), progress(None, stage) as self.iteration.bar:
-            u, multiplier, w = self.iteration.advance(f, g, increments)
+            u, multiplier, w = advance(self.iteration, f, g, increments)
         self._last = u, motions
         return u, _with_reactions(self.setting, u, multiplier, w), w
 

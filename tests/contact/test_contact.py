@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.contact import iteration
+from dolfinx_llm.contact import load_steps
 
 COMM = MPI.COMM_SELF
 LAWS = [llm.Frictionless(), llm.Coulomb(0.0), llm.Coulomb(0.3), llm.Coulomb(1e8)]
@@ -258,7 +258,7 @@ def test_rigid_sphere_has_its_clearance():
 @pytest.mark.parametrize("seed", [*range(300, 312), 474, 525, 551, 569, 628, 631])
 def test_random_scenes(seed, monkeypatch):
     """Converged, without smaller load steps, and with all conditions met; some hard ones last."""
-    monkeypatch.setattr(iteration, "SMALLEST", 1.0)
+    monkeypatch.setattr(load_steps, "SMALLEST", 1.0)
     scene, motions = random_pressed(COMM, seed)
     for motion in motions:
         scene.move(motion)
@@ -315,7 +315,7 @@ def test_switch_in_3d(monkeypatch):
         one, other = newton(distance), switch(distance)
         size = np.abs(one.frame_friction).max()
         assert np.abs(one.frame_friction - other.frame_friction).max() <= 1e-9 * size
-    monkeypatch.setattr(iteration, "SMALLEST", 1.0)  # smaller parts do not help, but take long
+    monkeypatch.setattr(load_steps, "SMALLEST", 1.0)  # smaller parts do not help, but take long
     with pytest.raises(llm.ContactError, match="did not converge"):
         drag = dragged_3d("hexahedron", "switch")
         drag(0.0)

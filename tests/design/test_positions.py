@@ -8,7 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.design import positions
+from dolfinx_llm.design.positions import design_positions
+from dolfinx_llm.design.positions_scene import search_scenes
+from dolfinx_llm.design.positions_search import least_squares
 from dolfinx_llm.geometry import overlap_flat as patch
 from dolfinx_llm.geometry.frame import Frame
 
@@ -52,7 +54,7 @@ def paper():
 
 @pytest.fixture(scope="module")
 def designed(paper):
-    return positions.design_positions(*paper, min_side=MIN_SIDE)
+    return design_positions(*paper, min_side=MIN_SIDE)
 
 
 def dense_L(frame, x):
@@ -101,7 +103,7 @@ def test_paper_rank(paper, designed):
 def test_printed_frame_is_only_polished(paper):
     """Table 2's optimised frame, printed to 8 digits, moves by rounding of its digits only."""
     printed = flat_frame(data.FRAME_OPTIMISED)
-    frame = positions.design_positions(printed, *paper[1:], min_side=MIN_SIDE)
+    frame = design_positions(printed, *paper[1:], min_side=MIN_SIDE)
     assert np.abs(frame.x - printed.x).max() < 1e-6
     assert residual(frame, *paper[1:]) <= 1e-13
 
@@ -120,7 +122,7 @@ def test_order_orientation_and_units_do_not_matter(paper, designed):
     move, frame, x, forces = moved(paper, 1e3, 0.0)
     order = np.random.default_rng(5).permutation(len(x[0]))
     args = (x[1], x[0][order]), (forces[1], forces[0][order])
-    swapped = positions.design_positions(frame.flipped(), *args, min_side=MIN_SIDE * 1e3)
+    swapped = design_positions(frame.flipped(), *args, min_side=MIN_SIDE * 1e3)
     assert residual(swapped, *args) <= 1e-13
     np.testing.assert_allclose(swapped.x, move(designed.x), atol=1e-10 * 1e3)
 
@@ -129,7 +131,7 @@ def test_far_from_the_origin(paper, designed):
     """At 100 diameters from the origin the coordinates' rounding, 1e-14 of the frame's size,
     limits the residual: the tolerance there is 20 eps max|x| / size."""
     move, frame, *args = moved(paper, 1e-3, 300.0)
-    found = positions.design_positions(frame, *args, min_side=MIN_SIDE * 1e-3)
+    found = design_positions(frame, *args, min_side=MIN_SIDE * 1e-3)
     assert residual(found, *args) <= 3e-12
     np.testing.assert_allclose(found.x, move(designed.x), atol=1e-10 * 1e-3)
 
@@ -148,7 +150,7 @@ def jittered():
 
 def test_scene_without_symmetry():
     frame, x, forces = jittered()
-    designed = positions.design_positions(frame, x, forces)
+    designed = design_positions(frame, x, forces)
     assert residual(frame, x, forces) > 1e-2
     assert residual(designed, x, forces) <= 1e-13
     assert designed.quality.min_side >= 0.3 * frame.quality.min_side
@@ -157,16 +159,16 @@ def test_scene_without_symmetry():
 def test_failure_says_numbers_and_way_out():
     frame, x, forces = jittered()
     with pytest.raises(ContactError, match=r"none of 20 starts.*left .*design='weights'"):
-        positions.design_positions(frame, x, forces, min_angle=85.0, max_angle=95.0, starts=20)
+        design_positions(frame, x, forces, min_angle=85.0, max_angle=95.0, starts=20)
 
 
 def test_uncovered_points_and_curved_frame(paper):
     frame, x, forces = paper
     with pytest.raises(ContactError, match="outside the frame"):
-        positions.design_positions(Frame(0.8 * frame.x + [0, 0, 0.2], frame.cells), x, forces)
+        design_positions(Frame(0.8 * frame.x + [0, 0, 0.2], frame.cells), x, forces)
     bent = frame.x + np.column_stack([np.zeros((42, 2)), 0.1 * frame.x[:, 0] ** 2])
     with pytest.raises(ContactError, match="flat"):
-        positions.design_positions(Frame(bent, frame.cells), x, forces)
+        design_positions(Frame(bent, frame.cells), x, forces)
 
 
 @pytest.mark.parametrize("triangles", [False, True])
@@ -177,13 +179,11 @@ def test_derivatives(paper, triangles):
         cells = np.concatenate([frame.cells[:, [0, 1, 2]], frame.cells[:, [0, 2, 3]]])
         frame = Frame(frame.x, cells)
     bounds = np.array([np.radians(88.0), np.radians(92.0), 0.5])
-    scene = positions._scenes(frame, x, forces, bounds)[0]
+    scene = search_scenes(frame, x, forces, bounds)[0]
     assert triangles or scene.Z.shape[1] == 14
     q = np.random.default_rng(7).normal(size=(2, scene.Z.shape[1])) * 0.05
-    J, h = positions._system(scene, q)[1], 1e-6
-    steps = [
-        positions._system(scene, q + s * h * e)[0] for e in np.eye(q.shape[1]) for s in (1, -1)
-    ]
+    J, h = least_squares(scene, q)[1], 1e-6
+    steps = [least_squares(scene, q + s * h * e)[0] for e in np.eye(q.shape[1]) for s in (1, -1)]
     fd = np.stack(
         [(a - b) / (2 * h) for a, b in zip(steps[::2], steps[1::2], strict=True)], axis=-1
     )

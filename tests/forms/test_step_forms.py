@@ -7,7 +7,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 import dolfinx_llm as llm
-from dolfinx_llm.contact import iteration
+from dolfinx_llm.contact import equations
 from dolfinx_llm.forms import choice
 from dolfinx_llm.forms.floating import Floating
 from dolfinx_llm.forms.step import Displacement, StepResult, wrong_signs
@@ -80,14 +80,14 @@ def test_own_form(seed, monkeypatch):
 def test_compliance(monkeypatch):
     """A row of compliance s is a spring 1 / s: all forms that have such rows agree, and the body
     comes nearer by s λ; where rows are eliminated they are refused."""
-    before = iteration.ContactIteration.__init__
+    before = equations.Equations.__init__
     softness = 1e-5
 
-    def soft(self, operators, form, f, g):
-        before(self, operators, form, f, g)
-        self._compliance = np.where(self._normal, softness, 0.0)
+    def soft(self, operators, proximal):
+        before(self, operators, proximal)
+        self.compliance = np.where(self.normal, softness, 0.0)
 
-    monkeypatch.setattr(iteration.ContactIteration, "__init__", soft)
+    monkeypatch.setattr(equations.Equations, "__init__", soft)
     answers = []
     for solver, limit in (("auto", 10**6), ("saddle", 0), ("dense", 10**6), ("condensed", 0)):
         monkeypatch.setattr(choice, "FLEXIBLE", limit)

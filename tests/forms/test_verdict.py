@@ -13,7 +13,7 @@ from stacked import Stack
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.contact import iteration
+from dolfinx_llm.contact import load_steps
 from dolfinx_llm.forms import choice
 from dolfinx_llm.operators.bodies import Bodies
 
@@ -36,7 +36,7 @@ def at_once(monkeypatch):
     def info(text, *_):
         assert "parts" not in text
 
-    monkeypatch.setattr(iteration.log, "info", info)
+    monkeypatch.setattr(load_steps.log, "info", info)
 
 
 def arch(thickness, solver, count=7):

@@ -7,7 +7,7 @@ import whole_steps
 from conftest import run_mpi_json
 from mpi4py import MPI
 
-from dolfinx_llm.contact import iteration
+from dolfinx_llm.contact import load_steps
 from dolfinx_llm.forms import choice as solvers
 
 COMM = MPI.COMM_SELF
@@ -24,7 +24,7 @@ def check(found):
 def settings(monkeypatch):
     """Puts back what the scenes change."""
     monkeypatch.setattr(solvers, "FLEXIBLE", solvers.FLEXIBLE)
-    monkeypatch.setattr(iteration, "SMALLEST", iteration.SMALLEST)
+    monkeypatch.setattr(load_steps, "SMALLEST", load_steps.SMALLEST)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

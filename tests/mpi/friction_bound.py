@@ -78,9 +78,9 @@ def differences(comm, name):
         problem = scene(comm, name, solver)
         u = np.concatenate([f.x.array for f in problem.solve()])
         multiplier, held = problem.method.iteration.multiplier, problem.operators.soft
-        on_frame = problem.method.iteration.L[held].T @ multiplier[held]
+        on_frame = problem.method.iteration.equations.L[held].T @ multiplier[held]
         if held_on_both(name):
-            on_frame = on_frame[: problem.method.iteration.n_v]
+            on_frame = on_frame[: problem.method.iteration.equations.n_v]
         answer = u, np.where(held, 0.0, multiplier), on_frame
         known = known or answer
         sizes = [max(comm.allgather(np.abs(known[i]).max())) for i in (0, 1, 1)]

@@ -8,7 +8,7 @@ import numpy as np
 from contact_scenes import random_pressed, violations
 from mpi4py import MPI
 
-from dolfinx_llm.contact import iteration
+from dolfinx_llm.contact import load_steps
 from dolfinx_llm.forms import choice as solvers
 
 
@@ -27,7 +27,7 @@ def follow(comm, seed, solver, limit):
 
 def compare(comm, seed):
     """Per form the difference of u, over its size, and the worst violation."""
-    iteration.SMALLEST = 1.0
+    load_steps.SMALLEST = 1.0
     known, _, form = follow(comm, seed, "auto", 10**6)
     assert form == "flexibility"
     size, found = max(comm.allgather(np.abs(known).max())), {}

@@ -10,7 +10,7 @@ from dolfinx import fem
 from mpi4py import MPI
 from paper_data import PRESSURE, scene
 
-from dolfinx_llm import ContactError, ContactInputError, classical, compat, post
+from dolfinx_llm import ContactError, ContactInputError, compat, post
 from dolfinx_llm.problem.classical import Elimination, NodeToSegment
 
 SIDES = {"foundation": 0, "punch": 1}
@@ -213,7 +213,7 @@ def test_arguments(contact_and_u, monkeypatch):
         NodeToSegment(contact, slave=2)
     with pytest.raises(ContactInputError, match="components='z'"):
         NodeToSegment(contact, slave=0, components="z")
-    monkeypatch.setattr(classical, "MAX_ROWS", 230)
+    monkeypatch.setattr("dolfinx_llm.problem.classical.elimination.MAX_ROWS", 230)
     with pytest.raises(ContactInputError, match="231 multipliers"):
         Elimination(contact)
 

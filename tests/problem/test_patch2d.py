@@ -9,7 +9,9 @@ from conftest import run_mpi_json
 from mpi4py import MPI
 
 from dolfinx_llm import ContactError, Frame
-from dolfinx_llm.design import line as frame2d
+from dolfinx_llm.design import line
+from dolfinx_llm.design.line_nodes import choose_nodes, nearest_nodes
+from dolfinx_llm.design.moment import moment_roots
 
 
 def nodes(rng, n, low, high, jitter):
@@ -57,12 +59,12 @@ def test_random_lines(overlap, scale):
         jitter = 0.4 * (trial % 2)
         x0, x1 = nodes(rng, n0, 0.0, 1.0, jitter), nodes(rng, n1, *ends, jitter)
         x, f, area = sides_in_contact(scale * x0, scale * x1)
-        roots = frame2d.moment_roots(*x, area)
-        Y = frame2d.choose_nodes(roots, *x)
+        roots = moment_roots(*x, area)
+        Y = choose_nodes(roots, *x)
         assert residual(Y, x, f) <= 4e-14
         assert Y[[0, -1]] == pytest.approx([min(x[0][0], x[1][0]), max(x[0][-1], x[1][-1])], 1e-15)
-        swapped = frame2d.moment_roots(*x[::-1], area)
-        assert np.array_equal(Y, frame2d.choose_nodes(swapped, *x[::-1]))
+        swapped = moment_roots(*x[::-1], area)
+        assert np.array_equal(Y, choose_nodes(swapped, *x[::-1]))
         # Full rank on each side alone: never finer than the coarser one. And no coarser than it
         # but for a third.
         assert all(np.linalg.matrix_rank(hats(Y, p)) == len(Y) for p in x)
@@ -79,7 +81,7 @@ def test_random_lines(overlap, scale):
 def test_formula():
     """s* of two overlapping facets that are wholly in contact."""
     x0, x1 = np.linspace(0.0, 1.0, 5), np.array([0.0, 0.3, 0.6, 0.9, 1.0])
-    roots = frame2d.moment_roots(x0, x1, (0.0, 1.0)).points
+    roots = moment_roots(x0, x1, (0.0, 1.0)).points
     known = [0.0, 1.0]
     for a, b in zip(x0[:-1], x0[1:], strict=True):
         for c, d in zip(x1[:-1], x1[1:], strict=True):
@@ -94,29 +96,29 @@ def test_matching_parts():
     """Where the meshes match the moment vanishes throughout, and the frame has their nodes."""
     same = np.linspace(0.0, 0.5, 6)
     x0, x1 = np.r_[same, 0.65, 0.8, 1.0], np.r_[same + 1e-17, 0.58, 0.7, 0.77, 1.0]
-    roots = frame2d.moment_roots(x0, x1, (0.0, 1.0))
+    roots = moment_roots(x0, x1, (0.0, 1.0))
     assert roots.intervals == pytest.approx(np.array([[0.0, 0.5]]), abs=1e-15)
-    Y = frame2d.choose_nodes(roots, x0, x1)
+    Y = choose_nodes(roots, x0, x1)
     assert Y[:5] == pytest.approx(same[:5], abs=1e-15)  # the last one borders on other cells
     # Given nodes inside the interval stay where they are.
-    moved = frame2d.nearest_nodes(np.array([0.1, 0.234, 0.41, 0.9]), roots)
+    moved = nearest_nodes(np.array([0.1, 0.234, 0.41, 0.9]), roots)
     assert moved[[0, -1]] == pytest.approx([0.0, 1.0]) and moved[1:3] == pytest.approx(
         [0.234, 0.41]
     )
     x, f, _ = sides_in_contact(x0, x1)
     assert residual(Y, x, f) <= 1e-14 and residual(moved, x, f) <= 1e-14
-    whole = frame2d.choose_nodes(frame2d.moment_roots(x0, x0, (0.0, 1.0)), x0, x0)
+    whole = choose_nodes(moment_roots(x0, x0, (0.0, 1.0)), x0, x0)
     assert np.array_equal(whole, x0)
 
 
 def test_one_interval_and_too_many_nodes():
     x0, x1 = np.array([0.0, 2.0]), np.array([0.5, 3.0])  # one facet each, partly covered
-    roots = frame2d.moment_roots(x0, x1, (0.5, 2.0))
-    Y = frame2d.choose_nodes(roots, x0, x1)
+    roots = moment_roots(x0, x1, (0.5, 2.0))
+    Y = choose_nodes(roots, x0, x1)
     x, f, _ = sides_in_contact(x0, x1)
     assert Y.tolist() == [0.0, 3.0] and residual(Y, x, f) <= 1e-15
     with pytest.raises(ContactError, match="2 to"):
-        frame2d.nearest_nodes(np.linspace(0.0, 3.0, 9), roots)
+        nearest_nodes(np.linspace(0.0, 3.0, 9), roots)
 
 
 def figures(contact):
@@ -177,7 +179,7 @@ def test_pieces_are_refused():
     )
     plane = types.SimpleNamespace(project=lambda x: x[:, :1])
     with pytest.raises(ContactError, match="several pieces"):
-        frame2d._loaded_nodes(side, plane, (0.0, 3.0))
+        line._loaded_nodes(side, plane, (0.0, 3.0))
 
 
 def test_two_ranks():

@@ -1,0 +1,142 @@
+"""Rows of L_b that balance, flat or curved, and what can be said of them before any solve."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.design.curved import balance, curved_rows, vector_residual
+from dolfinx_llm.design.line import check_closed_form
+from dolfinx_llm.design.weights import TOLERANCE, design_weights, patch_residual
+from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.overlap_flat import Plane
+from dolfinx_llm.geometry.pairs import ContactPairs, rank_certificate, with_weights
+from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.interface.certificate import Certificate
+from dolfinx_llm.interface.choices import Interface
+
+log = logging.getLogger("dolfinx_llm")
+
+COARSE = 0.1  # vector residual of curved surfaces, from which on it is said
+UNITY = 1e-9  # by which the sum of a row may differ from 1
+ACROSS = 1e-6  # direction cosine with the normal up to which a dof lies in the contact plane
+
+
+def balanced(
+    interface: Interface,
+    frame: Frame,
+    pairs: list[ContactPairs],
+    vectors: Sequence[np.ndarray],
+    notes: list[str],
+) -> tuple[list[ContactPairs], Certificate]:
+    """Pairs of curved surfaces after design, and their certificate.
+
+    A design is taken only where it keeps rigid translations and, for bodies tied as drawn, lowers
+    the vector residual that is printed, in its largest value and in its norm.
+
+    Args:
+        vectors: pair of (n_surface, gdim) vector areas in contact [area].
+    """
+    close_gap = interface.law.unilateral or interface.law.close_gap
+    vectors = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
+    plain = [p.N for p in pairs]
+    before = np.linalg.norm(vector_residual(plain, vectors), axis=1)
+    after = before
+    if interface.design is not None:
+        smooth, stencils, P, groups = curved_rows(frame, pairs, close_gap)
+        N = balance(frame, smooth, vectors, stencils, P, groups)
+        after = np.linalg.norm(vector_residual(N, vectors), axis=1)
+        unity = max(float(np.abs(M.sum(axis=1) - 1.0).max()) for M in N)
+        lower = after.max() < before.max() and np.linalg.norm(after) < np.linalg.norm(before)
+        # Where the gap is closed, plain rows would close the chords' gaps, too.
+        if (lower or close_gap) and unity <= UNITY:
+            pairs = [replace(p, N=M) for p, M in zip(smooth, N, strict=True)]
+        else:
+            notes.append(
+                f"design: left out, it would leave a patch residual of {after.max():.1e} (without "
+                f"{before.max():.1e}) and rows that sum to 1 within {unity:.1e}; refine the meshes "
+                "of the curved surfaces"
+            )
+            after = before
+    N = [p.N for p in pairs]
+    size = max(p.surface.diameter for p in pairs)
+    certificate = Certificate(
+        float(after.max()),
+        float(before.max()),
+        rank_certificate(frame, N),
+        float(max(np.abs(p.x - M @ frame.x).max() for p, M in zip(pairs, N, strict=True)) / size),
+        float(max(np.abs(a - b).max() for a, b in zip(N, plain, strict=True))),
+    )
+    notes.append(
+        f"curved: vector areas, in least squares; root mean square of the patch residual "
+        f"{np.sqrt(np.mean(after**2)):.1e} (before design {np.sqrt(np.mean(before**2)):.1e})"
+    )
+    if after.max() > COARSE:
+        text = (
+            f"curved surfaces are coarse: patch residual {after.max():.2g} of the largest nodal "
+            f"area, above {COARSE:g}; stresses next to the interface are off by about as much. "
+            "Refine both meshes along it"
+        )
+        log.warning("interface %s: %s", interface.name, text)
+        notes.append(text)
+    gap = max(np.abs(np.einsum("ni,ni->n", p.gap, p.normal)).max() for p in pairs)
+    closed = "is closed" if close_gap else "is kept, tied as drawn without stress"
+    if not interface.law.unilateral:
+        notes.append(f"initial gap or overlap up to {gap:.3g} {closed}")
+    return pairs, certificate
+
+
+def designed(
+    interface: Interface,
+    frame: Frame,
+    plane: Plane,
+    pairs: list[ContactPairs],
+    notes: list[str],
+    keep: Sequence[np.ndarray] | None,
+) -> tuple[list[ContactPairs], Certificate]:
+    """Pairs after design by weights where it is asked for or needed, and their certificate."""
+    forces = [p.forces for p in pairs]
+    plain = [p.N for p in pairs]
+    before = float(np.abs(patch_residual(plain, forces)).max())
+    N: Sequence[csr_matrix] = plain
+    if interface.design == "weights" or (interface.design == "auto" and before > TOLERANCE):
+        s = plane.project(frame.x)
+        cells = [p.cell for p in pairs]
+        try:  # rows at supports bind the frame's edge: better left alone, where that is enough
+            N = design_weights(frame, s, plain, cells, forces, keep)
+        except ContactError:
+            N = design_weights(frame, s, plain, cells, forces)
+        pairs = [with_weights(p, M, frame) for p, M in zip(pairs, N)]
+        notes.append("design: rows of L_b corrected (weights)")
+    elif interface.design == "auto":
+        notes.append("design: left out, the frame passes as it is")
+    elif interface.design is None:
+        notes.append(f"design: none, as asked; patch residual {before:.1e}")
+    residual = float(np.abs(patch_residual(N, forces)).max())
+    if interface.design == "positions" and frame.gdim == 2:
+        check_closed_form(residual, pairs, frame)
+    singular = rank_certificate(frame, N)
+    size = max(p.surface.diameter for p in pairs)
+    linear = max(np.abs(plane.project(p.x) - plane.project(p.x - p.gap)).max() for p in pairs)
+    change = 0.0 if N is plain else max(np.abs(a - b).max() for a, b in zip(N, plain))
+    return pairs, Certificate(residual, before, singular, float(linear / size), float(change))
+
+
+def fixed_nodes(
+    pairs: ContactPairs, whole: Surface, held: np.ndarray, normal_only: bool
+) -> np.ndarray:
+    """(n,) whether a Dirichlet condition prescribes a motion that the law ties.
+
+    Args:
+        whole: the surface as tagged.
+        held: (n_whole, gdim) whether its nodes' dofs are prescribed.
+        normal_only: the law ties the normal motion alone: what is prescribed across it is free.
+    """
+    used = np.abs(pairs.normal) > ACROSS if normal_only else True
+    at = held[np.isin(whole.dofs, pairs.surface.dofs)][pairs.nodes]
+    return (at & used).any(axis=1)

@@ -1,0 +1,85 @@
+"""What an interface is built of: its surfaces and what is prescribed there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from dolfinx_llm.base import compat
+from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.geometry.surface import Surface, check_sides, extract_surface
+from dolfinx_llm.interface.choices import Interface
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """What an interface is built of; the same on every rank."""
+
+    interface: Interface  # the user's choices
+    whole: tuple[Surface, ...]  # the surfaces as tagged: two, one against a rigid obstacle
+    spaces: tuple[int, ...]  # index of the function space of each
+    held: tuple[np.ndarray, ...] | None  # per side (n, gdim) prescribed dofs of its nodes
+    comm: MPI.Comm
+
+    def moved(self, motions: Sequence[np.ndarray]) -> Site:
+        """The same with the surfaces at x = X + u; nothing is gathered.
+
+        Args:
+            motions: per side (n, gdim) displacement u of its nodes since the drawing [length].
+        """
+        sides = [side.moved(u) for side, u in zip(self.whole, motions, strict=True)]
+        return replace(self, whole=tuple(sides))
+
+
+def find_site(
+    interface: Interface, spaces: Sequence[Any], fixed: Sequence[np.ndarray] | None = None
+) -> Site:
+    """The surfaces of an interface and what is prescribed there, gathered on every rank.
+
+    Args:
+        interface, spaces, fixed: as of ``build_model``.
+
+    Raises:
+        ContactError, ContactInputError: tags without facets, surfaces that share nodes.
+    """
+    tagged = interface.tagged_sides()
+    owners = tuple(_space_of(tags, spaces) for tags, _ in tagged)
+    whole = tuple(
+        extract_surface(spaces[i], tags, tag) for i, (tags, tag) in zip(owners, tagged, strict=True)
+    )
+    if len(whole) == 2:
+        check_sides(whole[0], whole[1], same_mesh=owners[0] == owners[1])
+    held = None
+    if fixed is not None:
+        held = tuple(_held(side, spaces[i], fixed[i]) for side, i in zip(whole, owners))
+    return Site(interface, whole, owners, held, spaces[0].mesh.comm)
+
+
+def _space_of(tags: Any, spaces: Sequence[Any]) -> int:
+    """Index of the function space whose mesh the tags mark."""
+    if len(spaces) == 1:
+        return 0
+    for i, V in enumerate(spaces):
+        if compat.tags_belong_to(tags, V.mesh):
+            return i
+    raise ContactInputError(
+        "the facet tags belong to none of the meshes of the forms. For bodies on two meshes give "
+        "sides=((tags_0, tag_0), (tags_1, tag_1))"
+    )
+
+
+def _held(side: Surface, V: Any, fixed: np.ndarray) -> np.ndarray:
+    """(n, gdim) whether a Dirichlet condition prescribes a node's dof, on all ranks.
+
+    Args:
+        fixed: (n_owned dofs,) whether a dof is prescribed.
+    """
+    mine = side.owner == V.mesh.comm.rank
+    start = V.dofmap.index_map.local_range[0]
+    held = np.zeros(side.x.shape, dtype=np.int64)
+    held[mine] = fixed.reshape(-1, side.x.shape[1])[side.dofs[mine] - start]
+    return V.mesh.comm.allreduce(held) > 0

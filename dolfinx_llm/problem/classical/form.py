@@ -1,0 +1,126 @@
+"""The classical form (6) of contact: its operator Q, how full it is, and its factorised system."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+from petsc4py import PETSc
+
+from dolfinx_llm.base import checks
+from dolfinx_llm.base.destroyed import Destroyed
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.parallel import gather_rows
+from dolfinx_llm.forms.saddle import SaddleSystem
+from dolfinx_llm.problem.problem import ContactProblem
+
+
+@dataclass(frozen=True)
+class ConstraintStats:
+    """Size and fill of a constraint operator Q; the same on every rank.
+
+    Only the dofs and nodes that take part, those with an entry in Q, are counted.
+    """
+
+    constraints: int  # rows
+    dofs: int  # columns with entries
+    entries: int  # above 1e-12 of the largest
+    fill: float  # entries over constraints x dofs [per cent]
+    node_fill: float  # coupled pairs (constraint, node) over all such pairs [per cent]
+
+
+def constraint_stats(Q: PETSc.Mat, gdim: int) -> ConstraintStats:
+    """Count the entries of Q above 1e-12 of the largest; collective.
+
+    A constraint of a flat interface acts along one axis, so that ``fill`` of a tied one cannot
+    exceed 100 / gdim; ``node_fill`` can reach 100.
+
+    Args:
+        Q: PETSc AIJ, one row per constraint, one column per dof of the bodies.
+        gdim: dofs per node; the dofs of a node follow each other.
+
+    Raises:
+        ContactInputError: Q is no PETSc matrix, or has not gdim columns per node.
+    """
+    checks.instance("Q", Q, PETSc.Mat, "give a PETSc matrix")
+    if not Q.handle:
+        checks.refuse("Q", Q, "the matrix has been destroyed")
+    checks.integer("gdim", gdim, "give 2 or 3")
+    if gdim not in (2, 3) or Q.getSize()[1] % gdim:
+        accepted = f"give 2 or 3, of which {Q.getSize()[1]}, the columns of Q, are a multiple"
+        checks.refuse("gdim", gdim, accepted)
+    comm = Q.comm.tompi4py()
+    indptr, cols, values = Q.getValuesCSR()
+    rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr)) + Q.getOwnershipRange()[0]
+    values = np.abs(values)
+    largest = max(comm.allgather(values.max(initial=0.0)))
+    keep = values > 1e-12 * largest
+    rows, cols = (gather_rows(comm, a[keep].astype(np.int64)) for a in (rows, cols))
+    n, dofs, nodes = Q.getSize()[0], len(np.unique(cols)), len(np.unique(cols // gdim))
+    pairs = len(np.unique(np.stack([rows, cols // gdim]), axis=1).T)
+    return ConstraintStats(
+        constraints=n,
+        dofs=dofs,
+        entries=len(rows),
+        fill=100.0 * len(rows) / max(n * dofs, 1),
+        node_fill=100.0 * pairs / max(n * nodes, 1),
+    )
+
+
+def checked_problem(problem: Any) -> ContactProblem:
+    """The problem, if it is one."""
+    accepted = "give a ContactProblem"
+    return checks.instance("problem", problem, ContactProblem, accepted)
+
+
+class ClassicalForm:
+    """Q of (6) and its factorised system."""
+
+    def __init__(self, problem: ContactProblem, Q: PETSc.Mat, petsc_options: dict | None) -> None:
+        self.problem, self.Q = problem, Q
+        self.stats = constraint_stats(Q, problem.spaces[0].mesh.geometry.dim)
+        self.residual: float | None = None  # of (6) after a solve, relative
+        self._system: Any = None
+        self._options = petsc_options
+        self._operators, self._version = problem.operators, problem.bulk.version
+
+    def _load(self) -> np.ndarray:
+        """This rank's load, once what has changed in the problem is taken over."""
+        problem = self.problem
+        problem.update()
+        if problem.operators is not self._operators:
+            raise ContactError(
+                "a mesh was moved, or other dofs are prescribed, since Q was made: make it anew"
+            )
+        if problem.bulk.version != self._version and self._system is not None:
+            self._system.destroy()
+            self._system = None
+        self._version = problem.bulk.version
+        return problem.bulk.load()
+
+    def _solve(self, f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """This rank's u and multipliers of (6)."""
+        if self._system is None:
+            p, Q_t = self.problem, self.Q.copy()
+            Q_t.transpose()
+            prefix = f"{p.method.setting.prefix}classical_"
+            self._system = SaddleSystem(p.K, Q_t, None, p.scale, prefix, self._options)
+            Q_t.destroy()
+        u, multiplier, _ = self._system.solve(f, g)
+        self.residual = self._system.residual
+        return u, multiplier
+
+    def _functions(self, u: np.ndarray) -> fem.Function | list[fem.Function]:
+        functions = self.problem.bulk.functions(u)
+        return functions if self.problem.bulk.several else functions[0]
+
+    def destroy(self) -> None:
+        """Free Q and the factorised system; collective, as ``ContactProblem.destroy``."""
+        if not (self._system is None or isinstance(self._system, Destroyed)):
+            self._system.destroy()
+        if not isinstance(self.Q, Destroyed):
+            self.Q.destroy()
+        gone: Any = Destroyed("this classical form")
+        self._system = self.Q = gone

@@ -1,0 +1,117 @@
+"""The UFL forms that ``ContactProblem`` is given, and their function spaces: checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.errors import ContactInputError
+
+FORMS = {
+    2: ("a", "must be bilinear", "give a bilinear UFL form, or a list of them, one per mesh"),
+    1: (
+        "L",
+        "must be linear",
+        "give a linear UFL form, or a list of them; without loads "
+        "ufl.inner(fem.Constant(mesh, (0.0, ...)), v) * ufl.dx",
+    ),
+}
+
+
+def listed(value: Any) -> Sequence[Any]:
+    """A value that may be one or several."""
+    return value if isinstance(value, (list, tuple)) else [value]
+
+
+def given_forms(count: int, value: Any) -> list[ufl.Form]:
+    """UFL forms with a number of arguments."""
+    name, kind, accepted = FORMS[count]
+    forms = list(listed(value))
+    if not forms:
+        checks.refuse(name, value, accepted)
+    for form in forms:
+        checks.instance(name, form, ufl.Form, accepted)
+        arguments = form.arguments()
+        if len(arguments) != count:
+            hint = ", or is zero as a whole" if not arguments else ""
+            raise ContactInputError(
+                f"the form {name} {kind}, has {len(arguments)} argument(s){hint}: {accepted}"
+            )
+        meshes = [V.mesh for V in map(_space_of, arguments) if V is not None]
+        meshes += [
+            c.function_space.mesh for c in form.coefficients() if isinstance(c, fem.Function)
+        ]
+        if len(meshes) < count:
+            checks.refuse(name, form, "its arguments must be of dolfinx function spaces")
+        domains = {domain.ufl_id() for domain in form.ufl_domains()}
+        if any(mesh is not meshes[0] for mesh in meshes) or len(domains) > 1:
+            raise ContactInputError(
+                f"the form {name} lives on several meshes: give one form per mesh, whose arguments "
+                "and Functions are of that mesh"
+            )
+    return forms
+
+
+def _space_of(argument: Any) -> Any:
+    """dolfinx function space of a form's argument, or None."""
+    space = argument.ufl_function_space()
+    return space if hasattr(space, "dofmap") else None
+
+
+def form_space(form: ufl.Form) -> Any:
+    """Function space of a bilinear form."""
+    test, trial = (_space_of(argument) for argument in form.arguments())
+    if not compat.same_space(test, trial):
+        raise ContactInputError(
+            "the form a has test and trial functions of two spaces: take both of one space"
+        )
+    return test
+
+
+def same_space(V: Any, W: Any) -> bool:
+    """Whether two function spaces number the same values in the same way."""
+    if V is W:
+        return True
+    if V.mesh is not W.mesh or V.ufl_element() != W.ufl_element():
+        return False
+    dofs = compat.cell_dofs(V), compat.cell_dofs(W)
+    return dofs[0].shape == dofs[1].shape and bool((dofs[0] == dofs[1]).all())
+
+
+def check_meshes(spaces: Sequence[Any]) -> None:
+    """One form per mesh, of one communicator and dimension."""
+    if len({id(V.mesh) for V in spaces}) < len(spaces):
+        raise ContactInputError(
+            "two of the forms a live on one mesh: give one form per mesh, the sum of what lives on "
+            "it"
+        )
+    first = spaces[0].mesh
+    for V in spaces[1:]:
+        if MPI.Comm.Compare(first.comm, V.mesh.comm) not in (MPI.IDENT, MPI.CONGRUENT):
+            raise ContactInputError("the meshes of the forms a are of different communicators")
+        if V.mesh.geometry.dim != first.geometry.dim:
+            dims = [V.mesh.geometry.dim for V in spaces]
+            raise ContactInputError(f"the meshes of the forms a lie in {dims} dimensions: mix none")
+
+
+def in_order(a: list[ufl.Form], spaces: Sequence[Any], L: list[ufl.Form]) -> list[ufl.Form]:
+    """The linear forms in the order of the bilinear ones, matched by their spaces."""
+    if len(a) != len(L):
+        raise ContactInputError(
+            f"{len(a)} bilinear forms, {len(L)} linear ones: give one of each per mesh"
+        )
+    ordered = []
+    for V in spaces:
+        found = [form for form in L if same_space(_space_of(form.arguments()[0]), V)]
+        if len(found) != 1:
+            raise ContactInputError(
+                f"{len(found)} of the forms L have a test function of the space of a form a: give "
+                "one per form a, with a test function of the same function space"
+            )
+        ordered += found
+    return ordered
