@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.operators.petsc import times
 
 NOISE = 64.0 * np.finfo(float).eps  # of the largest value: what rounding can make of zero
@@ -18,25 +19,34 @@ class CoarseMotions:
     far. One without a part along its rigid motions moves it no farther than what is held firmly.
 
     Args:
-        matrix: symmetric positive definite, S A S.
-        S: its scaling, a PETSc Vec.
-        modes: (n_local, k) motions, as q.
+        form: what q stands for.
+        matrix: S A S, A symmetric positive definite.
+        S: a PETSc Vec.
+        motions: of the bodies' dofs (n_local, k) and the frames' unknowns (m, k); None: none.
     """
 
-    def __init__(self, matrix: Any, S: Any, modes: np.ndarray) -> None:
-        self._comm, k = matrix.comm.tompi4py(), modes.shape[1]
-        W = modes / S.array_r[:, None]
-        product = np.empty_like(W)
-        for i in range(k):
-            product[:, i] = times(matrix, W[:, i])
-        size, energy = self._comm.allreduce(np.stack([W.T @ W, W.T @ product]))
-        apart = _inverse_root(size)
-        self._inverse = apart @ _inverse_root(apart.T @ energy @ apart)  # (k, at most k)
+    def __init__(self, form: Transformation, matrix: Any, S: Any, motions: Any) -> None:
+        self._form, self._matrix, self._S = form, matrix, S
+        self._motions = motions if motions is not None and motions[0].shape[1] else None
+        self._inverse: Any = None  # X with X Xᵀ = (Wᵀ A W)⁻¹, once it is needed
 
-    def of(self, modes: np.ndarray, left: np.ndarray) -> np.ndarray:
-        """(n_local,) q of least energy under a load r (n_local,) on it."""
-        amounts = self._inverse @ (self._inverse.T @ self._comm.allreduce(modes.T @ left))
-        return modes @ amounts
+    def left(self, load: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """What A leaves of a load (n_local,), after q has taken the best of W."""
+        left = load - self._times(q)
+        if self._motions is None:
+            return left
+        W, comm = self._form.unknowns(*self._motions), self._form.comm
+        if self._inverse is None:
+            product = np.column_stack([self._times(column) for column in W.T])
+            scaled = W / self._S.array_r[:, None]
+            size, energy = comm.allreduce(np.stack([scaled.T @ scaled, W.T @ product]))
+            apart = _inverse_root(size)
+            self._inverse = apart @ _inverse_root(apart.T @ energy @ apart)
+        q += W @ (self._inverse @ (self._inverse.T @ comm.allreduce(W.T @ left)))
+        return load - self._times(q)
+
+    def _times(self, q: np.ndarray) -> np.ndarray:
+        return times(self._matrix, q / self._S.array_r) / self._S.array_r
 
 
 def _inverse_root(M: np.ndarray) -> np.ndarray:

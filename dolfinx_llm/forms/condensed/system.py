@@ -78,8 +78,7 @@ class CondensedSystem:
         self.notes: list[str] = []
         self.steps: list[dict] = []
         self.iterations, self.residual, self.set_ups = 0, np.nan, 0
-        self._modes, self._prefix = modes, prefix
-        self._weak = modes if weak is None else weak
+        self._modes, self._prefix, self._weak = modes, prefix, weak or modes
         options = dict(options or {})
         if rows.widest > WIDEST and options.get("pc_type", "gamg") == "gamg":
             self.notes.append(
@@ -139,18 +138,7 @@ class CondensedSystem:
         self.matrix.diagonalScale(diagonal, diagonal)
         self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self.matrix.setOption(PETSc.Mat.Option.SPD, True)
-        self._coarse: Any = None  # once it is needed
-
-    def _coarsely(self, left: np.ndarray) -> np.ndarray:
-        """q of what is left of the load, as far as weakly held motions take it."""
-        if self._weak is None or not self._weak[0].shape[1]:
-            return np.zeros(len(left))
-        modes = self.form.unknowns(*self._weak)
-        self._coarse = self._coarse or CoarseMotions(self.matrix, self.S, modes)
-        return self._coarse.of(modes, left)
-
-    def _left(self, load: np.ndarray, q: np.ndarray) -> np.ndarray:
-        return load - times(self.matrix, q / self.S.array_r) / self.S.array_r
+        self._coarse = CoarseMotions(self.form, self.matrix, diagonal, self._weak)
 
     def _warn(self) -> None:
         log.log(logging.WARNING if self.comm.rank == 0 else logging.DEBUG, self.notes[-1])
@@ -206,11 +194,8 @@ class CondensedSystem:
         return self.form.unknowns((u - u_0)[:, None], (v - v_0)[:, None])[:, 0]
 
     def _iterate(self, f: np.ndarray, u_0: np.ndarray, push: Any, q: np.ndarray) -> Any:
-        """Solve for q; repeat for the residual of the unreduced system while that gains.
-
-        Returns:
-            u, q and f - K u of this rank.
-        """
+        """u, q and f - K u of this rank; solved for the residual of the unreduced system again
+        while that gains."""
         x, b = self.matrix.createVecs()
         load = self.form.load(f, u_0) + push
         b.array_w[:] = load * self.S.array_r
@@ -220,10 +205,7 @@ class CondensedSystem:
         x.array_w[:] = q / self.S.array_r
         self.iterations, last, length = 0, np.inf, x.norm()
         for attempt in range(PASSES + 1):
-            left = self._left(load, q)
-            if not direct:
-                q += self._coarsely(left)
-                left = self._left(load, q)
+            left = self._coarse.left(load, q)
             b.array_w[:] = left * self.S.array_r
             size = b.norm()
             # A factorisation refines while that gains.
@@ -237,11 +219,9 @@ class CondensedSystem:
                 limit = WORN * self._usual * digits if self._kept else patience
                 self.ksp.setTolerances(rtol=goal / size, max_it=min(patience, int(limit) + 1))
             self._solve_once(b, x)
-            worn = self._kept and self.ksp.getConvergedReason() < 0
-            if (
-                not worn
-                or self.ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
-            ):
+            reason = self.ksp.getConvergedReason()
+            worn = self._kept and reason < 0
+            if not worn or reason == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT:
                 length += x.norm()
                 q += x.array_r * self.S.array_r
             if worn:
