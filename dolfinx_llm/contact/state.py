@@ -214,7 +214,7 @@ class InterfaceState:
             if self.model.frame is not None:
                 N = vstack([p.N for p in self.model.pairs]).tocsr()
                 status = self.status[np.asarray(N.argmax(axis=1)).ravel()]
-            status = np.where(status == OPEN, STICK, status)
+            status = np.where(status == OPEN, CLOSED, status)  # its node is not pressed
             status = np.where(self._tied, status, CLOSED)
         return np.where(self.active, status, OPEN)
 
