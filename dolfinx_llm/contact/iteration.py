@@ -132,7 +132,8 @@ class ContactIteration:
             found = self.form.solve(f, step)
             multiplier, y, w = found.multiplier, found.y, found.w
             largest = force_level(multiplier, y + g, self.scale)
-            changes = sum(self._take(s, found) for s in self.states)
+            apart = np.abs(equations.L @ w - y - g)
+            changes = sum(self._take(s, found, apart) for s in self.states)
             miss = equations.miss(multiplier, w) / largest
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
@@ -168,18 +169,31 @@ class ContactIteration:
             "steps (solve(increments=...)), and check that supports hold the bodies when they slip"
         )
 
-    def _take(self, s: InterfaceState, found: StepResult) -> int:
-        """Take over the pairs in contact, and find what sticks and slips; number of changes."""
+    def _take(self, s: InterfaceState, found: StepResult, apart: np.ndarray) -> int:
+        """Take over the pairs in contact, and find what sticks and slips.
+
+        Args:
+            s: an interface.
+            found: of the last step.
+            apart: (n,) by how much surface and frame are apart there [length].
+
+        Returns:
+            Number of changes that matter.
+        """
         normal = s.rows[:, -1]
         chosen = found.active[normal] ^ found.wrong[normal] if s.law.unilateral else s.active
         changed, force = chosen != s.active, np.abs(found.multiplier)
         largest = force.max(initial=0.0)
         light = (changed.sum() <= FEW * len(chosen) + 2) | (force[normal] <= LIGHT * largest)
         s.closings += np.where(chosen & ~s.active, np.where(light, 4, 1), 0)
+        speaker = s.speaker
         s.touch(chosen)
-        # What carries nothing is in contact or not, sticks or slips, to no effect; a sign that is
-        # wrong has to change, also where its pair then is as it was.
-        felt = changed & (force[s.rows].max(axis=1) > SIGN * largest)
+        # What carries nothing is in contact or not, sticks or slips, to no effect; what closes
+        # where it already meets the frame as well. A sign that is wrong has to change, also where
+        # its pair then is as it was.
+        meets = self.scale * apart[s.rows].max(axis=1) <= SIGN * largest
+        meets &= chosen & np.array_equal(speaker, s.speaker)
+        felt = changed & (force[s.rows].max(axis=1) > SIGN * largest) & ~meets
         changes = int((felt | found.wrong[normal]).sum())
         if s.kappa.size:
             rows = self.equations.friction_rows(s, found.multiplier, found.w, self._calmed)
