@@ -140,7 +140,8 @@ class ContactIteration:
             found = self.form.solve(f, step)
             multiplier, y, w = found.multiplier, found.y, found.w
             largest = max(force_level(multiplier, y + g, self.scale), GRAZING * pressed)
-            changes = sum(self._take(s, found) for s in self.states)
+            apart = np.abs(equations.L @ w - y - g)
+            changes = sum(self._take(s, found, apart) for s in self.states)
             miss = equations.miss(multiplier, w) / largest
             lost = equations.runaway(multiplier)
             runs = runs + 1 if lost else 0
@@ -180,22 +181,40 @@ class ContactIteration:
             "steps (solve(increments=...)), and check that supports hold the bodies when they slip"
         )
 
-    def _take(self, s: InterfaceState, found: StepResult) -> int:
-        """Take over the pairs in contact, and find what sticks and slips; number of changes."""
+    def _take(self, s: InterfaceState, found: StepResult, apart: np.ndarray) -> int:
+        """Take over the pairs in contact, and find what sticks and slips.
+
+        Args:
+            s: an interface.
+            found: of the last step.
+            apart: (n,) by how much surface and frame are apart there [length].
+
+        Returns:
+            Number of changes that matter.
+        """
         normal = s.rows[:, -1]
         chosen = found.active[normal] ^ found.wrong[normal] if s.law.unilateral else s.active
         changed, force = chosen != s.active, np.abs(found.multiplier)
         largest = force.max(initial=0.0)
         light = (changed.sum() <= FEW * len(chosen) + 2) | (force[normal] <= LIGHT * largest)
         s.closings += np.where(chosen & ~s.active, np.where(light, 4, 1), 0)
+        speaker = s.speaker
         s.touch(chosen)
-        # What carries nothing is in contact or not, sticks or slips, to no effect.
-        felt = (force[s.rows].max(axis=1) > SIGN * largest) | found.wrong[normal]
-        changes = int((changed & felt).sum())
+        # What carries nothing is in contact or not, sticks or slips, to no effect; what closes
+        # where it already meets the frame as well. A sign that is wrong has to change, also where
+        # its pair then is as it was.
+        meets = self.scale * apart[s.rows].max(axis=1) <= SIGN * largest
+        meets &= chosen & np.array_equal(speaker, s.speaker)
+        felt = changed & (force[s.rows].max(axis=1) > SIGN * largest) & ~meets
+        changes = int((felt | found.wrong[normal]).sum())
         if s.kappa.size:
             rows = self.equations.friction_rows(s, found.multiplier, found.w, self._calmed)
             T, bound = s.forces(found.multiplier)
-            felt = np.maximum(np.linalg.norm(T, axis=1), np.abs(bound)) > SIGN * largest
+            z = T + s.slip_stiffness(self.scale)[:, None] * s.slip(found.w)
+            # At the limit and without slip a node sticks and slips alike.
+            apart = np.abs(np.linalg.norm(z, axis=1) - bound)
+            size = np.maximum(np.linalg.norm(T, axis=1), np.abs(bound))
+            felt = np.minimum(size, apart) > SIGN * largest
             changes += int(((rows.status != s.status) & felt).sum())
             s.status = rows.status
         return changes
