@@ -50,7 +50,12 @@ class InterfaceState:
 
     def __post_init__(self):
         self._N = [p.N for p in self.model.pairs] if self.model.frame is not None else []
-        self.speaker = np.arange(len(self.kappa))
+        k, t = self.kappa.shape
+        self.speaker, self.sums = np.arange(k), identity(k, format="csr")
+        self.unheld, self._touching = np.zeros(k, dtype=bool), np.empty(0)
+        self.gather = self.relative = identity(k * t, format="csr")
+        self.frame_gather = identity(len(self.v), format="csr")
+        self.frame_relative = csr_matrix((len(self.v), len(self.v)))
         x, area = self._law_nodes()
         self.coefficients, self.cohesive = self.law.coefficients(x), area * self.law.cohesion_at(x)
         self._squares = [A.power(2).T.tocsr() for A in self._N or [identity(len(self.rows))]]
@@ -70,8 +75,6 @@ class InterfaceState:
     def forget(self):
         """All in contact, no slip."""
         self.closings = np.zeros(len(self.rows), dtype=np.int64)
-        self.frame_gather = identity(len(self.v), format="csr")
-        self.frame_relative = csr_matrix((len(self.v), len(self.v)))
         self.touch(np.ones(len(self.rows), dtype=bool))
         self.status = np.full(len(self.kappa), STICK)
         self.kappa_before = np.zeros(self.kappa.shape)
@@ -91,24 +94,22 @@ class InterfaceState:
     def touch(self, active: np.ndarray):
         """Take over the pairs (n,) in contact, and who speaks for whom."""
         self.active = active
-        if not self.kappa.size:
+        touching = np.stack([active, self._tied])
+        if not (self._N and self.kappa.size) or np.array_equal(touching, self._touching):
             return
+        self._touching = touching
         k, t = self.kappa.shape
-        self.speaker, self.sums = np.arange(k), identity(k, format="csr")
-        self.unheld = np.zeros(k, dtype=bool)
-        self.gather = self.relative = identity(k * t, format="csr")
-        if self._N:
-            follows, touching = _of(self._N, self._tied), _of(self._N, self.active)
-            self.speaker = speakers(follows, touching)
-            self.unheld = unheld(follows, self.speaker)
-            self.sums = csr_matrix((np.ones(k), (self.speaker, np.arange(k))), (k, k))
-            alike = follow(self.speaker, self.model.directions[:, :-1])
-            self.gather = alike.T.tocsr()
-            weak = np.repeat(self.speaker != np.arange(k), t).astype(float)
-            self.relative = (identity(k * t) - diags(weak) @ alike).tocsr()
-            held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
-            leader = np.where(held < ADRIFT, self.speaker, np.arange(k))
-            self.frame_gather, self.frame_relative = _carried(leader, self.model.directions)
+        follows, touching = _of(self._N, self._tied), _of(self._N, self.active)
+        self.speaker = speakers(follows, touching)
+        self.unheld = unheld(follows, self.speaker)
+        self.sums = csr_matrix((np.ones(k), (self.speaker, np.arange(k))), (k, k))
+        alike = follow(self.speaker, self.model.directions[:, :-1])
+        self.gather = alike.T.tocsr()
+        weak = np.repeat(self.speaker != np.arange(k), t).astype(float)
+        self.relative = (identity(k * t) - diags(weak) @ alike).tocsr()
+        held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
+        leader = np.where(held < ADRIFT, self.speaker, np.arange(k))
+        self.frame_gather, self.frame_relative = _carried(leader, self.model.directions)
 
     def accept(self, w: np.ndarray, fitted: np.ndarray):
         """End a load step; where contact is open, κ follows the bodies."""
