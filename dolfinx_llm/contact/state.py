@@ -141,6 +141,14 @@ class InterfaceState:
             closed[:, -1] = self.active
         return closed.ravel() & self.kept
 
+    def sticking_rows(self) -> np.ndarray:
+        """(n c,) rows of pairs that follow the frame where all sticks."""
+        moves = self.status != STICK
+        if self._N and len(moves):
+            moves = vstack(self._N) @ moves.astype(float) != 0.0
+        sticks = self._tied & ~moves if len(moves) else np.zeros(len(self.rows), dtype=bool)
+        return np.repeat(sticks, self.rows.shape[1])
+
     def support(self, tied: bool) -> list[np.ndarray]:
         """Per side (k,) how firmly pairs hold the motion of the frame's nodes: the sum of N² over
         all pairs, or those tied to it and a little of the others."""
