@@ -21,6 +21,8 @@ from dolfinx_llm.forms.step import SOFT, LinearStep
 from dolfinx_llm.laws.law import STICK, LawRows
 from dolfinx_llm.operators.system import ContactOperators
 
+CARRIED = 1e-3  # part of a force on an obstacle from which on contact does not balance it
+
 
 class Equations:
     """What the laws of all interfaces ask of multipliers λ and frame unknowns w.
@@ -35,6 +37,8 @@ class Equations:
         compliance: (n,) by how much rows give way [length / force].
         normal: (n,) rows that may open.
         drifts: (m,) normal motion of frames.
+        loads: (n_v,) on the frame unknowns, forces on obstacles, at the part of the load step that
+            has been reached [force].
     """
 
     def __init__(self, operators: ContactOperators, proximal: float) -> None:
@@ -48,23 +52,40 @@ class Equations:
         self.L = (kept @ hstack([L, L_kappa])).tocsr()
         self.n_v, self.m = L.shape[1], self.L.shape[1]
         self._L_t = self.L[:, : self.n_v].T.tocsr()
+        self._operators, self.loads = operators, np.zeros(self.n_v)
+        self._rigid = np.zeros(self.m)  # 1: translations of obstacles, the others nodal motions
+        for s in self.states:
+            self._rigid[s.v] = s.model.frame is None
+        fitted = self.L @ diags(1.0 - self._rigid)
         self._fit: Any = (
-            splu((self.L.T @ self.L + 1e-10 * identity(self.m)).tocsc()) if self.m else None
+            splu((fitted.T @ fitted + 1e-10 * identity(self.m)).tocsc()) if self.m else None
         )
         self.normal = np.zeros(self.n, dtype=bool)
         self.drifts = np.zeros(self.m, dtype=bool)
         for s in self.states:
             self.normal[s.rows[:, -1]] = s.law.unilateral
-            if len(s.v):
+            if s.model.frame is not None:
                 self.drifts[s.v.reshape(-1, s.model.directions.shape[1])[:, -1]] = True
 
     def closed_rows(self) -> np.ndarray:
         """(n,) rows in contact."""
         return np.concatenate([s.closed_rows() for s in self.states])
 
-    def middle(self, position: np.ndarray) -> np.ndarray:
-        """(m,) frame that fits the positions of all rows best."""
-        return self._fit.solve(self.L.T @ position) if self.m else np.zeros(0)
+    def frame_loads(self) -> np.ndarray:
+        """(n_v,) loads on the frame unknowns that are prescribed now [force].
+
+        Raises:
+            ContactError, ContactInputError: see ``ContactOperators``.
+        """
+        return self._operators.frame_loads()
+
+    def middle(self, position: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """(m,) frame that fits the positions of all rows best; obstacles stay as in w (m,)."""
+        if not self.m:
+            return np.zeros(0)
+        own = self._rigid * w
+        fitted = self._fit.solve(self.L.T @ (position - self.L @ own))
+        return np.where(self._rigid > 0.0, own, fitted)
 
     def step(
         self, about: Any, g: np.ndarray, centre: np.ndarray, held: Any, calmed: bool
@@ -84,7 +105,7 @@ class Equations:
         own = gather @ P[: self.n_v]
         relative = block_diag([s.frame_relative for s in self.states], format="csr")
         relative.resize(own.shape)
-        E, D, rhs = [gather @ self._L_t], [own + self.scale * relative], [own @ centre]
+        E, D, rhs = [gather @ self._L_t], [own + self.scale * relative], [own @ centre + self.loads]
         for s in self.states:
             if s.kappa.size:
                 rows = self.friction_rows(s, about[0], about[1], calmed)
@@ -145,7 +166,9 @@ class Equations:
                 continue
             support, t = s.support(tied=True), s.kappa.shape[1] if s.kappa.size else 0
             both = sum(support)
-            if len(s.v):
+            if s.model.frame is None:
+                add(s.v, s.v, np.full(len(s.v), float(len(s.rows))))
+            else:
                 v = s.v.reshape(-1, s.model.directions.shape[1])
                 add(v[:, -1], v[:, -1], sum(s.support(tied=False)))
                 for i in range(t):
@@ -163,8 +186,28 @@ class Equations:
         return max(self._imbalance(multiplier), self._friction_miss(multiplier, w))
 
     def _imbalance(self, multiplier: np.ndarray) -> float:
-        """Largest entry of L_bᵀ λ [force]; of nodes that follow others in the sum with theirs."""
-        return float(np.abs(self._frame_gather() @ (self._L_t @ multiplier)).max(initial=0.0))
+        """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
+        with theirs."""
+        left = self._frame_gather() @ (self._L_t @ multiplier) - self.loads
+        return float(np.abs(left).max(initial=0.0))
+
+    def runaway(self, multiplier: np.ndarray) -> str:
+        """What is said of an obstacle whose force contact does not balance: all but the proximal
+        term gives way to it. Empty where there is none."""
+        left = self.loads - self._L_t @ multiplier
+        for s in self.states:
+            model = s.model
+            obstacle, force = model.interface.obstacle, np.abs(self.loads[s.v]).max(initial=0.0)
+            missed = np.abs(left[s.v]).max(initial=0.0)
+            if obstacle is not None and missed > CARRIED * force > 0.0:
+                return (
+                    f"interface {model.interface.name}: contact does not balance the force on the "
+                    f"{type(obstacle).__name__}, {obstacle.pose(model.directions.shape[2])[-1]}: "
+                    f"at least {missed / force:.2g} of it is left. It is pulled off, or slides "
+                    "without end: give None where its displacement is to be prescribed, or change "
+                    "the force"
+                )
+        return ""
 
     def _frame_gather(self) -> csr_matrix:
         """(n_v, n_v) forces at the frame's nodes, summed up where equilibrium is asked for."""
