@@ -141,14 +141,6 @@ class InterfaceState:
             closed[:, -1] = self.active
         return closed.ravel() & self.kept
 
-    def sticking_rows(self) -> np.ndarray:
-        """(n c,) rows of pairs that follow the frame where all sticks."""
-        moves = self.status != STICK
-        if self._N and len(moves):
-            moves = vstack(self._N) @ moves.astype(float) != 0.0
-        sticks = self._tied & ~moves if len(moves) else np.zeros(len(self.rows), dtype=bool)
-        return np.repeat(sticks, self.rows.shape[1])
-
     def support(self, tied: bool) -> list[np.ndarray]:
         """Per side (k,) how firmly pairs hold the motion of the frame's nodes: the sum of N² over
         all pairs, or those tied to it and a little of the others."""
@@ -225,6 +217,16 @@ class InterfaceState:
             status = np.where(status == OPEN, CLOSED, status)  # its node is not pressed
             status = np.where(self._tied, status, CLOSED)
         return np.where(self.active, status, OPEN)
+
+
+def sticking_rows(state: InterfaceState) -> np.ndarray:
+    """(n c,) rows in contact of pairs that have friction, where all sticks."""
+    if not state.kappa.size:
+        return np.zeros(state.rows.size, dtype=bool)
+    moves = state.status != STICK
+    if state.model.frame is not None:
+        moves = vstack([p.N for p in state.model.pairs]) @ moves.astype(float) != 0.0
+    return state.closed_rows() & np.repeat(~moves, state.rows.shape[1])
 
 
 def _of(N: list[csr_matrix], pairs: np.ndarray) -> list[csr_matrix]:
