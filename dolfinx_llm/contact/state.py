@@ -220,6 +220,16 @@ class InterfaceState:
         return np.where(self.active, status, OPEN)
 
 
+def sticking_rows(state: InterfaceState) -> np.ndarray:
+    """(n c,) rows in contact of pairs that have friction, where all sticks."""
+    if not state.kappa.size:
+        return np.zeros(state.rows.size, dtype=bool)
+    moves = state.status != STICK
+    if state.model.frame is not None:
+        moves = vstack([p.N for p in state.model.pairs]) @ moves.astype(float) != 0.0
+    return state.closed_rows() & np.repeat(~moves, state.rows.shape[1])
+
+
 def _of(N: list[csr_matrix], pairs: np.ndarray) -> list[csr_matrix]:
     """Per side (n_i, m) shape functions of some of the pairs (n,)."""
     ends = np.cumsum([part.shape[0] for part in N])
