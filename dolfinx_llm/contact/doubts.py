@@ -9,7 +9,7 @@ import numpy as np
 
 from dolfinx_llm.contact.results import InterfaceResult
 from dolfinx_llm.interface.geometry import ContactModel
-from dolfinx_llm.laws.law import OPEN
+from dolfinx_llm.laws.rows import OPEN
 
 LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
@@ -27,8 +27,8 @@ def doubts(
         share = state.loose_share([side.normal_force for side in result.sides])
         if share > LOOSE_SHARE:
             out.append(
-                f"interface {state.model.interface.name}: pairs that opened and closed by turns "
-                f"have been left without friction of their own, and carry {share:.1%} of the "
+                f"interface {state.nodes.model.interface.name}: pairs that opened and closed by "
+                f"turns have been left without friction of their own, and carry {share:.1%} of the "
                 "normal force. Apply the load in more increments"
             )
     for model, result in zip(models, results, strict=True):
@@ -47,7 +47,7 @@ def doubts(
             closed = side.status != OPEN
             slip = np.linalg.norm(side.slip[closed], axis=1).max(initial=0.0)
             size = np.abs(pairs.forces).max() ** (1.0 / (side.x.shape[1] - 1))
-            if model.interface.law.unilateral and slip > size:
+            if model.interface.law.opens and slip > size:
                 out.append(
                     f"interface {model.interface.name}: nodes of {pairs.surface.name} slide by "
                     f"{slip:.3g}, more than a facet's size, {size:.3g}: contact is found for the "
@@ -59,7 +59,7 @@ def doubts(
 def _apart(model: ContactModel, result: InterfaceResult) -> list[str]:
     """Bodies that have come nearer to each other than in the drawing, and touch nowhere."""
     law, sides = model.interface.law, result.sides
-    if not law.unilateral or any((side.status != OPEN).any() for side in sides):
+    if not law.opens or any((side.status != OPEN).any() for side in sides):
         return []
     drawn = [-np.einsum("ni,ni->n", p.gap, p.normal) for p in model.pairs]
     before = _gaps(model, drawn).min()

@@ -187,4 +187,4 @@ def _with_reactions(
 def method_of(setting: Setting) -> TiedMethod | LawMethod:
     """The method that the laws of the interfaces need."""
     laws = [model.interface.law for model in setting.operators.models]
-    return (LawMethod if any(law.unilateral for law in laws) else TiedMethod)(setting)
+    return (LawMethod if any(not law.ties for law in laws) else TiedMethod)(setting)

@@ -7,7 +7,7 @@ from dolfinx import fem, mesh
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.laws.law import OPEN
+from dolfinx_llm.laws.rows import OPEN
 
 E, NU = 2600.0, 0.3
 BELOW, ABOVE = pairs.BELOW, pairs.ABOVE
