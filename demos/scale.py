@@ -59,7 +59,9 @@ def measure(n):
     ]
     stop("location")
     loads = [p.forces for p in pairs]
-    N = design_weights(frame, plane.project(frame.x), [p.N for p in pairs], loads)
+    N = design_weights(
+        frame, plane.project(frame.x), [p.N for p in pairs], [p.cell for p in pairs], loads
+    )
     pairs = [with_weights(p, M, frame) for p, M in zip(pairs, N, strict=True)]
     stop("design")
     singular = rank_certificate(frame, N)

@@ -201,7 +201,6 @@ def main(arguments=None):
     parser.add_argument("--only", default="", metavar="WORD")
     parser.add_argument("--json", type=Path, metavar="FILE")
     args = parser.parse_args(arguments)
-    logging.getLogger().setLevel(logging.ERROR)  # what is said stands in the table
     rank, rows = MPI.COMM_WORLD.rank, []
     for name, cases in CASES.items():
         for key, value in cases if args.only in name else []:
@@ -227,4 +226,5 @@ def line(row):
 
 
 if __name__ == "__main__":
+    logging.getLogger().setLevel(logging.ERROR)  # what is said stands in the table
     main()

@@ -180,18 +180,16 @@ class ContactIteration:
         light = (changed.sum() <= FEW * len(chosen) + 2) | (force[normal] <= LIGHT * largest)
         own.closings += np.where(chosen & ~own.active, np.where(light, 4, 1), 0)
         s.touch(chosen)
-        # What carries nothing is in contact or not, sticks or slips, to no effect.
-        felt = (force[rows].max(axis=1) > SIGN * largest) | found.wrong[normal]
-        changes = int((changed & felt).sum())
+        # What carries nothing is in contact or not, sticks or slips, to no effect; a sign that is
+        # wrong has to change, also where its pair then is as it was.
+        felt = changed & (force[rows].max(axis=1) > SIGN * largest)
+        changes = int((felt | found.wrong[normal]).sum())
         if s.nodes.kappa.size:
-            at = s.at(found.multiplier, found.w, self.scale)
+            felt = s.law.at_stake(s.at(found.multiplier, found.w, self.scale)) > SIGN * largest
             told = self.equations.law_rows(s, found.multiplier, found.w, self._calmed)
-            bears = np.abs(at.sums @ s.law.strength(at))
-            bears = np.maximum(np.linalg.norm(at.force, axis=1), bears)
-            changes += int(((told.status != own.status) & (bears > SIGN * largest)).sum())
-            before = own.holds
+            differs = ((told.status != own.status) & felt) | (told.holds != own.holds)
+            changes += int(differs.sum())
             s.take(told)
-            changes += int((own.holds != before).sum())
         return changes
 
     def _count(self) -> dict:

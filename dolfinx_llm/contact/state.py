@@ -135,8 +135,9 @@ class InterfaceState:
     def take(self, rows: LawRows) -> None:
         """Take over what law rows say of the nodes."""
         self.own.status = rows.status
-        if rows.holds is not None and (rows.holds != self.own.holds).any():
-            self.own.holds = np.asarray(rows.holds, dtype=bool)
+        holds = np.asarray(rows.holds, dtype=bool)
+        if (holds != self.own.holds).any():
+            self.own.holds = holds
             self.touch(self.own.active)
 
     def accept(self, multiplier: np.ndarray, w: np.ndarray, fitted: np.ndarray, c: float) -> None:
@@ -249,6 +250,6 @@ class InterfaceState:
         status = np.full(len(self.nodes.rows), CLOSED)
         if self.nodes.kappa.size:
             status = self.own.status[self.nodes.nearest]
-            status = np.where(status == OPEN, STICK if self.law.slips else CLOSED, status)
+            status = np.where(status == OPEN, CLOSED, status)  # its node is not pressed
             status = np.where(self._tied, status, CLOSED)
         return np.where(self.own.active, status, OPEN)

@@ -13,7 +13,7 @@ from operator import matmul
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, vstack
+from scipy.sparse import csr_matrix, diags, identity, vstack
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
@@ -30,6 +30,7 @@ from dolfinx_llm.geometry.frame import Frame
 
 TOLERANCE = 1e-13  # a frame with max|r| / max f below this passes
 NARROW = 0.15  # largest correction up to which stencils of one ring of nodes are enough
+NEAR = 0.05  # weight of that ring: corrections far from a row's own nodes cost accuracy
 WIDEST = 4  # rings in the stencils of a side much coarser than the frame
 SHIFT = 1e-13  # of the largest diagonal entry, on all of it
 
@@ -68,9 +69,10 @@ def design_weights(
 
     Minimises sum_p f_p sum_J delta_pJ² / w_pJ subject to sum_J delta_pJ = 0 and
     sum_J delta_pJ Y_J = 0 (rigid motions and linear fields still pass exactly) and to (28). The
-    weights w_pJ = sum_K N_pK A_KJ, A_KJ = 1 for nodes of one cell, are those of the nodes around
-    p's own; they vary continuously with the place of p, also across the edges of cells, and know
-    no axes. With one multiplier mu_J per frame node the solution is delta_p = -+ P_p mu.
+    weights w_pJ = sum_K N_pK A_KJ, A_KK = 1 and less for other nodes of one cell, are those of the
+    nodes around p's own; they vary continuously with the place of p, also across the edges of
+    cells, and know no axes. With one multiplier mu_J per frame node the solution is
+    delta_p = -+ P_p mu.
 
     Args:
         frame: the frame, m nodes.
@@ -105,10 +107,11 @@ def design_weights(
     far = np.abs(frame.x).max() / np.ptp(frame.x, axis=0).max()
     allowed = max(TOLERANCE, 50.0 * np.finfo(float).eps * far)  # rounding of far coordinates
     ring = adjacency(frame.cells, len(s))
+    narrow = NEAR * ring + (1.0 - NEAR) * identity(len(s))
     best: Sequence[csr_matrix] = rows
     least = (np.inf, np.inf)
     for widths in _widths(s, rows):
-        around = [reduce(matmul, [ring] * w) for w in widths]
+        around = [reduce(matmul, [ring] * w) if w > 1 else narrow for w in widths]
         found = _corrected(s, rows, forces, keep, around)
         residual = np.abs(patch_residual(found, forces)).max()
         change = max(abs(M - L).max() for M, L in zip(found, rows, strict=True))

@@ -122,6 +122,12 @@ class Coulomb(Law):
         """See ``Law``."""
         return self._bound(nodes)
 
+    def at_stake(self, nodes: LawNodes) -> np.ndarray:
+        """See ``Law``: at the limit and without slip a node sticks and slips alike."""
+        z = nodes.force + nodes.c[:, None] * nodes.slip
+        apart = np.abs(_length(z) - nodes.sums @ self._bound(nodes))
+        return np.minimum(super().at_stake(nodes), apart)
+
 
 def _at_least_0(name: str, values: np.ndarray, n: int) -> np.ndarray:
     if values.shape != (n,) or not (np.isfinite(values) & (values >= 0.0)).all():

@@ -123,3 +123,9 @@ class Law:
     def strength(self, nodes: LawNodes) -> np.ndarray:
         """(k,) what each node bears [force]; nodes for which one speaks share its force by that."""
         return nodes.N
+
+    def at_stake(self, nodes: LawNodes) -> np.ndarray:
+        """(k,) by how much another status would be felt [force]: where by hardly any, it does not
+        matter which."""
+        size = np.abs(nodes.sums @ self.strength(nodes))
+        return np.maximum(np.linalg.norm(nodes.force, axis=1), size)

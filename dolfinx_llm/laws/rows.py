@@ -83,8 +83,8 @@ class LawRows:
     C_N: np.ndarray  # (k, q)
     rhs: np.ndarray  # (k, q) [force]
     weight: np.ndarray | None = None  # (k,) None: 1
-    # (k,) where pairs may pull, too; None: nowhere. It should follow from the history alone, so that
-    # it stays within a load step.
+    # (k,) where pairs may pull, too; None: nowhere. It should follow from the history alone, which
+    # stays within a load step.
     holds: np.ndarray | None = None
 
     @staticmethod
@@ -186,4 +186,5 @@ def checked(name: str, rows: Any, k: int, q: int) -> LawRows:
         raise ContactInputError(
             f"law {name}: rows have {'; '.join(wrong)}, for {k} nodes and {q} components"
         )
-    return rows
+    holds = np.zeros(k) if rows.holds is None else rows.holds
+    return replace(rows, holds=np.broadcast_to(np.asarray(holds, dtype=bool), (k,)).copy())

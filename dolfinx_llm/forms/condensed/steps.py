@@ -10,6 +10,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.sparse import identity
+from scipy.sparse.linalg import splu
 
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
@@ -99,7 +101,7 @@ class CondensedSteps(WholeSteps):
             if self.system is None:
                 self.system = CondensedSystem(
                     self.split, eliminated, self.fixed, self.scale, self._prefix, self._options,
-                    modes=self._modes, proximal=hold,
+                    modes=self._modes, weak=self._weak(step), proximal=hold,
                 )  # fmt: skip
             else:
                 n = len(step.active)
@@ -113,6 +115,14 @@ class CondensedSteps(WholeSteps):
             return u, multiplier, self._gather(self.frames, w)
 
         return solve, lambda: None  # what is set up may serve the next step
+
+    def _weak(self, step: LinearStep) -> Any:
+        """Rigid motions of bodies that supports alone do not hold firmly, and of the frames."""
+        rigid, L = self.floating.rigid.modes, step.L
+        if not (L.shape[1] and rigid.shape[1]):
+            return rigid, np.zeros((L.shape[1], rigid.shape[1]))
+        fit = splu((L.T @ L + 1e-10 * identity(L.shape[1])).tocsc())
+        return rigid, fit.solve(L.T @ self.floating.G)
 
     def _with_friction(self, eliminated: EliminatedRows, step: LinearStep) -> Any:
         """T_lᵀ (f - K T q) + D w + E λ_W = rhs, where T_l has E in the place of L_bᵀ.
