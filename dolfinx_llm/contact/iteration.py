@@ -132,7 +132,8 @@ class ContactIteration:
             found = self.form.solve(f, step)
             multiplier, y, w = found.multiplier, found.y, found.w
             largest = force_level(multiplier, y + g, self.scale)
-            changes = sum(self._take(s, found) for s in self.states)
+            apart = np.abs(equations.L @ w - y - g)
+            changes = sum(self._take(s, found, apart) for s in self.states)
             miss = equations.miss(multiplier, w) / largest
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
@@ -170,9 +171,18 @@ class ContactIteration:
             "steps (solve(increments=...)), and check that supports hold the bodies when they slip"
         )
 
-    def _take(self, s: InterfaceState, found: StepResult) -> int:
-        """Take over the pairs in contact, and find what sticks and slips; number of changes."""
-        rows, own = s.nodes.rows, s.own
+    def _take(self, s: InterfaceState, found: StepResult, apart: np.ndarray) -> int:
+        """Take over the pairs in contact, and find what sticks and slips.
+
+        Args:
+            s: an interface.
+            found: of the last step.
+            apart: (n,) by how much surface and frame are apart there [length].
+
+        Returns:
+            Number of changes that matter.
+        """
+        rows, own, speaker = s.nodes.rows, s.own, s.others.speaker
         normal = rows[:, -1]
         chosen = found.active[normal] ^ found.wrong[normal] if s.law.opens else own.active
         changed, force = chosen != own.active, np.abs(found.multiplier)
@@ -180,9 +190,12 @@ class ContactIteration:
         light = (changed.sum() <= FEW * len(chosen) + 2) | (force[normal] <= LIGHT * largest)
         own.closings += np.where(chosen & ~own.active, np.where(light, 4, 1), 0)
         s.touch(chosen)
-        # What carries nothing is in contact or not, sticks or slips, to no effect; a sign that is
-        # wrong has to change, also where its pair then is as it was.
-        felt = changed & (force[rows].max(axis=1) > SIGN * largest)
+        # What carries nothing is in contact or not, sticks or slips, to no effect; what closes
+        # where it already meets the frame as well. A sign that is wrong has to change, also where
+        # its pair then is as it was.
+        meets = self.scale * apart[rows].max(axis=1) <= SIGN * largest
+        meets &= chosen & np.array_equal(speaker, s.others.speaker)
+        felt = changed & (force[rows].max(axis=1) > SIGN * largest) & ~meets
         changes = int((felt | found.wrong[normal]).sum())
         if s.nodes.kappa.size:
             felt = s.law.at_stake(s.at(found.multiplier, found.w, self.scale)) > SIGN * largest
