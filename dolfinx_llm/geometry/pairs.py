@@ -44,7 +44,11 @@ class ContactPairs:
         return facets[(facets >= 0).all(axis=1)]
 
     def interpolation(self, x: np.ndarray) -> csr_matrix:
-        """(k, n) values of the nodes at the point of the facets closest to each x (k, gdim)."""
+        """(k, n) values of the nodes at the point of the facets that is closest to each position.
+
+        Args:
+            x: (k, gdim) positions [length].
+        """
         used, cells = np.unique(self.facets, return_inverse=True)
         at = Frame(self.x[used], cells.reshape(self.facets.shape)).locate(x)
         N = np.maximum(at.N, 0.0)  # beyond the rim the nearest point of it counts

@@ -86,6 +86,9 @@ class Coulomb(Law):
     def start(self, nodes: LawNodes) -> dict[str, np.ndarray]:
         """μ and the forces of cohesion [force] at nodes.
 
+        Args:
+            nodes: at rest.
+
         Raises:
             ContactInputError: not a value of at least 0 for each.
         """
@@ -102,7 +105,6 @@ class Coulomb(Law):
         return nodes.history["mu"] * nodes.N + cohesive
 
     def rows(self, nodes: LawNodes) -> LawRows:
-        """See ``Law``, by the method chosen."""
         T, s, delta = nodes.force, nodes.sums @ self._bound(nodes), nodes.slip
         if self.method == "switch":
             rows = switch_rows(T, s, delta, nodes.c, nodes.status)
@@ -114,16 +116,14 @@ class Coulomb(Law):
         return replace(rows, rhs=rhs, weight=nodes.history["mu"])
 
     def miss(self, nodes: LawNodes) -> np.ndarray:
-        """See ``Law``."""
         s = nodes.sums @ self._bound(nodes)
         return projection_miss(nodes.force, s, nodes.slip, nodes.c)
 
     def strength(self, nodes: LawNodes) -> np.ndarray:
-        """See ``Law``."""
         return self._bound(nodes)
 
     def at_stake(self, nodes: LawNodes) -> np.ndarray:
-        """See ``Law``: at the limit and without slip a node sticks and slips alike."""
+        # At the limit and without slip a node sticks and slips alike.
         z = nodes.force + nodes.c[:, None] * nodes.slip
         apart = np.abs(_length(z) - nodes.sums @ self._bound(nodes))
         return np.minimum(super().at_stake(nodes), apart)

@@ -43,6 +43,9 @@ class Law:
     closes_gap: bool = True
     shares: bool = False
 
+    def __init__(self) -> None:
+        """Without arguments; dataclasses make their own."""
+
     def __repr__(self) -> str:
         return f"{type(self).__name__}()"
 
@@ -52,11 +55,19 @@ class Law:
         return not (self.opens or self.slips or self.gives)
 
     def jumps(self, gdim: int) -> int:
-        """Number q of components of the jump in so many dimensions."""
+        """Number q of components of the jump.
+
+        Args:
+            gdim: dimensions of space.
+        """
         return (gdim - 1) * self.slips + self.gives
 
     def components_of_jumps(self, c: int) -> slice:
-        """Which of c base vectors, tangents and normal, or the normal alone, have jumps."""
+        """Which base vectors have jumps.
+
+        Args:
+            c: their number: tangents and normal, or the normal alone.
+        """
         return slice(0 if self.slips else c - 1, c if self.gives else c - 1)
 
     def check(self) -> None:
@@ -93,6 +104,9 @@ class Law:
 
         Args:
             nodes: what is known at the last iterate.
+
+        Raises:
+            NotImplementedError: a law of its own gives neither this nor ``rows``.
         """
         raise NotImplementedError(f"{type(self).__name__} gives neither force nor rows")
 
@@ -121,11 +135,19 @@ class Law:
         return nodes.history
 
     def strength(self, nodes: LawNodes) -> np.ndarray:
-        """(k,) what each node bears [force]; nodes for which one speaks share its force by that."""
+        """(k,) what each node bears [force]; nodes for which one speaks share its force by that.
+
+        Args:
+            nodes: what is known at the last iterate.
+        """
         return nodes.N
 
     def at_stake(self, nodes: LawNodes) -> np.ndarray:
         """(k,) by how much another status would be felt [force]: where by hardly any, it does not
-        matter which."""
+        matter which.
+
+        Args:
+            nodes: what is known at the last iterate.
+        """
         size = np.abs(nodes.sums @ self.strength(nodes))
         return np.maximum(np.linalg.norm(nodes.force, axis=1), size)

@@ -43,7 +43,7 @@ class LawNodes:
     before: np.ndarray  # (k, q) the jump at the end of the last load step [length]
     c: np.ndarray  # (k,) stiffness that the bodies set against jumps, about [force / length]
     status: np.ndarray  # (k,) in the last iterate: OPEN, STICK, SLIP, CLOSED
-    history: dict[str, np.ndarray] = field(default_factory=dict)  # what the law keeps
+    history: dict[str, np.ndarray] = field(default_factory=dict)  # (k, ...) what the law keeps
     speaker: np.ndarray | None = None  # (k,) node whose law holds for each; None: each its own
     sample: Callable[[Any], np.ndarray] | None = None  # see ``values``
 
@@ -127,7 +127,8 @@ class LawRows:
             nodes: with the last force.
             jump: (k, q) of the law there [length].
             compliance: (k, q) its derivative, component by component; 0: rigid [length / force].
-            status, holds: as of ``springs``.
+            status: (k,) as of ``springs``.
+            holds: (k,) as of ``springs``.
         """
         k, q = nodes.jump.shape
         given, rigid = jump - compliance * nodes.force - nodes.before, compliance <= 0.0
@@ -139,7 +140,11 @@ class LawRows:
         return LawRows(status, C_T, C_jump, np.zeros((k, q)), -stiff * given, holds=holds)
 
     def left(self, nodes: LawNodes) -> np.ndarray:
-        """(k, q) what forces and jumps leave of the rows' balance [force]."""
+        """(k, q) what forces and jumps leave of the rows' balance [force].
+
+        Args:
+            nodes: with forces and jumps.
+        """
         weight = 1.0 if self.weight is None else self.weight
         S = nodes.sums @ (weight * nodes.N)
         own = np.einsum("nij,nj->ni", self.C_T, nodes.force)
