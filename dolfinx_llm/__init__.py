@@ -13,8 +13,8 @@ from dolfinx_llm.design.positions import design_positions
 from dolfinx_llm.design.weights import design_weights
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.obstacle import Obstacle
 from dolfinx_llm.interface.obstacles import (
-    Obstacle,
     RigidCylinder,
     RigidPlane,
     RigidSphere,

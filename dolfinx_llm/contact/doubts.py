@@ -11,6 +11,8 @@ from dolfinx_llm.contact.results import InterfaceResult
 from dolfinx_llm.interface.geometry import ContactModel
 from dolfinx_llm.laws.rows import OPEN
 
+SPIN = 1e-9  # part of an obstacle's rotation along its normals, up to which it does not tilt
+TILT = 0.1  # [rad] angle by which an obstacle may turn: half its square of the motion is left out
 LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
 NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close
@@ -45,7 +47,8 @@ def doubts(
                     "into several interfaces"
                 )
             closed = side.status != OPEN
-            slip = np.linalg.norm(side.slip[closed], axis=1).max(initial=0.0)
+            spun, tilted = _turned(model)
+            slip = np.linalg.norm((side.slip + spun)[closed], axis=1).max(initial=0.0)
             size = np.abs(pairs.forces).max() ** (1.0 / (side.x.shape[1] - 1))
             if model.interface.law.opens and slip > size:
                 out.append(
@@ -53,7 +56,26 @@ def doubts(
                     f"{slip:.3g}, more than a facet's size, {size:.3g}: contact is found for the "
                     "drawn positions (small sliding). Move the bodies in the drawing instead"
                 )
+            if tilted > TILT:
+                out.append(
+                    f"interface {model.interface.name}: the obstacle is turned by {tilted:.3g} "
+                    f"rad, which counts as small: its points are off by about "
+                    f"{0.5 * tilted**2:.1%} of their distance from the pivot. Draw it turned"
+                )
     return out
+
+
+def _turned(model: ContactModel) -> tuple[np.ndarray | float, float]:
+    """By how much an obstacle has turned: the motion (n, gdim) of its points where that leaves its
+    surface where it is, else the angle [rad]."""
+    obstacle, pairs = model.interface.obstacle, model.pairs[0]
+    if obstacle is None:
+        return 0.0, 0.0
+    motion = obstacle.turning(pairs.x - pairs.gap)
+    along = np.abs(np.einsum("ni,ni->n", motion, pairs.normal)).max()
+    if along > SPIN * np.abs(motion).max():
+        return 0.0, float(np.linalg.norm(obstacle.pose(motion.shape[1])[1]))
+    return motion, 0.0
 
 
 def _apart(model: ContactModel, result: InterfaceResult) -> list[str]:

@@ -12,15 +12,18 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import block_diag, bsr_matrix, coo_matrix, csr_matrix, diags, hstack, identity
+from scipy.sparse import block_diag, bsr_matrix, csr_matrix, diags, hstack, identity
 from scipy.sparse import vstack as stack
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.contact.friction_nodes import friction_nodes
+from dolfinx_llm.contact.proximal import proximal_term
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.step import SOFT, LinearStep
 from dolfinx_llm.laws.rows import STICK, LawRows
 from dolfinx_llm.operators.system import ContactOperators
+
+CARRIED = 1e-3  # part of a force on an obstacle from which on contact does not balance it
 
 
 class Equations:
@@ -36,6 +39,8 @@ class Equations:
         compliance: (n,) by how much rows give way [length / force].
         normal: (n,) rows that may open.
         drifts: (m,) normal motion of frames.
+        loads: (n_v,) on the frame unknowns, forces on obstacles, at the part of the load step that
+            has been reached [force].
     """
 
     def __init__(self, operators: ContactOperators, proximal: float) -> None:
@@ -50,14 +55,19 @@ class Equations:
         self.L = (kept @ hstack([L, L_kappa])).tocsr()
         self.n_v, self.m = L.shape[1], self.L.shape[1]
         self._L_t = self.L[:, : self.n_v].T.tocsr()
+        self._operators, self.loads = operators, np.zeros(self.n_v)
+        self._rigid = np.zeros(self.m)  # 1: translations of obstacles, the others nodal motions
+        for s in self.states:
+            self._rigid[s.nodes.v] = s.nodes.model.frame is None
+        fitted = self.L @ diags(1.0 - self._rigid)
         self._fit: Any = (
-            splu((self.L.T @ self.L + 1e-10 * identity(self.m)).tocsc()) if self.m else None
+            splu((fitted.T @ fitted + 1e-10 * identity(self.m)).tocsc()) if self.m else None
         )
         self.normal = np.zeros(self.n, dtype=bool)
         self.drifts = np.zeros(self.m, dtype=bool)
         for nodes in places:
             self.normal[nodes.rows[:, -1]] = nodes.law.opens
-            if len(nodes.v):
+            if nodes.model.frame is not None:
                 v = nodes.v.reshape(-1, nodes.model.directions.shape[1])
                 self.drifts[v[:, -1]] = True
 
@@ -72,9 +82,21 @@ class Equations:
             may_open[s.nodes.rows[s.held, -1]] = False
         return may_open
 
-    def middle(self, position: np.ndarray) -> np.ndarray:
-        """(m,) frame that fits the positions of all rows best."""
-        return self._fit.solve(self.L.T @ position) if self.m else np.zeros(0)
+    def frame_loads(self) -> np.ndarray:
+        """(n_v,) loads on the frame unknowns that are prescribed now [force].
+
+        Raises:
+            ContactError, ContactInputError: see ``ContactOperators``.
+        """
+        return self._operators.frame_loads()
+
+    def middle(self, position: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """(m,) frame that fits the positions of all rows best; obstacles stay as in w (m,)."""
+        if not self.m:
+            return np.zeros(0)
+        own = self._rigid * w
+        fitted = self._fit.solve(self.L.T @ (position - self.L @ own))
+        return np.where(self._rigid > 0.0, own, fitted)
 
     def step(
         self, about: Any, g: np.ndarray, centre: np.ndarray, held: Any, calmed: bool
@@ -89,12 +111,12 @@ class Equations:
             calmed: as of ``friction_rows``.
         """
         active = self.closed_rows()
-        P = self._proximal()
+        P = proximal_term(self.states, self.m, self._epsilon * self.scale)
         gather = self._frame_gather()
         own = gather @ P[: self.n_v]
         relative = block_diag([s.others.frame_relative for s in self.states], format="csr")
         relative.resize(own.shape)
-        E, D, rhs = [gather @ self._L_t], [own + self.scale * relative], [own @ centre]
+        E, D, rhs = [gather @ self._L_t], [own + self.scale * relative], [own @ centre + self.loads]
         for s in self.states:
             nodes = s.nodes
             if nodes.kappa.size:
@@ -138,45 +160,36 @@ class Equations:
         rhs = np.concatenate([step.rhs[:first], self.scale * np.concatenate(before)])
         return replace(step, E=E, D=D, rhs=rhs)
 
-    def _proximal(self) -> csr_matrix:
-        """(m, m) matrix of the proximal term -ε c (w - w_c).
-
-        With friction each side's own field, v + κ and v - κ, is held as firmly as its pairs are.
-        """
-        row, col, value = [np.empty(0, dtype=int)], [np.empty(0, dtype=int)], [np.empty(0)]
-
-        def add(i: np.ndarray, j: np.ndarray, x: Any) -> None:
-            row.append(i)
-            col.append(j)
-            value.append(-self._epsilon * self.scale * x)
-
-        for s in self.states:
-            if not s.law.opens:
-                continue
-            tied, every = s.support(tied=True), s.support(tied=False)
-            v = s.nodes.v.reshape(-1, max(s.nodes.model.directions.shape[1], 1))
-            kappa = s.nodes.kappa if s.nodes.kappa.size else s.nodes.kappa[:, :0]
-            if len(v):
-                add(v[:, -1], v[:, -1], sum(every))
-                for i in range(v.shape[1] - 1):
-                    add(v[:, i], v[:, i], sum(tied))
-            at = range(v.shape[1])[s.law.components_of_jumps(v.shape[1])]
-            for i, jump in enumerate(kappa.T):
-                held = every if s.law.gives and i == kappa.shape[1] - 1 else tied
-                if len(v):
-                    add(v[:, at[i]], jump, held[0] - held[1])
-                    add(jump, v[:, at[i]], held[0] - held[1])
-                add(jump, jump, sum(held))
-        index = np.concatenate(row), np.concatenate(col)
-        return coo_matrix((np.concatenate(value), index), (self.m, self.m)).tocsr()
-
     def miss(self, multiplier: np.ndarray, w: np.ndarray) -> float:
         """By how much balance of the frames and the laws are missed, at most [force]."""
         return max(self._imbalance(multiplier), self._law_miss(multiplier, w))
 
     def _imbalance(self, multiplier: np.ndarray) -> float:
-        """Largest entry of L_bᵀ λ [force]; of nodes that follow others in the sum with theirs."""
-        return float(np.abs(self._frame_gather() @ (self._L_t @ multiplier)).max(initial=0.0))
+        """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
+        with theirs."""
+        left = self._frame_gather() @ (self._L_t @ multiplier) - self.loads
+        return float(np.abs(left).max(initial=0.0))
+
+    def runaway(self, multiplier: np.ndarray) -> str:
+        """What is said of an obstacle whose force contact does not balance: all but the proximal
+        term gives way to it. Empty where there is none."""
+        left = self.loads - self._L_t @ multiplier
+        for s in self.states:
+            model = s.nodes.model
+            obstacle, force = (
+                model.interface.obstacle,
+                np.abs(self.loads[s.nodes.v]).max(initial=0.0),
+            )
+            missed = np.abs(left[s.nodes.v]).max(initial=0.0)
+            if obstacle is not None and missed > CARRIED * force > 0.0:
+                return (
+                    f"interface {model.interface.name}: contact does not balance the force on the "
+                    f"{type(obstacle).__name__}, {obstacle.pose(model.directions.shape[2])[-1]}: "
+                    f"at least {missed / force:.2g} of it is left. It is pulled off, or slides "
+                    "without end: give None where its displacement is to be prescribed, or change "
+                    "the force"
+                )
+        return ""
 
     def _frame_gather(self) -> csr_matrix:
         """(n_v, n_v) forces at the frame's nodes, summed up where equilibrium is asked for."""

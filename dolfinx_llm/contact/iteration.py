@@ -18,8 +18,8 @@ from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.contact.equations import Equations
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.floating import Pull
-from dolfinx_llm.forms.step import SIGN, StepForm, StepResult, force_level
-from dolfinx_llm.forms.verdict import Verdict
+from dolfinx_llm.forms.step import GRAZING, SIGN, StepForm, StepResult, force_level
+from dolfinx_llm.forms.verdict import FinalError, Verdict
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 from dolfinx_llm.operators.system import ContactOperators
 
@@ -27,6 +27,7 @@ ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
 FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
+RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
 CALM = 2  # iterations without a change after which a residual may have stopped falling
 
 
@@ -46,6 +47,7 @@ class ContactIteration:
         alpha: rigid motion of bodies that nothing else holds.
         f, g: load and gaps at the end of the last load step.
         forces: largest so far [force].
+        pressed: largest force on an obstacle so far [force].
         verdict: of the last load step.
         history: see ``ContactProblem``; of the last load step.
         bar: progress line, while there is one.
@@ -68,8 +70,9 @@ class ContactIteration:
         self.multiplier: Any = None
         self.w: Any = None
         self.alpha: Any = None
-        self.forces, self.verdict = 0.0, Verdict(0.0, 0.0)
+        self.forces, self.pressed, self.verdict = 0.0, 0.0, Verdict(0.0, 0.0)
         self.f, self.g = self._rest
+        self.equations.loads = np.zeros(self.equations.n_v)
         self.history: list[dict] = []
 
     def resume(self, other: ContactIteration, f: np.ndarray, g: np.ndarray, u: np.ndarray) -> None:
@@ -87,24 +90,27 @@ class ContactIteration:
             state.restore(kept.own)
         self.multiplier, self.w = other.multiplier, other.w
         self.alpha = self.form.floating.amounts(u)  # of other modes, perhaps
-        self.forces = other.forces
+        self.forces, self.pressed = other.forces, other.pressed
         self.f, self.g = f, g
+        self.equations.loads = other.equations.loads
 
     def snapshot(self) -> tuple:
         """What a load step may have to be taken back to."""
-        return [s.own.copy() for s in self.states], self.multiplier, self.w, self.alpha
+        states, loads = [s.own.copy() for s in self.states], self.equations.loads
+        return states, self.multiplier, self.w, self.alpha, loads
 
     def restore(self, snapshot: tuple) -> None:
         """Back to what ``snapshot`` returned."""
-        states, self.multiplier, self.w, self.alpha = snapshot
+        states, self.multiplier, self.w, self.alpha, self.equations.loads = snapshot
         for state, kept in zip(self.states, states, strict=True):
             state.restore(kept)
 
     def accept(self, found: StepResult, g: np.ndarray) -> None:
         """End a load step: what has slipped is the reference of the next."""
-        fitted = self.equations.middle(found.y + g)
+        fitted = self.equations.middle(found.y + g, found.w)
         for s in self.states:
             s.accept(found.multiplier, found.w, fitted, self.scale)
+        self.pressed = max(self.pressed, np.abs(self.equations.loads).max(initial=0.0))
 
     def iterate(self, f: np.ndarray, g: np.ndarray) -> StepResult:
         """Iterate to a state that meets all conditions, for this rank's load f and gaps g (n,).
@@ -114,12 +120,14 @@ class ContactIteration:
         """
         first, known, equations = len(self.history), self.w is not None, self.equations
         w = self.w if known else np.zeros(equations.m)
-        centre = w if known else equations.middle(g)
+        pressed = max(self.pressed, np.abs(equations.loads).max(initial=0.0))
+        centre = w if known else equations.middle(g, w)
         floating = self.form.floating
         alpha = self.alpha if known else np.zeros(floating.count)
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
         calm, self._calmed = 0, False  # iterations without a change of state; whether any was
         before, w_last = np.inf, w  # last residual and motion
+        runs = 0  # iterations in which contact did not balance the force on an obstacle
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         spring = floating.spring(self.scale)
         pull = Pull(floating, spring, f, self.forces, alpha)
@@ -131,10 +139,14 @@ class ContactIteration:
                 step = equations.all_stick(step)
             found = self.form.solve(f, step)
             multiplier, y, w = found.multiplier, found.y, found.w
-            largest = force_level(multiplier, y + g, self.scale)
+            largest = max(force_level(multiplier, y + g, self.scale), GRAZING * pressed)
             apart = np.abs(equations.L @ w - y - g)
             changes = sum(self._take(s, found, apart) for s in self.states)
             miss = equations.miss(multiplier, w) / largest
+            lost = equations.runaway(multiplier)
+            runs = runs + 1 if lost else 0
+            if runs > RUNS:
+                raise FinalError(lost)
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
             tell_iteration(entry, self.bar)
@@ -154,7 +166,7 @@ class ContactIteration:
             before = miss
             # From then on the frame goes on from where it is, and what no force holds stays.
             self._calmed = self._calmed or calm > 0
-            centre = w if self._calmed else equations.middle(y + g)
+            centre = w if self._calmed else equations.middle(y + g, w)
             if stalled:  # a frame node under a tiny force goes to where it touches, ever faster
                 centre = w + (2.0**calm - 1.0) * np.where(equations.drifts, w - w_last, 0.0)
             w_last = w

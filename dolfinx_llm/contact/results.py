@@ -71,6 +71,8 @@ class InterfaceResult:
     frame_friction: np.ndarray  # (m, gdim) tangential force of side 0 at the frame's nodes [force]
     frame_status: np.ndarray  # (m,) of its nodes: 0 open, 1 stick, 2 slip, 3 closed, no friction
     presses: bool = True  # the law lets bodies part: no force pulls
+    # (gdim,) of an obstacle, prescribed or where a force brings it [length]; None with a frame
+    displacement: np.ndarray | None = None
 
     @property
     def x(self) -> np.ndarray:
@@ -135,14 +137,14 @@ def collect_results(
     """
     motions = [operators.motion(side, u) for side in range(len(operators.pairs))]
     gaps, results = operators.side_gaps(), []
+    prescribed = operators.obstacle_motions()
     for i, (model, place) in enumerate(zip(operators.models, operators.places, strict=True)):
         m, d, gdim = model.directions.shape
         moved = motions[place.sides]
         v = np.einsum("md,mdi->mi", w[place.frame].reshape(m, d), model.directions)
-        if d == 1 and m:  # without tangential unknowns the frame follows both bodies
+        if d == 1 and model.frame is not None:
+            # Without tangential unknowns the frame follows both bodies.
             v = v + _tangential_average(model, moved)
-        if model.frame is None:
-            v = np.zeros((0, gdim))
         state, c = states and states[i], model.pairs[0].base.shape[1]
         forces = multiplier[place.rows].reshape(-1, c)
         status = state.pair_status() if state else np.full(len(forces), STICK)
@@ -150,8 +152,8 @@ def collect_results(
         for p, motion, gap in zip(model.pairs, moved, gaps[place.sides], strict=True):
             own = slice(first, first + len(p.nodes))
             follows = p.N @ v
-            if model.interface.obstacle is not None:
-                follows = follows + model.interface.obstacle.motion(gdim)
+            if model.frame is None:
+                follows = follows + prescribed[i]
             sides.append(_side_result(p, forces[own], motion, follows, gap, status[own]))
             first = own.stop
         if model.interface.law.components != "cartesian":
@@ -244,9 +246,11 @@ def _interface_result(
 ) -> InterfaceResult:
     side, pairs, law = sides[0], model.pairs[0], model.interface.law
     presses = law.opens and not (state and state.held.any())
-    if model.frame is None:
+    if model.interface.obstacle is not None:
         own = side.normal_force, side.area, side.tangential_force
-        return InterfaceResult(None, tuple(sides), None, *own, side.status, presses)
+        shift = np.array(model.interface.obstacle.pose(v.shape[1])[0]) + v.sum(axis=0)
+        return InterfaceResult(None, tuple(sides), None, *own, side.status, presses, shift)
+    assert model.frame is not None
     cartesian = law.components == "cartesian"
     normal = nodal_normals(model.frame) if cartesian else model.directions[:, -1]
     total = pairs.N.T @ side.force

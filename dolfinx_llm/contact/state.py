@@ -253,3 +253,11 @@ class InterfaceState:
             status = np.where(status == OPEN, CLOSED, status)  # its node is not pressed
             status = np.where(self._tied, status, CLOSED)
         return np.where(self.own.active, status, OPEN)
+
+    def sticking_rows(self) -> np.ndarray:
+        """(n c,) rows in contact of pairs that have friction, where all sticks."""
+        nodes = self.nodes
+        if not nodes.kappa.size:
+            return np.zeros(nodes.rows.size, dtype=bool)
+        moves = nodes.reach(self.own.status != STICK)
+        return self.closed_rows() & np.repeat(~moves, nodes.rows.shape[1])

@@ -114,8 +114,7 @@ def _check(
     """Where a side projects onto the other, they must face each other and be close."""
     opposed = inside & (facing < FACING)
     if (inside & (facing > -FACING) & within).any() or (inside.any() and not opposed.any()):
-        worst = int(np.where(inside, facing, -2.0).argmax())
-        at = side.x[side.facets[worst]].mean(axis=0).round(6).tolist()
+        worst, at = _worst(side, np.where(inside, facing, -2.0))
         raise ContactError(
             f"{side.name} and {other.name} do not face each other: at {at} their outward normals "
             f"have the cosine {facing[worst]:.3f}, facing surfaces have -1; above "
@@ -124,14 +123,19 @@ def _check(
         )
     far = opposed & ~within
     if far.any():
-        worst = int(np.where(far, gap / size, -1.0).argmax())
-        at = side.x[side.facets[worst]].mean(axis=0).round(6).tolist()
+        worst, at = _worst(side, np.where(far, gap / size, -1.0))
         raise ContactError(
             f"{side.name} and {other.name} are too far apart: at {at} they lie {gap[worst]:.3g} "
             f"from each other, where facets have the size {size[worst]:.3g} (allowed: {REACH} of "
             f"the larger facet); {int(far.sum())} facets do. Check positions and units, or tag "
             "only what is in contact"
         )
+
+
+def _worst(side: Surface, value: np.ndarray) -> tuple[int, list[float]]:
+    """The facet with the largest value (m,), and its centre."""
+    worst = int(value.argmax())
+    return worst, side.x[side.facets[worst]].mean(axis=0).round(6).tolist()
 
 
 def _near_outline(other: Surface, centre: np.ndarray, radius: np.ndarray) -> np.ndarray:

@@ -24,6 +24,8 @@ def describe(model: ContactModel) -> list[str]:
             f"{q.min_side:.3g}",
         ]
     lines += [f"    {note}" for note in model.notes]
+    if any(model.forced):
+        lines.append(f"    the obstacle moves in {model.directions.shape[1]} way(s) under a force")
     out = []
     if model.frame is None:
         out.append("frame, second side and proximal term (rigid obstacle)")

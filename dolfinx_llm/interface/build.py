@@ -24,6 +24,7 @@ from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.frames import REACH, choose_frame, move_nodes
 from dolfinx_llm.interface.geometry import ContactModel
 from dolfinx_llm.interface.join import Part, joined, whole_piece
+from dolfinx_llm.interface.pressed import forced, under_force
 from dolfinx_llm.interface.rows import balanced, designed, fixed_nodes
 from dolfinx_llm.interface.site import Site, find_site
 from dolfinx_llm.interface.touching import check_flat, find_pieces
@@ -204,10 +205,15 @@ def _model(
         base = base[:, first:]
     else:
         base = np.broadcast_to(np.eye(gdim), base.shape)
+    given: tuple[bool, ...] = ()
+    if interface.obstacle is not None:
+        given = forced(interface.obstacle, gdim)
+        own, base = under_force(interface.obstacle, pairs[0], law.opens)
+        pairs = [own]
     model = ContactModel(
         interface, tuple(p.surface for p in pairs), site.spaces, tuple(pairs), frame, base,
         float(pairs[0].forces.sum()), certificate, tuple(rims), tuple(notes), clock.times,
-        site, parts,
+        site, parts, given,
     )  # fmt: skip
     if log.isEnabledFor(logging.INFO):
         stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())

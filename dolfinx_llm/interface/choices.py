@@ -9,7 +9,7 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.surface import check_facet_tags
-from dolfinx_llm.interface.obstacles import Obstacle
+from dolfinx_llm.interface.obstacle import Obstacle
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.tied import Tied
 

@@ -26,7 +26,8 @@ class ContactModel:
     spaces: tuple[int, ...]  # index of the function space of each side
     pairs: tuple[ContactPairs, ...]  # of each side
     frame: Frame | None  # None against a rigid obstacle
-    directions: np.ndarray  # (m, d, gdim) directions in which the frame's nodes move
+    directions: np.ndarray  # (m, d, gdim) in which the frame's nodes move, or an obstacle (m = 1)
+    # under a prescribed force
     area: float  # of contact, for laws that let bodies part the area where they may touch [area]
     certificate: Certificate | None  # None against a rigid obstacle
     rims: tuple[np.ndarray, ...]  # per side (n,) pairs next to facets that were left out
@@ -35,6 +36,15 @@ class ContactModel:
     site: Site  # what it was built of
     parts: tuple[Part, ...]  # its pieces, one after the other in frame and pairs; none against an
     # obstacle
+    forced: tuple[bool, ...] = ()  # per component whether a force on the obstacle is prescribed
+
+    @property
+    def places(self) -> np.ndarray:
+        """(m, gdim) where the unknowns of ``directions`` are: the frame's nodes; of an obstacle
+        under force the middle of what may touch it."""
+        if self.frame is not None:
+            return self.frame.x
+        return self.pairs[0].x.mean(axis=0)[None][: len(self.directions)]
 
     @cached_property
     def law_nodes(self) -> tuple[np.ndarray, np.ndarray]:

@@ -45,7 +45,7 @@ class LawNodes:
     status: np.ndarray  # (k,) in the last iterate: OPEN, STICK, SLIP, CLOSED
     history: dict[str, np.ndarray] = field(default_factory=dict)  # (k, ...) what the law keeps
     speaker: np.ndarray | None = None  # (k,) node whose law holds for each; None: each its own
-    sample: Callable[[Any], np.ndarray] | None = None  # see ``values``
+    sample: Callable[[Any], np.ndarray] | None = None  # (k,) of what users give
 
     @property
     def slip(self) -> np.ndarray:

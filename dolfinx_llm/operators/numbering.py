@@ -137,10 +137,10 @@ def frame_numbering(models: Sequence[ContactModel], comm: MPI.Comm) -> Numbering
     """Numbers of the frame unknowns, d per node; they live with the nearest surface node."""
     owners = [np.empty(0, dtype=np.int64)]
     for model in models:
-        if model.frame is not None:
+        if len(model.places):
             x = np.concatenate([side.x for side in model.pairs])
             owner = np.concatenate([side.owner for side in model.pairs])
-            nearest = owner[cKDTree(x).query(model.frame.x)[1]]
+            nearest = owner[cKDTree(x).query(model.places)[1]]
             owners.append(np.repeat(nearest, model.directions.shape[1]))
     return Numbering(np.concatenate(owners), comm.rank)
 

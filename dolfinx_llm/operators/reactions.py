@@ -16,13 +16,15 @@ def with_reactions(
     v: np.ndarray,
     u: np.ndarray,
     force: np.ndarray,
+    sticks: np.ndarray | None = None,
 ) -> np.ndarray:
     """Multipliers (n,) with what bodies pass on at nodes that supports hold; collective.
 
     There the equations leave open what the supports take and what goes through the frame. Of
     the forces that bodies exert on both, f - K u, the part is added that leaves the frame in
-    balance; what may open stays pressed together, and without it where it is open. Nodes of
-    several interfaces, and those against obstacles, stay as they are.
+    balance; what may open stays pressed together, and without it where it is open. What friction
+    may be between nodes that stick nothing tells: it is the least that meets (31). Nodes of several
+    interfaces, and those against obstacles, stay as they are.
 
     Args:
         operators: of the interfaces.
@@ -30,6 +32,7 @@ def with_reactions(
         v: (m,) frame unknowns.
         u: (n_local,) displacement.
         force: (n_local,) f - K u, with the rows of prescribed dofs.
+        sticks: (n,) rows of pairs that stick under friction; None: there is none.
     """
     rows, multiplier = operators.rows, multiplier.copy()
     motion, passed = (
@@ -48,7 +51,12 @@ def with_reactions(
         others = np.delete(node, np.r_[place.rows])
         chosen = operators.held[place.rows] & ~np.isin(node[place.rows], others)
         if not law.ties:  # the law binds tangential forces
-            chosen &= closed[place.rows] & (np.arange(len(chosen)) % c == c - 1)
+            normal = np.arange(len(chosen)) % c == c - 1
+            if sticks is not None:
+                loose = chosen & sticks[place.rows] & ~normal
+                at = place.rows.start + np.flatnonzero(loose)
+                multiplier[at] -= undetermined(L, loose, multiplier[at])
+            chosen &= closed[place.rows] & normal
         at = place.rows.start + np.flatnonzero(chosen)
         rest = undetermined(L, chosen, passed[at] - multiplier[at])
         multiplier[at] += rest * (largest_share(multiplier[at], rest) if law.opens else 1.0)

@@ -11,6 +11,7 @@ from petsc4py import PETSc
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.pressed import prescribed_loads
 from dolfinx_llm.operators.assemble import (
     assemble_B,
     assemble_gap,
@@ -169,10 +170,26 @@ class ContactOperators:
         return self.dofs.values(self.side_dofs[side], u)
 
     def obstacle_motions(self) -> list[np.ndarray]:
-        """Per interface (gdim,) how far an obstacle is from where it was drawn; zero without."""
-        at_rest = np.zeros(self.dofs.gdim)
-        obstacles = [model.interface.obstacle for model in self.models]
-        return [at_rest if o is None else o.motion(self.dofs.gdim) for o in obstacles]
+        """Per interface (n, gdim) prescribed motion of an obstacle at the points that its pairs
+        touch; without an obstacle empty [length]."""
+        found = []
+        for model in self.models:
+            obstacle, pairs = model.interface.obstacle, model.pairs[0]
+            x = (pairs.x - pairs.gap)[: len(pairs.x) if obstacle else 0]
+            found.append(x if obstacle is None else obstacle.motion(x))
+        return found
+
+    def frame_loads(self) -> np.ndarray:
+        """(n_v,) loads on the frame unknowns: zero but for forces on obstacles [force].
+
+        Raises:
+            ContactError: a force that no contact can resist.
+            ContactInputError: forces for other components than when the interface was built.
+        """
+        loads = np.zeros(self.frames.sizes[1])
+        for model, place in zip(self.models, self.places, strict=True):
+            loads[place.frame] = prescribed_loads(model)
+        return loads
 
     def side_gaps(self, motions: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
         """Per side (n, gdim) the gaps that the law sees: along the normal where bodies may part;

@@ -157,7 +157,8 @@ class LawMethod:
         with self.setting.times.timed(stage), progress(None, stage) as self.iteration.bar:
             u, multiplier, w = advance(self.iteration, f, g, increments)
         self._last = u, motions
-        return u, _with_reactions(self.setting, u, multiplier, w), w
+        sticks = np.concatenate([state.sticking_rows() for state in self.states])
+        return u, _with_reactions(self.setting, u, multiplier, w, sticks), w
 
     def describe(self) -> str:
         """For ``print(problem)``: the form, and why."""
@@ -176,12 +177,16 @@ class LawMethod:
 
 
 def _with_reactions(
-    setting: Setting, u: np.ndarray, multiplier: np.ndarray, v: np.ndarray
+    setting: Setting,
+    u: np.ndarray,
+    multiplier: np.ndarray,
+    v: np.ndarray,
+    sticks: np.ndarray | None = None,
 ) -> np.ndarray:
     """Multipliers (n,) with what bodies pass on at nodes that supports hold."""
     if not setting.operators.held.any():
         return multiplier
-    return with_reactions(setting.operators, multiplier, v, u, setting.bulk.force(u))
+    return with_reactions(setting.operators, multiplier, v, u, setting.bulk.force(u), sticks)
 
 
 def method_of(setting: Setting) -> TiedMethod | LawMethod:

@@ -167,7 +167,7 @@ class ContactProblem(Disposable):
             ContactError: NaN in the load, a system that cannot be solved, a law that does not
                 converge.
         """
-        increments = step_arguments(self.comm, increments, self.interfaces)
+        increments = step_arguments(self.comm, increments, self.interfaces, self.spaces)
         self.update()
         with self.times.timed("assembly of f"):
             f = self.bulk.load()

@@ -96,7 +96,7 @@ class Checked:
         """Each node against the plane; friction over the last load step is told by the result's
         own slip, which must be the node's."""
         (x, u, F), law, side = found[0], model.interface.law, result.sides[0]
-        n, motion = side.normal, model.interface.obstacle.motion(self.gdim)
+        n, motion = side.normal, model.interface.obstacle.motion(found[0][0])
         normal = np.einsum("ni,ni->n", F, n)
         T = F - normal[:, None] * n
         relative = u - motion
