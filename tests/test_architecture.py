@@ -120,6 +120,29 @@ def test_modules_are_small():
     assert not found
 
 
+def constants(tree):
+    """Names in capitals that a module defines."""
+    for node in tree.body:
+        targets = node.targets if isinstance(node, ast.Assign) else []
+        for target in targets:
+            for name in target.elts if isinstance(target, ast.Tuple) else [target]:
+                if isinstance(name, ast.Name) and name.id.isupper():
+                    yield name.id.lstrip("_")
+
+
+SAME = {"EPS"}  # one number, wherever it stands
+SHARED = {"LEAST", "NOISE", "NOTHING", "WEAK"}  # still to be told apart
+
+
+def test_a_constant_has_one_meaning():
+    """No name in capitals is defined in two modules."""
+    found = [
+        c for path in PACKAGE.rglob("*.py") for c in set(constants(ast.parse(path.read_text())))
+    ]
+    twice = {name for name in found if found.count(name) > 1}
+    assert len(found) > 80 and twice - SAME <= SHARED
+
+
 def test_classes_are_small():
     """At most 200 lines."""
     found = set()

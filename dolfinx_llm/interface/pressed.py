@@ -13,7 +13,7 @@ from dolfinx_llm.interface.geometry import ContactModel
 from dolfinx_llm.interface.obstacle import Obstacle
 
 RESISTED = 1e-6  # part of the largest: below it a motion meets no resistance of contact
-ALONG = 1e-9  # part of a force that rounding may put across what contact resists
+REST = 1e-9  # part of a force that rounding may put across what contact resists
 
 
 def forced(obstacle: Obstacle, gdim: int) -> tuple[bool, ...]:
@@ -80,7 +80,7 @@ def prescribed_loads(model: ContactModel) -> np.ndarray:
     values = np.array([0.0 if f is None else f for f in force])
     along = axes[0] @ values
     left = values - along @ axes[0]
-    if np.abs(left).max() > ALONG * np.abs(values).max():
+    if np.abs(left).max() > REST * np.abs(values).max():
         raise ContactError(
             f"interface {model.interface.name}: nothing resists the part {left.round(9).tolist()} "
             f"of the force {values.tolist()} on the {type(obstacle).__name__}. Give None for "

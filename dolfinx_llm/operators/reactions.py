@@ -7,7 +7,7 @@ import numpy as np
 from dolfinx_llm.operators.prescribed import largest_share, undetermined
 from dolfinx_llm.operators.system import ContactOperators
 
-CLOSED = 1e-9  # gaps up to this part of motions are none
+TOUCHING = 1e-9  # gaps up to this part of motions are none
 
 
 def with_reactions(
@@ -43,7 +43,7 @@ def with_reactions(
     sides = zip(operators.pairs, operators.side_gaps(), strict=True)
     gaps = np.concatenate([np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in sides])
     opening = operators.L @ v - motion - gaps
-    closed = opening <= CLOSED * max(np.abs(motion).max(), np.abs(gaps).max())
+    closed = opening <= TOUCHING * max(np.abs(motion).max(), np.abs(gaps).max())
     for model, place, L in zip(operators.models, operators.places, operators.blocks, strict=True):
         law, c = model.interface.law, model.pairs[0].base.shape[1]
         if model.frame is None or law.gives:  # where the law gives way it tells the forces
