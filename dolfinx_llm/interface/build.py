@@ -64,7 +64,7 @@ def build(site: Site, clock: Clock | None = None) -> ContactModel:
     notes: list[str] = []
     if interface.obstacle is not None:
         return build_against(site, notes, clock)
-    pieces, rims = find_pieces(whole, interface.law.unilateral, interface.name, notes)
+    pieces, rims = find_pieces(whole, interface.law.opens, interface.name, notes)
     if len(pieces) > 1 and interface.frame is not None:
         pieces = [whole_piece(pieces)]
     clock.stop("facing facets")
@@ -130,10 +130,10 @@ def build_piece(
     if plane is None:  # curved: vector areas, smooth rows, balance in least squares
         if interface.design == "positions":
             raise ContactInputError("design='positions' needs flat sides; use 'weights' or 'auto'")
-        vectors = vector_areas_in_contact(sides[0], sides[1], law.unilateral)
+        vectors = vector_areas_in_contact(sides[0], sides[1], law.opens)
         forces = [np.linalg.norm(a, axis=1) for a in vectors]
     else:
-        if not law.unilateral:
+        if not law.opens:
             check_flat(sides, plane)
         area = common_area(sides[0], sides[1], plane)
         forces = [nodal_forces(side, plane.project(side.x), area) for side in sides]
@@ -158,7 +158,7 @@ def build_piece(
         pairs, certificate = balanced(interface, frame, pairs, vectors, notes)
         base = local_bases(nodal_normals(frame))
     else:
-        normal_only = law.unilateral and not law.friction
+        normal_only = law.components == "normal"
         keep = site.held and [
             fixed_nodes(p, side, held, normal_only)
             for p, side, held in zip(pairs, site.whole, site.held, strict=True)
@@ -195,8 +195,8 @@ def _model(
     """
     interface, law, gdim = site.interface, site.interface.law, site.whole[0].x.shape[1]
     base = np.empty((0, gdim, gdim)) if base is None else base
-    if law.unilateral:  # normals alone without friction
-        first = 0 if law.friction else gdim - 1
+    if law.components != "cartesian":
+        first = gdim - 1 if law.components == "normal" else 0
         signs = (1.0, -1.0)
         pairs = [
             replace(p, base=(sign * local_bases(sign * p.normal))[:, first:])
@@ -208,7 +208,7 @@ def _model(
     given: tuple[bool, ...] = ()
     if interface.obstacle is not None:
         given = forced(interface.obstacle, gdim)
-        own, base = under_force(interface.obstacle, pairs[0], law.unilateral)
+        own, base = under_force(interface.obstacle, pairs[0], law.opens)
         pairs = [own]
     model = ContactModel(
         interface, tuple(p.surface for p in pairs), site.spaces, tuple(pairs), frame, base,

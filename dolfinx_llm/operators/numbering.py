@@ -80,7 +80,7 @@ def places(models: Sequence[ContactModel]) -> list[Place]:
         n = sum(len(side.nodes) for side in model.pairs)
         _, c, gdim = model.pairs[0].base.shape
         k = n if model.frame is None else len(model.directions)
-        slips = k * (gdim - 1) if model.interface.law.friction else 0
+        slips = k * model.interface.law.jumps(gdim)
         starts, sizes = ends, (len(model.pairs), n, n * c, frame, slips)
         ends = [start + size for start, size in zip(starts, sizes, strict=True)]
         found.append(Place(*map(slice, starts, ends)))
@@ -153,8 +153,9 @@ def slip_numbering(
     owners = [frames.owner]
     for model, place in zip(models, places, strict=True):
         _, d, gdim = model.directions.shape
-        if model.interface.law.friction:
+        jumps = model.interface.law.jumps(gdim)
+        if jumps:
             at = frames.owner[place.frame][:: max(d, 1)]
             at = model.pairs[0].owner if model.frame is None else at
-            owners.append(np.repeat(at, gdim - 1))
+            owners.append(np.repeat(at, jumps))
     return Numbering(np.concatenate(owners), frames.rank)
