@@ -21,8 +21,8 @@ from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 from dolfinx_llm.operators.system import ContactOperators
 
 FELT = 1e-9  # part of the largest force or motion, below which there is none
-NOTHING = 1e-14  # force over the surfaces' stiffness times their motion that is rounding
-WEAK = 1e-3  # of a frame node's mean support: what draws its tangential motion to the mean
+IDLE = 1e-14  # force over the surfaces' stiffness times their motion that is rounding
+DRAW = 1e-3  # of a frame node's mean support: what draws its tangential motion to the mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +179,7 @@ def _between_bodies(
         gaps[k] = np.einsum("ni,ni->n", across, sides[k].normal)
     force = max(np.abs(side.normal_force).max(initial=0.0) for side in sides)
     size = max(np.abs(a).max(initial=0.0) for side in sides for a in (side.u, side.frame_gap))
-    nothing, law = NOTHING * scale * size, model.interface.law
+    nothing, law = IDLE * scale * size, model.interface.law
     out, ends = [], np.cumsum([len(side.x) for side in sides])
     for side, gap, pulls in zip(sides, gaps, np.split(held, ends[:-1]), strict=True):
         pressed = side.normal_force > max(FELT * force, nothing)
@@ -206,7 +206,7 @@ def _tangential_average(model: ContactModel, moved: Sequence[np.ndarray]) -> np.
     for p, motion in zip(model.pairs, moved, strict=True):
         A = p.N.T @ p.N
         # Frame nodes that hardly any pair of this side reaches move as the side does on average.
-        weak = WEAK * A.diagonal().mean() * identity(A.shape[0])
+        weak = DRAW * A.diagonal().mean() * identity(A.shape[0])
         mean = motion.mean(axis=0)
         total += 0.5 * (mean + splu((A + weak).tocsc()).solve(p.N.T @ (motion - mean)))
     normal = model.directions[:, -1]
