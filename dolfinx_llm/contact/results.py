@@ -16,7 +16,7 @@ from dolfinx_llm.design.curved import nodal_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.certificate import Certificate
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 from dolfinx_llm.operators.system import ContactOperators
 
@@ -164,7 +164,7 @@ def collect_results(
 
 
 def _between_bodies(
-    model: ContactModel, sides: list[SideResult], scale: float, held: np.ndarray
+    model: InterfaceGeometry, sides: list[SideResult], scale: float, held: np.ndarray
 ) -> list[SideResult]:
     """The sides with gaps between the bodies, and open where these are apart and none of the pairs
     held (n,), which may pull.
@@ -200,7 +200,7 @@ def _between_bodies(
     return out
 
 
-def _tangential_average(model: ContactModel, moved: Sequence[np.ndarray]) -> np.ndarray:
+def _tangential_average(model: InterfaceGeometry, moved: Sequence[np.ndarray]) -> np.ndarray:
     """(m, gdim) mean of the tangential motions of both sides, fitted to the frame's nodes."""
     total = np.zeros((len(model.directions), moved[0].shape[1]))
     for p, motion in zip(model.pairs, moved, strict=True):
@@ -242,7 +242,7 @@ def _side_result(
 
 
 def _interface_result(
-    model: ContactModel, sides: list[SideResult], v: np.ndarray, state: Any
+    model: InterfaceGeometry, sides: list[SideResult], v: np.ndarray, state: Any
 ) -> InterfaceResult:
     side, pairs, law = sides[0], model.pairs[0], model.interface.law
     presses = law.opens and not (state and state.held.any())
