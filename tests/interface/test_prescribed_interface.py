@@ -7,8 +7,6 @@ import numpy as np
 import pairs
 import pytest
 import scenes
-import ufl
-from dolfinx import fem
 from mpi4py import MPI
 
 import dolfinx_llm as llm
@@ -53,13 +51,10 @@ def solved(gdim, law, components, sides, design="auto"):
         if side in sides:
             planes += [(k, scenes.on(gdim - 1, 1.0)) for k in components]
         bcs += scenes.hold(V, planes, exact)
-    forms = [(ufl.TrialFunction(V), ufl.TestFunction(V)) for V in spaces]
+    forms = [scenes.forms(V) for V in spaces]
     problem = llm.ContactProblem(
-        [ufl.inner(cs.stress(u), ufl.grad(w)) * ufl.dx for u, w in forms],
-        [
-            ufl.inner(fem.Constant(V.mesh, np.zeros(gdim)), w) * ufl.dx
-            for V, (_, w) in zip(spaces, forms, strict=True)
-        ],
+        [a for a, _ in forms],
+        [L for _, L in forms],
         bcs=bcs,
         interfaces=[
             llm.Interface(None, ((made[0][1], cs.ABOVE), (made[1][1], cs.BELOW)), law=law,

@@ -4,7 +4,6 @@ import contact_scenes as cs
 import numpy as np
 import pairs
 import scenes
-import ufl
 from dolfinx import fem
 from facing_scenes import turn
 from mpi4py import MPI
@@ -42,11 +41,9 @@ class Block:
         V = compat.function_space(body[0], shape=(gdim,))
         bcs = rolling(V) if rollers else self._clamped(V)
         body[0].geometry.x[:, :gdim] = body[0].geometry.x[:, :gdim] @ self.R.T
-        u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
         solver, choice.FLEXIBLE = FORMS[form]
         self.problem = llm.ContactProblem(
-            ufl.inner(cs.stress(u), ufl.grad(w)) * ufl.dx,
-            ufl.inner(fem.Constant(V.mesh, np.zeros(gdim)), w) * ufl.dx,
+            *scenes.forms(V),
             bcs=bcs,
             interfaces=[llm.Interface(body[1], (cs.BELOW, self.obstacle), law=law)],
             solver=solver,
