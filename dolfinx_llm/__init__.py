@@ -22,6 +22,8 @@ from dolfinx_llm.interface.obstacles import (
 )
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
+from dolfinx_llm.laws.law import Law
+from dolfinx_llm.laws.rows import LawNodes, LawRows
 from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.output import plot, post
 from dolfinx_llm.problem import classical
@@ -42,6 +44,9 @@ __all__ = [
     "Frame",
     "Frictionless",
     "Interface",
+    "Law",
+    "LawNodes",
+    "LawRows",
     "Obstacle",
     "RigidCylinder",
     "RigidPlane",

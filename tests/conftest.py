@@ -23,7 +23,7 @@ sys.path[:0] = PATHS
 LAUNCHERS = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "MPI_LOCAL")
 SETTINGS = ("OMPI_MCA_", "OMPI_ALLOW_", "PRTE_MCA_", "PMIX_MCA_")
 
-# Workers wait for a form that another one compiles: dolfinx gives it 10 s, too few on a busy machine.
+# Workers wait for a form that another one compiles; 10 s, as dolfinx has it, may be too few.
 if "PYTEST_XDIST_WORKER" in os.environ:
     _settings = tempfile.TemporaryDirectory()
     os.environ["XDG_CONFIG_HOME"] = _settings.name

@@ -20,7 +20,7 @@ from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import GRAZING, SIGN, StepForm, StepResult, force_level
 from dolfinx_llm.forms.verdict import FinalError, Verdict
-from dolfinx_llm.laws.law import OPEN, SLIP, STICK
+from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 from dolfinx_llm.operators.system import ContactOperators
 
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
@@ -87,7 +87,7 @@ class ContactIteration:
         if other.multiplier is None:
             return
         for state, kept in zip(self.states, other.states, strict=True):
-            state.restore(kept.snapshot())
+            state.restore(kept.own)
         self.multiplier, self.w = other.multiplier, other.w
         self.alpha = self.form.floating.amounts(u)  # of other modes, perhaps
         self.forces, self.pressed = other.forces, other.pressed
@@ -96,7 +96,7 @@ class ContactIteration:
 
     def snapshot(self) -> tuple:
         """What a load step may have to be taken back to."""
-        states, loads = [s.snapshot() for s in self.states], self.equations.loads
+        states, loads = [s.own.copy() for s in self.states], self.equations.loads
         return states, self.multiplier, self.w, self.alpha, loads
 
     def restore(self, snapshot: tuple) -> None:
@@ -109,7 +109,7 @@ class ContactIteration:
         """End a load step: what has slipped is the reference of the next."""
         fitted = self.equations.middle(found.y + g, found.w)
         for s in self.states:
-            s.accept(found.w, fitted)
+            s.accept(found.multiplier, found.w, fitted, self.scale)
         self.pressed = max(self.pressed, np.abs(self.equations.loads).max(initial=0.0))
 
     def iterate(self, f: np.ndarray, g: np.ndarray) -> StepResult:
@@ -150,7 +150,9 @@ class ContactIteration:
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
             tell_iteration(entry, self.bar)
-            calm = 0 if changes else calm + 1
+            # That all stick at first is a state that changes, where the law says something else.
+            supposed = not known and iteration == 1 and miss > self.form.accuracy
+            calm = 0 if changes or supposed else calm + 1
             pull.watch(found.floating, multiplier, calm, self.form.noise)
             stalled = calm > CALM and miss > 0.5 * before
             enough = max(ENOUGH, self.form.noise / largest)
@@ -192,31 +194,27 @@ class ContactIteration:
         Returns:
             Number of changes that matter.
         """
-        normal = s.rows[:, -1]
-        chosen = found.active[normal] ^ found.wrong[normal] if s.law.unilateral else s.active
-        changed, force = chosen != s.active, np.abs(found.multiplier)
+        rows, own, speaker = s.nodes.rows, s.own, s.others.speaker
+        normal = rows[:, -1]
+        chosen = found.active[normal] ^ found.wrong[normal] if s.law.opens else own.active
+        changed, force = chosen != own.active, np.abs(found.multiplier)
         largest = force.max(initial=0.0)
         light = (changed.sum() <= FEW * len(chosen) + 2) | (force[normal] <= LIGHT * largest)
-        s.closings += np.where(chosen & ~s.active, np.where(light, 4, 1), 0)
-        speaker = s.speaker
+        own.closings += np.where(chosen & ~own.active, np.where(light, 4, 1), 0)
         s.touch(chosen)
         # What carries nothing is in contact or not, sticks or slips, to no effect; what closes
         # where it already meets the frame as well. A sign that is wrong has to change, also where
         # its pair then is as it was.
-        meets = self.scale * apart[s.rows].max(axis=1) <= SIGN * largest
-        meets &= chosen & np.array_equal(speaker, s.speaker)
-        felt = changed & (force[s.rows].max(axis=1) > SIGN * largest) & ~meets
+        meets = self.scale * apart[rows].max(axis=1) <= SIGN * largest
+        meets &= chosen & np.array_equal(speaker, s.others.speaker)
+        felt = changed & (force[rows].max(axis=1) > SIGN * largest) & ~meets
         changes = int((felt | found.wrong[normal]).sum())
-        if s.kappa.size:
-            rows = self.equations.friction_rows(s, found.multiplier, found.w, self._calmed)
-            T, bound = s.forces(found.multiplier)
-            z = T + s.slip_stiffness(self.scale)[:, None] * s.slip(found.w)
-            # At the limit and without slip a node sticks and slips alike.
-            apart = np.abs(np.linalg.norm(z, axis=1) - bound)
-            size = np.maximum(np.linalg.norm(T, axis=1), np.abs(bound))
-            felt = np.minimum(size, apart) > SIGN * largest
-            changes += int(((rows.status != s.status) & felt).sum())
-            s.status = rows.status
+        if s.nodes.kappa.size:
+            felt = s.law.at_stake(s.at(found.multiplier, found.w, self.scale)) > SIGN * largest
+            told = self.equations.law_rows(s, found.multiplier, found.w, self._calmed)
+            differs = ((told.status != own.status) & felt) | (told.holds != own.holds)
+            changes += int(differs.sum())
+            s.take(told)
         return changes
 
     def _count(self) -> dict:

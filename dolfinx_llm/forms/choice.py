@@ -61,7 +61,7 @@ def choose_solver(asked: str, K: PETSc.Mat, operators: ContactOperators) -> tupl
             "solver='condensed' needs a symmetric stiffness, and the form a is not symmetric: use "
             "solver='saddle'"
         )
-    if any(model.interface.law.unilateral for model in operators.models):
+    if not all(model.interface.law.ties for model in operators.models):
         return _choose_steps(asked, symmetric, operators)
     if asked != "auto":
         return asked, "as asked"
@@ -86,7 +86,7 @@ def _choose_steps(asked: str, symmetric: bool, operators: ContactOperators) -> t
         return "flexibility", f"{first}with up to {FLEXIBLE} multipliers the bodies are asked once"
     if asked == "saddle":
         return "saddle", "as asked"
-    friction = any(model.interface.law.friction for model in operators.models)
+    friction = any(law.slips or law.gives for law in (m.interface.law for m in operators.models))
     limit = CROSSOVER[operators.dofs.gdim]
     if not symmetric or friction or unknowns < limit or eliminated_rows(operators).widest > WIDEST:
         return "saddle", f"chosen: {rows} multipliers, factorised in each step"
@@ -139,7 +139,7 @@ def build_steps(
     if form == "saddle":
         return SparseSteps(bulk.K, B, rows.numbering, frames, *common)
     block, modes = 1, None
-    if not any(model.interface.law.friction for model in operators.models):
+    if operators.unknowns.sizes[1] == operators.frames.sizes[1]:  # no jumps
         block, modes = block_size(operators), rigid_modes_of(operators)
     return CondensedSteps(rows, block, modes, bulk.take_K(), B, frames, *common)
 

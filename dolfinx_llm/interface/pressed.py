@@ -9,11 +9,11 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.geometry.pairs import ContactPairs
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.obstacle import Obstacle
 
 RESISTED = 1e-6  # part of the largest: below it a motion meets no resistance of contact
-ALONG = 1e-9  # part of a force that rounding may put across what contact resists
+REST = 1e-9  # part of a force that rounding may put across what contact resists
 
 
 def forced(obstacle: Obstacle, gdim: int) -> tuple[bool, ...]:
@@ -55,7 +55,7 @@ def under_force(
     return replace(pairs, N=csr_matrix(np.ones((len(pairs.nodes), 1)))), axes[None]
 
 
-def prescribed_loads(model: ContactModel) -> np.ndarray:
+def prescribed_loads(model: InterfaceGeometry) -> np.ndarray:
     """Loads on the frame unknowns of an interface, L_bᵀ λ = loads, as they are now.
 
     Returns:
@@ -80,7 +80,7 @@ def prescribed_loads(model: ContactModel) -> np.ndarray:
     values = np.array([0.0 if f is None else f for f in force])
     along = axes[0] @ values
     left = values - along @ axes[0]
-    if np.abs(left).max() > ALONG * np.abs(values).max():
+    if np.abs(left).max() > REST * np.abs(values).max():
         raise ContactError(
             f"interface {model.interface.name}: nothing resists the part {left.round(9).tolist()} "
             f"of the force {values.tolist()} on the {type(obstacle).__name__}. Give None for "

@@ -7,7 +7,7 @@ import numpy as np
 from dolfinx_llm.operators.prescribed import largest_share, undetermined
 from dolfinx_llm.operators.system import ContactOperators
 
-CLOSED = 1e-9  # gaps up to this part of motions are none
+TOUCHING = 1e-9  # gaps up to this part of motions are none
 
 
 def with_reactions(
@@ -43,14 +43,14 @@ def with_reactions(
     sides = zip(operators.pairs, operators.side_gaps(), strict=True)
     gaps = np.concatenate([np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in sides])
     opening = operators.L @ v - motion - gaps
-    closed = opening <= CLOSED * max(np.abs(motion).max(), np.abs(gaps).max())
+    closed = opening <= TOUCHING * max(np.abs(motion).max(), np.abs(gaps).max())
     for model, place, L in zip(operators.models, operators.places, operators.blocks, strict=True):
-        if model.frame is None:
+        law, c = model.interface.law, model.pairs[0].base.shape[1]
+        if model.frame is None or law.gives:  # where the law gives way it tells the forces
             continue
         others = np.delete(node, np.r_[place.rows])
         chosen = operators.held[place.rows] & ~np.isin(node[place.rows], others)
-        opens, c = model.interface.law.unilateral, model.pairs[0].base.shape[1]
-        if opens:  # the law binds tangential forces
+        if not law.ties:  # the law binds tangential forces
             normal = np.arange(len(chosen)) % c == c - 1
             if sticks is not None:
                 loose = chosen & sticks[place.rows] & ~normal
@@ -59,5 +59,5 @@ def with_reactions(
             chosen &= closed[place.rows] & normal
         at = place.rows.start + np.flatnonzero(chosen)
         rest = undetermined(L, chosen, passed[at] - multiplier[at])
-        multiplier[at] += rest * (largest_share(multiplier[at], rest) if opens else 1.0)
+        multiplier[at] += rest * (largest_share(multiplier[at], rest) if law.opens else 1.0)
     return multiplier

@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.pressed import prescribed_loads
 from dolfinx_llm.operators.assemble import (
     assemble_B,
@@ -68,7 +68,7 @@ class ContactOperators:
 
     def __init__(
         self,
-        models: Sequence[ContactModel],
+        models: Sequence[InterfaceGeometry],
         dofs: BodyDofs,
         K: PETSc.Mat,
         times: StageTimes,
@@ -120,7 +120,7 @@ class ContactOperators:
         self.redundant = np.zeros(len(self.held), dtype=bool)
         self.prescribed = []
         for model, place, L in zip(self.models, self.places, self.blocks, strict=True):
-            if not model.interface.law.unilateral:
+            if model.interface.law.ties:
                 rows, basis, redundant = prescribed_rows(L, self.held[place.rows])
                 self.prescribed.append((place.rows.start + rows, basis))
                 self.redundant[place.rows.start + redundant] = True
@@ -130,8 +130,8 @@ class ContactOperators:
         bodies may part, since there the softer one tells the forces."""
         fixed, rows = self.dofs.fixed, self.rows.dofs.ravel() - self.dofs.first
         rows = rows[(rows >= 0) & (rows < len(fixed))]
-        unilateral = any(model.interface.law.unilateral for model in self.models)
-        return mean_diagonal(K, rows[~fixed[rows]], geometric=unilateral)
+        tied = all(model.interface.law.ties for model in self.models)
+        return mean_diagonal(K, rows[~fixed[rows]], geometric=not tied)
 
     def _check_support(self, K: PETSc.Mat) -> None:
         """Require that supports and ties hold every body, and that ties close no loop."""
@@ -198,10 +198,10 @@ class ContactOperators:
         for i, model in enumerate(self.models):
             for side in model.pairs:
                 law, gap = model.interface.law, side.gap
-                if law.unilateral:
-                    gap = np.einsum("ni,ni->n", gap, side.normal)[:, None] * side.normal
-                elif not law.close_gap:
+                if not law.closes_gap:
                     gap = np.zeros_like(gap)
+                elif law.components != "cartesian":
+                    gap = np.einsum("ni,ni->n", gap, side.normal)[:, None] * side.normal
                 if motions is not None and model.interface.obstacle is not None:
                     gap = gap - motions[i]
                 gaps.append(gap)

@@ -11,7 +11,6 @@ from dolfinx_llm.base.log import progress
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.load_steps import advance
-from dolfinx_llm.contact.state import sticking_rows
 from dolfinx_llm.forms.choice import build_steps, build_system, describe, warn
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.reactions import with_reactions
@@ -158,7 +157,7 @@ class LawMethod:
         with self.setting.times.timed(stage), progress(None, stage) as self.iteration.bar:
             u, multiplier, w = advance(self.iteration, f, g, increments)
         self._last = u, motions
-        sticks = np.concatenate([sticking_rows(state) for state in self.states])
+        sticks = np.concatenate([state.sticking_rows() for state in self.states])
         return u, _with_reactions(self.setting, u, multiplier, w, sticks), w
 
     def describe(self) -> str:
@@ -193,4 +192,4 @@ def _with_reactions(
 def method_of(setting: Setting) -> TiedMethod | LawMethod:
     """The method that the laws of the interfaces need."""
     laws = [model.interface.law for model in setting.operators.models]
-    return (LawMethod if any(law.unilateral for law in laws) else TiedMethod)(setting)
+    return (LawMethod if any(not law.ties for law in laws) else TiedMethod)(setting)

@@ -4,7 +4,6 @@ Prints, as JSON, the largest difference of displacements and forces, relative, p
 """
 
 import json
-import sys
 
 import numpy as np
 import scenes

@@ -8,7 +8,7 @@ from dolfinx import fem, mesh
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.laws.law import OPEN
+from dolfinx_llm.laws.rows import OPEN
 
 E, NU, stress = scenes.E, scenes.NU, scenes.stress
 BELOW, ABOVE = pairs.BELOW, pairs.ABOVE
