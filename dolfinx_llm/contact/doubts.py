@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_llm.contact.results import InterfaceResult
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import OPEN
 
 SPIN = 1e-9  # part of an obstacle's rotation along its normals, up to which it does not tilt
@@ -19,7 +19,7 @@ NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close
 
 
 def doubts(
-    models: Sequence[ContactModel], results: Sequence[InterfaceResult], states: Any = None
+    models: Sequence[InterfaceGeometry], results: Sequence[InterfaceResult], states: Any = None
 ) -> list[str]:
     """What in a solution lies outside of what the method allows for: contact at the rim of what may
     touch, sliding farther than a facet, pairs that lost their friction, bodies that come nearer and
@@ -65,7 +65,7 @@ def doubts(
     return out
 
 
-def _turned(model: ContactModel) -> tuple[np.ndarray | float, float]:
+def _turned(model: InterfaceGeometry) -> tuple[np.ndarray | float, float]:
     """By how much an obstacle has turned: the motion (n, gdim) of its points where that leaves its
     surface where it is, else the angle [rad]."""
     obstacle, pairs = model.interface.obstacle, model.pairs[0]
@@ -78,7 +78,7 @@ def _turned(model: ContactModel) -> tuple[np.ndarray | float, float]:
     return motion, 0.0
 
 
-def _apart(model: ContactModel, result: InterfaceResult) -> list[str]:
+def _apart(model: InterfaceGeometry, result: InterfaceResult) -> list[str]:
     """Bodies that have come nearer to each other than in the drawing, and touch nowhere."""
     law, sides = model.interface.law, result.sides
     if not law.opens or any((side.status != OPEN).any() for side in sides):
@@ -97,7 +97,7 @@ def _apart(model: ContactModel, result: InterfaceResult) -> list[str]:
     ]
 
 
-def _gaps(model: ContactModel, gaps: Sequence[np.ndarray]) -> np.ndarray:
+def _gaps(model: InterfaceGeometry, gaps: Sequence[np.ndarray]) -> np.ndarray:
     """Distance between both sides at the frame's nodes, or of the nodes from the obstacle."""
     if model.frame is None:
         return gaps[0]

@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix, diags, identity, vstack
 
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import at_positions
 from dolfinx_llm.operators.assemble import interface_operator
@@ -33,7 +33,7 @@ class FrictionNodes:
     """Of one interface: its places in the vectors of all, and the operators of its law; n pairs
     with c multipliers each, k nodes with jumps of q components, none where the law has no jumps."""
 
-    model: ContactModel
+    model: InterfaceGeometry
     rows: np.ndarray  # (n, c) its multiplier rows
     v: np.ndarray  # (m d,) its frame unknowns
     kappa: np.ndarray  # (k, q) its jump unknowns
@@ -120,7 +120,7 @@ def friction_nodes(operators: ContactOperators) -> list[FrictionNodes]:
 
 
 def _friction_nodes(
-    operators: ContactOperators, model: ContactModel, place: Place, L: csr_matrix
+    operators: ContactOperators, model: InterfaceGeometry, place: Place, L: csr_matrix
 ) -> FrictionNodes:
     n, c, gdim = sum(len(p.nodes) for p in model.pairs), *model.pairs[0].base.shape[1:]
     rows, jumps = (np.arange(at.start, at.stop) for at in (place.rows, place.slips))
@@ -144,7 +144,7 @@ def _friction_nodes(
 
 
 def _jump_operators(
-    model: ContactModel, n: int, c: int, gdim: int
+    model: InterfaceGeometry, n: int, c: int, gdim: int
 ) -> tuple[csr_matrix, csr_matrix, float]:
     """L_kappa (n c, k q), N (k, n c) of the multipliers, and θ."""
     law = model.interface.law
@@ -163,7 +163,7 @@ def _jump_operators(
 
 
 def _sampled(
-    operators: ContactOperators, model: ContactModel, place: Place, x: np.ndarray, value: Any
+    operators: ContactOperators, model: InterfaceGeometry, place: Place, x: np.ndarray, value: Any
 ) -> np.ndarray:
     """(k,) of what a user gives for a law at x (k, gdim), see ``LawNodes``; collective."""
     if not compat.is_function(value):

@@ -16,13 +16,13 @@ from dolfinx_llm.design.curved import nodal_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.certificate import Certificate
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 from dolfinx_llm.operators.system import ContactOperators
 
 FELT = 1e-9  # part of the largest force or motion, below which there is none
-NOTHING = 1e-14  # force over the surfaces' stiffness times their motion that is rounding
-WEAK = 1e-3  # of a frame node's mean support: what draws its tangential motion to the mean
+IDLE = 1e-14  # force over the surfaces' stiffness times their motion that is rounding
+DRAW = 1e-3  # of a frame node's mean support: what draws its tangential motion to the mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +164,7 @@ def collect_results(
 
 
 def _between_bodies(
-    model: ContactModel, sides: list[SideResult], scale: float, held: np.ndarray
+    model: InterfaceGeometry, sides: list[SideResult], scale: float, held: np.ndarray
 ) -> list[SideResult]:
     """The sides with gaps between the bodies, and open where these are apart and none of the pairs
     held (n,), which may pull.
@@ -179,7 +179,7 @@ def _between_bodies(
         gaps[k] = np.einsum("ni,ni->n", across, sides[k].normal)
     force = max(np.abs(side.normal_force).max(initial=0.0) for side in sides)
     size = max(np.abs(a).max(initial=0.0) for side in sides for a in (side.u, side.frame_gap))
-    nothing, law = NOTHING * scale * size, model.interface.law
+    nothing, law = IDLE * scale * size, model.interface.law
     out, ends = [], np.cumsum([len(side.x) for side in sides])
     for side, gap, pulls in zip(sides, gaps, np.split(held, ends[:-1]), strict=True):
         pressed = side.normal_force > max(FELT * force, nothing)
@@ -200,13 +200,13 @@ def _between_bodies(
     return out
 
 
-def _tangential_average(model: ContactModel, moved: Sequence[np.ndarray]) -> np.ndarray:
+def _tangential_average(model: InterfaceGeometry, moved: Sequence[np.ndarray]) -> np.ndarray:
     """(m, gdim) mean of the tangential motions of both sides, fitted to the frame's nodes."""
     total = np.zeros((len(model.directions), moved[0].shape[1]))
     for p, motion in zip(model.pairs, moved, strict=True):
         A = p.N.T @ p.N
         # Frame nodes that hardly any pair of this side reaches move as the side does on average.
-        weak = WEAK * A.diagonal().mean() * identity(A.shape[0])
+        weak = DRAW * A.diagonal().mean() * identity(A.shape[0])
         mean = motion.mean(axis=0)
         total += 0.5 * (mean + splu((A + weak).tocsc()).solve(p.N.T @ (motion - mean)))
     normal = model.directions[:, -1]
@@ -242,7 +242,7 @@ def _side_result(
 
 
 def _interface_result(
-    model: ContactModel, sides: list[SideResult], v: np.ndarray, state: Any
+    model: InterfaceGeometry, sides: list[SideResult], v: np.ndarray, state: Any
 ) -> InterfaceResult:
     side, pairs, law = sides[0], model.pairs[0], model.interface.law
     presses = law.opens and not (state and state.held.any())

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 
 
-def describe(model: ContactModel) -> list[str]:
+def describe(model: InterfaceGeometry) -> list[str]:
     """Lines for ``print(problem)``: what an interface consists of, what it leaves out and why."""
     law, nodes = model.interface.law, " + ".join(str(len(p.nodes)) for p in model.pairs)
     kind = "that may touch" if law.opens else "in contact"

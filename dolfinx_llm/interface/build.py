@@ -22,7 +22,7 @@ from dolfinx_llm.interface.anatomy import describe
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.frames import REACH, choose_frame, move_nodes
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.join import Part, joined, whole_piece
 from dolfinx_llm.interface.pressed import forced, under_force
 from dolfinx_llm.interface.rows import balanced, designed, fixed_nodes
@@ -34,7 +34,7 @@ log = logging.getLogger("dolfinx_llm")
 
 def build_model(
     interface: Interface, spaces: Sequence[Any], fixed: Sequence[np.ndarray] | None = None
-) -> ContactModel:
+) -> InterfaceGeometry:
     """Surfaces, common area, frame, design and pairs of an interface.
 
     Collective. Everything after the gathering of the surfaces is computed alike on all ranks.
@@ -53,7 +53,7 @@ def build_model(
     return build(site, clock)
 
 
-def build(site: Site, clock: Clock | None = None) -> ContactModel:
+def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
     """Common area, frame, design and pairs of surfaces where they are now.
 
     Raises:
@@ -77,7 +77,7 @@ def build(site: Site, clock: Clock | None = None) -> ContactModel:
 
 def build_against(
     site: Site, notes: list[str], clock: Clock, nodes: np.ndarray | None = None
-) -> ContactModel:
+) -> InterfaceGeometry:
     """The model of a body against a rigid obstacle.
 
     Args:
@@ -96,7 +96,7 @@ def assembled(
     whole_rims: Sequence[np.ndarray],
     notes: Sequence[str],
     clock: Clock,
-) -> ContactModel:
+) -> InterfaceGeometry:
     """The model of an interface from what was built of its pieces.
 
     Args:
@@ -186,7 +186,7 @@ def _model(
     notes: Sequence[str],
     clock: Clock,
     parts: tuple[Part, ...],
-) -> ContactModel:
+) -> InterfaceGeometry:
     """The model with the base vectors and frame directions that the law needs.
 
     Args:
@@ -210,7 +210,7 @@ def _model(
         given = forced(interface.obstacle, gdim)
         own, base = under_force(interface.obstacle, pairs[0], law.opens)
         pairs = [own]
-    model = ContactModel(
+    model = InterfaceGeometry(
         interface, tuple(p.surface for p in pairs), site.spaces, tuple(pairs), frame, base,
         float(pairs[0].forces.sum()), certificate, tuple(rims), tuple(notes), clock.times,
         site, parts, given,

@@ -33,7 +33,7 @@ class Interface:
         frame: contact frame; None: predicted from the two surfaces.
         design: how the frame is made to pass the patch test (28): "weights" corrects the rows of
             L_b, "positions" moves the frame's nodes (paper, section 5; in 2D to the closed form
-            of ``frame2d``), None leaves it as it is, "auto" takes the closed form in 2D and
+            of ``design.line``), None leaves it as it is, "auto" takes the closed form in 2D and
             corrects weights where the frame does not pass already.
 
     Raises:

@@ -18,7 +18,7 @@ from dolfinx_llm.interface.site import Site
 
 
 @dataclass(frozen=True, eq=False)
-class ContactModel:
+class InterfaceGeometry:
     """An interface, ready for assembly; the same on every rank."""
 
     interface: Interface  # the user's choices

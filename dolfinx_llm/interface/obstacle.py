@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -62,7 +61,7 @@ class Obstacle:
     displacement: np.ndarray | None = field(default=None, kw_only=True)  # (gdim,) [length]
     rotation: float | np.ndarray | None = field(default=None, kw_only=True)  # angle, (3,) [rad]
     pivot: np.ndarray | None = field(default=None, kw_only=True)  # (gdim,) [length]
-    force: Sequence[float | None] | None = field(default=None, kw_only=True)  # (gdim,) [force]
+    force: tuple[float | None, ...] | None = field(default=None, kw_only=True)  # (gdim,) [force]
 
     def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance of points to the surface, and the direction into the obstacle.

@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.geometry.pairs import ContactPairs
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.obstacle import Obstacle
 
 RESISTED = 1e-6  # part of the largest: below it a motion meets no resistance of contact
@@ -55,7 +55,7 @@ def under_force(
     return replace(pairs, N=csr_matrix(np.ones((len(pairs.nodes), 1)))), axes[None]
 
 
-def prescribed_loads(model: ContactModel) -> np.ndarray:
+def prescribed_loads(model: InterfaceGeometry) -> np.ndarray:
     """Loads on the frame unknowns of an interface, L_bᵀ λ = loads, as they are now.
 
     Returns:

@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.timing import Clock
 from dolfinx_llm.interface.build import assembled, build, build_against, build_piece
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +47,8 @@ class Transfer:
 
 
 def relocated(
-    model: ContactModel, motions: Sequence[np.ndarray], v: np.ndarray | None = None
-) -> ContactModel:
+    model: InterfaceGeometry, motions: Sequence[np.ndarray], v: np.ndarray | None = None
+) -> InterfaceGeometry:
     """The same facets, frame cells and nodes, where bodies and frame are now.
 
     Shape functions, normals, gaps, forces and the design are made anew; all sizes stay.
@@ -79,8 +79,8 @@ def relocated(
 
 
 def rebuilt(
-    model: ContactModel, motions: Sequence[np.ndarray], v: np.ndarray | None = None
-) -> tuple[ContactModel, Transfer]:
+    model: InterfaceGeometry, motions: Sequence[np.ndarray], v: np.ndarray | None = None
+) -> tuple[InterfaceGeometry, Transfer]:
     """All anew where bodies are now, and how to carry over what was remembered.
 
     Args:
@@ -93,7 +93,9 @@ def rebuilt(
     return new, transfer(model, new, v)
 
 
-def transfer(old: ContactModel, new: ContactModel, v: np.ndarray | None = None) -> Transfer:
+def transfer(
+    old: InterfaceGeometry, new: InterfaceGeometry, v: np.ndarray | None = None
+) -> Transfer:
     """Between two geometries of one interface.
 
     Args:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 if TYPE_CHECKING:
     from dolfinx_llm.geometry.pairs import ContactPairs
     from dolfinx_llm.geometry.surface import Surface
-    from dolfinx_llm.interface.geometry import ContactModel
+    from dolfinx_llm.interface.geometry import InterfaceGeometry
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class Place:
     slips: slice  # of w: slip unknowns κ, which follow all v
 
 
-def places(models: Sequence[ContactModel]) -> list[Place]:
+def places(models: Sequence[InterfaceGeometry]) -> list[Place]:
     """Places of the interfaces, one after the other in every vector."""
     frames = [model.directions.shape[0] * model.directions.shape[1] for model in models]
     ends, found = [0, 0, 0, 0, sum(frames)], []
@@ -133,7 +133,7 @@ class Rows:
         )
 
 
-def frame_numbering(models: Sequence[ContactModel], comm: MPI.Comm) -> Numbering:
+def frame_numbering(models: Sequence[InterfaceGeometry], comm: MPI.Comm) -> Numbering:
     """Numbers of the frame unknowns, d per node; they live with the nearest surface node."""
     owners = [np.empty(0, dtype=np.int64)]
     for model in models:
@@ -146,7 +146,7 @@ def frame_numbering(models: Sequence[ContactModel], comm: MPI.Comm) -> Numbering
 
 
 def slip_numbering(
-    models: Sequence[ContactModel], places: Sequence[Place], frames: Numbering
+    models: Sequence[InterfaceGeometry], places: Sequence[Place], frames: Numbering
 ) -> Numbering:
     """Numbers of frame unknowns followed by slip unknowns κ, which live with their frame node (with
     their surface node against a rigid obstacle)."""

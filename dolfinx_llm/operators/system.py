@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.pressed import prescribed_loads
 from dolfinx_llm.operators.assemble import (
     assemble_B,
@@ -68,7 +68,7 @@ class ContactOperators:
 
     def __init__(
         self,
-        models: Sequence[ContactModel],
+        models: Sequence[InterfaceGeometry],
         dofs: BodyDofs,
         K: PETSc.Mat,
         times: StageTimes,

@@ -52,7 +52,7 @@ class ContactProblem(Disposable):
         form: of the system, "saddle", "condensed" or "flexibility", by ``solver``, laws and size.
         unknowns: global number of displacements u, multipliers lambda and frame unknowns v.
         times: seconds per stage, summed over all calls.
-        models: a ``ContactModel`` per interface: surfaces, frame, pairs and certificate.
+        models: a ``InterfaceGeometry`` per interface: surfaces, frame, pairs and certificate.
         spaces: function space of each mesh.
         K, B, L_b: PETSc matrices of (31).
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].

@@ -13,7 +13,7 @@ from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import agree, collective, gather_rows
 from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import create_aij, times
 from dolfinx_llm.operators.support import check_support
@@ -143,7 +143,7 @@ class NodeToSegment(ClassicalForm):
         return self._functions(u)
 
 
-def _tie(problem: ContactProblem, model: ContactModel, slave: int, components: str) -> _Ties:
+def _tie(problem: ContactProblem, model: InterfaceGeometry, slave: int, components: str) -> _Ties:
     """Locate the slave nodes of an interface on the master's facets, and the rows of (2)."""
     sides = model.sides[slave], model.sides[1 - slave]
     spaces = model.spaces[slave], model.spaces[1 - slave]
