@@ -23,14 +23,18 @@ def assert_known(rows):
         assert row["iterations"] <= 6
 
 
-@pytest.mark.parametrize("form", ["flexibility", "saddle", "condensed"])
-@pytest.mark.parametrize("dim, elements", [(2, (4, 6)), (3, (3, 2))])
-@pytest.mark.parametrize("scene", SCENES)
-def test_closed_form(scene, dim, elements, form, monkeypatch):
+FORMS = ("flexibility", "saddle", "condensed")
+CASES = [(scene, 2, form) for scene in SCENES for form in FORMS]
+CASES += [("inclined", 3, form) for form in FORMS]
+CASES += [("soft", 3, "condensed"), ("glue", 3, "flexibility")]
+
+
+@pytest.mark.parametrize("scene, dim, form", CASES)
+def test_closed_form(scene, dim, form, monkeypatch):
     law, angle = SCENES[scene]
     monkeypatch.setattr(choice, "FLEXIBLE", 10**6 if form == "flexibility" else 0)
     solver = "saddle" if form == "flexibility" else form
-    found, rows = own_law.run(law, dim, elements, angle, solver)
+    found, rows = own_law.run(law, dim, (4, 6) if dim == 2 else (3, 2), angle, solver)
     assert found == form
     assert_known(rows)
 
