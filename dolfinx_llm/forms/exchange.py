@@ -143,13 +143,17 @@ class WholeSteps:
             for p in new:
                 load = self._loads(step, np.array([p]), np.ones(1))
                 force, position, motion = self._answer(ask, *load)
-                answers.append(signs(force, position, motion, load[1]))
+                column = signs(force, position, motion, load[1])
+                column[place[p]] += 0.0 if on[place[p]] else self.scale * step.compliance[p]
+                answers.append(column)
             pairs = np.concatenate([pairs, new])
             at, columns = place[pairs], np.column_stack(answers)
-            M, q = columns[at], now[at]
-            change = complementarity(M, q, q < 0.0)
-            forces = np.zeros(len(pairs))
-            forces[change] = np.linalg.solve(M[np.ix_(change, change)], -q[change])
+            M, q, forces = columns[at], now[at], np.zeros(len(pairs))
+            try:
+                change = complementarity(M, q, q < 0.0)
+                forces[change] = np.linalg.solve(M[np.ix_(change, change)], -q[change])
+            except np.linalg.LinAlgError:  # forces that nothing determines: all wrong ones change
+                return pairs[:0], forces[:0]
             after = now + columns @ forces
             after[at] = 0.0
             new = rows[after < -band]

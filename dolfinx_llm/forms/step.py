@@ -9,6 +9,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.forms.floating import Floating
 
 SIGN = 1e-11  # relative: what rounding may not switch
@@ -92,6 +93,15 @@ def wrong_signs(
     band = SIGN * force_level(multiplier, y + step.g, scale)
     wrong = np.where(step.active, multiplier < -band, scale * gap < -band)
     return wrong & step.may_open
+
+
+def singular(reason: object) -> ContactError:
+    """The error of a step whose equations do not determine all forces."""
+    return ContactError(
+        f"a step of the contact law is singular ({reason}): the forces of some pairs in contact "
+        "are not determined. A body loses all contact: hold it by a weak spring or a support; or "
+        "supports hold both sides at the interface: leave the motion of one of them free there"
+    )
 
 
 def force_level(multiplier: np.ndarray, position: np.ndarray, scale: float) -> float:
