@@ -134,7 +134,7 @@ def test_sizes():
     system, n_v = contact.method.system, contact.unknowns["v"]
     assert system.matrix.getSize() == (contact.unknowns["u"] + n_v,) * 2
     assert system.matrix.getBlockSize() == 3
-    assert not system.form.idle.any() and (system.form.left == -1).all()
+    assert not system.form.tail.idle.any() and (system.form.tail.left == -1).all()
     assert len(system.split.surface) == surface
     indptr, columns, _ = system.matrix.getValuesCSR()
     rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
