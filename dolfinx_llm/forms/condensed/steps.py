@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.sparse import identity
+from scipy.sparse import diags, identity
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
@@ -80,7 +80,7 @@ class CondensedSteps(WholeSteps):
         numbering = Numbering(self.rows.owner[on], self.comm.rank)
         dofs, base = self._multipliers.dofs[on], self._multipliers.base[on]
         eliminated = EliminatedRows(dofs, base, step.L[on], numbering, self.frames, self._block)
-        symmetric = abs(step.E - step.L.T).nnz == 0
+        symmetric = abs(step.E - step.L.T).nnz == 0 and _holds(step)
         self.eager = not symmetric  # to ask takes a solve by CG there, a factor's here
         set_up = self._symmetric if symmetric else self._with_friction
         solve, done = set_up(eliminated, step)
@@ -162,3 +162,10 @@ class CondensedSteps(WholeSteps):
         for item in (self.system, self.split):
             if item is not None:
                 item.destroy()
+
+
+def _holds(step: LinearStep) -> bool:
+    """Whether D does no more than hold each frame unknown by a spring of its own."""
+    own = step.D.diagonal()
+    alone = abs(step.D - diags(own)).max() == 0.0 if len(own) else True
+    return bool(alone and (own <= 0.0).all() and not step.rhs[own == 0.0].any())
