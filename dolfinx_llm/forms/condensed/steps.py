@@ -145,7 +145,7 @@ class CondensedSteps(WholeSteps):
         def solve(f: np.ndarray, g: np.ndarray, rhs: np.ndarray) -> Any:
             u_0, v_0 = form.offsets(f, g)
             b = form.load(f, u_0, test)
-            b[len(f) + form.seats] -= (rhs - step.D @ v_0)[form.mine_used]
+            b[len(f) + form.tail.seats] -= (rhs - step.D @ v_0)[form.tail.mine_used]
             q = solver.solve(b)
             u, force, S = form.motion(q) + u_0, np.zeros(len(f)), self.split.surface
             force[S] = np.where(self.fixed[S], 0.0, f[S] - self.split.rows(u))
