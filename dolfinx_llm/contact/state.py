@@ -110,7 +110,7 @@ class InterfaceState:
         if k:
             rest = self._at_rest()
             self.own.history = self.law.start(rest)
-            self.take(self.rows_at(rest))
+            self.take(self.rows_at(replace(rest, history=self.own.history)))
             self.own.status = np.full(k, STICK)
 
     def begin(self) -> None:
