@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.sparse import csr_matrix
 
-ALIKE = 1e-6  # part of base vectors at free dofs that counts as none
+REPEATED = 1e-6  # part of base vectors at free dofs that counts as none
 
 
 def prescribed_rows(
@@ -50,7 +50,7 @@ def free_parts(free: np.ndarray, c: int) -> np.ndarray:
     for i in (c - 1, *range(c - 1)):
         size[:, i] = np.linalg.norm(vectors[:, i], axis=1)
         unit = vectors[:, i] / np.maximum(size[:, i], 1e-300)[:, None]
-        unit[size[:, i] < ALIKE] = 0.0
+        unit[size[:, i] < REPEATED] = 0.0
         vectors -= np.einsum("ncg,ng->nc", vectors, unit)[:, :, None] * unit[:, None, :]
     return size.ravel()
 
