@@ -28,7 +28,7 @@ from dolfinx_llm.operators.numbering import (
     slip_numbering,
 )
 from dolfinx_llm.operators.petsc import mean_diagonal
-from dolfinx_llm.operators.prescribed import prescribed_rows
+from dolfinx_llm.operators.prescribed import free_parts, prescribed_rows
 from dolfinx_llm.operators.support import check_loops, check_support
 
 NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
@@ -115,8 +115,13 @@ class ContactOperators:
         mine = self.rows.numbering.mine
         fixed = self.dofs.fixed[self.rows.dofs[mine] - self.dofs.first]
         free = np.where(fixed, 0.0, self.rows.base[mine])
-        free = np.linalg.norm(self.gather(self.rows.numbering, free), axis=1)
-        self.soft, self.held = free < NEARLY_FIXED, free == 0.0
+        free = self.gather(self.rows.numbering, free)
+        self.held = ~free.any(axis=1)
+        own = [
+            free_parts(free[place.rows], model.pairs[0].base.shape[1])
+            for model, place in zip(self.models, self.places, strict=True)
+        ]
+        self.soft = np.concatenate(own) < NEARLY_FIXED
         self.redundant = np.zeros(len(self.held), dtype=bool)
         self.prescribed = []
         for model, place, L in zip(self.models, self.places, self.blocks, strict=True):
