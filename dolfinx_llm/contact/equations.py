@@ -9,6 +9,7 @@ in the slip κ of (13). Works on the interface alone: arrays that are the same o
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -39,18 +40,17 @@ class Equations:
 
     def __init__(self, operators: ContactOperators, proximal: float) -> None:
         self.scale, self._epsilon = operators.scale, proximal
+        self._opens, self._floating = operators.opens, operators.floating
         self.states = interface_states(operators)
         self.n = sum(state.rows.size for state in self.states)
-        self.compliance = np.where(operators.soft, SOFT / self.scale, 0.0)
+        soft = operators.soft & operators.opens  # ties alone leave no force to laws
+        self.compliance = np.where(soft, SOFT / self.scale, 0.0)
         L = block_diag([state.L for state in self.states], format="csr")
         L_kappa = block_diag([state.L_kappa for state in self.states], format="csr")
         kept = diags(np.concatenate([s.kept for s in self.states]).astype(float))
         self.L = (kept @ hstack([L, L_kappa])).tocsr()
         self.n_v, self.m = L.shape[1], self.L.shape[1]
         self._L_t = self.L[:, : self.n_v].T.tocsr()
-        self._fit: Any = (
-            splu((self.L.T @ self.L + 1e-10 * identity(self.m)).tocsc()) if self.m else None
-        )
         self.normal = np.zeros(self.n, dtype=bool)
         self.drifts = np.zeros(self.m, dtype=bool)
         for s in self.states:
@@ -63,8 +63,15 @@ class Equations:
         return np.concatenate([s.closed_rows() for s in self.states])
 
     def middle(self, position: np.ndarray) -> np.ndarray:
-        """(m,) frame that fits the positions of all rows best."""
-        return self._fit.solve(self.L.T @ position) if self.m else np.zeros(0)
+        """(m,) frame that fits the positions of all rows best; where nothing opens nobody asks."""
+        if not (self.m and self._opens):
+            return np.zeros(self.m)
+        return self._fit.solve(self.L.T @ position)
+
+    @cached_property
+    def _fit(self) -> Any:
+        """Factorised LᵀL."""
+        return splu((self.L.T @ self.L + 1e-10 * identity(self.m)).tocsc())
 
     def step(
         self, about: Any, g: np.ndarray, centre: np.ndarray, held: Any, calmed: bool
@@ -96,9 +103,12 @@ class Equations:
                 D.append(own + C_delta @ s.selection(self.m))
                 given = rows.rhs - rows.C_N * s.cohesion(about[0])[:, None]
                 rhs.append(own @ centre + given.ravel() + C_delta @ s.kappa_before.ravel())
-        frame = stack(E, format="csr"), stack(D, format="csr"), np.concatenate(rhs)
-        every = active, self.normal, self.L, g, self.compliance
-        return LinearStep(*every, *frame, *held)
+        anchor, spring = held
+        return LinearStep(
+            active, self.normal, self.L, g, self.compliance,
+            stack(E, format="csr"), stack(D, format="csr"), np.concatenate(rhs),
+            anchor, spring, self._floating.pins, spring * self._floating.at_pins(anchor),
+        )  # fmt: skip
 
     def friction_rows(
         self, s: InterfaceState, multiplier: np.ndarray, w: np.ndarray, calmed: bool
@@ -160,9 +170,9 @@ class Equations:
 
     def miss(self, multiplier: np.ndarray, w: np.ndarray) -> float:
         """By how much balance of the frames and the laws are missed, at most [force]."""
-        return max(self._imbalance(multiplier), self._friction_miss(multiplier, w))
+        return max(self.imbalance(multiplier), self._friction_miss(multiplier, w))
 
-    def _imbalance(self, multiplier: np.ndarray) -> float:
+    def imbalance(self, multiplier: np.ndarray) -> float:
         """Largest entry of L_bᵀ λ [force]; of nodes that follow others in the sum with theirs."""
         return float(np.abs(self._frame_gather() @ (self._L_t @ multiplier)).max(initial=0.0))
 

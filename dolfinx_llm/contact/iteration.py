@@ -39,6 +39,8 @@ class ContactIteration:
         f, g: this rank's load and the gaps at rest, from which the first load step starts.
 
     Attributes:
+        operators: as given.
+        floating: rigid motions that need contact to be held.
         equations: of the laws.
         states: per interface its ``InterfaceState``.
         multiplier: (n,) λ [force]; None: nothing has been solved.
@@ -55,6 +57,7 @@ class ContactIteration:
         self, operators: ContactOperators, form: StepForm, f: np.ndarray, g: np.ndarray
     ) -> None:
         self.scale, self.form, self._rest = operators.scale, form, (f, g)
+        self.operators, self.floating = operators, operators.floating
         self.equations = Equations(operators, form.proximal)
         self.states = self.equations.states
         self.bar: tqdm | None = None
@@ -86,7 +89,7 @@ class ContactIteration:
         for state, kept in zip(self.states, other.states, strict=True):
             state.restore(kept.snapshot())
         self.multiplier, self.w = other.multiplier, other.w
-        self.alpha = self.form.floating.amounts(u)  # of other modes, perhaps
+        self.alpha = self.floating.amounts(u)  # of other modes, perhaps
         self.forces = other.forces
         self.f, self.g = f, g
 
@@ -115,7 +118,7 @@ class ContactIteration:
         first, known, equations = len(self.history), self.w is not None, self.equations
         w = self.w if known else np.zeros(equations.m)
         centre = w if known else equations.middle(g)
-        floating = self.form.floating
+        floating = self.floating
         alpha = self.alpha if known else np.zeros(floating.count)
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
         calm, self._calmed = 0, False  # iterations without a change of state; whether any was
@@ -137,6 +140,9 @@ class ContactIteration:
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
             tell_iteration(entry, self.bar)
+            if not self.operators.opens:  # one linear step is all
+                self.multiplier, self.w, self.alpha = multiplier, w, found.floating
+                return found
             calm = 0 if changes else calm + 1
             pull.watch(found.floating, multiplier, calm, self.form.noise)
             stalled = calm > CALM and miss > 0.5 * before

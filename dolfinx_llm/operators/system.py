@@ -18,6 +18,8 @@ from dolfinx_llm.operators.assemble import (
     interface_operator,
 )
 from dolfinx_llm.operators.bodies import Bodies
+from dolfinx_llm.operators.floating import Floating
+from dolfinx_llm.operators.motions import no_motions, rigid_motions
 from dolfinx_llm.operators.numbering import (
     BodyDofs,
     Numbering,
@@ -26,9 +28,9 @@ from dolfinx_llm.operators.numbering import (
     places,
     slip_numbering,
 )
-from dolfinx_llm.operators.petsc import mean_diagonal
+from dolfinx_llm.operators.petsc import diagonal_of, mean_diagonal
 from dolfinx_llm.operators.prescribed import prescribed_rows
-from dolfinx_llm.operators.support import check_loops, check_support
+from dolfinx_llm.operators.support import check_held, check_loops
 
 NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
 
@@ -59,7 +61,10 @@ class ContactOperators:
         redundant: (n,) rows of ties at prescribed dofs that say nothing new.
         prescribed: per tie (rows, basis) at prescribed dofs, as of ``prescribed_rows``.
         bodies: connected bodies and their rigid motions.
+        opens: whether a law lets bodies part or slip.
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
+        diagonal: (n_local,) of K [force / length].
+        floating: rigid motions that need contact to be held; none where ties hold all.
 
     Raises:
         ContactError: supports and ties leave a motion free, or ties close a loop.
@@ -93,13 +98,14 @@ class ContactOperators:
         Raises:
             ContactError: a motion is free.
         """
-        self.scale = self._stiffness_scale(K)
+        self.scale, self.diagonal = self._stiffness_scale(K), diagonal_of(K)
         with times.timed("support check"):
             self._check_support(K)
 
     def _number(self) -> None:
         """Places, rows, unknowns, and L_b of each interface."""
         models = self.models
+        self.opens = any(model.interface.law.unilateral for model in models)
         self.pairs = [pairs for model in models for pairs in model.pairs]
         spaces = [space for model in models for space in model.spaces]
         self.side_dofs = [self.dofs.of(*side) for side in zip(spaces, self.pairs, strict=True)]
@@ -129,8 +135,7 @@ class ContactOperators:
         bodies may part, since there the softer one tells the forces."""
         fixed, rows = self.dofs.fixed, self.rows.dofs.ravel() - self.dofs.first
         rows = rows[(rows >= 0) & (rows < len(fixed))]
-        unilateral = any(model.interface.law.unilateral for model in self.models)
-        return mean_diagonal(K, rows[~fixed[rows]], geometric=unilateral)
+        return mean_diagonal(K, rows[~fixed[rows]], geometric=self.opens)
 
     def _check_support(self, K: PETSc.Mat) -> None:
         """Require that supports and ties hold every body, and that ties close no loop."""
@@ -145,7 +150,10 @@ class ContactOperators:
             (L if L.shape[1] else None, np.concatenate(moves[place.sides]))
             for place, L in zip(self.places, self.blocks, strict=True)
         ]
-        check_support(bodies, K, self.dofs.fixed, constraints)
+        rigid = rigid_motions(bodies, K, self.dofs.fixed)
+        check_held(rigid, constraints)
+        rigid = rigid if self.opens else no_motions(bodies, len(self.dofs.fixed))
+        self.floating = Floating(rigid, self.B, self.rows.numbering)
 
     @property
     def counts(self) -> dict[str, int]:
