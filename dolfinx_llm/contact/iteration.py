@@ -183,13 +183,18 @@ class ContactIteration:
         light = (changed.sum() <= FEW * len(chosen) + 2) | (force[normal] <= LIGHT * largest)
         s.closings += np.where(chosen & ~s.active, np.where(light, 4, 1), 0)
         s.touch(chosen)
-        # What carries nothing is in contact or not, sticks or slips, to no effect.
-        felt = (force[s.rows].max(axis=1) > SIGN * largest) | found.wrong[normal]
-        changes = int((changed & felt).sum())
+        # What carries nothing is in contact or not, sticks or slips, to no effect; a sign that is
+        # wrong has to change, also where its pair then is as it was.
+        felt = changed & (force[s.rows].max(axis=1) > SIGN * largest)
+        changes = int((felt | found.wrong[normal]).sum())
         if s.kappa.size:
             rows = self.equations.friction_rows(s, found.multiplier, found.w, self._calmed)
             T, bound = s.forces(found.multiplier)
-            felt = np.maximum(np.linalg.norm(T, axis=1), np.abs(bound)) > SIGN * largest
+            z = T + s.slip_stiffness(self.scale)[:, None] * s.slip(found.w)
+            # At the limit and without slip a node sticks and slips alike.
+            apart = np.abs(np.linalg.norm(z, axis=1) - bound)
+            size = np.maximum(np.linalg.norm(T, axis=1), np.abs(bound))
+            felt = np.minimum(size, apart) > SIGN * largest
             changes += int(((rows.status != s.status) & felt).sum())
             s.status = rows.status
         return changes

@@ -173,9 +173,7 @@ def test_weak_springs(spring, moduli, solver, caplog):
     found = exact(stack.problem)
     error = np.abs(u - found).max() / np.abs(found).max()
     drift = stack.problem.method.iteration.verdict.drift
-    # Conjugate gradients end at 1e-13 of a load that acts on springs this weak.
-    rounding = 1e-13 if solver == "condensed" else 1e-15
-    assert error <= max(rounding / spring, 1e-10 if moduli[1] > 1.0 else 1e-11)
+    assert error <= max(1e-15 / spring, 1e-10 if moduli[1] > 1.0 else 1e-11)
     assert error <= max(drift, 1e-9 if moduli[1] > 1.0 else 1e-10)
     assert drift <= 1e-13 / spring
     assert ("displacements may be off" in caplog.text) == (drift > 1e-8)

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.sparse import identity
+from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
@@ -115,7 +117,8 @@ class CondensedForm(WholeSteps):
             with self.times.timed("reduction"):
                 self.system = CondensedSystem(
                     self.split, eliminated, self.operators.dofs.fixed, self.scale, self.prefix,
-                    self.options, modes=self._modes, proximal=hold if hold.any() else None,
+                    self.options, modes=self._modes, weak=self._weak(step),
+                    proximal=hold if hold.any() else None,
                 )  # fmt: skip
             if not self.operators.opens:  # the matrix stays
                 self.split.release()
@@ -123,9 +126,20 @@ class CondensedForm(WholeSteps):
                     self.system.set_up()
         self._known = wanted
 
+    def _weak(self, step: LinearStep) -> Any:
+        """Rigid motions of bodies that supports alone do not hold firmly, and of the frames; None
+        where ties hold all."""
+        if not self.operators.opens:
+            return None
+        rigid, L = self.operators.floating.rigid.modes, step.L
+        if not (L.shape[1] and rigid.shape[1]):
+            return rigid, np.zeros((L.shape[1], rigid.shape[1]))
+        fit = splu((L.T @ L + 1e-10 * identity(L.shape[1])).tocsc())
+        return rigid, fit.solve(L.T @ self.operators.floating.G)
+
     def describe(self) -> str:
         """See ``StepForm``."""
-        if self.system is None:
+        if self.system is None or not self.system.set_ups:
             return "condensed, symmetric positive definite"
         took = f", {self.system.iterations} iterations" if self.system.iterations else ""
         return "; ".join([f"condensed, {self.system.method}{took}", *self.system.notes])

@@ -16,6 +16,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.forms.condensed.coarse import CoarseMotions
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.krylov import DIRECT, RTOL, WIDEST, near_null_space, solver_of
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
@@ -52,6 +53,7 @@ class CondensedSystem:
             {"ksp_type": "preonly", "pc_type": "cholesky"}.
         modes: near-null space for GAMG, rigid modes at the bodies' dofs (n_local, k) and at the
             frames' unknowns (m, k); None: none.
+        weak: motions that supports or springs may hold weakly, in the same way; None: ``modes``.
         proximal: (m,) non-negative stiffness d of the frames' unknowns, which adds
             1/2 sum_J d_J (v_J - c_J)² to the energy [force / length]; None: none.
 
@@ -69,13 +71,14 @@ class CondensedSystem:
         options: dict | None = None,
         *,
         modes: tuple[np.ndarray, np.ndarray] | None = None,
+        weak: tuple[np.ndarray, np.ndarray] | None = None,
         proximal: np.ndarray | None = None,
     ) -> None:
         self.split, self.fixed, self.scale, self.comm = split, fixed, scale, split.comm
         self.notes: list[str] = []
         self.steps: list[dict] = []
         self.iterations, self.residual, self.set_ups, self.tolerance = 0, np.nan, 0, 0.0
-        self._modes, self._prefix = modes, prefix
+        self._modes, self._prefix, self._weak = modes, prefix, weak or modes
         options = dict(options or {})
         if rows.widest > WIDEST and options.get("pc_type", "gamg") == "gamg":
             self.notes.append(
@@ -135,6 +138,7 @@ class CondensedSystem:
         self.matrix.diagonalScale(diagonal, diagonal)
         self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self.matrix.setOption(PETSc.Mat.Option.SPD, True)
+        self._coarse = CoarseMotions(self.form, self.matrix, diagonal, self._weak)
 
     def _warn(self) -> None:
         log.log(logging.WARNING if self.comm.rank == 0 else logging.DEBUG, self.notes[-1])
@@ -190,11 +194,8 @@ class CondensedSystem:
         return self.form.unknowns((u - u_0)[:, None], (v - v_0)[:, None])[:, 0]
 
     def _iterate(self, f: np.ndarray, u_0: np.ndarray, push: Any, q: np.ndarray) -> Any:
-        """Solve for q; repeat for the residual of the unreduced system while that gains.
-
-        Returns:
-            u, q and f - K u of this rank.
-        """
+        """u, q and f - K u of this rank; solved for the residual of the unreduced system again
+        while that gains."""
         x, b = self.matrix.createVecs()
         load = self.form.load(f, u_0) + push
         b.array_w[:] = load * self.S.array_r
@@ -204,7 +205,7 @@ class CondensedSystem:
         x.array_w[:] = q / self.S.array_r
         self.iterations, last, length = 0, np.inf, x.norm()
         for attempt in range(PASSES + 1):
-            left = load - times(self.matrix, q / self.S.array_r) / self.S.array_r
+            left = self._coarse.left(load, q)
             b.array_w[:] = left * self.S.array_r
             size = b.norm()
             # A factorisation refines while that gains.
@@ -218,11 +219,9 @@ class CondensedSystem:
                 limit = WORN * self._usual * digits if self._kept else patience
                 self.ksp.setTolerances(rtol=goal / size, max_it=min(patience, int(limit) + 1))
             self._solve_once(b, x)
-            worn = self._kept and self.ksp.getConvergedReason() < 0
-            if (
-                not worn
-                or self.ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
-            ):
+            reason = self.ksp.getConvergedReason()
+            worn = self._kept and reason < 0
+            if not worn or reason == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT:
                 length += x.norm()
                 q += x.array_r * self.S.array_r
             if worn:
