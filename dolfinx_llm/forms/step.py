@@ -55,7 +55,11 @@ class LinearStep:
         )
 
     def same_matrix(self, other: LinearStep) -> bool:
-        """Whether another step differs in loads alone: what has been factorised serves it."""
+        """Whether another step differs in loads alone: what has been factorised serves it.
+
+        Args:
+            other: the step.
+        """
         parts = zip((self.L, self.E, self.D), (other.L, other.E, other.D), strict=True)
         return (
             self.spring == other.spring
@@ -65,7 +69,11 @@ class LinearStep:
         )
 
     def loaded(self, f: np.ndarray) -> np.ndarray:
-        """This rank's load (n_local,) with what the springs pull."""
+        """(n_local,) load with what the springs pull.
+
+        Args:
+            f: (n_local,) this rank's load [force].
+        """
         f = f.copy()
         f[self.pins] += self.pull
         return f
