@@ -11,7 +11,7 @@ from scipy.sparse import diags
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.forms.step import StepResult
-from dolfinx_llm.forms.verdict import FinalError, check_rounding, judge, largest
+from dolfinx_llm.forms.verdict import FinalError, beyond, check_rounding, judge, largest, size
 from dolfinx_llm.operators.petsc import times
 
 log = logging.getLogger("dolfinx_llm")
@@ -90,9 +90,10 @@ def _judged(
         free * pushed,
     )
     iteration.forces = max(iteration.forces, *forces)
-    apart = found.y - equations.L @ found.w - equations.compliance * multiplier + g
-    apart = operators.scale * np.abs(found.active * apart).max(initial=0.0)
-    left = max(left, apart, equations.imbalance(multiplier))
+    follows = equations.L @ found.w
+    gap = found.active * (found.y - follows - equations.compliance * multiplier + g)
+    apart, *moved = (operators.scale * size(a) for a in (gap, found.y, follows, g))
+    left = max(left, beyond(apart, max(moved)), equations.imbalance(multiplier))
     verdict = judge(left, terms, iteration.forces, form.describe(), form.tolerance)
     check_rounding(verdict.rounding)
     on = diags(equations.closed_rows().astype(float))

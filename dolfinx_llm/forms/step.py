@@ -126,6 +126,9 @@ class StepForm(ABC):
     K: PETSc.Mat
     operators: ContactOperators
 
+    def __init__(self) -> None:
+        """Nothing is known before ``prepare``."""
+
     def prepare(self, K: PETSc.Mat, operators: ContactOperators) -> None:
         """Take over bodies or interfaces that are new or have changed.
 

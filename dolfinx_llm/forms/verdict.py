@@ -50,10 +50,19 @@ class Verdict:
         return words
 
 
+def size(values: np.ndarray) -> float:
+    """Largest absolute value; 0 of none."""
+    return float(np.abs(values).max(initial=0.0))
+
+
 def largest(comm: MPI.Comm, *values: np.ndarray) -> list[float]:
     """Largest sizes of this and all other ranks' values; collective."""
-    own = [float(np.abs(a).max(initial=0.0)) for a in values]
-    return [float(size) for size in np.max(comm.allgather(own), axis=0)]
+    return [float(a) for a in np.max(comm.allgather([size(a) for a in values]), axis=0)]
+
+
+def beyond(value: float, terms: float) -> float:
+    """What of a value the rounding of its terms, of this size, does not explain."""
+    return max(value - SEVERAL * EPS * terms, 0.0)
 
 
 def judge(left: float, terms: float, forces: float, what: str, tolerance: float = 0.0) -> Verdict:

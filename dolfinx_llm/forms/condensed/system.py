@@ -21,7 +21,7 @@ from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.krylov import DIRECT, RTOL, WIDEST, near_null_space, solver_of
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.transformation import Transformation
-from dolfinx_llm.forms.verdict import EPS, judge, largest
+from dolfinx_llm.forms.verdict import EPS, beyond, judge, largest
 from dolfinx_llm.operators.petsc import times
 
 log = logging.getLogger("dolfinx_llm")
@@ -231,10 +231,10 @@ class CondensedSystem:
             elif not self._kept and self.ksp.getType() != "preonly" and digits > 1.0:
                 self._usual, self._serves = self.ksp.getIterationNumber() / digits, True
         self.ksp.setTolerances(*tolerances)
-        # A tolerance that the user made larger is the user's choice.
-        asked = not direct and rtol > RTOL
         least = self.comm.allreduce(self.S.array_r.min(initial=np.inf), op=MPI.MIN)
-        self.tolerance = enough / least if asked else 0.0
+        self._promised = enough / least  # residual, at most [force]
+        # A tolerance that the user made larger is the user's choice.
+        self.tolerance = self._promised if rtol > RTOL and not direct else 0.0
         x.destroy()
         b.destroy()
         u = self.form.motion(q) + u_0
@@ -288,7 +288,8 @@ class CondensedSystem:
         terms, load = largest(self.comm, free * self.split.diagonal * u, free * f)
         reason = self.ksp.getConvergedReason()
         how = f"{self.iterations} iterations of {self.method}, PETSc's reason {reason}"
-        judge(sizes[:3].max(), terms, max(load, sizes[5]), how, self.tolerance)
+        left = max(sizes[0], beyond(sizes[1], sizes[3:5].max()), sizes[2])
+        judge(left, terms, max(load, sizes[5]), how, self._promised)
 
     def destroy(self) -> None:
         self._discard()

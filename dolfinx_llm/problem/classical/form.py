@@ -16,7 +16,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.saddle import FactorisedStep
 from dolfinx_llm.forms.step import LinearStep
-from dolfinx_llm.forms.verdict import check_rounding, judge, largest
+from dolfinx_llm.forms.verdict import beyond, check_rounding, judge, largest
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.problem.problem import ContactProblem
@@ -130,15 +130,19 @@ class ClassicalForm:
         problem, Q = self.problem, self.Q
         free = ~problem.bulk.dofs.fixed
         pushed = times(Q, multiplier, transposed=True)
-        left, apart, terms, *forces = largest(
+        motion = times(Q, u)
+        left, apart, moved, terms, *forces = largest(
             problem.comm,
             free * (times(problem.K, u) + pushed - f),
-            problem.scale * (times(Q, u) + g),
+            problem.scale * (motion + g),
+            problem.scale * np.maximum(np.abs(motion), np.abs(g)),
             free * problem.operators.diagonal * u,
             free * f,
             free * pushed,
         )
-        verdict = judge(max(left, apart), terms, max(forces), "(6) factorised by MUMPS")
+        verdict = judge(
+            max(left, beyond(apart, moved)), terms, max(forces), "(6) factorised by MUMPS"
+        )
         check_rounding(verdict.rounding)
         self.residual = verdict.residual
 
