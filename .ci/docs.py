@@ -25,7 +25,7 @@ MODULES = {
     "dolfinx_llm.geometry.location": ("Location",),
     "dolfinx_llm.interface.choices": ("Interface",),
     "dolfinx_llm.interface.certificate": ("Certificate",),
-    "dolfinx_llm.interface.geometry": ("ContactModel",),
+    "dolfinx_llm.interface.geometry": ("InterfaceGeometry",),
     "dolfinx_llm.geometry.pairs": ("ContactPairs",),
 }
 SUBMODULES = ("dolfinx_llm.classical", "dolfinx_llm.plot", "dolfinx_llm.post")

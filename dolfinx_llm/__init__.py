@@ -14,8 +14,8 @@ from dolfinx_llm.design.weights import design_weights
 from dolfinx_llm.forms.step import LinearStep, StepForm, StepResult
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.obstacle import Obstacle
 from dolfinx_llm.interface.obstacles import (
-    Obstacle,
     RigidCylinder,
     RigidPlane,
     RigidSphere,
@@ -23,6 +23,8 @@ from dolfinx_llm.interface.obstacles import (
 )
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
+from dolfinx_llm.laws.law import Law
+from dolfinx_llm.laws.rows import LawNodes, LawRows
 from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.output import plot, post
 from dolfinx_llm.problem import classical
@@ -43,6 +45,9 @@ __all__ = [
     "Frame",
     "Frictionless",
     "Interface",
+    "Law",
+    "LawNodes",
+    "LawRows",
     "LinearStep",
     "Obstacle",
     "RigidCylinder",

@@ -21,7 +21,8 @@ spec.loader.exec_module(docs)
 
 EXAMPLES = [
     "geometry.frame", "laws.tied", "laws.frictionless", "laws.coulomb", "laws.complementarity",
-    "laws.speakers", "interface.obstacles", "design.weights",
+    "laws.speakers", "interface.obstacle", "interface.obstacles",
+    "design.weights",
 ]  # fmt: skip
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from dolfinx_llm.base.errors import ContactInputError
 
 T = TypeVar("T")
-PLAIN = (str, bytes, bool, numbers.Number, np.ndarray, np.generic, Path, type(None))
+LITERALS = (str, bytes, bool, numbers.Number, np.ndarray, np.generic, Path, type(None))
 LONGEST = 80  # characters of a value in a message
 
 
@@ -35,7 +35,7 @@ def shown(value: Any) -> str:
         inner = ", ".join(map(shown, value[:4])) + ", ..." * (len(value) > 4)
         text = f"[{inner}]" if isinstance(value, list) else f"({inner})"
         text = text.replace(")", ",)") if isinstance(value, tuple) and len(value) == 1 else text
-    elif isinstance(value, PLAIN) or type(value).__module__.startswith("dolfinx_llm.laws"):
+    elif isinstance(value, LITERALS) or type(value).__module__.startswith("dolfinx_llm.laws"):
         text = " ".join(repr(value).split())
     else:
         text = type(value).__name__

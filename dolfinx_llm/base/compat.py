@@ -81,6 +81,32 @@ def cell_dofs(space_or_geometry: Any) -> np.ndarray:
     return dofs.array.reshape(n, width if n else (width.num_dofs if width else 1))
 
 
+def is_function(value: Any) -> bool:
+    """Whether this is a dolfinx Function."""
+    return isinstance(value, dolfinx.fem.Function)
+
+
+def nodal_values(function: Any, V: Any) -> np.ndarray:
+    """(n,) values of a scalar Function at the nodes of V that this rank owns; collective.
+
+    Args:
+        function: on the mesh of V.
+        V: first-order vector space.
+
+    Raises:
+        ContactInputError: it is no scalar.
+    """
+    if len(function.ufl_shape):
+        raise ContactInputError(
+            f"Function {function.name} has the shape {function.ufl_shape}: give a scalar one"
+        )
+    linear = dolfinx.fem.Function(function_space(V.mesh))
+    linear.interpolate(function)
+    values = np.zeros(V.dofmap.index_map.size_local + V.dofmap.index_map.num_ghosts)
+    values[cell_dofs(V)] = linear.x.array[cell_dofs(linear.function_space)]
+    return values[: V.dofmap.index_map.size_local]
+
+
 def tags_belong_to(tags: Any, mesh: Any) -> bool:
     """Whether mesh tags were made for this mesh."""
     if hasattr(tags, "topology"):

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from mpi4py import MPI
 from tqdm import tqdm
 
-RANK, SIZE = MPI.COMM_WORLD.rank, MPI.COMM_WORLD.size
+WORLD_RANK, WORLD_SIZE = MPI.COMM_WORLD.rank, MPI.COMM_WORLD.size
 
 log = logging.getLogger("dolfinx_llm")
 
@@ -22,10 +22,10 @@ class RankFilter(logging.Filter):
     """Adds the rank to records, and drops those of level INFO on all ranks but the first."""
 
     def filter(self, record: logging.LogRecord) -> bool:
-        record.rank = RANK
-        if SIZE > 1:
-            record.msg = f"[rank {RANK}] {record.msg}"
-        return RANK == 0 or record.levelno != logging.INFO
+        record.rank = WORLD_RANK
+        if WORLD_SIZE > 1:
+            record.msg = f"[rank {WORLD_RANK}] {record.msg}"
+        return WORLD_RANK == 0 or record.levelno != logging.INFO
 
 
 log.addFilter(RankFilter())
@@ -40,7 +40,7 @@ def progress(steps: Iterable | None, stage: str) -> tqdm:
         steps: what is iterated over; None: the caller counts, with ``update()``.
         stage: name of the stage.
     """
-    quiet = True if RANK or log.isEnabledFor(logging.INFO) else None
+    quiet = True if WORLD_RANK or log.isEnabledFor(logging.INFO) else None
     return tqdm(steps, desc=stage, leave=False, disable=quiet)
 
 

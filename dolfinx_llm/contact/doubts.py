@@ -8,16 +8,18 @@ from typing import Any
 import numpy as np
 
 from dolfinx_llm.contact.results import InterfaceResult
-from dolfinx_llm.interface.geometry import ContactModel
-from dolfinx_llm.laws.law import OPEN
+from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.laws.rows import OPEN
 
+SPIN = 1e-9  # part of an obstacle's rotation along its normals, up to which it does not tilt
+TILT = 0.1  # [rad] angle by which an obstacle may turn: half its square of the motion is left out
 LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
 NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close
 
 
 def doubts(
-    models: Sequence[ContactModel], results: Sequence[InterfaceResult], states: Any = None
+    models: Sequence[InterfaceGeometry], results: Sequence[InterfaceResult], states: Any = None
 ) -> list[str]:
     """What in a solution lies outside of what the method allows for: contact at the rim of what may
     touch, sliding farther than a facet, pairs that lost their friction, bodies that come nearer and
@@ -27,8 +29,8 @@ def doubts(
         share = state.loose_share([side.normal_force for side in result.sides])
         if share > LOOSE_SHARE:
             out.append(
-                f"interface {state.model.interface.name}: pairs that opened and closed by turns "
-                f"have been left without friction of their own, and carry {share:.1%} of the "
+                f"interface {state.nodes.model.interface.name}: pairs that opened and closed by "
+                f"turns have been left without friction of their own, and carry {share:.1%} of the "
                 "normal force. Apply the load in more increments"
             )
     for model, result in zip(models, results, strict=True):
@@ -45,21 +47,41 @@ def doubts(
                     "into several interfaces"
                 )
             closed = side.status != OPEN
-            slip = np.linalg.norm(side.slip[closed], axis=1).max(initial=0.0)
+            spun, tilted = _turned(model)
+            slip = np.linalg.norm((side.slip + spun)[closed], axis=1).max(initial=0.0)
             size = np.abs(pairs.forces).max() ** (1.0 / (side.x.shape[1] - 1))
-            if model.interface.law.unilateral and slip > size:
+            if model.interface.law.opens and slip > size:
                 out.append(
                     f"interface {model.interface.name}: nodes of {pairs.surface.name} slide by "
                     f"{slip:.3g}, more than a facet's size, {size:.3g}: contact is found for the "
                     "drawn positions (small sliding). Move the bodies in the drawing instead"
                 )
+            if tilted > TILT:
+                out.append(
+                    f"interface {model.interface.name}: the obstacle is turned by {tilted:.3g} "
+                    f"rad, which counts as small: its points are off by about "
+                    f"{0.5 * tilted**2:.1%} of their distance from the pivot. Draw it turned"
+                )
     return out
 
 
-def _apart(model: ContactModel, result: InterfaceResult) -> list[str]:
+def _turned(model: InterfaceGeometry) -> tuple[np.ndarray | float, float]:
+    """By how much an obstacle has turned: the motion (n, gdim) of its points where that leaves its
+    surface where it is, else the angle [rad]."""
+    obstacle, pairs = model.interface.obstacle, model.pairs[0]
+    if obstacle is None:
+        return 0.0, 0.0
+    motion = obstacle.turning(pairs.x - pairs.gap)
+    along = np.abs(np.einsum("ni,ni->n", motion, pairs.normal)).max()
+    if along > SPIN * np.abs(motion).max():
+        return 0.0, float(np.linalg.norm(obstacle.pose(motion.shape[1])[1]))
+    return motion, 0.0
+
+
+def _apart(model: InterfaceGeometry, result: InterfaceResult) -> list[str]:
     """Bodies that have come nearer to each other than in the drawing, and touch nowhere."""
     law, sides = model.interface.law, result.sides
-    if not law.unilateral or any((side.status != OPEN).any() for side in sides):
+    if not law.opens or any((side.status != OPEN).any() for side in sides):
         return []
     drawn = [-np.einsum("ni,ni->n", p.gap, p.normal) for p in model.pairs]
     before = _gaps(model, drawn).min()
@@ -75,7 +97,7 @@ def _apart(model: ContactModel, result: InterfaceResult) -> list[str]:
     ]
 
 
-def _gaps(model: ContactModel, gaps: Sequence[np.ndarray]) -> np.ndarray:
+def _gaps(model: InterfaceGeometry, gaps: Sequence[np.ndarray]) -> np.ndarray:
     """Distance between both sides at the frame's nodes, or of the nodes from the obstacle."""
     if model.frame is None:
         return gaps[0]

@@ -13,14 +13,18 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import block_diag, bsr_matrix, coo_matrix, csr_matrix, diags, hstack, identity
+from scipy.sparse import block_diag, bsr_matrix, csr_matrix, diags, hstack, identity
 from scipy.sparse import vstack as stack
 from scipy.sparse.linalg import splu
 
-from dolfinx_llm.contact.state import InterfaceState, interface_states
+from dolfinx_llm.contact.friction_nodes import friction_nodes
+from dolfinx_llm.contact.proximal import proximal_term
+from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.step import SOFT, LinearStep
-from dolfinx_llm.laws.law import STICK, LawRows
+from dolfinx_llm.laws.rows import STICK, LawRows
 from dolfinx_llm.operators.system import ContactOperators
+
+CARRIED = 1e-3  # part of a force on an obstacle from which on contact does not balance it
 
 
 class Equations:
@@ -36,42 +40,68 @@ class Equations:
         compliance: (n,) by how much rows give way [length / force].
         normal: (n,) rows that may open.
         drifts: (m,) normal motion of frames.
+        loads: (n_v,) on the frame unknowns, forces on obstacles, at the part of the load step that
+            has been reached [force].
     """
 
     def __init__(self, operators: ContactOperators, proximal: float) -> None:
         self.scale, self._epsilon = operators.scale, proximal
-        self._opens, self._floating = operators.opens, operators.floating
-        self.states = interface_states(operators)
-        self.n = sum(state.rows.size for state in self.states)
-        soft = operators.soft & operators.opens  # ties alone leave no force to laws
+        self.states = [InterfaceState(nodes) for nodes in friction_nodes(operators)]
+        places = [state.nodes for state in self.states]
+        self.n = sum(nodes.rows.size for nodes in places)
+        soft = operators.soft & (not operators.tied)  # ties alone leave no force to laws
         self.compliance = np.where(soft, SOFT / self.scale, 0.0)
-        L = block_diag([state.L for state in self.states], format="csr")
-        L_kappa = block_diag([state.L_kappa for state in self.states], format="csr")
-        kept = diags(np.concatenate([s.kept for s in self.states]).astype(float))
+        L = block_diag([nodes.L for nodes in places], format="csr")
+        L_kappa = block_diag([nodes.L_kappa for nodes in places], format="csr")
+        kept = diags(np.concatenate([nodes.kept for nodes in places]).astype(float))
         self.L = (kept @ hstack([L, L_kappa])).tocsr()
         self.n_v, self.m = L.shape[1], self.L.shape[1]
         self._L_t = self.L[:, : self.n_v].T.tocsr()
+        self._operators, self.loads = operators, np.zeros(self.n_v)
+        self._rigid = np.zeros(self.m)  # 1: translations of obstacles, the others nodal motions
+        for s in self.states:
+            self._rigid[s.nodes.v] = s.nodes.model.frame is None
         self.normal = np.zeros(self.n, dtype=bool)
         self.drifts = np.zeros(self.m, dtype=bool)
-        for s in self.states:
-            self.normal[s.rows[:, -1]] = s.law.unilateral
-            if len(s.v):
-                self.drifts[s.v.reshape(-1, s.model.directions.shape[1])[:, -1]] = True
+        for nodes in places:
+            self.normal[nodes.rows[:, -1]] = nodes.law.opens
+            if nodes.model.frame is not None:
+                v = nodes.v.reshape(-1, nodes.model.directions.shape[1])
+                self.drifts[v[:, -1]] = True
 
     def closed_rows(self) -> np.ndarray:
         """(n,) rows in contact."""
         return np.concatenate([s.closed_rows() for s in self.states])
 
-    def middle(self, position: np.ndarray) -> np.ndarray:
-        """(m,) frame that fits the positions of all rows best; where nothing opens nobody asks."""
-        if not (self.m and self._opens):
+    def may_open(self) -> np.ndarray:
+        """(n,) rows of normal forces that press or are none."""
+        may_open = self.normal.copy()
+        for s in self.states:
+            may_open[s.nodes.rows[s.held, -1]] = False
+        return may_open
+
+    def frame_loads(self) -> np.ndarray:
+        """(n_v,) loads on the frame unknowns that are prescribed now [force].
+
+        Raises:
+            ContactError, ContactInputError: see ``ContactOperators``.
+        """
+        return self._operators.frame_loads()
+
+    def middle(self, position: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """(m,) frame that fits the positions of all rows best; obstacles stay as in w (m,). Ties
+        alone do not ask for it."""
+        if not self.m or self._operators.tied:
             return np.zeros(self.m)
-        return self._fit.solve(self.L.T @ position)
+        own = self._rigid * w
+        fitted = self._fit.solve(self.L.T @ (position - self.L @ own))
+        return np.where(self._rigid > 0.0, own, fitted)
 
     @cached_property
     def _fit(self) -> Any:
         """Factorised LᵀL."""
-        return splu((self.L.T @ self.L + 1e-10 * identity(self.m)).tocsc())
+        fitted = self.L @ diags(1.0 - self._rigid)
+        return splu((fitted.T @ fitted + 1e-10 * identity(self.m)).tocsc())
 
     def step(
         self, about: Any, g: np.ndarray, centre: np.ndarray, held: Any, calmed: bool
@@ -86,31 +116,32 @@ class Equations:
             calmed: as of ``friction_rows``.
         """
         active = self.closed_rows()
-        P = self._proximal()
+        P = proximal_term(self.states, self.m, self._epsilon * self.scale)
         gather = self._frame_gather()
         own = gather @ P[: self.n_v]
-        relative = block_diag([s.frame_relative for s in self.states], format="csr")
+        relative = block_diag([s.others.frame_relative for s in self.states], format="csr")
         relative.resize(own.shape)
-        E, D, rhs = [gather @ self._L_t], [own + self.scale * relative], [own @ centre]
+        E, D, rhs = [gather @ self._L_t], [own + self.scale * relative], [own @ centre + self.loads]
         for s in self.states:
-            if s.kappa.size:
-                rows = self.friction_rows(s, about[0], about[1], calmed)
-                C_T, C_delta = _blocks(rows.C_T), _blocks(rows.C_delta) / s.theta
-                E.append(s.friction_operator(C_T, _blocks(rows.C_N[:, :, None]), self.n))
+            nodes = s.nodes
+            if nodes.kappa.size:
+                rows = self.law_rows(s, about[0], about[1], calmed)
+                C_T, C_jump = _blocks(rows.C_T), _blocks(rows.C_jump) / nodes.theta
+                E.append(nodes.operator(_on_forces(s, rows, C_T), self.n))
                 # The proximal force stands beside T.
-                own = s.theta * C_T @ s.gather @ P[s.kappa.ravel()]
-                C_delta = C_delta @ s.relative
-                D.append(own + C_delta @ s.selection(self.m))
-                given = rows.rhs - rows.C_N * s.cohesion(about[0])[:, None]
-                rhs.append(own @ centre + given.ravel() + C_delta @ s.kappa_before.ravel())
-        anchor, spring = held
+                own = nodes.theta * C_T @ s.others.gather @ P[nodes.kappa.ravel()]
+                C_jump = C_jump @ s.others.relative
+                D.append(own + C_jump @ nodes.selection(self.m))
+                before = C_jump @ s.own.kappa_before.ravel()
+                rhs.append(own @ centre + rows.rhs.ravel() + before)
+        (anchor, spring), floating = held, self._operators.floating
         return LinearStep(
-            active, self.normal, self.L, g, self.compliance,
+            active, self.may_open(), self.L, g, self.compliance,
             stack(E, format="csr"), stack(D, format="csr"), np.concatenate(rhs),
-            anchor, spring, self._floating.pins, spring * self._floating.at_pins(anchor),
+            anchor, spring, floating.pins, spring * floating.at_pins(anchor),
         )  # fmt: skip
 
-    def friction_rows(
+    def law_rows(
         self, s: InterfaceState, multiplier: np.ndarray, w: np.ndarray, calmed: bool
     ) -> LawRows:
         """Rows of an interface's law, linearised about λ and w.
@@ -121,74 +152,77 @@ class Equations:
             calmed: the state of contact has come to rest once in this load step; from then on what
                 no force reaches sticks.
         """
-        T, bound = s.forces(multiplier)
-        rows = s.law.rows(T, bound, s.slip(w), s.slip_stiffness(self.scale), s.status)
-        return rows.tied(s.speaker, s.unheld & calmed, self.scale)
+        rows = s.rows_at(s.at(multiplier, w, self.scale))
+        return rows.tied(s.others.speaker, s.others.unheld & calmed, self.scale)
 
     def all_stick(self, step: LinearStep) -> LinearStep:
         """The first step, when nothing is known: all stick, as in the paper."""
         for s in self.states:
-            s.status[:] = STICK
+            s.own.status = np.full(len(s.nodes.kappa), STICK)
         first, count = self.n_v, self.m - self.n_v
         select = csr_matrix((np.ones(count), (np.arange(count), first + np.arange(count))),
                             (count, self.m))  # fmt: skip
         E = stack([step.E[:first], csr_matrix((count, self.n))], format="csr")
         D = stack([step.D[:first], self.scale * select], format="csr")
-        before = [s.kappa_before.ravel() for s in self.states]
+        before = [s.own.kappa_before.ravel() for s in self.states]
         rhs = np.concatenate([step.rhs[:first], self.scale * np.concatenate(before)])
         return replace(step, E=E, D=D, rhs=rhs)
 
-    def _proximal(self) -> csr_matrix:
-        """(m, m) matrix of the proximal term -ε c (w - w_c).
-
-        With friction each side's own field, v + κ and v - κ, is held as firmly as its pairs are.
-        """
-        row, col, value = [np.empty(0, dtype=int)], [np.empty(0, dtype=int)], [np.empty(0)]
-
-        def add(i: np.ndarray, j: np.ndarray, x: Any) -> None:
-            row.append(i)
-            col.append(j)
-            value.append(-self._epsilon * self.scale * x)
-
-        for s in self.states:
-            if not s.law.unilateral:
-                continue
-            support, t = s.support(tied=True), s.kappa.shape[1] if s.kappa.size else 0
-            both = sum(support)
-            if len(s.v):
-                v = s.v.reshape(-1, s.model.directions.shape[1])
-                add(v[:, -1], v[:, -1], sum(s.support(tied=False)))
-                for i in range(t):
-                    difference = support[0] - support[1]
-                    add(v[:, i], v[:, i], both)
-                    add(v[:, i], s.kappa[:, i], difference)
-                    add(s.kappa[:, i], v[:, i], difference)
-            for i in range(t):
-                add(s.kappa[:, i], s.kappa[:, i], both)
-        index = np.concatenate(row), np.concatenate(col)
-        return coo_matrix((np.concatenate(value), index), (self.m, self.m)).tocsr()
-
     def miss(self, multiplier: np.ndarray, w: np.ndarray) -> float:
         """By how much balance of the frames and the laws are missed, at most [force]."""
-        return max(self.imbalance(multiplier), self._friction_miss(multiplier, w))
+        return max(self.imbalance(multiplier), self._law_miss(multiplier, w))
 
     def imbalance(self, multiplier: np.ndarray) -> float:
-        """Largest entry of L_bᵀ λ [force]; of nodes that follow others in the sum with theirs."""
-        return float(np.abs(self._frame_gather() @ (self._L_t @ multiplier)).max(initial=0.0))
+        """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
+        with theirs."""
+        left = self._frame_gather() @ (self._L_t @ multiplier) - self.loads
+        return float(np.abs(left).max(initial=0.0))
+
+    def runaway(self, multiplier: np.ndarray) -> str:
+        """What is said of an obstacle whose force contact does not balance: all but the proximal
+        term gives way to it. Empty where there is none."""
+        left = self.loads - self._L_t @ multiplier
+        for s in self.states:
+            model = s.nodes.model
+            obstacle, force = (
+                model.interface.obstacle,
+                np.abs(self.loads[s.nodes.v]).max(initial=0.0),
+            )
+            missed = np.abs(left[s.nodes.v]).max(initial=0.0)
+            if obstacle is not None and missed > CARRIED * force > 0.0:
+                return (
+                    f"interface {model.interface.name}: contact does not balance the force on the "
+                    f"{type(obstacle).__name__}, {obstacle.pose(model.directions.shape[2])[-1]}: "
+                    f"at least {missed / force:.2g} of it is left. It is pulled off, or slides "
+                    "without end: give None where its displacement is to be prescribed, or change "
+                    "the force"
+                )
+        return ""
 
     def _frame_gather(self) -> csr_matrix:
         """(n_v, n_v) forces at the frame's nodes, summed up where equilibrium is asked for."""
-        return block_diag([s.frame_gather for s in self.states], format="csr")
+        return block_diag([s.others.frame_gather for s in self.states], format="csr")
 
-    def _friction_miss(self, multiplier: np.ndarray, w: np.ndarray) -> float:
-        """Largest distance of a tangential force from Coulomb's law [force]."""
+    def _law_miss(self, multiplier: np.ndarray, w: np.ndarray) -> float:
+        """Largest distance of a force from its law [force]."""
         worst = 0.0
         for s in self.states:
-            if s.kappa.size:
-                T, bound = s.forces(multiplier)
-                miss = s.law.miss(T, bound, s.slip(w), s.slip_stiffness(self.scale))
+            if s.nodes.kappa.size:
+                miss = s.law.miss(s.at(multiplier, w, self.scale))
                 worst = max(worst, float(miss.max(initial=0.0)))
         return worst
+
+
+def _on_forces(s: InterfaceState, rows: LawRows, C_T: csr_matrix) -> csr_matrix:
+    """C_T T + C_N S as a matrix (k q, n c) of an interface's multipliers."""
+    nodes = s.nodes
+    own = C_T @ s.others.gather @ (nodes.theta * nodes.L_kappa.T)
+    if not rows.C_N.any():
+        return own
+    k = len(s.others.speaker)
+    sums = csr_matrix((np.ones(k), (s.others.speaker, np.arange(k))), (k, k))
+    weight = np.ones(k) if rows.weight is None else rows.weight
+    return own + _blocks(rows.C_N[:, :, None]) @ sums @ diags(weight) @ nodes.L_normal
 
 
 def _blocks(C: np.ndarray) -> csr_matrix:

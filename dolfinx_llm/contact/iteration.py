@@ -18,15 +18,16 @@ from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.contact.equations import Equations
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.floating import Pull
-from dolfinx_llm.forms.step import SIGN, StepForm, StepResult, force_level
-from dolfinx_llm.forms.verdict import Verdict
-from dolfinx_llm.laws.law import OPEN, SLIP, STICK
+from dolfinx_llm.forms.step import GRAZING, SIGN, StepForm, StepResult, force_level
+from dolfinx_llm.forms.verdict import FinalError, Verdict
+from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 from dolfinx_llm.operators.system import ContactOperators
 
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
 FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
+RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
 CALM = 2  # iterations without a change after which a residual may have stopped falling
 
 
@@ -39,15 +40,14 @@ class ContactIteration:
         f, g: this rank's load and the gaps at rest, from which the first load step starts.
 
     Attributes:
-        operators: as given.
-        floating: rigid motions that need contact to be held.
-        equations: of the laws.
+        operators, equations: as given; of the laws.
         states: per interface its ``InterfaceState``.
         multiplier: (n,) λ [force]; None: nothing has been solved.
         w: (m,) frame and slip unknowns [length].
         alpha: rigid motion of bodies that nothing else holds.
         f, g: load and gaps at the end of the last load step.
         forces: largest so far [force].
+        pressed: largest force on an obstacle so far [force].
         verdict: of the last load step.
         history: see ``ContactProblem``; of the last load step.
         bar: progress line, while there is one.
@@ -57,8 +57,7 @@ class ContactIteration:
         self, operators: ContactOperators, form: StepForm, f: np.ndarray, g: np.ndarray
     ) -> None:
         self.scale, self.form, self._rest = operators.scale, form, (f, g)
-        self.operators, self.floating = operators, operators.floating
-        self.equations = Equations(operators, form.proximal)
+        self.operators, self.equations = operators, Equations(operators, form.proximal)
         self.states = self.equations.states
         self.bar: tqdm | None = None
         self._calmed = False
@@ -71,8 +70,9 @@ class ContactIteration:
         self.multiplier: Any = None
         self.w: Any = None
         self.alpha: Any = None
-        self.forces, self.verdict = 0.0, Verdict(0.0, 0.0)
+        self.forces, self.pressed, self.verdict = 0.0, 0.0, Verdict(0.0, 0.0)
         self.f, self.g = self._rest
+        self.equations.loads = np.zeros(self.equations.n_v)
         self.history: list[dict] = []
 
     def resume(self, other: ContactIteration, f: np.ndarray, g: np.ndarray, u: np.ndarray) -> None:
@@ -87,27 +87,30 @@ class ContactIteration:
         if other.multiplier is None:
             return
         for state, kept in zip(self.states, other.states, strict=True):
-            state.restore(kept.snapshot())
+            state.restore(kept.own)
         self.multiplier, self.w = other.multiplier, other.w
-        self.alpha = self.floating.amounts(u)  # of other modes, perhaps
-        self.forces = other.forces
+        self.alpha = self.operators.floating.amounts(u)  # of other modes, perhaps
+        self.forces, self.pressed = other.forces, other.pressed
         self.f, self.g = f, g
+        self.equations.loads = other.equations.loads
 
     def snapshot(self) -> tuple:
         """What a load step may have to be taken back to."""
-        return [s.snapshot() for s in self.states], self.multiplier, self.w, self.alpha
+        states, loads = [s.own.copy() for s in self.states], self.equations.loads
+        return states, self.multiplier, self.w, self.alpha, loads
 
     def restore(self, snapshot: tuple) -> None:
         """Back to what ``snapshot`` returned."""
-        states, self.multiplier, self.w, self.alpha = snapshot
+        states, self.multiplier, self.w, self.alpha, self.equations.loads = snapshot
         for state, kept in zip(self.states, states, strict=True):
             state.restore(kept)
 
     def accept(self, found: StepResult, g: np.ndarray) -> None:
         """End a load step: what has slipped is the reference of the next."""
-        fitted = self.equations.middle(found.y + g)
+        fitted = self.equations.middle(found.y + g, found.w)
         for s in self.states:
-            s.accept(found.w, fitted)
+            s.accept(found.multiplier, found.w, fitted, self.scale)
+        self.pressed = max(self.pressed, np.abs(self.equations.loads).max(initial=0.0))
 
     def iterate(self, f: np.ndarray, g: np.ndarray) -> StepResult:
         """Iterate to a state that meets all conditions, for this rank's load f and gaps g (n,).
@@ -117,12 +120,14 @@ class ContactIteration:
         """
         first, known, equations = len(self.history), self.w is not None, self.equations
         w = self.w if known else np.zeros(equations.m)
-        centre = w if known else equations.middle(g)
-        floating = self.floating
+        pressed = max(self.pressed, np.abs(equations.loads).max(initial=0.0))
+        centre = w if known else equations.middle(g, w)
+        floating = self.operators.floating
         alpha = self.alpha if known else np.zeros(floating.count)
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
         calm, self._calmed = 0, False  # iterations without a change of state; whether any was
         before, w_last = np.inf, w  # last residual and motion
+        runs = 0  # iterations in which contact did not balance the force on an obstacle
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         spring = floating.spring(self.scale)
         pull = Pull(floating, spring, f, self.forces, alpha)
@@ -134,16 +139,23 @@ class ContactIteration:
                 step = equations.all_stick(step)
             found = self.form.solve(f, step)
             multiplier, y, w = found.multiplier, found.y, found.w
-            largest = force_level(multiplier, y + g, self.scale)
-            changes = sum(self._take(s, found) for s in self.states)
+            largest = max(force_level(multiplier, y + g, self.scale), GRAZING * pressed)
+            apart = np.abs(equations.L @ w - y - g)
+            changes = sum(self._take(s, found, apart) for s in self.states)
             miss = equations.miss(multiplier, w) / largest
+            lost = equations.runaway(multiplier)
+            runs = runs + 1 if lost else 0
+            if runs > RUNS:
+                raise FinalError(lost)
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
             tell_iteration(entry, self.bar)
-            if not self.operators.opens:  # one linear step is all
+            if self.operators.tied:  # one linear step is all
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
                 return found
-            calm = 0 if changes else calm + 1
+            # That all stick at first is a state that changes, where the law says something else.
+            supposed = not known and iteration == 1 and miss > self.form.accuracy
+            calm = 0 if changes or supposed else calm + 1
             pull.watch(found.floating, multiplier, calm, self.form.noise)
             stalled = calm > CALM and miss > 0.5 * before
             enough = max(ENOUGH, self.form.noise / largest)
@@ -157,7 +169,7 @@ class ContactIteration:
             before = miss
             # From then on the frame goes on from where it is, and what no force holds stays.
             self._calmed = self._calmed or calm > 0
-            centre = w if self._calmed else equations.middle(y + g)
+            centre = w if self._calmed else equations.middle(y + g, w)
             if stalled:  # a frame node under a tiny force goes to where it touches, ever faster
                 centre = w + (2.0**calm - 1.0) * np.where(equations.drifts, w - w_last, 0.0)
             w_last = w
@@ -174,29 +186,38 @@ class ContactIteration:
             "steps (solve(increments=...)), and check that supports hold the bodies when they slip"
         )
 
-    def _take(self, s: InterfaceState, found: StepResult) -> int:
-        """Take over the pairs in contact, and find what sticks and slips; number of changes."""
-        normal = s.rows[:, -1]
-        chosen = found.active[normal] ^ found.wrong[normal] if s.law.unilateral else s.active
-        changed, force = chosen != s.active, np.abs(found.multiplier)
+    def _take(self, s: InterfaceState, found: StepResult, apart: np.ndarray) -> int:
+        """Take over the pairs in contact, and find what sticks and slips.
+
+        Args:
+            s: an interface.
+            found: of the last step.
+            apart: (n,) by how much surface and frame are apart there [length].
+
+        Returns:
+            Number of changes that matter.
+        """
+        rows, own, speaker = s.nodes.rows, s.own, s.others.speaker
+        normal = rows[:, -1]
+        chosen = found.active[normal] ^ found.wrong[normal] if s.law.opens else own.active
+        changed, force = chosen != own.active, np.abs(found.multiplier)
         largest = force.max(initial=0.0)
         light = (changed.sum() <= FEW * len(chosen) + 2) | (force[normal] <= LIGHT * largest)
-        s.closings += np.where(chosen & ~s.active, np.where(light, 4, 1), 0)
+        own.closings += np.where(chosen & ~own.active, np.where(light, 4, 1), 0)
         s.touch(chosen)
-        # What carries nothing is in contact or not, sticks or slips, to no effect; a sign that is
-        # wrong has to change, also where its pair then is as it was.
-        felt = changed & (force[s.rows].max(axis=1) > SIGN * largest)
+        # What carries nothing is in contact or not, sticks or slips, to no effect; what closes
+        # where it already meets the frame as well. A sign that is wrong has to change, also where
+        # its pair then is as it was.
+        meets = self.scale * apart[rows].max(axis=1) <= SIGN * largest
+        meets &= chosen & np.array_equal(speaker, s.others.speaker)
+        felt = changed & (force[rows].max(axis=1) > SIGN * largest) & ~meets
         changes = int((felt | found.wrong[normal]).sum())
-        if s.kappa.size:
-            rows = self.equations.friction_rows(s, found.multiplier, found.w, self._calmed)
-            T, bound = s.forces(found.multiplier)
-            z = T + s.slip_stiffness(self.scale)[:, None] * s.slip(found.w)
-            # At the limit and without slip a node sticks and slips alike.
-            apart = np.abs(np.linalg.norm(z, axis=1) - bound)
-            size = np.maximum(np.linalg.norm(T, axis=1), np.abs(bound))
-            felt = np.minimum(size, apart) > SIGN * largest
-            changes += int(((rows.status != s.status) & felt).sum())
-            s.status = rows.status
+        if s.nodes.kappa.size:
+            felt = s.law.at_stake(s.at(found.multiplier, found.w, self.scale)) > SIGN * largest
+            told = self.equations.law_rows(s, found.multiplier, found.w, self._calmed)
+            differs = ((told.status != own.status) & felt) | (told.holds != own.holds)
+            changes += int(differs.sum())
+            s.take(told)
         return changes
 
     def _count(self) -> dict:

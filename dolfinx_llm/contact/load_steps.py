@@ -36,16 +36,17 @@ def advance(
     Raises:
         ContactError: no convergence even in small parts; the iteration is then where it was.
     """
-    start, end = (iteration.f, iteration.g), (f, g)
-    opens = iteration.operators.opens  # else a part is as hard as the whole
-    done, part = 0.0, 1.0 / increments if opens else 1.0
+    equations = iteration.equations
+    start = iteration.f, iteration.g, equations.loads
+    end = f, g, equations.frame_loads()
+    tied = iteration.operators.tied  # a part is as hard as the whole
+    done, part = 0.0, 1.0 if tied else 1.0 / increments
     iteration.history = []
     first = iteration.snapshot()
     while done < 1.0 - 1e-9:
         reached = min(done + part, 1.0)
-        f_t, g_t = (a + reached * (b - a) for a, b in zip(start, end, strict=True))
-        if reached > 1.0 - 1e-9:
-            f_t, g_t = end
+        now = [a + reached * (b - a) for a, b in zip(start, end, strict=True)]
+        f_t, g_t, equations.loads = end if reached > 1.0 - 1e-9 else now
         before = iteration.snapshot()
         try:
             found = iteration.iterate(f_t, g_t)
@@ -54,7 +55,7 @@ def advance(
             raise
         except ContactError as failed:
             iteration.restore(before)
-            if not opens:
+            if tied:
                 raise
             if part <= SMALLEST / increments:
                 iteration.restore(first)
@@ -71,7 +72,7 @@ def advance(
             raise
         iteration.accept(found, g_t)
         done = reached
-    iteration.f, iteration.g = end
+    iteration.f, iteration.g = f, g
     return u, found.multiplier, found.w[: iteration.equations.n_v]
 
 

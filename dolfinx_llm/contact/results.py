@@ -16,13 +16,13 @@ from dolfinx_llm.design.curved import nodal_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.certificate import Certificate
-from dolfinx_llm.interface.geometry import ContactModel
-from dolfinx_llm.laws.law import CLOSED, OPEN, STICK
+from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 from dolfinx_llm.operators.system import ContactOperators
 
 FELT = 1e-9  # part of the largest force or motion, below which there is none
-NOTHING = 1e-14  # force over the surfaces' stiffness times their motion that is rounding
-WEAK = 1e-3  # of a frame node's mean support: what draws its tangential motion to the mean
+IDLE = 1e-14  # force over the surfaces' stiffness times their motion that is rounding
+DRAW = 1e-3  # of a frame node's mean support: what draws its tangential motion to the mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +71,8 @@ class InterfaceResult:
     frame_friction: np.ndarray  # (m, gdim) tangential force of side 0 at the frame's nodes [force]
     frame_status: np.ndarray  # (m,) of its nodes: 0 open, 1 stick, 2 slip, 3 closed, no friction
     presses: bool = True  # the law lets bodies part: no force pulls
+    # (gdim,) of an obstacle, prescribed or where a force brings it [length]; None with a frame
+    displacement: np.ndarray | None = None
 
     @property
     def x(self) -> np.ndarray:
@@ -135,14 +137,14 @@ def collect_results(
     """
     motions = [operators.motion(side, u) for side in range(len(operators.pairs))]
     gaps, results = operators.side_gaps(), []
+    prescribed = operators.obstacle_motions()
     for i, (model, place) in enumerate(zip(operators.models, operators.places, strict=True)):
         m, d, gdim = model.directions.shape
         moved = motions[place.sides]
         v = np.einsum("md,mdi->mi", w[place.frame].reshape(m, d), model.directions)
-        if d == 1 and m:  # without tangential unknowns the frame follows both bodies
+        if d == 1 and model.frame is not None:
+            # Without tangential unknowns the frame follows both bodies.
             v = v + _tangential_average(model, moved)
-        if model.frame is None:
-            v = np.zeros((0, gdim))
         state, c = states and states[i], model.pairs[0].base.shape[1]
         forces = multiplier[place.rows].reshape(-1, c)
         status = state.pair_status() if state else np.full(len(forces), STICK)
@@ -150,18 +152,22 @@ def collect_results(
         for p, motion, gap in zip(model.pairs, moved, gaps[place.sides], strict=True):
             own = slice(first, first + len(p.nodes))
             follows = p.N @ v
-            if model.interface.obstacle is not None:
-                follows = follows + model.interface.obstacle.motion(gdim)
+            if model.frame is None:
+                follows = follows + prescribed[i]
             sides.append(_side_result(p, forces[own], motion, follows, gap, status[own]))
             first = own.stop
-        if model.interface.law.unilateral:
-            sides = _between_bodies(model, sides, operators.scale)
+        if model.interface.law.components != "cartesian":
+            held = state.held if state else np.zeros(len(forces), dtype=bool)
+            sides = _between_bodies(model, sides, operators.scale, held)
         results.append(_interface_result(model, sides, v, state))
     return results
 
 
-def _between_bodies(model: ContactModel, sides: list[SideResult], scale: float) -> list[SideResult]:
-    """The sides with gaps between the bodies, and open where these are apart.
+def _between_bodies(
+    model: InterfaceGeometry, sides: list[SideResult], scale: float, held: np.ndarray
+) -> list[SideResult]:
+    """The sides with gaps between the bodies, and open where these are apart and none of the pairs
+    held (n,), which may pull.
 
     A node may lie on the frame, which is free there, and the other body be away: what it carries
     is rounding then, of the surfaces' stiffness ``scale`` times their motion.
@@ -173,18 +179,20 @@ def _between_bodies(model: ContactModel, sides: list[SideResult], scale: float) 
         gaps[k] = np.einsum("ni,ni->n", across, sides[k].normal)
     force = max(np.abs(side.normal_force).max(initial=0.0) for side in sides)
     size = max(np.abs(a).max(initial=0.0) for side in sides for a in (side.u, side.frame_gap))
-    nothing = NOTHING * scale * size
-    out = []
-    for side, gap in zip(sides, gaps, strict=True):
+    nothing, law = IDLE * scale * size, model.interface.law
+    out, ends = [], np.cumsum([len(side.x) for side in sides])
+    for side, gap, pulls in zip(sides, gaps, np.split(held, ends[:-1]), strict=True):
         pressed = side.normal_force > max(FELT * force, nothing)
-        closed = (side.status != OPEN) & (pressed | (gap <= FELT * size))
+        closed = (side.status != OPEN) & (pressed | (gap <= FELT * size) | pulls)
+        if not law.opens:
+            closed[:] = True
         idle = ~closed & (np.linalg.norm(side.force, axis=1) <= nothing)
         out.append(
             replace(
                 side,
                 force=np.where(idle[:, None], 0.0, side.force),
                 normal_force=np.where(idle, 0.0, side.normal_force),
-                gap=np.where(closed, 0.0, np.maximum(gap, 0.0)),
+                gap=gap if law.gives else np.where(closed, 0.0, np.maximum(gap, 0.0)),
                 slip=np.where(closed[:, None], side.slip, 0.0),
                 status=np.where(closed, side.status, OPEN),
             )
@@ -192,13 +200,13 @@ def _between_bodies(model: ContactModel, sides: list[SideResult], scale: float) 
     return out
 
 
-def _tangential_average(model: ContactModel, moved: Sequence[np.ndarray]) -> np.ndarray:
+def _tangential_average(model: InterfaceGeometry, moved: Sequence[np.ndarray]) -> np.ndarray:
     """(m, gdim) mean of the tangential motions of both sides, fitted to the frame's nodes."""
     total = np.zeros((len(model.directions), moved[0].shape[1]))
     for p, motion in zip(model.pairs, moved, strict=True):
         A = p.N.T @ p.N
         # Frame nodes that hardly any pair of this side reaches move as the side does on average.
-        weak = WEAK * A.diagonal().mean() * identity(A.shape[0])
+        weak = DRAW * A.diagonal().mean() * identity(A.shape[0])
         mean = motion.mean(axis=0)
         total += 0.5 * (mean + splu((A + weak).tocsc()).solve(p.N.T @ (motion - mean)))
     normal = model.directions[:, -1]
@@ -234,26 +242,33 @@ def _side_result(
 
 
 def _interface_result(
-    model: ContactModel, sides: list[SideResult], v: np.ndarray, state: Any
+    model: InterfaceGeometry, sides: list[SideResult], v: np.ndarray, state: Any
 ) -> InterfaceResult:
     side, pairs, law = sides[0], model.pairs[0], model.interface.law
-    if model.frame is None:
+    presses = law.opens and not (state and state.held.any())
+    if model.interface.obstacle is not None:
         own = side.normal_force, side.area, side.tangential_force
-        return InterfaceResult(None, tuple(sides), None, *own, side.status, law.unilateral)
-    normal = model.directions[:, -1] if law.unilateral else nodal_normals(model.frame)
+        shift = np.array(model.interface.obstacle.pose(v.shape[1])[0]) + v.sum(axis=0)
+        return InterfaceResult(None, tuple(sides), None, *own, side.status, presses, shift)
+    assert model.frame is not None
+    cartesian = law.components == "cartesian"
+    normal = nodal_normals(model.frame) if cartesian else model.directions[:, -1]
     total = pairs.N.T @ side.force
     force, area = np.einsum("mi,mi->m", total, normal), pairs.N.T @ side.area
     friction = total - force[:, None] * normal
     status = np.full(len(force), STICK)
-    if law.unilateral:
+    if not cartesian:
         pressed = force > FELT * np.abs(force).max(initial=0.0)
+        if law.gives or law.slips:
+            pressed = pressed | state.own.holds | (not law.opens)
         status = np.where(pressed, CLOSED, OPEN)
-        if law.friction:
-            status = np.where(pressed & (state.status != OPEN), state.status, status)
+        if law.slips:
+            told = pressed & (state.own.status != OPEN)
+            status = np.where(told, state.own.status, status)
             friction = state.share_out(friction, force)
-        else:
+        elif law.components == "normal":
             friction = np.zeros_like(friction)
     frame = replace(model.frame, v=v)
     return InterfaceResult(
-        frame, tuple(sides), model.certificate, force, area, friction, status, law.unilateral
+        frame, tuple(sides), model.certificate, force, area, friction, status, presses
     )

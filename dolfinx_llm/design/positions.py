@@ -19,7 +19,7 @@ from dolfinx_llm.design.positions_scene import search_scenes
 from dolfinx_llm.design.positions_search import Scene, descend, polish, random_starts
 from dolfinx_llm.geometry.frame import Frame
 
-_RANK = 0.02  # least ratio of the singular values of L_b
+_RATIO = 0.02  # least ratio of the singular values of L_b
 
 
 def design_positions(
@@ -101,9 +101,9 @@ def design_positions(
     raise ContactError(
         f"design by positions: none of {starts} starts with {n_q} free parameters passes within "
         f"the bounds (angles {min_angle:g} to {max_angle:g} degrees, sides from {lmin:.3g}, "
-        f"sigma_min/sigma_max of L_b from {_RANK:g}, residual up to {tol:.1e}); the closest left "
-        f"{reached:.1e} of residual or violation. Use design='weights', more starts, wider bounds "
-        "or another prediction"
+        f"sigma_min/sigma_max of L_b from {_RATIO:g}, residual up to {tol:.1e}); the closest "
+        f"left {reached:.1e} of residual or violation. Use design='weights', more starts, wider "
+        "bounds or another prediction"
     )
 
 
@@ -139,4 +139,4 @@ def _certify(
     if r > tol or not covered or not shaped:
         return None
     sv = np.linalg.svd(np.concatenate([a.toarray() for a in L]), compute_uv=False)
-    return sv[-1] / sv[0] if len(sv) == len(frame.x) and sv[-1] >= _RANK * sv[0] else None
+    return sv[-1] / sv[0] if len(sv) == len(frame.x) and sv[-1] >= _RATIO * sv[0] else None

@@ -30,8 +30,8 @@ from dolfinx_llm.geometry.frame import Frame
 
 TOLERANCE = 1e-13  # a frame with max|r| / max f below this passes
 NARROW = 0.15  # largest correction up to which stencils of one ring of nodes are enough
-NEAR = 0.05  # weight of that ring: corrections far from a row's own nodes cost accuracy
-WIDEST = 4  # rings in the stencils of a side much coarser than the frame
+OUTER = 0.05  # weight of that ring: corrections far from a row's own nodes cost accuracy
+RINGS = 4  # rings in the stencils of a side much coarser than the frame
 SHIFT = 1e-13  # of the largest diagonal entry, on all of it
 
 
@@ -107,7 +107,7 @@ def design_weights(
     far = np.abs(frame.x).max() / np.ptp(frame.x, axis=0).max()
     allowed = max(TOLERANCE, 50.0 * np.finfo(float).eps * far)  # rounding of far coordinates
     ring = adjacency(frame.cells, len(s))
-    narrow = NEAR * ring + (1.0 - NEAR) * identity(len(s))
+    narrow = OUTER * ring + (1.0 - OUTER) * identity(len(s))
     best: Sequence[csr_matrix] = rows
     least = (np.inf, np.inf)
     for widths in _widths(s, rows):
@@ -140,7 +140,7 @@ def _widths(s: np.ndarray, N: Sequence[csr_matrix]) -> list[tuple[int, int]]:
     must spread their force over about a facet, which rings of one cell cannot.
     """
     ratio = [(len(s) / M.shape[0]) ** (1.0 / s.shape[1]) for M in N]
-    coarse = tuple(int(np.clip(round(r), 1, WIDEST)) for r in ratio)
+    coarse = tuple(int(np.clip(round(r), 1, RINGS)) for r in ratio)
     return list(dict.fromkeys([(1, 1), (coarse[0], coarse[1]), (2, 2)]))
 
 

@@ -49,7 +49,7 @@ def choose_solver(
             "solver='condensed' needs a symmetric stiffness, and the form a is not symmetric: use "
             "solver='saddle'"
         )
-    if operators.opens:
+    if not operators.tied:
         return _choose_steps(asked, symmetric, operators)
     if asked != "auto":
         return asked, "as asked"
@@ -74,7 +74,7 @@ def _choose_steps(asked: str, symmetric: bool, operators: ContactOperators) -> t
         return "flexibility", f"{first}with up to {FLEXIBLE} multipliers the bodies are asked once"
     if asked == "saddle":
         return "saddle", "as asked"
-    friction = any(model.interface.law.friction for model in operators.models)
+    friction = any(law.slips or law.gives for law in (m.interface.law for m in operators.models))
     limit = CROSSOVER[operators.dofs.gdim]
     if not symmetric or friction or unknowns < limit or eliminated_rows(operators).widest > WIDEST:
         return "saddle", f"chosen: {rows} multipliers, factorised in each step"

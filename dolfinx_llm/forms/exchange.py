@@ -139,13 +139,17 @@ class WholeSteps(StepForm):
             for p in new:
                 load = self._loads(step, np.array([p]), np.ones(1))
                 u, force, motion = made.ask(*load)
-                answers.append(signs(force, self.motion(u), motion, load[1]))
+                column = signs(force, self.motion(u), motion, load[1])
+                column[place[p]] += 0.0 if on[place[p]] else self.scale * step.compliance[p]
+                answers.append(column)
             pairs = np.concatenate([pairs, new])
             at, columns = place[pairs], np.column_stack(answers)
-            M, q = columns[at], now[at]
-            change = complementarity(M, q, q < 0.0)
-            forces = np.zeros(len(pairs))
-            forces[change] = np.linalg.solve(M[np.ix_(change, change)], -q[change])
+            M, q, forces = columns[at], now[at], np.zeros(len(pairs))
+            try:
+                change = complementarity(M, q, q < 0.0)
+                forces[change] = np.linalg.solve(M[np.ix_(change, change)], -q[change])
+            except np.linalg.LinAlgError:  # forces that nothing determines: all wrong ones change
+                return pairs[:0], forces[:0]
             after = now + columns @ forces
             after[at] = 0.0
             new = rows[after < -band]

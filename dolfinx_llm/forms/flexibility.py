@@ -16,11 +16,10 @@ import scipy.linalg
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
-from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.direct import DirectSolver
-from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, wrong_signs
+from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, singular, wrong_signs
 from dolfinx_llm.laws.complementarity import complementarity
 from dolfinx_llm.operators.petsc import with_springs
 from dolfinx_llm.operators.support import pins
@@ -123,18 +122,19 @@ class Flexibility(StepForm):
                 active = step.active
                 found = self._dense(step)
                 wrong = wrong_signs(step, active, found[0], found[1], found[2], self.scale)
+                result = *found, active, wrong
                 if wrong.any():
                     equations = self._equations(step, np.arange(len(step.active)))
                     active = _choose(step, *equations)
                     chosen = replace(step, active=active)
                     found = self._dense(chosen)
                     wrong = wrong_signs(step, active, found[0], found[1], found[2], self.scale)
-                result = *found, active, wrong
+                    result = *found, active, wrong
             except (np.linalg.LinAlgError, ValueError) as failed:
                 error = str(failed)
         result, error = self.comm.bcast((result, error))
         if result is None:
-            raise ContactError(f"a step of the contact law is singular: {error}")
+            raise singular(error)
         multiplier, y, w, self._alpha, active, wrong = result
         free = self._alpha[: self.floating.count]
         return StepResult(np.zeros(0), multiplier, y, w, free, active, wrong)

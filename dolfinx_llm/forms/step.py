@@ -9,6 +9,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
 
@@ -126,7 +127,7 @@ class StepForm(ABC):
     K: PETSc.Mat
     operators: ContactOperators
 
-    def __init__(self) -> None:
+    def __init__(self) -> None:  # noqa: B027
         """Nothing is known before ``prepare``."""
 
     def prepare(self, K: PETSc.Mat, operators: ContactOperators) -> None:
@@ -235,6 +236,15 @@ def wrong_signs(
     band = SIGN * force_level(multiplier, y + step.g, scale)
     wrong = np.where(active, multiplier < -band, scale * gap < -band)
     return wrong & step.may_open
+
+
+def singular(reason: object) -> ContactError:
+    """The error of a step whose equations do not determine all forces."""
+    return ContactError(
+        f"a step of the contact law is singular ({reason}): the forces of some pairs in contact "
+        "are not determined. A body loses all contact: hold it by a weak spring or a support; or "
+        "supports hold both sides at the interface: leave the motion of one of them free there"
+    )
 
 
 def force_level(multiplier: np.ndarray, position: np.ndarray, scale: float) -> float:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from dolfinx_llm.geometry.surface import Surface
 
 FACING = -0.5  # cosine between the outward normals of facets that face each other, at most
-REACH = 0.5  # distance between the surfaces, in facets, at most
+FARTHEST = 0.5  # distance between the surfaces, in facets, at most
 
 
 def is_flat(surface: Surface, tolerance: float) -> bool:
@@ -50,7 +50,7 @@ def vector_areas_in_contact(
 
     Args:
         side0, side1: the surfaces.
-        may_part: they may lie any distance apart; else no more than REACH facets.
+        may_part: they may lie any distance apart; else no more than FARTHEST facets.
 
     Returns:
         Pair of (n_i, gdim) vector areas, out of each side [area]; zero at nodes without contact.
@@ -58,7 +58,7 @@ def vector_areas_in_contact(
     Raises:
         ContactError: the surfaces face the same way, lie too far apart, or do not overlap.
     """
-    reach = np.inf if may_part else REACH
+    reach = np.inf if may_part else FARTHEST
     vectors = [_covered(side, other, reach) for side, other in ((side0, side1), (side1, side0))]
     if not all(np.abs(a).any() for a in vectors):
         _no_overlap(side0, side1)
@@ -96,7 +96,7 @@ def _covered(side: Surface, other: Surface, reach: float) -> np.ndarray:
     vectors[whole] = facet_vectors(side.x, side.facets[whole])
     clip: Any = _Clip(other, side) if border.any() else None
     for f in np.flatnonzero(border):  # the few facets at the outline
-        vectors[f] = clip(p[f], normal[f], radius[f], gap[f] if reach > REACH else 0.0)
+        vectors[f] = clip(p[f], normal[f], radius[f], gap[f] if reach > FARTHEST else 0.0)
     a = np.zeros_like(side.x)
     np.add.at(a, side.facets, vectors)
     return a
@@ -114,8 +114,7 @@ def _check(
     """Where a side projects onto the other, they must face each other and be close."""
     opposed = inside & (facing < FACING)
     if (inside & (facing > -FACING) & within).any() or (inside.any() and not opposed.any()):
-        worst = int(np.where(inside, facing, -2.0).argmax())
-        at = side.x[side.facets[worst]].mean(axis=0).round(6).tolist()
+        worst, at = _worst(side, np.where(inside, facing, -2.0))
         raise ContactError(
             f"{side.name} and {other.name} do not face each other: at {at} their outward normals "
             f"have the cosine {facing[worst]:.3f}, facing surfaces have -1; above "
@@ -124,14 +123,19 @@ def _check(
         )
     far = opposed & ~within
     if far.any():
-        worst = int(np.where(far, gap / size, -1.0).argmax())
-        at = side.x[side.facets[worst]].mean(axis=0).round(6).tolist()
+        worst, at = _worst(side, np.where(far, gap / size, -1.0))
         raise ContactError(
             f"{side.name} and {other.name} are too far apart: at {at} they lie {gap[worst]:.3g} "
-            f"from each other, where facets have the size {size[worst]:.3g} (allowed: {REACH} of "
-            f"the larger facet); {int(far.sum())} facets do. Check positions and units, or tag "
+            f"from each other, where facets have the size {size[worst]:.3g} (allowed: {FARTHEST} "
+            f"of the larger facet); {int(far.sum())} facets do. Check positions and units, or tag "
             "only what is in contact"
         )
+
+
+def _worst(side: Surface, value: np.ndarray) -> tuple[int, list[float]]:
+    """The facet with the largest value (m,), and its centre."""
+    worst = int(value.argmax())
+    return worst, side.x[side.facets[worst]].mean(axis=0).round(6).tolist()
 
 
 def _near_outline(other: Surface, centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
@@ -177,7 +181,7 @@ class _Clip:
         base = orthonormal_base(normal)[:-1]
         height = (self.p[near] - centre) @ normal
         facing = self.normal[near] @ normal
-        close = np.abs(height).min(axis=1) <= 2.0 * REACH * max(radius, self.radius) + gap
+        close = np.abs(height).min(axis=1) <= 2.0 * FARTHEST * max(radius, self.radius) + gap
         keep = (facing < FACING) & close
         if not keep.any():
             return np.zeros(p.shape)

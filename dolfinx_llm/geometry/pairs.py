@@ -43,6 +43,20 @@ class ContactPairs:
         facets = place[self.surface.facets]
         return facets[(facets >= 0).all(axis=1)]
 
+    def interpolation(self, x: np.ndarray) -> csr_matrix:
+        """(k, n) values of the nodes at the point of the facets that is closest to each position.
+
+        Args:
+            x: (k, gdim) positions [length].
+        """
+        used, cells = np.unique(self.facets, return_inverse=True)
+        at = Frame(self.x[used], cells.reshape(self.facets.shape)).locate(x)
+        N = np.maximum(at.N, 0.0)  # beyond the rim the nearest point of it counts
+        N /= N.sum(axis=1, keepdims=True)
+        nodes = self.facets[at.cell]
+        row = np.repeat(np.arange(len(x)), nodes.shape[1])
+        return csr_matrix((N.ravel(), (row, nodes.ravel())), (len(x), len(self.nodes)))
+
     @property
     def dofs(self) -> np.ndarray:
         """(n,) global numbers of the nodes' blocks of dofs."""

@@ -22,7 +22,7 @@ from dolfinx_llm.geometry.separation import Separation
 from dolfinx_llm.geometry.surface import Surface
 
 TOGETHER = 0.2  # [rad] by which both surfaces may turn against the plane of what may part
-NARROW = 0.05  # width of the surroundings of the nearest place, in the surfaces' radius
+VICINITY = 0.05  # width of the surroundings of the nearest place, in the surfaces' radius
 STRAIGHT = 1e-8  # difference of the unit normals of a flat side's facets
 
 
@@ -149,7 +149,7 @@ class _Found:
         radius = min(
             np.linalg.norm(self.centre[o] - self.centre[o].mean(axis=0), axis=1).max() for o in of
         )
-        off = [(self.distance[o] - near) / max(NARROW * radius, 1e-300) for o in of]
+        off = [(self.distance[o] - near) / max(VICINITY * radius, 1e-300) for o in of]
         return 1.0 / (1.0 + off[0] ** 2) ** 2, 1.0 / (1.0 + off[1] ** 2) ** 2
 
     def smooth_parts(self) -> int:

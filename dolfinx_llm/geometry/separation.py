@@ -11,7 +11,7 @@ from dolfinx_llm.geometry.location import ClosestPoints
 from dolfinx_llm.geometry.overlap_flat import outline_edges
 from dolfinx_llm.geometry.surface import Surface
 
-ROUNDING = 1e-9  # of the surface's size: depths below are none
+DEPTH = 1e-9  # of the surface's size: depths below are none
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ def separation(side: Surface, other: Surface) -> Separation:
     """
     height, distance, y, cell, inner = _heights(side.x, other)
     size = np.maximum(facet_sizes(side), cell_sizes(other.x, other.facets)[cell])
-    inside = np.flatnonzero(inner & (height < -ROUNDING * other.diameter))
+    inside = np.flatnonzero(inner & (height < -DEPTH * other.diameter))
     if len(inside) and len(outline_edges(other.facets)):
         inside = inside[_heights(y[inside], side)[0] < 0.0]
     depth = np.zeros(len(side.x))

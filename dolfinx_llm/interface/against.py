@@ -14,7 +14,7 @@ from dolfinx_llm.geometry.overlap_curved import facet_vectors
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.geometry.separation import facet_sizes
 from dolfinx_llm.geometry.surface import Surface
-from dolfinx_llm.interface.obstacles import Obstacle
+from dolfinx_llm.interface.obstacle import Obstacle
 from dolfinx_llm.interface.touching import BURIED, overlap_text, steep_rim
 
 log = logging.getLogger("dolfinx_llm")
@@ -76,7 +76,9 @@ def against_obstacle(
             "out: they do not face the obstacle"
         )
     # It may be drawn inside and moved away, or drawn at the surface and pressed in.
-    moved = np.maximum(distance, distance + normal @ obstacle.motion(gdim))
+    points = side.x[nodes] - pairs.gap
+    moved = distance.copy()
+    moved[nodes] += np.maximum(np.einsum("ni,ni->n", pairs.normal, obstacle.motion(points)), 0.0)
     _say_place(obstacle, side, nodes, moved, name, notes)
     return pairs, steep_rim(side, facets, np.isfinite(distance))[nodes]
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 
 
-def describe(model: ContactModel) -> list[str]:
+def describe(model: InterfaceGeometry) -> list[str]:
     """Lines for ``print(problem)``: what an interface consists of, what it leaves out and why."""
     law, nodes = model.interface.law, " + ".join(str(len(p.nodes)) for p in model.pairs)
-    kind = "that may touch" if law.unilateral else "in contact"
+    kind = "that may touch" if law.opens else "in contact"
     frame = "no frame" if model.frame is None else f"frame of {len(model.frame.x)} nodes"
     lines = [
         f"  interface {model.interface.name}, {law}: {nodes} nodes {kind}, {frame}, "
@@ -24,11 +24,13 @@ def describe(model: ContactModel) -> list[str]:
             f"{q.min_side:.3g}",
         ]
     lines += [f"    {note}" for note in model.notes]
+    if any(model.forced):
+        lines.append(f"    the obstacle moves in {model.directions.shape[1]} way(s) under a force")
     out = []
     if model.frame is None:
         out.append("frame, second side and proximal term (rigid obstacle)")
-    if not law.unilateral:
+    if law.ties:
         out.append("active set and local bases (tied)")
-    elif not law.friction:
+    elif law.components == "normal":
         out.append("tangential multipliers, tangential frame unknowns and slip (no friction)")
     return lines + [f"    left out: {text}" for text in out]

@@ -22,8 +22,9 @@ from dolfinx_llm.interface.anatomy import describe
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.frames import REACH, choose_frame, move_nodes
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.join import Part, joined, whole_piece
+from dolfinx_llm.interface.pressed import forced, under_force
 from dolfinx_llm.interface.rows import balanced, designed, fixed_nodes
 from dolfinx_llm.interface.site import Site, find_site
 from dolfinx_llm.interface.touching import check_flat, find_pieces
@@ -33,7 +34,7 @@ log = logging.getLogger("dolfinx_llm")
 
 def build_model(
     interface: Interface, spaces: Sequence[Any], fixed: Sequence[np.ndarray] | None = None
-) -> ContactModel:
+) -> InterfaceGeometry:
     """Surfaces, common area, frame, design and pairs of an interface.
 
     Collective. Everything after the gathering of the surfaces is computed alike on all ranks.
@@ -52,7 +53,7 @@ def build_model(
     return build(site, clock)
 
 
-def build(site: Site, clock: Clock | None = None) -> ContactModel:
+def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
     """Common area, frame, design and pairs of surfaces where they are now.
 
     Raises:
@@ -63,7 +64,7 @@ def build(site: Site, clock: Clock | None = None) -> ContactModel:
     notes: list[str] = []
     if interface.obstacle is not None:
         return build_against(site, notes, clock)
-    pieces, rims = find_pieces(whole, interface.law.unilateral, interface.name, notes)
+    pieces, rims = find_pieces(whole, interface.law.opens, interface.name, notes)
     if len(pieces) > 1 and interface.frame is not None:
         pieces = [whole_piece(pieces)]
     clock.stop("facing facets")
@@ -76,7 +77,7 @@ def build(site: Site, clock: Clock | None = None) -> ContactModel:
 
 def build_against(
     site: Site, notes: list[str], clock: Clock, nodes: np.ndarray | None = None
-) -> ContactModel:
+) -> InterfaceGeometry:
     """The model of a body against a rigid obstacle.
 
     Args:
@@ -95,7 +96,7 @@ def assembled(
     whole_rims: Sequence[np.ndarray],
     notes: Sequence[str],
     clock: Clock,
-) -> ContactModel:
+) -> InterfaceGeometry:
     """The model of an interface from what was built of its pieces.
 
     Args:
@@ -129,10 +130,10 @@ def build_piece(
     if plane is None:  # curved: vector areas, smooth rows, balance in least squares
         if interface.design == "positions":
             raise ContactInputError("design='positions' needs flat sides; use 'weights' or 'auto'")
-        vectors = vector_areas_in_contact(sides[0], sides[1], law.unilateral)
+        vectors = vector_areas_in_contact(sides[0], sides[1], law.opens)
         forces = [np.linalg.norm(a, axis=1) for a in vectors]
     else:
-        if not law.unilateral:
+        if not law.opens:
             check_flat(sides, plane)
         area = common_area(sides[0], sides[1], plane)
         forces = [nodal_forces(side, plane.project(side.x), area) for side in sides]
@@ -157,7 +158,7 @@ def build_piece(
         pairs, certificate = balanced(interface, frame, pairs, vectors, notes)
         base = local_bases(nodal_normals(frame))
     else:
-        normal_only = law.unilateral and not law.friction
+        normal_only = law.components == "normal"
         keep = site.held and [
             fixed_nodes(p, side, held, normal_only)
             for p, side, held in zip(pairs, site.whole, site.held, strict=True)
@@ -185,7 +186,7 @@ def _model(
     notes: Sequence[str],
     clock: Clock,
     parts: tuple[Part, ...],
-) -> ContactModel:
+) -> InterfaceGeometry:
     """The model with the base vectors and frame directions that the law needs.
 
     Args:
@@ -194,8 +195,8 @@ def _model(
     """
     interface, law, gdim = site.interface, site.interface.law, site.whole[0].x.shape[1]
     base = np.empty((0, gdim, gdim)) if base is None else base
-    if law.unilateral:  # normals alone without friction
-        first = 0 if law.friction else gdim - 1
+    if law.components != "cartesian":
+        first = gdim - 1 if law.components == "normal" else 0
         signs = (1.0, -1.0)
         pairs = [
             replace(p, base=(sign * local_bases(sign * p.normal))[:, first:])
@@ -204,10 +205,15 @@ def _model(
         base = base[:, first:]
     else:
         base = np.broadcast_to(np.eye(gdim), base.shape)
-    model = ContactModel(
+    given: tuple[bool, ...] = ()
+    if interface.obstacle is not None:
+        given = forced(interface.obstacle, gdim)
+        own, base = under_force(interface.obstacle, pairs[0], law.opens)
+        pairs = [own]
+    model = InterfaceGeometry(
         interface, tuple(p.surface for p in pairs), site.spaces, tuple(pairs), frame, base,
         float(pairs[0].forces.sum()), certificate, tuple(rims), tuple(notes), clock.times,
-        site, parts,
+        site, parts, given,
     )  # fmt: skip
     if log.isEnabledFor(logging.INFO):
         stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())

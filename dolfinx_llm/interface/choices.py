@@ -9,9 +9,8 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.surface import check_facet_tags
-from dolfinx_llm.interface.obstacles import Obstacle
-from dolfinx_llm.laws.coulomb import Coulomb
-from dolfinx_llm.laws.frictionless import Frictionless
+from dolfinx_llm.interface.obstacle import Obstacle
+from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.tied import Tied
 
 DESIGNS = ("auto", "positions", "weights", None)
@@ -29,11 +28,12 @@ class Interface:
         sides: the two facet tags, e.g. (3, 7); or ((tags_0, 3), (tags_1, 7)) for two meshes. One
             of them may be a rigid obstacle, e.g. ``RigidPlane``. Whole surfaces of bodies may be
             tagged: what can touch is found facet by facet.
-        law: contact law: ``Tied()``, ``Frictionless()`` or ``Coulomb(mu)``.
+        law: contact law: ``Tied()``, ``Frictionless()``, ``Coulomb(mu)``, or one of your own
+            (``Law``).
         frame: contact frame; None: predicted from the two surfaces.
         design: how the frame is made to pass the patch test (28): "weights" corrects the rows of
             L_b, "positions" moves the frame's nodes (paper, section 5; in 2D to the closed form
-            of ``frame2d``), None leaves it as it is, "auto" takes the closed form in 2D and
+            of ``design.line``), None leaves it as it is, "auto" takes the closed form in 2D and
             corrects weights where the frame does not pass already.
 
     Raises:
@@ -42,7 +42,7 @@ class Interface:
 
     facet_tags: Any
     sides: tuple
-    law: Tied | Frictionless | Coulomb = field(default_factory=Tied)
+    law: Law = field(default_factory=Tied)
     frame: Frame | None = None
     design: str | None = "auto"
 
@@ -51,9 +51,10 @@ class Interface:
         checks.instance(
             "law",
             self.law,
-            (Tied, Frictionless, Coulomb),
-            "choose Tied(), Frictionless() or Coulomb(mu)",
+            Law,
+            "choose Tied(), Frictionless() or Coulomb(mu), or a law of your own (dolfinx_llm.Law)",
         )
+        self.law.check()
         if self.frame is not None:
             checks.instance("frame", self.frame, Frame, "give a dolfinx_llm.Frame or None")
         sides = tuple(checks.items("sides", self.sides, SIDES))

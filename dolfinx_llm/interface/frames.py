@@ -60,7 +60,7 @@ def choose_frame(
             if interface.design == "positions":
                 raise
             log.info("closed form of the frame left out: %s", error)
-    return *predict_frame(sides, forces, plane, interface.law.unilateral, corners), REACH
+    return *predict_frame(sides, forces, plane, interface.law.opens, corners), REACH
 
 
 def move_nodes(

@@ -18,7 +18,7 @@ from dolfinx_llm.interface.site import Site
 
 
 @dataclass(frozen=True, eq=False)
-class ContactModel:
+class InterfaceGeometry:
     """An interface, ready for assembly; the same on every rank."""
 
     interface: Interface  # the user's choices
@@ -26,7 +26,8 @@ class ContactModel:
     spaces: tuple[int, ...]  # index of the function space of each side
     pairs: tuple[ContactPairs, ...]  # of each side
     frame: Frame | None  # None against a rigid obstacle
-    directions: np.ndarray  # (m, d, gdim) directions in which the frame's nodes move
+    directions: np.ndarray  # (m, d, gdim) in which the frame's nodes move, or an obstacle (m = 1)
+    # under a prescribed force
     area: float  # of contact, for laws that let bodies part the area where they may touch [area]
     certificate: Certificate | None  # None against a rigid obstacle
     rims: tuple[np.ndarray, ...]  # per side (n,) pairs next to facets that were left out
@@ -35,19 +36,34 @@ class ContactModel:
     site: Site  # what it was built of
     parts: tuple[Part, ...]  # its pieces, one after the other in frame and pairs; none against an
     # obstacle
+    forced: tuple[bool, ...] = ()  # per component whether a force on the obstacle is prescribed
+
+    @property
+    def places(self) -> np.ndarray:
+        """(m, gdim) where the unknowns of ``directions`` are: the frame's nodes; of an obstacle
+        under force the middle of what may touch it."""
+        if self.frame is not None:
+            return self.frame.x
+        return self.pairs[0].x.mean(axis=0)[None][: len(self.directions)]
+
+    @cached_property
+    def law_nodes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (k, gdim) and tributary areas (k,) of the nodes at which the law holds: the
+        frame's, or the pairs' own against a rigid obstacle."""
+        pairs = self.pairs[0]
+        if self.frame is None:
+            return pairs.x, pairs.forces
+        return self.frame.x, pairs.N.T @ pairs.forces
+
+    @property
+    def jump_directions(self) -> np.ndarray:
+        """(k, q, gdim) directions of jumps at these nodes."""
+        directions = self.pairs[0].base if self.frame is None else self.directions
+        return directions[:, self.interface.law.components_of_jumps(directions.shape[1])]
 
     @cached_property
     def opposite(self) -> tuple[csr_matrix, ...]:
         """Per side (n, n_other) values of the other side's nodes at the point of its facets, as
         drawn, that is closest to each node; empty against a rigid obstacle."""
-        found = []
-        for own, other in zip(self.pairs, self.pairs[::-1] if len(self.pairs) == 2 else ()):
-            x, facets = other.x, other.facets
-            used, cells = np.unique(facets, return_inverse=True)
-            at = Frame(x[used], cells.reshape(facets.shape)).locate(own.x)
-            N = np.maximum(at.N, 0.0)  # beyond the rim the nearest point of it counts
-            N /= N.sum(axis=1, keepdims=True)
-            nodes, shape = facets[at.cell], (len(own.x), len(x))
-            row = np.repeat(np.arange(len(own.x)), nodes.shape[1])
-            found.append(csr_matrix((N.ravel(), (row, nodes.ravel())), shape))
-        return tuple(found)
+        others = self.pairs[::-1] if len(self.pairs) == 2 else ()
+        return tuple(q.interpolation(p.x) for p, q in zip(self.pairs, others))

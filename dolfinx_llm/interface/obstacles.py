@@ -1,12 +1,12 @@
-"""Rigid obstacles, as one side of an interface: no mesh, no unknowns.
+"""Rigid obstacles, as one side of an interface: no mesh, no unknowns but a prescribed force's.
 
-An obstacle says for points of a body how far its surface is and in which direction. It can be moved
-between solves by ``displacement``; directions stay those of the drawing (small motions).
+An obstacle says for points of a body how far its surface is and in which direction. Between solves
+it can be moved, turned, or pressed; directions stay those of the drawing (small motions).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,84 +15,21 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
-
-
-def _vector(name: str, value: ArrayLike, size: int | None = None) -> np.ndarray:
-    want = f"give {size if size else '2 or 3'} numbers, which must be finite"
-    vector = checks.array(name, value, (None,), want)
-    if len(vector) not in (2, 3) or (size and len(vector) != size):
-        checks.refuse(name, value, want)
-    return vector
+from dolfinx_llm.interface.obstacle import Obstacle, vector
 
 
 def _unit(name: str, value: ArrayLike, size: int) -> np.ndarray:
-    vector = _vector(name, value, size)
-    largest = np.abs(vector).max()
+    found = vector(name, value, size)
+    largest = np.abs(found).max()
     if not largest > 0.0:
         checks.refuse(name, value, "has no direction")
-    vector = vector / largest  # whose square neither vanishes nor overflows
-    return vector / np.linalg.norm(vector)
+    found = found / largest  # whose square neither vanishes nor overflows
+    return found / np.linalg.norm(found)
 
 
 def _radius(value: float, inside: bool) -> float:
     checks.boolean("inside", inside)
     return checks.number("radius", value, "give a positive, finite number", above=0.0)
-
-
-@dataclass(eq=False)
-class Obstacle:
-    """What all obstacles share, and the base of your own: write ``clearance``.
-
-    Args:
-        displacement: (gdim,) motion since the drawing [length]; None: at rest.
-
-    >>> class Sine(Obstacle):
-    ...     "The floor y = sin(x) / 10."
-    ...
-    ...     def clearance(self, x):
-    ...         slope = 0.1 * np.cos(x[:, 0])  # of the floor below a point
-    ...         normal = np.column_stack([slope, -np.ones(len(x))])
-    ...         length = np.linalg.norm(normal, axis=1)
-    ...         return (x[:, 1] - 0.1 * np.sin(x[:, 0])) / length, normal / length[:, None]
-    >>> Sine().clearance(np.array([[0.0, 0.5]]))[0].round(6)
-    array([0.497519])
-    """
-
-    # (gdim,) motion since the drawing [length]; may be set anew before every solve
-    displacement: np.ndarray | None = field(default=None, kw_only=True)
-
-    def motion(self, gdim: int | None) -> np.ndarray:
-        """(gdim,) the displacement [length], zeros where none is set.
-
-        Args:
-            gdim: dimension of the space, 2 or 3; None: whatever the displacement has.
-
-        Raises:
-            ContactInputError: another size, or values that are not finite.
-        """
-        if self.displacement is None:
-            return np.zeros(gdim or 0)
-        return _vector("displacement", self.displacement, gdim)
-
-    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance of points to the surface, and the direction into the obstacle.
-
-        It is asked once, for the surface's nodes as drawn; a linear estimate of the distance along
-        the direction is enough where nodes are near.
-
-        Args:
-            x: (n, gdim) points of a body, as drawn [length].
-
-        Returns:
-            (n,) distance, negative inside the obstacle, inf where there is none of it [length], and
-            (n, gdim) unit vectors into it.
-        """
-        raise NotImplementedError(f"{type(self).__name__} must define clearance(x)")
-
-    @property
-    def gdim(self) -> int | None:
-        """Dimension of the space, 2 or 3; None: any."""
-        return None
 
 
 @dataclass(eq=False)
@@ -102,7 +39,8 @@ class RigidPlane(Obstacle):
     Args:
         point: (gdim,) any point of the surface [length].
         normal: (gdim,) out of the obstacle, towards the body.
-        displacement: (gdim,) motion since the drawing [length]; None: at rest.
+        displacement, pivot, force: (gdim,) as of ``Obstacle``.
+        rotation: an angle, in 3D (3,), as of ``Obstacle``.
 
     Raises:
         ContactInputError: wrong sizes, a zero normal, values that are not finite.
@@ -119,13 +57,17 @@ class RigidPlane(Obstacle):
     normal: np.ndarray
 
     def __post_init__(self) -> None:
-        self.point = _vector("point", self.point)
+        self.point = vector("point", self.point)
         self.normal = _unit("normal", self.normal, len(self.point))
-        self.motion(self.gdim)  # a displacement of the right size
+        self.pose(self.gdim)  # what moves it fits the dimension
 
     @property
     def gdim(self) -> int:
         return len(self.point)
+
+    @property
+    def middle(self) -> np.ndarray:
+        return self.point
 
     def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return (x - self.point) @ self.normal, np.broadcast_to(-self.normal, x.shape).copy()
@@ -139,7 +81,8 @@ class RigidSphere(Obstacle):
         centre: (gdim,) [length].
         radius: positive [length].
         inside: the body lies inside.
-        displacement: (gdim,) motion since the drawing [length]; None: at rest.
+        displacement, pivot, force: (gdim,) as of ``Obstacle``.
+        rotation: an angle, in 3D (3,), as of ``Obstacle``.
 
     Raises:
         ContactInputError: wrong sizes, a radius that is not positive.
@@ -156,13 +99,17 @@ class RigidSphere(Obstacle):
     inside: bool = False
 
     def __post_init__(self) -> None:
-        self.centre = _vector("centre", self.centre)
+        self.centre = vector("centre", self.centre)
         self.radius = _radius(self.radius, self.inside)
-        self.motion(self.gdim)  # a displacement of the right size
+        self.pose(self.gdim)  # what moves it fits the dimension
 
     @property
     def gdim(self) -> int:
         return len(self.centre)
+
+    @property
+    def middle(self) -> np.ndarray:
+        return self.centre
 
     def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return _round(x - self.centre, self.radius, self.inside)
@@ -177,7 +124,8 @@ class RigidCylinder(Obstacle):
         axis: (3,) its direction.
         radius: positive [length].
         inside: the body lies inside.
-        displacement: (gdim,) motion since the drawing [length]; None: at rest.
+        displacement, pivot, force: (gdim,) as of ``Obstacle``.
+        rotation: an angle, in 3D (3,), as of ``Obstacle``.
 
     Raises:
         ContactInputError: wrong sizes, a zero axis, a radius that is not positive.
@@ -195,10 +143,14 @@ class RigidCylinder(Obstacle):
     gdim = 3
 
     def __post_init__(self) -> None:
-        self.point = _vector("point", self.point, 3)
+        self.point = vector("point", self.point, 3)
         self.axis = _unit("axis", self.axis, 3)
         self.radius = _radius(self.radius, self.inside)
-        self.motion(self.gdim)  # a displacement of the right size
+        self.pose(self.gdim)  # what moves it fits the dimension
+
+    @property
+    def middle(self) -> np.ndarray:
+        return self.point
 
     def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         d = x - self.point
@@ -211,7 +163,8 @@ class RigidSurface(Obstacle):
 
     Args:
         mesh: a ``Frame`` whose normals point out of the obstacle, towards the body.
-        displacement: (gdim,) motion since the drawing [length]; None: at rest.
+        displacement, pivot, force: (gdim,) as of ``Obstacle``.
+        rotation: an angle, in 3D (3,), as of ``Obstacle``.
 
     Raises:
         ContactInputError: mesh is no ``Frame``.
@@ -228,7 +181,7 @@ class RigidSurface(Obstacle):
 
     def __post_init__(self) -> None:
         checks.instance("mesh", self.mesh, Frame, "give a dolfinx_llm.Frame")
-        self.motion(self.gdim)  # a displacement of the right size
+        self.pose(self.gdim)  # what moves it fits the dimension
 
     @property
     def gdim(self) -> int:

@@ -42,7 +42,7 @@ def balanced(
     Args:
         vectors: pair of (n_surface, gdim) vector areas in contact [area].
     """
-    close_gap = interface.law.unilateral or interface.law.close_gap
+    close_gap = interface.law.closes_gap
     vectors = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
     plain = [p.N for p in pairs]
     before = np.linalg.norm(vector_residual(plain, vectors), axis=1)
@@ -86,7 +86,7 @@ def balanced(
         notes.append(text)
     gap = max(np.abs(np.einsum("ni,ni->n", p.gap, p.normal)).max() for p in pairs)
     closed = "is closed" if close_gap else "is kept, tied as drawn without stress"
-    if not interface.law.unilateral:
+    if not interface.law.opens:
         notes.append(f"initial gap or overlap up to {gap:.3g} {closed}")
     return pairs, certificate
 

@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.timing import Clock
 from dolfinx_llm.interface.build import assembled, build, build_against, build_piece
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,11 +20,35 @@ class Transfer:
 
     frame: csr_matrix  # (m_new, m_old) values at the frame's nodes
     pairs: tuple[np.ndarray, ...]  # per side (n_new,) place among the old pairs, or -1
+    sizes: tuple[int, ...]  # pairs per side before
+    directions: tuple[np.ndarray, np.ndarray]  # (k, q, gdim) of jumps, before and now
+
+    @property
+    def old_pairs(self) -> np.ndarray:
+        """(n_new,) place among the old pairs of all sides, or -1."""
+        first = np.cumsum((0, *self.sizes[:-1]))
+        moved = [np.where(at >= 0, at + k, -1) for at, k in zip(self.pairs, first, strict=True)]
+        return np.concatenate(moved)
+
+    @property
+    def nodes(self) -> csr_matrix:
+        """(k_new, k_old) values at the nodes of the law; rows of new ones are empty."""
+        if self.frame.shape[1]:
+            return self.frame
+        new = np.flatnonzero(self.old_pairs >= 0)
+        shape = (len(self.old_pairs), sum(self.sizes))
+        return csr_matrix((np.ones(len(new)), (new, self.old_pairs[new])), shape)
+
+    def turned(self, jumps: np.ndarray) -> np.ndarray:
+        """(k_new, q) jumps along the directions of now, from (k_old, q) along the old ones."""
+        before, now = self.directions
+        vectors = np.einsum("kq,kqi->ki", jumps, before)
+        return np.einsum("ki,kqi->kq", self.nodes @ vectors, now)
 
 
 def relocated(
-    model: ContactModel, motions: Sequence[np.ndarray], v: np.ndarray | None = None
-) -> ContactModel:
+    model: InterfaceGeometry, motions: Sequence[np.ndarray], v: np.ndarray | None = None
+) -> InterfaceGeometry:
     """The same facets, frame cells and nodes, where bodies and frame are now.
 
     Shape functions, normals, gaps, forces and the design are made anew; all sizes stay.
@@ -55,8 +79,8 @@ def relocated(
 
 
 def rebuilt(
-    model: ContactModel, motions: Sequence[np.ndarray], v: np.ndarray | None = None
-) -> tuple[ContactModel, Transfer]:
+    model: InterfaceGeometry, motions: Sequence[np.ndarray], v: np.ndarray | None = None
+) -> tuple[InterfaceGeometry, Transfer]:
     """All anew where bodies are now, and how to carry over what was remembered.
 
     Args:
@@ -69,7 +93,9 @@ def rebuilt(
     return new, transfer(model, new, v)
 
 
-def transfer(old: ContactModel, new: ContactModel, v: np.ndarray | None = None) -> Transfer:
+def transfer(
+    old: InterfaceGeometry, new: InterfaceGeometry, v: np.ndarray | None = None
+) -> Transfer:
     """Between two geometries of one interface.
 
     Args:
@@ -81,7 +107,9 @@ def transfer(old: ContactModel, new: ContactModel, v: np.ndarray | None = None) 
         at = np.searchsorted(before.dofs, after.dofs, sorter=order)
         at = order[np.minimum(at, len(order) - 1)]
         places.append(np.where(before.dofs[at] == after.dofs, at, -1))
-    if old.frame is None or new.frame is None:
-        return Transfer(csr_matrix((0, 0)), tuple(places))
-    there = old.frame if v is None else old.frame.moved(v)
-    return Transfer(there.interpolation(there.locate(new.frame.x)), tuple(places))
+    frame = csr_matrix((0, 0))
+    if old.frame is not None and new.frame is not None:
+        there = old.frame if v is None else old.frame.moved(v)
+        frame = there.interpolation(there.locate(new.frame.x))
+    sizes = tuple(len(p.nodes) for p in old.pairs)
+    return Transfer(frame, tuple(places), sizes, (old.jump_directions, new.jump_directions))

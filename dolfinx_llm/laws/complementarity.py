@@ -82,7 +82,9 @@ def _descent(M: np.ndarray, q: np.ndarray, positive: np.ndarray) -> np.ndarray:
     return positive
 
 
-def _descend(M, q, x, positive):
+def _descend(
+    M: np.ndarray, q: np.ndarray, x: np.ndarray, positive: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """From x to the least energy over the positive λ, or as far as they stay positive: those that
     do not are left out."""
     x, positive = x.copy(), positive.copy()

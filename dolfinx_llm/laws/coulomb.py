@@ -13,16 +13,17 @@ Against a rigid obstacle each surface node is its own J and δ = κ - κ_before.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.laws.law import OPEN, SLIP, STICK, Law, LawRows
+from dolfinx_llm.laws.law import Law
+from dolfinx_llm.laws.rows import OPEN, SLIP, STICK, LawNodes, LawRows
 
 METHODS = ("newton", "switch")
-Varying = float | np.ndarray | Callable[[np.ndarray], np.ndarray]
+Varying = float | np.ndarray | Callable[[np.ndarray], np.ndarray]  # or a dolfinx Function
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -31,10 +32,11 @@ class Coulomb(Law):
 
     Args:
         mu: coefficient of friction, at least 0; 0 leaves out all that friction needs. A number, a
-            function of positions (n, gdim) that returns (n,), or an array with a value per node of
-            ``result.x``: the frame's, or the surface's own against a rigid obstacle.
+            function of positions (n, gdim) that returns (n,), a scalar dolfinx Function of one of
+            the bodies' meshes, or an array with a value per node of ``result.x``: the frame's, or
+            the surface's own against a rigid obstacle.
         cohesion: tangential traction that the surfaces bear besides, where they are in contact,
-            |T| <= μ N + cohesion area; a number, function or array in the same way [force / area].
+            |T| <= μ N + cohesion area; given in the same ways [force / area].
         method: "newton": semismooth Newton on the projection form; "switch": the paper's own
             switch between stick and slip with the direction of the last iterate (16), (17), which
             settles gross sliding, and does not settle first slip where directions turn.
@@ -44,15 +46,20 @@ class Coulomb(Law):
 
     >>> Coulomb(0.3)
     Coulomb(mu=0.3, method='newton')
-    >>> Coulomb(0.0).friction
+    >>> Coulomb(0.0).slips
     False
     """
 
     mu: Varying
     method: str = "newton"
     cohesion: Varying = 0.0
-    friction: bool = field(init=False, default=True)  # whether there are tangential forces at all
-    unilateral, close_gap = True, True
+    slips: bool = field(init=False, default=True)  # whether there are tangential forces at all
+    shares = True
+
+    @property
+    def components(self) -> str:  # type: ignore[override]
+        """Normal forces alone without friction."""
+        return "local" if self.slips else "normal"
 
     @property
     def _bounds(self) -> tuple[Varying, Varying]:
@@ -68,7 +75,7 @@ class Coulomb(Law):
                 )
         checks.one_of("Coulomb: method", self.method, METHODS)
         bears = any(callable(a) or bool(np.any(np.asarray(a) > 0.0)) for a in self._bounds)
-        object.__setattr__(self, "friction", bears)
+        object.__setattr__(self, "slips", bears)
 
     def __repr__(self) -> str:
         shown = [f"mu={checks.shown(self.mu)}", f"method={self.method!r}"]
@@ -76,62 +83,50 @@ class Coulomb(Law):
             shown.append(f"cohesion={checks.shown(self.cohesion)}")
         return f"Coulomb({', '.join(shown)})"
 
-    def coefficients(self, x: np.ndarray) -> np.ndarray:
-        """(k,) μ at nodes.
+    def start(self, nodes: LawNodes) -> dict[str, np.ndarray]:
+        """μ and the forces of cohesion [force] at nodes.
 
         Args:
-            x: (k, gdim) their positions [length].
+            nodes: at rest.
 
         Raises:
             ContactInputError: not a value of at least 0 for each.
         """
-        return _values("mu", self.mu, x)
+        n = len(nodes.x)
+        mu, cohesion = (
+            _at_least_0(name, nodes.values(value), n)
+            for name, value in zip(("mu", "cohesion"), self._bounds, strict=True)
+        )
+        return {"mu": mu, "cohesive": nodes.area * cohesion}
 
-    def cohesion_at(self, x: np.ndarray) -> np.ndarray:
-        """(k,) cohesion at nodes [force / area].
+    def _bound(self, nodes: LawNodes) -> np.ndarray:
+        """(k,) what tangential forces may reach, node by node [force]."""
+        cohesive = np.where(nodes.N > 0.0, nodes.history["cohesive"], 0.0)
+        return nodes.history["mu"] * nodes.N + cohesive
 
-        Args:
-            x: (k, gdim) their positions [length].
-
-        Raises:
-            ContactInputError: not a value of at least 0 for each.
-        """
-        return _values("cohesion", self.cohesion, x)
-
-    def rows(
-        self, T: np.ndarray, bound: np.ndarray, jump: np.ndarray, c: np.ndarray, before: np.ndarray
-    ) -> LawRows:
-        """The law linearised about the last iterate, by the method chosen.
-
-        Args:
-            T: (k, t) tangential forces [force].
-            bound: (k,) what they may reach; at most 0 where nothing presses [force].
-            jump: (k, t) slip of this load step [length].
-            c: (k,) positive [force / length]; the solution does not depend on it.
-            before: (k,) status in the last iterate.
-        """
+    def rows(self, nodes: LawNodes) -> LawRows:
+        T, s, delta = nodes.force, nodes.sums @ self._bound(nodes), nodes.slip
         if self.method == "switch":
-            return switch_rows(T, bound, jump, c, before)
-        return newton_rows(T, bound, jump, c)
+            rows = switch_rows(T, s, delta, nodes.c, nodes.status)
+        else:
+            rows = newton_rows(T, s, delta, nodes.c)
+        # N of the next iterate stands in the rows, cohesion does not depend on it.
+        cohesion = nodes.sums @ np.where(nodes.N > 0.0, nodes.history["cohesive"], 0.0)
+        rhs = rows.rhs - rows.C_N * cohesion[:, None]
+        return replace(rows, rhs=rhs, weight=nodes.history["mu"])
 
-    def miss(self, T: np.ndarray, bound: np.ndarray, jump: np.ndarray, c: np.ndarray) -> np.ndarray:
-        """(k,) distance from the law [force].
+    def miss(self, nodes: LawNodes) -> np.ndarray:
+        s = nodes.sums @ self._bound(nodes)
+        return projection_miss(nodes.force, s, nodes.slip, nodes.c)
 
-        Args:
-            T: (k, t) tangential forces [force].
-            bound: (k,) what they may reach; at most 0 where nothing presses [force].
-            jump: (k, t) slip of this load step [length].
-            c: (k,) positive [force / length]; the solution does not depend on it.
-        """
-        return projection_miss(T, bound, jump, c)
+    def strength(self, nodes: LawNodes) -> np.ndarray:
+        return self._bound(nodes)
 
-
-def _values(name: str, value: Varying, x: np.ndarray) -> np.ndarray:
-    """(k,) at positions x (k, gdim)."""
-    found = np.asarray(value(x) if callable(value) else value, dtype=np.float64)
-    if not found.ndim:
-        return np.full(len(x), float(found))
-    return _at_least_0(name, found, len(x))
+    def at_stake(self, nodes: LawNodes) -> np.ndarray:
+        # At the limit and without slip a node sticks and slips alike.
+        z = nodes.force + nodes.c[:, None] * nodes.slip
+        apart = np.abs(_length(z) - nodes.sums @ self._bound(nodes))
+        return np.minimum(super().at_stake(nodes), apart)
 
 
 def _at_least_0(name: str, values: np.ndarray, n: int) -> np.ndarray:
@@ -186,7 +181,7 @@ def newton_rows(T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarray) 
     return LawRows(
         status,
         C_T=np.where(stick, 0.0, np.where(slip, unit - M, unit)),
-        C_delta=np.where(stick, c * unit, np.where(slip, -c * M, 0.0)),
+        C_jump=np.where(stick, c * unit, np.where(slip, -c * M, 0.0)),
         C_N=np.where(slip[:, 0], -direction, 0.0),
         rhs=np.where(slip[:, 0], -np.einsum("nij,nj->ni", M, z), 0.0),
     )
@@ -220,7 +215,7 @@ def switch_rows(
     return LawRows(
         status,
         C_T=np.where(stick, 0.0, unit),
-        C_delta=np.where(stick, c * unit, 0.0),
+        C_jump=np.where(stick, c * unit, 0.0),
         C_N=np.where((status == SLIP)[:, None], -direction, 0.0),
         rhs=np.zeros((n, d)),
     )

@@ -13,8 +13,8 @@ class Frictionless(Law):
 
     On each side λ_n >= 0, gap >= 0 and λ_n gap = 0.
 
-    >>> Frictionless().unilateral, Frictionless().friction
+    >>> Frictionless().opens, Frictionless().slips
     (True, False)
     """
 
-    unilateral, friction, close_gap = True, False, True
+    components = "normal"

@@ -1,100 +1,153 @@
-"""What contact laws have in common: their flags, states of nodes, and linearised rows.
-
-A law holds at k nodes: those of the frame, or the surface's own against a rigid obstacle. Plain
-NumPy.
-"""
+"""The base of contact laws: flags, and what a law is asked for. Plain NumPy."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-OPEN, STICK, SLIP = 0, 1, 2
-CLOSED = 3  # in contact, without friction
+from dolfinx_llm.base import checks
+from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.laws.rows import LawNodes, LawRows
 
 
 class Law:
-    """A contact law; the flags say which unknowns and conditions it needs.
+    """A contact law: base of those of the package and of your own.
+
+    A law of your own says by flags which unknowns and conditions it needs, and gives ``force``: the
+    forces for jumps of the surfaces, and their derivative. One that is better written the other way
+    round, jumps for forces, or in parts (stick and slip), gives ``rows`` instead. What it has to
+    remember stands in ``history``: arrays of an entry per node, made by ``start`` and brought on by
+    ``end_step``. The iteration is Newton's; forces should grow with jumps, or fall more slowly than
+    the bodies' stiffness.
 
     Attributes:
-        unilateral: the bodies may part: λ_n >= 0, gap >= 0, λ_n gap = 0.
-        friction: there are tangential forces, bounded, and slip.
-        close_gap: the initial gap counts.
+        components: of the multipliers: "local", tangents and normal, "normal", or "cartesian".
+        opens: pairs may part: λ_n >= 0, gap >= 0, λ_n gap = 0, but where ``LawRows.holds``.
+        slips: forces along the surface follow the law, not a tie; with components "local".
+        gives: so do normal forces: the surfaces may overlap, and part where pairs are held.
+        closes_gap: the gap as drawn counts, where bodies may part along the normal.
+        shares: nodes that hardly any pair holds slip as a neighbour does (Coulomb's law, which asks
+            for the sense of the slip); where the law does not give.
+
+    >>> class Layer(Law):
+    ...     components, gives = "normal", True
+    ...     def force(self, nodes):
+    ...         return 3.0 * nodes.area[:, None] * nodes.jump, 3.0 * nodes.area[:, None]
+    >>> Layer(), Layer().jumps(3), Layer().ties
+    (Layer(), 1, False)
     """
 
-    unilateral: bool
-    friction: bool
-    close_gap: bool
+    components: str = "local"
+    opens: bool = True
+    slips: bool = False
+    gives: bool = False
+    closes_gap: bool = True
+    shares: bool = False
 
-    def coefficients(self, x: np.ndarray) -> np.ndarray:
-        """(k,) tangential over normal force that nodes bear.
+    def __init__(self) -> None:
+        """Without arguments; dataclasses make their own."""
 
-        Args:
-            x: (k, gdim) their positions [length].
-        """
-        return np.zeros(len(x))
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}()"
 
-    def cohesion_at(self, x: np.ndarray) -> np.ndarray:
-        """(k,) tangential traction that nodes bear besides [force / area].
+    @property
+    def ties(self) -> bool:
+        """Whether bodies are one along the interface: nothing to iterate on."""
+        return not (self.opens or self.slips or self.gives)
 
-        Args:
-            x: (k, gdim) their positions [length].
-        """
-        return np.zeros(len(x))
-
-    def rows(
-        self, T: np.ndarray, bound: np.ndarray, jump: np.ndarray, c: np.ndarray, before: np.ndarray
-    ) -> LawRows:
-        """The law linearised about the last iterate.
+    def jumps(self, gdim: int) -> int:
+        """Number q of components of the jump.
 
         Args:
-            T: (k, t) tangential forces [force].
-            bound: (k,) what they may reach; at most 0 where nothing presses [force].
-            jump: (k, t) slip of this load step [length].
-            c: (k,) positive [force / length]; the solution does not depend on it.
-            before: (k,) status in the last iterate.
+            gdim: dimensions of space.
         """
-        raise NotImplementedError
+        return (gdim - 1) * self.slips + self.gives
 
-    def miss(self, T: np.ndarray, bound: np.ndarray, jump: np.ndarray, c: np.ndarray) -> np.ndarray:
-        """(k,) distance from the law [force].
+    def components_of_jumps(self, c: int) -> slice:
+        """Which base vectors have jumps.
 
         Args:
-            T: (k, t) tangential forces [force].
-            bound: (k,) what they may reach; at most 0 where nothing presses [force].
-            jump: (k, t) slip of this load step [length].
-            c: (k,) positive [force / length]; the solution does not depend on it.
+            c: their number: tangents and normal, or the normal alone.
         """
-        raise NotImplementedError
+        return slice(0 if self.slips else c - 1, c if self.gives else c - 1)
 
+    def check(self) -> None:
+        """Require flags that go together.
 
-@dataclass(frozen=True, eq=False)
-class LawRows:
-    """C_T T + C_δ δ + C_N S = rhs at n nodes, d tangents, with S the bound of the forces."""
+        Raises:
+            ContactInputError: they do not.
+        """
+        bases = ("local", "normal", "cartesian")
+        fits = {
+            "local": True,
+            "normal": self.opens and not self.slips,
+            "cartesian": self.ties,
+        }
+        if not fits.get(self.components, False):
+            raise ContactInputError(
+                f"law {checks.shown(self)}: components={self.components!r} with "
+                f"opens={self.opens}, slips={self.slips}, gives={self.gives}: give one "
+                f"of {bases}; 'normal' where the law opens and does not slip, 'cartesian' where it "
+                "does none of the three"
+            )
 
-    status: np.ndarray  # (n,) OPEN, STICK, SLIP
-    C_T: np.ndarray  # (n, d, d)
-    C_delta: np.ndarray  # (n, d, d) [force / length]
-    C_N: np.ndarray  # (n, d)
-    rhs: np.ndarray  # (n, d) [force]
-
-    def tied(self, speaker: np.ndarray, unheld: np.ndarray, c: float) -> LawRows:
-        """The same, but that nodes for which others speak slip as those do: their δ, taken relative
-        to it, vanishes; and that nodes which no force reaches do not slip.
+    def start(self, nodes: LawNodes) -> dict[str, np.ndarray]:
+        """What the law keeps, as drawn: arrays (k, ...); nothing by default.
 
         Args:
-            speaker: (n,) of ``speakers``.
-            unheld: (n,) of the function of that name.
-            c: size of their rows [force / length].
+            nodes: at rest.
         """
-        own = speaker == np.arange(len(speaker))
-        kept = (own & ~unheld)[:, None, None]
-        unit = np.eye(self.rhs.shape[1])
-        return LawRows(
-            np.where(unheld, OPEN, self.status[speaker]),
-            C_T=np.where(kept, self.C_T, 0.0),
-            C_delta=np.where(kept, self.C_delta, c * unit),
-            C_N=np.where(kept[:, 0], self.C_N, 0.0),
-            rhs=np.where(kept[:, 0], self.rhs, 0.0),
-        )
+        return {}
+
+    def force(self, nodes: LawNodes) -> tuple[np.ndarray, np.ndarray]:
+        """Forces (k, q) for jumps (k, q), and their derivative (k, q, q), or (k, q) of each
+        component by its own jump.
+
+        Args:
+            nodes: what is known at the last iterate.
+
+        Raises:
+            NotImplementedError: a law of its own gives neither this nor ``rows``.
+        """
+        raise NotImplementedError(f"{type(self).__name__} gives neither force nor rows")
+
+    def rows(self, nodes: LawNodes) -> LawRows:
+        """The law linearised about the last iterate; by default that of ``force``.
+
+        Args:
+            nodes: what is known there.
+        """
+        return LawRows.springs(nodes, *self.force(nodes))
+
+    def miss(self, nodes: LawNodes) -> np.ndarray:
+        """(k,) distance from the law [force]; by default what ``rows`` leave.
+
+        Args:
+            nodes: what is known at the last iterate.
+        """
+        return np.linalg.norm(self.rows(nodes).left(nodes), axis=1)
+
+    def end_step(self, nodes: LawNodes) -> dict[str, np.ndarray]:
+        """What the law keeps from this load step on; by default the same as before.
+
+        Args:
+            nodes: at the end of the step.
+        """
+        return nodes.history
+
+    def strength(self, nodes: LawNodes) -> np.ndarray:
+        """(k,) what each node bears [force]; nodes for which one speaks share its force by that.
+
+        Args:
+            nodes: what is known at the last iterate.
+        """
+        return nodes.N
+
+    def at_stake(self, nodes: LawNodes) -> np.ndarray:
+        """(k,) by how much another status would be felt [force]: where by hardly any, it does not
+        matter which.
+
+        Args:
+            nodes: what is known at the last iterate.
+        """
+        size = np.abs(nodes.sums @ self.strength(nodes))
+        return np.maximum(np.linalg.norm(nodes.force, axis=1), size)

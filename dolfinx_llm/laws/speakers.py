@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix, diags
 from scipy.sparse.csgraph import connected_components
 
-LEAST = 1e-6  # the same, below which no force passes from side to side
+CROSSES = 1e-6  # the same, below which no force passes from side to side
 HELD = 0.3  # least sum of N² over the pairs of each side that tells the slip of a frame node
 
 
@@ -68,7 +68,7 @@ def unheld(sides: list[csr_matrix], speaker: np.ndarray) -> np.ndarray:
     [False, True]
     """
     support = np.min([np.asarray(N.power(2).sum(axis=0)).ravel() for N in sides], axis=0)
-    return support[speaker] < LEAST
+    return support[speaker] < CROSSES
 
 
 def follow(speaker: np.ndarray, tangents: np.ndarray) -> csr_matrix:

@@ -24,7 +24,12 @@ class Tied(Law):
     """
 
     close_gap: bool = False
-    unilateral, friction = False, False
+    components, opens = "cartesian", False
 
     def __post_init__(self) -> None:
         checks.boolean("Tied: close_gap", self.close_gap)
+
+    @property
+    def closes_gap(self) -> bool:  # type: ignore[override]
+        """Whether the gap as drawn counts."""
+        return self.close_gap

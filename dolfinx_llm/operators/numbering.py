@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 if TYPE_CHECKING:
     from dolfinx_llm.geometry.pairs import ContactPairs
     from dolfinx_llm.geometry.surface import Surface
-    from dolfinx_llm.interface.geometry import ContactModel
+    from dolfinx_llm.interface.geometry import InterfaceGeometry
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class Place:
     slips: slice  # of w: slip unknowns κ, which follow all v
 
 
-def places(models: Sequence[ContactModel]) -> list[Place]:
+def places(models: Sequence[InterfaceGeometry]) -> list[Place]:
     """Places of the interfaces, one after the other in every vector."""
     frames = [model.directions.shape[0] * model.directions.shape[1] for model in models]
     ends, found = [0, 0, 0, 0, sum(frames)], []
@@ -80,7 +80,7 @@ def places(models: Sequence[ContactModel]) -> list[Place]:
         n = sum(len(side.nodes) for side in model.pairs)
         _, c, gdim = model.pairs[0].base.shape
         k = n if model.frame is None else len(model.directions)
-        slips = k * (gdim - 1) if model.interface.law.friction else 0
+        slips = k * model.interface.law.jumps(gdim)
         starts, sizes = ends, (len(model.pairs), n, n * c, frame, slips)
         ends = [start + size for start, size in zip(starts, sizes, strict=True)]
         found.append(Place(*map(slice, starts, ends)))
@@ -133,28 +133,29 @@ class Rows:
         )
 
 
-def frame_numbering(models: Sequence[ContactModel], comm: MPI.Comm) -> Numbering:
+def frame_numbering(models: Sequence[InterfaceGeometry], comm: MPI.Comm) -> Numbering:
     """Numbers of the frame unknowns, d per node; they live with the nearest surface node."""
     owners = [np.empty(0, dtype=np.int64)]
     for model in models:
-        if model.frame is not None:
+        if len(model.places):
             x = np.concatenate([side.x for side in model.pairs])
             owner = np.concatenate([side.owner for side in model.pairs])
-            nearest = owner[cKDTree(x).query(model.frame.x)[1]]
+            nearest = owner[cKDTree(x).query(model.places)[1]]
             owners.append(np.repeat(nearest, model.directions.shape[1]))
     return Numbering(np.concatenate(owners), comm.rank)
 
 
 def slip_numbering(
-    models: Sequence[ContactModel], places: Sequence[Place], frames: Numbering
+    models: Sequence[InterfaceGeometry], places: Sequence[Place], frames: Numbering
 ) -> Numbering:
     """Numbers of frame unknowns followed by slip unknowns κ, which live with their frame node (with
     their surface node against a rigid obstacle)."""
     owners = [frames.owner]
     for model, place in zip(models, places, strict=True):
         _, d, gdim = model.directions.shape
-        if model.interface.law.friction:
+        jumps = model.interface.law.jumps(gdim)
+        if jumps:
             at = frames.owner[place.frame][:: max(d, 1)]
             at = model.pairs[0].owner if model.frame is None else at
-            owners.append(np.repeat(at, gdim - 1))
+            owners.append(np.repeat(at, jumps))
     return Numbering(np.concatenate(owners), frames.rank)

@@ -14,8 +14,8 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.motions import RigidMotions, rigid_motions
 
-FACTORISED = 5000  # frame unknowns up to which a factorisation is the quickest least-squares fit
-HELD = 1e-11  # singular values below, of the largest, are motions that nothing holds
+FIT_DIRECTLY = 5000  # frame unknowns up to which a factorisation is the quickest least-squares fit
+UNHELD = 1e-11  # singular values below, of the largest, are motions that nothing holds
 
 
 def pins(comm: MPI.Comm, modes: np.ndarray) -> list[int]:
@@ -76,7 +76,7 @@ def check_held(
         BtR = BtR.reshape(len(BtR), -1) @ moves
         rows.append(BtR if L is None else BtR - L @ _least_squares(L, BtR))
     _, values, vectors = np.linalg.svd(np.concatenate(rows), full_matrices=True)
-    held = np.count_nonzero(values >= HELD * max(values[0], 1.0))
+    held = np.count_nonzero(values >= UNHELD * max(values[0], 1.0))
     left = moves @ vectors[held:].T
     if not left.shape[1]:
         return
@@ -142,7 +142,7 @@ def _least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:
     LᵀL is like a mass matrix, so that large frames are iterated on by conjugate gradients; with
     small singular values, on which these are slow, they are factorised, too.
     """
-    if L.shape[1] <= FACTORISED:
+    if L.shape[1] <= FIT_DIRECTLY:
         return _factorised(L).solve(L.T @ b)
     v = np.zeros((L.shape[1], b.shape[1]))
     r = L.T @ b

@@ -10,7 +10,8 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.interface.geometry import ContactModel
+from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.interface.pressed import prescribed_loads
 from dolfinx_llm.operators.assemble import (
     assemble_B,
     assemble_gap,
@@ -47,7 +48,7 @@ class ContactOperators:
         times: to which the seconds are added, and those of the interfaces.
 
     Attributes:
-        comm, models, dofs: as given.
+        comm, models, dofs, tied: as given; whether ties are all there is.
         pairs: ``ContactPairs`` of every side.
         side_dofs: per side (n, gdim) numbers of its nodes' dofs in the vector of all bodies.
         places: per interface its ``Place`` in all vectors.
@@ -61,7 +62,6 @@ class ContactOperators:
         redundant: (n,) rows of ties at prescribed dofs that say nothing new.
         prescribed: per tie (rows, basis) at prescribed dofs, as of ``prescribed_rows``.
         bodies: connected bodies and their rigid motions.
-        opens: whether a law lets bodies part or slip.
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
         diagonal: (n_local,) of K [force / length].
         floating: rigid motions that need contact to be held; none where ties hold all.
@@ -72,7 +72,7 @@ class ContactOperators:
 
     def __init__(
         self,
-        models: Sequence[ContactModel],
+        models: Sequence[InterfaceGeometry],
         dofs: BodyDofs,
         K: PETSc.Mat,
         times: StageTimes,
@@ -105,7 +105,7 @@ class ContactOperators:
     def _number(self) -> None:
         """Places, rows, unknowns, and L_b of each interface."""
         models = self.models
-        self.opens = any(model.interface.law.unilateral for model in models)
+        self.tied = all(model.interface.law.ties for model in models)
         self.pairs = [pairs for model in models for pairs in model.pairs]
         spaces = [space for model in models for space in model.spaces]
         self.side_dofs = [self.dofs.of(*side) for side in zip(spaces, self.pairs, strict=True)]
@@ -125,7 +125,7 @@ class ContactOperators:
         self.redundant = np.zeros(len(self.held), dtype=bool)
         self.prescribed = []
         for model, place, L in zip(self.models, self.places, self.blocks, strict=True):
-            if not model.interface.law.unilateral:
+            if model.interface.law.ties:
                 rows, basis, redundant = prescribed_rows(L, self.held[place.rows])
                 self.prescribed.append((place.rows.start + rows, basis))
                 self.redundant[place.rows.start + redundant] = True
@@ -135,7 +135,7 @@ class ContactOperators:
         bodies may part, since there the softer one tells the forces."""
         fixed, rows = self.dofs.fixed, self.rows.dofs.ravel() - self.dofs.first
         rows = rows[(rows >= 0) & (rows < len(fixed))]
-        return mean_diagonal(K, rows[~fixed[rows]], geometric=self.opens)
+        return mean_diagonal(K, rows[~fixed[rows]], geometric=not self.tied)
 
     def _check_support(self, K: PETSc.Mat) -> None:
         """Require that supports and ties hold every body, and that ties close no loop."""
@@ -152,7 +152,7 @@ class ContactOperators:
         ]
         rigid = rigid_motions(bodies, K, self.dofs.fixed)
         check_held(rigid, constraints)
-        rigid = rigid if self.opens else no_motions(bodies, len(self.dofs.fixed))
+        rigid = no_motions(bodies, len(self.dofs.fixed)) if self.tied else rigid
         self.floating = Floating(rigid, self.B, self.rows.numbering)
 
     @property
@@ -177,10 +177,26 @@ class ContactOperators:
         return self.dofs.values(self.side_dofs[side], u)
 
     def obstacle_motions(self) -> list[np.ndarray]:
-        """Per interface (gdim,) how far an obstacle is from where it was drawn; zero without."""
-        at_rest = np.zeros(self.dofs.gdim)
-        obstacles = [model.interface.obstacle for model in self.models]
-        return [at_rest if o is None else o.motion(self.dofs.gdim) for o in obstacles]
+        """Per interface (n, gdim) prescribed motion of an obstacle at the points that its pairs
+        touch; without an obstacle empty [length]."""
+        found = []
+        for model in self.models:
+            obstacle, pairs = model.interface.obstacle, model.pairs[0]
+            x = (pairs.x - pairs.gap)[: len(pairs.x) if obstacle else 0]
+            found.append(x if obstacle is None else obstacle.motion(x))
+        return found
+
+    def frame_loads(self) -> np.ndarray:
+        """(n_v,) loads on the frame unknowns: zero but for forces on obstacles [force].
+
+        Raises:
+            ContactError: a force that no contact can resist.
+            ContactInputError: forces for other components than when the interface was built.
+        """
+        loads = np.zeros(self.frames.sizes[1])
+        for model, place in zip(self.models, self.places, strict=True):
+            loads[place.frame] = prescribed_loads(model)
+        return loads
 
     def side_gaps(self, motions: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
         """Per side (n, gdim) the gaps that the law sees: along the normal where bodies may part;
@@ -189,10 +205,10 @@ class ContactOperators:
         for i, model in enumerate(self.models):
             for side in model.pairs:
                 law, gap = model.interface.law, side.gap
-                if law.unilateral:
-                    gap = np.einsum("ni,ni->n", gap, side.normal)[:, None] * side.normal
-                elif not law.close_gap:
+                if not law.closes_gap:
                     gap = np.zeros_like(gap)
+                elif law.components != "cartesian":
+                    gap = np.einsum("ni,ni->n", gap, side.normal)[:, None] * side.normal
                 if motions is not None and model.interface.obstacle is not None:
                     gap = gap - motions[i]
                 gaps.append(gap)

@@ -22,7 +22,7 @@ import numpy as np
 log = logging.getLogger("dolfinx_llm")
 
 SECONDS = 120.0  # that a picture may take
-SIZE = (1600, 1200)  # [pixel]
+PIXELS = (1600, 1200)  # [pixel]
 ABOVE = (0.43, -0.75, 0.5)  # from where a scene is seen that has no view of its own
 # Colours of marks 0, 1, 2, 3.
 STATUS = {"open": "white", "stick": "black", "slip": "red", "closed": "blue"}
@@ -83,7 +83,7 @@ def _draw(scene: dict[str, Any], path: str) -> None:
 
     points, cells, view = scene["points"], scene["cells"], scene.get("view")
     faces = np.column_stack([np.full(len(cells), cells.shape[1]), cells])
-    plotter = pyvista.Plotter(off_screen=True, window_size=list(SIZE))
+    plotter = pyvista.Plotter(off_screen=True, window_size=list(PIXELS))
     plotter.set_background("white")
     plotter.add_mesh(
         pyvista.PolyData(points, faces.ravel()),

@@ -105,27 +105,30 @@ def problem_arguments(
     return given
 
 
-def step_arguments(comm: MPI.Comm, increments: Any, interfaces: Sequence[Interface]) -> int:
+def step_arguments(
+    comm: MPI.Comm, increments: Any, interfaces: Sequence[Interface], spaces: Sequence[Any]
+) -> int:
     """Check what ``ContactProblem.solve`` is given, and where obstacles are now; collective.
 
     Args:
         comm: MPI communicator.
         increments: as given.
         interfaces: of the problem.
+        spaces: function spaces.
 
     Returns:
         The number of increments.
 
     Raises:
-        ContactInputError: no integer of at least 1, or displacements of obstacles that are no
-            finite vectors; on all ranks.
+        ContactInputError: no integer of at least 1, or motions of and forces on obstacles that are
+            no finite vectors; on all ranks.
     """
     with collective(comm):
         parts = checks.integer("increments", increments, "give an integer of at least 1", low=1)
         obstacles = [i.obstacle for i in interfaces if i.obstacle is not None]
-        motions = [obstacle.motion(obstacle.gdim).tolist() for obstacle in obstacles]
+        poses = [obstacle.pose(spaces[0].mesh.geometry.dim) for obstacle in obstacles]
     agree(comm, "increments", parts)
-    agree(comm, "the obstacles' displacements", motions)
+    agree(comm, "motions of and forces on obstacles", poses)
     return parts
 
 

@@ -84,7 +84,7 @@ class ContactMethod:
         """The form, and an iteration that goes on from the one before, if there is one."""
         bulk, operators = self.setting.bulk, self.setting.operators
         before, at_rest = self.iteration, np.zeros(len(operators.dofs.fixed))
-        known = before is not None and before.multiplier is not None and operators.opens
+        known = before is not None and before.multiplier is not None and not operators.tied
         held = self._holding(before.multiplier) if known else at_rest
         self.form.prepare(bulk.take_K() if self.form.takes_K else bulk.K, operators)
         self.iteration = ContactIteration(operators, self.form, at_rest, self._gaps(at_rest))
@@ -115,14 +115,16 @@ class ContactMethod:
             )
         motions = operators.obstacle_motions()
         g = self._gaps(f, motions)
-        stage = "iteration of contact laws" if operators.opens else "solve"
+        stage = "solve" if operators.tied else "iteration of contact laws"
         with self.setting.times.timed(stage):
-            with progress(None, stage) if operators.opens else nullcontext() as self.iteration.bar:
+            with nullcontext() if operators.tied else progress(None, stage) as self.iteration.bar:
                 u, multiplier, v = advance(self.iteration, f, g, increments)
         self._last = u, motions
         multiplier = operators.least(multiplier)
         if operators.held.any():
-            multiplier = with_reactions(operators, multiplier, v, u, self.setting.bulk.force(u))
+            sticks = np.concatenate([state.sticking_rows() for state in self.states])
+            force = self.setting.bulk.force(u)
+            multiplier = with_reactions(operators, multiplier, v, u, force, sticks)
         return u, multiplier, v
 
     def describe(self) -> str:

@@ -53,7 +53,7 @@ class ContactProblem(Disposable):
         form: "saddle", "condensed", "flexibility", by ``solver``, laws and size; or of your own.
         unknowns: global number of displacements u, multipliers lambda and frame unknowns v.
         times: seconds per stage, summed over all calls.
-        models: a ``ContactModel`` per interface: surfaces, frame, pairs and certificate.
+        models: a ``InterfaceGeometry`` per interface: surfaces, frame, pairs and certificate.
         spaces: function space of each mesh.
         K, B, L_b: PETSc matrices of (31).
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
@@ -168,7 +168,7 @@ class ContactProblem(Disposable):
             ContactError: NaN in the load, a system that cannot be solved, a law that does not
                 converge.
         """
-        increments = step_arguments(self.comm, increments, self.interfaces)
+        increments = step_arguments(self.comm, increments, self.interfaces, self.spaces)
         self.update()
         with self.times.timed("assembly of f"):
             f = self.bulk.load()

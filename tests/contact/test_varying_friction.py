@@ -6,7 +6,7 @@ from test_contact import down, pressed
 
 import dolfinx_llm as llm
 from dolfinx_llm.laws.coulomb import newton_rows, projection_miss
-from dolfinx_llm.laws.law import CLOSED, OPEN, SLIP, STICK
+from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
 
 def test_states_by_hand():
@@ -14,7 +14,7 @@ def test_states_by_hand():
     rows = newton_rows(T, np.array([2.0, 5.0 - 1e-9, -1.0]), np.zeros((3, 2)), np.ones(3))
     assert rows.status.tolist() == [STICK, SLIP, OPEN]
     np.testing.assert_array_equal(rows.C_T[2], np.eye(2))  # T = 0
-    np.testing.assert_array_equal(rows.C_delta[0], np.eye(2))  # no slip
+    np.testing.assert_array_equal(rows.C_jump[0], np.eye(2))  # no slip
     assert not rows.rhs[[0, 2]].any() and not rows.C_T[0].any()
     assert projection_miss(T, np.array([2.0, 2.5, 0.0]), np.zeros((3, 2)), np.ones(3)) == (
         pytest.approx([0.0, 2.5, 0.0])
@@ -39,7 +39,7 @@ def test_slip_rows_are_the_derivative(seed):
     dT, ds, dd = rng.standard_normal((4, 2)), rng.standard_normal(4), rng.standard_normal((4, 2))
     h = 1e-6
     ends = [residual(T + k * h * dT, s + k * h * ds, delta + k * h * dd) for k in (1, -1)]
-    found = sum(np.einsum("nij,nj->ni", C, d) for C, d in ((rows.C_T, dT), (rows.C_delta, dd))) + (
+    found = sum(np.einsum("nij,nj->ni", C, d) for C, d in ((rows.C_T, dT), (rows.C_jump, dd))) + (
         rows.C_N * ds[:, None]
     )
     np.testing.assert_allclose(found, (ends[0] - ends[1]) / (2 * h), atol=1e-7)

@@ -7,17 +7,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from work_precision import evaluation, methods, plan
-from work_precision.plan import (
-    CHOLESKY,
-    GAMG,
-    MATCHING,
-    MPC,
-    NODE_TO_SEGMENT,
-    POSITIONS,
-    SADDLE,
-    UNDESIGNED,
-    WEIGHTS,
-)
 
 needs_mpc = pytest.mark.skipif(methods.dolfinx_mpc is None, reason="dolfinx_mpc is not installed")
 
@@ -26,18 +15,20 @@ def solve(*case):
     return methods.solve(MPI.COMM_SELF, *case)
 
 
-@pytest.mark.parametrize("solver", [SADDLE, CHOLESKY, GAMG])
+@pytest.mark.parametrize("solver", [plan.SADDLE, plan.CHOLESKY, plan.GAMG])
 def test_designed_frames_and_one_mesh_pass_the_patch_test(solver):
-    assert solve("patch test", WEIGHTS, solver, 1)["von_mises"] <= 1e-12
-    if solver == SADDLE:
-        assert solve("patch test", POSITIONS, solver, 1)["von_mises"] <= 1e-12
+    assert solve("patch test", plan.WEIGHTS, solver, 1)["von_mises"] <= 1e-12
+    if solver == plan.SADDLE:
+        assert solve("patch test", plan.POSITIONS, solver, 1)["von_mises"] <= 1e-12
     else:
-        assert solve("patch test", MATCHING, solver, 1)["von_mises"] <= 1e-11
+        assert solve("patch test", plan.MATCHING, solver, 1)["von_mises"] <= 1e-11
 
 
-@pytest.mark.parametrize("method", [UNDESIGNED, *(f"{NODE_TO_SEGMENT}, slave {k}" for k in (0, 1))])
+@pytest.mark.parametrize(
+    "method", [plan.UNDESIGNED, *(f"{plan.NODE_TO_SEGMENT}, slave {k}" for k in (0, 1))]
+)
 def test_others_fail_the_patch_test_and_refinement_does_not_help(method):
-    coarse, fine = (solve("patch test", method, SADDLE, n)["von_mises"] for n in (1, 2))
+    coarse, fine = (solve("patch test", method, plan.SADDLE, n)["von_mises"] for n in (1, 2))
     assert min(coarse, fine) >= 0.05
 
 
@@ -46,8 +37,9 @@ def test_rates_of_the_manufactured_field():
     rows = {
         method: [solve("manufactured", method, solver, n) for n in (4, 8)]
         for method, solver in (
-            (WEIGHTS, GAMG), (MATCHING, CHOLESKY), (UNDESIGNED, SADDLE),
-            (f"{NODE_TO_SEGMENT}, slave 0", SADDLE), (f"{NODE_TO_SEGMENT}, slave 1", SADDLE),
+            (plan.WEIGHTS, plan.GAMG), (plan.MATCHING, plan.CHOLESKY),
+            (plan.UNDESIGNED, plan.SADDLE),
+            *((f"{plan.NODE_TO_SEGMENT}, slave {k}", plan.SADDLE) for k in (0, 1)),
         )
     }  # fmt: skip
 
@@ -55,37 +47,37 @@ def test_rates_of_the_manufactured_field():
         coarse, fine = rows[method]
         return np.log2(coarse[key] / fine[key])
 
-    for method in (WEIGHTS, MATCHING):
+    for method in (plan.WEIGHTS, plan.MATCHING):
         assert rate(method, "l2") >= 1.9 and rate(method, "h1") >= 0.95
-    assert rate(WEIGHTS, "pressure") >= 1.0
-    for method in (UNDESIGNED, *(f"{NODE_TO_SEGMENT}, slave {k}" for k in (0, 1))):
+    assert rate(plan.WEIGHTS, "pressure") >= 1.0
+    for method in (plan.UNDESIGNED, *(f"{plan.NODE_TO_SEGMENT}, slave {k}" for k in (0, 1))):
         assert rate(method, "pressure") <= 0.7
     # The predicted frame is side 0's own surface: undesigned, it ties side 1 to that, no more.
-    tied = rows[f"{NODE_TO_SEGMENT}, slave 1"]
-    for a, b in zip(rows[UNDESIGNED], tied):
+    tied = rows[f"{plan.NODE_TO_SEGMENT}, slave 1"]
+    for a, b in zip(rows[plan.UNDESIGNED], tied):
         assert abs(a["l2"] / b["l2"] - 1.0) <= 1e-8
 
 
 @needs_mpc
 @pytest.mark.parametrize("slave", [0, 1])
 def test_dolfinx_mpc_ties_as_node_to_segment(slave):
-    segment = solve("manufactured", f"{NODE_TO_SEGMENT}, slave {slave}", SADDLE, 4)
-    for solver in (CHOLESKY, GAMG):
-        row = solve("manufactured", f"{MPC} tied, slave {slave}", solver, 4)
+    segment = solve("manufactured", f"{plan.NODE_TO_SEGMENT}, slave {slave}", plan.SADDLE, 4)
+    for solver in (plan.CHOLESKY, plan.GAMG):
+        row = solve("manufactured", f"{plan.MPC} tied, slave {slave}", solver, 4)
         assert abs(row["h1"] / segment["h1"] - 1.0) <= 1e-8
 
 
 @needs_mpc
 def test_dolfinx_mpc_that_slips_fails_the_patch_test():
-    assert solve("patch test", f"{MPC} slip, slave 1", CHOLESKY, 1)["von_mises"] >= 0.05
+    assert solve("patch test", f"{plan.MPC} slip, slave 1", plan.CHOLESKY, 1)["von_mises"] >= 0.05
 
 
 def test_hertz():
     """A designed frame's pressure converges, an undesigned one's does not."""
-    for solver in (SADDLE, CHOLESKY):
-        coarse, fine = (solve("Hertz", POSITIONS, solver, n) for n in (8, 16))
+    for solver in (plan.SADDLE, plan.CHOLESKY):
+        coarse, fine = (solve("Hertz", plan.POSITIONS, solver, n) for n in (8, 16))
         assert fine["pressure"] <= 0.5 * coarse["pressure"] and fine["peak"] <= 0.003
-    assert solve("Hertz", UNDESIGNED, SADDLE, 16)["pressure"] >= 0.03
+    assert solve("Hertz", plan.UNDESIGNED, plan.SADDLE, 16)["pressure"] >= 0.03
 
 
 def test_quick_form(tmp_path, capsys):
@@ -109,26 +101,26 @@ def test_quick_form(tmp_path, capsys):
     assert "of 10 within 15 %, median 0 %" in capsys.readouterr().out
 
 
-def row(method, n, seconds, error, solver=SADDLE):
+def row(method, n, seconds, error, solver=plan.SADDLE):
     return {"scene": "manufactured", "method": method, "solver": solver, "n": n,
             "cpu_seconds": seconds, "l2": error}  # fmt: skip
 
 
 def test_time_to_an_error():
     """Between two sizes in logarithms; none where a method does not get there."""
-    line = [row(WEIGHTS, 4, 1.0, 1e-2), row(WEIGHTS, 8, 100.0, 1e-4)]
+    line = [row(plan.WEIGHTS, 4, 1.0, 1e-2), row(plan.WEIGHTS, 8, 100.0, 1e-4)]
     for goal, seconds in ((1e-1, 1.0), (1e-2, 1.0), (1e-3, 10.0), (1e-4, 100.0), (1e-5, np.inf)):
         assert np.isclose(evaluation.time_to(goal, line, "l2"), seconds, rtol=1e-12)
-    rival = f"{NODE_TO_SEGMENT}, slave 0"
+    rival = f"{plan.NODE_TO_SEGMENT}, slave 0"
     found = evaluation.against_rivals([*line, row(rival, 4, 5.0, 1e-3)], "manufactured", "l2")
-    assert np.allclose(found[rival, SADDLE], [2.0])
+    assert np.allclose(found[rival, plan.SADDLE], [2.0])
 
 
 def test_comparison_of_two_runs():
     """A machine that is twice as slow changes nothing; one method that is, does."""
     first = [row(m, n, t, 0.1, solver) for n in (4, 8)
-             for m, t, solver in ((MATCHING, 0.5, GAMG), (WEIGHTS, 1.0, SADDLE),
-                                  (WEIGHTS, 2.0, GAMG))]  # fmt: skip
+             for m, t, solver in ((plan.MATCHING, 0.5, plan.GAMG), (plan.WEIGHTS, 1.0, plan.SADDLE),
+                                  (plan.WEIGHTS, 2.0, plan.GAMG))]  # fmt: skip
     slower = [{**r, "cpu_seconds": 2.0 * r["cpu_seconds"]} for r in first]
     one = [*(dict(r) for r in first[:5]), dict(slower[5])]
     for rows in (first, slower, one):
@@ -137,9 +129,11 @@ def test_comparison_of_two_runs():
     every, finest = evaluation.compare(slower, first).splitlines()[1:]
     assert "4 of 4 within 15 %, median 0 %, largest 0 %" in every
     every, finest, case = evaluation.compare(one, first).splitlines()[1:]
-    assert "3 of 4 within 15 %" in every and "largest 100 %" in every and GAMG in every
+    assert "3 of 4 within 15 %" in every and "largest 100 %" in every and plan.GAMG in every
     assert "1 of 2 within 15 %, median 50 %" in finest
-    assert case.split()[:3] == ["4.00", "->", "8.00"] and case.endswith(f"{WEIGHTS}, {GAMG}, 8")
+    assert case.split()[:3] == ["4.00", "->", "8.00"] and case.endswith(
+        f"{plan.WEIGHTS}, {plan.GAMG}, 8"
+    )
 
 
 def test_median_run():

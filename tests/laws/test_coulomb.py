@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dolfinx_llm.laws.coulomb import newton_rows, projection_miss, switch_rows
-from dolfinx_llm.laws.law import OPEN, SLIP, STICK
+from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
 pytestmark = pytest.mark.quick
 
@@ -24,7 +24,7 @@ def node(T, N, delta):
 
 def left(rows, T, N, delta):
     """C_T T + C_δ δ + C_N μ N - rhs."""
-    own = np.einsum("nij,nj->ni", rows.C_T, T) + np.einsum("nij,nj->ni", rows.C_delta, delta)
+    own = np.einsum("nij,nj->ni", rows.C_T, T) + np.einsum("nij,nj->ni", rows.C_jump, delta)
     return own + rows.C_N * (MU * N)[:, None] - rows.rhs
 
 
@@ -63,7 +63,7 @@ def test_newton_drags_a_spring(pull):
     T, delta, c = pull.copy(), np.zeros((1, 2)), np.array([3.0])
     for _ in range(30):
         rows = newton_rows(T, MU * N, delta, c)
-        A = rows.C_delta[0] - k * rows.C_T[0]
+        A = rows.C_jump[0] - k * rows.C_T[0]
         delta = np.linalg.solve(A, rows.rhs[0] - rows.C_T[0] @ pull[0] - rows.C_N[0] * MU * N)[None]
         T = pull - k * delta
     length = np.linalg.norm(pull)
@@ -83,7 +83,7 @@ def test_switch():
     # Slip: T = μ N in the direction of the force, or of the slip.
     assert rows.C_T[1:3].ravel().tolist() == [1.0, 1.0]
     assert rows.C_N[1:3].ravel().tolist() == [-1.0, -1.0]
-    assert not rows.C_delta[1:3].any() and not rows.rhs.any()
+    assert not rows.C_jump[1:3].any() and not rows.rhs.any()
 
 
 def test_those_that_others_speak_for():
@@ -93,5 +93,5 @@ def test_those_that_others_speak_for():
     told = rows.tied(np.array([0, 1, 1]), np.zeros(3, dtype=bool), c=7.0)
     assert told.status.tolist() == [STICK, SLIP, SLIP]
     assert np.array_equal(told.C_T[:2], rows.C_T[:2])
-    assert told.C_delta[2].tolist() == [[7.0]]
+    assert told.C_jump[2].tolist() == [[7.0]]
     assert not told.C_T[2].any() and not told.C_N[2].any() and not told.rhs[2].any()

@@ -5,8 +5,10 @@ import json
 import numpy as np
 from contact_scenes import random_pressed
 from mpi4py import MPI
+from rigid_scenes import Block
 from scenes import sorted_nodes
 
+import dolfinx_llm as llm
 from dolfinx_llm.forms import choice as solvers
 
 CONDENSED = 113, 0, "condensed"
@@ -28,9 +30,29 @@ def outcome(comm, seed, limit, solver="auto"):
     return out
 
 
+def pressed_outcome(comm, kind, law, form):
+    """A ball under a force that is also turned."""
+    gdim = 2 if kind == "triangle" else 3
+    force = (8.0,) * (gdim - 1) + (90.0,)
+    middle = (0.0,) * (gdim - 1) + (-2.05,)
+    ball = llm.RigidSphere(middle, 2.0, force=force, pivot=np.zeros(gdim))
+    block = Block(kind, lambda R: ball, law, form, comm=comm)
+    found = {}
+    for turn in (0.0, 0.02):
+        result = block.solve(rotation=turn if gdim == 2 else (turn, 0.0, -turn))
+        side = result.sides[0]
+        for name in ("u", "force", "status"):
+            found[f"{kind} {law} {form} {turn} {name}"] = getattr(side, name).tolist()
+        found[f"{kind} {law} {form} {turn} place"] = result.displacement.tolist()
+    block.problem.destroy()
+    return found
+
+
 if __name__ == "__main__":
     found = {}
     for case in ((103, 10**6), (104, 10**6), (113, 10**6), (104, 0), (113, 0), CONDENSED):
         found |= outcome(MPI.COMM_WORLD, *case)
+    for case in (("triangle", "saddle"), ("hexahedron", "flexibility"), ("triangle", "condensed")):
+        found |= pressed_outcome(MPI.COMM_WORLD, case[0], llm.Coulomb(0.3), case[1])
     if MPI.COMM_WORLD.rank == 0:
         print(json.dumps(found))

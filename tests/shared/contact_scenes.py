@@ -2,21 +2,16 @@
 
 import numpy as np
 import pairs
+import scenes
 import ufl
 from dolfinx import fem, mesh
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.laws.law import OPEN
+from dolfinx_llm.laws.rows import OPEN
 
-E, NU = 2600.0, 0.3
+E, NU, stress = scenes.E, scenes.NU, scenes.stress
 BELOW, ABOVE = pairs.BELOW, pairs.ABOVE
-
-
-def stress(u):
-    mu, lam = E / (2 * (1 + NU)), E * NU / (1 + NU) / (1 - 2 * NU)
-    eps = ufl.sym(ufl.grad(u))
-    return 2 * mu * eps + lam * ufl.tr(eps) * ufl.Identity(len(u))
 
 
 def rectangle(comm, n, low, high, kind, jitter=0.0, rng=None, move=None):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import scenes
-from dolfinx import mesh as dmesh
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -63,25 +62,11 @@ def rings(comm, counts, radii=((1.0, 1.5), (1.5, 2.0)), degrees=90.0):
         a, b = first + i * m + j, first + i * m + (j + 1) % m
         cells.append(np.column_stack([a, a + m, b, b + m]))
         first += m * (k + 1)
-    points, cells = np.concatenate(points), np.concatenate(cells)
     ends = np.cumsum([0] + [(n if closed else n + 1) * (k + 1) for n, k in counts])
-    if comm.rank > 0:
-        points, cells = points[:0], cells[:0]
-    domain = compat.create_mesh(comm, cells, points, "quadrilateral")
-    node = np.asarray(domain.geometry.input_global_indices)
-    body = np.searchsorted(ends, node[compat.cell_dofs(domain.geometry)[:, 0]], side="right") - 1
-    domain.topology.create_connectivity(1, 2)
-    to_cell = domain.topology.connectivity(1, 2)
-    entities, values = [], []
-    for tag, k, radius in zip(
-        (BORE, FACE_0, FACE_1, RIM), (0, 0, 1, 1), np.ravel(radii), strict=True
-    ):
-        where = lambda p, r=radius: np.isclose(np.hypot(p[0], p[1]), r)  # noqa: E731
-        found = dmesh.locate_entities_boundary(domain, 1, where)
-        found = found[body[to_cell.array[to_cell.offsets[found]]] == k]
-        entities.append(found)
-        values.append(np.full(len(found), tag, dtype=np.int32))
-    return compat.function_space(domain, shape=(2,)), scenes.tags_from(domain, entities, values, 1)
+    circles = zip((BORE, FACE_0, FACE_1, RIM), (0, 0, 1, 1), np.ravel(radii), strict=True)
+    where = [(tag, k, lambda p, r=r: np.isclose(np.hypot(p[0], p[1]), r)) for tag, k, r in circles]
+    domain, tags = scenes.bodies_mesh(comm, points, cells, "quadrilateral", ends, where)
+    return compat.function_space(domain, shape=(2,)), tags
 
 
 def ring_problem(V, tags, conditions, value=None, loads=None, law=None, sides=(FACE_0, FACE_1)):

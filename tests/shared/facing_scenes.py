@@ -4,7 +4,7 @@ import contact_scenes as cs
 import curved_scenes
 import numpy as np
 import pairs
-import ufl
+import scenes
 from dolfinx import fem, mesh
 
 import dolfinx_llm as llm
@@ -97,13 +97,10 @@ def solved(bodies, interfaces, moved, fixed, motion, seed=None, obstacle=None):
             bcs.append(fem.dirichletbc(value, fem.locate_dofs_geometrical(spaces[body], at)))
     for domain, _ in bodies:
         domain.geometry.x[:, :gdim] = domain.geometry.x[:, :gdim] @ R.T
-    forms = [(ufl.TrialFunction(V), ufl.TestFunction(V)) for V in spaces]
+    forms = [scenes.forms(V) for V in spaces]
     problem = llm.ContactProblem(
-        [ufl.inner(cs.stress(u), ufl.grad(w)) * ufl.dx for u, w in forms],
-        [
-            ufl.inner(fem.Constant(V.mesh, np.zeros(gdim)), w) * ufl.dx
-            for V, (_, w) in zip(spaces, forms, strict=True)
-        ],
+        [a for a, _ in forms],
+        [L for _, L in forms],
         bcs=bcs,
         interfaces=interfaces([tags for _, tags in bodies], R),
     )

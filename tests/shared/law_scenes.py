@@ -85,7 +85,7 @@ class Checked:
 
     def _normal_law(self, law, F, gap, forces, lengths):
         """Signorini's conditions of normal forces and gaps."""
-        if not law.unilateral:
+        if not law.opens:
             lengths("tied", np.abs(gap))
             return
         forces("pull", -F)
@@ -96,13 +96,13 @@ class Checked:
         """Each node against the plane; friction over the last load step is told by the result's
         own slip, which must be the node's."""
         (x, u, F), law, side = found[0], model.interface.law, result.sides[0]
-        n, motion = side.normal, model.interface.obstacle.motion(self.gdim)
+        n, motion = side.normal, model.interface.obstacle.motion(found[0][0])
         normal = np.einsum("ni,ni->n", F, n)
         T = F - normal[:, None] * n
         relative = u - motion
         gap = model.interface.obstacle.clearance(x + relative)[0]
         self._normal_law(law, normal, gap, forces, lengths)
-        if not law.unilateral:
+        if not law.opens:
             lengths("tied", np.abs(relative))
         else:
             self._friction(law, T, normal, forces)
@@ -119,16 +119,16 @@ class Checked:
         for p, (x, u, F), side in zip(model.pairs, found, result.sides, strict=True):
             n = side.normal
             normal = np.einsum("ni,ni->n", F, n)
-            if law.unilateral and not getattr(law, "mu", 0.0):
+            if law.opens and not getattr(law, "mu", 0.0):
                 forces("cone", np.abs(F - normal[:, None] * n))
             along = np.einsum("ni,ni->n", p.N @ y - x - u, n)
             self._normal_law(law, normal, along, forces, lengths)
-            if not law.unilateral:
+            if not law.opens:
                 lengths("tied", np.abs(u - p.N @ v))
             balance = balance + p.N.T @ F
             normals.append((p.N.T @ normal, p.N.T @ (F - normal[:, None] * n)))
         forces("balance", np.abs(balance))
-        if law.unilateral:
+        if law.opens:
             (N_0, T_0), (N_1, T_1) = normals
             forces("result frame", np.abs(result.frame_force - N_0))
             total = np.abs(result.frame_friction.sum(axis=0) - T_0.sum(axis=0))

@@ -119,7 +119,7 @@ class Oracle:
         for M, side in zip(N, sides, strict=True):
             self.rows(M, side, Y, flat)
             jump = answer.u[side.nodes] - M @ v
-            if opens or law.close_gap:
+            if opens or law.closes_gap:
                 jump = jump + posed.x[side.nodes] - M @ Y
             if opens:
                 gap = -np.einsum("ni,ni->n", jump, side.normal)
@@ -200,7 +200,7 @@ class Oracle:
         motion, before = self.motion(contact, self.step), self.motion(contact, self.step - 1)
         jump = answer.u[nodes] - motion
         if isinstance(law, llm.Tied):
-            if law.close_gap:
+            if law.closes_gap:
                 jump = jump - clearance[:, None] * into
             self.note("tied jump", np.abs(jump)[~self.posed.held[nodes]] / self.U)
             return

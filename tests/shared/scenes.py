@@ -45,24 +45,40 @@ def stacked(comm, sections, heights, layers=(2, 2), transform=lambda x: x):
                 first = ends[-1] + layer * n
                 cells.append(np.concatenate([bricks + first, bricks + first + n], axis=1))
         ends.append(ends[-1] + n * (layers[k] + 1))
+    where = [
+        (tag, k, on(2, z))
+        for k in range(len(sections))
+        for tag, z in ((2 * k + 1, heights[k]), (2 * k + 2, heights[k + 1]))
+    ]
+    domain, tags = bodies_mesh(comm, points, cells, "hexahedron", ends, where)
+    domain.geometry.x[:] = transform(domain.geometry.x)
+    return domain, tags
+
+
+def bodies_mesh(comm, points, cells, kind, ends, where):
+    """Mesh of several bodies and tags of their facets.
+
+    Args:
+        points, cells: lists of arrays, body by body.
+        ends: first node of each body, and their number.
+        where: of (tag, body, function of points).
+    """
     points, cells = np.concatenate(points), np.concatenate(cells)
     if comm.rank > 0:
         points, cells = points[:0], cells[:0]
-    domain = compat.create_mesh(comm, cells, points, "hexahedron")
+    domain = compat.create_mesh(comm, cells, points, kind)
+    dim = domain.topology.dim
     node = np.asarray(domain.geometry.input_global_indices)
     body = np.searchsorted(ends, node[compat.cell_dofs(domain.geometry)[:, 0]], side="right") - 1
-    domain.topology.create_connectivity(2, 3)
-    to_cell = domain.topology.connectivity(2, 3)
+    domain.topology.create_connectivity(dim - 1, dim)
+    to_cell = domain.topology.connectivity(dim - 1, dim)
     entities, values = [], []
-    for k in range(len(sections)):
-        for tag, z in ((2 * k + 1, heights[k]), (2 * k + 2, heights[k + 1])):
-            found = mesh.locate_entities_boundary(domain, 2, lambda p, z=z: np.isclose(p[2], z))
-            found = found[body[to_cell.array[to_cell.offsets[found]]] == k]
-            entities.append(found)
-            values.append(np.full(len(found), tag, dtype=np.int32))
-    tags = tags_from(domain, entities, values)
-    domain.geometry.x[:] = transform(domain.geometry.x)
-    return domain, tags
+    for tag, k, at in where:
+        found = mesh.locate_entities_boundary(domain, dim - 1, at)
+        found = found[body[to_cell.array[to_cell.offsets[found]]] == k]
+        entities.append(found)
+        values.append(np.full(len(found), tag, dtype=np.int32))
+    return domain, tags_from(domain, entities, values, dim - 1)
 
 
 def tags_from(domain, entities, values, dim=2):
@@ -161,3 +177,16 @@ def sorted_nodes(u):
     rows = np.concatenate(V.mesh.comm.allgather(np.column_stack([x, side[:, -1], value])))
     order = np.lexsort(np.round(rows[:, [gdim, *range(gdim)]], 8).T)
     return rows[order, :gdim], rows[order, gdim + 1 :]
+
+
+def check_uniaxial(contact, u):
+    """Require the exact answer of two blocks under ``PRESSURE``, forces and frame with it."""
+    assert displacement_error(u, uniaxial) <= 1e-12
+    result = contact.results[0]
+    assert np.abs(result.frame.v - STRAIN * result.frame.x).max() <= 1e-13
+    for side in result.sides:
+        force = PRESSURE * side.area
+        assert np.abs(side.normal_force - force).max() <= 1e-12 * force.max()
+        # Tangential ones as well: nothing undetermined is left in the multipliers. Rounding grows
+        # by 1 / 0.005, the smallest singular value of the rows of L_b at prescribed dofs.
+        assert np.abs(side.tangential_force).max() <= 1e-10 * force.max()

@@ -9,7 +9,7 @@ import numpy as np
 from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.operators.petsc import times
 
-NOISE = 64.0 * np.finfo(float).eps  # of the largest value: what rounding can make of zero
+GRAIN = 64.0 * np.finfo(float).eps  # of the largest value: what rounding can make of zero
 
 
 class CoarseMotions:
@@ -52,5 +52,5 @@ class CoarseMotions:
 def _inverse_root(M: np.ndarray) -> np.ndarray:
     """X with Xᵀ M X = 1, without what M is zero on."""
     values, vectors = np.linalg.eigh(0.5 * (M + M.T))
-    kept = values > NOISE * values.max(initial=0.0)
+    kept = values > GRAIN * values.max(initial=0.0)
     return vectors[:, kept] / np.sqrt(values[kept])

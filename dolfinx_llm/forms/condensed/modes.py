@@ -10,8 +10,7 @@ from dolfinx_llm.operators.system import ContactOperators
 
 def block_size(operators: ContactOperators) -> int:
     """Frame unknowns per node where all frames have as many, else 1."""
-    frames = [model for model in operators.models if model.frame is not None]
-    sizes = {model.directions.shape[1] for model in frames}
+    sizes = {model.directions.shape[1] for model in operators.models if len(model.directions)}
     return sizes.pop() if len(sizes) == 1 else 1
 
 
@@ -25,9 +24,8 @@ def rigid_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]
     centre, size = 0.5 * (low + high), np.linalg.norm(high - low)
     body = rigid_modes((bodies.points - centre) / size)
     frame = [
-        np.einsum("mdi,mik->mdk", model.directions, rigid_modes((model.frame.x - centre) / size))
+        np.einsum("mdi,mik->mdk", model.directions, rigid_modes((model.places - centre) / size))
         for model in operators.models
-        if model.frame is not None
     ]
     k = body.shape[2]
     return body.reshape(-1, k), np.concatenate(

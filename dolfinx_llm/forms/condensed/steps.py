@@ -49,9 +49,9 @@ class CondensedForm(WholeSteps):
         super().prepare(K, operators)
         with self.times.timed("reduction"):
             self.split = SplitStiffness(K, operators.rows.dofs)
-            friction = any(model.interface.law.friction for model in operators.models)
-            self._block = 1 if friction else block_size(operators)
-            self._modes = None if friction else rigid_modes_of(operators)
+            jumps = operators.unknowns.sizes[1] > operators.frames.sizes[1]
+            self._block = 1 if jumps else block_size(operators)
+            self._modes = None if jumps else rigid_modes_of(operators)
         self._known = np.zeros(0)  # what the system's matrix was made of
         self._spring = 0.0
 
@@ -75,7 +75,7 @@ class CondensedForm(WholeSteps):
     def left(self, f: np.ndarray, u: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
         """See ``StepForm``; where ties let K go, as the last solve has left it."""
         operators = self.operators
-        if not operators.opens:
+        if operators.tied:
             return self.system.left
         forces = times(operators.B, multiplier[operators.rows.numbering.mine])
         forces[operators.floating.pins] -= self._spring * u[operators.floating.pins]
@@ -120,7 +120,7 @@ class CondensedForm(WholeSteps):
                     self.options, modes=self._modes, weak=self._weak(step),
                     proximal=hold if hold.any() else None,
                 )  # fmt: skip
-            if not self.operators.opens:  # the matrix stays
+            if self.operators.tied:  # the matrix stays
                 self.split.release()
                 with self.times.timed("factorisation"):
                     self.system.set_up()
@@ -129,7 +129,7 @@ class CondensedForm(WholeSteps):
     def _weak(self, step: LinearStep) -> Any:
         """Rigid motions of bodies that supports alone do not hold firmly, and of the frames; None
         where ties hold all."""
-        if not self.operators.opens:
+        if self.operators.tied:
             return None
         rigid, L = self.operators.floating.rigid.modes, step.L
         if not (L.shape[1] and rigid.shape[1]):

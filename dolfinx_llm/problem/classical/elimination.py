@@ -10,7 +10,6 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective, gather_rows
-from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.operators.petsc import create_aij, times
 from dolfinx_llm.operators.reactions import with_reactions
 from dolfinx_llm.problem.arguments import check_petsc_options
@@ -53,7 +52,7 @@ class Elimination(ClassicalForm):
             check_petsc_options(petsc_options)
         agree(problem.comm, "PETSc options", petsc_options)
         laws = [model.interface.law for model in problem.models]
-        if not all(isinstance(law, Tied) for law in laws):
+        if not all(law.ties for law in laws):
             raise ContactInputError(f"laws {laws}: the classical form is there for Tied() only")
         n, m = problem.L_b.getSize()
         if n > MAX_ROWS:

@@ -13,8 +13,7 @@ from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import agree, collective, gather_rows
 from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.interface.geometry import ContactModel
-from dolfinx_llm.laws.tied import Tied
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import create_aij, times
 from dolfinx_llm.operators.support import check_support
@@ -86,7 +85,7 @@ class NodeToSegment(ClassicalForm):
         if rigid:
             raise ContactInputError(f"interfaces {rigid}: node-to-segment needs two bodies")
         laws = [model.interface.law for model in problem.models]
-        if not all(isinstance(law, Tied) for law in laws):
+        if not all(law.ties for law in laws):
             raise ContactInputError(f"laws {laws}: node-to-segment is there for Tied() only")
         ties = [_tie(problem, model, slave, components) for model in problem.models]
         self.x = np.concatenate([t.x for t in ties])
@@ -131,7 +130,7 @@ class NodeToSegment(ClassicalForm):
         problem = self.problem
         f = self._load()
         gaps = [
-            np.einsum("nci,ni->nc", t.base, t.gap * model.interface.law.close_gap).ravel()
+            np.einsum("nci,ni->nc", t.base, t.gap * model.interface.law.closes_gap).ravel()
             for t, model in zip(self._ties, problem.models, strict=True)
         ]
         prescribed = problem.bulk.dofs.values(self._surface_dofs[self._fixed], f)
@@ -144,7 +143,7 @@ class NodeToSegment(ClassicalForm):
         return self._functions(u)
 
 
-def _tie(problem: ContactProblem, model: ContactModel, slave: int, components: str) -> _Ties:
+def _tie(problem: ContactProblem, model: InterfaceGeometry, slave: int, components: str) -> _Ties:
     """Locate the slave nodes of an interface on the master's facets, and the rows of (2)."""
     sides = model.sides[slave], model.sides[1 - slave]
     spaces = model.spaces[slave], model.spaces[1 - slave]

@@ -1,0 +1,65 @@
+"""Nodes that hardly any pair holds, and what they take from those that speak for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags, identity
+
+from dolfinx_llm.contact.friction_nodes import FrictionNodes
+from dolfinx_llm.laws.speakers import follow, speakers, unheld
+
+ADRIFT = 1e-2  # sum of N² of the pairs that follow it below which a frame node follows another
+
+
+@dataclass(frozen=True, eq=False)
+class Followers:
+    """Who speaks for whom, for one state of contact."""
+
+    speaker: np.ndarray  # (k,) the node whose law holds for each
+    unheld: np.ndarray  # (k,) nodes that no force reaches
+    gather: csr_matrix  # (k q, k q) sums of forces at the speakers
+    relative: csr_matrix  # (k q, k q) jumps; of nodes that follow others against theirs
+    frame_gather: csr_matrix  # (m d, m d) forces at frame nodes, of those that no pair holds at
+    # the node that they follow
+    frame_relative: csr_matrix  # (m d, m d) their motion against that one's
+
+    @staticmethod
+    def none(nodes: FrictionNodes) -> Followers:
+        """Each node speaks for itself."""
+        k, m = len(nodes.kappa), len(nodes.v)
+        every = identity(nodes.kappa.size, format="csr")
+        alone = np.arange(k), np.zeros(k, dtype=bool)
+        return Followers(*alone, every, every, identity(m, format="csr"), csr_matrix((m, m)))
+
+    @staticmethod
+    def of(nodes: FrictionNodes, tied: np.ndarray, active: np.ndarray) -> Followers:
+        """Nodes at the rim of contact follow a neighbour.
+
+        Args:
+            nodes: of the interface.
+            tied: (n,) pairs that follow the frame tangentially.
+            active: (n,) pairs in contact.
+        """
+        k, t = nodes.kappa.shape
+        follows = nodes.of(tied)
+        speaker = speakers(follows, nodes.of(active))
+        alike = follow(speaker, nodes.tangents)
+        weak = np.repeat(speaker != np.arange(k), t).astype(float)
+        relative = (identity(k * t) - diags(weak) @ alike).tocsr()
+        held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
+        leader = np.where(held < ADRIFT, speaker, np.arange(k))
+        carried = _carried(leader, nodes.model.directions)
+        return Followers(speaker, unheld(follows, speaker), alike.T.tocsr(), relative, *carried)
+
+
+def _carried(leader: np.ndarray, directions: np.ndarray) -> tuple[csr_matrix, csr_matrix]:
+    """Frame nodes that hardly any pair holds move tangentially as their leader (m,) does: sums of
+    forces at the leaders, and tangential motion against theirs (m d, m d)."""
+    m, d = directions.shape[:2]
+    weak = np.repeat(leader != np.arange(m), d)
+    weak[d - 1 :: d] = False
+    follows = diags(weak.astype(float))
+    moved = follows @ follow(leader, directions)
+    return (diags((~weak).astype(float)) + moved.T).tocsr(), (follows - moved).tocsr()

@@ -1,0 +1,188 @@
+"""Between pairs, which carry the multipliers, and the nodes at which a law holds.
+
+These are the frame's nodes, or against a rigid obstacle the pairs themselves. Both sides jump by κ
+about the frame, (13): u_0 = v + κ, u_1 = v - κ. The force is then T = L_kappaᵀ λ / 2 and the jump
+2 κ; theta is that 1/2, or 1 against an obstacle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags, identity, vstack
+
+from dolfinx_llm.base import compat
+from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.laws.law import Law
+from dolfinx_llm.laws.rows import at_positions
+from dolfinx_llm.operators.assemble import interface_operator
+from dolfinx_llm.operators.numbering import Place
+from dolfinx_llm.operators.system import ContactOperators
+
+FLOOR = 1e-3  # what pairs without contact add to the support of a node
+TOUCHED = 1e-9  # shape function from which on a pair belongs to a node
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionNodes:
+    """Of one interface: its places in the vectors of all, and the operators of its law; n pairs
+    with c multipliers each, k nodes with jumps of q components, none where the law has no jumps."""
+
+    model: InterfaceGeometry
+    rows: np.ndarray  # (n, c) its multiplier rows
+    v: np.ndarray  # (m d,) its frame unknowns
+    kappa: np.ndarray  # (k, q) its jump unknowns
+    kept: np.ndarray  # (n c,) rows that are not redundant (prescribed on both sides)
+    L: csr_matrix  # (n c, m d)
+    L_kappa: csr_matrix  # (n c, k q)
+    L_normal: csr_matrix  # (k, n c) normal force at the nodes from λ
+    theta: float
+    x: np.ndarray  # (k, gdim) positions as drawn [length]
+    area: np.ndarray  # (k,) tributary area
+    sample: Callable[[Any], np.ndarray]  # (k,) of what users give for a law, see ``LawNodes``
+
+    @property
+    def law(self) -> Law:
+        """Of the interface."""
+        return self.model.interface.law
+
+    @property
+    def tangents(self) -> np.ndarray:
+        """(k, t, gdim) at the frame's nodes, where there is a frame."""
+        return self.model.directions[:, :-1]
+
+    @cached_property
+    def N(self) -> list[csr_matrix]:
+        """Per side (n_i, k) shape functions of the pairs; the pairs' own against an obstacle."""
+        if self.model.frame is None:
+            return [identity(len(self.rows), format="csr")]
+        return [p.N for p in self.model.pairs]
+
+    @cached_property
+    def nearest(self) -> np.ndarray:
+        """(n,) node next to each pair."""
+        return np.asarray(vstack(self.N).tocsr().argmax(axis=1)).ravel()
+
+    @cached_property
+    def _squares(self) -> list[csr_matrix]:
+        return [N.power(2).T.tocsr() for N in self.N]
+
+    def of(self, pairs: np.ndarray) -> list[csr_matrix]:
+        """Per side (n_i, k) shape functions of some of the pairs (n,)."""
+        ends = np.cumsum([part.shape[0] for part in self.N])
+        chosen = np.split(pairs.astype(float), ends[:-1])
+        return [(diags(a) @ part).tocsr() for a, part in zip(chosen, self.N, strict=True)]
+
+    def reach(self, nodes: np.ndarray) -> np.ndarray:
+        """(n,) pairs that some nodes (k,) have a part in."""
+        if not nodes.any():
+            return np.zeros(len(self.rows), dtype=bool)
+        N = abs(vstack(self.N)).tocsr()
+        return np.asarray(N @ nodes.astype(float)).ravel() > TOUCHED
+
+    def reached(self, pairs: np.ndarray) -> np.ndarray:
+        """(k,) nodes that have a part in some pairs (n,)."""
+        if not pairs.any():
+            return np.zeros(len(self.kappa), dtype=bool)
+        N = abs(vstack(self.N)).tocsr()
+        return np.asarray(N.T @ pairs.astype(float)).ravel() > TOUCHED
+
+    def support(self, weight: np.ndarray) -> list[np.ndarray]:
+        """Per side (k,) how firmly pairs of a weight (n,) hold the motion of nodes: sums of N²."""
+        first, out = 0, []
+        for squares in self._squares:
+            n = squares.shape[1]
+            least = FLOOR * squares.sum() / squares.shape[0]
+            out.append(np.maximum(squares @ weight[first : first + n], least))
+            first += n
+        return out
+
+    def operator(self, of_rows: csr_matrix, n_all: int) -> csr_matrix:
+        """A matrix (a, n c) of the own multipliers as (a, n_all) of all."""
+        own = of_rows.tocoo()
+        return csr_matrix((own.data, (own.row, own.col + self.rows[0, 0])), (own.shape[0], n_all))
+
+    def selection(self, m: int) -> csr_matrix:
+        """(k q, m) matrix that picks κ from w."""
+        at = self.kappa.ravel()
+        return csr_matrix((np.ones(len(at)), (np.arange(len(at)), at)), (len(at), m))
+
+
+def friction_nodes(operators: ContactOperators) -> list[FrictionNodes]:
+    """Of all interfaces."""
+    of = zip(operators.models, operators.places, operators.blocks, strict=True)
+    return [_friction_nodes(operators, *each) for each in of]
+
+
+def _friction_nodes(
+    operators: ContactOperators, model: InterfaceGeometry, place: Place, L: csr_matrix
+) -> FrictionNodes:
+    n, c, gdim = sum(len(p.nodes) for p in model.pairs), *model.pairs[0].base.shape[1:]
+    rows, jumps = (np.arange(at.start, at.stop) for at in (place.rows, place.slips))
+    q = model.interface.law.jumps(gdim)
+    x, area = (a if q else a[:0] for a in model.law_nodes)
+    L_kappa, L_normal, theta = _jump_operators(model, n, c, gdim)
+    return FrictionNodes(
+        model,
+        rows=rows.reshape(n, c),
+        v=np.arange(place.frame.start, place.frame.stop),
+        kappa=jumps.reshape(-1, max(q, 1)),
+        kept=~operators.redundant[place.rows],
+        L=L,
+        L_kappa=L_kappa,
+        L_normal=L_normal,
+        theta=theta,
+        x=x,
+        area=area,
+        sample=lambda value: _sampled(operators, model, place, x, value),
+    )
+
+
+def _jump_operators(
+    model: InterfaceGeometry, n: int, c: int, gdim: int
+) -> tuple[csr_matrix, csr_matrix, float]:
+    """L_kappa (n c, k q), N (k, n c) of the multipliers, and θ."""
+    law = model.interface.law
+    if not law.jumps(gdim):
+        return csr_matrix((n * c, 0)), csr_matrix((0, n * c)), 1.0
+    part = law.components_of_jumps(c)
+    if model.frame is None:
+        every, component = identity(n * c, format="csr"), np.arange(n * c) % c
+        jumps = (component >= part.start) & (component < part.stop)
+        return every[:, jumps], every[component == c - 1], 1.0
+    # Both sides jump by κ in their own base, (13).
+    sides = [replace(p, base=sign * p.base) for p, sign in zip(model.pairs, (1.0, -1.0))]
+    across = interface_operator(sides, model.directions[:, -1:])
+    jumps = interface_operator(sides, model.directions[:, part])
+    return jumps, 0.5 * across.T.tocsr(), 0.5
+
+
+def _sampled(
+    operators: ContactOperators, model: InterfaceGeometry, place: Place, x: np.ndarray, value: Any
+) -> np.ndarray:
+    """(k,) of what a user gives for a law at x (k, gdim), see ``LawNodes``; collective."""
+    if not compat.is_function(value):
+        return at_positions(value, x)
+    found = []
+    for side, space in zip(range(place.sides.start, place.sides.stop), model.spaces, strict=True):
+        V = operators.dofs.spaces[space]
+        if value.function_space.mesh is V.mesh:
+            local = np.concatenate([
+                compat.nodal_values(value, W) if W is V else np.zeros(W.dofmap.index_map.size_local)
+                for W in operators.dofs.spaces
+            ])  # fmt: skip
+            gdim = operators.dofs.gdim
+            nodal = operators.dofs.values(operators.side_dofs[side][:, 0], np.repeat(local, gdim))
+            pairs = operators.pairs[side]
+            found.append(nodal if model.frame is None else pairs.interpolation(x) @ nodal)
+    if not found:
+        raise ContactInputError(
+            f"interface {model.interface.name}: a Function that a law varies by lives on the mesh "
+            "of neither side. Give one of a side's mesh, or a function of positions"
+        )
+    return np.mean(found, axis=0)

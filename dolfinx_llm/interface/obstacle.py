@@ -1,0 +1,158 @@
+"""What all rigid obstacles share: where they are, and what moves or presses them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dolfinx_llm.base import checks
+from dolfinx_llm.base.errors import ContactInputError
+
+
+def vector(name: str, value: ArrayLike, size: int | None = None) -> np.ndarray:
+    """A finite vector of 2 or 3 numbers, or of ``size``.
+
+    Raises:
+        ContactInputError: anything else.
+    """
+    want = f"give {size if size else '2 or 3'} numbers, which must be finite"
+    found = checks.array(name, value, (None,), want)
+    if len(found) not in (2, 3) or (size and len(found) != size):
+        checks.refuse(name, value, want)
+    return found
+
+
+@dataclass(eq=False)
+class Obstacle:
+    """What all obstacles share, and the base of your own: write ``clearance``.
+
+    All of the arguments may be set anew before every solve. Motions are small: directions in which
+    contact forces act stay those of the drawing, and a point x of the obstacle moves by
+    displacement + rotation × (x - pivot). About its own axis a sphere or cylinder may turn by any
+    angle, which drags with friction what it touches.
+
+    Args:
+        displacement: (gdim,) motion since the drawing [length]; None: at rest.
+        rotation: since the drawing: in 2D the angle, counter-clockwise, in 3D the (3,) rotation
+            vector, axis times angle [rad]; None: it does not turn.
+        pivot: (gdim,) the point about which it turns, as drawn [length]; None: its centre, or the
+            point that defines it; the origin for your own.
+        force: (gdim,) force on the obstacle instead of a displacement [force], with None where the
+            displacement is prescribed, e.g. (None, -10.0): pressed down with 10, held sideways.
+            What it does not press against it does not reach. None: no force is prescribed. For laws
+            that let bodies part.
+
+    >>> class Sine(Obstacle):
+    ...     "The floor y = sin(x) / 10."
+    ...
+    ...     def clearance(self, x):
+    ...         slope = 0.1 * np.cos(x[:, 0])  # of the floor below a point
+    ...         normal = np.column_stack([slope, -np.ones(len(x))])
+    ...         length = np.linalg.norm(normal, axis=1)
+    ...         return (x[:, 1] - 0.1 * np.sin(x[:, 0])) / length, normal / length[:, None]
+    >>> Sine().clearance(np.array([[0.0, 0.5]]))[0].round(6)
+    array([0.497519])
+    >>> Sine(rotation=0.1, pivot=(1.0, 0.0)).motion(np.array([[3.0, 0.0]]))
+    array([[0. , 0.2]])
+    """
+
+    displacement: np.ndarray | None = field(default=None, kw_only=True)  # (gdim,) [length]
+    rotation: float | np.ndarray | None = field(default=None, kw_only=True)  # angle, (3,) [rad]
+    pivot: np.ndarray | None = field(default=None, kw_only=True)  # (gdim,) [length]
+    force: tuple[float | None, ...] | None = field(default=None, kw_only=True)  # (gdim,) [force]
+
+    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance of points to the surface, and the direction into the obstacle.
+
+        It is asked once, for the surface's nodes as drawn; a linear estimate of the distance along
+        the direction is enough where nodes are near.
+
+        Args:
+            x: (n, gdim) points of a body, as drawn [length].
+
+        Returns:
+            (n,) distance, negative inside the obstacle, inf where there is none of it [length], and
+            (n, gdim) unit vectors into it.
+        """
+        raise NotImplementedError(f"{type(self).__name__} must define clearance(x)")
+
+    @property
+    def gdim(self) -> int | None:
+        """Dimension of the space, 2 or 3; None: any."""
+        return None
+
+    @property
+    def middle(self) -> np.ndarray | None:
+        """(gdim,) the point about which it turns where no ``pivot`` is given; None: the origin."""
+        return None
+
+    def motion(self, x: np.ndarray) -> np.ndarray:
+        """Prescribed motion of points of the obstacle since the drawing.
+
+        Args:
+            x: (n, gdim) the points, as drawn [length].
+
+        Returns:
+            (n, gdim) [length]; zeros where nothing is prescribed.
+
+        Raises:
+            ContactInputError: sizes that do not fit, values that are not finite.
+        """
+        return np.array(self.pose(x.shape[1])[0]) + self.turning(x)
+
+    def turning(self, x: np.ndarray) -> np.ndarray:
+        """The part of ``motion`` that comes of the rotation, rotation × (x - pivot).
+
+        Args:
+            x: (n, gdim) the points, as drawn [length].
+
+        Returns:
+            (n, gdim) [length].
+        """
+        _, turn, pivot, _ = self.pose(x.shape[1])
+        arm = x - np.array(pivot)
+        if x.shape[1] == 2:
+            return turn[0] * np.column_stack([-arm[:, 1], arm[:, 0]])
+        return np.cross(turn, arm)
+
+    def pose(self, gdim: int) -> tuple[tuple, tuple, tuple, tuple]:
+        """Displacement, rotation, pivot and force as they are now, as numbers; forces None where
+        the displacement is prescribed.
+
+        Args:
+            gdim: dimension of the space, 2 or 3.
+
+        Raises:
+            ContactInputError: sizes that do not fit, values that are not finite.
+        """
+        force = self._forces(gdim)
+        zeros = (0.0,) * gdim
+        shift, pivot, turn = zeros, zeros, (0.0,) * (1 if gdim == 2 else 3)
+        if self.displacement is not None:
+            shift = tuple(vector("displacement", self.displacement, gdim).tolist())
+        about = self.middle if self.pivot is None else self.pivot
+        if about is not None:
+            pivot = tuple(vector("pivot", about, gdim).tolist())
+        if self.rotation is not None and gdim == 2:
+            turn = (checks.number("rotation", self.rotation, "give the angle, a finite number"),)
+        elif self.rotation is not None:
+            turn = tuple(vector("rotation", self.rotation, 3).tolist())
+        found = [k for k, f in enumerate(force) if f is not None and shift[k]]
+        if found:
+            raise ContactInputError(
+                f"displacement={shift} and force={force}: component {found[0]} has both; where a "
+                "force is given the displacement is found: leave 0 there"
+            )
+        return shift, turn, pivot, force
+
+    def _forces(self, gdim: int) -> tuple[float | None, ...]:
+        """``force``, component by component."""
+        if self.force is None:
+            return (None,) * gdim
+        want = f"give {gdim} entries, finite numbers or None where the displacement is prescribed"
+        given = checks.items("force", self.force, want)
+        if len(given) != gdim:
+            checks.refuse("force", self.force, want)
+        return tuple(None if f is None else checks.number("force", f, want) for f in given)

@@ -1,0 +1,195 @@
+"""What a law is told of the nodes at which it holds, and its linearised rows there.
+
+A law holds at k nodes: those of the frame, or the surface's own against a rigid obstacle. It is
+told forces and jumps there, both of q components: along the tangents where the law ``slips``, then
+along the normal where it ``gives``. Plain NumPy, so that a few nodes suffice to test it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix, identity
+
+from dolfinx_llm.base.errors import ContactInputError
+
+OPEN, STICK, SLIP = 0, 1, 2
+CLOSED = 3  # in contact, without friction
+
+
+def at_positions(value: Any, x: np.ndarray) -> np.ndarray:
+    """(k,) of a number, an array or a function of positions."""
+    found = np.asarray(value(x) if callable(value) else value, dtype=np.float64)
+    return np.full(len(x), float(found)) if not found.ndim else found
+
+
+@dataclass(frozen=True, eq=False)
+class LawNodes:
+    """What a law is told of the k nodes at which it holds.
+
+    Forces are those that side 0 exerts on side 1 (a body on an obstacle), jumps the motion of side
+    0 against side 1 since the drawing: positive normal ones are an overlap. Where the law lets
+    pairs part and none is held, the normal jump is at least 0 here: what is apart carries no force.
+    """
+
+    x: np.ndarray  # (k, gdim) positions, as drawn [length]
+    area: np.ndarray  # (k,) tributary area, in 2D per unit of depth [area]
+    force: np.ndarray  # (k, q) [force]
+    N: np.ndarray  # (k,) normal force, positive in compression [force]
+    jump: np.ndarray  # (k, q) [length]
+    before: np.ndarray  # (k, q) the jump at the end of the last load step [length]
+    c: np.ndarray  # (k,) stiffness that the bodies set against jumps, about [force / length]
+    status: np.ndarray  # (k,) in the last iterate: OPEN, STICK, SLIP, CLOSED
+    history: dict[str, np.ndarray] = field(default_factory=dict)  # (k, ...) what the law keeps
+    speaker: np.ndarray | None = None  # (k,) node whose law holds for each; None: each its own
+    sample: Callable[[Any], np.ndarray] | None = None  # (k,) of what users give
+
+    @property
+    def slip(self) -> np.ndarray:
+        """(k, q) jump of this load step [length]."""
+        return self.jump - self.before
+
+    @property
+    def sums(self) -> csr_matrix:
+        """(k, k) sums over the nodes for which a node speaks."""
+        k = len(self.x)
+        if self.speaker is None:
+            return identity(k, format="csr")
+        return csr_matrix((np.ones(k), (self.speaker, np.arange(k))), (k, k))
+
+    def values(self, value: Any) -> np.ndarray:
+        """(k,) at the nodes of what a user gives for a law; collective.
+
+        Args:
+            value: a number, an array with an entry per node, a function of positions (k, gdim)
+                that returns (k,), or a scalar dolfinx Function of one of the bodies' meshes.
+        """
+        if self.sample is not None:
+            return self.sample(value)
+        return at_positions(value, self.x)
+
+
+@dataclass(frozen=True, eq=False)
+class LawRows:
+    """C_T T + C_jump δ + C_N S = rhs at k nodes, with forces T, jumps δ of the load step, and S the
+    sum of weight N over the nodes for which a node speaks."""
+
+    status: np.ndarray  # (k,) OPEN, STICK, SLIP, CLOSED
+    C_T: np.ndarray  # (k, q, q)
+    C_jump: np.ndarray  # (k, q, q) [force / length]
+    C_N: np.ndarray  # (k, q)
+    rhs: np.ndarray  # (k, q) [force]
+    weight: np.ndarray | None = None  # (k,) None: 1
+    # (k,) where pairs may pull, too; None: nowhere. It should follow from the history alone, which
+    # stays within a load step.
+    holds: np.ndarray | None = None
+
+    @staticmethod
+    def springs(
+        nodes: LawNodes,
+        force: np.ndarray,
+        stiffness: np.ndarray,
+        status: np.ndarray | None = None,
+        holds: np.ndarray | None = None,
+    ) -> LawRows:
+        """A law that tells forces from jumps: T = force + stiffness (jump - the last jump).
+
+        Args:
+            nodes: with the last jump.
+            force: (k, q) of the law there [force].
+            stiffness: (k, q, q) its derivative by the jump, or (k, q) of each component by its own
+                jump [force / length].
+            status: (k,) of the nodes; None: they stick where the law slips, else they are closed.
+            holds: (k,) where pairs may pull, too; None: nowhere.
+        """
+        k, q = nodes.jump.shape
+        if np.ndim(stiffness) == 2:
+            stiffness = np.asarray(stiffness)[:, :, None] * np.eye(q)
+        given = force - np.einsum("nij,nj->ni", stiffness, nodes.slip)
+        unit = np.broadcast_to(np.eye(q), (k, q, q))
+        status = np.full(k, CLOSED if q == 1 else STICK) if status is None else status
+        return LawRows(status, unit, -stiffness, np.zeros((k, q)), given, holds=holds)
+
+    @staticmethod
+    def layer(
+        nodes: LawNodes,
+        jump: np.ndarray,
+        compliance: np.ndarray,
+        status: np.ndarray | None = None,
+        holds: np.ndarray | None = None,
+    ) -> LawRows:
+        """A law that tells jumps from forces: jump = that of the law + compliance (T - the last T).
+
+        Args:
+            nodes: with the last force.
+            jump: (k, q) of the law there [length].
+            compliance: (k, q) its derivative, component by component; 0: rigid [length / force].
+            status: (k,) as of ``springs``.
+            holds: (k,) as of ``springs``.
+        """
+        k, q = nodes.jump.shape
+        given, rigid = jump - compliance * nodes.force - nodes.before, compliance <= 0.0
+        stiff = 1.0 / np.where(rigid, 1.0, compliance)
+        stiff = np.where(rigid, nodes.c[:, None], stiff)
+        C_T = np.where(rigid, 0.0, 1.0)[:, :, None] * np.eye(q)
+        C_jump = -stiff[:, :, None] * np.eye(q)
+        status = np.full(k, CLOSED if q == 1 else STICK) if status is None else status
+        return LawRows(status, C_T, C_jump, np.zeros((k, q)), -stiff * given, holds=holds)
+
+    def left(self, nodes: LawNodes) -> np.ndarray:
+        """(k, q) what forces and jumps leave of the rows' balance [force].
+
+        Args:
+            nodes: with forces and jumps.
+        """
+        weight = 1.0 if self.weight is None else self.weight
+        S = nodes.sums @ (weight * nodes.N)
+        own = np.einsum("nij,nj->ni", self.C_T, nodes.force)
+        own += np.einsum("nij,nj->ni", self.C_jump, nodes.slip)
+        return own + self.C_N * S[:, None] - self.rhs
+
+    def tied(self, speaker: np.ndarray, unheld: np.ndarray, c: float) -> LawRows:
+        """The same, but that nodes for which others speak slip as those do: their δ, taken relative
+        to it, vanishes; and that nodes which no force reaches do not slip.
+
+        Args:
+            speaker: (k,) of ``speakers``.
+            unheld: (k,) of the function of that name.
+            c: size of their rows [force / length].
+        """
+        own = speaker == np.arange(len(speaker))
+        kept = (own & ~unheld)[:, None, None]
+        unit = np.eye(self.rhs.shape[1])
+        return replace(
+            self,
+            status=np.where(unheld, OPEN, self.status[speaker]),
+            C_T=np.where(kept, self.C_T, 0.0),
+            C_jump=np.where(kept, self.C_jump, c * unit),
+            C_N=np.where(kept[:, 0], self.C_N, 0.0),
+            rhs=np.where(kept[:, 0], self.rhs, 0.0),
+        )
+
+
+def checked(name: str, rows: Any, k: int, q: int) -> LawRows:
+    """Rows that a law of some name returned, if they are what they should be.
+
+    Raises:
+        ContactInputError: other shapes, or values that are not finite.
+    """
+    shapes = {"status": (k,), "C_T": (k, q, q), "C_jump": (k, q, q), "C_N": (k, q), "rhs": (k, q)}
+    wrong = []
+    for name, shape in shapes.items():
+        value = np.asarray(getattr(rows, name, None))
+        if value.shape != shape:
+            wrong.append(f"{name} of shape {value.shape}, not {shape}")
+        elif not np.isfinite(value.astype(float)).all():
+            wrong.append(f"{name} with values that are not finite")
+    if wrong:
+        raise ContactInputError(
+            f"law {name}: rows have {'; '.join(wrong)}, for {k} nodes and {q} components"
+        )
+    holds = np.zeros(k) if rows.holds is None else rows.holds
+    return replace(rows, holds=np.broadcast_to(np.asarray(holds, dtype=bool), (k,)).copy())
