@@ -1,5 +1,7 @@
 VENV ?= .venv
+WORKERS ?= 2
 ACTIVATE = . $(VENV)/bin/activate
+PARALLEL = -n $(WORKERS) --dist loadgroup
 
 .DEFAULT_GOAL := help
 .PHONY: help setup tools test quick patch3d coverage check lint types docs clean
@@ -10,18 +12,18 @@ help: ## list the targets
 setup: ## install what is missing from Debian and make .venv; quick when all is there
 	@.ci/setup $(VENV)
 
-test: setup ## run the tests; ARGS="-k word" is passed on to pytest
-	$(ACTIVATE) && pytest $(ARGS)
+test: setup ## run the tests, WORKERS at once; ARGS="-k word" is passed on to pytest
+	$(ACTIVATE) && pytest $(PARALLEL) $(ARGS)
 
 quick: setup ## run those that take no more than a moment, on one rank
-	$(ACTIVATE) && pytest -m "quick and not mpi" $(ARGS)
+	$(ACTIVATE) && pytest $(PARALLEL) -m "quick and not mpi" $(ARGS)
 
 patch3d: setup ## run the 3D patch test on two ranks
 	$(ACTIVATE) && mpirun -n 2 python demos/patch3d.py
 
 coverage: tools ## run the tests, their demos and ranks, and report what they do not reach
 	@mkdir -p build/coverage
-	$(ACTIVATE) && COVERAGE_FILE=$(CURDIR)/build/coverage/data pytest --cov --cov-report=term $(ARGS)
+	$(ACTIVATE) && COVERAGE_FILE=$(CURDIR)/build/coverage/data pytest $(PARALLEL) --cov --cov-report=term $(ARGS)
 
 check: lint types docs ## all checks that run no test
 

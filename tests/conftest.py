@@ -23,6 +23,14 @@ sys.path[:0] = PATHS
 LAUNCHERS = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "MPI_LOCAL")
 SETTINGS = ("OMPI_MCA_", "OMPI_ALLOW_", "PRTE_MCA_", "PMIX_MCA_")
 
+# Workers wait for a form that another one compiles; 10 s, as dolfinx has it, may be too few.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    _settings = tempfile.TemporaryDirectory()
+    os.environ["XDG_CONFIG_HOME"] = _settings.name
+    (Path(_settings.name) / "dolfinx").mkdir()
+    for _name in ("dolfinx_jit_options.json", "dolfinx_jit_parameters.json"):
+        (Path(_settings.name) / "dolfinx" / _name).write_text(json.dumps({"timeout": 300}))
+
 LIMIT = 600.0  # seconds: it catches ranks that hang, also on a machine with much other work
 DONE = "== done: "  # with what follows, the line that ends a script's output
 
@@ -105,12 +113,18 @@ class Ranks:
         return self.errors.read()[-4000:]
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist looks for its groups
 def pytest_collection_modifyitems(items):
-    """Mark the tests that start ranks of their own: by the names that they use."""
+    """Mark the tests that start ranks of their own: by the names that they use.
+
+    Of several workers one runs these, one after the other, and each file's others stay together.
+    """
     for item in items:
         code = getattr(getattr(item, "function", None), "__code__", None)
-        if {"run_mpi", "run_mpi_json", "mpirun"} & words_of(code):
+        ranks = {"run_mpi", "run_mpi_json", "mpirun"} & words_of(code)
+        if ranks:
             item.add_marker(pytest.mark.mpi)
+        item.add_marker(pytest.mark.xdist_group("mpi" if ranks else item.path.name))
 
 
 def words_of(code) -> set[str]:

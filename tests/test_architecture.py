@@ -80,7 +80,7 @@ OWN = ("self", "cls")
 THEIRS = {  # dolfinx's, which this one module knows
     "base/compat.py": {"_cpp_object"},
 }
-LONG = {"CondensedSystem", "Transformation"}  # still to be parted
+LONG = {"CondensedSystem"}  # still to be parted
 
 
 def private_reads(tree):

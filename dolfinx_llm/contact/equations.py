@@ -152,7 +152,8 @@ class Equations:
             calmed: the state of contact has come to rest once in this load step; from then on what
                 no force reaches sticks.
         """
-        rows = s.rows_at(s.at(multiplier, w, self.scale))
+        at = s.at(multiplier, w, self.scale)
+        rows = s.rows_at(replace(at, c=at.c / s.nodes.gives))
         return rows.tied(s.others.speaker, s.others.unheld & calmed, self.scale)
 
     def all_stick(self, step: LinearStep) -> LinearStep:

@@ -17,6 +17,7 @@ from scipy.sparse import csr_matrix, diags, identity, vstack
 
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.forms.step import SOFT
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import at_positions
@@ -38,6 +39,7 @@ class FrictionNodes:
     v: np.ndarray  # (m d,) its frame unknowns
     kappa: np.ndarray  # (k, q) its jump unknowns
     kept: np.ndarray  # (n c,) rows that are not redundant (prescribed on both sides)
+    yields: np.ndarray  # (n,) pairs that supports leave free to move tangentially
     L: csr_matrix  # (n c, m d)
     L_kappa: csr_matrix  # (n c, k q)
     L_normal: csr_matrix  # (k, n c) normal force at the nodes from λ
@@ -71,6 +73,12 @@ class FrictionNodes:
     @cached_property
     def _squares(self) -> list[csr_matrix]:
         return [N.power(2).T.tocsr() for N in self.N]
+
+    @cached_property
+    def gives(self) -> np.ndarray:
+        """(k,) by how much nodes give way tangentially, of the surfaces' compliance: those that
+        supports hold as little as their rows do."""
+        return np.where(self.reached(self.yields), 1.0, SOFT)
 
     def of(self, pairs: np.ndarray) -> list[csr_matrix]:
         """Per side (n_i, k) shape functions of some of the pairs (n,)."""
@@ -133,6 +141,7 @@ def _friction_nodes(
         v=np.arange(place.frame.start, place.frame.stop),
         kappa=jumps.reshape(-1, max(q, 1)),
         kept=~operators.redundant[place.rows],
+        yields=~operators.soft[place.rows].reshape(n, c)[:, :-1].all(axis=1),
         L=L,
         L_kappa=L_kappa,
         L_normal=L_normal,

@@ -105,12 +105,12 @@ class InterfaceState:
             holds=np.zeros(k, dtype=bool),
             history={},
         )
-        self.others = Followers.none(self.nodes)
+        self.others, self._touching = Followers.none(self.nodes), np.empty(0)
         self.touch(self.own.active)
         if k:
             rest = self._at_rest()
             self.own.history = self.law.start(rest)
-            self.take(self.rows_at(self._at_rest()))
+            self.take(self.rows_at(replace(rest, history=self.own.history)))
             self.own.status = np.full(k, STICK)
 
     def begin(self) -> None:
@@ -128,9 +128,9 @@ class InterfaceState:
         nodes, self.held = self.nodes, self.nodes.reach(self.own.holds)
         self.own.active = active | self.held
         self._apart = ~nodes.reached(self.held)  # nodes where nothing pulls
-        self.others = Followers.none(nodes)
-        if self._shares:
-            self.others = Followers.of(nodes, self._tied, self.own.active)
+        touching = np.stack([self._tied, self.own.active])
+        if self._shares and not np.array_equal(touching, self._touching):
+            self.others, self._touching = Followers.of(nodes, *touching), touching
 
     def take(self, rows: LawRows) -> None:
         """Take over what law rows say of the nodes."""

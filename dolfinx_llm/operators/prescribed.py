@@ -6,6 +6,8 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.sparse import csr_matrix
 
+REPEATED = 1e-6  # part of base vectors at free dofs that counts as none
+
 
 def prescribed_rows(
     L: csr_matrix, prescribed: np.ndarray
@@ -30,6 +32,27 @@ def prescribed_rows(
         return rows, basis, rows
     pivots = qr(basis.T, mode="r", pivoting=True)[1]
     return rows, basis, rows[np.sort(pivots[basis.shape[1] :])]
+
+
+def free_parts(free: np.ndarray, c: int) -> np.ndarray:
+    """(n c,) how much each row of a node moves that its rows before leave free, the normal row,
+    the last one, before all others.
+
+    A node that supports let move one way alone is held by its normal row; what its tangential rows
+    say besides would be said twice.
+
+    Args:
+        free: (n c, gdim) base vectors at free dofs, c rows to a node.
+        c: rows to a node.
+    """
+    vectors = free.reshape(-1, c, free.shape[1]).copy()
+    size = np.zeros(vectors.shape[:2])
+    for i in (c - 1, *range(c - 1)):
+        size[:, i] = np.linalg.norm(vectors[:, i], axis=1)
+        unit = vectors[:, i] / np.maximum(size[:, i], 1e-300)[:, None]
+        unit[size[:, i] < REPEATED] = 0.0
+        vectors -= np.einsum("ncg,ng->nc", vectors, unit)[:, :, None] * unit[:, None, :]
+    return size.ravel()
 
 
 def _column_space(L: csr_matrix, rows: np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ from dolfinx_llm.operators.numbering import (
     slip_numbering,
 )
 from dolfinx_llm.operators.petsc import diagonal_of, mean_diagonal
-from dolfinx_llm.operators.prescribed import prescribed_rows
+from dolfinx_llm.operators.prescribed import free_parts, prescribed_rows
 from dolfinx_llm.operators.support import check_held, check_loops
 
 NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
@@ -98,7 +98,7 @@ class ContactOperators:
         Raises:
             ContactError: a motion is free.
         """
-        self.scale, self.diagonal = self._stiffness_scale(K), diagonal_of(K)
+        self.scale, self.diagonal = _surface_stiffness(K, self), diagonal_of(K)
         with times.timed("support check"):
             self._check_support(K)
 
@@ -120,8 +120,13 @@ class ContactOperators:
         mine = self.rows.numbering.mine
         fixed = self.dofs.fixed[self.rows.dofs[mine] - self.dofs.first]
         free = np.where(fixed, 0.0, self.rows.base[mine])
-        free = np.linalg.norm(self.gather(self.rows.numbering, free), axis=1)
-        self.soft, self.held = free < NEARLY_FIXED, free == 0.0
+        free = self.gather(self.rows.numbering, free)
+        self.held = ~free.any(axis=1)
+        own = [
+            free_parts(free[place.rows], model.pairs[0].base.shape[1])
+            for model, place in zip(self.models, self.places, strict=True)
+        ]
+        self.soft = np.concatenate(own) < NEARLY_FIXED
         self.redundant = np.zeros(len(self.held), dtype=bool)
         self.prescribed = []
         for model, place, L in zip(self.models, self.places, self.blocks, strict=True):
@@ -129,13 +134,6 @@ class ContactOperators:
                 rows, basis, redundant = prescribed_rows(L, self.held[place.rows])
                 self.prescribed.append((place.rows.start + rows, basis))
                 self.redundant[place.rows.start + redundant] = True
-
-    def _stiffness_scale(self, K: PETSc.Mat) -> float:
-        """Mean diagonal of K on the free surface dofs [force / length]; the geometric mean where
-        bodies may part, since there the softer one tells the forces."""
-        fixed, rows = self.dofs.fixed, self.rows.dofs.ravel() - self.dofs.first
-        rows = rows[(rows >= 0) & (rows < len(fixed))]
-        return mean_diagonal(K, rows[~fixed[rows]], geometric=not self.tied)
 
     def _check_support(self, K: PETSc.Mat) -> None:
         """Require that supports and ties hold every body, and that ties close no loop."""
@@ -236,3 +234,11 @@ class ContactOperators:
         """Free B and L_b; collective."""
         self.B.destroy()
         self.L_b.destroy()
+
+
+def _surface_stiffness(K: PETSc.Mat, operators: ContactOperators) -> float:
+    """Mean diagonal of K on the free surface dofs [force / length]; the geometric mean where bodies
+    may part, since there the softer one tells the forces."""
+    fixed, rows = operators.dofs.fixed, operators.rows.dofs.ravel() - operators.dofs.first
+    rows = rows[(rows >= 0) & (rows < len(fixed))]
+    return mean_diagonal(K, rows[~fixed[rows]], geometric=not operators.tied)

@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
-from test_contact import down, pressed
+from contact_scenes import Pressed
+from dolfinx import fem
+from test_contact import blocks, down, pressed
 
 import dolfinx_llm as llm
+from dolfinx_llm import compat
 from dolfinx_llm.laws.coulomb import newton_rows, projection_miss
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
@@ -64,6 +67,52 @@ def test_friction_that_varies():
     np.testing.assert_allclose(T, mu(result.x) * N, atol=1e-9 * N.max())
     again = dragged(llm.Coulomb(mu(result.x)))
     np.testing.assert_allclose(again.frame_friction, result.frame_friction, atol=1e-10 * N.max())
+
+
+def sliding(law_of):
+    """Gross slip under a law made for the upper or lower mesh, as ``law_of`` makes it."""
+    bodies = blocks()
+    law = law_of([domain for domain, _ in bodies])
+    scene = Pressed(bodies, law, lambda p: p[1] > 2.0 - 1e-9, lambda p: p[1] < 1e-9)
+    scene.move(down(0.03))
+    scene.move(down(0.03, drag=0.05), increments=2)
+    return scene.problem.results[0]
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_friction_as_a_function(side):
+    """A Function of either mesh, linear in position: as the same as a function of positions, where
+    the frame reaches beyond the body with the values at its edge."""
+    half = (1.0, 0.6)[side]
+
+    def mu(x):
+        return 0.2 + 0.1 * np.clip(x[0], -half, half)
+
+    def law_of(meshes):
+        V = compat.function_space(meshes[side], "Lagrange", 2 - side)
+        given = fem.Function(V)
+        given.interpolate(mu)
+        return llm.Coulomb(given, cohesion=given)
+
+    result = sliding(law_of)
+    known = sliding(lambda _: llm.Coulomb(lambda x: mu(x.T), cohesion=lambda x: mu(x.T)))
+    largest = known.frame_force.max()
+    np.testing.assert_allclose(result.frame_friction, known.frame_friction, atol=1e-9 * largest)
+    assert np.ptp(known.frame_friction[:, 0] / known.frame_force) > 0.03
+
+
+def test_a_function_of_no_side_is_refused():
+    def law_of(_):
+        return llm.Coulomb(fem.Function(compat.function_space(blocks()[0][0])))
+
+    with pytest.raises(llm.ContactInputError, match="neither side"):
+        sliding(law_of)
+
+    def vector(meshes):
+        return llm.Coulomb(fem.Function(compat.function_space(meshes[0], shape=(2,))))
+
+    with pytest.raises(llm.ContactInputError, match="scalar"):
+        sliding(vector)
 
 
 def test_part_without_friction():

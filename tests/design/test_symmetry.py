@@ -181,8 +181,14 @@ def turn(gdim, seed):
 
 
 def moves(gdim):
+    """Motions and bounds; in 3D, where they take long, all of a turned scene in one."""
     mirror = np.eye(gdim)
     mirror[0, 0] = -1.0
+    if gdim == 3:
+        return {
+            "mirrored": (Move(gdim, mirror), 1e-12),
+            "turned, mirrored and renumbered": (Move(3, turn(3, 7) @ mirror, -0.2, 23), 1e-10),
+        }
     return {
         "mirrored": (Move(gdim, mirror), 1e-12),
         "upside down": (Move(gdim, np.diag([1.0] * (gdim - 1) + [-1.0])), 1e-12),

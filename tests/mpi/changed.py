@@ -4,7 +4,6 @@ Prints, as JSON, the largest difference of displacements and forces, relative, p
 """
 
 import json
-import sys
 
 import numpy as np
 import scenes
@@ -126,11 +125,12 @@ def compare(comm, law, form, change):
     return out
 
 
-if __name__ == "__main__":
+if __name__ == "__main__":  # every change with every law, each in one of the forms
     comm, out = MPI.COMM_WORLD, {}
-    for law in sys.argv[1:]:
-        for form in FORMS[: 2 if law == "tied" else 3]:
-            for change in CHANGES:
-                out[f"{law} {form} {change.__name__}"] = compare(comm, law, form, change)
+    for shift, law in enumerate(LAWS):
+        forms = FORMS[: 2 if law == "tied" else 3]
+        for k, change in enumerate(CHANGES):
+            form = forms[(k + shift) % len(forms)]
+            out[f"{law} {form} {change.__name__}"] = compare(comm, law, form, change)
     if comm.rank == 0:
         print(json.dumps(out))

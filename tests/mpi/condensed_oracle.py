@@ -132,7 +132,7 @@ def differences(problem, kind, seed, options) -> dict:
         key: float(np.abs(a - b).max() / np.abs(b).max())
         for key, a, b in zip(("u", "λ", "v"), found, known, strict=True)
     }
-    idle = int(comm.allreduce(made.form.idle.sum()))
+    idle = int(comm.allreduce(made.form.tail.idle.sum()))
     made.destroy()
     return {**errors, "idle": idle}
 

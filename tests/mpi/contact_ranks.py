@@ -3,12 +3,14 @@
 import json
 
 import numpy as np
-from contact_scenes import random_pressed
+from contact_scenes import Pressed, random_pressed, rectangle
+from dolfinx import fem
 from mpi4py import MPI
 from rigid_scenes import Block
 from scenes import sorted_nodes
 
 import dolfinx_llm as llm
+from dolfinx_llm import compat
 from dolfinx_llm.forms import choice as solvers
 
 CONDENSED = 113, 0, "condensed"
@@ -48,11 +50,30 @@ def pressed_outcome(comm, kind, law, form):
     return found
 
 
+def varying_outcome(comm):
+    """Friction that varies, as a Function of the upper or the lower mesh."""
+    out = {}
+    for side in (0, 1):
+        rng = np.random.default_rng(5)
+        low = rectangle(comm, (7, 4), (-1.0, 0.0), (1.0, 1.0), "quadrilateral", 0.2, rng)
+        high = rectangle(comm, (5, 4), (-0.6, 1.0), (0.6, 2.0), "triangle", 0.2, rng)
+        mu = fem.Function(compat.function_space((low, high)[side][0]))
+        mu.interpolate(lambda x: 0.2 + 0.1 * x[0] ** 2)
+        law = llm.Coulomb(mu)
+        scene = Pressed((low, high), law, lambda p: p[1] > 2.0 - 1e-9, lambda p: p[1] < 1e-9)
+        for drag in (0.0, 0.05):
+            scene.move(lambda p, drag=drag: np.array([drag + 0.0 * p[0], -0.03 + 0.0 * p[0]]))
+        out[f"varying {side}"] = scene.problem.results[0].frame_friction.tolist()
+        scene.problem.destroy()
+    return out
+
+
 if __name__ == "__main__":
     found = {}
     for case in ((103, 10**6), (104, 10**6), (113, 10**6), (104, 0), (113, 0), CONDENSED):
         found |= outcome(MPI.COMM_WORLD, *case)
     for case in (("triangle", "saddle"), ("hexahedron", "flexibility"), ("triangle", "condensed")):
         found |= pressed_outcome(MPI.COMM_WORLD, case[0], llm.Coulomb(0.3), case[1])
+    found |= varying_outcome(MPI.COMM_WORLD)
     if MPI.COMM_WORLD.rank == 0:
         print(json.dumps(found))

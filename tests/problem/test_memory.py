@@ -13,7 +13,7 @@ import dolfinx_llm as llm
 from dolfinx_llm.forms import choice
 
 COMM = MPI.COMM_WORLD
-WARM, COUNT = 6, 50
+WARM, COUNT = 6, 25
 MOST = 0.15  # MB that a problem may leave; it was 0.6 to 0.7
 
 

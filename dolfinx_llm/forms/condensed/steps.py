@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.sparse import identity
+from scipy.sparse import diags, identity
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.parallel import gather_rows
@@ -63,6 +63,8 @@ class CondensedForm(WholeSteps):
                 f"rows that give way (compliance {given:.1e} of the surfaces') cannot be "
                 "eliminated: use solver='saddle' in the place of 'condensed'"
             )
+        if not _holds(step):  # what the matrix alone does not tell
+            self.release()
         found = super().solve(f, step)
         if self.eager:  # what a factorisation leaves is the rounding of f - K u
             level = force_level(found.multiplier, found.y + step.g, self.scale)
@@ -94,7 +96,7 @@ class CondensedForm(WholeSteps):
             self.operators.unknowns,
             self._block,
         )
-        symmetric = abs(step.E - step.L.T).nnz == 0
+        symmetric = abs(step.E - step.L.T).nnz == 0 and _holds(step)
         self.eager = not symmetric  # to ask takes a solve by CG there, a factor's here
         if symmetric:
             hold = -step.D.diagonal()
@@ -220,7 +222,7 @@ class _WithFriction:
         form, split, numbering = self._form, self._split, self._rows.multipliers
         u_0, v_0 = form.offsets(f, g[self._on][numbering.mine])
         b = form.load(f, u_0, self._test)
-        b[len(f) + form.seats] -= (rhs - self._D @ v_0)[form.mine_used]
+        b[len(f) + form.tail.seats] -= (rhs - self._D @ v_0)[form.tail.mine_used]
         q = self._solver.solve(b)
         u, force, S = form.motion(q) + u_0, np.zeros(len(f)), split.surface
         force[S] = np.where(self._fixed[S], 0.0, f[S] - split.rows(u))
@@ -233,3 +235,10 @@ class _WithFriction:
         """Free the PETSc objects; collective."""
         for item in (self._solver, self._test, self._form.T):
             item.destroy()
+
+
+def _holds(step: LinearStep) -> bool:
+    """Whether D does no more than hold each frame unknown by a spring of its own."""
+    own = step.D.diagonal()
+    alone = abs(step.D - diags(own)).max() == 0.0 if len(own) else True
+    return bool(alone and (own <= 0.0).all() and not step.rhs[own == 0.0].any())

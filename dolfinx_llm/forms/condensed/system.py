@@ -184,7 +184,7 @@ class CondensedSystem:
         self._check(f, g, u, multiplier, v, force, centre)
         seconds = {"set-up": ready - began, "solve": time.perf_counter() - ready}
         self.steps.append({"iterations": self.iterations, **seconds})
-        return u, multiplier, v[form.mine_v]
+        return u, multiplier, v[form.tail.mine_v]
 
     def _guess(self, u_0: np.ndarray, v_0: np.ndarray) -> np.ndarray:
         """q of the last solution; zero for a factorisation, which needs no start."""

@@ -1,8 +1,7 @@
 """T of the condensed form: u = T q + u_0, v = Z q_v + v_0.
 
 q holds, on each rank, a place for each dof of its bodies, idle at surface nodes, and then
-what the surfaces have left to solve for (``tail``): the unknowns of surface nodes that are not
-eliminated entirely, and those of the frame nodes, in blocks of gdim.
+what the surfaces have left to solve for (``tail``).
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from dolfinx_llm.forms.condensed.elimination import (
     eliminate_at_nodes,
 )
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
+from dolfinx_llm.forms.condensed.tail import Tail
 from dolfinx_llm.operators.petsc import create_aij, times
 
 
@@ -48,7 +48,12 @@ class Transformation:
         self.A, self.N, self.W = node.A, node.N, node.W
         self.L = rows.L[rows.multipliers.mine]  # rows of this rank
         self.frame = FrameElimination(self._frame_rows(), soft)
-        self._number()
+        surface = split.surface
+        self._N_S = self.N[surface][:, surface].multiply(~fixed[surface]).tocsr()
+        self._N_S.eliminate_zeros()
+        motion = self.A @ (self.L @ self.frame.Z)
+        held = None if proximal is None else abs(self.frame.Z).T @ proximal > 0.0
+        self.tail = Tail(self.comm, self.gdim, rows, self._N_S, motion, held)
         self.T = self.columns_of(self.L @ self.frame.Z)
 
     def _frame_rows(self) -> csr_matrix:
@@ -62,64 +67,25 @@ class Transformation:
         self._W_all = csr_matrix((data, (row, col)), shape=(sum(count), self.rows.L.shape[0]))
         return (self._W_all @ self.rows.L).tocsr()
 
-    def _number(self) -> None:
-        """Places in the tail: ``left`` (S,) of this rank's surface dofs, -1 where there is none,
-        and of its frame unknowns; ``columns`` (m,) are the numbers of all frame unknowns."""
-        frames, gdim, comm, surface = self.rows.frames, self.gdim, self.comm, self.split.surface
-        self._N_S = self.N[surface][:, surface].multiply(~self.fixed[surface]).tocsr()
-        self._N_S.eliminate_zeros()
-        kept = (np.diff(self._N_S.tocsc().indptr) > 0).reshape(-1, gdim).any(axis=1)
-        place = np.cumsum(kept) - 1
-        self.left = np.where(kept[:, None], place[:, None] * gdim + np.arange(gdim), -1).ravel()
-        n = gdim * int(kept.sum())
-
-        motion = self.A @ (self.L @ self.frame.Z)
-        used = comm.allreduce((np.diff(motion.tocsc().indptr) > 0).astype(np.int64)) > 0
-        if self.proximal is not None:
-            used |= abs(self.frame.Z).T @ self.proximal > 0.0
-        bs = self.rows.block
-        item_owner = frames.owner[::bs]
-        items = np.flatnonzero(used.reshape(-1, bs).any(axis=1))
-        items = items[np.argsort(item_owner[items], kind="stable")]
-        owner = item_owner[items]
-        pad = -(-bs // gdim) * gdim  # whole blocks for each item
-        count = np.bincount(owner, minlength=comm.size)
-        nodes = np.array(comm.allgather(n))
-        start = np.concatenate([[0], np.cumsum(nodes + pad * count)])
-        within = np.arange(len(items)) - (np.cumsum(count) - count)[owner]
-        number = np.full(len(item_owner), -1)
-        number[items] = start[owner] + nodes[owner] + pad * within
-        columns = np.where(number[:, None] < 0, -1, number[:, None] + np.arange(bs))
-        self.columns = columns.ravel()
-        self.first = int(start[comm.rank])
-        self.tail = int(start[comm.rank + 1] - start[comm.rank]), int(start[-1])
-        mine = (frames.owner == comm.rank) & used
-        self.mine_used = np.flatnonzero(mine)  # this rank's frame unknowns that are in q
-        self.seats = self.columns[mine] - self.first
-        self.mine_v = frames.mine
-        self.idle = np.ones(self.tail[0], dtype=bool)
-        self.idle[self.left[np.unique(self._N_S.indices)]] = False
-        self.idle[self.seats] = False
-
     def columns_of(self, L: csr_matrix) -> Any:
         """T_S, where the rows of this rank see the frames' motion as L (R, m)."""
         nodes, frame = self._N_S.tocoo(), (self.A[self.split.surface] @ L).tocoo()
-        value = np.concatenate([nodes.data, frame.data])
+        value, tail = np.concatenate([nodes.data, frame.data]), self.tail
         row = np.concatenate([nodes.row, frame.row])
-        col = np.concatenate([self.left[nodes.col] + self.first, self.columns[frame.col]])
-        local = csr_matrix((value, (row, col)), shape=(nodes.shape[0], self.tail[1]))
-        return create_aij(self.comm, self.split.K_SS.getSizes()[0], self.tail, local)
+        col = np.concatenate([tail.left[nodes.col] + tail.first, tail.columns[frame.col]])
+        local = csr_matrix((value, (row, col)), shape=(nodes.shape[0], tail.sizes[1]))
+        return create_aij(self.comm, self.split.K_SS.getSizes()[0], tail.sizes, local)
 
     def reduce(self, D: csr_matrix, idle: float, test: Any = None) -> Any:
         """Tᵀ K T plus D (m, m) at the frames' unknowns, and ``idle`` on the diagonal where the tail
         has a place without an unknown; with ``test`` the T_S of its rows."""
-        D = D[self.mine_used].tocoo()
-        diagonal = np.arange(self.tail[0])
-        value = np.concatenate([D.data, idle * self.idle])
-        row = np.concatenate([self.seats[D.row], diagonal])
-        col = np.concatenate([self.columns[D.col], diagonal + self.first])
-        local = csr_matrix((value, (row, col)), shape=self.tail)
-        added = create_aij(self.comm, self.tail, self.tail, local)
+        tail = self.tail
+        D, diagonal = D[tail.mine_used].tocoo(), np.arange(tail.sizes[0])
+        value = np.concatenate([D.data, idle * tail.idle])
+        row = np.concatenate([tail.seats[D.row], diagonal])
+        col = np.concatenate([tail.columns[D.col], diagonal + tail.first])
+        local = csr_matrix((value, (row, col)), shape=tail.sizes)
+        added = create_aij(self.comm, tail.sizes, tail.sizes, local)
         matrix = self.split.reduce(self.T, added, test)
         added.destroy()
         matrix.setBlockSize(self.gdim)
@@ -151,10 +117,10 @@ class Transformation:
     def push(self, centre: np.ndarray | None, v_0: np.ndarray) -> np.ndarray:
         """Zᵀ d (c - v_0), the load of the proximal term on q."""
         n = len(self.fixed)
-        load = np.zeros(n + self.tail[0])
+        load = np.zeros(n + self.tail.sizes[0])
         if self.proximal is not None:
             pull = self.proximal * ((0.0 if centre is None else centre) - v_0)
-            load[n + self.seats] = (self.frame.Z.T @ pull)[self.mine_used]
+            load[n + self.tail.seats] = (self.frame.Z.T @ pull)[self.tail.mine_used]
         return load
 
     def offsets(self, f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -166,14 +132,7 @@ class Transformation:
 
     def frame_motion(self, q: np.ndarray, v_0: np.ndarray) -> np.ndarray:
         """(m,) v on every rank."""
-        return self.frame.Z @ self.frame_unknowns(q) + v_0
-
-    def frame_unknowns(self, q: np.ndarray) -> np.ndarray:
-        """(m,) q_v on every rank."""
-        q_v = np.zeros(self.frame.size)
-        for place, value in self.comm.allgather((self.mine_used, q[len(self.fixed) + self.seats])):
-            q_v[place] = value
-        return q_v
+        return self.frame.Z @ self.tail.frame_unknowns(q[len(self.fixed) :]) + v_0
 
     def frame_law(self, E: csr_matrix, D: csr_matrix, c: float) -> csr_matrix:
         """(m, m) E λ + D v of the frames' unknowns, where they are forces: of rows that bind the
@@ -189,7 +148,8 @@ class Transformation:
 
     def frame_multipliers(self, q: np.ndarray, c: float) -> np.ndarray:
         """(R,) λ of this rank that binds the frame alone, where it is unknown."""
-        force = c * self.frame.Q @ self.frame_unknowns(q)[self.frame.dependent]
+        q_v = self.tail.frame_unknowns(q[len(self.fixed) :])
+        force = c * self.frame.Q @ q_v[self.frame.dependent]
         return self.W.T @ force[self._mine_D]
 
     def multipliers(
@@ -219,10 +179,10 @@ class Transformation:
         far as they have places in it: zero at prescribed dofs and idle places."""
         S, n = self.split.surface, len(self.fixed)
         body = np.where(self.fixed[:, None], 0.0, body)
-        values = np.zeros((n + self.tail[0], body.shape[1]))
-        there = self.left >= 0
-        values[n + self.left[there]] = (self._N_S.T @ body[S])[there]
-        values[n + self.seats] = frame[self.mine_used]
+        values = np.zeros((n + self.tail.sizes[0], body.shape[1]))
+        there = self.tail.left >= 0
+        values[n + self.tail.left[there]] = (self._N_S.T @ body[S])[there]
+        values[n + self.tail.seats] = frame[self.tail.mine_used]
         body[S] = 0.0
         values[:n] = body
         return values
