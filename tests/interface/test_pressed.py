@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from contact_scenes import NU, E
-from rigid_scenes import FORMS, Block
+from rigid_scenes import FORMS, Block, stack
 
 import dolfinx_llm as llm
 from dolfinx_llm.forms import choice
@@ -87,6 +87,27 @@ def test_column_under_a_force(kind):
     lower = llm.RigidPlane(up(gdim, -0.3, 0.0), up(gdim, 1.0, 0.0), force=up(gdim, 50.0))
     block = Block(kind, lambda R: lower, llm.Frictionless(), rollers=True)
     assert block.solve().displacement[-1] == pytest.approx(0.3 + 50.0 / (modulus * area), rel=1e-11)
+
+
+PRESSED = [
+    ((llm.Tied(), llm.Frictionless()), (None, -50.0)),
+    ((llm.Tied(), llm.Coulomb(0.2)), (2.0, -50.0)),
+    ((llm.Coulomb(0.3), llm.Frictionless()), (None, -50.0)),
+    ((llm.Coulomb(0.3), llm.Coulomb(0.2)), (2.0, -50.0)),
+]
+
+
+@pytest.mark.parametrize("laws, force", PRESSED, ids=[f"{a}-{b}" for (a, b), _ in PRESSED])
+def test_force_goes_through_a_stack(laws, force):
+    """Frames beside an obstacle under force: its force passes through both interfaces, and the
+    forms of (31) agree."""
+    answers = []
+    for form in FORMS:
+        problem, u = stack(laws, form, force)
+        answers.append(u)
+        for result in problem.results:
+            assert result.resultant == pytest.approx([-(force[0] or 0.0), 50.0], abs=1e-10)
+    assert max(np.abs(u - answers[0]).max() for u in answers) < 1e-11 * np.abs(answers[0]).max()
 
 
 @pytest.mark.parametrize("form", FORMS)

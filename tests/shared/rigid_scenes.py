@@ -83,3 +83,37 @@ def rolling(V):
     where += corner((-1.0,) * (gdim - 1) + (1.0,), range(gdim - 1))
     where += corner((1.0, -1.0, 1.0), [1]) if gdim == 3 else []
     return scenes.hold(V, where, lambda p: np.zeros((gdim, p.shape[1])))
+
+
+def stack(laws, form, force, comm=MPI.COMM_SELF):
+    """Two rectangles on each other, the lower one clamped, a plane pressed on the upper one's top.
+
+    Args:
+        laws: of the bodies' interface, and of the plane.
+        form: of ``FORMS``.
+        force: on the plane.
+
+    Returns:
+        The problem, solved, and its displacements (n,).
+    """
+    rng, plane = np.random.default_rng(5), llm.RigidPlane((0.0, 2.0), (0.0, -1.0), force=force)
+    made = [
+        cs.rectangle(comm, (n, 3), (-1, z), (1, z + 1), "triangle", 0.2, rng)
+        for n, z in ((5, 0), (4, 1))
+    ]
+    spaces = [compat.function_space(d, shape=(2,)) for d, _ in made]
+    forms = [scenes.forms(V) for V in spaces]
+    at = fem.locate_dofs_geometrical(spaces[0], scenes.on(1, 0.0))
+    solver, choice.FLEXIBLE = FORMS[form]
+    tags = [t for _, t in made]
+    problem = llm.ContactProblem(
+        [a for a, _ in forms],
+        [L for _, L in forms],
+        bcs=[fem.dirichletbc(fem.Function(spaces[0]), at)],
+        interfaces=[
+            llm.Interface(None, ((tags[0], cs.ABOVE), (tags[1], cs.BELOW)), law=laws[0]),
+            llm.Interface(None, ((tags[1], cs.ABOVE), plane), law=laws[1]),
+        ],
+        solver=solver,
+    )
+    return problem, np.concatenate([u.x.array for u in problem.solve()])

@@ -216,6 +216,8 @@ class Transformation:
         (f, g), (u, multiplier, v) = given, found
         residual, miss = self.residual(u, multiplier, v, g, force)
         frame = self.frame_forces(multiplier, v, centre)
-        parts = [(residual,), (scale * miss,), (frame,), (f, scale * g), (scale * u, scale * v)]
+        held = 0.0 if centre is None or self.proximal is None else centre * self.proximal
+        parts = [(residual,), (scale * miss,), (frame,), (f, scale * g, held)]
+        parts += [(scale * u, scale * v)]
         own = [max(np.abs(a).max(initial=0.0) for a in part) for part in (*parts, (multiplier,))]
         return np.max(self.comm.allgather(own), axis=0)
