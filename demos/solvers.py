@@ -74,16 +74,16 @@ def contact(comm, n, solver, options, frictionless):
     )  # fmt: skip
     problem.solve()
     times = dict(problem.times)
-    system = problem.method.system.system if frictionless else problem.method.system
+    form = problem.method.form
     row = {
         "unknowns": problem.unknowns["u"],
-        "iterations": getattr(system, "iterations", 0),
+        "iterations": form.system.iterations if form.name == "condensed" else 0,
         "set-up": times.pop("factorisation", 0.0),
         "solve": times.pop("solve", 0.0),
-        "residual": system.residual,
+        "residual": problem.method.iteration.verdict.residual,
     }
     if frictionless:
-        steps = system.steps
+        steps = form.system.steps
         for stage in ("set-up", "solve"):
             row[f"all_{stage}"] = sum(step[stage] for step in steps)
         times["steps"] = row["set-up"] - row["all_set-up"] - row["all_solve"]

@@ -11,6 +11,7 @@ from dolfinx_llm.base import compat  # isort: skip
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.design.positions import design_positions
 from dolfinx_llm.design.weights import design_weights
+from dolfinx_llm.forms.step import LinearStep, StepForm, StepResult
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.obstacle import Obstacle
@@ -47,11 +48,14 @@ __all__ = [
     "Law",
     "LawNodes",
     "LawRows",
+    "LinearStep",
     "Obstacle",
     "RigidCylinder",
     "RigidPlane",
     "RigidSphere",
     "RigidSurface",
+    "StepForm",
+    "StepResult",
     "Tied",
     "classical",
     "design_positions",

@@ -60,7 +60,8 @@ def with_frame(scene, problem):
     row["unknowns"] = sum(unknowns.values())
     if problem.form == "condensed":
         row["unknowns"] = unknowns["u"] - unknowns["lambda"] + unknowns["v"]
-    iterations = getattr(problem.method.system, "iterations", len(problem.history))
+    system = getattr(problem.method.form, "system", None)
+    iterations = system.iterations if system is not None else len(problem.history)
     row |= {"iterations": iterations, **scene.errors(u, problem)}
     problem.destroy()
     return row

@@ -23,7 +23,11 @@ class Clock:
 
 
 class StageTimes(dict[str, float]):
-    """Seconds per stage, summed up."""
+    """Seconds per stage, summed up; those of a stage inside of another count for itself alone."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.inside = [0.0]  # seconds of stages that have ended within each that goes on
 
     def timed(self, stage: str) -> Timer:
         """What adds the seconds of a ``with`` block to those of a stage, and logs them."""
@@ -47,9 +51,12 @@ class Timer:
         self.stage, self._times = stage, times
 
     def __enter__(self) -> None:
+        self._times.inside.append(0.0)
         self.start = time.perf_counter()
 
     def __exit__(self, *_: object) -> None:
         seconds = time.perf_counter() - self.start
-        log.info("%s: %.3g s", self.stage, seconds)
-        self._times.add({self.stage: seconds})
+        own = seconds - self._times.inside.pop()
+        self._times.inside[-1] += seconds
+        log.info("%s: %.3g s", self.stage, own)
+        self._times.add({self.stage: own})

@@ -9,6 +9,7 @@ in the slip κ of (13). Works on the interface alone: arrays that are the same o
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -48,7 +49,8 @@ class Equations:
         self.states = [InterfaceState(nodes) for nodes in friction_nodes(operators)]
         places = [state.nodes for state in self.states]
         self.n = sum(nodes.rows.size for nodes in places)
-        self.compliance = np.where(operators.soft, SOFT / self.scale, 0.0)
+        soft = operators.soft & (not operators.tied)  # ties alone leave no force to laws
+        self.compliance = np.where(soft, SOFT / self.scale, 0.0)
         L = block_diag([nodes.L for nodes in places], format="csr")
         L_kappa = block_diag([nodes.L_kappa for nodes in places], format="csr")
         kept = diags(np.concatenate([nodes.kept for nodes in places]).astype(float))
@@ -59,10 +61,6 @@ class Equations:
         self._rigid = np.zeros(self.m)  # 1: translations of obstacles, the others nodal motions
         for s in self.states:
             self._rigid[s.nodes.v] = s.nodes.model.frame is None
-        fitted = self.L @ diags(1.0 - self._rigid)
-        self._fit: Any = (
-            splu((fitted.T @ fitted + 1e-10 * identity(self.m)).tocsc()) if self.m else None
-        )
         self.normal = np.zeros(self.n, dtype=bool)
         self.drifts = np.zeros(self.m, dtype=bool)
         for nodes in places:
@@ -91,12 +89,19 @@ class Equations:
         return self._operators.frame_loads()
 
     def middle(self, position: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """(m,) frame that fits the positions of all rows best; obstacles stay as in w (m,)."""
-        if not self.m:
-            return np.zeros(0)
+        """(m,) frame that fits the positions of all rows best; obstacles stay as in w (m,). Ties
+        alone do not ask for it."""
+        if not self.m or self._operators.tied:
+            return np.zeros(self.m)
         own = self._rigid * w
         fitted = self._fit.solve(self.L.T @ (position - self.L @ own))
         return np.where(self._rigid > 0.0, own, fitted)
+
+    @cached_property
+    def _fit(self) -> Any:
+        """Factorised LᵀL."""
+        fitted = self.L @ diags(1.0 - self._rigid)
+        return splu((fitted.T @ fitted + 1e-10 * identity(self.m)).tocsc())
 
     def step(
         self, about: Any, g: np.ndarray, centre: np.ndarray, held: Any, calmed: bool
@@ -129,9 +134,12 @@ class Equations:
                 D.append(own + C_jump @ nodes.selection(self.m))
                 before = C_jump @ s.own.kappa_before.ravel()
                 rhs.append(own @ centre + rows.rhs.ravel() + before)
-        frame = stack(E, format="csr"), stack(D, format="csr"), np.concatenate(rhs)
-        every = active, self.may_open(), self.L, g, self.compliance
-        return LinearStep(*every, *frame, *held)
+        (anchor, spring), floating = held, self._operators.floating
+        return LinearStep(
+            active, self.may_open(), self.L, g, self.compliance,
+            stack(E, format="csr"), stack(D, format="csr"), np.concatenate(rhs),
+            anchor, spring, floating.pins, spring * floating.at_pins(anchor),
+        )  # fmt: skip
 
     def law_rows(
         self, s: InterfaceState, multiplier: np.ndarray, w: np.ndarray, calmed: bool
@@ -163,9 +171,9 @@ class Equations:
 
     def miss(self, multiplier: np.ndarray, w: np.ndarray) -> float:
         """By how much balance of the frames and the laws are missed, at most [force]."""
-        return max(self._imbalance(multiplier), self._law_miss(multiplier, w))
+        return max(self.imbalance(multiplier), self._law_miss(multiplier, w))
 
-    def _imbalance(self, multiplier: np.ndarray) -> float:
+    def imbalance(self, multiplier: np.ndarray) -> float:
         """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
         with theirs."""
         left = self._frame_gather() @ (self._L_t @ multiplier) - self.loads

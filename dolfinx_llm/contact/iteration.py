@@ -40,7 +40,7 @@ class ContactIteration:
         f, g: this rank's load and the gaps at rest, from which the first load step starts.
 
     Attributes:
-        equations: of the laws.
+        operators, equations: as given; of the laws.
         states: per interface its ``InterfaceState``.
         multiplier: (n,) λ [force]; None: nothing has been solved.
         w: (m,) frame and slip unknowns [length].
@@ -57,7 +57,7 @@ class ContactIteration:
         self, operators: ContactOperators, form: StepForm, f: np.ndarray, g: np.ndarray
     ) -> None:
         self.scale, self.form, self._rest = operators.scale, form, (f, g)
-        self.equations = Equations(operators, form.proximal)
+        self.operators, self.equations = operators, Equations(operators, form.proximal)
         self.states = self.equations.states
         self.bar: tqdm | None = None
         self._calmed = False
@@ -89,7 +89,7 @@ class ContactIteration:
         for state, kept in zip(self.states, other.states, strict=True):
             state.restore(kept.own)
         self.multiplier, self.w = other.multiplier, other.w
-        self.alpha = self.form.floating.amounts(u)  # of other modes, perhaps
+        self.alpha = self.operators.floating.amounts(u)  # of other modes, perhaps
         self.forces, self.pressed = other.forces, other.pressed
         self.f, self.g = f, g
         self.equations.loads = other.equations.loads
@@ -122,7 +122,7 @@ class ContactIteration:
         w = self.w if known else np.zeros(equations.m)
         pressed = max(self.pressed, np.abs(equations.loads).max(initial=0.0))
         centre = w if known else equations.middle(g, w)
-        floating = self.form.floating
+        floating = self.operators.floating
         alpha = self.alpha if known else np.zeros(floating.count)
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
         calm, self._calmed = 0, False  # iterations without a change of state; whether any was
@@ -150,6 +150,9 @@ class ContactIteration:
             entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
             self.history.append(entry)
             tell_iteration(entry, self.bar)
+            if self.operators.tied:  # one linear step is all
+                self.multiplier, self.w, self.alpha = multiplier, w, found.floating
+                return found
             # That all stick at first is a state that changes, where the law says something else.
             supposed = not known and iteration == 1 and miss > self.form.accuracy
             calm = 0 if changes or supposed else calm + 1

@@ -11,7 +11,8 @@ from scipy.sparse import diags
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.forms.step import StepResult
-from dolfinx_llm.forms.verdict import FinalError, judge
+from dolfinx_llm.forms.verdict import FinalError, beyond, check_rounding, judge, largest, size
+from dolfinx_llm.operators.petsc import times
 
 log = logging.getLogger("dolfinx_llm")
 
@@ -38,7 +39,8 @@ def advance(
     equations = iteration.equations
     start = iteration.f, iteration.g, equations.loads
     end = f, g, equations.frame_loads()
-    done, part = 0.0, 1.0 / increments
+    tied = iteration.operators.tied  # a part is as hard as the whole
+    done, part = 0.0, 1.0 if tied else 1.0 / increments
     iteration.history = []
     first = iteration.snapshot()
     while done < 1.0 - 1e-9:
@@ -53,6 +55,8 @@ def advance(
             raise
         except ContactError as failed:
             iteration.restore(before)
+            if tied:
+                raise
             if part <= SMALLEST / increments:
                 iteration.restore(first)
                 raise ContactError(
@@ -62,7 +66,7 @@ def advance(
             log.info("no convergence: the load is applied in parts of %.3g", part)
             continue
         try:
-            u = _judged(iteration, found)
+            u = _judged(iteration, found, f_t, g_t)
         except ContactError:
             iteration.restore(first)
             raise
@@ -72,16 +76,30 @@ def advance(
     return u, found.multiplier, found.w[: iteration.equations.n_v]
 
 
-def _judged(iteration: ContactIteration, found: StepResult) -> np.ndarray:
-    """u of this rank, once its equations hold."""
-    form, equations = iteration.form, iteration.equations
-    u, left, terms, loads = form.displacement(found)
-    largest = [np.abs(a).max(initial=0.0) for a in (loads, found.multiplier)]
-    iteration.forces = max(iteration.forces, float(np.max(form.comm.allgather(largest))))
-    verdict = judge(form.comm, left, terms, iteration.forces, form.name)
+def _judged(
+    iteration: ContactIteration, found: StepResult, f: np.ndarray, g: np.ndarray
+) -> np.ndarray:
+    """u of this rank, once the equations hold for its load f and the gaps g."""
+    form, equations, operators = iteration.form, iteration.equations, iteration.operators
+    free, u, multiplier = ~operators.dofs.fixed, form.displacement(found), found.multiplier
+    pushed = times(operators.B, multiplier[operators.rows.numbering.mine])
+    left, terms, *forces = largest(
+        operators.comm,
+        free * form.left(f, u, multiplier),
+        free * operators.diagonal * u,
+        free * f,
+        free * pushed,
+    )
+    iteration.forces = max(iteration.forces, *forces)
+    follows = equations.L @ found.w
+    gap = found.active * (found.y - follows - equations.compliance * multiplier + g)
+    apart, *moved = (operators.scale * size(a) for a in (gap, found.y, follows, g))
+    left = max(left, beyond(apart, max(moved)), equations.imbalance(multiplier))
+    verdict = judge(left, terms, iteration.forces, form.describe(), form.tolerance)
+    check_rounding(verdict.rounding)
     on = diags(equations.closed_rows().astype(float))
-    drift = form.floating.drift((on @ equations.L[:, : equations.n_v]).tocsr())
+    drift = operators.floating.drift((on @ equations.L[:, : equations.n_v]).tocsr())
     iteration.verdict = replace(verdict, drift=drift)
-    for words in iteration.verdict.lost if form.comm.rank == 0 else []:
+    for words in iteration.verdict.lost if operators.comm.rank == 0 else []:
         log.warning(words)
     return u

@@ -1,4 +1,4 @@
-"""Steps of contact laws on the whole system, set up anew in each: for large interfaces.
+"""Steps of contact laws on the whole system, set up where its matrix changes.
 
 The same as ``flexibility``, where the surfaces have so many nodes that asking the bodies for their
 answer to every multiplier costs more than a few factorisations. They are asked for the few whose
@@ -7,143 +7,139 @@ sign is wrong, and for those that get it wrong in turn.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
+from typing import Protocol
 
 import numpy as np
+from petsc4py import PETSc
 
-from dolfinx_llm.base.parallel import gather_rows
-from dolfinx_llm.forms.floating import Floating
-from dolfinx_llm.forms.step import (
-    SIGN,
-    Displacement,
-    LinearStep,
-    StepResult,
-    force_level,
-    wrong_signs,
-)
-from dolfinx_llm.forms.verdict import EPS, SEVERAL
+from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, force_level
+from dolfinx_llm.forms.verdict import EPS, SEVERAL, largest
 from dolfinx_llm.laws.complementarity import complementarity
-from dolfinx_llm.operators.numbering import Numbering
-from dolfinx_llm.operators.petsc import diagonal_of, times
+from dolfinx_llm.operators.petsc import times
+from dolfinx_llm.operators.system import ContactOperators
 
 
-class WholeSteps:
-    """What steps on the whole system share.
+class SetUp(Protocol):
+    """What a step's matrix was set up to."""
+
+    def ask(
+        self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """This rank's u, and all of λ (n,) and w (m,), for this rank's f, (n,) g and (m,) rhs."""
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+
+
+class WholeSteps(StepForm):
+    """What steps on the whole system share; what has been set up serves as long as the step's
+    matrix stays.
 
     Args:
-        K, B, bodies, fixed, scale, prefix, options: as of ``Flexibility``.
-        rows: the multipliers' ``Numbering``.
-        frames: ``Numbering`` of frame and slip unknowns.
+        prefix: of the PETSc options.
+        options: PETSc options on top of the form's own.
+        times: to which seconds are added.
     """
 
-    name = "the whole system"
     accuracy = 1e-13  # of balance and law, relative
     proximal = 1e-10  # as small as factorisation and preconditioner bear
-    noise = 0.0  # of forces, by rounding [force]
     most = 200  # pairs that are asked for; where more have a wrong sign, all of these change
     eager = True  # asks whenever it may, not only where change has brought nothing
 
     def __init__(
-        self,
-        K: Any,
-        B: Any,
-        rows: Any,
-        frames: Any,
-        bodies: Any,
-        fixed: np.ndarray,
-        scale: float,
-        prefix: str,
-        options: dict | None = None,
+        self, prefix: str = "llm_", options: dict | None = None, times: StageTimes | None = None
     ) -> None:
-        self.K, self.B, self.rows, self.frames, self.scale = K, B, rows, frames, scale
-        self.comm, self.fixed, self._prefix, self._options = bodies.comm, fixed, prefix, options
-        self.floating = Floating(K, B, rows, bodies, fixed)
-        self._pins = self.floating.pins
-        self._diagonal = diagonal_of(K)
-        self.f: Any = None  # this rank's load of the last step
-        self._u = np.zeros(0)  # of the last step
-        self._wrong = np.inf  # signs that were wrong there
+        self.prefix, self.options = prefix, options
+        self.times = StageTimes() if times is None else times
+        self._set: tuple[LinearStep, SetUp] | None = None
+        self._f: np.ndarray | None = None  # this rank's load of the last step
+        self._wrong: float = np.inf  # signs that were wrong there
 
-    def correct(self, found: StepResult) -> None:
-        """Nothing to correct: every step solves the whole system."""
+    def prepare(self, K: PETSc.Mat, operators: ContactOperators) -> None:
+        """See ``StepForm``."""
+        self.release()
+        super().prepare(K, operators)
+        self.scale = operators.scale
+
+    def set_up(self, step: LinearStep) -> SetUp:
+        """The matrix of a step, ready for loads; it has the springs of the step."""
+        raise NotImplementedError
+
+    def _served(self, step: LinearStep) -> SetUp:
+        """What there is, if it serves this step."""
+        if self._set is not None and step.same_matrix(self._set[0]):
+            return self._set[1]
+        self.release()
+        made = self.set_up(step)
+        self._set = step, made
+        return made
+
+    def release(self) -> None:
+        """Free what was set up; collective."""
+        if self._set is not None:
+            self._set[1].destroy()
+        self._set = None
 
     def solve(self, f: np.ndarray, step: LinearStep) -> StepResult:
         """See ``StepForm``."""
-        if f is not self.f:
-            self.f, self._wrong = f, np.inf
-        f = f.copy()
-        f[self._pins] += step.spring * self.floating.at_pins(step.anchor)
-        ask, done = self._set_up(step)
-        try:
-            multiplier, y, w = self._answer(ask, f, step.g, step.rhs)
-            active = step.active
-            wrong = wrong_signs(step, multiplier, y, w, self.scale)
-            before, self._wrong = self._wrong, wrong.sum()
-            if 0 < self._wrong <= self.most and (self.eager or self._wrong >= before):
-                pairs, forces = self._choose(ask, step, wrong, multiplier, y, w)
-                if len(pairs):
-                    active = active.copy()
-                    active[pairs] ^= True
-                    df, dg, drhs = self._loads(step, pairs, forces)
-                    multiplier, y, w = self._answer(ask, f + df, step.g + dg, step.rhs + drhs)
-                    multiplier[pairs] = np.where(active[pairs], forces, 0.0)
-                    chosen = replace(step, active=active)
-                    wrong = wrong_signs(chosen, multiplier, y, w, self.scale)
-        finally:
-            done()
-        terms = np.abs(~self.fixed * self._diagonal * self._u).max(initial=0.0)
-        self.noise = SEVERAL * EPS * max(self.comm.allgather(terms))
-        return StepResult(multiplier, y, w, self.floating.amounts(self._u), active, wrong)
+        if f is not self._f:
+            self._f, self._wrong = f, np.inf
+        made, f = self._served(step), step.loaded(f)
+        found = self.result(step, *made.ask(f, step.g, step.rhs))
+        before, self._wrong = self._wrong, int(found.wrong.sum())
+        if 0 < self._wrong <= self.most and (self.eager or self._wrong >= before):
+            pairs, forces = self._choose(made, step, found)
+            if len(pairs):
+                active = step.active.copy()
+                active[pairs] ^= True
+                df, dg, drhs = self._loads(step, pairs, forces)
+                u, multiplier, w = made.ask(f + df, step.g + dg, step.rhs + drhs)
+                multiplier[pairs] = np.where(active[pairs], forces, 0.0)
+                found = self.result(step, u, multiplier, w, active)
+        operators = self.operators
+        terms = largest(operators.comm, ~operators.dofs.fixed * operators.diagonal * found.u)
+        self.noise = SEVERAL * EPS * terms[0]
+        return found
 
-    def _set_up(self, step: LinearStep) -> Any:
-        """Two functions: of this rank's f, (n,) g and (m,) rhs that gives u of this rank, λ (n,)
-        and w (m,) on every rank, and one that ends its use. K has springs at the pins."""
-        raise NotImplementedError
-
-    def _answer(self, ask: Any, f: np.ndarray, g: np.ndarray, rhs: np.ndarray) -> Any:
-        """λ (n,), y (n,) and w (m,); keeps u."""
-        self._u, multiplier, w = ask(f, g, rhs)
-        return multiplier, self._gather(self.rows, times(self.B, self._u, transposed=True)), w
-
-    def _loads(self, step: LinearStep, pairs: np.ndarray, forces: np.ndarray) -> Any:
+    def _loads(
+        self, step: LinearStep, pairs: np.ndarray, forces: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What is added to f, g and rhs for pairs that are to change: those out of contact get
         forces, the others gaps of forces / c."""
         closing = np.zeros(len(step.active))
         closing[pairs] = np.where(step.active[pairs], 0.0, forces)
         opening = np.zeros(len(step.active))
         opening[pairs] = np.where(step.active[pairs], forces / self.scale, 0.0)
-        return -times(self.B, closing[self.rows.mine]), opening, -(step.E @ closing)
+        operators = self.operators
+        pushed = times(operators.B, closing[operators.rows.numbering.mine])
+        return -pushed, opening, -(step.E @ closing)
 
     def _choose(
-        self,
-        ask: Any,
-        step: LinearStep,
-        wrong: np.ndarray,
-        multiplier: np.ndarray,
-        y: np.ndarray,
-        w: np.ndarray,
-    ) -> Any:
+        self, made: SetUp, step: LinearStep, found: StepResult
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Pairs that have to change so that all signs are right, and their forces (gaps times c,
         where they open): linear complementarity among those whose sign is or becomes wrong."""
         rows = np.flatnonzero(step.may_open)
         place = np.cumsum(step.may_open) - 1
         on = step.active[rows]
-        band = SIGN * force_level(multiplier, y + step.g, self.scale)
+        band = SIGN * force_level(found.multiplier, found.y + step.g, self.scale)
 
-        def signs(multiplier: np.ndarray, y: np.ndarray, w: np.ndarray, g: np.ndarray) -> Any:
+        def signs(
+            multiplier: np.ndarray, y: np.ndarray, w: np.ndarray, g: np.ndarray
+        ) -> np.ndarray:
             """What must not be negative: forces in contact, gaps times c elsewhere."""
             gap = step.L[rows] @ w - y[rows] - g[rows]
             return np.where(on, multiplier[rows], self.scale * gap)
 
-        now = signs(multiplier, y, w, step.g)
-        pairs, new, answers = np.empty(0, dtype=np.int64), np.flatnonzero(wrong), []
+        now = signs(found.multiplier, found.y, found.w, step.g)
+        pairs, new, answers = np.empty(0, dtype=np.int64), np.flatnonzero(found.wrong), []
         change, forces = np.zeros(0, dtype=bool), np.zeros(0)
         while len(new) and len(pairs) + len(new) <= 2 * self.most:
             for p in new:
                 load = self._loads(step, np.array([p]), np.ones(1))
-                force, position, motion = self._answer(ask, *load)
-                column = signs(force, position, motion, load[1])
+                u, force, motion = made.ask(*load)
+                column = signs(force, self.motion(u), motion, load[1])
                 column[place[p]] += 0.0 if on[place[p]] else self.scale * step.compliance[p]
                 answers.append(column)
             pairs = np.concatenate([pairs, new])
@@ -159,19 +155,6 @@ class WholeSteps:
             new = rows[after < -band]
         return pairs[change], forces[change]
 
-    def _K_times(self, u: np.ndarray) -> np.ndarray:
-        """This rank's part of K u, without springs."""
-        return times(self.K, u)
-
-    def displacement(self, found: StepResult) -> Displacement:
-        """See ``StepForm``."""
-        load = self.f - times(self.B, found.multiplier[self.rows.mine])
-        free, u = ~self.fixed, self._u
-        left = free * (self._K_times(u) - load)
-        return Displacement(u, left, free * self._diagonal * u, free * self.f)
-
-    def _gather(self, numbering: Numbering, local: np.ndarray) -> np.ndarray:
-        return gather_rows(self.comm, local)[numbering.number]
-
     def destroy(self) -> None:
-        """Nothing outlives a step."""
+        """See ``StepForm``."""
+        self.release()

@@ -13,64 +13,59 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
+from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.log import progress
+from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.direct import DirectSolver
-from dolfinx_llm.forms.floating import Floating
-from dolfinx_llm.forms.step import (
-    SIGN,
-    Displacement,
-    LinearStep,
-    StepResult,
-    singular,
-    wrong_signs,
-)
+from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, singular, wrong_signs
 from dolfinx_llm.laws.complementarity import complementarity
-from dolfinx_llm.operators.petsc import diagonal_of, times, with_springs
+from dolfinx_llm.operators.petsc import with_springs
 from dolfinx_llm.operators.support import pins
+from dolfinx_llm.operators.system import ContactOperators
 
 COLUMNS = 64  # right-hand sides solved at once
 
 
-class Flexibility:
+class Flexibility(StepForm):
     """K factorised, and the answer of the surfaces to unit multipliers.
 
     Args:
-        K: stiffness, identity rows at prescribed dofs.
-        B: (31).
-        rows: the multipliers' ``Numbering``.
-        bodies: ``Bodies`` of the meshes.
-        fixed: (n_local,) prescribed dofs.
-        scale: mean stiffness of the surface [force / length].
-        prefix, options: PETSc options, of the factorisation.
+        prefix: of the PETSc options.
+        options: PETSc options of the factorisation.
+        times: to which seconds are added.
     """
 
-    name = "the flexibility of the surfaces"
+    name = "flexibility"
     accuracy = 1e-13  # of balance and law, relative
     proximal = 1e-13  # the smaller, the sooner nodes under a tiny force are where they touch
-    noise = 0.0  # of forces, by rounding: they are unknowns, not differences [force]
 
     def __init__(
-        self,
-        K: Any,
-        B: Any,
-        rows: Any,
-        bodies: Any,
-        fixed: np.ndarray,
-        scale: float,
-        prefix: str,
-        options: dict | None = None,
+        self, prefix: str = "llm_", options: dict | None = None, times: StageTimes | None = None
     ) -> None:
-        self.K, self.B, self.rows, self.scale = K, B, rows, scale
-        self.comm, self._fixed = bodies.comm, fixed
-        self.floating = Floating(K, B, rows, bodies, fixed)
+        self._prefix, self._options = prefix, options
+        self._times = StageTimes() if times is None else times
+        self._solver: Any = None  # ``DirectSolver`` of K with springs, once there is one
+
+    def prepare(self, K: PETSc.Mat, operators: ContactOperators) -> None:
+        """See ``StepForm``."""
+        self.destroy()
+        super().prepare(K, operators)
+        with self._times.timed("factorisation"):
+            self._ask_bodies()
+
+    def _ask_bodies(self) -> None:
+        """Factorise K, and ask for the surfaces' answers."""
+        operators = self.operators
+        self.rows, self.scale = operators.rows.numbering, operators.scale
+        self.comm, self.floating = operators.comm, operators.floating
         rigid = self.floating.rigid
-        self._local_B, self._diagonal = _local_csr(B), diagonal_of(K)
+        self._local_B = _local_csr(operators.B)
         # Springs hold all rigid motions, also those that springs of the form a hold weakly: under
         # forces in balance they carry nothing.
-        pinned = with_springs(K, pins(self.comm, rigid.modes), self._diagonal)
-        self._solver = DirectSolver(pinned, prefix, options, own=True)
+        pinned = with_springs(self.K, pins(self.comm, rigid.modes), operators.diagonal)
+        self._solver = DirectSolver(pinned, self._prefix, self._options, own=True)
         # What is left of K u + B λ = f when u = K_p⁻¹ (f - B λ) + Q α, with Q = R - K_p⁻¹ K R that
         # leaves the springs at the pins alone, is Qᵀ (f - B λ) = Qᵀ K R α.
         self.modes = rigid.modes.copy()
@@ -87,7 +82,7 @@ class Flexibility:
         self._held[: rigid.free, : rigid.free] = self.floating.square
         self.G = self._interface_sum(self._local_B.T @ self.modes)
         self.F: Any = self._flexibility()  # (n, n) on rank 0, None elsewhere
-        self.f: Any = None  # this rank's load that h and r are of
+        self.f: np.ndarray | None = None  # this rank's load that h and r are of
 
     def _interface_sum(self, part: np.ndarray) -> np.ndarray:
         """Sum over ranks of a part with one row per multiplier, in their own order."""
@@ -126,14 +121,14 @@ class Flexibility:
             try:
                 active = step.active
                 found = self._dense(step)
-                wrong = wrong_signs(step, found[0], found[1], found[2], self.scale)
+                wrong = wrong_signs(step, active, found[0], found[1], found[2], self.scale)
                 result = *found, active, wrong
                 if wrong.any():
                     equations = self._equations(step, np.arange(len(step.active)))
                     active = _choose(step, *equations)
                     chosen = replace(step, active=active)
                     found = self._dense(chosen)
-                    wrong = wrong_signs(chosen, found[0], found[1], found[2], self.scale)
+                    wrong = wrong_signs(step, active, found[0], found[1], found[2], self.scale)
                     result = *found, active, wrong
             except (np.linalg.LinAlgError, ValueError) as failed:
                 error = str(failed)
@@ -142,7 +137,7 @@ class Flexibility:
             raise singular(error)
         multiplier, y, w, self._alpha, active, wrong = result
         free = self._alpha[: self.floating.count]
-        return StepResult(multiplier, y, w, free, active, wrong)
+        return StepResult(np.zeros(0), multiplier, y, w, free, active, wrong)
 
     def _equations(self, step: LinearStep, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Matrix and right-hand side of the rows ``on``, the frame and the rigid motions.
@@ -173,23 +168,19 @@ class Flexibility:
         y = self.h - self.F @ multiplier + self.G @ alpha
         return multiplier, y, x[n : n + m], alpha
 
-    def displacement(self, found: StepResult) -> Displacement:
+    def displacement(self, found: StepResult) -> np.ndarray:
         """See ``StepForm``."""
-        load, u = self._pinned(found.multiplier)
-        u = u + self.modes @ self._alpha
-        free = ~self._fixed
-        left = free * (times(self.K, u) - load)
-        return Displacement(u, left, free * self._diagonal * u, free * self.f)
+        return self._pinned(found.multiplier) + self.modes @ self._alpha
 
-    def _pinned(self, multiplier: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """f - B λ of this rank, and the displacement that it causes where springs hold the pins."""
+    def _pinned(self, multiplier: np.ndarray) -> np.ndarray:
+        """This rank's displacement under f - B λ where springs hold the pins."""
         load = self.f - self._local_B @ self._in_petsc_order(multiplier)
-        return load, self._solver.solve(load)
+        return self._solver.solve(load)
 
     def correct(self, found: StepResult) -> None:
         """Take h from the displacement for these multipliers: F and the pinned solve of the load
         alone are subject to rounding that the forces together are not."""
-        y = self._interface_sum(self._local_B.T @ self._pinned(found.multiplier)[1])
+        y = self._interface_sum(self._local_B.T @ self._pinned(found.multiplier))
         if self.comm.rank == 0:
             self.h = y + self.F @ found.multiplier
 
@@ -199,8 +190,15 @@ class Flexibility:
         ordered[self.rows.number] = values
         return ordered
 
+    def describe(self) -> str:
+        """See ``StepForm``."""
+        return "saddle, on the flexibility of the surfaces, K factorised once by MUMPS"
+
     def destroy(self) -> None:
-        self._solver.destroy()
+        """See ``StepForm``."""
+        if self._solver is not None:
+            self._solver.destroy()
+        self._solver = None
 
 
 def _local_csr(M: Any) -> csr_matrix:

@@ -1,16 +1,17 @@
-"""One linear step of a contact law, as its iteration hands it to a form of (31), and the answer."""
+"""One linear step of contact laws, the forms of (31) that solve it, and the answer."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
 
 import numpy as np
-from mpi4py import MPI
+from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.forms.floating import Floating
+from dolfinx_llm.operators.petsc import times
+from dolfinx_llm.operators.system import ContactOperators
 
 SIGN = 1e-11  # relative: what rounding may not switch
 GRAZING = 1e-3  # forces below this part of scale times motion count as none
@@ -19,10 +20,12 @@ SOFT = 1e-11  # compliance, relative to the surface's, that makes forces at supp
 
 @dataclass(frozen=True, eq=False)
 class LinearStep:
-    """One linear step of a contact law, in the unknowns' own order; the same on every rank.
+    """One linear step of contact laws, in the unknowns' own order; the same on every rank.
 
-    Rows that are in contact: y - L w - s λ = -g, with s their compliance; the others: λ = 0. Frame
-    rows: E λ + D w = rhs. Free bodies: springs, which at a solution carry nothing.
+    K u + B λ = f in the bodies. Rows that are in contact: y - L w - s λ = -g, with y = Bᵀ u and s
+    their compliance; the others: λ = 0. Frame rows: E λ + D w = rhs. With ties alone all rows are
+    in contact, E = L_bᵀ and D = 0: that is (31). Free bodies: springs, which at a solution carry
+    nothing.
     """
 
     active: np.ndarray  # (n,) multiplier rows in contact
@@ -35,63 +38,203 @@ class LinearStep:
     rhs: np.ndarray  # (m,) [force]
     anchor: np.ndarray  # (k,) where springs hold the free motions of ``Floating``
     spring: float  # their stiffness [force / length]
+    pins: list[int]  # (p,) this rank's dofs, local numbers, at which they hold
+    pull: np.ndarray  # (p,) spring times where they hold these [force], part of the load
+
+    @classmethod
+    def tied(cls, L: csr_matrix, g: np.ndarray) -> LinearStep:
+        """All rows hold.
+
+        Args:
+            L: (n, m) L_b.
+            g: (n,) [length].
+        """
+        (n, m), nothing = L.shape, np.zeros(0)
+        on, D = np.ones(n, dtype=bool), csr_matrix((L.shape[1],) * 2)
+        return cls(
+            on, ~on, L, g, np.zeros(n), L.T.tocsr(), D, np.zeros(m), nothing, 0.0, [], nothing
+        )
+
+    def same_matrix(self, other: LinearStep) -> bool:
+        """Whether another step differs in loads alone: what has been factorised serves it.
+
+        Args:
+            other: the step.
+        """
+        parts = zip((self.L, self.E, self.D), (other.L, other.E, other.D), strict=True)
+        return (
+            self.spring == other.spring
+            and np.array_equal(self.active, other.active)
+            and np.array_equal(self.compliance, other.compliance)
+            and all(a is b or _same(a, b) for a, b in parts)
+        )
+
+    def loaded(self, f: np.ndarray) -> np.ndarray:
+        """(n_local,) load with what the springs pull.
+
+        Args:
+            f: (n_local,) this rank's load [force].
+        """
+        f = f.copy()
+        f[self.pins] += self.pull
+        return f
+
+
+def _same(a: csr_matrix, b: csr_matrix) -> bool:
+    names = "indptr", "indices", "data"
+    return a.shape == b.shape and all(
+        np.array_equal(getattr(a, name), getattr(b, name)) for name in names
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class StepResult:
-    """What a linear step leads to, with the pairs that are then in contact; on every rank."""
+    """What a linear step leads to, with the pairs that are then in contact; but for u the same on
+    every rank. ``StepForm.result`` makes one of u, λ and w."""
 
+    u: np.ndarray  # (n_local,) this rank's [length]; empty where ``displacement`` finds it later
     multiplier: np.ndarray  # (n,) λ [force]
     y: np.ndarray  # (n,) Bᵀ u [length]
-    w: np.ndarray  # (m,) [length]
+    w: np.ndarray  # (m,) frame unknowns v, then slips κ [length]
     floating: np.ndarray  # (k,) free motions
     active: np.ndarray  # (n,) rows in contact
     wrong: np.ndarray  # (n,) rows whose sign is still wrong
 
 
-class Displacement(NamedTuple):
-    """u at this rank's dofs, and what is said of it; zero at prescribed dofs but u."""
+class StepForm(ABC):
+    """A form of (31), which solves the linear steps of contact laws; derive your own.
 
-    u: np.ndarray
-    left: np.ndarray  # K u + B λ - f [force]
-    terms: np.ndarray  # K_ii u_i [force]
-    load: np.ndarray  # f [force]
+    ``prepare`` and ``solve`` are all that a form needs. Every call is collective. An object serves
+    one problem.
 
+    Attributes:
+        name: for ``print(problem)``, messages and ``problem.form``.
+        accuracy: of L_bᵀ λ = 0 and of laws of friction, over the largest force, that it reaches.
+        proximal: what holds frame nodes that nothing touches, over the surfaces' stiffness.
+        noise: rounding of multipliers in the last step, where they are differences [force].
+        tolerance: residual of K u + B λ = f that was asked of it, if it is large [force].
+        takes_K: ``prepare`` uses K up; the problem assembles another where it is asked for.
+        K: PETSc AIJ stiffness of the bodies, identity rows and columns at prescribed dofs.
+        operators: ``ContactOperators``: B and L_b, numbers of rows and unknowns, ``scale``.
+    """
 
-class StepForm(Protocol):
-    """A form of (31) in which the steps of contact laws are solved; collective."""
+    name: str = "own form"
+    accuracy: float = 1e-12
+    proximal: float = 1e-10
+    noise: float = 0.0
+    tolerance: float = 0.0
+    takes_K: bool = False
+    K: PETSc.Mat
+    operators: ContactOperators
 
-    comm: MPI.Comm
-    name: str  # for messages
-    proximal: float  # what holds frame nodes that nothing touches, of the surfaces' stiffness
-    accuracy: float  # of L_bᵀ λ and the law of friction, over the largest force
-    noise: float  # of forces, by rounding [force]
-    floating: Floating
+    def __init__(self) -> None:  # noqa: B027
+        """Nothing is known before ``prepare``."""
 
+    def prepare(self, K: PETSc.Mat, operators: ContactOperators) -> None:
+        """Take over bodies or interfaces that are new or have changed.
+
+        Args:
+            K: stiffness, PETSc AIJ.
+            operators: of the interfaces.
+        """
+        self.K, self.operators = K, operators
+
+    @abstractmethod
     def solve(self, f: np.ndarray, step: LinearStep) -> StepResult:
-        """One linear step for this rank's loads f (n_local,), prescribed values at fixed dofs.
+        """One linear step.
 
-        Contact is first taken as ``step.active`` says; where that gives tension or overlap, the
-        form may exchange pairs among ``step.may_open`` as far as it can.
+        Contact is first taken as ``step.active`` says; where that gives tension or overlap, a form
+        may exchange pairs among ``step.may_open`` as far as it can.
+
+        Args:
+            f: (n_local,) this rank's load, prescribed values at prescribed dofs [force].
+            step: the equations.
+
+        Returns:
+            What ``result`` makes of the solution.
+
+        Raises:
+            ContactError: it cannot be solved.
         """
 
-    def correct(self, found: StepResult) -> None:
-        """Take out rounding of what was found, before the step is solved again."""
+    def result(
+        self,
+        step: LinearStep,
+        u: np.ndarray,
+        multiplier: np.ndarray,
+        w: np.ndarray,
+        active: np.ndarray | None = None,
+    ) -> StepResult:
+        """A solution, with what follows from it.
 
-    def displacement(self, found: StepResult) -> Displacement:
-        """Of the last step that was solved."""
+        Args:
+            step: that was solved.
+            u: (n_local,) this rank's displacement [length].
+            multiplier: (n,) λ of all ranks, in the order of ``step`` [force].
+            w: (m,) frame and slip unknowns of all ranks [length].
+            active: (n,) rows in contact; None: those of the step.
+        """
+        y, floating = self.motion(u), self.operators.floating.amounts(u)
+        active = step.active if active is None else active
+        wrong = wrong_signs(step, active, multiplier, y, w, self.operators.scale)
+        return StepResult(u, multiplier, y, w, floating, active, wrong)
 
-    def destroy(self) -> None:
-        """Free the PETSc objects."""
+    def motion(self, u: np.ndarray) -> np.ndarray:
+        """(n,) Bᵀ u on every rank.
+
+        Args:
+            u: (n_local,) this rank's displacement [length].
+        """
+        operators = self.operators
+        return operators.gather(operators.rows.numbering, times(operators.B, u, transposed=True))
+
+    def correct(self, found: StepResult) -> None:  # noqa: B027
+        """Take out rounding of what was found, before the step is solved again.
+
+        Args:
+            found: of the last step.
+        """
+
+    def displacement(self, found: StepResult) -> np.ndarray:
+        """(n_local,) this rank's u of the last step.
+
+        Args:
+            found: of that step.
+        """
+        return found.u
+
+    def left(self, f: np.ndarray, u: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
+        """(n_local,) K u + B λ - f of the last step.
+
+        Args:
+            f: (n_local,) load.
+            u: (n_local,) displacement.
+            multiplier: (n,) λ.
+        """
+        operators = self.operators
+        forces = times(operators.B, multiplier[operators.rows.numbering.mine])
+        return times(self.K, u) + forces - f
+
+    def describe(self) -> str:
+        """For ``print(problem)``: the form, and what the last step took."""
+        return self.name
+
+    def destroy(self) -> None:  # noqa: B027
+        """Free the PETSc objects; ``prepare`` may be called afterwards."""
 
 
 def wrong_signs(
-    step: LinearStep, multiplier: np.ndarray, y: np.ndarray, w: np.ndarray, scale: float
+    step: LinearStep,
+    active: np.ndarray,
+    multiplier: np.ndarray,
+    y: np.ndarray,
+    w: np.ndarray,
+    scale: float,
 ) -> np.ndarray:
     """(n,) rows with tension in contact or overlap out of it, beyond what rounding can do."""
     gap = step.L @ w - y - step.g
     band = SIGN * force_level(multiplier, y + step.g, scale)
-    wrong = np.where(step.active, multiplier < -band, scale * gap < -band)
+    wrong = np.where(active, multiplier < -band, scale * gap < -band)
     return wrong & step.may_open
 
 

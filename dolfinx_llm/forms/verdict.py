@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from dolfinx_llm.base.errors import ContactError
 
-EPS = np.finfo(float).eps
+EPS = float(np.finfo(float).eps)
 UNBALANCED = (
     1e-8  # of the forces' size: residual of K u + B λ = f, pull of springs that hold bodies
 )
@@ -50,47 +50,53 @@ class Verdict:
         return words
 
 
-def rounding_error(
-    comm: Any, diagonal: np.ndarray, u: np.ndarray, f: Any, multiplier: Any
-) -> float:
-    """Relative error of the forces that rounding alone may cause, whatever the solver.
+def size(values: np.ndarray) -> float:
+    """Largest absolute value; 0 of none."""
+    return float(np.abs(values).max(initial=0.0))
+
+
+def largest(comm: MPI.Comm, *values: np.ndarray) -> list[float]:
+    """Largest sizes of this and all other ranks' values; collective."""
+    return [float(a) for a in np.max(comm.allgather([size(a) for a in values]), axis=0)]
+
+
+def beyond(value: float, terms: float) -> float:
+    """What of a value the rounding of its terms, of this size, does not explain."""
+    return max(value - SEVERAL * EPS * terms, 0.0)
+
+
+def judge(left: float, terms: float, forces: float, what: str, tolerance: float = 0.0) -> Verdict:
+    """Accept a solution of (31), or say why not.
 
     A stiff body that hangs on a soft one moves far: the forces in it are differences of terms of
-    the size K_ii u_i, and their rounding is not small against the loads.
+    the size K_ii u_i, and their rounding, which no solver avoids, is not small against the loads.
 
     Args:
-        comm: MPI communicator.
-        diagonal: this rank's diagonal of K.
-        u, f, multiplier: this rank's displacements, loads and multipliers.
-    """
-    free = (diagonal != 1.0) | (np.abs(u - f) > 1e-12 * np.abs(u))  # not an identity row
-    largest = [
-        np.abs(diagonal * u)[free].max(initial=0.0),
-        max(np.abs(f)[free].max(initial=0.0), np.abs(multiplier).max(initial=0.0)),
-    ]
-    terms, forces = np.max(comm.allgather(largest), axis=0)
-    return float(EPS * terms / forces) if forces > 0.0 else 0.0
-
-
-def require(found: tuple[float, float], allowed: tuple[float, float], how: str) -> None:
-    """Require small residuals of (31), over the size of the unknowns and over the load's.
+        left: what the rows of (31) leave, as force: K u + B λ - f of the free dofs, and more.
+        terms: largest |K_ii u_i| of the free dofs [force].
+        forces: size of the forces.
+        what: how it was solved, for the message.
+        tolerance: what the user's choice of a solver may leave [force].
 
     Raises:
-        ContactError: they are not.
+        ContactError: a residual that is not small.
     """
-    if not (found[0] < allowed[0] and found[1] < allowed[1]):
-        raise ContactError(
-            f"the solve failed: residual {found[0]:.1e} of the unknowns' size (allowed "
-            f"{allowed[0]:.0e}), {found[1]:.1e} of the load's (allowed {allowed[1]:.0e}); {how}. "
-            "Check supports, material data and the petsc_options given"
-        )
+    forces = max(forces, 1e-300)
+    residual, rounding = left / forces, EPS * terms / forces
+    if left <= max(UNBALANCED * forces, SEVERAL * EPS * terms, tolerance):
+        return Verdict(residual, rounding)
+    raise ContactError(
+        f"the solve failed: {residual:.1e} of the forces' size is left (allowed {UNBALANCED:.0e}; "
+        f"rounding explains {rounding:.0e}), by {what}. Check supports, material data and the "
+        "petsc_options given"
+    )
 
 
 def check_rounding(rounding: float) -> None:
     """Refuse forces of which rounding leaves too little.
 
     Args:
-        rounding: as of ``rounding_error``.
+        rounding: of a ``Verdict``.
 
     Raises:
         FinalError: more than ``LOST``.
@@ -102,30 +108,3 @@ def check_rounding(rounding: float) -> None:
             "A stiff body hangs on a soft one, or on weak springs: hold it by a support or a "
             "stiffer spring, or cells are slivers"
         )
-
-
-def judge(comm: Any, miss: np.ndarray, terms: np.ndarray, forces: float, what: str) -> Verdict:
-    """Accept a solution of K u + B λ = f, or say why not.
-
-    Args:
-        comm: MPI communicator.
-        miss: this rank's K u + B λ - f [force].
-        terms: this rank's |K_ii u_i| [force].
-        forces: size of the forces.
-        what: how it was solved, for the message.
-
-    Raises:
-        ContactError: a residual that is not small, or forces that are lost in rounding.
-    """
-    sizes = [np.abs(miss).max(initial=0.0), np.abs(terms).max(initial=0.0)]
-    left, largest = np.max(comm.allgather(sizes), axis=0)
-    forces = max(forces, 1e-300)
-    residual, rounding = left / forces, EPS * largest / forces
-    if left <= max(UNBALANCED * forces, SEVERAL * EPS * largest):
-        check_rounding(rounding)
-        return Verdict(float(residual), float(rounding))
-    raise ContactError(
-        f"the solve failed: {residual:.1e} of the forces' size is left (allowed {UNBALANCED:.0e}; "
-        f"rounding explains {rounding:.0e}), by {what}. Check supports, material data and the "
-        "petsc_options given"
-    )

@@ -53,6 +53,13 @@ class RigidMotions:
         return "; ".join(words)
 
 
+def no_motions(bodies: Bodies, n: int) -> RigidMotions:
+    """None at all, of bodies with n dofs on this rank: where ties hold them nobody asks."""
+    none, parts = np.zeros((n, 0)), np.zeros((0, 3 * (bodies.gdim - 1)))
+    body, square = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
+    return RigidMotions(bodies, body, parts, 0, none, none, square, np.zeros(0))
+
+
 def rigid_motions(bodies: Bodies, K: Any, fixed: np.ndarray) -> RigidMotions:
     """The rigid motions of each body that supports alone do not hold, or only by weak springs.
 

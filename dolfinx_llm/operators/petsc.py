@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -19,7 +21,7 @@ def create_aij(
     return matrix
 
 
-def with_springs(K, at, stiffness):
+def with_springs(K: PETSc.Mat, at: Sequence[int], stiffness: np.ndarray) -> PETSc.Mat:
     """Copy of K with springs at local dofs: stiffness[i] is added to their diagonal entries."""
     held, start = K.copy(), K.getOwnershipRange()[0]
     for i in at:
@@ -28,7 +30,7 @@ def with_springs(K, at, stiffness):
     return held
 
 
-def times(M, x: np.ndarray, transposed: bool = False) -> np.ndarray:
+def times(M: PETSc.Mat, x: np.ndarray, transposed: bool = False) -> np.ndarray:
     """This rank's part of M x or Mᵀ x."""
     right, left = M.createVecs()
     source, target = (left, right) if transposed else (right, left)
@@ -40,7 +42,7 @@ def times(M, x: np.ndarray, transposed: bool = False) -> np.ndarray:
     return values
 
 
-def diagonal_of(K) -> np.ndarray:
+def diagonal_of(K: PETSc.Mat) -> np.ndarray:
     """This rank's diagonal entries of K."""
     diagonal = K.getDiagonal()
     values = diagonal.array_r.copy()
@@ -48,7 +50,9 @@ def diagonal_of(K) -> np.ndarray:
     return values
 
 
-def join_blocks(blocks):
+def join_blocks(
+    blocks: Sequence[Sequence[PETSc.Mat | None]],
+) -> tuple[PETSc.Mat, list[np.ndarray]]:
     """AIJ from a nest of blocks, and this rank's rows of each block row: the nest interleaves the
     blocks by rank."""
     nest = PETSc.Mat().createNest(blocks)
@@ -59,15 +63,7 @@ def join_blocks(blocks):
     return matrix, rows
 
 
-def stored_zero_diagonal(sizes, comm):
-    n, start = sizes[0], comm.tompi4py().exscan(sizes[0]) or 0
-    csr = (np.arange(n + 1, dtype=PETSc.IntType), np.arange(start, start + n, dtype=PETSc.IntType))
-    matrix = PETSc.Mat().createAIJ(size=(sizes, sizes), csr=(*csr, np.zeros(n)), comm=comm)
-    matrix.assemble()
-    return matrix
-
-
-def is_symmetric(K) -> bool:
+def is_symmetric(K: PETSc.Mat) -> bool:
     """Whether xᵀKy = yᵀKx for two random vectors."""
     x, y = K.createVecs()
     Kx, Ky = x.duplicate(), x.duplicate()
@@ -82,7 +78,7 @@ def is_symmetric(K) -> bool:
     return gap <= 1e-10 * size
 
 
-def mean_diagonal(K, rows: np.ndarray, geometric: bool = False) -> float:
+def mean_diagonal(K: PETSc.Mat, rows: np.ndarray, geometric: bool = False) -> float:
     """Mean diagonal entry of K over some of this rank's local rows [force / length]."""
     diagonal = K.getDiagonal()
     values = np.abs(diagonal.array_r[rows])

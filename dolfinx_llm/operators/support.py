@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.operators.bodies import Bodies
-from dolfinx_llm.operators.motions import rigid_motions
+from dolfinx_llm.operators.motions import RigidMotions, rigid_motions
 
 FIT_DIRECTLY = 5000  # frame unknowns up to which a factorisation is the quickest least-squares fit
 UNHELD = 1e-11  # singular values below, of the largest, are motions that nothing holds
@@ -54,7 +54,18 @@ def check_support(
     Raises:
         ContactError: some motion is not held.
     """
-    rigid = rigid_motions(bodies, K, fixed)
+    check_held(rigid_motions(bodies, K, fixed), interfaces)
+
+
+def check_held(
+    rigid: RigidMotions, interfaces: Sequence[tuple[csr_matrix | None, np.ndarray]]
+) -> None:
+    """The same for the motions that supports alone do not hold; see ``check_support``.
+
+    Raises:
+        ContactError: some motion is not held.
+    """
+    bodies = rigid.bodies
     if not rigid.free:
         return
     moves = np.zeros((bodies.count, rigid.parts.shape[1], rigid.free))

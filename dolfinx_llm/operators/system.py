@@ -19,6 +19,8 @@ from dolfinx_llm.operators.assemble import (
     interface_operator,
 )
 from dolfinx_llm.operators.bodies import Bodies
+from dolfinx_llm.operators.floating import Floating
+from dolfinx_llm.operators.motions import no_motions, rigid_motions
 from dolfinx_llm.operators.numbering import (
     BodyDofs,
     Numbering,
@@ -27,9 +29,9 @@ from dolfinx_llm.operators.numbering import (
     places,
     slip_numbering,
 )
-from dolfinx_llm.operators.petsc import mean_diagonal
+from dolfinx_llm.operators.petsc import diagonal_of, mean_diagonal
 from dolfinx_llm.operators.prescribed import free_parts, prescribed_rows
-from dolfinx_llm.operators.support import check_loops, check_support
+from dolfinx_llm.operators.support import check_held, check_loops
 
 NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
 
@@ -46,7 +48,7 @@ class ContactOperators:
         times: to which the seconds are added, and those of the interfaces.
 
     Attributes:
-        comm, models, dofs: as given.
+        comm, models, dofs, tied: as given; whether ties are all there is.
         pairs: ``ContactPairs`` of every side.
         side_dofs: per side (n, gdim) numbers of its nodes' dofs in the vector of all bodies.
         places: per interface its ``Place`` in all vectors.
@@ -61,6 +63,8 @@ class ContactOperators:
         prescribed: per tie (rows, basis) at prescribed dofs, as of ``prescribed_rows``.
         bodies: connected bodies and their rigid motions.
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
+        diagonal: (n_local,) of K [force / length].
+        floating: rigid motions that need contact to be held; none where ties hold all.
 
     Raises:
         ContactError: supports and ties leave a motion free, or ties close a loop.
@@ -94,13 +98,14 @@ class ContactOperators:
         Raises:
             ContactError: a motion is free.
         """
-        self.scale = self._stiffness_scale(K)
+        self.scale, self.diagonal = _surface_stiffness(K, self), diagonal_of(K)
         with times.timed("support check"):
             self._check_support(K)
 
     def _number(self) -> None:
         """Places, rows, unknowns, and L_b of each interface."""
         models = self.models
+        self.tied = all(model.interface.law.ties for model in models)
         self.pairs = [pairs for model in models for pairs in model.pairs]
         spaces = [space for model in models for space in model.spaces]
         self.side_dofs = [self.dofs.of(*side) for side in zip(spaces, self.pairs, strict=True)]
@@ -130,14 +135,6 @@ class ContactOperators:
                 self.prescribed.append((place.rows.start + rows, basis))
                 self.redundant[place.rows.start + redundant] = True
 
-    def _stiffness_scale(self, K: PETSc.Mat) -> float:
-        """Mean diagonal of K on the free surface dofs [force / length]; the geometric mean where
-        bodies may part, since there the softer one tells the forces."""
-        fixed, rows = self.dofs.fixed, self.rows.dofs.ravel() - self.dofs.first
-        rows = rows[(rows >= 0) & (rows < len(fixed))]
-        tied = all(model.interface.law.ties for model in self.models)
-        return mean_diagonal(K, rows[~fixed[rows]], geometric=not tied)
-
     def _check_support(self, K: PETSc.Mat) -> None:
         """Require that supports and ties hold every body, and that ties close no loop."""
         bodies, labels, moves = self.bodies, [], []
@@ -151,7 +148,10 @@ class ContactOperators:
             (L if L.shape[1] else None, np.concatenate(moves[place.sides]))
             for place, L in zip(self.places, self.blocks, strict=True)
         ]
-        check_support(bodies, K, self.dofs.fixed, constraints)
+        rigid = rigid_motions(bodies, K, self.dofs.fixed)
+        check_held(rigid, constraints)
+        rigid = no_motions(bodies, len(self.dofs.fixed)) if self.tied else rigid
+        self.floating = Floating(rigid, self.B, self.rows.numbering)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -234,3 +234,11 @@ class ContactOperators:
         """Free B and L_b; collective."""
         self.B.destroy()
         self.L_b.destroy()
+
+
+def _surface_stiffness(K: PETSc.Mat, operators: ContactOperators) -> float:
+    """Mean diagonal of K on the free surface dofs [force / length]; the geometric mean where bodies
+    may part, since there the softer one tells the forces."""
+    fixed, rows = operators.dofs.fixed, operators.rows.dofs.ravel() - operators.dofs.first
+    rows = rows[(rows >= 0) & (rows < len(fixed))]
+    return mean_diagonal(K, rows[~fixed[rows]], geometric=not operators.tied)

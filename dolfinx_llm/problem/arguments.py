@@ -17,6 +17,7 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.forms.choice import SOLVERS
 from dolfinx_llm.forms.options import check_values
+from dolfinx_llm.forms.step import StepForm
 from dolfinx_llm.geometry.surface import check_space
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.problem.form_arguments import (
@@ -86,13 +87,21 @@ def problem_arguments(
             _interfaces(interfaces, spaces),
             _nodal_loads(nodal_loads, spaces),
         )
-        checks.one_of("solver", solver, SOLVERS)
+        own = isinstance(solver, StepForm)
+        if not own:
+            checks.one_of("solver", solver, SOLVERS)
         check_petsc_options(petsc_options, petsc_options_prefix)
+        if own and petsc_options:
+            raise ContactInputError(
+                "petsc_options are of the package's own forms: hand those of a form of your own to "
+                "its constructor"
+            )
     told = [_told(interface) for interface in given.interfaces]
     counts = len(given.bcs), len(given.nodal_loads), len(forms)
     agree(comm, "the numbers of Dirichlet conditions, nodal loads and forms", counts)
     agree(comm, "the interfaces", told)
-    agree(comm, "solver and PETSc options", (solver, petsc_options_prefix, petsc_options))
+    named = solver.name if own else solver
+    agree(comm, "solver and PETSc options", (named, petsc_options_prefix, petsc_options))
     return given
 
 

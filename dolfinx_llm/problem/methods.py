@@ -1,17 +1,21 @@
-"""How a problem is solved: ties at once, other laws by iteration and in load steps."""
+"""How a problem is solved: in load steps, each by linear steps in a form of (31)."""
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.load_steps import advance
-from dolfinx_llm.forms.choice import build_steps, build_system, describe, warn
+from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.forms.choice import built_in
+from dolfinx_llm.forms.step import StepForm
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.reactions import with_reactions
 from dolfinx_llm.operators.system import ContactOperators
@@ -22,7 +26,7 @@ from dolfinx_llm.problem.bulk import LinearBulk
 class Setting:
     """What a method works with."""
 
-    form: str  # of the system: "saddle", "condensed" or "flexibility"
+    form: str | StepForm  # of (31): "saddle", "condensed", "flexibility", or the user's own
     bulk: LinearBulk
     operators: ContactOperators
     prefix: str  # of the PETSc options
@@ -31,80 +35,31 @@ class Setting:
     why: str  # this form
 
 
-class TiedMethod:
-    """Ties: one solve of (31); what was factorised serves the next.
+class ContactMethod:
+    """Load steps, iterated where laws let bodies part or slip, smaller where these do not converge;
+    with ties alone each is one linear step, and what was factorised serves the next.
 
     Attributes:
         setting: what it works with.
-        system: of (31), once there is one.
-        states: None: there is nothing that may change.
-        history: see ``ContactProblem``.
-    """
-
-    states = None
-
-    def __init__(self, setting: Setting) -> None:
-        self.setting = setting
-        self.history: list[dict] = []
-        self.system: Any = None
-
-    def renew(self, setting: Setting, keep: bool = False) -> None:
-        """Work with another stiffness or other operators; there is no state to keep."""
-        self.destroy()
-        self.setting = setting
-
-    def solve(self, f: np.ndarray, increments: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """This rank's u, and all of λ and v, for a load f (n_local,)."""
-        operators = self.setting.operators
-        if self.system is None:
-            of = self.setting
-            self.system = build_system(
-                of.form, of.bulk, of.operators, of.prefix, of.options, of.times
-            )
-        g = operators.gap(f, operators.obstacle_motions())
-        with self.setting.times.timed("solve"):
-            u, multiplier, v = self.system.solve(f, g)
-        warn(self.system, operators.comm)
-        multiplier = operators.least(operators.gather(operators.rows.numbering, multiplier))
-        n = sum(len(pairs.nodes) for pairs in operators.pairs)
-        self.history = [
-            {"iteration": 1, "active": n, "stick": n, "slip": 0, "residual": self.system.residual}
-        ]
-        v = operators.gather(operators.frames, v)
-        return u, _with_reactions(self.setting, u, multiplier, v), v
-
-    def describe(self) -> str:
-        """For ``print(problem)``: the form, why, and what the last solve took."""
-        return f"{describe(self.setting.form, self.system)} ({self.setting.why})"
-
-    def reset(self) -> None:
-        """Nothing to forget: every solve is for the whole load."""
-
-    def destroy(self) -> None:
-        """Free the PETSc objects; collective."""
-        if self.system is not None:
-            self.system.destroy()
-        self.system = None
-
-
-class LawMethod:
-    """Laws that let bodies part or slip: load steps, iterated, smaller where they do not converge.
-
-    Attributes:
-        setting: what it works with.
-        system: what solves the linear steps, once there is one.
+        form: ``StepForm`` that solves the linear steps.
         iteration: ``ContactIteration``, which holds the state, once there is one.
     """
 
     def __init__(self, setting: Setting) -> None:
-        self.setting = setting
-        self.system: Any = None
         self.iteration: Any = None
         self._last: tuple[np.ndarray, list[np.ndarray]]  # u of this rank, motions of obstacles
+        self._use(setting)
+
+    def _use(self, setting: Setting) -> None:
+        form, self.setting = setting.form, setting
+        if isinstance(form, str):
+            form = built_in(form, setting.prefix, setting.options, setting.times)
+        self.form: StepForm = form
+        self._ready = False
 
     @property
-    def states(self) -> Any:
-        """Per interface its ``InterfaceState``."""
+    def states(self) -> list[InterfaceState]:
+        """Per interface what there is of contact."""
         return self.iteration.states
 
     @property
@@ -121,21 +76,21 @@ class LawMethod:
                 the load that it takes with the new stiffness; else from rest.
         """
         self.destroy()
-        self.setting = setting
+        self._use(setting)
         if not keep:
             self.iteration = None
 
     def _set_up(self) -> None:
-        """The system, and an iteration that goes on from the one before, if there is one."""
-        of, operators = self.setting, self.setting.operators
+        """The form, and an iteration that goes on from the one before, if there is one."""
+        bulk, operators = self.setting.bulk, self.setting.operators
         before, at_rest = self.iteration, np.zeros(len(operators.dofs.fixed))
-        known = before is not None and before.multiplier is not None
+        known = before is not None and before.multiplier is not None and not operators.tied
         held = self._holding(before.multiplier) if known else at_rest
-        with of.times.timed("factorisation"):
-            self.system = build_steps(of.form, of.bulk, operators, of.prefix, of.options)
-        self.iteration = ContactIteration(operators, self.system, at_rest, self._gaps(at_rest))
+        self.form.prepare(bulk.take_K() if self.form.takes_K else bulk.K, operators)
+        self.iteration = ContactIteration(operators, self.form, at_rest, self._gaps(at_rest))
         if known:
             self.iteration.resume(before, held, self._gaps(*self._last), self._last[0])
+        self._ready = True
 
     def _gaps(self, u: np.ndarray, motions: Any = None) -> np.ndarray:
         """(n,) g where supports are as u (n_local,), and obstacles moved."""
@@ -150,19 +105,32 @@ class LawMethod:
 
     def solve(self, f: np.ndarray, increments: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """This rank's u, and all of λ and v, at the end of the step to a load f (n_local,)."""
-        if self.system is None:
+        if not self._ready:
             self._set_up()
-        motions, stage = self.setting.operators.obstacle_motions(), "iteration of contact laws"
+        operators = self.setting.operators
+        if getattr(self.form, "operators", operators) is not operators:
+            raise ContactError(
+                f"the form {self.form.name!r} has been handed to another problem since: give each "
+                "problem an object of its own"
+            )
+        motions = operators.obstacle_motions()
         g = self._gaps(f, motions)
-        with self.setting.times.timed(stage), progress(None, stage) as self.iteration.bar:
-            u, multiplier, w = advance(self.iteration, f, g, increments)
+        stage = "solve" if operators.tied else "iteration of contact laws"
+        with self.setting.times.timed(stage):
+            with nullcontext() if operators.tied else progress(None, stage) as self.iteration.bar:
+                u, multiplier, v = advance(self.iteration, f, g, increments)
         self._last = u, motions
-        sticks = np.concatenate([state.sticking_rows() for state in self.states])
-        return u, _with_reactions(self.setting, u, multiplier, w, sticks), w
+        multiplier = operators.least(multiplier)
+        if operators.held.any():
+            sticks = np.concatenate([state.sticking_rows() for state in self.states])
+            force = self.setting.bulk.force(u)
+            multiplier = with_reactions(operators, multiplier, v, u, force, sticks)
+        return u, multiplier, v
 
     def describe(self) -> str:
-        """For ``print(problem)``: the form, and why."""
-        return f"{describe(self.setting.form, None)} ({self.setting.why})"
+        """For ``print(problem)``: the form, what the last solve took and lost, and why this one."""
+        lost = self.iteration.verdict.lost if self.iteration is not None else []
+        return "; ".join([self.form.describe(), *lost]) + f" ({self.setting.why})"
 
     def reset(self) -> None:
         """Forget the last load steps: contact state, slip and loads."""
@@ -171,25 +139,5 @@ class LawMethod:
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
-        if self.system is not None:
-            self.system.destroy()
-        self.system = None
-
-
-def _with_reactions(
-    setting: Setting,
-    u: np.ndarray,
-    multiplier: np.ndarray,
-    v: np.ndarray,
-    sticks: np.ndarray | None = None,
-) -> np.ndarray:
-    """Multipliers (n,) with what bodies pass on at nodes that supports hold."""
-    if not setting.operators.held.any():
-        return multiplier
-    return with_reactions(setting.operators, multiplier, v, u, setting.bulk.force(u), sticks)
-
-
-def method_of(setting: Setting) -> TiedMethod | LawMethod:
-    """The method that the laws of the interfaces need."""
-    laws = [model.interface.law for model in setting.operators.models]
-    return (LawMethod if any(not law.ties for law in laws) else TiedMethod)(setting)
+        self.form.destroy()
+        self._ready = False

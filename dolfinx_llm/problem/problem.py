@@ -18,6 +18,7 @@ from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.doubts import doubts
 from dolfinx_llm.contact.results import InterfaceResult, collect_results
 from dolfinx_llm.forms.choice import choose_solver
+from dolfinx_llm.forms.step import StepForm
 from dolfinx_llm.interface.anatomy import describe
 from dolfinx_llm.interface.build import build_model
 from dolfinx_llm.interface.choices import Interface
@@ -25,7 +26,7 @@ from dolfinx_llm.operators.system import ContactOperators
 from dolfinx_llm.output import plot
 from dolfinx_llm.problem.arguments import problem_arguments, step_arguments
 from dolfinx_llm.problem.bulk import LinearBulk
-from dolfinx_llm.problem.methods import Setting, method_of
+from dolfinx_llm.problem.methods import ContactMethod, Setting
 
 log = logging.getLogger("dolfinx_llm")
 
@@ -41,23 +42,22 @@ class ContactProblem(Disposable):
         nodal_loads: Functions of nodal forces, added to the assembled L.
         solver: "saddle": (31) with MUMPS; "condensed": the surfaces' displacements written in the
             frame's, by conjugate gradients with GAMG, or by Cholesky with petsc_options
-            {"ksp_type": "preonly", "pc_type": "cholesky"}; "auto": by size.
+            {"ksp_type": "preonly", "pc_type": "cholesky"}; "auto": by size; or your ``StepForm``.
         petsc_options_prefix: of the options of the linear solver.
         petsc_options: PETSc options on top of the solver's own.
 
     Attributes:
         results: after ``solve``, an ``InterfaceResult`` per interface, the same on every rank.
         history: of the last ``solve``, a dict per iteration: "iteration", "active" (pairs in
-            contact), "stick", "slip", "residual" (relative), with laws that iterate "changes".
-        form: of the system, "saddle", "condensed" or "flexibility", by ``solver``, laws and size.
+            contact), "stick", "slip", "changes", "residual" (relative).
+        form: "saddle", "condensed", "flexibility", by ``solver``, laws and size; or of your own.
         unknowns: global number of displacements u, multipliers lambda and frame unknowns v.
         times: seconds per stage, summed over all calls.
         models: a ``InterfaceGeometry`` per interface: surfaces, frame, pairs and certificate.
         spaces: function space of each mesh.
         K, B, L_b: PETSc matrices of (31).
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
-        bulk, operators: ``LinearBulk`` and ``ContactOperators``, of which (31) is made.
-        method: ``TiedMethod`` or ``LawMethod``, which solves.
+        bulk, operators, method: ``LinearBulk``, ``ContactOperators``, ``ContactMethod``.
 
     Raises:
         ContactInputError: arguments that do not fit.
@@ -72,7 +72,7 @@ class ContactProblem(Disposable):
         bcs: Sequence[Any] = (),
         interfaces: Interface | Sequence[Interface] = (),
         nodal_loads: Sequence[fem.Function] = (),
-        solver: str = "auto",
+        solver: str | StepForm = "auto",
         petsc_options_prefix: str = "llm_",
         petsc_options: dict | None = None,
     ):
@@ -89,7 +89,7 @@ class ContactProblem(Disposable):
         self.bulk = LinearBulk(given, self.times)
         self.spaces, self.comm = self.bulk.spaces, self.bulk.comm
         self._build_operators()
-        self.method = method_of(self._setting())
+        self.method = ContactMethod(self._setting())
         self._remains = Remains([V.mesh for V in self.spaces])
 
     def _build_operators(self) -> None:
@@ -101,9 +101,10 @@ class ContactProblem(Disposable):
 
     def _setting(self) -> Setting:
         """What the method works with, in the form that suits."""
-        self.form, why = choose_solver(self.solver, self.K, self.operators)
         self.scale, self.unknowns = self.operators.scale, self.operators.counts
-        return Setting(self.form, self.bulk, self.operators, *self._petsc, self.times, why)
+        form, why = choose_solver(self.solver, self.K, self.operators)
+        self.form = form if isinstance(form, str) else form.name
+        return Setting(form, self.bulk, self.operators, *self._petsc, self.times, why)
 
     def update(self) -> None:
         """Notice what has changed in forms, conditions and meshes; ``solve`` does so by itself.

@@ -131,7 +131,7 @@ def test_sizes():
     entries = contact.K.getInfo()["nz_used"]
     surface = contact.unknowns["lambda"]
     contact.solve()
-    system, n_v = contact.method.system, contact.unknowns["v"]
+    system, n_v = contact.method.form.system, contact.unknowns["v"]
     assert system.matrix.getSize() == (contact.unknowns["u"] + n_v,) * 2
     assert system.matrix.getBlockSize() == 3
     assert not system.form.tail.idle.any() and (system.form.tail.left == -1).all()
@@ -146,13 +146,13 @@ def test_options_leave_no_trace():
     before = PETSc.Options().getAll()
     contact, _ = blocks(options={"ksp_rtol": 1e-8, "pc_gamg_threshold": 0.02})
     contact.solve()
-    system = contact.method.system
+    system = contact.method.form.system
     assert system.ksp.getTolerances()[0] == 1e-8
     assert system.ksp.getPC().getType() == "gamg"
     assert PETSc.Options().getAll() == before
     contact, _ = blocks(options=DIRECT)
     contact.solve()
-    assert contact.method.system.ksp.getPC().getFactorSolverType() == "mumps"
+    assert contact.method.form.system.ksp.getPC().getFactorSolverType() == "mumps"
     assert PETSc.Options().getAll() == before
 
 
@@ -162,8 +162,8 @@ def test_options_of_the_command_line():
     try:
         contact, _ = blocks(petsc_options_prefix="mine_")
         contact.solve()
-        assert contact.method.system.ksp.getPC().getFactorSolverType() == "mumps"
-        assert contact.method.system.iterations <= 3
+        assert contact.method.form.system.ksp.getPC().getFactorSolverType() == "mumps"
+        assert contact.method.form.system.iterations <= 3
     finally:
         PETSc.Options().delValue("mine_pc_type")
 
@@ -184,7 +184,7 @@ def test_factorisation_takes_over(monkeypatch):
         found = contact.solve().x.array
         assert np.abs(found - value * known).max() <= 1e-12 * np.abs(found).max()
     assert "Cholesky by MUMPS instead" in str(contact)
-    assert len(contact.method.system.notes) == 1
+    assert len(contact.method.form.system.notes) == 1
 
 
 def unsymmetric(V):
@@ -243,7 +243,7 @@ def test_steps_reuse_a_factorisation(monkeypatch):
     count = lambda self, *args: (reduced.append(1), eliminate(self, *args))  # noqa: E731
     monkeypatch.setattr(condensed.CondensedSystem, "eliminate", count)
     steps = [active for _, _, active in condensed_reuse.follow(problem, constants)]
-    system = problem.method.system.system
+    system = problem.method.form.system
     assert system.set_ups == 1 + len(reduced)
     # Pairs whose sign is wrong are asked for besides.
     assert len(system.steps) >= sum(map(len, steps)) >= system.set_ups
@@ -272,4 +272,4 @@ def test_worn_preconditioner_is_renewed(monkeypatch):
         assert np.abs(u - v).max() <= 1e-10 * np.abs(u).max()
         monkeypatch.setattr(condensed, "WORN", 0.3)
     # COST being zero, nothing else renews one.
-    assert problem.method.system.system.set_ups > 1
+    assert problem.method.form.system.set_ups > 1

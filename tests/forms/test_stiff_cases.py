@@ -33,8 +33,8 @@ def test_lost_digits_are_foreseen(exponent):
     contact, exact = stiff_cases.scene(MPI.COMM_SELF, 4, ratio=10.0**exponent, solver="saddle")
     contact.solve()
     error = abs(contact.results[0].pressure / stiff_cases.PRESSURE - 1.0).max()
-    assert error <= 10.0 * contact.method.system.rounding
-    assert contact.method.system.rounding <= 1e-16 * 10.0 ** (exponent + 2)
+    assert error <= 10.0 * contact.method.iteration.verdict.rounding
+    assert contact.method.iteration.verdict.rounding <= 1e-16 * 10.0 ** (exponent + 2)
 
 
 def test_row_too_long_for_gamg(monkeypatch):

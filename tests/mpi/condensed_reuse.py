@@ -48,7 +48,7 @@ def compare(comm, options=None):
     problem, constants = blocks(*scene, "condensed", options)
     known = follow(*blocks(*scene, "auto"))
     for (name, u, _), (_, v, active) in zip(known, follow(problem, constants)):
-        system = problem.method.system.system
+        system = problem.method.form.system
         out[name] = {
             "error": largest(comm, u - v) / largest(comm, u),
             "residual": float(system.residual),

@@ -59,7 +59,7 @@ def test_no_cycle_keeps_a_problem(law, form):
     try:
         problem = changed.Data(COMM).problem(law, form)
         problem.solve()
-        parts = problem, problem.operators, problem.bulk, problem.method, problem.method.system
+        parts = problem, problem.operators, problem.bulk, problem.method, problem.method.form
         parts = [weakref.ref(part) for part in parts]
         del problem
         assert [part() for part in parts] == [None] * 5

@@ -11,7 +11,8 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.forms.direct import mumps_infog, set_up_ksp
 
 # The unpreconditioned norm is that of the system scaled to unit diagonal.
-ITERATIVE = {"ksp_type": "cg", "ksp_norm_type": "unpreconditioned", "ksp_rtol": 1e-13}
+RTOL = 1e-13
+ITERATIVE = {"ksp_type": "cg", "ksp_norm_type": "unpreconditioned", "ksp_rtol": RTOL}
 GAMG = {
     "pc_type": "gamg",
     "pc_gamg_agg_nsmooths": 1,

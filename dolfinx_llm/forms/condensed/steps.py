@@ -10,49 +10,50 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from petsc4py import PETSc
 from scipy.sparse import diags, identity
 from scipy.sparse.linalg import splu
 
+from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
+from dolfinx_llm.forms.condensed.modes import block_size, rigid_modes_of
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.system import CondensedSystem
 from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.forms.direct import DirectSolver
-from dolfinx_llm.forms.exchange import WholeSteps
+from dolfinx_llm.forms.exchange import SetUp, WholeSteps
 from dolfinx_llm.forms.step import SOFT, LinearStep, StepResult, force_level
 from dolfinx_llm.forms.verdict import FinalError
 from dolfinx_llm.operators.numbering import Numbering
+from dolfinx_llm.operators.petsc import times
+from dolfinx_llm.operators.system import ContactOperators
 
 
-class CondensedSteps(WholeSteps):
-    """The steps of ``iteration.ContactIteration`` in the condensed form.
+class CondensedForm(WholeSteps):
+    """The condensed form of a step, which uses up K's storage.
 
     Args:
-        multipliers: the multiplier ``Rows``.
-        block: frame unknowns per node, 1 with friction.
-        modes: near-null space, at the bodies' dofs and at the frame unknowns; None: none.
-        K: taken over, as by ``SplitStiffness``.
-        B, *others: as of ``WholeSteps``.
+        *arguments: of ``WholeSteps``.
     """
 
-    name = "the condensed form"
+    name = "condensed"
+    takes_K = True
     accuracy = 1e-11  # of balance and law, relative: what CG leaves
     most = 60  # as of ``WholeSteps``
+    split: Any = None  # stiffness of the bodies, once it is known
+    system: Any = None  # ``CondensedSystem``, without friction, once there is one
 
-    def __init__(
-        self,
-        multipliers: Any,
-        block: int,
-        modes: tuple[np.ndarray, np.ndarray] | None,
-        K: Any,
-        B: Any,
-        *others: Any,
-    ) -> None:
-        super().__init__(K, B, multipliers.numbering, *others)
-        self.split = SplitStiffness(K, multipliers.dofs)
-        self._multipliers, self._block, self._modes = multipliers, block, modes
-        self.system: Any = None  # without friction, once there is one
+    def prepare(self, K: PETSc.Mat, operators: ContactOperators) -> None:
+        """See ``StepForm``."""
+        self.destroy()
+        super().prepare(K, operators)
+        with self.times.timed("reduction"):
+            self.split = SplitStiffness(K, operators.rows.dofs)
+            jumps = operators.unknowns.sizes[1] > operators.frames.sizes[1]
+            self._block = 1 if jumps else block_size(operators)
+            self._modes = None if jumps else rigid_modes_of(operators)
         self._known = np.zeros(0)  # what the system's matrix was made of
+        self._spring = 0.0
 
     def solve(self, f: np.ndarray, step: LinearStep) -> StepResult:
         """See ``StepForm``."""
@@ -62,106 +63,178 @@ class CondensedSteps(WholeSteps):
                 f"rows that give way (compliance {given:.1e} of the surfaces') cannot be "
                 "eliminated: use solver='saddle' in the place of 'condensed'"
             )
+        if not _holds(step):  # what the matrix alone does not tell
+            self.release()
         found = super().solve(f, step)
         if self.eager:  # what a factorisation leaves is the rounding of f - K u
             level = force_level(found.multiplier, found.y + step.g, self.scale)
             noise = 0.5 * self.noise / level
-            self.accuracy = min(max(noise, WholeSteps.accuracy), CondensedSteps.accuracy)
+            self.accuracy = min(max(noise, WholeSteps.accuracy), CondensedForm.accuracy)
+        else:
+            self.tolerance = self.system.tolerance
         return found
 
-    def _K_times(self, u: np.ndarray) -> Any:
-        product = self.split.times(u)
-        product[self._pins] -= self._spring * u[self._pins]
-        return product
+    def left(self, f: np.ndarray, u: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
+        """See ``StepForm``; where ties let K go, as the last solve has left it."""
+        operators = self.operators
+        if operators.tied:
+            return self.system.left
+        forces = times(operators.B, multiplier[operators.rows.numbering.mine])
+        forces[operators.floating.pins] -= self._spring * u[operators.floating.pins]
+        return self.split.times(u) + forces - f
 
-    def _set_up(self, step: LinearStep) -> Any:
+    def set_up(self, step: LinearStep) -> SetUp:
+        """See ``WholeSteps``."""
+        on, rows = np.flatnonzero(step.active), self.operators.rows
         self._spring = step.spring
-        on = np.flatnonzero(step.active)
-        numbering = Numbering(self.rows.owner[on], self.comm.rank)
-        dofs, base = self._multipliers.dofs[on], self._multipliers.base[on]
-        eliminated = EliminatedRows(dofs, base, step.L[on], numbering, self.frames, self._block)
+        numbering = Numbering(rows.numbering.owner[on], self.operators.comm.rank)
+        eliminated = EliminatedRows(
+            rows.dofs[on],
+            rows.base[on],
+            step.L[on],
+            numbering,
+            self.operators.unknowns,
+            self._block,
+        )
         symmetric = abs(step.E - step.L.T).nnz == 0 and _holds(step)
         self.eager = not symmetric  # to ask takes a solve by CG there, a factor's here
-        set_up = self._symmetric if symmetric else self._with_friction
-        solve, done = set_up(eliminated, step)
+        if symmetric:
+            hold = -step.D.diagonal()
+            self._eliminate(eliminated, step, hold)
+            return _Symmetric(self.system, eliminated, on, hold)
+        self.split.hold(self.operators.floating.pins, self._spring)
+        return _WithFriction(self, eliminated, on, step)
 
-        def ask(f: np.ndarray, g: np.ndarray, rhs: np.ndarray) -> Any:
-            u, found, w = solve(f, g[on][numbering.mine], rhs)
-            multiplier = np.zeros(len(step.active))
-            multiplier[on] = self._gather(numbering, found)
-            return u, multiplier, w
-
-        return ask, done
-
-    def _symmetric(self, eliminated: EliminatedRows, step: LinearStep) -> Any:
-        hold = -step.D.diagonal()
-        wanted = np.concatenate([step.active, hold, [self._spring * self.floating.count]])
-        if not np.array_equal(wanted, self._known):
-            self.split.hold(self._pins, self._spring)
-            if self.system is None:
+    def _eliminate(self, eliminated: EliminatedRows, step: LinearStep, hold: np.ndarray) -> None:
+        """Take what is in contact into the system, if it is not there yet."""
+        floating, n = self.operators.floating, len(step.active)
+        wanted = np.concatenate([step.active, hold, [self._spring * floating.count]])
+        if np.array_equal(wanted, self._known):
+            return
+        self.split.hold(floating.pins, self._spring)
+        if self.system is not None:
+            changed = int((wanted[:n] != self._known[:n]).sum())
+            self.system.eliminate(eliminated, hold, changed)
+        else:
+            with self.times.timed("reduction"):
                 self.system = CondensedSystem(
-                    self.split, eliminated, self.fixed, self.scale, self._prefix, self._options,
-                    modes=self._modes, weak=self._weak(step), proximal=hold,
+                    self.split, eliminated, self.operators.dofs.fixed, self.scale, self.prefix,
+                    self.options, modes=self._modes, weak=self._weak(step),
+                    proximal=hold if hold.any() else None,
                 )  # fmt: skip
-            else:
-                n = len(step.active)
-                changed = int((wanted[:n] != self._known[:n]).sum())
-                self.system.eliminate(eliminated, hold, changed)
-            self._known = wanted
-
-        def solve(f: np.ndarray, g: np.ndarray, rhs: np.ndarray) -> Any:
-            centre = np.where(hold > 0.0, -rhs / np.where(hold > 0.0, hold, 1.0), 0.0)
-            u, multiplier, w = self.system.solve(f, g, centre)
-            return u, multiplier, self._gather(self.frames, w)
-
-        return solve, lambda: None  # what is set up may serve the next step
+            if self.operators.tied:  # the matrix stays
+                self.split.release()
+                with self.times.timed("factorisation"):
+                    self.system.set_up()
+        self._known = wanted
 
     def _weak(self, step: LinearStep) -> Any:
-        """Rigid motions of bodies that supports alone do not hold firmly, and of the frames."""
-        rigid, L = self.floating.rigid.modes, step.L
+        """Rigid motions of bodies that supports alone do not hold firmly, and of the frames; None
+        where ties hold all."""
+        if self.operators.tied:
+            return None
+        rigid, L = self.operators.floating.rigid.modes, step.L
         if not (L.shape[1] and rigid.shape[1]):
             return rigid, np.zeros((L.shape[1], rigid.shape[1]))
         fit = splu((L.T @ L + 1e-10 * identity(L.shape[1])).tocsc())
-        return rigid, fit.solve(L.T @ self.floating.G)
+        return rigid, fit.solve(L.T @ self.operators.floating.G)
 
-    def _with_friction(self, eliminated: EliminatedRows, step: LinearStep) -> Any:
-        """T_lᵀ (f - K T q) + D w + E λ_W = rhs, where T_l has E in the place of L_bᵀ.
-
-        λ_W are the forces of rows that bind the frame alone. Without symmetry no combination of the
-        frame's equations is free of them: they are unknowns, in the places of what they determine.
-        As the rows of ``soft`` they give way a little, since friction may say the same (a node
-        held on both sides that sticks).
-        """
-        self.split.hold(self._pins, self._spring)
-        everywhere = np.ones(step.L.shape[1])
-        form = Transformation(self.split, eliminated, self.fixed, everywhere, SOFT)
-        E = step.E[:, np.flatnonzero(step.active)]
-        test = form.columns_of(E.T.tocsr()[eliminated.multipliers.mine])
-        law = form.frame_law(E, step.D, self.scale)
-        matrix = form.reduce(-law, self.scale, test)
-        own = {k: v for k, v in (self._options or {}).items() if k not in ("ksp_type", "pc_type")}
-        solver = DirectSolver(matrix, self._prefix, own | {"pc_type": "lu"}, own=True)
-
-        def solve(f: np.ndarray, g: np.ndarray, rhs: np.ndarray) -> Any:
-            u_0, v_0 = form.offsets(f, g)
-            b = form.load(f, u_0, test)
-            b[len(f) + form.tail.seats] -= (rhs - step.D @ v_0)[form.tail.mine_used]
-            q = solver.solve(b)
-            u, force, S = form.motion(q) + u_0, np.zeros(len(f)), self.split.surface
-            force[S] = np.where(self.fixed[S], 0.0, f[S] - self.split.rows(u))
-            multiplier = form.A.T @ force + form.frame_multipliers(q, self.scale)
-            return u, multiplier, form.frame_motion(q, v_0)
-
-        def done() -> None:
-            for item in (solver, test, form.T):
-                item.destroy()
-
-        return solve, done
+    def describe(self) -> str:
+        """See ``StepForm``."""
+        if self.system is None or not self.system.set_ups:
+            return "condensed, symmetric positive definite"
+        took = f", {self.system.iterations} iterations" if self.system.iterations else ""
+        return "; ".join([f"condensed, {self.system.method}{took}", *self.system.notes])
 
     def destroy(self) -> None:
+        """See ``StepForm``."""
+        super().destroy()
         for item in (self.system, self.split):
             if item is not None:
                 item.destroy()
+        self.system = self.split = None
+
+
+class _Symmetric:
+    """A step whose matrix is that of a ``CondensedSystem``.
+
+    Args:
+        system: that may serve other steps as well.
+        eliminated: rows in contact.
+        on: (r,) their places among all rows.
+        hold: (m,) stiffness of the proximal term [force / length].
+    """
+
+    def __init__(
+        self, system: CondensedSystem, eliminated: EliminatedRows, on: np.ndarray, hold: np.ndarray
+    ) -> None:
+        self._system, self._rows, self._on, self._hold = system, eliminated, on, hold
+
+    def ask(
+        self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See ``SetUp``."""
+        rows, hold, comm = self._rows, self._hold, self._system.comm
+        centre = np.where(hold > 0.0, -rhs / np.where(hold > 0.0, hold, 1.0), 0.0)
+        u, found, w = self._system.solve(f, g[self._on][rows.multipliers.mine], centre)
+        multiplier = np.zeros(len(g))
+        multiplier[self._on] = gather_rows(comm, found)[rows.multipliers.number]
+        return u, multiplier, gather_rows(comm, w)[rows.frames.number]
+
+    def destroy(self) -> None:
+        """What is set up may serve the next step."""
+
+
+class _WithFriction:
+    """T_lᵀ (f - K T q) + D w + E λ_W = rhs, where T_l has E in the place of L_bᵀ.
+
+    λ_W are the forces of rows that bind the frame alone. Without symmetry no combination of the
+    frame's equations is free of them: they are unknowns, in the places of what they determine.
+    As the rows of ``soft`` they give way a little, since friction may say the same (a node
+    held on both sides that sticks).
+
+    Args:
+        of: the form.
+        eliminated: rows in contact.
+        on: (r,) their places among all rows.
+        step: the equations.
+    """
+
+    def __init__(
+        self, of: CondensedForm, eliminated: EliminatedRows, on: np.ndarray, step: LinearStep
+    ) -> None:
+        self._split, self._fixed, self._scale = of.split, of.operators.dofs.fixed, of.scale
+        self._rows, self._on, self._D = eliminated, on, step.D
+        everywhere = np.ones(step.L.shape[1])
+        self._form = Transformation(self._split, eliminated, self._fixed, everywhere, SOFT)
+        E = step.E[:, on]
+        self._test = self._form.columns_of(E.T.tocsr()[eliminated.multipliers.mine])
+        law = self._form.frame_law(E, step.D, self._scale)
+        matrix = self._form.reduce(-law, self._scale, self._test)
+        own = {k: v for k, v in (of.options or {}).items() if k not in ("ksp_type", "pc_type")}
+        with of.times.timed("factorisation"):
+            self._solver = DirectSolver(matrix, of.prefix, own | {"pc_type": "lu"}, own=True)
+
+    def ask(
+        self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See ``SetUp``."""
+        form, split, numbering = self._form, self._split, self._rows.multipliers
+        u_0, v_0 = form.offsets(f, g[self._on][numbering.mine])
+        b = form.load(f, u_0, self._test)
+        b[len(f) + form.tail.seats] -= (rhs - self._D @ v_0)[form.tail.mine_used]
+        q = self._solver.solve(b)
+        u, force, S = form.motion(q) + u_0, np.zeros(len(f)), split.surface
+        force[S] = np.where(self._fixed[S], 0.0, f[S] - split.rows(u))
+        found = form.A.T @ force + form.frame_multipliers(q, self._scale)
+        multiplier = np.zeros(len(g))
+        multiplier[self._on] = gather_rows(split.comm, found)[numbering.number]
+        return u, multiplier, form.frame_motion(q, v_0)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+        for item in (self._solver, self._test, self._form.T):
+            item.destroy()
 
 
 def _holds(step: LinearStep) -> bool:

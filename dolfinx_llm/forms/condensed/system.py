@@ -18,10 +18,10 @@ from petsc4py import PETSc
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.forms.condensed.coarse import CoarseMotions
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
-from dolfinx_llm.forms.condensed.krylov import DIRECT, WIDEST, near_null_space, solver_of
+from dolfinx_llm.forms.condensed.krylov import DIRECT, RTOL, WIDEST, near_null_space, solver_of
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.transformation import Transformation
-from dolfinx_llm.forms.verdict import EPS, SEVERAL, check_rounding, require, rounding_error
+from dolfinx_llm.forms.verdict import EPS, beyond, judge, largest
 from dolfinx_llm.operators.petsc import times
 
 log = logging.getLogger("dolfinx_llm")
@@ -36,10 +36,10 @@ ROUNDING = 4.0 * EPS  # of a residual of the scaled system, per size of its unkn
 class CondensedSystem:
     """Tᵀ K T with a preconditioner or a factorisation, set up once for any number of loads.
 
-    After a solve ``iterations``, ``residual`` (of (31), over the size of its unknowns),
-    ``rounding`` (relative error of the forces that no solver can avoid) and ``notes`` tell how it
-    went; ``set_ups`` counts preconditioners and factorisations, ``steps`` has of each solve its
-    "iterations" and the seconds of its "set-up" and "solve".
+    After a solve ``iterations``, ``residual`` (of (31), over the size of its unknowns), ``left``
+    (this rank's K u + B λ - f), ``tolerance`` (what the user's options allow of it [force]) and
+    ``notes`` tell how it went; ``set_ups`` counts preconditioners and factorisations, ``steps`` has
+    of each solve its "iterations" and the seconds of its "set-up" and "solve".
 
     Args:
         split: stiffness of the bodies, identity rows and columns at prescribed dofs, parted at the
@@ -77,7 +77,7 @@ class CondensedSystem:
         self.split, self.fixed, self.scale, self.comm = split, fixed, scale, split.comm
         self.notes: list[str] = []
         self.steps: list[dict] = []
-        self.iterations, self.residual, self.set_ups = 0, np.nan, 0
+        self.iterations, self.residual, self.set_ups, self.tolerance = 0, np.nan, 0, 0.0
         self._modes, self._prefix, self._weak = modes, prefix, weak or modes
         options = dict(options or {})
         if rows.widest > WIDEST and options.get("pc_type", "gamg") == "gamg":
@@ -231,6 +231,10 @@ class CondensedSystem:
             elif not self._kept and self.ksp.getType() != "preonly" and digits > 1.0:
                 self._usual, self._serves = self.ksp.getIterationNumber() / digits, True
         self.ksp.setTolerances(*tolerances)
+        least = self.comm.allreduce(self.S.array_r.min(initial=np.inf), op=MPI.MIN)
+        self._promised = enough / least  # residual, at most [force]
+        # A tolerance that the user made larger is the user's choice.
+        self.tolerance = self._promised if rtol > RTOL and not direct else 0.0
         x.destroy()
         b.destroy()
         u = self.form.motion(q) + u_0
@@ -276,22 +280,16 @@ class CondensedSystem:
         force: np.ndarray,
         centre: np.ndarray | None,
     ) -> None:
-        """Require a small residual of (31), as ``system.SaddleSystem`` does."""
+        """Require a small residual of (31)."""
         sizes = self.form.sizes((f, g), (u, multiplier, v), force, centre, self.scale)
-        worst, load = sizes[:3].max(), sizes[3]
-        self.residual = worst / max(sizes[3:].max(), 1e-300)
-        self.rounding = rounding_error(self.comm, self.split.diagonal, u, f, multiplier)
-        against_load = worst / load if load > 0.0 else self.residual
-        # A tolerance that the user made larger is the user's choice.
-        asked = 0.0 if self.ksp.getType() == "preonly" else 10.0 * self.ksp.getTolerances()[0]
-        allowed = max(1e-9, asked), max(1e-6, asked)
-        # What weak springs alone hold, a small force moves far: that much is rounding.
-        allowed = allowed[0], max(allowed[1], SEVERAL * self.rounding)
-        took = f"{self.iterations} iterations of {self.method}"
-        how = f"after {took}, PETSc's reason {self.ksp.getConvergedReason()}"
-        require((self.residual, against_load), allowed, how)
-        if self.form.proximal is None:  # else the law's iteration has the last word
-            check_rounding(self.rounding)
+        self.residual = sizes[:3].max() / max(sizes[3:].max(), 1e-300)
+        free = ~self.fixed
+        self.left, _ = self.form.residual(u, multiplier, v, g, force)
+        terms, load = largest(self.comm, free * self.split.diagonal * u, free * f)
+        reason = self.ksp.getConvergedReason()
+        how = f"{self.iterations} iterations of {self.method}, PETSc's reason {reason}"
+        left = max(sizes[0], beyond(sizes[1], sizes[3:5].max()), sizes[2])
+        judge(left, terms, max(load, sizes[5]), how, self._promised)
 
     def destroy(self) -> None:
         self._discard()

@@ -8,12 +8,17 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.destroyed import Destroyed
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import gather_rows
-from dolfinx_llm.forms.saddle import SaddleSystem
+from dolfinx_llm.forms.saddle import FactorisedStep
+from dolfinx_llm.forms.step import LinearStep
+from dolfinx_llm.forms.verdict import beyond, check_rounding, judge, largest
+from dolfinx_llm.operators.numbering import Numbering
+from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.problem.problem import ContactProblem
 
 
@@ -102,15 +107,44 @@ class ClassicalForm:
 
     def _solve(self, f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """This rank's u and multipliers of (6)."""
+        problem, comm, Q = self.problem, self.problem.comm, self.Q
+        counts = comm.allgather(Q.getLocalSize()[0])
+        rows = Numbering(np.repeat(np.arange(comm.size), counts), comm.rank)
+        gaps = gather_rows(comm, g)
         if self._system is None:
-            p, Q_t = self.problem, self.Q.copy()
+            Q_t = Q.copy()
             Q_t.transpose()
-            prefix = f"{p.method.setting.prefix}classical_"
-            self._system = SaddleSystem(p.K, Q_t, None, p.scale, prefix, self._options)
+            step = LinearStep.tied(csr_matrix((len(gaps), 0)), gaps)
+            numbers = rows, Numbering(np.zeros(0, dtype=np.int64), comm.rank)
+            prefix = f"{problem.method.setting.prefix}classical_"
+            self._system = FactorisedStep(
+                problem.K, Q_t, step, numbers, problem.scale, prefix, self._options
+            )
             Q_t.destroy()
-        u, multiplier, _ = self._system.solve(f, g)
-        self.residual = self._system.residual
-        return u, multiplier
+        u, multiplier, _ = self._system.ask(f, gaps, np.zeros(0))
+        self._judge(f, g, u, multiplier[rows.mine])
+        return u, multiplier[rows.mine]
+
+    def _judge(self, f: np.ndarray, g: np.ndarray, u: np.ndarray, multiplier: np.ndarray) -> None:
+        """Require what every solution is required to keep."""
+        problem, Q = self.problem, self.Q
+        free = ~problem.bulk.dofs.fixed
+        pushed = times(Q, multiplier, transposed=True)
+        motion = times(Q, u)
+        left, apart, moved, terms, *forces = largest(
+            problem.comm,
+            free * (times(problem.K, u) + pushed - f),
+            problem.scale * (motion + g),
+            problem.scale * np.maximum(np.abs(motion), np.abs(g)),
+            free * problem.operators.diagonal * u,
+            free * f,
+            free * pushed,
+        )
+        verdict = judge(
+            max(left, beyond(apart, moved)), terms, max(forces), "(6) factorised by MUMPS"
+        )
+        check_rounding(verdict.rounding)
+        self.residual = verdict.residual
 
     def _functions(self, u: np.ndarray) -> fem.Function | list[fem.Function]:
         functions = self.problem.bulk.functions(u)
