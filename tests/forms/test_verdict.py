@@ -95,6 +95,14 @@ def test_runaway(name, solver, at_once):
         assert said <= 1.01 * force
 
 
+def test_wrong_option_is_named_at_once(solver, at_once):
+    """Also where every iteration factorises anew: no smaller load step is tried."""
+    loads = [(0.0, 0.0), (0.1 * WEIGHT, -WEIGHT)]
+    stack = Stack([llm.Coulomb(0.3)], loads=loads, solver=solver, petsc_options={"ksp_tpye": "cg"})
+    with pytest.raises(llm.ContactInputError, match="'ksp_tpye' is no option"):
+        stack.solve()
+
+
 @pytest.mark.parametrize("load", [0.27, 0.299])
 def test_below_the_limit(load, solver):
     stack = Stack([llm.Coulomb(0.3)], loads=[(0, 0), (load * WEIGHT, -WEIGHT)], solver=solver)
