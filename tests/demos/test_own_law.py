@@ -4,7 +4,11 @@ import numpy as np
 import own_law
 import pytest
 from conftest import run_mpi_json
+from hertz2d import hold
+from mpi4py import MPI
 
+import dolfinx_llm as llm
+from dolfinx_llm import compat
 from dolfinx_llm.forms import choice
 
 SCENES = {
@@ -39,9 +43,68 @@ def test_closed_form(scene, dim, form, monkeypatch):
     assert_known(rows)
 
 
+def assert_peeled(rows):
+    """The crack grows, and its force is Griffith's but for shear and what gives way at the tip."""
+    grows = [row for row in rows if row["parted"] > 0]
+    assert len(grows) >= 4 and (np.diff([row["parted"] for row in rows]) >= 0).all()
+    for row in grows:
+        assert abs(row["force"] / row["Griffith"] - 1.0) <= 0.03
+
+
+def test_peel():
+    assert_peeled(own_law.peel())
+
+
 def test_on_ranks():
-    for rows in run_mpi_json("../../demos/own_law.py", 2, "--json").values():
-        assert_known(rows)
+    found = run_mpi_json("../../demos/own_law.py", 2, "--json", "--scenes", "inclined", "soft")
+    assert_known(found["inclined"])
+    assert_known(found["soft"])
+
+
+class Layer(llm.Law):
+    """Springs that neither part nor break, given by forces alone."""
+
+    opens, slips, gives, closes_gap = False, True, True, False
+
+    def force(self, nodes):
+        k = 4000.0 * nodes.area[:, None] * np.ones(nodes.jump.shape)
+        k[:, :-1] *= 0.5
+        return k * nodes.jump, k
+
+
+@pytest.mark.parametrize("solver", ["saddle", "condensed"])
+def test_springs_that_do_not_part(solver):
+    """Linear, to and fro: as the glue below its limit."""
+    column = own_law.Column(Layer(), 2, (4, 6), 30.0, solver, slides=True)
+    known, _ = own_law.stress_of(own_law.Glue(first=1.0, last=2.0), 0.004, 2, 30.0)
+    for U, stress in ((0.004, known), (-0.004, -known)):
+        row = column.pull(U)
+        assert abs(row["stress"] - stress) <= 1e-11 * known and row["uneven"] <= 1e-10 * known
+    side = column.problem.results[0].sides[0]
+    assert (side.gap < 0.0).all() and (side.status == 1).all()
+
+
+@pytest.mark.parametrize("dim, solver", [(2, "saddle"), (3, "condensed")])
+def test_on_an_obstacle(dim, solver):
+    """A soft layer on a rigid plane: pressed, lifted, pressed again."""
+    domain, tags = own_law.block(MPI.COMM_WORLD, dim, 4, False, 0.0)
+    V = compat.function_space(domain, shape=(dim,))
+    top = hold(V, dim - 1, lambda x: np.isclose(x[dim - 1], 1.0))
+    corner = [[0.0] * (dim - 1) + [1.0], [1.0] + [0.0] * (dim - 2) + [1.0]]
+    at = [np.array([*c, *[0.0] * (3 - dim)]) for c in corner]
+    bcs = [top, hold(V, 0, lambda x: own_law.near(x, at[0]))]
+    bcs += [hold(V, 1, lambda x, a=a: own_law.near(x, a)) for a in at[: 2 * (dim - 2)]]
+    plane = llm.RigidPlane((0.0,) * dim, (0.0,) * (dim - 1) + (1.0,))
+    law = own_law.Soft()
+    problem = own_law.problem([V], bcs, None, law, solver, llm.Interface(tags, (1, plane), law=law))
+    for U in (-0.008, 0.001, -0.02):
+        top.g.x.array[:] = U
+        problem.solve()
+        # Half as high as the column: the same stress for half the way, with half the overlap.
+        known, _ = own_law.stress_of(own_law.Soft(h=2.0 * law.h), 2.0 * U, dim, 0.0)
+        result = problem.results[0]
+        assert np.abs(result.pressure + known).max() <= 1e-11 * 10.0
+        assert (result.sides[0].gap < 0.0).all() == (U < 0.0)
 
 
 def test_closed_form_by_hand():
