@@ -114,7 +114,7 @@ def block(comm, dim, n, upper, slope):
     return domain, tags
 
 
-def problem(spaces, bcs, sides, law, solver, interface=None):
+def problem(spaces, bcs, sides, law, solver, interfaces=None):
     """Elastic bodies without loads."""
     forms, loads = [], []
     for V in spaces:
@@ -123,8 +123,8 @@ def problem(spaces, bcs, sides, law, solver, interface=None):
         sigma = E / (1 + NU) * (eps + NU / (1 - 2 * NU) * ufl.tr(eps) * ufl.Identity(dim))
         forms.append(ufl.inner(sigma, ufl.grad(w)) * ufl.dx)
         loads.append(ufl.inner(fem.Constant(V.mesh, (0.0,) * dim), w) * ufl.dx)
-    interface = interface or llm.Interface(None, sides, law=law)
-    return llm.ContactProblem(forms, loads, bcs=bcs, interfaces=[interface], solver=solver)
+    interfaces = interfaces or llm.Interface(None, sides, law=law)
+    return llm.ContactProblem(forms, loads, bcs=bcs, interfaces=interfaces, solver=solver)
 
 
 class Column:

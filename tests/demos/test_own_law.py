@@ -107,6 +107,51 @@ def test_on_an_obstacle(dim, solver):
         assert (result.sides[0].gap < 0.0).all() == (U < 0.0)
 
 
+@pytest.mark.parametrize("dim, solver", [(2, "condensed"), (3, "saddle")])
+def test_supports_at_the_interface(dim, solver):
+    """A quarter of the column: planes of symmetry hold nodes of both sides of the glue."""
+    bodies = [own_law.block(MPI.COMM_WORLD, dim, n, n == 4, 0.0) for n in (3, 4)]
+    spaces = [compat.function_space(domain, shape=(dim,)) for domain, _ in bodies]
+    last = dim - 1
+    top = hold(spaces[1], last, lambda x: np.isclose(x[last], 2.0))
+    bcs = [top, hold(spaces[0], last, lambda x: np.isclose(x[last], 0.0))]
+    bcs += [hold(V, k, lambda x, k=k: np.isclose(x[k], 0.0)) for V in spaces for k in range(last)]
+    sides = (bodies[0][1], own_law.TOP), (bodies[1][1], own_law.BOTTOM)
+    law = own_law.Glue()
+    problem, largest = own_law.problem(spaces, bcs, sides, law, solver), 0.0
+    for U in (0.004, 0.011, 0.005, 0.016, -0.003):
+        top.g.x.array[:] = U
+        problem.solve()
+        known, largest = own_law.stress_of(law, U, dim, 0.0, largest)
+        assert np.abs(problem.results[0].pressure + known).max() <= 1e-11 * 4.0
+
+
+@pytest.mark.parametrize("limit", [0, 10**6])
+def test_beside_other_laws(limit, monkeypatch):
+    """Glue, friction and a soft layer in series: one stress, and the sum of their jumps."""
+    monkeypatch.setattr(choice, "FLEXIBLE", limit)
+    bodies = [own_law.block(MPI.COMM_WORLD, 2, n, False, 0.0) for n in (3, 4, 3, 5)]
+    for k, (domain, _) in enumerate(bodies):
+        domain.geometry.x[:, 1] += k
+    spaces = [compat.function_space(domain, shape=(2,)) for domain, _ in bodies]
+    top = hold(spaces[3], 1, lambda x: np.isclose(x[1], 4.0))
+    bcs = [top, hold(spaces[0], 1, lambda x: np.isclose(x[1], 0.0))]
+    bcs += [hold(V, 0, lambda x: np.isclose(x[0], 0.0)) for V in spaces]
+    glue, soft = own_law.Glue(), own_law.Soft()
+    touching = [
+        llm.Interface(None, ((low[1], own_law.TOP), (high[1], own_law.BOTTOM)), law=law)
+        for low, high, law in zip(bodies, bodies[1:], (glue, llm.Coulomb(0.3), soft), strict=False)
+    ]
+    problem = own_law.problem(spaces, bcs, None, None, "saddle", touching)
+    top.g.x.array[:] = -0.03
+    problem.solve()
+    p = problem.results[0].pressure.mean()
+    way = 4.0 * p * (1 - 0.09) / 1000.0 + p / glue.k + soft.h * np.log1p(p / soft.p0)
+    assert abs(way - 0.03) <= 1e-12 * 0.03
+    for result in problem.results:
+        assert np.abs(result.pressure - p).max() <= 1e-10 * p
+
+
 def test_closed_form_by_hand():
     """The glue's branches at hand values: compliance 2 (1 - ν²) / E = 0.00182 in 2D."""
     law, compliance = own_law.Glue(), 2.0 * (1 - 0.09) / 1000.0
