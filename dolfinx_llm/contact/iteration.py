@@ -162,7 +162,7 @@ class ContactIteration:
             enough = max(ENOUGH, self.form.noise / largest)
             settled = miss <= self.form.accuracy or (stalled and miss <= enough)
             if settled and calm > corrections and pull.rests:
-                self._require_friction(multiplier)
+                _require_friction(self.states, multiplier)
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
                 return found
             # Friction is linearised about the last iterate, or halfway where that did not help.
@@ -178,22 +178,6 @@ class ContactIteration:
             if calm:
                 self.form.correct(found)
         raise ContactError(self._failure(self.history[first:]))
-
-    def _require_friction(self, multiplier: np.ndarray) -> None:
-        """Refuse a state in which more than the rim of contact has lost its friction.
-
-        Raises:
-            ContactError: it has; smaller load steps may help.
-        """
-        for s in self.states:
-            share = s.loose_share([multiplier[s.nodes.rows[:, -1]]])
-            if share > FRICTIONLESS:
-                raise ContactError(
-                    f"interface {s.nodes.model.interface.name}: pairs that opened and closed by "
-                    f"turns were left without friction, and carry {share:.1%} of the normal force "
-                    f"(allowed {FRICTIONLESS:.0%}). Apply the load in smaller steps "
-                    "(solve(increments=...)), or use a finer mesh where contact ends"
-                )
 
     def _failure(self, history: list[dict]) -> str:
         last = history[-5:]
@@ -247,3 +231,20 @@ class ContactIteration:
             "stick": int(counts[STICK]),
             "slip": int(counts[SLIP]),
         }
+
+
+def _require_friction(states: list[InterfaceState], multiplier: np.ndarray) -> None:
+    """Refuse a state in which more than the rim of contact has lost its friction.
+
+    Raises:
+        ContactError: it has; smaller load steps may help.
+    """
+    for s in states:
+        share = s.loose_share([multiplier[s.nodes.rows[:, -1]]])
+        if share > FRICTIONLESS:
+            raise ContactError(
+                f"interface {s.nodes.model.interface.name}: pairs that opened and closed by "
+                f"turns were left without friction, and carry {share:.1%} of the normal force "
+                f"(allowed {FRICTIONLESS:.0%}). Apply the load in smaller steps "
+                "(solve(increments=...)), or use a finer mesh where contact ends"
+            )
