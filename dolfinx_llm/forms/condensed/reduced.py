@@ -7,8 +7,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.forms.condensed.elimination import EliminatedRows
-from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.operators.petsc import times
 
@@ -17,10 +15,10 @@ class ReducedMatrix:
     """S Tᵀ K T S with the proximal term; S is the inverse square root of its diagonal.
 
     Args:
-        split, rows, fixed, proximal, scale: as of ``CondensedSystem``.
+        form: T; it is destroyed with the matrix.
+        scale: of idle places [force / length].
 
     Attributes:
-        form: the ``Transformation`` T.
         matrix: PETSc AIJ, symmetric positive definite.
         S: PETSc Vec.
 
@@ -28,16 +26,8 @@ class ReducedMatrix:
         ContactError: an entry of the diagonal is not positive.
     """
 
-    def __init__(
-        self,
-        split: SplitStiffness,
-        rows: EliminatedRows,
-        fixed: np.ndarray,
-        proximal: np.ndarray | None,
-        scale: float,
-    ) -> None:
-        self._comm = split.comm
-        self.form = Transformation(split, rows, fixed, proximal)
+    def __init__(self, form: Transformation, scale: float) -> None:
+        self.form, self._comm = form, form.comm
         self.matrix = self.form.reduce(self.form.penalty(), scale)
         diagonal = self.matrix.getDiagonal()
         least = self._comm.allreduce(diagonal.array_r.min(initial=np.inf), op=MPI.MIN)

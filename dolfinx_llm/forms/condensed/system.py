@@ -19,6 +19,7 @@ from dolfinx_llm.forms.condensed.kept import KeptSolver
 from dolfinx_llm.forms.condensed.krylov import RTOL, WIDEST, near_null_space
 from dolfinx_llm.forms.condensed.reduced import ReducedMatrix
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
+from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.forms.verdict import EPS, beyond, judge, largest
 
 PASSES = 4  # solves for what the residual of the unreduced system still holds
@@ -99,8 +100,9 @@ class CondensedSystem:
 
     def _reduce(self, rows: EliminatedRows, proximal: np.ndarray | None) -> None:
         """Take over what other eliminated rows leave."""
-        self.reduced = ReducedMatrix(self.split, rows, self.fixed, proximal, self.scale)
-        self.form, self.matrix, self.S = self.reduced.form, self.reduced.matrix, self.reduced.S
+        self.form = Transformation(self.split, rows, self.fixed, proximal)
+        self.reduced = ReducedMatrix(self.form, self.scale)
+        self.matrix, self.S = self.reduced.matrix, self.reduced.S
         self._coarse = CoarseMotions(self.form, self.matrix, self.S, self._weak)
 
     def set_up(self) -> None:
