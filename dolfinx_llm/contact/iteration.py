@@ -28,6 +28,7 @@ MAXIMUM = 60  # iterations
 FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
+FRICTIONLESS = 1e-2  # of the normal force that may be without friction: less than meshes cost
 CALM = 2  # iterations without a change after which a residual may have stopped falling
 
 
@@ -161,6 +162,7 @@ class ContactIteration:
             enough = max(ENOUGH, self.form.noise / largest)
             settled = miss <= self.form.accuracy or (stalled and miss <= enough)
             if settled and calm > corrections and pull.rests:
+                _require_friction(self.states, multiplier)
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
                 return found
             # Friction is linearised about the last iterate, or halfway where that did not help.
@@ -229,3 +231,20 @@ class ContactIteration:
             "stick": int(counts[STICK]),
             "slip": int(counts[SLIP]),
         }
+
+
+def _require_friction(states: list[InterfaceState], multiplier: np.ndarray) -> None:
+    """Refuse a state in which more than the rim of contact has lost its friction.
+
+    Raises:
+        ContactError: it has; smaller load steps may help.
+    """
+    for s in states:
+        share = s.loose_share([multiplier[s.nodes.rows[:, -1]]])
+        if share > FRICTIONLESS:
+            raise ContactError(
+                f"interface {s.nodes.model.interface.name}: pairs that opened and closed by "
+                f"turns were left without friction, and carry {share:.1%} of the normal force "
+                f"(allowed {FRICTIONLESS:.0%}). Apply the load in smaller steps "
+                "(solve(increments=...)), or use a finer mesh where contact ends"
+            )

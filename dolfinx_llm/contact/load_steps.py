@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import diags
 
-from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.forms.step import StepResult
 from dolfinx_llm.forms.verdict import FinalError, beyond, check_rounding, judge, largest, size
@@ -50,7 +50,7 @@ def advance(
         before = iteration.snapshot()
         try:
             found = iteration.iterate(f_t, g_t)
-        except FinalError:
+        except (FinalError, ContactInputError):  # smaller parts are of no help
             iteration.restore(first)
             raise
         except ContactError as failed:

@@ -157,7 +157,7 @@ class InterfaceState:
     def _tied(self) -> np.ndarray:
         """(n,) pairs that follow the frame tangentially. One that opens and closes by turns, at the
         rim of contact, carries hardly any force; without friction it comes to rest."""
-        if self.nodes.model.frame is None:  # each pair has a node of its own
+        if not self._shares:
             return self.own.active
         return self.own.active & (self.own.closings < LOOSE)
 

@@ -1,10 +1,10 @@
-"""Rows of L_b on curved frames: smooth geometry first, then balance.
+"""Rows of L_b on curved frames that reproduce places on the smooth surface.
 
 A frame of flat cells lies below the surface that its nodes are taken from by about h² / 8R. Rows
 that interpolate on the cells alone would tie bodies across these chordal gaps: a rigid rotation
-would strain them, and a closed gap would be wrong by as much. So each row is corrected on its cell
-and the cells around it, by the smallest change that reproduces the place of its node, also along
-the normal; then all rows, by the smallest change that balances the vector areas (design, 5).
+would strain them, and a closed gap would be wrong by as much. So each row is corrected on the
+nodes around its own, by the smallest change that reproduces the place of its node in space.
+``balance`` then corrects all rows so that the vector areas of both sides cancel (design, 5).
 """
 
 from __future__ import annotations
@@ -14,23 +14,43 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags
-from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from dolfinx_llm.design.quadric import Stencils, cell_stencils, projectors, stencil_rows
+from dolfinx_llm.design.quadric import SmoothSurface
+from dolfinx_llm.design.stencils import (
+    FADE,
+    RowStencils,
+    adjacency,
+    curved_stencils,
+    row_weights,
+    spread,
+)
 from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import outline_edges
 from dolfinx_llm.geometry.pairs import ContactPairs
 
-LARGEST = 0.3  # correction of an entry of L_b by geometry; larger ones are left out
-DAMPING = 1e-3  # Tikhonov's parameter of the balance, relative to the mean diagonal
+LARGEST = 0.3  # correction of an entry of L_b by geometry; larger ones are faded, or left out
+FADES = (FADE, 1e-3, 1e-2, 1e-1)  # of ``curved_stencils``, until the correction is small enough
 AT_OUTLINE = 0.2  # cells: how near to the frame's outline a node of a side's outline belongs to it
+ON_LINE = 0.5  # edge lengths: how near to an edge's line nodes of the outline belong to it
 
 
-def curved_rows(
-    frame: Frame, pairs: Sequence[ContactPairs], close_gap: bool
-) -> tuple[list[ContactPairs], Stencils, np.ndarray, list[np.ndarray]]:
+@dataclass(frozen=True, eq=False)
+class SmoothRows:
+    """Both sides on the smooth surface: geometry, and what corrects rows towards it."""
+
+    pairs: list[ContactPairs]  # with smooth normals and gaps along them, rows of share 1
+    stencils: list[RowStencils]  # what the rows of each side may be corrected on
+    start: list[csr_matrix]  # (n, m) rows on the cells
+    move: list[csr_matrix]  # (n, m) corrections to the places on the smooth surface
+
+    def rows(self, share: float) -> list[csr_matrix]:
+        """Rows that go a share of the way from the cells to the smooth surface."""
+        return [N + share * D for N, D in zip(self.start, self.move, strict=True)]
+
+
+def smooth_rows(frame: Frame, pairs: Sequence[ContactPairs], close_gap: bool) -> SmoothRows:
     """Rows of both sides that reproduce places on the smooth surface, and their stencils.
 
     Args:
@@ -39,26 +59,16 @@ def curved_rows(
         close_gap: False: rows reproduce the nodes' own places where a small correction can (then
             linear fields and rotations pass exactly); True: the places below them on the surface
             through the frame's nodes, so that what remains is the gap.
-
-    Returns:
-        pairs with such rows, smooth normals and gaps along them; stencils of all groups; their
-        projectors; per side the group of each row.
     """
-    st = cell_stencils(frame)
+    surface = SmoothSurface.through(frame)
+    ring = adjacency(frame.cells, len(frame.x))
     edges = outline_edges(frame.cells)
-    clamped = [_at_outline(frame, p, edges, st) for p in pairs]
-    n = len(frame.cells)
-    extra = _along_outline(st, frame, edges, clamped)
-    st = replace(st, **extra)
-    P, M = projectors(st)
-    out, groups = [], []
-    for p, c in zip(pairs, clamped, strict=True):
-        group = c.cell.copy()
-        group[c.rows] = n + np.arange(len(c.rows))
-        n += len(c.rows)
-        groups.append(group)
-        out.append(_smooth_pairs(frame, p, c, st, M, group, close_gap))
-    return out, st, P, groups
+    sides = []
+    for p in pairs:
+        clamped = _at_outline(frame, p, edges, surface.base[:, -1])
+        W = _weights(frame, clamped, edges, surface.base[:, -1], ring)
+        sides.append(_smooth_side(frame, surface, p, clamped, W, close_gap))
+    return SmoothRows(*(list(parts) for parts in zip(*sides, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +81,15 @@ class _Clamped:
     cell: np.ndarray  # (n,) cell of each row
 
 
-def _at_outline(frame: Frame, pairs: ContactPairs, edges: np.ndarray, st: Stencils) -> _Clamped:
+def _at_outline(
+    frame: Frame, pairs: ContactPairs, edges: np.ndarray, normals: np.ndarray
+) -> _Clamped:
     """Bind nodes of a side's outline that lie at the frame's to it: what a symmetry plane or an
-    edge prescribes for the one must not concern the frame's inner nodes."""
+    edge prescribes for the one must not concern the frame's inner nodes.
+
+    Args:
+        normals: (n_cells, gdim) of the frame's cells.
+    """
     own = np.unique(outline_edges(pairs.surface.facets))
     rows = np.flatnonzero(np.isin(pairs.nodes, own))
     if not len(edges) or not len(rows):
@@ -91,7 +107,7 @@ def _at_outline(frame: Frame, pairs: ContactPairs, edges: np.ndarray, st: Stenci
     # The cell that the edge belongs to, and the distance within its plane.
     owner = _cells_of_edges(frame.cells, edges)[edge]
     miss = x - ends[edge, 0] - t[:, None] * (ends[edge, -1] - ends[edge, 0])
-    normal = st.base[owner, -1]
+    normal = normals[owner]
     tangential = miss - np.einsum("ni,ni->n", miss, normal)[:, None] * normal
     close = np.linalg.norm(tangential, axis=1) <= AT_OUTLINE * frame.cell_size[owner]
     rows, edge, t, owner = rows[close], edge[close], t[close], owner[close]
@@ -118,60 +134,101 @@ def _cells_of_edges(cells: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return order[np.searchsorted(key[order], edges[:, 0] * m + edges[:, 1])] // cells.shape[1]
 
 
-def _along_outline(
-    st: Stencils, frame: Frame, edges: np.ndarray, clamped: Sequence[_Clamped]
-) -> dict[str, np.ndarray]:
-    """Stencils of all cells, followed by one per clamped row: nodes on the line of its edge."""
-    cell = np.concatenate([c.cell[c.rows] for c in clamped])
-    edge = edges[np.concatenate([c.edge for c in clamped])]
-    nodes, local = st.nodes[cell], st.local[cell]
-    on_edge = (nodes[..., None] == edge[:, None, :]).any(axis=2) & st.mask[cell]
-    mask = on_edge
-    if edge.shape[1] == 2 and len(cell):
-        a, b = (st.to_local(cell, frame.x[edge[:, k]])[:, :2] for k in (0, 1))
-        t = (b - a) / np.linalg.norm(b - a, axis=1)[:, None]
-        d = local[..., :2] - a[:, None]
-        across = np.abs(d[..., 0] * t[:, None, 1] - d[..., 1] * t[:, None, 0])
-        length = np.linalg.norm(b - a, axis=1)[:, None]
-        on_line = np.isin(nodes, edges) & (across <= 0.1 * length) & st.mask[cell]
-        mask = on_edge | on_line
-    return {
-        "cell": np.concatenate([st.cell, cell]),
-        "nodes": np.concatenate([st.nodes, np.where(mask, nodes, 0)]),
-        "mask": np.concatenate([st.mask, mask]),
-        "local": np.concatenate([st.local, local * mask[..., None]]),
-    }
+def _weights(
+    frame: Frame, clamped: _Clamped, edges: np.ndarray, normals: np.ndarray, ring: csr_matrix
+) -> csr_matrix:
+    """(n, m) weights of the frame nodes in each row's stencil.
+
+    Rows at the outline take the nodes along the line of their edge alone. On a line, as anywhere
+    in 2D, one ring of three nodes would leave nothing beside three constraints: they take two.
+
+    Args:
+        normals: (n_cells, gdim) of the frame's cells.
+        ring: ``adjacency`` of the frame's nodes.
+    """
+    wide = row_weights(clamped.N, ring @ ring)
+    if frame.gdim == 3:
+        at_edge = np.zeros(wide.shape[0])
+        at_edge[clamped.rows] = 1.0
+        wide = diags(1.0 - at_edge) @ row_weights(clamped.N, ring) + diags(at_edge) @ wide
+    W = wide.tocsr()
+    if len(clamped.rows):
+        W.data[~_along_lines(frame, clamped, edges, normals, W)] = 0.0
+    W.eliminate_zeros()
+    return W
 
 
-def _smooth_pairs(
+def _along_lines(
+    frame: Frame, clamped: _Clamped, edges: np.ndarray, normals: np.ndarray, W: csr_matrix
+) -> np.ndarray:
+    """(z,) which entries of W stay: those of inner rows, and of nodes along a row's own edge."""
+    edge_of = np.full(W.shape[0], -1)
+    edge_of[clamped.rows] = clamped.edge
+    at = spread(edge_of, W.indptr)
+    keep = at < 0
+    entries = np.flatnonzero(at >= 0)
+    edge, node = edges[at[entries]], W.indices[entries]
+    on = (node[:, None] == edge).any(axis=1)
+    if edge.shape[1] == 2:
+        a, b = frame.x[edge[:, 0]], frame.x[edge[:, 1]]
+        length = np.linalg.norm(b - a, axis=1)
+        t = (b - a) / length[:, None]
+        across = np.cross(normals[spread(clamped.cell, W.indptr)[entries]], t)
+        across /= np.linalg.norm(across, axis=1)[:, None]
+        off = np.abs(np.einsum("zi,zi->z", frame.x[node] - a, across))
+        on |= np.isin(node, edges) & (off <= ON_LINE * length)
+    keep[entries] = on
+    return keep
+
+
+def _smooth_side(
     frame: Frame,
+    surface: SmoothSurface,
     pairs: ContactPairs,
     clamped: _Clamped,
-    st: Stencils,
-    M: np.ndarray,
-    group: np.ndarray,
+    W: csr_matrix,
     close_gap: bool,
-) -> ContactPairs:
-    """Correct a side's rows so that they reproduce places on the smooth surface."""
-    N, cell, m = clamped.N, clamped.cell, len(frame.x)
-    chord = st.to_local(cell, N @ frame.x)
-    point, normal = st.smooth(cell, chord[:, :-1])
-    delta = np.zeros((len(cell), st.mask.shape[1]))
-    free = np.abs(N.max(axis=1).toarray().ravel() - 1.0) > 1e-9  # not at a node of the frame
-    targets = [point] if close_gap else [point, pairs.x]
-    for target in targets:  # the later one where it takes no large correction
-        change = np.einsum("nwd,nd->nw", M[group], st.to_local(cell, target) - chord)
-        good = free & (np.abs(change).max(axis=1) <= LARGEST)
-        delta[good] = change[good]
-    N = N + stencil_rows(delta, st.nodes[group], st.mask[group], m)
+) -> tuple[ContactPairs, RowStencils, csr_matrix, csr_matrix]:
+    """A side on the smooth surface: pairs, stencils, rows and what moves them there."""
+    place = clamped.N @ frame.x
+    point, normal = surface.at(clamped.N)
+    # Along the normal: what a row at the outline misses across it would be closed with the gap.
+    above = np.einsum("ni,ni->n", pairs.x - point, normal)
+    target = pairs.x - above[:, None] * normal if close_gap else pairs.x
+    stencils, delta = _corrections(W, frame.x, place, target)
+    move = stencils.matrix(delta, len(frame.x))
+    N = clamped.N + move
     gap = pairs.x - N @ frame.x
-    inner = np.ones(len(cell), dtype=bool)
+    inner = np.ones(len(gap), dtype=bool)
     inner[clamped.rows] = False  # bound to the outline: their gap is what is drawn
     along = np.einsum("ni,ni->n", gap, normal)[:, None] * normal
     side = np.sign(np.einsum("ni,ni->n", pairs.normal, normal))[:, None]
-    return replace(
-        pairs, N=N, cell=cell, normal=side * normal, gap=np.where(inner[:, None], along, gap)
-    )
+    out = replace(
+        pairs, N=N, cell=clamped.cell, normal=side * normal,
+        gap=np.where(inner[:, None], along, gap),
+    )  # fmt: skip
+    return out, stencils, clamped.N, move
+
+
+def _corrections(
+    W: csr_matrix, x: np.ndarray, place: np.ndarray, target: np.ndarray
+) -> tuple[RowStencils, np.ndarray]:
+    """Stencils, and (z,) least corrections that move the rows' places to the targets, no larger
+    than LARGEST: where they would be, what they can hardly move fades, or the row stays."""
+    delta = np.zeros(len(W.data))
+    todo = np.ones(len(place), dtype=bool)
+    stencils = [curved_stencils(W, x, place, FADES[0])]
+    for fade in FADES:
+        if fade != FADES[0]:
+            stencils.append(curved_stencils(W, x, place, fade))
+        change = stencils[-1].moved(target - place)
+        largest = np.maximum.reduceat(np.abs(change), W.indptr[:-1])
+        good = todo & (largest <= LARGEST)
+        delta = np.where(spread(good, W.indptr), change, delta)
+        todo &= ~good
+        if not todo.any():
+            break
+    return stencils[0].rows, delta
 
 
 def vector_residual(N: Sequence[csr_matrix], vectors: Sequence[np.ndarray]) -> np.ndarray:
@@ -184,59 +241,6 @@ def vector_residual(N: Sequence[csr_matrix], vectors: Sequence[np.ndarray]) -> n
     scale = max(np.linalg.norm(a, axis=1).max() for a in vectors)
     at_frame = [M.T @ (a / scale) for M, a in zip(N, vectors, strict=True)]
     return at_frame[0] + at_frame[1]
-
-
-def balance(
-    frame: Frame,
-    pairs: Sequence[ContactPairs],
-    vectors: Sequence[np.ndarray],
-    st: Stencils,
-    P: np.ndarray,
-    groups: Sequence[np.ndarray],
-) -> list[csr_matrix]:
-    """Correct the rows so that the vector areas cancel at the frame's nodes, in least squares.
-
-    Minimises sum_p |a_p| |delta_p|² subject to the rows' constraints (P) and to d_J · r_J = 0 for
-    the frame's normal d_J. On chords the totals of both sides differ, so a part of r remains;
-    DAMPING keeps corrections small where r hardly depends on them. All components of r instead of
-    the normal one leave about as much (measured: 3.4e-3 against 5.1e-3) at three times the size.
-
-    Args:
-        frame: the frame, m nodes.
-        pairs: both sides with smooth rows.
-        vectors: pair of (n_i, gdim) vector areas of the pairs.
-        st, P, groups: of ``curved_rows``.
-
-    Returns:
-        Pair of (n_i, m) CSR matrices.
-    """
-    m, normal = len(frame.x), nodal_normals(frame)
-    scale = max(np.linalg.norm(a, axis=1).max() for a in vectors)
-    weights = [
-        np.bincount(g, np.linalg.norm(a, axis=1) / scale, minlength=len(st.cell))
-        for g, a in zip(groups, vectors, strict=True)
-    ]
-    weight = weights[0] + weights[1]
-    D = np.einsum("gwi,gi->gw", normal[st.nodes], st.base[st.cell, -1]) * st.mask
-    blocks = weight[:, None, None] * D[:, :, None] * P * D[:, None, :]
-    rows = np.broadcast_to(st.nodes[:, :, None], P.shape)
-    cols = np.broadcast_to(st.nodes[:, None, :], P.shape)
-    A = csr_matrix((blocks.ravel(), (rows.ravel(), cols.ravel())), (m, m))
-    factor = splu((A + diags(np.full(m, DAMPING * A.diagonal().mean() + 1e-300))).tocsc())
-    plain, mu = [p.N for p in pairs], np.zeros(m)
-    N, r = plain, np.einsum("mi,mi->m", vector_residual(plain, vectors), normal)
-    for _ in range(30):  # each time the damping counts for less; ends when nothing is won
-        mu = mu + factor.solve(r)
-        delta = np.einsum("gwv,gv->gw", P, D * mu[st.nodes])
-        better = [
-            M - sign * stencil_rows(delta[g], st.nodes[g], st.mask[g], m)
-            for M, g, sign in zip(plain, groups, (1.0, -1.0), strict=True)
-        ]
-        left = np.einsum("mi,mi->m", vector_residual(better, vectors), normal)
-        if not np.linalg.norm(left) < 0.98 * np.linalg.norm(r):
-            break
-        N, r = better, left
-    return N
 
 
 def nodal_normals(frame: Frame) -> np.ndarray:

@@ -1,7 +1,9 @@
-"""The smooth surface through a curved frame's nodes, and what rows may be corrected on.
+"""The smooth surface through a curved frame's nodes.
 
 Around every cell a quadric is fitted to the nodes of the cell and of the cells around it, in the
-cell's own axes: exact for circles, cylinders and spheres, of third order elsewhere.
+cell's own axes: exact for circles, cylinders and spheres, of third order elsewhere. Between them
+the surface is blended by the shape functions, so that it is one surface, whichever cell of the
+frame a point is said to lie in.
 """
 
 from __future__ import annotations
@@ -12,36 +14,69 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.design.stencils import inner_part, spread, sums
 from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
 
+FIT = 60  # steps of the fit
+
 
 @dataclass(frozen=True, eq=False)
-class Stencils:
-    """Groups of frame nodes that rows may be corrected on, in axes of their cell."""
+class SmoothSurface:
+    """Quadrics of all cells, in axes of their cell, and what blends them."""
 
-    cell: np.ndarray  # (g,) cell of each group
-    nodes: np.ndarray  # (g, w), padded with node 0
-    mask: np.ndarray  # (g, w)
+    x: np.ndarray  # (m, gdim) nodes of the frame [length]
     centre: np.ndarray  # (n_cells, gdim) origin of a cell's axes [length]
     base: np.ndarray  # (n_cells, gdim, gdim) tangents and normal of the cell
-    size: np.ndarray  # (n_cells,) half-width of the stencil [length]
-    local: np.ndarray  # (g, w, gdim) nodes in these axes over the size
+    size: np.ndarray  # (n_cells,) half-width of the cells that were fitted [length]
     height: np.ndarray  # (n_cells, 3 or 6) q of the fitted surface z = q(s) + bend z²
     bend: np.ndarray  # (n_cells,)
+    share: csr_matrix  # (m, n_cells) of the cells around each node in the blend; sums 1
+    miss: np.ndarray  # (m, gdim) the blend at the nodes less the nodes [length]
 
-    def to_local(self, cell: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """(n, gdim) positions in the axes of their cells."""
+    @staticmethod
+    def through(frame: Frame) -> SmoothSurface:
+        """The surface through the nodes of a frame."""
+        cells, m = frame.cells, len(frame.x)
+        n, k = cells.shape
+        nodes, mask = _nodes_around(cells)
+        centre = frame.x[cells].mean(axis=1)
+        middle = np.full((n, min(k - 1, 2)), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
+        base = bases(frame.evaluate(np.arange(n), middle)[2])
+        local = np.einsum("gai,gwi->gwa", base, frame.x[nodes] - centre[:, None, :])
+        local *= mask[..., None]
+        size = np.abs(local).max(axis=(1, 2))
+        height, bend = _fit(local / size[:, None, None], mask)
+        share = csr_matrix((np.ones(n * k), (cells.ravel(), np.repeat(np.arange(n), k))), (m, n))
+        share.data /= spread(sums(share.data, share.indptr), share.indptr)
+        miss = np.zeros_like(frame.x)
+        surface = SmoothSurface(frame.x, centre, base, size, height, bend, share, miss)
+        everywhere = csr_matrix((np.ones(m), np.arange(m), np.arange(m + 1)), (m, m))
+        miss += surface.at(everywhere)[0] - frame.x
+        return surface
+
+    def at(self, N: csr_matrix) -> tuple[np.ndarray, np.ndarray]:
+        """Points (n, gdim) of the surface above the places N x, and unit normals there."""
+        N = inner_part(N)
+        blend = (N @ self.share).tocsr()
+        point, weight = N @ self.x, blend.data[:, None]
+        # Again from there: the cells' normals differ, and the mean of what lies along them from
+        # afar is below a curved surface.
+        for _ in range(2):
+            found = self._quadrics(blend.indices, spread(point, blend.indptr))
+            point, normal = (
+                np.column_stack([sums(c, blend.indptr) for c in (weight * a).T]) for a in found
+            )
+        return point - N @ self.miss, normal / np.linalg.norm(normal, axis=1)[:, None]
+
+    def _quadrics(self, cell: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points and unit normals of cells' quadrics above or below places x (n, gdim)."""
         d = (x - self.centre[cell]) / self.size[cell, None]
-        return np.einsum("nai,ni->na", self.base[cell], d)
-
-    def smooth(self, cell: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points (n, gdim) and unit normals of the fitted surface over tangent coordinates s."""
+        s = np.einsum("nai,ni->na", self.base[cell], d)[:, :-1]
         q, bend = self.height[cell], self.bend[cell]
-        base = np.einsum("nk,nk->n", _monomials(s), q)
-        z = base
-        for _ in range(6):
-            z = base + bend * z * z
+        start = np.einsum("nk,nk->n", _monomials(s), q)
+        # The root near 0; where there is none, the place is beyond a sphere's equator.
+        z = 2.0 * start / (1.0 + np.sqrt(np.maximum(1.0 - 4.0 * bend * start, 0.0)))
         if s.shape[1] == 1:
             slope = q[:, 1:2] + 2.0 * q[:, 2:3] * s
         else:
@@ -51,11 +86,12 @@ class Stencils:
             ])  # fmt: skip
         normal = np.column_stack([-slope, 1.0 - 2.0 * bend * z])
         normal /= np.linalg.norm(normal, axis=1)[:, None]
-        point = np.column_stack([s, z])
-        x = self.centre[cell] + self.size[cell, None] * np.einsum(
-            "nai,na->ni", self.base[cell], point
+        local = self.size[cell, None] * np.column_stack([s, z])
+        base = self.base[cell]
+        return (
+            self.centre[cell] + np.einsum("nai,na->ni", base, local),
+            np.einsum("nai,na->ni", base, normal),
         )
-        return x, np.einsum("nai,na->ni", self.base[cell], normal)
 
 
 def _monomials(s: np.ndarray) -> np.ndarray:
@@ -67,21 +103,6 @@ def _monomials(s: np.ndarray) -> np.ndarray:
     return np.concatenate([one, a, b, a * a, a * b, b * b], axis=-1)
 
 
-def cell_stencils(frame: Frame) -> Stencils:
-    """One stencil per cell: its nodes and those of the cells around it."""
-    nodes, mask = nodes_around(frame.cells)
-    centre = frame.x[frame.cells].mean(axis=1)
-    k = frame.cells.shape[1]
-    middle = np.full((len(centre), min(k - 1, 2)), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
-    base = bases(frame.evaluate(np.arange(len(centre)), middle)[2])
-    local = np.einsum("gai,gwi->gwa", base, frame.x[nodes] - centre[:, None, :])
-    local *= mask[..., None]
-    size = np.abs(local).max(axis=(1, 2))
-    local /= size[:, None, None]
-    height, bend = _fit(local, mask)
-    return Stencils(np.arange(len(centre)), nodes, mask, centre, base, size, local, height, bend)
-
-
 def _fit(local: np.ndarray, mask: np.ndarray) -> Any:
     """Fit z = q(s) + bend z², q quadratic: exact for circles, cylinders and spheres.
 
@@ -89,7 +110,7 @@ def _fit(local: np.ndarray, mask: np.ndarray) -> Any:
     """
     inverse = np.linalg.pinv(_monomials(local[..., :-1]) * mask[..., None], rcond=1e-6)
     z, bend = local[..., -1], np.zeros(len(local))
-    for _ in range(8):
+    for _ in range(FIT):
         q = np.einsum("gkw,gw->gk", inverse, z - bend[:, None] * z * z)
         if local.shape[2] == 2:
             bend = q[:, 2]
@@ -102,29 +123,7 @@ def _fit(local: np.ndarray, mask: np.ndarray) -> Any:
     return q, bend
 
 
-def projectors(st: Stencils) -> Any:
-    """Projector on what no row constraint sees, and the least correction for given moments.
-
-    The moments of a row are sum delta, sum delta s, sum delta n; the last where the stencil is
-    curved and its nodes tell n from s.
-
-    Returns:
-        P (g, w, w); M (g, w, gdim): correction for moments (0, s, n).
-    """
-    C = np.concatenate([np.ones((*st.mask.shape, 1)), st.local], axis=2) * st.mask[..., None]
-    bow = np.abs(C[..., -1]).max(axis=1)
-    scale = np.where(bow > 1e-5, 1.0 / np.maximum(bow, 1e-300), 0.0)
-    C[..., -1] *= scale[:, None]
-    U, S, Vt = np.linalg.svd(C, full_matrices=False)
-    keep = S > 1e-3 * S[:, :1]
-    U = U * keep[:, None, :]
-    P = np.eye(st.mask.shape[1]) * st.mask[:, None, :] - U @ np.swapaxes(U, 1, 2)
-    M = (U / np.where(keep, S, 1.0)[:, None, :]) @ Vt
-    M[..., -1] *= scale[:, None]
-    return P, M[..., 1:]
-
-
-def nodes_around(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _nodes_around(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Nodes of every cell and of the cells around it.
 
     Returns:
@@ -139,9 +138,3 @@ def nodes_around(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     nodes = np.zeros(mask.shape, dtype=np.int64)
     nodes[mask] = around.indices
     return nodes, mask
-
-
-def stencil_rows(values: np.ndarray, nodes: np.ndarray, mask: np.ndarray, m: int) -> csr_matrix:
-    """Rows of stencil values as a sparse matrix with m columns."""
-    indptr = np.concatenate([[0], np.cumsum(mask.sum(axis=1))])
-    return csr_matrix((values[mask], nodes[mask], indptr), shape=(len(values), m))

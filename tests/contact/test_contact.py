@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.contact import load_steps
+from dolfinx_llm.contact import load_steps, state
 
 COMM = MPI.COMM_SELF
 LAWS = [llm.Frictionless(), llm.Coulomb(0.0), llm.Coulomb(0.3), llm.Coulomb(1e8)]
@@ -264,6 +264,16 @@ def test_random_scenes(seed, monkeypatch):
         scene.move(motion)
         assert max(violations(scene.problem).values()) < 1e-10
     scene.problem.destroy()
+
+
+def test_lost_friction_is_an_error(monkeypatch):
+    """Where pairs lose their friction at once, those under force make the result worthless."""
+    monkeypatch.setattr(load_steps, "SMALLEST", 1.0)
+    monkeypatch.setattr(state, "LOOSE", 1)
+    scene, motions = random_pressed(COMM, 569)
+    with pytest.raises(llm.ContactError, match="without friction, and carry .*allowed 1%"):
+        for motion in motions:
+            scene.move(motion)
 
 
 @pytest.mark.parametrize("stiffer", [1e-8, 1e-4, 1e4, 1e8])

@@ -17,7 +17,7 @@ from petsc4py import PETSc
 
 import dolfinx_llm as llm
 from dolfinx_llm.forms import choice as solvers
-from dolfinx_llm.forms.condensed import krylov
+from dolfinx_llm.forms.condensed import kept, krylov
 from dolfinx_llm.forms.condensed import system as condensed
 
 COMM = MPI.COMM_SELF
@@ -117,8 +117,8 @@ def test_second_solve_keeps_the_set_up(options, monkeypatch):
     contact, load = blocks(options=options)
     first = contact.solve().x.array.copy()
     calls = []
-    for name in ("solver_of", "Transformation"):
-        monkeypatch.setattr(condensed, name, lambda *args, name=name: calls.append(name))
+    for module, name in ((kept, "solver_of"), (condensed, "Transformation")):
+        monkeypatch.setattr(module, name, lambda *args, name=name: calls.append(name))
     load.value = -3.0
     second = contact.solve().x.array
     assert calls == []
@@ -147,12 +147,12 @@ def test_options_leave_no_trace():
     contact, _ = blocks(options={"ksp_rtol": 1e-8, "pc_gamg_threshold": 0.02})
     contact.solve()
     system = contact.method.form.system
-    assert system.ksp.getTolerances()[0] == 1e-8
-    assert system.ksp.getPC().getType() == "gamg"
+    assert system.solver.ksp.getTolerances()[0] == 1e-8
+    assert system.solver.ksp.getPC().getType() == "gamg"
     assert PETSc.Options().getAll() == before
     contact, _ = blocks(options=DIRECT)
     contact.solve()
-    assert contact.method.form.system.ksp.getPC().getFactorSolverType() == "mumps"
+    assert contact.method.form.system.solver.ksp.getPC().getFactorSolverType() == "mumps"
     assert PETSc.Options().getAll() == before
 
 
@@ -162,7 +162,7 @@ def test_options_of_the_command_line():
     try:
         contact, _ = blocks(petsc_options_prefix="mine_")
         contact.solve()
-        assert contact.method.form.system.ksp.getPC().getFactorSolverType() == "mumps"
+        assert contact.method.form.system.solver.ksp.getPC().getFactorSolverType() == "mumps"
         assert contact.method.form.system.iterations <= 3
     finally:
         PETSc.Options().delValue("mine_pc_type")
@@ -267,9 +267,9 @@ def test_worn_preconditioner_is_renewed(monkeypatch):
     V, tags = scenes.two_blocks(COMM, 4, 3)
     known = condensed_reuse.follow(*condensed_reuse.blocks(V, tags, "auto"))
     problem, constants = condensed_reuse.blocks(V, tags, "condensed")
-    monkeypatch.setattr(condensed, "COST", 0.0)
+    monkeypatch.setattr(kept, "COST", 0.0)
     for (_, u, _), (_, v, _) in zip(known, condensed_reuse.follow(problem, constants)):
         assert np.abs(u - v).max() <= 1e-10 * np.abs(u).max()
-        monkeypatch.setattr(condensed, "WORN", 0.3)
+        monkeypatch.setattr(kept, "WORN", 0.3)
     # COST being zero, nothing else renews one.
     assert problem.method.form.system.set_ups > 1

@@ -4,6 +4,7 @@ import logging
 
 import contact_scenes as scenes
 import numpy as np
+import pairs
 import pytest
 import ufl
 from dolfinx import fem
@@ -93,6 +94,49 @@ def test_runaway(name, solver, at_once):
         force = (0.25 - 0.2) * area * WEIGHT
         said = float(str(caught.value).split("force along it ")[1].split(".  ")[0].split(". ")[0])
         assert said <= 1.01 * force
+
+
+SPACE = {  # forces per volume at x - (0, 0, 1.5), over a pressing one
+    "dragged": ([0.6, 0.6, -1.0], 0.0, r"1 .*translation along \[0\.[67]\d*, 0\.[67]\d*, 0\.0\]"),
+    "pulled off": ([0.0, 0.0, 1.0], 0.0, r"body 1 .*translation along \[0.0, 0.0, 1.0\]"),
+    "turned": ([0.0, 0.0, -1.0], 3.0, r"body 1 .*rotation about \[.*axis \[0.0, 0.0, 1.0\]"),
+}
+
+
+@pytest.mark.parametrize("name", SPACE)
+def test_runaway_in_3d(name, solver, at_once):
+    """A block on another, dragged, pulled off, or turned about the normal against friction."""
+    force, turn, motion = SPACE[name]
+    ends = ((-1.0, -1.0, 0.0), (1.0, 1.0, 1.0)), ((-0.7, -0.7, 1.0), (0.7, 0.7, 2.0))
+    made = [
+        pairs.block(COMM, (n, n, 1), *at, "hexahedron") for n, at in zip((4, 3), ends, strict=True)
+    ]
+    spaces = [compat.function_space(domain, shape=(3,)) for domain, _ in made]
+    below, above = spaces
+    u = [ufl.TrialFunction(V) for V in spaces]
+    w = [ufl.TestFunction(V) for V in spaces]
+    x = ufl.SpatialCoordinate(above.mesh)
+    load = ufl.as_vector([force[0] - turn * x[1], force[1] + turn * x[0], force[2]])
+    at_rest = fem.Constant(below.mesh, np.zeros(3))
+    problem = llm.ContactProblem(
+        [ufl.inner(scenes.stress(a), ufl.grad(b)) * ufl.dx for a, b in zip(u, w, strict=True)],
+        [ufl.inner(at_rest, w[0]) * ufl.dx, ufl.inner(WEIGHT * load, w[1]) * ufl.dx],
+        bcs=scenes.hold_all(below, lambda p: np.isclose(p[2], 0.0), lambda p: 0.0 * p),
+        interfaces=llm.Interface(
+            None, ((made[0][1], scenes.ABOVE), (made[1][1], scenes.BELOW)), law=llm.Coulomb(0.3)
+        ),
+        solver=solver,
+    )
+    with pytest.raises(llm.ContactError, match=f"do not balance the load.*{motion}"):
+        problem.solve()
+
+
+def test_wrong_option_is_named_at_once(solver, at_once):
+    """Also where every iteration factorises anew: no smaller load step is tried."""
+    loads = [(0.0, 0.0), (0.1 * WEIGHT, -WEIGHT)]
+    stack = Stack([llm.Coulomb(0.3)], loads=loads, solver=solver, petsc_options={"ksp_tpye": "cg"})
+    with pytest.raises(llm.ContactInputError, match="'ksp_tpye' is no option"):
+        stack.solve()
 
 
 @pytest.mark.parametrize("load", [0.27, 0.299])

@@ -1,0 +1,179 @@
+"""Balance of vector areas on curved frames, in least squares (design, 5).
+
+On a curved interface the facets of two meshes do not have the same area, and a part of
+r_J = sum_p N_pJ a_p + sum_q N_qJ a_q, the vector form of (28), remains whatever the rows are. What
+can go is taken away by the smallest change of the rows that keeps places in space.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_matrix, identity, vstack
+from scipy.sparse.linalg import splu
+
+from dolfinx_llm.design.curved import vector_residual
+from dolfinx_llm.design.stencils import RowStencils, spread, sums
+
+BALANCING = 0.25  # correction of an entry of L_b
+DAMPING = 1e-4  # k, of the largest trace of a node's block
+DAMPING_ITERATED = 1e-3  # the same where the equations are iterated
+TRIALS, POWER = 4, 2.0  # of weighing rows with larger ones less; by which power of the excess
+ROUNDS, WON = 10, 0.9  # of refinement against damping and limits; what each must leave at most
+DIRECT_UNKNOWNS = 12000  # unknowns up to which the equations are factorised
+ITERATIONS, ITERATION_ERROR = 150, 1e-4  # of conjugate gradients beyond that
+
+_Solve = Callable[[np.ndarray], np.ndarray]
+
+
+def balance(
+    N: Sequence[csr_matrix], vectors: Sequence[np.ndarray], stencils: Sequence[RowStencils]
+) -> list[csr_matrix]:
+    """Correct the rows so that the vector areas cancel at the frame's nodes, in least squares.
+
+    Minimises sum_p |a_p| / c_p sum_J delta_pJ² / w_pJ: with n_p the direction of a_p and one
+    multiplier mu_J in space per frame node, delta_p = -c_p P_p (n_p · mu) and
+    (sum_p c_p |a_p| (n_p n_pᵀ) x P_p + k) mu = r. Then k mu is left of r. c_p is 1, less for rows
+    whose corrections would be larger than BALANCING: the others make up for them.
+
+    Args:
+        N: pair of (n_i, m) rows.
+        vectors: pair of (n_i, gdim) vector areas of the pairs out of their sides [area].
+        stencils: what the rows of each side may be corrected on.
+
+    Returns:
+        Pair of (n_i, m) CSR matrices.
+    """
+    r = vector_residual(N, vectors)
+    rows = _Rows.of(vectors, stencils, len(r))
+    solve = rows.solver()
+    for _ in range(TRIALS - 1):
+        softer = rows.softer(solve(r))
+        if softer is None:
+            break
+        rows = softer
+        solve = rows.solver()
+    best, mu, left = list(N), np.zeros_like(r), r
+    for _ in range(ROUNDS):  # each time the damping counts for less; ends when little is won
+        mu = mu + solve(left)
+        tried = [M + D for M, D in zip(N, rows.matrices(mu), strict=True)]
+        last, left = np.linalg.norm(left), vector_residual(tried, vectors)
+        if np.linalg.norm(left) < last:
+            best = tried
+        if not np.linalg.norm(left) < WON * last:
+            break
+    return best
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """The rows of both sides and what each counts for."""
+
+    stencils: Sequence[RowStencils]
+    size: Sequence[np.ndarray]  # (n_i,) |a_p| over the largest
+    normal: Sequence[np.ndarray]  # (n_i, gdim) n_p
+    share: Sequence[np.ndarray]  # (n_i,) c_p
+    shape: tuple[int, int]  # (m, gdim) of the multipliers
+
+    @staticmethod
+    def of(vectors: Sequence[np.ndarray], stencils: Sequence[RowStencils], m: int) -> _Rows:
+        """Rows that all count for the same."""
+        scale = max(np.linalg.norm(a, axis=1).max() for a in vectors)
+        size = [np.linalg.norm(a, axis=1) / scale for a in vectors]
+        normal = [a / (scale * np.maximum(f, 1e-300))[:, None] for a, f in zip(vectors, size)]
+        same = [np.ones(len(f)) for f in size]
+        return _Rows(stencils, size, normal, same, (m, vectors[0].shape[1]))
+
+    def corrections(self, mu: np.ndarray) -> list[np.ndarray]:
+        """Per side (z,) corrections at the stencils' entries of multipliers (m, gdim)."""
+        return [
+            -spread(c, st.indptr)
+            * st.project(np.einsum("zi,zi->z", spread(n, st.indptr), mu[st.nodes]))
+            for st, n, c in zip(self.stencils, self.normal, self.share, strict=True)
+        ]
+
+    def excess(self, delta: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Per side (n_i,) largest correction of each row over BALANCING, 1 where it is less."""
+        return [
+            np.maximum(np.maximum.reduceat(np.abs(d), st.indptr[:-1]) / BALANCING, 1.0)
+            for d, st in zip(delta, self.stencils, strict=True)
+        ]
+
+    def softer(self, mu: np.ndarray) -> _Rows | None:
+        """Rows of which those with too large corrections count for less; None: there are none."""
+        excess = self.excess(self.corrections(mu))
+        if max(e.max() for e in excess) <= 1.0:
+            return None
+        share = [c / e**POWER for c, e in zip(self.share, excess, strict=True)]
+        return replace(self, share=share)
+
+    def matrices(self, mu: np.ndarray) -> list[csr_matrix]:
+        """(n_i, m) corrections, each row's scaled to at most BALANCING: that keeps its places."""
+        delta = self.corrections(mu)
+        excess = self.excess(delta)
+        return [
+            st.matrix(d / spread(e, st.indptr), self.shape[0])
+            for d, e, st in zip(delta, excess, self.stencils, strict=True)
+        ]
+
+    def solver(self) -> _Solve:
+        """Solutions mu for r, both (m, gdim): by a factor or, for large frames, iterated."""
+        m, gdim = self.shape
+        A = self.equations()
+        # The trace of a node's block knows no axes.
+        trace = A.diagonal().reshape(m, gdim).sum(axis=1)
+        largest = max(float(trace.max()), 1e-300)
+        if m * gdim > DIRECT_UNKNOWNS:
+            shift = DAMPING_ITERATED * largest
+            A, scaling = (A + shift * identity(m * gdim)).tocsr(), 1.0 / (trace + shift)
+            return lambda r: _conjugate_gradients(A, np.repeat(scaling, gdim), r.ravel()).reshape(
+                m, gdim
+            )
+        factor = splu(
+            (A + DAMPING * largest * identity(m * gdim)).tocsc(),
+            permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
+        )  # fmt: skip
+        return lambda r: factor.solve(r.ravel()).reshape(m, gdim)
+
+    def equations(self) -> csr_matrix:
+        """(m gdim, m gdim) sum_p c_p |a_p| (n_p n_pᵀ) x P_p."""
+        m, gdim = self.shape
+        A, rows = csr_matrix((m * gdim, m * gdim)), []
+        for st, size, n, c in zip(self.stencils, self.size, self.normal, self.share, strict=True):
+            # Sum of f w n nᵀ at the nodes, less the products of what the constraints see.
+            f = size * c
+            outer = spread(f[:, None, None] * n[:, :, None] * n[:, None, :], st.indptr)
+            block = (st.root**2)[:, None, None] * outer
+            index = gdim * st.nodes[:, None, None] + np.arange(gdim)
+            row = np.broadcast_to(np.swapaxes(index, 1, 2), block.shape)
+            col = np.broadcast_to(index, block.shape)
+            A = A + csr_matrix((block.ravel(), (row.ravel(), col.ravel())), A.shape)
+            length, wide = spread(np.sqrt(f), st.indptr) * st.root, spread(n, st.indptr)
+            for q in st.Q.T:
+                # Twice applied, a column of length² l counts as l (2 - l).
+                twice = spread(2.0 - sums(q * q, st.indptr), st.indptr)
+                value = (length * q * np.sqrt(twice))[:, None] * wide
+                indices, indptr = index.ravel(), gdim * st.indptr
+                rows.append(csr_matrix((value.ravel(), indices, indptr), (len(f), m * gdim)))
+        B = vstack(rows, format="csr")
+        return A - B.T @ B
+
+
+def _conjugate_gradients(A: csr_matrix, scaling: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Solution of A x = b, A positive definite, scaled; to ITERATION_ERROR of b where that comes
+    within ITERATIONS: what is left shows in the residual, by which a design is judged."""
+    x, r = np.zeros_like(b), b.copy()
+    z = scaling * r
+    p, square = z.copy(), r @ z
+    for _ in range(ITERATIONS):
+        if not np.linalg.norm(r) > ITERATION_ERROR * np.linalg.norm(b):
+            break
+        q = A @ p
+        step = square / (p @ q)
+        x, r = x + step * p, r - step * q
+        z = scaling * r
+        last, square = square, r @ z
+        p = z + square / last * p
+    return x

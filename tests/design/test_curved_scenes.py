@@ -1,0 +1,143 @@
+"""Curved tied interfaces under a constant stress: a design is never worse than none."""
+
+import numpy as np
+import pairs
+import pytest
+import scenes
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat
+
+COMM = MPI.COMM_SELF
+GRADIENT = 1e-3 * np.array([[1.0, 0.4, 0.2], [0.1, -0.7, 0.3], [0.5, -0.2, -1.6]])
+PRESSED = -1e-3 * np.eye(3)  # the same pressure everywhere: what every law passes
+LAWS = [llm.Tied(), llm.Tied(close_gap=True), llm.Frictionless(), llm.Coulomb(0.3)]
+
+
+def ball(x):
+    """Gnomonic: height is the radius."""
+    d = np.column_stack([0.55 * x[:, :2], np.ones(len(x))])
+    return x[:, 2:] * d / np.linalg.norm(d, axis=1)[:, None]
+
+
+def cylinder(x):
+    t = 0.25 * np.pi * x[:, 0]
+    return np.column_stack([x[:, 2] * np.sin(t), x[:, 1], x[:, 2] * np.cos(t)])
+
+
+def saddle(x):
+    return np.column_stack([x[:, :2], x[:, 2] + 0.4 * (x[:, 0] ** 2 - x[:, 1] ** 2)])
+
+
+def twisted(x):
+    return np.column_stack([x[:, :2], x[:, 2] + 0.5 * x[:, 0] * x[:, 1]])
+
+
+SCENES = {
+    "ball in shell": (ball, "hexahedron"),
+    "cylinder in ring": (cylinder, "hexahedron"),
+    "rings of tetrahedra": (cylinder, "tetrahedron"),
+    "saddle": (saddle, "hexahedron"),
+    "twisted, tetrahedra": (twisted, "tetrahedron"),
+    "twisted": (twisted, "hexahedron"),
+}
+
+
+def exact(law):
+    gradient = GRADIENT if law == llm.Tied() else PRESSED
+    return lambda p: gradient @ p
+
+
+def outside(p):
+    """The sides of both blocks, but not where these meet."""
+    return np.isclose(abs(p[:2]).max(axis=0), 1.0) & ~np.isclose(p[2], 1.0)
+
+
+def loads(V, w, tags, tag, value):
+    """What holds the constant stress in equilibrium, but for the tractions on the interface."""
+    known = fem.Function(V)
+    known.interpolate(value)
+    stress = scenes.stress(known)
+    ds = ufl.Measure("ds", V.mesh, subdomain_data=tags)
+    n = ufl.FacetNormal(V.mesh)
+    return ufl.inner(stress, ufl.grad(w)) * ufl.dx - ufl.inner(ufl.dot(stress, n), w) * ds(tag)
+
+
+def solved(name, n, design, jitter=0.15, law=LAWS[0]):
+    """Errors of stress and displacement in L2, and the problem; exact displacements are prescribed
+    at all other faces, but not on the interface's outline."""
+    shape, kind = SCENES[name]
+    value = exact(law)
+    rng = np.random.default_rng(2001)
+    low, high = (-1.0, -1.0), (1.0, 1.0)
+    blocks = [
+        pairs.block(
+            COMM,
+            (*np.broadcast_to(k, 2).tolist(), 2),
+            (*low, z),
+            (*high, z + 0.5),
+            kind,
+            jitter=jitter,
+            rng=rng,
+        )
+        for k, z in zip(n, (0.5, 1.0), strict=True)
+    ]
+    spaces, bcs = [], []
+    for domain, z in zip((b[0] for b in blocks), (0.5, 1.5), strict=True):
+        V = compat.function_space(domain, shape=(3,))
+        held = fem.locate_dofs_geometrical(V, lambda p, z=z: outside(p) | np.isclose(p[2], z))
+        domain.geometry.x[:] = shape(domain.geometry.x)
+        u = fem.Function(V)
+        u.interpolate(value)
+        bcs.append(fem.dirichletbc(u, held))
+        spaces.append(V)
+    sides = list(zip((b[1] for b in blocks), (pairs.ABOVE, pairs.BELOW), strict=True))
+    forms = [(ufl.TrialFunction(V), ufl.TestFunction(V)) for V in spaces]
+    problem = llm.ContactProblem(
+        [ufl.inner(scenes.stress(u), ufl.grad(w)) * ufl.dx for u, w in forms],
+        [loads(V, w, *at, value) for V, (_, w), at in zip(spaces, forms, sides, strict=True)],
+        bcs=bcs,
+        interfaces=[llm.Interface(None, tuple(sides), law=law, design=design)],
+    )
+    totals = np.zeros(4)
+    for u in problem.solve():
+        V = u.function_space
+        known = fem.Function(V)
+        known.interpolate(value)
+        stress = [scenes.stress(known), scenes.stress(u - known)]
+        parts = [ufl.inner(s, s) for s in stress] + [ufl.inner(f, f) for f in (known, u - known)]
+        totals += [fem.assemble_scalar(fem.form(part * ufl.dx)) for part in parts]
+    errors = np.sqrt(totals[[1, 3]] / totals[[0, 2]])
+    return errors, problem
+
+
+CASES = [
+    *(("ball in shell", n, law) for n in ((4, 3), (3, 2)) for law in LAWS),
+    *(("rings of tetrahedra", ((4, 3), (6, 4)), law) for law in LAWS),  # a quarter
+    ("cylinder in ring", (3, 9), LAWS[3]),
+    ("ball in shell", (4, 6), LAWS[0]),
+    ("saddle", (4, 3), LAWS[0]),
+    ("twisted, tetrahedra", (3, 2), LAWS[0]),
+]
+
+
+@pytest.mark.parametrize("name, n, law", CASES, ids=str)
+def test_design_is_never_worse_than_none(name, n, law):
+    """In the residual that is printed, in stress and in displacement, on coarse meshes."""
+    (none, before), (auto, after) = (solved(name, n, d, law=law) for d in (None, "auto"))
+    residuals = [p.models[0].certificate.residual for p in (before, after)]
+    assert residuals[1] < 0.7 * residuals[0]
+    assert (auto < (0.75 if law == llm.Tied() else 0.3) * none).all()
+    notes = " ".join(after.models[0].notes)
+    assert ("are coarse" in notes) == (residuals[1] > 0.1)
+    for p in after.models[0].pairs:
+        assert np.abs(p.N.sum(axis=1) - 1.0).max() < 1e-9
+
+
+def test_constant_stress_passes_on_facets_that_lie_on_the_surface():
+    """Bilinear facets of z = x y / 2 cover the same surface: stress to a part in a thousand."""
+    error, problem = solved("twisted", (4, 3), "auto", jitter=0.0)
+    assert error[0] < 1e-3 and problem.models[0].certificate.residual < 1e-2
