@@ -115,6 +115,8 @@ class Equations:
             held: where springs hold free bodies, and their stiffness.
             calmed: as of ``friction_rows``.
         """
+        if self._operators.tied:
+            return replace(self._ties, g=g)
         active = self.closed_rows()
         P = proximal_term(self.states, self.m, self._epsilon * self.scale)
         gather = self._frame_gather()
@@ -141,6 +143,12 @@ class Equations:
             anchor, spring, floating.pins, spring * floating.at_pins(anchor),
         )  # fmt: skip
 
+    @cached_property
+    def _ties(self) -> LinearStep:
+        """The step of ties alone, but for g."""
+        step = LinearStep.tied(self.L, np.zeros(self.n))
+        return replace(step, active=self.closed_rows())
+
     def law_rows(
         self, s: InterfaceState, multiplier: np.ndarray, w: np.ndarray, calmed: bool
     ) -> LawRows:
@@ -161,6 +169,8 @@ class Equations:
         for s in self.states:
             s.own.status = np.full(len(s.nodes.kappa), STICK)
         first, count = self.n_v, self.m - self.n_v
+        if not count:
+            return step
         select = csr_matrix((np.ones(count), (np.arange(count), first + np.arange(count))),
                             (count, self.m))  # fmt: skip
         E = stack([step.E[:first], csr_matrix((count, self.n))], format="csr")
@@ -176,7 +186,8 @@ class Equations:
     def imbalance(self, multiplier: np.ndarray) -> float:
         """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
         with theirs."""
-        left = self._frame_gather() @ (self._L_t @ multiplier) - self.loads
+        forces = self._L_t @ multiplier
+        left = (forces if self._operators.tied else self._frame_gather() @ forces) - self.loads
         return float(np.abs(left).max(initial=0.0))
 
     def runaway(self, multiplier: np.ndarray) -> str:
