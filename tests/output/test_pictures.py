@@ -104,7 +104,7 @@ def test_pyvista(tmp_path, monkeypatch):
     if not render.draw(scene, tmp_path / "square.png"):
         pytest.skip("PyVista is here, but cannot draw")
     picture = image(tmp_path / "square.png")
-    assert picture.shape == (*render.SIZE[::-1], 3)
+    assert picture.shape == (*render.PIXELS[::-1], 3)
     colour = np.array(colormaps["viridis"](0.75)[:3])
     square = np.abs(picture - colour).max(axis=2) < 0.02
     assert square[450, 800] and 0.2 < square.mean() < 0.6
@@ -121,7 +121,7 @@ def test_pyvista_draws_a_problem(patch, tmp_path, monkeypatch):
     if render._failed:
         pytest.skip("PyVista is here, but cannot draw")
     for name in ("bodies_0.png", "interface_0.png"):
-        assert image(tmp_path / name).shape == (*render.SIZE[::-1], 3)
+        assert image(tmp_path / name).shape == (*render.PIXELS[::-1], 3)
 
 
 def test_curved_frame_by_matplotlib(tmp_path, monkeypatch):
