@@ -99,6 +99,7 @@ class _Search:
         self.trees = [cKDTree(other.centre[group]) for group in self.sizes]
         self.partner = np.full(len(own.centre), -1)
         self.gap = np.full(len(own.centre), np.inf)
+        self.apart = np.full(len(own.centre), np.inf)  # of its partner, see ``_gaps``
 
     def partners(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(m,) partner of each facet, -1 for none, and the gap between them.
@@ -143,15 +144,21 @@ class _Search:
 
     def _try(self, facet: np.ndarray, other: np.ndarray) -> None:
         """Keep the nearest of the facets that face each other, of pairs (n,), (n,)."""
-        gap = self._gaps(facet, other)
+        gap, apart = self._gaps(facet, other)
         good = np.flatnonzero(np.isfinite(gap))
-        order = good[np.lexsort((np.abs(gap[good]), facet[good]))]
+        order = good[np.lexsort((apart[good], facet[good]))]
         first = order[np.unique(facet[order], return_index=True)[1]]
-        first = first[np.abs(gap[first]) < np.abs(self.gap[facet[first]])]
-        self.partner[facet[first]], self.gap[facet[first]] = other[first], gap[first]
+        first = first[apart[first] < self.apart[facet[first]]]
+        at = facet[first]
+        self.partner[at], self.gap[at], self.apart[at] = other[first], gap[first], apart[first]
 
-    def _gaps(self, facet: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """(n,) gap between facets along the mean of their normals; inf where they do not face."""
+    def _gaps(self, facet: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) gap between facets along the mean of their normals, inf where they do not face, and
+        how far the facet's centre is from the other facet.
+
+        The gap alone does not choose: a neighbour of the facet across has none where both lean to
+        each other by the same angle.
+        """
         n0, n1 = self.own.normal[facet], self.other.normal[other]
         d = self.other.centre[other] - self.own.centre[facet]
         cosine = -np.einsum("ni,ni->n", n0, n1)
@@ -169,7 +176,8 @@ class _Search:
         deepest = -1.001 * self.depth - 1e-6 * sizes
         good &= np.einsum("ni,ni->n", d, n0) + self.other.radius[other] * sine >= deepest
         good &= self.own.radius[facet] * sine - np.einsum("ni,ni->n", d, n1) >= deepest
-        return np.where(good, gap, np.inf)
+        beside = np.maximum(aside - self.other.radius[other], 0.0)
+        return np.where(good, gap, np.inf), np.hypot(gap, beside)
 
 
 def _portions(counts: np.ndarray) -> Iterator[np.ndarray]:

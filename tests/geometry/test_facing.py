@@ -18,6 +18,7 @@ from dolfinx_llm.geometry.facing import facing_facets
 from dolfinx_llm.geometry.overlap_flat import common_area, nodal_forces
 from dolfinx_llm.geometry.pieces import touching_pieces
 from dolfinx_llm.geometry.separation import separation
+from dolfinx_llm.interface.build import build_model
 from dolfinx_llm.interface.touching import find_pieces
 
 COMM = MPI.COMM_SELF
@@ -284,6 +285,21 @@ def test_one_body_inside_of_another():
     assert separation(sides[1], sides[0]).depth.min() == pytest.approx(0.8)
     with pytest.raises(llm.ContactError, match="one body lies"):
         find_pieces(sides, True, "name", [])
+
+
+@pytest.mark.parametrize("n", [(3, 3), (4, 3), (3, 4), (4, 4), (6, 3), (3, 7)], ids=str)
+def test_few_facets_around_a_quarter_are_curved(n):
+    """Each faces the one across, not a neighbour of it that leans to it by the same angle."""
+    delta = 1e-3
+    V, tags = curved_scenes.rings(
+        COMM, ((n[0], 2), (n[1], 2)), ((1.0, 1.5 + 0.5 * delta), (1.5 - 0.5 * delta, 2.0))
+    )
+    faces = curved_scenes.FACE_0, curved_scenes.FACE_1
+    for sides in (faces, faces[::-1]):
+        model = build_model(llm.Interface(tags, sides, law=llm.Frictionless()), [V])
+        sagitta = 1.5 * (1.0 - np.cos(0.25 * np.pi / min(n)))
+        assert max(np.abs(p.gap).max() for p in model.pairs) <= delta + sagitta
+        assert np.ptp(np.linalg.norm(model.frame.x, axis=1)) <= delta + sagitta
 
 
 def test_bodies_that_never_touch_are_said(caplog):
