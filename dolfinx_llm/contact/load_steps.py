@@ -11,7 +11,15 @@ from scipy.sparse import diags
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.forms.step import StepResult
-from dolfinx_llm.forms.verdict import FinalError, beyond, check_rounding, judge, largest, size
+from dolfinx_llm.forms.verdict import (
+    FinalError,
+    Verdict,
+    beyond,
+    check_rounding,
+    judge,
+    largest,
+    size,
+)
 from dolfinx_llm.operators.petsc import times
 
 log = logging.getLogger("dolfinx_llm")
@@ -83,8 +91,10 @@ def _judged(
     form, equations, operators = iteration.form, iteration.equations, iteration.operators
     free, u, multiplier = ~operators.dofs.fixed, form.displacement(found), found.multiplier
     pushed = times(operators.B, multiplier[operators.rows.numbering.mine])
-    left, terms, *forces = largest(
+    stiffness, moved, left, terms, *forces = largest(
         operators.comm,
+        free * operators.diagonal,
+        ~free * u,
         free * form.left(f, u, multiplier),
         free * operators.diagonal * u,
         free * f,
@@ -93,9 +103,11 @@ def _judged(
     iteration.forces = max(iteration.forces, *forces)
     follows = equations.L @ found.w
     gap = found.active * (found.y - follows - equations.compliance * multiplier + g)
-    apart, *moved = (operators.scale * size(a) for a in (gap, found.y, follows, g))
-    left = max(left, beyond(apart, max(moved)), equations.imbalance(multiplier))
-    verdict = judge(left, terms, iteration.forces, form.describe(), form.tolerance)
+    apart, *motions = (operators.scale * size(a) for a in (gap, found.y, follows, g))
+    left = max(left, beyond(apart, max(motions)), equations.imbalance(multiplier))
+    verdict = Verdict(0.0, 0.0)  # where free dofs carry no force: all that moves is prescribed
+    if beyond(max(left, iteration.forces), stiffness * moved):
+        verdict = judge(left, terms, iteration.forces, form.describe(), form.tolerance)
     check_rounding(verdict.rounding)
     on = diags(equations.closed_rows().astype(float))
     drift = operators.floating.drift((on @ equations.L[:, : equations.n_v]).tocsr())
