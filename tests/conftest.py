@@ -127,6 +127,16 @@ def pytest_collection_modifyitems(items):
         item.add_marker(pytest.mark.xdist_group("mpi" if ranks else item.path.name))
 
 
+@pytest.fixture(autouse=True)
+def _choice_of_form():
+    """Scenes that ask for a form set the size up to which it is chosen."""
+    from dolfinx_llm.forms import choice
+
+    before = choice.FLEXIBLE
+    yield
+    choice.FLEXIBLE = before
+
+
 def words_of(code) -> set[str]:
     """Names and strings in a function and in those inside of it."""
     found: set[str] = set()

@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
+from dolfinx_llm.forms import choice
 
 E, NU, RADIUS, PULL = 210000.0, 0.3, 10.0, 5000.0
 PLATE, PIN, BORE, SHAFT, ENDS, EDGE = 1, 2, 3, 4, 5, 6
@@ -83,12 +84,17 @@ def pulled(dim, mu, h, clearance, seed=3, comm=MPI.COMM_WORLD):
     return problem, load, comm.allreduce(area)
 
 
+PLANE = (2, 2.0, 0.0, 0.2), (2, 2.0, 0.02, 0.05), (2, 2.0, 0.02, 0.5)
+
+
 @pytest.mark.parametrize(
-    ("dim", "h", "clearance", "mu"),
-    [(2, 2.0, 0.0, 0.2), (2, 2.0, 0.02, 0.05), (2, 2.0, 0.02, 0.5), (3, 4.0, 0.02, 0.2)],
-)
-def test_converges(dim, h, clearance, mu):
+    ("form", "dim", "h", "clearance", "mu"),
+    [*(("saddle", *case) for case in PLANE), *(("flexibility", *case) for case in PLANE),
+     ("flexibility", 3, 4.0, 0.02, 0.2)],
+)  # fmt: skip
+def test_converges(form, dim, h, clearance, mu, monkeypatch):
     """In a few iterations, on the load's resultant, without tension, within Coulomb's cone."""
+    monkeypatch.setattr(choice, "FLEXIBLE", 0 if form == "saddle" else 10**6)
     problem, load, area = pulled(dim, mu, h, clearance)
     total = PULL if dim == 3 else PULL / 8.0
     load.value = -total / area

@@ -8,7 +8,6 @@ from conftest import run_mpi_json
 from mpi4py import MPI
 
 from dolfinx_llm.contact import load_steps
-from dolfinx_llm.forms import choice as solvers
 
 COMM = MPI.COMM_SELF
 SEEDS = (402, 403, 407, 410, 412, 414, 416, 418, 422, 423, 435, 454)
@@ -23,7 +22,6 @@ def check(found):
 @pytest.fixture
 def settings(monkeypatch):
     """Puts back what the scenes change."""
-    monkeypatch.setattr(solvers, "FLEXIBLE", solvers.FLEXIBLE)
     monkeypatch.setattr(load_steps, "SMALLEST", load_steps.SMALLEST)
 
 

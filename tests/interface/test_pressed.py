@@ -6,16 +6,9 @@ from contact_scenes import NU, E
 from rigid_scenes import FORMS, Block, stack
 
 import dolfinx_llm as llm
-from dolfinx_llm.forms import choice
 
 LAWS = [llm.Frictionless(), llm.Coulomb(0.3)]
 KINDS = ["triangle", "hexahedron"]
-
-
-@pytest.fixture(autouse=True)
-def any_form(monkeypatch):
-    """``Block`` chooses the form."""
-    monkeypatch.setattr(choice, "FLEXIBLE", choice.FLEXIBLE)
 
 
 def up(gdim, value, across=None):

@@ -8,14 +8,9 @@ from mpi4py import MPI
 
 import dolfinx_llm as llm
 from dolfinx_llm.base import compat
-from dolfinx_llm.forms import choice, direct
+from dolfinx_llm.forms import direct
 
 COMM = MPI.COMM_WORLD
-
-
-@pytest.fixture(autouse=True)
-def flexible(monkeypatch):
-    monkeypatch.setattr(choice, "FLEXIBLE", choice.FLEXIBLE)
 
 
 @pytest.mark.parametrize("change", changed.CHANGES)

@@ -5,13 +5,6 @@ import pytest
 from conftest import run_mpi_json
 from mpi4py import MPI
 
-from dolfinx_llm.forms import choice
-
-
-@pytest.fixture(autouse=True)
-def flexible(monkeypatch):
-    monkeypatch.setattr(choice, "FLEXIBLE", choice.FLEXIBLE)
-
 
 @pytest.mark.parametrize("case", held.cases(), ids=str)
 def test_patch(case):

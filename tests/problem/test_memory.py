@@ -10,7 +10,6 @@ import scenes
 from mpi4py import MPI
 
 import dolfinx_llm as llm
-from dolfinx_llm.forms import choice
 
 COMM = MPI.COMM_WORLD
 WARM, COUNT = 6, 25
@@ -25,11 +24,6 @@ def growth(work):
     for _ in range(COUNT):
         work()
     return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024.0 / COUNT
-
-
-@pytest.fixture(autouse=True)
-def flexible(monkeypatch):
-    monkeypatch.setattr(choice, "FLEXIBLE", choice.FLEXIBLE)
 
 
 @pytest.mark.parametrize(
