@@ -52,6 +52,7 @@ def clean_environment() -> dict[str, str]:
         "PRTE_MCA_mapby": ":oversubscribe",
         "OMPI_MCA_mpi_yield_when_idle": "1",
         "OMP_NUM_THREADS": "1",
+        "SCOTCH_PTHREAD_NUMBER": "1",  # with more, PT-Scotch 7.0 has hung on 4 ranks
         "PYTHONPATH": os.pathsep.join([*PATHS, os.environ.get("PYTHONPATH", "")]).strip(os.pathsep),
     }
 
