@@ -162,7 +162,6 @@ class Equations:
         """
         at = s.at(multiplier, w, self.scale)
         rows = s.rows_at(replace(at, c=at.c / s.nodes.gives))
-        rows = rows.scaled(self.scale)
         return rows.tied(s.others.speaker, s.others.unheld & calmed, self.scale)
 
     def all_stick(self, step: LinearStep) -> LinearStep:

@@ -151,22 +151,6 @@ class LawRows:
         own += np.einsum("nij,nj->ni", self.C_jump, nodes.slip)
         return own + self.C_N * S[:, None] - self.rhs
 
-    def scaled(self, c: float) -> LawRows:
-        """The same equations, divided where they have coefficients of jumps above c: among rows of
-        1e11 times their size a factorisation sees neither the others nor that they are unsymmetric.
-
-        Args:
-            c: [force / length].
-        """
-        by = np.minimum(1.0, c / np.maximum(np.abs(self.C_jump).max(axis=(1, 2)), 1e-300))
-        return replace(
-            self,
-            C_T=by[:, None, None] * self.C_T,
-            C_jump=by[:, None, None] * self.C_jump,
-            C_N=by[:, None] * self.C_N,
-            rhs=by[:, None] * self.rhs,
-        )
-
     def tied(self, speaker: np.ndarray, unheld: np.ndarray, c: float) -> LawRows:
         """The same, but that nodes for which others speak slip as those do: their δ, taken relative
         to it, vanishes; and that nodes which no force reaches do not slip.
