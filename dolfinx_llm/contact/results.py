@@ -68,7 +68,8 @@ class InterfaceResult:
     certificate: Certificate | None  # of the frame; None against an obstacle
     frame_force: np.ndarray  # (m,) normal force at the frame's nodes [force]
     frame_area: np.ndarray  # (m,) tributary area of the frame's nodes, L_bᵀ of the sides' [area]
-    frame_friction: np.ndarray  # (m, gdim) tangential force of side 0 at the frame's nodes [force]
+    frame_friction: np.ndarray  # (m, gdim) tangential force of side 0 at the frame's nodes, where
+    # friction acts the mean of both sides' [force]
     frame_status: np.ndarray  # (m,) of its nodes: 0 open, 1 stick, 2 slip, 3 closed, no friction
     presses: bool = True  # the law lets bodies part: no force pulls
     # (gdim,) of an obstacle, prescribed or where a force brings it [length]; None with a frame
@@ -254,6 +255,8 @@ def _interface_result(
     cartesian = law.components == "cartesian"
     normal = nodal_normals(model.frame) if cartesian else model.directions[:, -1]
     total = pairs.N.T @ side.force
+    if law.slips:  # friction holds for the mean of both; nodes that follow another balance in sums
+        total = 0.5 * (total - model.pairs[1].N.T @ sides[1].force)
     force, area = np.einsum("mi,mi->m", total, normal), pairs.N.T @ side.area
     friction = total - force[:, None] * normal
     status = np.full(len(force), STICK)
