@@ -56,9 +56,9 @@ class SmoothSurface:
         return surface
 
     def at(self, N: csr_matrix) -> tuple[np.ndarray, np.ndarray]:
-        """Points (n, gdim) of the surface above the places N x, and unit normals there."""
-        N = inner_part(N)
-        blend = (N @ self.share).tocsr()
+        """Points (n, gdim) of the surface above the places N x, and unit normals there. Beyond the
+        outline the quadrics of the cells next to it go on."""
+        blend = (inner_part(N) @ self.share).tocsr()
         point, weight = N @ self.x, blend.data[:, None]
         # Again from there: the cells' normals differ, and the mean of what lies along them from
         # afar is below a curved surface.

@@ -11,7 +11,12 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.balance import balance
-from dolfinx_llm.design.curved import nodal_normals, smooth_rows, vector_residual
+from dolfinx_llm.design.curved import (
+    nodal_normals,
+    smooth_rows,
+    vector_residual,
+    with_mean_normals,
+)
 from dolfinx_llm.design.line import check_closed_form
 from dolfinx_llm.design.weights import TOLERANCE, design_weights, patch_residual
 from dolfinx_llm.geometry.frame import Frame
@@ -38,8 +43,6 @@ def balanced(
 ) -> tuple[list[ContactPairs], Certificate, np.ndarray]:
     """Pairs of curved surfaces after design, their certificate, and normals at the frame's nodes.
 
-    A pair's normal is the mean of the nodes' by its row: n_p = sum_J N_pJ n_J over its length.
-
     Args:
         vectors: pair of (n_surface, gdim) vector areas in contact [area].
     """
@@ -51,11 +54,7 @@ def balanced(
     if interface.design is not None:
         pairs, normals = _least_residual(frame, pairs, vectors, close_gap, notes)
     N = [p.N for p in pairs]
-    means = [sign * M @ normals for sign, M in zip((1.0, -1.0), N, strict=True)]
-    pairs = [
-        replace(p, normal=n / np.linalg.norm(n, axis=1)[:, None])
-        for p, n in zip(pairs, means, strict=True)
-    ]
+    pairs = with_mean_normals(pairs, normals)
     after = np.linalg.norm(vector_residual(N, vectors), axis=1)
     size = max(p.surface.diameter for p in pairs)
     certificate = Certificate(
