@@ -8,20 +8,7 @@ from dolfinx_llm.base.errors import ContactError
 
 
 class Destroyed:
-    """Whose use, in any way, is an error.
-
-    Args:
-        owner: what has been destroyed, for the message.
-
-    Raises:
-        ContactError: whenever it is used.
-
-    >>> try:
-    ...     Destroyed("this problem").solve
-    ... except ContactError as error:
-    ...     print(str(error)[:31])
-    this problem has been destroyed
-    """
+    """Whose use, in any way, is a ``ContactError`` that names the owner."""
 
     def __init__(self, owner: str) -> None:
         self.owner = owner

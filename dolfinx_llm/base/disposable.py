@@ -40,13 +40,9 @@ class Disposable:
 
 
 class Remains:
-    """The last attribute of an object: when that goes, so does, on one rank, what PETSc has left.
-
-    petsc4py frees what is shared between ranks only where all of them ask for it together.
-
-    Args:
-        meshes: whose communicators the PETSc objects live on.
-    """
+    """The last attribute of an object: when that goes, so does, on one rank, what PETSc has left on
+    the communicators of its meshes. petsc4py frees what is shared between ranks only where all of
+    them ask for it together."""
 
     dropped = 0  # objects that went without ``destroy`` on several ranks
     told = False  # that this costs memory
@@ -65,10 +61,8 @@ class Remains:
 
 
 def free_garbage(comm: MPI.Comm) -> None:
-    """Free PETSc objects that no rank refers to any more; collective on a communicator.
-
-    On several ranks a warning says, once, where this had been left to the garbage collector.
-    """
+    """Free PETSc objects that no rank refers to any more; collective. On several ranks a warning
+    says, once, where this had been left to the garbage collector."""
     if not hasattr(PETSc, "garbage_cleanup") or PETSc.Sys.isFinalized():
         return
     PETSc.garbage_cleanup(comm)

@@ -40,12 +40,7 @@ class StageTimes(dict[str, float]):
 
 
 class Timer:
-    """Logs the seconds of a stage, and adds them up.
-
-    Args:
-        stage: its name.
-        times: to which they are added.
-    """
+    """Logs the seconds of a stage, and adds them up."""
 
     def __init__(self, stage: str, times: StageTimes) -> None:
         self.stage, self._times = stage, times

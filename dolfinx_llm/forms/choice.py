@@ -31,16 +31,8 @@ FORMS: dict[str, Callable[[str, dict | None, StageTimes], StepForm]] = {
 def choose_solver(
     asked: str | StepForm, K: PETSc.Mat, operators: ContactOperators
 ) -> tuple[str | StepForm, str]:
-    """The form of the system, "saddle", "condensed", "flexibility" or the user's, and why.
-
-    Args:
-        asked: the user's choice, of ``SOLVERS``, or a form.
-        K: stiffness of the bodies.
-        operators: of the interfaces.
-
-    Raises:
-        ContactError: the condensed form was asked for, of a stiffness that is not symmetric.
-    """
+    """The form of the system, "saddle", "condensed", "flexibility" or the user's, and why. The
+    condensed one is refused for a stiffness that is not symmetric."""
     if isinstance(asked, StepForm):
         return asked, "as given"
     symmetric = is_symmetric(K)

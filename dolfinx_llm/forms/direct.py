@@ -28,13 +28,8 @@ KRYLOV_OPTIONS = {"ksp_max_it": 30, "ksp_rtol": 1e-12}
 
 
 class DirectSolver:
-    """A matrix factorised by MUMPS; solves are refined.
-
-    Args:
-        matrix: PETSc AIJ.
-        prefix: of the PETSc options.
-        options: PETSc options on top of ``SADDLE_OPTIONS``.
-        own: destroy the matrix with the solver.
+    """A matrix factorised by MUMPS; solves are refined. With ``own`` the matrix goes with the
+    solver.
 
     Raises:
         ContactInputError: options with names that are not known, or values that PETSc refuses.
@@ -89,11 +84,7 @@ class DirectSolver:
         return options | {"pc_type": "lu"} if pc == "cholesky" and not self.symmetric else options
 
     def solve(self, b: np.ndarray) -> np.ndarray:
-        """This rank's part of the solution for its part of a load.
-
-        Raises:
-            ContactError: PETSc cannot solve.
-        """
+        """This rank's part of the solution for its part of a load."""
         self.rhs.array_w[:] = b
         try:
             self.ksp.solve(self.rhs, self.solution)
@@ -121,13 +112,8 @@ class DirectSolver:
 
 
 def set_up_ksp(matrix: Any, prefix: str, chosen: dict, given: dict | None = None) -> Any:
-    """A KSP with these options, which do not stay in PETSc's global database.
-
-    Args:
-        matrix: PETSc AIJ.
-        prefix: of the options.
-        chosen: all options.
-        given: those of them that the user gave, all of which must be known.
+    """A KSP with the chosen options, which do not stay in PETSc's global database; those that the
+    user gave must all be known.
 
     Raises:
         ContactInputError: options with names that are not known, or values that PETSc refuses.

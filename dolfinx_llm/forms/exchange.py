@@ -34,13 +34,7 @@ class SetUp(Protocol):
 
 class WholeSteps(StepForm):
     """What steps on the whole system share; what has been set up serves as long as the step's
-    matrix stays.
-
-    Args:
-        prefix: of the PETSc options.
-        options: PETSc options on top of the form's own.
-        times: to which seconds are added.
-    """
+    matrix stays."""
 
     accuracy = 1e-13  # of balance and law, relative
     proximal = 1e-10  # as small as factorisation and preconditioner bear

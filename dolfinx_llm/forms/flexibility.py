@@ -29,13 +29,7 @@ COLUMNS = 64  # right-hand sides solved at once
 
 
 class Flexibility(StepForm):
-    """K factorised, and the answer of the surfaces to unit multipliers.
-
-    Args:
-        prefix: of the PETSc options.
-        options: PETSc options of the factorisation.
-        times: to which seconds are added.
-    """
+    """K factorised, and the answer of the surfaces to unit multipliers."""
 
     name = "flexibility"
     accuracy = 1e-13  # of balance and law, relative
@@ -208,14 +202,11 @@ def _local_csr(M: Any) -> csr_matrix:
 
 
 def _choose(step: LinearStep, A: np.ndarray, rhs: np.ndarray) -> np.ndarray:
-    """Rows in contact: linear complementarity among those whose sign is or becomes wrong.
+    """Rows in contact: linear complementarity among those whose sign is or becomes wrong. A x = rhs
+    are the equations of all rows, the frame and the rigid motions.
 
-    The others keep their state and are eliminated. Eliminating the frame without them would
-    leave its nodes to the proximal term, whose compliance drowns that of the bodies.
-
-    Args:
-        step: the law's equations.
-        A, rhs: those of all rows, the frame and the rigid motions.
+    The others keep their state and are eliminated. Eliminating the frame without them would leave
+    its nodes to the proximal term, whose compliance drowns that of the bodies.
     """
     n, rows = len(step.active), np.flatnonzero(step.may_open)
     kept = np.concatenate([np.flatnonzero(step.active), np.arange(n, len(A))])
@@ -252,11 +243,8 @@ def _choose(step: LinearStep, A: np.ndarray, rhs: np.ndarray) -> np.ndarray:
 
 
 def _refined(A: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Solves dense systems with A, rows scaled and with one step of refinement.
-
-    Raises:
-        numpy.linalg.LinAlgError: singular; when called.
-    """
+    """Solves dense systems with A, rows scaled and with one step of refinement; ``LinAlgError``
+    where A is singular."""
     if not len(A):  # supports hold the body, and nothing touches the obstacle
         return lambda b: b
     scale = 1.0 / np.maximum(np.abs(A).max(axis=1), 1e-300)[:, None]

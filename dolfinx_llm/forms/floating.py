@@ -43,17 +43,8 @@ class Pull:
         self._rest = np.inf  # last share while the state of contact stayed
 
     def watch(self, alpha: np.ndarray, multiplier: np.ndarray, calm: int, noise: float) -> None:
-        """See another iteration.
-
-        Args:
-            alpha: (count,) where the motions went to.
-            multiplier: (n,) λ.
-            calm: iterations since the state of contact changed.
-            noise: rounding of forces [force].
-
-        Raises:
-            FinalError: nothing holds some bodies.
-        """
+        """See another iteration: where the motions went to (count,), λ, iterations since the state
+        of contact changed, rounding of forces. ``FinalError`` where nothing holds some bodies."""
         if not self._floating.count:
             return
         moved = alpha - self.anchor

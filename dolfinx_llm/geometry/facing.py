@@ -61,15 +61,8 @@ class Facing:
 def facing_facets(
     sides: Sequence[Surface], separations: Sequence[Separation]
 ) -> tuple[Facing, Facing]:
-    """The facets of two surfaces that can touch.
-
-    Args:
-        sides: the two surfaces.
-        separations: how far their nodes lie from each other; bodies may overlap in the drawing.
-
-    Returns:
-        The facets of both sides; none at all where nothing faces.
-    """
+    """The facets of both surfaces that can touch; none at all where nothing faces. Bodies may
+    overlap in the drawing."""
     all_facets = [Facets.of(side) for side in sides]
     depth = max(float(s.depth.max()) for s in separations)
     found = []
@@ -102,11 +95,8 @@ class _Search:
         self.apart = np.full(len(own.centre), np.inf)  # of its partner, see ``_gaps``
 
     def partners(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(m,) partner of each facet, -1 for none, and the gap between them.
-
-        Args:
-            distance: (m,) of each facet from the other surface [length].
-        """
+        """(m,) partner of each facet, -1 for none, and the gap between them, from each facet's
+        distance (m,) to the other surface."""
         own, other = self.own, self.other
         everywhere, tries = cKDTree(other.centre), min(NEAREST, len(other.centre))
         for ahead in (0.0 * distance, distance):  # most face one of those next to them

@@ -68,13 +68,8 @@ class ClosestPoints:
     def _closest(
         self, x: np.ndarray, bound: np.ndarray, rounding: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Cells with the closest points, of equally close ones the first, and these points.
-
-        Args:
-            x: (n, gdim) points [length].
-            bound: (n,) how far from each there is a cell [length].
-            rounding: (n,) distances that differ by less are the same [length].
-        """
+        """Cells with the closest points, and these points: of cells no farther than ``bound`` those
+        that differ by less than ``rounding``, and of these the first (all (n,) [length])."""
         point, cell = self._candidates(x, bound, rounding)
         xi, distance = self._invert(x[point], cell)
         least = np.full(len(x), np.inf)

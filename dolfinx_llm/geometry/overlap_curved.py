@@ -46,14 +46,9 @@ def facet_vectors(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
 def vector_areas_in_contact(
     side0: Surface, side1: Surface, may_part: bool = False
 ) -> list[np.ndarray]:
-    """Vector areas a_p of the nodes of two surfaces over what both cover.
-
-    Args:
-        side0, side1: the surfaces.
-        may_part: they may lie any distance apart; else no more than FARTHEST facets.
-
-    Returns:
-        Pair of (n_i, gdim) vector areas, out of each side [area]; zero at nodes without contact.
+    """Per side (n_i, gdim) vector areas a_p of its nodes, out of it, over what both surfaces cover:
+    zero at nodes without contact [area]. They lie no more than FARTHEST facets apart, but where
+    they may part.
 
     Raises:
         ContactError: the surfaces face the same way, lie too far apart, or do not overlap.

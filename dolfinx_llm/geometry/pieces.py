@@ -41,11 +41,8 @@ class Piece:
         return sides[0].part(self.facets[0]), sides[1].part(self.facets[1])
 
     def moved(self, sides: Sequence[Surface]) -> Piece:
-        """The same facets with their plane where the surfaces are now; curved where none does.
-
-        Args:
-            sides: the surfaces as tagged, where they are now.
-        """
+        """The same facets with their plane where the tagged surfaces are now; curved where none
+        does."""
         if self.plane is None:
             return self
         parts = self.parts(sides)
@@ -60,16 +57,8 @@ class Piece:
 def touching_pieces(
     sides: Sequence[Surface], separations: Sequence[Separation], unilateral: bool
 ) -> list[Piece]:
-    """What of two surfaces can touch: one piece, or several where planes do only piece by piece.
-
-    Args:
-        sides: the two surfaces.
-        separations: how far their nodes lie from each other.
-        unilateral: whether they may part; surfaces that are tied are flat to rounding, or curved.
-
-    Returns:
-        The pieces; none where nothing faces.
-    """
+    """What of two surfaces can touch: one piece, or several where planes do only piece by piece;
+    none where nothing faces. Surfaces that may not part are flat to rounding, or curved."""
     found = _Found(sides, facing_facets(sides, separations), separations, unilateral)
     if not found.count[0] or not found.count[1]:
         return []
@@ -192,13 +181,9 @@ def tied_plane(parts: Sequence[Surface]) -> Plane | None:
 
 
 def mean_normal(areas: Sequence[np.ndarray], weights: Sequence[np.ndarray]) -> np.ndarray | None:
-    """Unit normal out of side 0: a flat side's own; else the mean of both sides'. None: their
-    facets look everywhere.
-
-    Args:
-        areas: per side (k_i, gdim) vector areas of the facets [area].
-        weights: per side (k_i,) of the facets.
-    """
+    """Unit normal out of side 0, of the vector areas (k_i, gdim) of each side's facets and their
+    weights (k_i,): a flat side's own; else the mean of both sides'. None: facets look
+    everywhere."""
     means, straight = [], []
     for area, weight in zip(areas, weights, strict=True):
         length = np.linalg.norm(area, axis=1)

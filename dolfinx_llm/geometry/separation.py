@@ -25,12 +25,9 @@ class Separation:
 
 
 def separation(side: Surface, other: Surface) -> Separation:
-    """Where the nodes of a side lie against the other surface, as drawn.
-
-    A node lies inside where the closest point is inside of a facet and in front of it. Of an open
-    surface nobody knows how thick its body is: there that point must lie inside of the own body,
-    too.
-    """
+    """Where the nodes of a side lie against the other surface, as drawn. A node lies inside where
+    the closest point is inside of a facet and in front of it. Of an open surface nobody knows how
+    thick its body is: there that point must lie inside of the own body, too."""
     height, distance, y, cell, inner = _heights(side.x, other)
     size = np.maximum(facet_sizes(side), cell_sizes(other.x, other.facets)[cell])
     inside = np.flatnonzero(inner & (height < -DEPTH * other.diameter))

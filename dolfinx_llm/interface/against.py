@@ -27,14 +27,8 @@ def against_obstacle(
     notes: list[str],
     nodes: np.ndarray | None = None,
 ) -> tuple[ContactPairs, np.ndarray]:
-    """The pairs of a body against a rigid obstacle, and which lie at a rim that is too steep.
-
-    Args:
-        obstacle: the obstacle.
-        side: the surface as tagged.
-        name: of the interface, for messages.
-        notes: to which is added what was found.
-        nodes: (n,) those that take part; None: those of facets that face the obstacle.
+    """The pairs of a body against a rigid obstacle, and which lie at a rim that is too steep;
+    ``nodes`` take part, or those of facets that face the obstacle.
 
     Raises:
         ContactError: no facet faces the obstacle, or the body lies inside of it.
@@ -136,12 +130,8 @@ def _say_place(
     name: str,
     notes: list[str],
 ) -> None:
-    """How far the body is from the obstacle, or how deep inside of it: refused at half of it.
-
-    Args:
-        nodes: those that face the obstacle.
-        distance: (n,) of all nodes from the obstacle.
-    """
+    """How far the body is from the obstacle, or how deep inside of it: refused at half of it. The
+    nodes face the obstacle; the distance (n,) is that of all nodes."""
     kind, size = type(obstacle).__name__, facet_sizes(side)
     depth = np.zeros(len(distance))
     depth[nodes] = np.maximum(-distance[nodes], 0.0)

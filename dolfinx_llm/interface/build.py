@@ -35,18 +35,9 @@ log = logging.getLogger("dolfinx_llm")
 def build_model(
     interface: Interface, spaces: Sequence[Any], fixed: Sequence[np.ndarray] | None = None
 ) -> InterfaceGeometry:
-    """Surfaces, common area, frame, design and pairs of an interface.
-
-    Collective. Everything after the gathering of the surfaces is computed alike on all ranks.
-
-    Args:
-        interface: the user's choices.
-        spaces: function spaces, one per mesh.
-        fixed: per space (n_owned dofs,) whether a dof is prescribed; None: none is.
-
-    Raises:
-        ContactError, ContactInputError: see the functions called.
-    """
+    """Surfaces, common area, frame, design and pairs of an interface. Collective. Everything after
+    the gathering of the surfaces is computed alike on all ranks. Per space (n_owned dofs,) which
+    are fixed."""
     clock = Clock()
     site = find_site(interface, spaces, fixed)
     clock.stop("surfaces")
@@ -54,11 +45,7 @@ def build_model(
 
 
 def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
-    """Common area, frame, design and pairs of surfaces where they are now.
-
-    Raises:
-        ContactError, ContactInputError: see the functions called.
-    """
+    """Common area, frame, design and pairs of surfaces where they are now."""
     clock = clock or Clock()
     interface, whole = site.interface, site.whole
     notes: list[str] = []
@@ -78,11 +65,7 @@ def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
 def build_against(
     site: Site, notes: list[str], clock: Clock, nodes: np.ndarray | None = None
 ) -> InterfaceGeometry:
-    """The model of a body against a rigid obstacle.
-
-    Args:
-        nodes: (n,) those that take part; None: those that face the obstacle.
-    """
+    """The model of a body against a rigid obstacle; ``nodes`` take part, or those that face it."""
     obstacle, name = site.interface.obstacle, site.interface.name
     assert obstacle is not None
     pairs, rim = against_obstacle(obstacle, site.whole[0], name, notes, nodes)
@@ -97,11 +80,8 @@ def assembled(
     notes: Sequence[str],
     clock: Clock,
 ) -> InterfaceGeometry:
-    """The model of an interface from what was built of its pieces.
-
-    Args:
-        whole_rims: per side (n,) nodes at a rim that is too steep.
-    """
+    """The model of an interface from what was built of its pieces, with per side (n,) nodes at a
+    rim that is too steep."""
     pairs, frame, base, certificate = joined(site.whole, parts)
     rims = [
         rim[np.isin(side.dofs, p.surface.dofs)][p.nodes]
@@ -118,12 +98,9 @@ def build_piece(
     corners: int | None = None,
     last: Part | None = None,
 ) -> Part:
-    """Common area, frame, design and pairs of one piece of two surfaces.
-
-    Args:
-        corners: of a predicted frame's cells; None: those of the coarser side.
-        last: what was built of it before, whose frame, where it has moved to, and nodes stay.
-    """
+    """Common area, frame, design and pairs of one piece of two surfaces. A predicted frame has
+    cells of so many corners, or those of the coarser side; of what was built of it before
+    (``last``) the frame, where it has moved to, and nodes stay."""
     interface, law, plane = site.interface, site.interface.law, piece.plane
     sides = piece.parts(site.whole)
     area: Any = None

@@ -32,7 +32,8 @@ def choose_frame(
     area: Any,
     corners: int | None = None,
 ) -> tuple[Frame, str, float]:
-    """The user's frame, turned to point out of side 0, or a predicted one.
+    """The user's frame, turned to point out of side 0, or a predicted one; a sentence that says
+    what it is, and how many cells a node may lie beyond its outline.
 
     Args:
         interface: the user's choices.
@@ -41,10 +42,6 @@ def choose_frame(
         plane: of flat surfaces; None: they are curved.
         area: what both cover, in the plane.
         corners: of a predicted frame's cells; None: those of the coarser side.
-
-    Returns:
-        The frame, a sentence that says what it is, and how many cells a node may lie beyond its
-        outline.
     """
     if interface.frame is not None:
         frame = face_side_1(interface.frame, sides[0])

@@ -35,12 +35,7 @@ def whole_piece(pieces: Sequence[Piece]) -> Piece:
 def joined(
     whole: Sequence[Surface], parts: Sequence[Part]
 ) -> tuple[tuple[ContactPairs, ...], Frame, np.ndarray, Certificate]:
-    """One frame and pairs of both sides for all parts, which share no node.
-
-    Args:
-        whole: the surfaces as tagged.
-        parts: of the pieces.
-    """
+    """One frame and pairs of both sides for all parts, which share no node."""
     if len(parts) == 1:
         part = parts[0]
         return part.pairs, part.frame, part.base, part.certificate

@@ -12,11 +12,7 @@ from dolfinx_llm.base.errors import ContactInputError
 
 
 def vector(name: str, value: ArrayLike, size: int | None = None) -> np.ndarray:
-    """A finite vector of 2 or 3 numbers, or of ``size``.
-
-    Raises:
-        ContactInputError: anything else.
-    """
+    """A finite vector of 2 or 3 numbers, or of ``size``."""
     want = f"give {size if size else '2 or 3'} numbers, which must be finite"
     found = checks.array(name, value, (None,), want)
     if len(found) not in (2, 3) or (size and len(found) != size):

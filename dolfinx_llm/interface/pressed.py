@@ -24,21 +24,9 @@ def forced(obstacle: Obstacle, gdim: int) -> tuple[bool, ...]:
 def under_force(
     obstacle: Obstacle, pairs: ContactPairs, unilateral: bool
 ) -> tuple[ContactPairs, np.ndarray]:
-    """Translations of an obstacle that forces are prescribed for, as those of a frame of one node.
-
-    Args:
-        obstacle: the obstacle.
-        pairs: its pairs, with the base vectors of the law.
-        unilateral: whether the law lets bodies part.
-
-    Returns:
-        The pairs, whose rows all see that node, and (1, d, gdim) directions in which it moves: the
-        axes of the prescribed components, or what of them contact can resist. d = 0, (0, c, gdim):
-        no force is prescribed.
-
-    Raises:
-        ContactInputError: a force, and the body is tied to the obstacle.
-    """
+    """Translations of an obstacle that forces are prescribed for, as those of a frame of one node:
+    the pairs, whose rows all see that node, and (1, d, gdim) directions in which it moves: the axes
+    of the prescribed components, or what of them contact can resist. No force: (0, c, gdim)."""
     _, c, gdim = pairs.base.shape
     axes = np.eye(gdim)[list(forced(obstacle, gdim))]
     if not len(axes):
@@ -56,15 +44,8 @@ def under_force(
 
 
 def prescribed_loads(model: InterfaceGeometry) -> np.ndarray:
-    """Loads on the frame unknowns of an interface, L_bᵀ λ = loads, as they are now.
-
-    Returns:
-        (m d,) zeros at a frame, minus the force at an obstacle [force].
-
-    Raises:
-        ContactError: a force along which contact resists no motion.
-        ContactInputError: other components of the force are prescribed than when it was built.
-    """
+    """(m d,) loads on the frame unknowns of an interface, L_bᵀ λ = loads, as they are now: zeros at
+    a frame, minus the force at an obstacle [force]."""
     obstacle, axes = model.interface.obstacle, model.directions
     loads = np.zeros(axes.shape[0] * axes.shape[1])
     if obstacle is None:

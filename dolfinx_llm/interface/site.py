@@ -26,11 +26,8 @@ class Site:
     comm: MPI.Comm
 
     def moved(self, motions: Sequence[np.ndarray]) -> Site:
-        """The same with the surfaces at x = X + u; nothing is gathered.
-
-        Args:
-            motions: per side (n, gdim) displacement u of its nodes since the drawing [length].
-        """
+        """The same with the surfaces at x = X + u, (n, gdim) per side since the drawing; nothing is
+        gathered."""
         sides = [side.moved(u) for side, u in zip(self.whole, motions, strict=True)]
         return replace(self, whole=tuple(sides))
 
@@ -38,14 +35,8 @@ class Site:
 def find_site(
     interface: Interface, spaces: Sequence[Any], fixed: Sequence[np.ndarray] | None = None
 ) -> Site:
-    """The surfaces of an interface and what is prescribed there, gathered on every rank.
-
-    Args:
-        interface, spaces, fixed: as of ``build_model``.
-
-    Raises:
-        ContactError, ContactInputError: tags without facets, surfaces that share nodes.
-    """
+    """The surfaces of an interface and what is prescribed there, gathered on every rank; arguments
+    as of ``build_model``."""
     tagged = interface.tagged_sides()
     owners = tuple(_space_of(tags, spaces) for tags, _ in tagged)
     whole = tuple(
@@ -73,11 +64,7 @@ def _space_of(tags: Any, spaces: Sequence[Any]) -> int:
 
 
 def _held(side: Surface, V: Any, fixed: np.ndarray) -> np.ndarray:
-    """(n, gdim) whether a Dirichlet condition prescribes a node's dof, on all ranks.
-
-    Args:
-        fixed: (n_owned dofs,) whether a dof is prescribed.
-    """
+    """(n, gdim) whether a Dirichlet condition prescribes a node's dof, on all ranks."""
     mine = side.owner == V.mesh.comm.rank
     start = V.dofmap.index_map.local_range[0]
     held = np.zeros(side.x.shape, dtype=np.int64)

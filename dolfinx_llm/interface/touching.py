@@ -25,13 +25,8 @@ BURIED = 0.5  # depth, in the radius of the smaller surface, that no drawing can
 def find_pieces(
     sides: Sequence[Surface], unilateral: bool, name: str, notes: list[str]
 ) -> tuple[list[Piece], list[np.ndarray]]:
-    """The pieces of two surfaces that can touch, and per side its ``steep_rim``.
-
-    Args:
-        sides: the surfaces as tagged.
-        unilateral: whether they may part.
-        name: of the interface, for messages.
-        notes: to which is added what was left out and how bodies overlap.
+    """The pieces of two surfaces that can touch, and per side its ``steep_rim``; ``notes`` gets
+    what was left out and how bodies overlap.
 
     Raises:
         ContactError: nothing faces, or one body lies inside of the other.
@@ -127,14 +122,8 @@ def _refuse(sides: Sequence[Surface], separations: Sequence[Separation]) -> NoRe
 
 
 def steep_rim(whole: Surface, facets: np.ndarray, over: np.ndarray) -> np.ndarray:
-    """(n,) nodes of a surface where it goes on, without a sharp edge, into facets that were left
-    out though the other side is there.
-
-    Args:
-        whole: the surface as tagged.
-        facets: (k,) numbers of those that take part.
-        over: (n,) nodes that lie over a facet of the other side.
-    """
+    """(n,) nodes of a tagged surface where it goes on, without a sharp edge, into others than the
+    given facets, left out though the other side is there: some of their nodes (n,) lie over it."""
     area = vector_areas(whole.x, whole.facets)
     normal = area / np.linalg.norm(area, axis=1)[:, None]
     left = over[whole.facets].any(axis=1)

@@ -30,8 +30,7 @@ def assemble_B(
         comm: MPI communicator.
         rows: the multipliers.
         bodies: local and global number of the bodies' dofs, and this rank's first one.
-        fixed: (n_local,) whether a Dirichlet condition prescribes a dof of this rank; its row of B
-            stays empty, since K holds an identity row there.
+        fixed: (n_local,) prescribed dofs, whose rows of B stay empty, as K has an identity there.
     """
     (n_local, n_global), start = bodies
     mine, multipliers = rows.numbering.mine, rows.numbering
@@ -43,12 +42,9 @@ def assemble_B(
 
 
 def interface_operator(pairs: Sequence[ContactPairs], directions: np.ndarray) -> csr_matrix:
-    """L_b of one frame, on every rank: row (p, i), column (J, k) holds N_J(xi_p) a_i · d_Jk.
-
-    Args:
-        pairs: the sides, c base vectors per pair; their rows come one side after the other.
-        directions: (m, d, gdim) directions in which the frame's nodes move.
-    """
+    """L_b of one frame, on every rank: row (p, i), column (J, k) holds N_J(xi_p) a_i · d_Jk. Rows
+    come one side after the other; directions (m, d, gdim) are those in which the frame's nodes
+    move."""
     blocks = []
     for side in pairs:
         N = side.N.tocoo()
@@ -66,14 +62,7 @@ def interface_operator(pairs: Sequence[ContactPairs], directions: np.ndarray) ->
 def assemble_L_b(
     comm: MPI.Comm, L: csr_matrix, multipliers: Numbering, frames: Numbering
 ) -> PETSc.Mat:
-    """L_b of (31) as PETSc AIJ.
-
-    Args:
-        comm: MPI communicator.
-        L: the operator of all frames in the unknowns' own order (``interface_operator``).
-        multipliers: numbers of the rows.
-        frames: numbers of the columns.
-    """
+    """L_b of (31) as PETSc AIJ, from that of all frames in the unknowns' own order."""
     local = L[multipliers.mine].tocoo()
     local = csr_matrix((local.data, (local.row, frames.number[local.col])), shape=local.shape)
     return create_aij(comm, multipliers.sizes, frames.sizes, local)

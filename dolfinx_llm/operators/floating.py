@@ -23,15 +23,8 @@ DRIFTS = 1e-9  # rounding of K over the stiffness of springs, from which on it i
 
 class Floating:
     """Rigid motions that supports leave to the bodies, α, each held by a weak spring at one dof.
-
     The springs pull to where the bodies were. At a solution they carry nothing: what they carry
-    else is the part of the load that neither supports nor contact take.
-
-    Args:
-        rigid: motions that supports alone do not hold.
-        B: (31).
-        rows: the multipliers' ``Numbering``.
-    """
+    else is the part of the load that neither supports nor contact take."""
 
     def __init__(self, rigid: RigidMotions, B: PETSc.Mat, rows: Numbering) -> None:
         self.comm: MPI.Comm = rigid.bodies.comm
@@ -67,11 +60,8 @@ class Floating:
 
     def drift(self, L: csr_matrix) -> float:
         """Relative error of motions that weak springs alone hold: the stiffness of the bodies, with
-        its rounding, stands beside theirs.
-
-        Args:
-            L: (n, m) rows of L_b in contact, the others zero.
-        """
+        its rounding, stands beside theirs. L (n, m) has the rows of L_b in contact, the others are
+        zero."""
         rigid, weak = self.rigid, slice(self.count, None)
         own, noise = rigid.stiffness[weak, weak], np.diag(rigid.noise[weak])
         if not (np.diagonal(noise) > DRIFTS * np.diagonal(own)).any():

@@ -37,12 +37,7 @@ class RigidMotions:
     noise: np.ndarray  # (k,) what rounding of K may have done to it
 
     def describe(self, amounts: np.ndarray, forces: np.ndarray) -> str:
-        """Words for a motion and what pushes along it.
-
-        Args:
-            amounts: (free,) of the free motions.
-            forces: (free,) along them [force].
-        """
+        """Words for (free,) amounts of the free motions, and the forces (free,) along them."""
         words, size = [], np.abs(amounts).max(initial=0.0)
         for b in np.unique(self.body[: self.free]):
             own = np.flatnonzero(self.body[: self.free] == b)
@@ -61,13 +56,8 @@ def no_motions(bodies: Bodies, n: int) -> RigidMotions:
 
 
 def rigid_motions(bodies: Bodies, K: Any, fixed: np.ndarray) -> RigidMotions:
-    """The rigid motions of each body that supports alone do not hold, or only by weak springs.
-
-    Args:
-        bodies: the bodies.
-        K: their stiffness, identity rows at prescribed dofs.
-        fixed: (n_local,) whether a local dof is prescribed.
-    """
+    """The rigid motions of each body that supports alone, (n_local,) fixed dofs, do not hold, or
+    only by weak springs; K has identity rows at fixed dofs."""
     label = np.repeat(bodies.label, bodies.gdim)
     R = bodies.own_modes(bodies.label, bodies.points).reshape(len(fixed), -1)
     allowed = _allowed(bodies, R, label, fixed)
@@ -131,12 +121,9 @@ def _times(K: Any, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _of_body(bodies: Bodies, b: int, N: np.ndarray, fields: Any, label: np.ndarray) -> Any:
-    """Motions of one body that are free or weakly held.
-
-    Returns:
-        Their coefficients (columns of N, k), stiffness (k,), whether springs hold them (k,), and
-        the stiffness that rounding alone may cause (k,).
-    """
+    """Motions of one body that are free or weakly held: their coefficients (columns of N, k),
+    stiffness (k,), whether springs hold them (k,), and the stiffness that rounding alone may cause
+    (k,)."""
     moved, pushed, diagonal = (field[label == b] for field in fields)
     k = N.shape[1]
     moved, pushed = moved[:, :k], pushed[:, :k]

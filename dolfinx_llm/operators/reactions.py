@@ -20,19 +20,11 @@ def with_reactions(
 ) -> np.ndarray:
     """Multipliers (n,) with what bodies pass on at nodes that supports hold; collective.
 
-    There the equations leave open what the supports take and what goes through the frame. Of
-    the forces that bodies exert on both, f - K u, the part is added that leaves the frame in
+    There the equations leave open what the supports take and what goes through the frame. Of the
+    forces (n_local,) that bodies exert on both, f - K u, the part is added that leaves the frame in
     balance; what may open stays pressed together, and without it where it is open. What friction
-    may be between nodes that stick nothing tells: it is the least that meets (31). Nodes of several
-    interfaces, and those against obstacles, stay as they are.
-
-    Args:
-        operators: of the interfaces.
-        multiplier: the least that meet (31).
-        v: (m,) frame unknowns.
-        u: (n_local,) displacement.
-        force: (n_local,) f - K u, with the rows of prescribed dofs.
-        sticks: (n,) rows of pairs that stick under friction; None: there is none.
+    may be between nodes that stick, (n,) rows, nothing tells: it is the least that meets (31).
+    Nodes of several interfaces, and those against obstacles, stay as they are.
     """
     rows, multiplier = operators.rows, multiplier.copy()
     motion, passed = (

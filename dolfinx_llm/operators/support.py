@@ -42,17 +42,8 @@ def check_support(
     """Require that supports and tied interfaces hold every body.
 
     A combination of rigid motions is not held if it has no stiffness (K R c = 0), does not move
-    prescribed dofs, and the frames can follow it (Bᵀ R c in the range of L_b).
-
-    Args:
-        bodies: the bodies.
-        K: their stiffness, identity rows at prescribed dofs.
-        fixed: (n_local,) whether a local dof is prescribed.
-        interfaces: per interface (L, R): its operator L_b, or None without a frame, and Bᵀ R as
-            (rows, modes).
-
-    Raises:
-        ContactError: some motion is not held.
+    prescribed dofs, and the frames can follow it (Bᵀ R c in the range of L_b). Of each interface
+    L_b is given, None without a frame, and Bᵀ R (rows, modes).
     """
     check_held(rigid_motions(bodies, K, fixed), interfaces)
 
@@ -60,11 +51,7 @@ def check_support(
 def check_held(
     rigid: RigidMotions, interfaces: Sequence[tuple[csr_matrix | None, np.ndarray]]
 ) -> None:
-    """The same for the motions that supports alone do not hold; see ``check_support``.
-
-    Raises:
-        ContactError: some motion is not held.
-    """
+    """The same for the motions that supports alone do not hold."""
     bodies = rigid.bodies
     if not rigid.free:
         return
@@ -89,18 +76,12 @@ def check_held(
 
 
 def check_loops(models: Sequence[Any], labels: Sequence[np.ndarray]) -> None:
-    """Refuse interfaces that share nodes and close a loop of bodies.
+    """Refuse interfaces that share nodes and close a loop of bodies (per side (n,) label of each
+    node).
 
     A node may take part in several interfaces: each adds a constraint with a frame of its own.
-    Round a loop (two interfaces between the same two bodies, three bodies that meet in an
-    edge) the constraints repeat each other and the contact forces there are not unique.
-
-    Args:
-        models: the interfaces.
-        labels: per side (n,) body of each node.
-
-    Raises:
-        ContactError: nodes are shared and a loop is closed.
+    Round a loop (two interfaces between the same two bodies, three bodies that meet in an edge) the
+    constraints repeat each other and the contact forces there are not unique.
     """
     n, gdim = len(models), models[0].sides[0].x.shape[1]
     first = np.cumsum([0, *(len(model.pairs) for model in models)])
@@ -137,11 +118,9 @@ def check_loops(models: Sequence[Any], labels: Sequence[np.ndarray]) -> None:
 
 
 def _least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:
-    """Solution of min |L v - b| for every column of b (n, k), by a factorisation of LᵀL.
-
-    LᵀL is like a mass matrix, so that large frames are iterated on by conjugate gradients; with
-    small singular values, on which these are slow, they are factorised, too.
-    """
+    """Solution of min |L v - b| for every column of b (n, k), by a factorisation of LᵀL. It is like
+    a mass matrix, so that large frames are iterated on by conjugate gradients; with small singular
+    values, on which these are slow, they are factorised, too."""
     if L.shape[1] <= FIT_DIRECTLY:
         return _factorised(L).solve(L.T @ b)
     v = np.zeros((L.shape[1], b.shape[1]))

@@ -37,15 +37,9 @@ NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the
 
 
 class ContactOperators:
-    """What the interfaces put into (31), for one geometry of theirs.
+    """What the interfaces put into (31), for one geometry of theirs; K is only read.
 
     Collective. Arrays named by rows or unknowns hold those of all ranks, on every rank.
-
-    Args:
-        models: the interfaces.
-        dofs: numbers of the bodies' dofs.
-        K: stiffness of the bodies, PETSc AIJ; it is only read here.
-        times: to which the seconds are added, and those of the interfaces.
 
     Attributes:
         comm, models, dofs, tied: as given; whether ties are all there is.
@@ -93,11 +87,7 @@ class ContactOperators:
         self.renew(K, times)
 
     def renew(self, K: PETSc.Mat, times: StageTimes) -> None:
-        """Take over another stiffness of the same bodies; see ``ContactOperators``.
-
-        Raises:
-            ContactError: a motion is free.
-        """
+        """Take over another stiffness of the same bodies, which must hold them."""
         self.scale, self.diagonal = _surface_stiffness(K, self), diagonal_of(K)
         with times.timed("support check"):
             self._check_support(K)
@@ -185,12 +175,7 @@ class ContactOperators:
         return found
 
     def frame_loads(self) -> np.ndarray:
-        """(n_v,) loads on the frame unknowns: zero but for forces on obstacles [force].
-
-        Raises:
-            ContactError: a force that no contact can resist.
-            ContactInputError: forces for other components than when the interface was built.
-        """
+        """(n_v,) loads on the frame unknowns: zero but for forces on obstacles [force]."""
         loads = np.zeros(self.frames.sizes[1])
         for model, place in zip(self.models, self.places, strict=True):
             loads[place.frame] = prescribed_loads(model)
@@ -215,12 +200,8 @@ class ContactOperators:
     def gap(
         self, prescribed: np.ndarray, motions: Sequence[np.ndarray] | None = None
     ) -> np.ndarray:
-        """This rank's g, with the prescribed displacements, whose rows of B are empty.
-
-        Args:
-            prescribed: (n_local,) of which the values at prescribed dofs count.
-            motions: of the obstacles, as of ``obstacle_motions``; None: as drawn.
-        """
+        """This rank's g, with the displacements (n_local,) at prescribed dofs, whose rows of B are
+        empty; obstacles moved as of ``obstacle_motions``, or as drawn."""
         g = assemble_gap(self.comm, self.pairs, self.rows.numbering, self.side_gaps(motions))
         values = g.array_r.copy()
         g.destroy()

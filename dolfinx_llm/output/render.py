@@ -46,15 +46,7 @@ class Scene:
 
 
 def draw(scene: Scene, path: Path) -> bool:
-    """Draw a scene by PyVista, if it is installed and can.
-
-    Args:
-        scene: what is drawn.
-        path: PNG to write.
-
-    Returns:
-        Whether the picture has been written.
-    """
+    """Draw a scene as PNG by PyVista, if it is installed and can; whether it has."""
     global _failed
     if _failed or find_spec("pyvista") is None:
         return False

@@ -14,14 +14,7 @@ from dolfinx_llm.base.errors import ContactInputError
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Says where something could not be written.
-
-    Args:
-        path: of the file or folder.
-
-    Raises:
-        ContactInputError: an error of the operating system, of HDF5 or of Matplotlib.
-    """
+    """Says where something could not be written: by the operating system, HDF5 or Matplotlib."""
     try:
         yield
     except (OSError, RuntimeError, ValueError) as error:
@@ -35,17 +28,8 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def writable_folder(name: str, value: Any) -> Path:
-    """A folder, made where it is missing, in which files can be written.
-
-    Every rank may call it by itself: all find the same.
-
-    Args:
-        name: of the argument.
-        value: what was given.
-
-    Raises:
-        ContactInputError: it is no path, or cannot be made or written.
-    """
+    """A folder, made where it is missing, in which files can be written. Every rank may call it by
+    itself: all find the same."""
     folder = checks.path(name, value)
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -55,16 +39,8 @@ def writable_folder(name: str, value: Any) -> Path:
 
 
 def writable_file(name: str, value: Any, endings: tuple[str, ...] = ()) -> Path:
-    """A file that can be written, in a folder that is made.
-
-    Args:
-        name: of the argument.
-        value: what was given.
-        endings: what the file must end on, e.g. ".png"; (): anything.
-
-    Raises:
-        ContactInputError: it is no path, has another ending, or cannot be written.
-    """
+    """A file that can be written, in a folder that is made, with one of the endings, if any is
+    asked for."""
     path = checks.path(name, value)
     if endings and path.suffix not in endings:
         raise ContactInputError(f"{path}: the file must end on {' or '.join(endings)}")

@@ -24,16 +24,8 @@ def write_step(
     fields: dict[str, np.ndarray],
     append: bool,
 ) -> None:
-    """Write a step of a surface.
-
-    Args:
-        path: file that ends on .xdmf.
-        time: of the step.
-        x: (n, gdim) nodes [length].
-        cells: (m, k) their numbers.
-        fields: name to values (n,) or (n, gdim) at the nodes.
-        append: to the steps of a file that this function began; otherwise it begins one.
-    """
+    """Write a step of a surface: nodes x (n, gdim), cells (m, k), and fields (n,) or (n, gdim) at
+    the nodes; append it to those of a file that this function began, or begin one."""
     kind = f'TopologyType="{KINDS[cells.shape[1]]}" NumberOfElements="{len(cells)}"'
     lines = [
         f'<Grid Name="surface" GridType="Uniform">\n<Time Value="{time!r}"/>',

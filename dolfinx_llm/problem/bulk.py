@@ -40,14 +40,10 @@ class Bulk(Protocol):
 class LinearBulk:
     """Linear bodies of UFL forms: K of a, f of L and of nodal forces.
 
-    Args:
-        given: arguments of ``ContactProblem``, which fit each other.
-        times: to which seconds are added.
-
     Attributes:
         several: whether forms came as sequences, one per mesh.
         fixed: per mesh (n,) which of this rank's dofs are prescribed.
-        dofs, spaces, comm: as of ``Bulk``.
+        dofs, spaces, comm: numbers of the dofs, function spaces, communicator.
         version: counts the changes.
 
     Raises:
@@ -86,12 +82,10 @@ class LinearBulk:
         self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(self.fixed))
 
     def changes(self) -> Changes:
-        """What has changed since ``settle`` was called last; collective.
-
-        Values of Constants and Functions in the forms a, which dofs the conditions prescribe, and
-        positions of the meshes are looked at; K is then assembled anew. Loads and prescribed values
-        are assembled for every solve.
-        """
+        """What has changed since ``settle`` was called last; collective. Values of Constants and
+        Functions in the forms a, which dofs the conditions prescribe, and positions of the meshes
+        are looked at; K is then assembled anew. Loads and prescribed values are assembled for every
+        solve."""
         self._sort_conditions()
         found = self._fingerprint.changes(self.fixed)
         self._pending |= found
@@ -107,11 +101,7 @@ class LinearBulk:
     @property
     def K(self) -> PETSc.Mat:
         """PETSc AIJ of the stiffness, identity rows and columns at prescribed dofs; assembled anew
-        when it was taken.
-
-        Raises:
-            ContactError: it has entries that are not finite.
-        """
+        when it was taken."""
         if self._K is None:
             with self.times.timed("assembly of K"):
                 blocks = [compat.assemble_matrix(a, b, 1.0) for a, b in zip(self._a, self._bcs)]
@@ -130,11 +120,7 @@ class LinearBulk:
         return K
 
     def load(self) -> np.ndarray:
-        """This rank's f, with the values at prescribed dofs.
-
-        Raises:
-            ContactError: it has entries that are not finite.
-        """
+        """This rank's f, with the values at prescribed dofs."""
         loads = [
             compat.assemble_load(L, a, bcs, V, nodal)
             for L, a, bcs, V, nodal in zip(self._L, self._a, self._bcs, self.spaces, self._nodal)
@@ -149,12 +135,8 @@ class LinearBulk:
         return f
 
     def force(self, u: np.ndarray) -> np.ndarray:
-        """This rank's f - K u of all dofs, with K as it is without the conditions: what bodies
-        exert on interfaces and supports.
-
-        Args:
-            u: (n_local,) displacement.
-        """
+        """This rank's f - K u of all dofs, u (n_local,), with K as it is without the conditions:
+        what bodies exert on interfaces and supports."""
         if self._actions is None:
             self._motions = [fem.Function(V) for V in self.spaces]
             self._actions = [

@@ -33,12 +33,8 @@ class Changes:
 
 
 class Fingerprint:
-    """Digests of all that the stiffness and the contact surfaces are made of.
-
-    Args:
-        forms: bilinear UFL forms, one per mesh.
-        spaces: their function spaces.
-    """
+    """Digests of all that the stiffness and the contact surfaces are made of: bilinear forms and
+    meshes."""
 
     def __init__(self, forms: Sequence[ufl.Form], spaces: Sequence[Any]) -> None:
         self._comm = spaces[0].mesh.comm
@@ -48,11 +44,8 @@ class Fingerprint:
         self._seen: list[bytes] | None = None
 
     def changes(self, fixed: Iterable[np.ndarray]) -> Changes:
-        """Compare with the call before; collective.
-
-        Args:
-            fixed: per mesh (n,) which of this rank's dofs are prescribed.
-        """
+        """Compare with the call before; collective. Per mesh (n,) which of this rank's dofs are
+        prescribed."""
         values = [c.x.array for c in self._coefficients if hasattr(c, "x")]
         values += [c.value for c in self._constants]
         now = [_digest(values), _digest(fixed), _digest(g.x for g in self._geometries)]

@@ -68,13 +68,9 @@ class ContactMethod:
         return self.iteration.history
 
     def renew(self, setting: Setting, keep: bool = False) -> None:
-        """Work with another stiffness or other operators.
-
-        Args:
-            setting: what to work with from now on.
-            keep: go on from the state of contact and from the displacement that there were, held by
-                the load that it takes with the new stiffness; else from rest.
-        """
+        """Work with another stiffness or other operators; ``keep``: go on from the state of contact
+        and from the displacement that there were, held by the load that it takes with the new
+        stiffness."""
         self.destroy()
         self._use(setting)
         if not keep:

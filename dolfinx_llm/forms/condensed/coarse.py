@@ -13,16 +13,11 @@ GRAIN = 64.0 * np.finfo(float).eps  # of the largest value: what rounding can ma
 
 
 class CoarseMotions:
-    """Least energy over a few motions W: q + W (Wᵀ A W)⁻¹ Wᵀ r for what A leaves of a load, r.
+    """Least energy over a few motions W: q + W (Wᵀ A W)⁻¹ Wᵀ r for what A leaves of a load, r; the
+    matrix is S A S. W as ``weak`` of ``CondensedSystem``.
 
     Where springs hold a body weakly, a residual that is small against the load may still move it
     far. One without a part along its rigid motions moves it no farther than what is held firmly.
-
-    Args:
-        form: what q stands for.
-        matrix: S A S, A symmetric positive definite.
-        S: a PETSc Vec.
-        motions: of the bodies' dofs (n_local, k) and the frames' unknowns (m, k); None: none.
     """
 
     def __init__(self, form: Transformation, matrix: Any, S: Any, motions: Any) -> None:

@@ -61,15 +61,9 @@ class NodeElimination:
 
 
 def eliminate_at_nodes(dofs: np.ndarray, vectors: np.ndarray, fixed: np.ndarray) -> NodeElimination:
-    """Solve each node's rows S u_p = L_b v - g for its free dofs, with the pseudo-inverse of S.
-
-    The directions that the rows leave free get unknowns w in the places of the node's free dofs.
-
-    Args:
-        dofs: (R, gdim) local dofs of each row's node.
-        vectors: (R, gdim) base vectors.
-        fixed: (n_local,) whether a dof is prescribed.
-    """
+    """Solve each node's rows S u_p = L_b v - g for its free dofs, with the pseudo-inverse of S;
+    rows have (R, gdim) local dofs and base vectors. The directions that they leave free get
+    unknowns w in the places of the node's free dofs."""
     R, gdim = dofs.shape
     n = len(fixed)
     _, group = np.unique(dofs[:, 0], return_inverse=True)
@@ -116,17 +110,14 @@ def _csr(value: np.ndarray, rows: Any, cols: Any, shape: tuple[int, int]) -> csr
 
 
 class FrameElimination:
-    """v = Z v + v_0 with D Z = 0, D v_0 = g_D: the frame's unknowns that D determines go.
+    """v = Z v + v_0 with D Z = 0, D v_0 = g_D: the frame's unknowns that D determines go. The rows
+    of D (k, m) bind the frame alone.
 
     By QR with column pivoting, D P = Q [R_1 R_2]: v_dep = R_1⁻¹ (Qᵀ g_D - R_2 v_ind). The others
     stay the unknowns they were, so that rigid modes need no transformation.
 
-    With a compliance s / c the rows give way, D v = g_D - s μ / c. Their forces μ = c Q ν are then
-    unknowns ν in the places of v_dep, and Z has columns -s R_1⁻¹ there.
-
-    Args:
-        D: (k, m) rows that bind the frame alone.
-        soft: s; 0: rigid rows, whose forces are no unknowns.
+    With a compliance s / c, s = ``soft``, the rows give way, D v = g_D - s μ / c. Their forces μ =
+    c Q ν are then unknowns ν in the places of v_dep, and Z has columns -s R_1⁻¹ there.
     """
 
     def __init__(self, D: csr_matrix, soft: float = 0.0) -> None:

@@ -21,12 +21,6 @@ COST = 3.0  # iterations, about, for a row that the preconditioner knows otherwi
 class KeptSolver:
     """CG with GAMG, or a factorisation, of one matrix and then of others that differ in few rows.
 
-    Args:
-        comm: MPI communicator.
-        prefix: of the PETSc options.
-        options: on top of the defaults, see ``krylov``.
-        notes: to which is added what had to be chosen otherwise.
-
     Attributes:
         ksp: PETSc's solver; None before ``set_up``, and where it is given up.
         method: in words.
@@ -53,13 +47,8 @@ class KeptSolver:
         self.set_ups += 1
 
     def renew(self, matrix: Any, same: bool, changed: int) -> None:
-        """Keep it for another matrix, or give it up.
-
-        Args:
-            matrix: the other one.
-            same: its size is that of the last.
-            changed: rows in which they differ.
-        """
+        """Keep it for another matrix, of the same size as the last, or not, and with ``changed``
+        rows that differ; or give it up."""
         self._outdated += changed
         spare = (WORN - 1.0) * self._usual * DIGITS  # iterations
         if same and self._serves and COST * self._outdated <= spare:
@@ -97,11 +86,8 @@ class KeptSolver:
         return self.reason < 0
 
     def solve(self, b: Any, x: Any, rtol: float) -> tuple[bool, bool]:
-        """One solve of A x = b to a residual of ``rtol``, or as far as a factorisation goes.
-
-        Returns:
-            Whether x is of use, and whether a kept preconditioner was worn, and given up.
-        """
+        """One solve of A x = b to a residual of ``rtol``, or as far as a factorisation goes:
+        whether x is of use, and whether a kept preconditioner was worn, and given up."""
         tolerances = _, _, _, patience = self.ksp.getTolerances()
         digits = -np.log10(rtol) if not self.direct else 0.0
         if not self.direct:

@@ -27,17 +27,11 @@ WIDEST = 4096  # nodes that PETSc's GAMG allows a row to couple with; more end i
 
 
 def solver_of(matrix: Any, prefix: str, given: dict) -> Any:
-    """KSP of a symmetric positive definite matrix, set up.
+    """KSP of a symmetric positive definite matrix, set up; its name, and whether it is the default
+    one, which may be given up.
 
     Options of PETSc's database come first, then the given ones, then those of ``ITERATIVE`` and
     ``GAMG``; a factorisation is MUMPS's, with more spare memory where it needs it.
-
-    Returns:
-        The solver, its name, and whether it is the default one, which may be given up.
-
-    Raises:
-        ContactInputError: options with names that are not known, or values that PETSc refuses.
-        ContactError: MUMPS could not factorise the matrix.
     """
     database = PETSc.Options(prefix)
 

@@ -15,10 +15,8 @@ def block_size(operators: ContactOperators) -> int:
 
 
 def rigid_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]:
-    """Rigid modes at this rank's dofs of the bodies (n_local, k) and at all frame unknowns (m, k).
-
-    About the middle of the scene and of its size, so that far coordinates cost no digits.
-    """
+    """Rigid modes at this rank's dofs of the bodies (n_local, k) and at all frame unknowns (m, k),
+    about the middle of the scene and of its size, so that far coordinates cost no digits."""
     bodies = operators.bodies
     low, high = bodies.low.min(axis=0), bodies.high.max(axis=0)
     centre, size = 0.5 * (low + high), np.linalg.norm(high - low)

@@ -12,19 +12,8 @@ from dolfinx_llm.operators.petsc import times
 
 
 class ReducedMatrix:
-    """S Tᵀ K T S with the proximal term; S is the inverse square root of its diagonal.
-
-    Args:
-        form: T; it is destroyed with the matrix.
-        scale: of idle places [force / length].
-
-    Attributes:
-        matrix: PETSc AIJ, symmetric positive definite.
-        S: PETSc Vec.
-
-    Raises:
-        ContactError: an entry of the diagonal is not positive.
-    """
+    """S Tᵀ K T S with the proximal term as PETSc AIJ ``matrix``; the PETSc Vec S is the inverse
+    square root of its diagonal, ``scale`` at idle places. T is destroyed with the matrix."""
 
     def __init__(self, form: Transformation, scale: float) -> None:
         self.form, self._comm = form, form.comm

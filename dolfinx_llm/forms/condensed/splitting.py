@@ -20,11 +20,8 @@ from dolfinx_llm.operators.petsc import create_aij, is_symmetric, join_blocks, t
 
 
 class SplitStiffness:
-    """K, parted at the dofs of surface nodes.
-
-    Args:
-        K: symmetric stiffness of the bodies, AIJ. It is taken over: its storage becomes ``inside``.
-        dofs: numbers of the surface nodes' dofs, whole nodes, the same on every rank.
+    """K, parted at the dofs of surface nodes, numbers of whole nodes. It is taken over: its storage
+    becomes ``inside``.
 
     Attributes:
         surface: this rank's of these dofs, local numbers.
@@ -65,12 +62,8 @@ class SplitStiffness:
         return create_aij(rows.comm, rows.getSizes()[0], self.sizes, local)
 
     def reduce(self, T: Any, D: Any, test: Any = None) -> Any:
-        """Tᵀ K T with D added to its last block; with ``test`` the T_S of its rows.
-
-        Args:
-            T, test: T_S as PETSc matrices.
-            D: PETSc matrix with a stored diagonal.
-        """
+        """Tᵀ K T with D, which has a stored diagonal, added to its last block; with ``test`` the
+        T_S of its rows."""
         T_t = _transposed(T)
         test_t = T_t if test is None else _transposed(test)
         K_T = self.K_SS.matMult(T)

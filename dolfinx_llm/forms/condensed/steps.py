@@ -30,11 +30,7 @@ from dolfinx_llm.operators.system import ContactOperators
 
 
 class CondensedForm(WholeSteps):
-    """The condensed form of a step, which uses up K's storage.
-
-    Args:
-        *arguments: of ``WholeSteps``.
-    """
+    """The condensed form of a step, which uses up K's storage."""
 
     name = "condensed"
     takes_K = True
@@ -156,14 +152,9 @@ class CondensedForm(WholeSteps):
 
 
 class _Symmetric:
-    """A step whose matrix is that of a ``CondensedSystem``.
-
-    Args:
-        system: that may serve other steps as well.
-        eliminated: rows in contact.
-        on: (r,) their places among all rows.
-        hold: (m,) stiffness of the proximal term [force / length].
-    """
+    """A step whose matrix is that of a ``CondensedSystem``, which may serve other steps as well:
+    rows in contact stand at the places ``on`` (r,) among all, ``hold`` (m,) is the proximal
+    stiffness."""
 
     def __init__(
         self, system: CondensedSystem, eliminated: EliminatedRows, on: np.ndarray, hold: np.ndarray
@@ -189,15 +180,9 @@ class _WithFriction:
     """T_lᵀ (f - K T q) + D w + E λ_W = rhs, where T_l has E in the place of L_bᵀ.
 
     λ_W are the forces of rows that bind the frame alone. Without symmetry no combination of the
-    frame's equations is free of them: they are unknowns, in the places of what they determine.
-    As the rows of ``soft`` they give way a little, since friction may say the same (a node
-    held on both sides that sticks).
-
-    Args:
-        of: the form.
-        eliminated: rows in contact.
-        on: (r,) their places among all rows.
-        step: the equations.
+    frame's equations is free of them: they are unknowns, in the places of what they determine. As
+    the rows of ``soft`` they give way a little, since friction may say the same (a node held on
+    both sides that sticks).
     """
 
     def __init__(

@@ -35,23 +35,17 @@ class CondensedSystem:
     of its "set-up" and "solve".
 
     Args:
-        split: stiffness of the bodies, identity rows and columns at prescribed dofs, parted at the
-            nodes of all rows that will be eliminated. It is destroyed with the system; what is not
-            needed for solving may be released before.
+        split: stiffness of the bodies, parted at the nodes of all rows that will be eliminated. It
+            is destroyed with the system; what is not needed for solving may be released before.
         rows: what is eliminated to the frames.
         fixed: (n_local,) whether a dof of this rank is prescribed; f holds its value.
         scale: mean diagonal of K on the surface dofs [force / length].
-        prefix: of the PETSc options.
-        options: PETSc options on top of ``ITERATIVE`` and ``GAMG``, or of ``DIRECT`` with
-            {"ksp_type": "preonly", "pc_type": "cholesky"}.
+        prefix, options: of PETSc, on top of ``ITERATIVE`` and ``GAMG``, or of ``DIRECT``.
         modes: near-null space for GAMG, rigid modes at the bodies' dofs (n_local, k) and at the
             frames' unknowns (m, k); None: none.
         weak: motions that supports or springs may hold weakly, in the same way; None: ``modes``.
         proximal: (m,) non-negative stiffness d of the frames' unknowns, which adds
             1/2 sum_J d_J (v_J - c_J)² to the energy [force / length]; None: none.
-
-    Raises:
-        ContactError: the reduced matrix is not positive definite.
     """
 
     def __init__(
@@ -85,13 +79,9 @@ class CondensedSystem:
     def eliminate(
         self, rows: EliminatedRows, proximal: np.ndarray | None = None, changed: int = 0
     ) -> None:
-        """Eliminate other rows, or with another proximal term; springs of ``split`` are taken over.
-
-        A preconditioner stays as long as it serves.
-
-        Args:
-            changed: rows that are eliminated now and were not, or were and are not.
-        """
+        """Eliminate other rows, of which ``changed`` were not or are not any more, or with another
+        proximal term; springs of ``split`` are taken over. A preconditioner stays as long as it
+        serves."""
         before = self.matrix.getLocalSize()
         self.reduced.destroy()
         self._reduce(rows, proximal)
@@ -125,12 +115,8 @@ class CondensedSystem:
     def solve(
         self, f: np.ndarray, g: np.ndarray, centre: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """This rank's parts of u, λ, v for loads f and gaps g.
-
-        Args:
-            f: (n_local,) loads, prescribed values at fixed dofs.
-            g: (R,) gaps of this rank's multipliers [length].
-            centre: (m,) c of the proximal term, on every rank; None: zero.
+        """This rank's parts of u, λ, v for loads f (n_local,), prescribed values at fixed dofs, and
+        gaps g (R,); c (m,) is the centre of the proximal term, None: zero.
 
         Raises:
             ContactError: the solver did not reach a small residual of (31).

@@ -14,9 +14,6 @@ class Tail:
     blocks of gdim.
 
     Args:
-        comm: MPI communicator.
-        gdim: dofs per node.
-        rows: what is eliminated to the frames.
         N: (S, S) of this rank's surface dofs, what is left of them.
         motion: (R, m) motion of this rank's eliminated dofs by the frame unknowns.
         held: (m,) frame unknowns that a proximal term holds; None: none.

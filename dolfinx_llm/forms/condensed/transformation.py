@@ -22,15 +22,9 @@ from dolfinx_llm.operators.petsc import create_aij, times
 
 
 class Transformation:
-    """What the eliminated rows make of u and v, with the numbers of the unknowns q.
-
-    Args:
-        split: stiffness of the bodies, parted at the dofs of all eliminated nodes or more.
-        rows: what is eliminated to the frames.
-        fixed: (n_local,) whether a dof of this rank is prescribed.
-        proximal: (m,) stiffness of the frames' unknowns, or None.
-        soft: as of ``FrameElimination``.
-    """
+    """What the eliminated rows make of u and v, with the numbers of the unknowns q. K is parted at
+    the dofs of all eliminated nodes or more; ``proximal`` (m,) is a stiffness of the frames'
+    unknowns, ``soft`` as of ``FrameElimination``."""
 
     def __init__(
         self,
@@ -136,12 +130,7 @@ class Transformation:
 
     def frame_law(self, E: csr_matrix, D: csr_matrix, c: float) -> csr_matrix:
         """(m, m) E λ + D v of the frames' unknowns, where they are forces: of rows that bind the
-        frame alone.
-
-        Args:
-            E: (m, rows), D: (m, m) of the frames' equations.
-            c: unit of these forces [force / length].
-        """
+        frame alone; c is the unit of these forces [force / length]."""
         own = c * (E @ self._W_all.T @ csr_matrix(self.frame.Q)).tocoo()
         places = own.row, self.frame.dependent[own.col]
         return (D @ self.frame.Z + csr_matrix((own.data, places), shape=D.shape)).tocsr()
@@ -155,10 +144,8 @@ class Transformation:
     def multipliers(
         self, force: np.ndarray, v: np.ndarray, centre: np.ndarray | None
     ) -> np.ndarray:
-        """λ of this rank from the reactions f - K u, zero at fixed dofs.
-
-        What a row does to the frame alone follows from the frame's equilibrium.
-        """
+        """λ of this rank from the reactions f - K u, zero at fixed dofs. What a row does to the
+        frame alone follows from the frame's equilibrium."""
         found = self.A.T @ force
         if len(self.frame.dependent):
             missing = self.frame_forces(found, v, centre)[self.frame.dependent]

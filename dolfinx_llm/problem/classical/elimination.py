@@ -117,13 +117,8 @@ class Elimination(ClassicalForm):
 
 
 def _acting(Phi: np.ndarray, base: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the part of Φ that acts on free dofs: with it Q has full row rank.
-
-    Args:
-        Phi: (n c, k) orthonormal columns.
-        base: (n, c, gdim) local bases of the nodes.
-        fixed: (n, gdim) prescribed dofs of the nodes.
-    """
+    """Orthonormal basis of the part of Φ (n c, k) that acts on free dofs: with it Q has full row
+    rank. Of the nodes are given local bases (n, c, gdim) and prescribed dofs (n, gdim)."""
     if not fixed.any():
         return Phi
     n, c, gdim = base.shape
