@@ -126,7 +126,7 @@ class LawRows:
             nodes: with the last force.
             jump: (k, q) of the law there [length].
             compliance: (k, q) its derivative, component by component; 0: rigid [length / force].
-            status, holds: as of ``springs``.
+            status, holds: (k,) as of ``springs``.
         """
         rigid = compliance <= 0.0
         stiff = np.where(rigid, nodes.c[:, None], 1.0 / np.where(rigid, 1.0, compliance))
