@@ -155,6 +155,10 @@ def collect_results(
             follows = p.N @ v
             if model.frame is None:
                 follows = follows + prescribed[i]
+            elif model.normals_alone:  # across the mean of the nodes' normals, as the law has it
+                across = operators.blocks[i][own] @ w[place.frame]
+                across -= np.einsum("ni,ni->n", follows, p.normal)
+                follows = follows + across[:, None] * p.normal
             sides.append(_side_result(p, forces[own], motion, follows, gap, status[own]))
             first = own.stop
         if model.interface.law.components != "cartesian":
@@ -259,6 +263,8 @@ def _interface_result(
         total = 0.5 * (total - model.pairs[1].N.T @ sides[1].force)
     force, area = np.einsum("mi,mi->m", total, normal), pairs.N.T @ side.area
     friction = total - force[:, None] * normal
+    if model.normals_alone:
+        force = pairs.N.T @ (side.normal_force / np.linalg.norm(pairs.N @ normal, axis=1))
     status = np.full(len(force), STICK)
     if not cartesian:
         pressed = force > FELT * np.abs(force).max(initial=0.0)

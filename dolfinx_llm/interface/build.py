@@ -11,7 +11,6 @@ import numpy as np
 
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.timing import Clock
-from dolfinx_llm.design.curved import nodal_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_curved import vector_areas_in_contact
 from dolfinx_llm.geometry.overlap_flat import common_area, local_bases, nodal_forces
@@ -132,8 +131,8 @@ def build_piece(
     ]
     clock.stop("location")
     if plane is None:
-        pairs, certificate = balanced(interface, frame, pairs, vectors, notes)
-        base = local_bases(nodal_normals(frame))
+        pairs, certificate, normals = balanced(interface, frame, pairs, vectors, notes)
+        base = local_bases(normals)
     else:
         normal_only = law.components == "normal"
         keep = site.held and [

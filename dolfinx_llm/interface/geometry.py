@@ -39,6 +39,11 @@ class InterfaceGeometry:
     forced: tuple[bool, ...] = ()  # per component whether a force on the obstacle is prescribed
 
     @property
+    def normals_alone(self) -> bool:
+        """Whether the frame's nodes move along their normals only."""
+        return self.frame is not None and self.interface.law.components == "normal"
+
+    @property
     def places(self) -> np.ndarray:
         """(m, gdim) where the unknowns of ``directions`` are: the frame's nodes; of an obstacle
         under force the middle of what may touch it."""

@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.balance import balance
-from dolfinx_llm.design.curved import smooth_rows, vector_residual
+from dolfinx_llm.design.curved import nodal_normals, smooth_rows, vector_residual
 from dolfinx_llm.design.line import check_closed_form
 from dolfinx_llm.design.weights import TOLERANCE, design_weights, patch_residual
 from dolfinx_llm.geometry.frame import Frame
@@ -35,8 +35,10 @@ def balanced(
     pairs: list[ContactPairs],
     vectors: Sequence[np.ndarray],
     notes: list[str],
-) -> tuple[list[ContactPairs], Certificate]:
-    """Pairs of curved surfaces after design, and their certificate.
+) -> tuple[list[ContactPairs], Certificate, np.ndarray]:
+    """Pairs of curved surfaces after design, their certificate, and normals at the frame's nodes.
+
+    A pair's normal is the mean of the nodes' by its row: n_p = sum_J N_pJ n_J over its length.
 
     Args:
         vectors: pair of (n_surface, gdim) vector areas in contact [area].
@@ -45,9 +47,15 @@ def balanced(
     vectors = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
     plain = [p.N for p in pairs]
     before = np.linalg.norm(vector_residual(plain, vectors), axis=1)
+    normals = nodal_normals(frame)
     if interface.design is not None:
-        pairs = _least_residual(frame, pairs, vectors, close_gap, notes)
+        pairs, normals = _least_residual(frame, pairs, vectors, close_gap, notes)
     N = [p.N for p in pairs]
+    means = [sign * M @ normals for sign, M in zip((1.0, -1.0), N, strict=True)]
+    pairs = [
+        replace(p, normal=n / np.linalg.norm(n, axis=1)[:, None])
+        for p, n in zip(pairs, means, strict=True)
+    ]
     after = np.linalg.norm(vector_residual(N, vectors), axis=1)
     size = max(p.surface.diameter for p in pairs)
     certificate = Certificate(
@@ -73,7 +81,7 @@ def balanced(
     closed = "is closed" if close_gap else "is kept, tied as drawn without stress"
     if not interface.law.opens:
         notes.append(f"initial gap or overlap up to {gap:.3g} {closed}")
-    return pairs, certificate
+    return pairs, certificate, normals
 
 
 def _least_residual(
@@ -82,8 +90,8 @@ def _least_residual(
     vectors: Sequence[np.ndarray],
     close_gap: bool,
     notes: list[str],
-) -> list[ContactPairs]:
-    """Pairs with the rows that reproduce the most of the places and balance.
+) -> tuple[list[ContactPairs], np.ndarray]:
+    """Pairs with the rows that reproduce the most of the places and balance, and nodes' normals.
 
     On coarse meshes the bodies enclose other volumes, and rows that reproduce all places cannot
     balance: there they go a part of the way (SHARES), the most that halves the vector residual
@@ -112,8 +120,8 @@ def _least_residual(
             "finer meshes of the curved surfaces all of it"
         )
     if least is before and not close_gap:
-        return pairs
-    return [replace(p, N=M) for p, M in zip(smooth.pairs, best, strict=True)]
+        return pairs, smooth.normals
+    return [replace(p, N=M) for p, M in zip(smooth.pairs, best, strict=True)], smooth.normals
 
 
 def designed(

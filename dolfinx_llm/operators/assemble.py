@@ -41,16 +41,27 @@ def assemble_B(
     return create_aij(comm, (n_local, n_global), multipliers.sizes, local)
 
 
-def interface_operator(pairs: Sequence[ContactPairs], directions: np.ndarray) -> csr_matrix:
+def interface_operator(
+    pairs: Sequence[ContactPairs], directions: np.ndarray, normals: bool = False
+) -> csr_matrix:
     """L_b of one frame, on every rank: row (p, i), column (J, k) holds N_J(xi_p) a_i · d_Jk. Rows
     come one side after the other; directions (m, d, gdim) are those in which the frame's nodes
-    move."""
+    move.
+
+    Where these are ``normals`` alone, a pair's normal is the mean of the nodes', and the column
+    holds N_J / |sum_K N_K n_K|, out of side 1 with the other sign: then translations pass, and
+    what balances in L_bᵀ λ has no resultant, however much the nodes' normals differ.
+    """
     blocks = []
     for side in pairs:
         N = side.N.tocoo()
         c, d = side.base.shape[1], directions.shape[1]
-        value = np.einsum("nci,ndi->ncd", side.base[N.row], directions[N.col])
-        value *= N.data[:, None, None]
+        if normals:
+            own = np.einsum("ni,ni->n", side.base[:, 0], side.N @ directions[:, 0])
+            value = np.broadcast_to(1.0 / own[N.row, None, None], (len(N.row), 1, 1))
+        else:
+            value = np.einsum("nci,ndi->ncd", side.base[N.row], directions[N.col])
+        value = value * N.data[:, None, None]
         row = np.broadcast_to((N.row[:, None] * c + np.arange(c))[:, :, None], value.shape)
         col = np.broadcast_to((N.col[:, None] * d + np.arange(d))[:, None, :], value.shape)
         keep = value != 0.0

@@ -103,7 +103,10 @@ class ContactOperators:
         self.rows = Rows.of(self.comm, self.pairs, self.side_dofs)
         self.frames = frame_numbering(models, self.comm)
         self.unknowns = slip_numbering(models, self.places, self.frames)
-        self.blocks = [interface_operator(model.pairs, model.directions) for model in models]
+        self.blocks = [
+            interface_operator(model.pairs, model.directions, model.normals_alone)
+            for model in models
+        ]
 
     def _find_prescribed(self) -> None:
         """Rows of L_b at prescribed dofs, and the redundant ones of ties, which (31) leaves out."""

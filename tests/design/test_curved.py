@@ -249,5 +249,6 @@ def test_fits_of_coarse_rings(law):
         V, tags = cs.rings(MPI.COMM_SELF, counts, radii)
         contact = cs.ring_problem(V, tags, cs.QUARTER, law=law)
         contact.solve()
+        cs.check_translations(contact)
         for side in contact.results[0].sides:
             assert np.abs(side.normal_force / (p * side.area) - 1.0).max() < most

@@ -1,5 +1,6 @@
 """Curved tied interfaces under a constant stress: a design is never worse than none."""
 
+import curved_scenes as cs
 import numpy as np
 import pairs
 import pytest
@@ -131,6 +132,8 @@ def test_design_is_never_worse_than_none(name, n, law):
     residuals = [p.models[0].certificate.residual for p in (before, after)]
     assert residuals[1] < 0.7 * residuals[0]
     assert (auto < (0.75 if law == llm.Tied() else 0.3) * none).all()
+    for problem in (before, after):
+        cs.check_translations(problem)
     notes = " ".join(after.models[0].notes)
     assert ("are coarse" in notes) == (residuals[1] > 0.1)
     for p in after.models[0].pairs:
