@@ -146,7 +146,7 @@ def projection_miss(T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarr
     """(n,) distance of T from the projection of z = T + c δ on the disc of radius s [force]."""
     z, s = T + c[:, None] * delta, np.maximum(s, 0.0)
     size = _length(z)
-    return _length(T - z * np.minimum(1.0, s / np.maximum(size, 1e-300))[:, None])
+    return _length(T - z * (np.minimum(s, size) / np.maximum(size, 1e-300))[:, None])
 
 
 def newton_rows(T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarray) -> LawRows:
@@ -169,9 +169,9 @@ def newton_rows(T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarray) 
     status = np.where(~closed, OPEN, np.where(size < s, STICK, SLIP))
     safe = np.maximum(size, 1e-300)
     direction = z / safe[:, None]
-    e = np.minimum(s / safe, 1.0)
+    e = np.minimum(s, size) / safe
     cosine = np.einsum("ni,ni->n", T, z) / np.maximum(t * safe, 1e-300)
-    beta = 1.0 / (1.0 - np.minimum(cosine, 0.0) * np.minimum(t / np.maximum(s, 1e-300), 1.0))
+    beta = 1.0 / (1.0 - np.minimum(cosine, 0.0) * np.minimum(s, t) / np.maximum(s, 1e-300))
     largest = np.maximum(np.maximum(s, t), 1e-300)[:, None, None]
     outer = T[:, :, None] * direction[:, None, :] / largest
     M = e[:, None, None] * (np.eye(d) - beta[:, None, None] * outer)

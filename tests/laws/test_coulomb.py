@@ -48,10 +48,13 @@ def test_what_obeys_the_law_solves_its_rows(name, c):
         ([3.0, 4.0], 10.0, [-6.0, -8.0], 10.0),  # slips against its force
         ([1.0, 0.0], 0.0, [0.0, 0.0], 1.0),  # friction without normal force
         ([1.0, 0.0], -3.0, [0.0, 0.0], 1.0),
+        ([0.0, 0.0], 1e12, [0.0, 0.0], 0.0),  # a large force, and nothing tangential
     ],
 )
 def test_miss(T, N, delta, miss):
     T, N, delta = node(T, N, delta)
+    with np.errstate(all="raise"):
+        newton_rows(T, MU * N, delta, np.ones(1))
     assert np.allclose(projection_miss(T, MU * N, delta, np.ones(1)), miss, atol=1e-14)
 
 

@@ -73,9 +73,9 @@ class CondensedForm(WholeSteps):
     def left(self, f: np.ndarray, u: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
         """See ``StepForm``; where ties let K go, as the last solve has left it."""
         operators = self.operators
-        if operators.tied:
-            return self.system.left
         forces = times(operators.B, multiplier[operators.rows.numbering.mine])
+        if operators.tied:
+            return forces - self.system.force
         forces[operators.floating.pins] -= self._spring * u[operators.floating.pins]
         return self.split.times(u) + forces - f
 

@@ -173,27 +173,3 @@ class Transformation:
         body[S] = 0.0
         values[:n] = body
         return values
-
-    def residual(
-        self, u: np.ndarray, multiplier: np.ndarray, v: np.ndarray, g: np.ndarray, force: np.ndarray
-    ) -> Any:
-        """What (31) leaves of -f + K u + B λ at this rank's dofs, where f - K u is the force
-        (n_local,), and of Bᵀ u - L_b v + g."""
-        vectors = self.vectors * ~self.fixed[self.dofs]
-        left = -force
-        np.add.at(left, self.dofs, vectors * multiplier[:, None])
-        return left, np.einsum("ri,ri->r", vectors, u[self.dofs]) - self.L @ v + g
-
-    def sizes(
-        self, given: Any, found: Any, force: np.ndarray, centre: np.ndarray | None, scale: float
-    ) -> np.ndarray:
-        """(6,) of all ranks, as forces: what (31) leaves of its three rows, loads, motions and
-        multipliers; from given f and g, found u, λ and v, and the force f - K u."""
-        (f, g), (u, multiplier, v) = given, found
-        residual, miss = self.residual(u, multiplier, v, g, force)
-        frame = self.frame_forces(multiplier, v, centre)
-        held = 0.0 if centre is None or self.proximal is None else centre * self.proximal
-        parts = [(residual,), (scale * miss,), (frame,), (f, scale * g, held)]
-        parts += [(scale * u, scale * v)]
-        own = [max(np.abs(a).max(initial=0.0) for a in part) for part in (*parts, (multiplier,))]
-        return np.max(self.comm.allgather(own), axis=0)
