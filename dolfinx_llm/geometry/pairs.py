@@ -87,9 +87,9 @@ def locate_pairs(
         reach: how far, in cells, a node may lie beyond the frame's outline.
         plane: contact plane, along whose normal nodes meet a flat frame; None: they meet the
             closest point of the frame.
-        nodes: (n_surface,) which nodes take part; None: those with force.
+        nodes: (n,) those that take part; None: those with force.
     """
-    nodes = np.flatnonzero(forces > 0.0 if nodes is None else nodes)
+    nodes = np.flatnonzero(forces > 0.0) if nodes is None else nodes
     x = surface.x[nodes]
     points = x
     if plane is not None:
