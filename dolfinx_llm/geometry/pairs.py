@@ -1,7 +1,5 @@
 """Contact pairs: a surface node and the point of the frame that it touches."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """A body against a rigid obstacle: every surface node against its point of the obstacle."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.sparse import csr_matrix
 

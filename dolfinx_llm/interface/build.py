@@ -1,7 +1,5 @@
 """All that follows from an interface's geometry: surfaces, common area, frame, design, pairs."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from dataclasses import replace

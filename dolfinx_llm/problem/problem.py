@@ -1,7 +1,5 @@
 """The user's door: a linear elastic problem whose bodies touch."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
