@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import logging
 import sys
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base.errors import ContactError
-
-log = logging.getLogger("dolfinx_llm")
+from dolfinx_llm.base.log import log
 
 
 class Disposable:
@@ -76,3 +74,18 @@ def free_garbage(comm: MPI.Comm) -> None:
                 "taken. Call destroy() when done with each, or write `with ContactProblem(...) as "
                 "problem:`"
             )
+
+
+class Destroyed:
+    """Whose use, in any way, is a ``ContactError`` that names the owner."""
+
+    def __init__(self, owner: str) -> None:
+        self.owner = owner
+
+    def _refuse(self, *_: Any) -> NoReturn:
+        raise ContactError(
+            f"{self.owner} has been destroyed: take what is needed of it before destroy(), or make "
+            "a new one"
+        )
+
+    __getattr__ = __getitem__ = __iter__ = __len__ = __bool__ = __call__ = _refuse

@@ -21,8 +21,8 @@ from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, singular, wrong_signs
 from dolfinx_llm.laws.complementarity import complementarity
+from dolfinx_llm.operators.motions import pins
 from dolfinx_llm.operators.petsc import with_springs
-from dolfinx_llm.operators.support import pins
 from dolfinx_llm.operators.system import ContactOperators
 
 COLUMNS = 64  # right-hand sides solved at once

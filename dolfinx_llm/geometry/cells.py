@@ -7,8 +7,13 @@ from itertools import chain
 
 import numpy as np
 
-# Reference vertices of the bilinear quad on [-1, 1]^2, in cyclic order (paper, (23)).
-_QUAD = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+# Reference coordinates of the corners of segments, triangles and quads, these in cyclic order
+# (paper, (23)).
+CORNERS = {
+    2: np.array([[0.0], [1.0]]),
+    3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
+    4: np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]),
+}
 
 
 def shape_functions(k: int, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -16,8 +21,8 @@ def shape_functions(k: int, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     on [0, 1], triangles, quads on [-1, 1]² (23)."""
     n = len(xi)
     if k == 4:
-        a = 1.0 + xi[:, None, :] * _QUAD
-        return 0.25 * a[..., 0] * a[..., 1], 0.25 * _QUAD * a[..., ::-1]
+        a = 1.0 + xi[:, None, :] * CORNERS[4]
+        return 0.25 * a[..., 0] * a[..., 1], 0.25 * CORNERS[4] * a[..., ::-1]
     N = np.column_stack([1.0 - xi.sum(axis=1), xi])
     dN = np.vstack([-np.ones(k - 1), np.eye(k - 1)])
     return N, np.broadcast_to(dN, (n, k, k - 1))
@@ -57,6 +62,18 @@ def vector_areas(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
     if cells.shape[1] == 3:
         return 0.5 * np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+
+
+def facet_vectors(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """(m, k, gdim) integrals of N n dA over each facet, exact also on warped quads: of these 2 x 2
+    points integrate N det J, of degree 2 in each direction [area]."""
+    k = facets.shape[1]
+    if k < 4:
+        return np.repeat((vector_areas(x, facets) / k)[:, None, :], k, axis=1)
+    xi = np.array([[a, b] for a in (-1, 1) for b in (-1, 1)]) / np.sqrt(3.0)
+    N, dN = shape_functions(4, xi)
+    t = np.einsum("gkd,mki->mgdi", dN, x[facets])
+    return np.einsum("mgi,gk->mki", np.cross(t[:, :, 0], t[:, :, 1]), N)
 
 
 def cell_sizes(x: np.ndarray, cells: np.ndarray) -> np.ndarray:

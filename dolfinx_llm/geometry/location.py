@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.geometry.cells import (
+    CORNERS,
     cell_sizes,
     closest_on_sides,
     joined_lists,
@@ -18,13 +19,6 @@ from dolfinx_llm.geometry.cells import (
     shape_functions,
     vector_areas,
 )
-
-# Reference coordinates of the corners of segments, triangles and quads.
-_CORNERS = {
-    2: np.array([[0.0], [1.0]]),
-    3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
-    4: np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +202,7 @@ class ClosestPoints:
         count = last - first
         row = np.repeat(np.arange(len(node)), count)
         place = order[np.arange(len(row)) + np.repeat(first - np.cumsum(count) + count, count)]
-        cell, xi = place // k, _CORNERS[k][place % k]
+        cell, xi = place // k, CORNERS[k][place % k]
         N, dN = shape_functions(k, xi)
         N = N + np.einsum("nkd,nd->nk", dN, self._step(x[row], cell, xi)[0])
         index = np.repeat(row, k), self.cells[cell].ravel()

@@ -7,16 +7,14 @@ and the shape functions integrated over the pieces. Positions are plane coordina
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import shapely
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.geometry.cells import shape_functions
-
-if TYPE_CHECKING:
-    from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.geometry.cells import facet_vectors, shape_functions
+from dolfinx_llm.geometry.surface import Surface
 
 # Quadrature on [0, 1]: enough that the shape functions of a clipped, distorted quad (smooth but no
 # polynomials in the plane) are integrated to rounding.
@@ -114,17 +112,8 @@ def outline(s: np.ndarray, facets: np.ndarray) -> Any:
 
 def full_forces(s: np.ndarray, facets: np.ndarray) -> np.ndarray:
     """(m, k) integrals of each facet's shape functions over it [area]."""
-    p = s[facets]
-    if facets.shape[1] == 2:
-        return np.repeat(np.abs(p[:, 1] - p[:, 0]) / 2.0, 2, axis=1)
-    if facets.shape[1] == 3:
-        area = np.abs(_cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])) / 2.0
-        return np.repeat(area[:, None] / 3.0, 3, axis=1)
-    # 2 x 2 points integrate N det J, of degree 2 in each direction, exactly.
-    xi = np.array([[a, b] for a in (-1, 1) for b in (-1, 1)]) / np.sqrt(3.0)
-    N, dN = shape_functions(4, xi)
-    t = np.einsum("gkd,mki->mgdi", dN, p)
-    return np.einsum("mg,gk->mk", np.abs(_cross(t[:, :, 0], t[:, :, 1])), N)
+    x = np.pad(s, ((0, 0), (0, 1)))
+    return np.linalg.norm(facet_vectors(x, facets), axis=2)
 
 
 def covered_forces(s: np.ndarray, facets: np.ndarray, area: Any) -> np.ndarray:

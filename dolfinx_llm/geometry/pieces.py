@@ -15,10 +15,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.geometry.cells import vector_areas
-from dolfinx_llm.geometry.facing import TURN, Facing, facing_facets
+from dolfinx_llm.geometry.facing import TURN, Facing, Separation, facing_facets
 from dolfinx_llm.geometry.overlap_curved import is_flat
 from dolfinx_llm.geometry.overlap_flat import Plane, common_plane, plane_with
-from dolfinx_llm.geometry.separation import Separation
 from dolfinx_llm.geometry.surface import Surface
 
 TOGETHER = 0.2  # [rad] by which both surfaces may turn against the plane of what may part
@@ -117,7 +116,7 @@ class _Found:
         parts = self.piece(which, None).parts(self.sides)
         if not self.unilateral:
             return tied_plane(parts)
-        normal = self._normal(of)
+        normal = mean_normal([self.area[o] for o in of], self._weights(of))
         if normal is None:
             return None
         sign = np.where(self.side[which] == 0, 1.0, -1.0)[:, None]
@@ -127,10 +126,6 @@ class _Found:
         between = np.arccos(np.clip(np.einsum("ni,ni->n", own, across), -1.0, 1.0))
         turned = np.arccos(np.clip(mean @ normal, -1.0, 1.0)) - 0.5 * between
         return plane_with(normal, *parts) if turned.max() <= TOGETHER else None
-
-    def _normal(self, of: Sequence[np.ndarray]) -> np.ndarray | None:
-        """Unit normal out of side 0 where the sides are nearest; see ``mean_normal``."""
-        return mean_normal([self.area[o] for o in of], self._weights(of))
 
     def _weights(self, of: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Per side the weights of facets about where the sides are nearest."""

@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-import logging
-
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.geometry.cells import vector_areas
-from dolfinx_llm.geometry.facing import BEYOND, TURN, Facets
-from dolfinx_llm.geometry.overlap_curved import facet_vectors
+from dolfinx_llm.geometry.cells import facet_vectors, vector_areas
+from dolfinx_llm.geometry.facing import BEYOND, TURN, Facets, facet_sizes
 from dolfinx_llm.geometry.pairs import ContactPairs
-from dolfinx_llm.geometry.separation import facet_sizes
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.obstacle import Obstacle
-from dolfinx_llm.interface.touching import BURIED, overlap_text, steep_rim
-
-log = logging.getLogger("dolfinx_llm")
+from dolfinx_llm.interface.touching import BURIED, say_depth, steep_rim
 
 
 def against_obstacle(
-    obstacle: Obstacle,
-    side: Surface,
-    name: str,
-    notes: list[str],
-    nodes: np.ndarray | None = None,
+    obstacle: Obstacle, side: Surface, name: str, notes: list[str], nodes: np.ndarray | None = None
 ) -> tuple[ContactPairs, np.ndarray]:
     """The pairs of a body against a rigid obstacle, and which lie at a rim that is too steep;
     ``nodes`` take part, or those of facets that face the obstacle.
@@ -132,11 +122,9 @@ def _say_place(
 ) -> None:
     """How far the body is from the obstacle, or how deep inside of it: refused at half of it. The
     nodes face the obstacle; the distance (n,) is that of all nodes."""
-    kind, size = type(obstacle).__name__, facet_sizes(side)
-    depth = np.zeros(len(distance))
+    kind, depth = type(obstacle).__name__, np.zeros(len(distance))
     depth[nodes] = np.maximum(-distance[nodes], 0.0)
-    worst = int(depth.argmax())
-    if depth[worst] <= 1e-9 * side.diameter:
+    if depth.max() <= 1e-9 * side.diameter:
         near = nodes[distance[nodes].argmin()]
         if distance[near] > 1e-9 * side.diameter:
             notes.append(
@@ -144,15 +132,10 @@ def _say_place(
                 f"{distance[near]:.3g} from the {kind}"
             )
         return
-    text = overlap_text(side, depth, f"the {kind}")
-    if depth[worst] > max(BURIED * Facets.of(side).reach, size[worst]):
-        raise ContactError(
-            f"{text}, where facets have the size {size[worst]:.3g}: the body lies inside of the "
-            "obstacle. Check positions, units, the obstacle's normal, `inside` and displacement"
-        )
-    notes.append(text)
-    if depth[worst] > size[worst]:
-        log.warning(
-            "interface %s: %s, more than a facet's size, %.3g: contact pushes it out by as much "
-            "in the first load step. Check positions and units", name, text, size[worst],
-        )  # fmt: skip
+    say_depth(
+        side, depth, facet_sizes(side), BURIED * Facets.of(side).reach, name, notes,
+        what=f"the {kind}",
+        wrong="the body lies inside of the obstacle. Check positions, units, the obstacle's "
+        "normal, `inside` and displacement",
+        pushes="it out",
+    )  # fmt: skip

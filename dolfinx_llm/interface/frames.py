@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.design.line import frame_at_roots
 from dolfinx_llm.design.positions import design_positions
@@ -18,8 +18,6 @@ from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.choices import Interface
-
-log = logging.getLogger("dolfinx_llm")
 
 COVERED, REACH = 1e-6, 3.0  # cells that a node may lie beyond a given, a predicted frame
 

@@ -76,8 +76,8 @@ class Obstacle:
 
     @property
     def gdim(self) -> int | None:
-        """Dimension of the space, 2 or 3; None: any."""
-        return None
+        """Dimension of the space, 2 or 3, that of ``middle``; None: any."""
+        return None if self.middle is None else len(self.middle)
 
     @property
     def middle(self) -> np.ndarray | None:

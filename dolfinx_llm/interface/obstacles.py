@@ -59,11 +59,7 @@ class RigidPlane(Obstacle):
     def __post_init__(self) -> None:
         self.point = vector("point", self.point)
         self.normal = _unit("normal", self.normal, len(self.point))
-        self.pose(self.gdim)  # what moves it fits the dimension
-
-    @property
-    def gdim(self) -> int:
-        return len(self.point)
+        self.pose(len(self.point))  # what moves it fits the dimension
 
     @property
     def middle(self) -> np.ndarray:
@@ -101,11 +97,7 @@ class RigidSphere(Obstacle):
     def __post_init__(self) -> None:
         self.centre = vector("centre", self.centre)
         self.radius = _radius(self.radius, self.inside)
-        self.pose(self.gdim)  # what moves it fits the dimension
-
-    @property
-    def gdim(self) -> int:
-        return len(self.centre)
+        self.pose(len(self.centre))  # what moves it fits the dimension
 
     @property
     def middle(self) -> np.ndarray:
@@ -140,13 +132,12 @@ class RigidCylinder(Obstacle):
     axis: np.ndarray
     radius: float
     inside: bool = False
-    gdim = 3
 
     def __post_init__(self) -> None:
         self.point = vector("point", self.point, 3)
         self.axis = _unit("axis", self.axis, 3)
         self.radius = _radius(self.radius, self.inside)
-        self.pose(self.gdim)  # what moves it fits the dimension
+        self.pose(3)  # what moves it fits the dimension
 
     @property
     def middle(self) -> np.ndarray:

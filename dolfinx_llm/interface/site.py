@@ -10,7 +10,6 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_llm.base import compat
-from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.surface import Surface, check_sides, extract_surface
 from dolfinx_llm.interface.choices import Interface
 
@@ -51,16 +50,9 @@ def find_site(
 
 
 def _space_of(tags: Any, spaces: Sequence[Any]) -> int:
-    """Index of the function space whose mesh the tags mark."""
-    if len(spaces) == 1:
-        return 0
-    for i, V in enumerate(spaces):
-        if compat.tags_belong_to(tags, V.mesh):
-            return i
-    raise ContactInputError(
-        "the facet tags belong to none of the meshes of the forms. For bodies on two meshes give "
-        "sides=((tags_0, tag_0), (tags_1, tag_1))"
-    )
+    """Index of the function space whose mesh the tags mark; the first, if there is none."""
+    own = [i for i, V in enumerate(spaces) if compat.tags_belong_to(tags, V.mesh)]
+    return own[0] if own else 0
 
 
 def _held(side: Surface, V: Any, fixed: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""B, L_b and g of (31) as PETSc objects, preallocated and distributed.
+"""B and L_b of (31) as PETSc objects, preallocated and distributed.
 
 Rows of B and columns of the multipliers live with the rank that owns the body's node; the frame's
 unknowns with the owner of the surface node next to them.
@@ -7,38 +7,26 @@ unknowns with the owner of the surface node next to them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix, vstack
 
-from dolfinx_llm.operators.numbering import Numbering, Rows
+from dolfinx_llm.geometry.pairs import ContactPairs
+from dolfinx_llm.operators.numbering import BodyDofs, Numbering, Rows
 from dolfinx_llm.operators.petsc import create_aij
 
-if TYPE_CHECKING:
-    from dolfinx_llm.geometry.pairs import ContactPairs
 
-
-def assemble_B(
-    comm: MPI.Comm, rows: Rows, bodies: tuple[tuple[int, int], int], fixed: np.ndarray
-) -> PETSc.Mat:
+def assemble_B(rows: Rows, dofs: BodyDofs) -> PETSc.Mat:
     """B of (31): one column per surface node and component, the base vector at the node's dofs.
-
-    Args:
-        comm: MPI communicator.
-        rows: the multipliers.
-        bodies: local and global number of the bodies' dofs, and this rank's first one.
-        fixed: (n_local,) prescribed dofs, whose rows of B stay empty, as K has an identity there.
-    """
-    (n_local, n_global), start = bodies
+    Rows of prescribed dofs stay empty, since K holds an identity there."""
     mine, multipliers = rows.numbering.mine, rows.numbering
-    value, at = rows.base[mine], rows.dofs[mine] - start
+    value, at = rows.base[mine], rows.dofs[mine] - dofs.first
     cols = np.broadcast_to(multipliers.number[mine][:, None], value.shape)
-    keep = (value != 0.0) & ~fixed[at]
-    local = csr_matrix((value[keep], (at[keep], cols[keep])), (n_local, multipliers.sizes[1]))
-    return create_aij(comm, (n_local, n_global), multipliers.sizes, local)
+    keep = (value != 0.0) & ~dofs.fixed[at]
+    local = csr_matrix((value[keep], (at[keep], cols[keep])), (dofs.sizes[0], multipliers.sizes[1]))
+    return create_aij(dofs.comm, dofs.sizes, multipliers.sizes, local)
 
 
 def interface_operator(
@@ -77,16 +65,3 @@ def assemble_L_b(
     local = L[multipliers.mine].tocoo()
     local = csr_matrix((local.data, (local.row, frames.number[local.col])), shape=local.shape)
     return create_aij(comm, multipliers.sizes, frames.sizes, local)
-
-
-def assemble_gap(
-    comm: MPI.Comm,
-    pairs: Sequence[ContactPairs],
-    multipliers: Numbering,
-    gaps: Sequence[np.ndarray],
-) -> PETSc.Vec:
-    """g of (31): a_i · (X_p - sum_J N_J Y_J) per multiplier, from the given (n, gdim) gaps."""
-    value = [np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in zip(pairs, gaps)]
-    g = PETSc.Vec().createMPI(multipliers.sizes, comm=comm)
-    g.array_w[:] = np.concatenate(value)[multipliers.mine]
-    return g

@@ -94,17 +94,6 @@ class Bodies:
         modes[np.arange(len(x)), :, label] = self.own_modes(label, x)
         return modes
 
-    def triangle(self, rows: np.ndarray, label: np.ndarray) -> np.ndarray:
-        """R of a QR decomposition of rows (n, modes per body), each about the labelled body, as
-        rows about all bodies' motions."""
-        k = rows.shape[1]
-        parts = []
-        for b in range(self.count):
-            part = np.linalg.qr(rows[label == b], mode="r")
-            parts.append(np.zeros((len(part), self.count * k)))
-            parts[-1][:, b * k : (b + 1) * k] = part
-        return np.concatenate(parts)
-
     def name(self, body: int) -> str:
         low, high = ((x[body].round(6) + 0.0).tolist() for x in (self.low, self.high))
         return f"body {body} (from {low} to {high})"

@@ -32,8 +32,7 @@ def with_reactions(
         for local in (u, force)
     )
     node = rows.dofs[:, 0]
-    sides = zip(operators.pairs, operators.side_gaps(), strict=True)
-    gaps = np.concatenate([np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in sides])
+    gaps = operators.row_gaps()
     opening = operators.L @ v - motion - gaps
     closed = opening <= TOUCHING * max(np.abs(motion).max(), np.abs(gaps).max())
     for model, place, L in zip(operators.models, operators.places, operators.blocks, strict=True):

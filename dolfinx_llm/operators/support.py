@@ -6,38 +6,18 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.operators.bodies import Bodies
-from dolfinx_llm.operators.motions import RigidMotions, rigid_motions
+from dolfinx_llm.operators.motions import RigidMotions
 
 FIT_DIRECTLY = 5000  # frame unknowns up to which a factorisation is the quickest least-squares fit
 UNHELD = 1e-11  # singular values below, of the largest, are motions that nothing holds
 
 
-def pins(comm: MPI.Comm, modes: np.ndarray) -> list[int]:
-    """This rank's dofs (local numbers) that together hold the modes (n_local, k) best, k in all."""
-    rest, chosen = modes.copy(), []
-    for _ in range(rest.shape[1]):
-        size = np.einsum("nk,nk->n", rest, rest)
-        best = int(size.argmax()) if len(size) else 0
-        found = comm.allgather((float(size[best]), rest[best]) if len(size) else (-1.0, None))
-        rank = int(np.argmax([round(length, 12) for length, _ in found]))
-        direction = found[rank][1]
-        if rank == comm.rank:
-            chosen.append(best)
-        rest = rest - np.outer(rest @ direction, direction) / (direction @ direction)
-    return chosen
-
-
 def check_support(
-    bodies: Bodies,
-    K: Any,
-    fixed: np.ndarray,
-    interfaces: Sequence[tuple[csr_matrix | None, np.ndarray]],
+    rigid: RigidMotions, interfaces: Sequence[tuple[csr_matrix | None, np.ndarray]]
 ) -> None:
     """Require that supports and tied interfaces hold every body.
 
@@ -45,13 +25,6 @@ def check_support(
     prescribed dofs, and the frames can follow it (Bᵀ R c in the range of L_b). Of each interface
     L_b is given, None without a frame, and Bᵀ R (rows, modes).
     """
-    check_held(rigid_motions(bodies, K, fixed), interfaces)
-
-
-def check_held(
-    rigid: RigidMotions, interfaces: Sequence[tuple[csr_matrix | None, np.ndarray]]
-) -> None:
-    """The same for the motions that supports alone do not hold."""
     bodies = rigid.bodies
     if not rigid.free:
         return

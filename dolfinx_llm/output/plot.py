@@ -136,12 +136,7 @@ def _check_line(line: Any) -> None:
 
 
 def bodies(
-    u: Function,
-    expression: Expr,
-    path: str | Path,
-    *,
-    label: str = "",
-    scale: float | None = None,
+    u: Function, expression: Expr, path: str | Path, *, label: str = "", scale: float | None = None
 ) -> None:
     """Deformed bodies coloured by a scalar (paper, Figure 13). Collective.
 

@@ -1,4 +1,5 @@
-"""Where files go, and errors of writing them."""
+"""Where files go, errors of writing them, and surfaces with fields at their nodes as XDMF: text
+alone, a time series, without a library."""
 
 from __future__ import annotations
 
@@ -8,8 +9,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
+
+KINDS = {1: "Polyvertex", 2: "Polyline", 3: "Triangle", 4: "Quadrilateral"}  # by nodes of a cell
+HEAD = """<?xml version="1.0"?>
+<Xdmf Version="3.0">
+<Domain>
+<Grid Name="steps" GridType="Collection" CollectionType="Temporal">
+"""
+TAIL = "</Grid>\n</Domain>\n</Xdmf>\n"
 
 
 @contextmanager
@@ -51,3 +62,46 @@ def writable_file(name: str, value: Any, endings: tuple[str, ...] = ()) -> Path:
         if path.exists() and not os.access(path, os.W_OK):
             raise PermissionError(13, "no permission", str(path))
     return path
+
+
+def write_step(
+    path: Path,
+    time: float,
+    x: np.ndarray,
+    cells: np.ndarray,
+    fields: dict[str, np.ndarray],
+    append: bool,
+) -> None:
+    """Write a step of a surface: nodes x (n, gdim), cells (m, k), and fields (n,) or (n, gdim) at
+    the nodes; append it to those of a file that this function began, or begin one."""
+    kind = f'TopologyType="{KINDS[cells.shape[1]]}" NumberOfElements="{len(cells)}"'
+    lines = [
+        f'<Grid Name="surface" GridType="Uniform">\n<Time Value="{time!r}"/>',
+        f'<Topology {kind} NodesPerElement="{cells.shape[1]}">{_item(cells)}</Topology>',
+        f'<Geometry GeometryType="XYZ">{_item(_in_space(x))}</Geometry>',
+    ]
+    for name, values in fields.items():
+        kind = "Scalar" if values.ndim == 1 else "Vector"
+        item = _item(values if values.ndim == 1 else _in_space(values))
+        lines.append(
+            f'<Attribute Name="{name}" AttributeType="{kind}" Center="Node">{item}</Attribute>'
+        )
+    grid = "\n".join([*lines, "</Grid>\n"])
+    if not append:
+        path.write_text(HEAD + grid + TAIL, encoding="ascii")
+        return
+    with open(path, "r+b") as file:
+        file.seek(-len(TAIL), os.SEEK_END)
+        file.write((grid + TAIL).encode("ascii"))
+
+
+def _in_space(values: np.ndarray) -> np.ndarray:
+    """(n, gdim) values as (n, 3)."""
+    return np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
+
+
+def _item(values: np.ndarray) -> str:
+    kind = 'NumberType="Float" Precision="8"' if values.dtype.kind == "f" else 'NumberType="Int"'
+    rows = "\n".join(" ".join(map(repr, np.atleast_1d(row).tolist())) for row in values)
+    size = " ".join(map(str, values.shape))
+    return f'<DataItem {kind} Dimensions="{size}" Format="XML">\n{rows}\n</DataItem>'

@@ -1,7 +1,9 @@
-"""What the bodies are asked for: their stiffness and their load."""
+"""What the bodies are asked for: their stiffness, their load, and what has changed of these."""
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,7 +18,6 @@ from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.problem.arguments import Arguments, conditions
-from dolfinx_llm.problem.changes import Changes, Fingerprint
 
 
 class Bulk(Protocol):
@@ -35,6 +36,30 @@ class Bulk(Protocol):
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
+
+
+class Fingerprint:
+    """Digests of all that the stiffness and the contact surfaces are made of: bilinear forms and
+    meshes."""
+
+    def __init__(self, forms: Sequence[ufl.Form], spaces: Sequence[Any]) -> None:
+        self._comm = spaces[0].mesh.comm
+        self._geometries = [V.mesh.geometry for V in spaces]
+        self._coefficients = [c for form in forms for c in form.coefficients()]
+        self._constants = [c for form in forms for c in form.constants()]
+        self._seen: list[bytes] | None = None
+
+    def changes(self, fixed: Iterable[np.ndarray]) -> set[str]:
+        """Which data are other ones than at the call before: "stiffness", a Constant or Function of
+        a form a, "conditions", the dofs that are prescribed (``fixed``, per mesh (n,) of this
+        rank), or "positions" of a mesh's nodes; the same on all ranks, collective."""
+        values = [c.x.array for c in self._coefficients if hasattr(c, "x")]
+        values += [c.value for c in self._constants]
+        now = [_digest(values), _digest(fixed), _digest(g.x for g in self._geometries)]
+        before, self._seen = self._seen or now, now
+        differ = np.array([a != b for a, b in zip(before, now, strict=True)], dtype=np.int64)
+        names = "stiffness", "conditions", "positions"
+        return {name for name, n in zip(names, self._comm.allreduce(differ)) if n}
 
 
 class LinearBulk:
@@ -71,7 +96,8 @@ class LinearBulk:
         self._sort_conditions()
         self._fingerprint = Fingerprint(given.a, self.spaces)
         self._fingerprint.changes(self.fixed)
-        self._pending, self.version = Changes(), 0
+        self._pending: set[str] = set()
+        self.version = 0
 
     def _sort_conditions(self) -> None:
         """Conditions by mesh, and which dofs they prescribe."""
@@ -81,7 +107,7 @@ class LinearBulk:
         self.fixed = [compat.fixed_dofs(*part) for part in zip(self.spaces, self._bcs)]
         self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(self.fixed))
 
-    def changes(self) -> Changes:
+    def changes(self) -> set[str]:
         """What has changed since ``settle`` was called last; collective. Values of Constants and
         Functions in the forms a, which dofs the conditions prescribe, and positions of the meshes
         are looked at; K is then assembled anew. Loads and prescribed values are assembled for every
@@ -96,7 +122,7 @@ class LinearBulk:
 
     def settle(self) -> None:
         """All that is made of K has been made anew."""
-        self._pending = Changes()
+        self._pending = set()
 
     @property
     def K(self) -> PETSc.Mat:
@@ -181,3 +207,10 @@ def _block_diagonal(blocks: list[PETSc.Mat]) -> PETSc.Mat:
     for M in (nest, *blocks):
         M.destroy()
     return matrix
+
+
+def _digest(arrays: Iterable[np.ndarray]) -> bytes:
+    digest = hashlib.blake2b(digest_size=16)
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.digest()

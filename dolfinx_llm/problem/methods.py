@@ -14,7 +14,7 @@ from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.load_steps import advance
 from dolfinx_llm.contact.state import InterfaceState
-from dolfinx_llm.forms.choice import built_in
+from dolfinx_llm.forms.choice import FORMS
 from dolfinx_llm.forms.step import StepForm
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.reactions import with_reactions
@@ -53,7 +53,7 @@ class ContactMethod:
     def _use(self, setting: Setting) -> None:
         form, self.setting = setting.form, setting
         if isinstance(form, str):
-            form = built_in(form, setting.prefix, setting.options, setting.times)
+            form = FORMS[form](setting.prefix, setting.options, setting.times)
         self.form: StepForm = form
         self._ready = False
 

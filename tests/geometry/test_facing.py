@@ -14,10 +14,9 @@ from mpi4py import MPI
 import dolfinx_llm as llm
 from dolfinx_llm import compat
 from dolfinx_llm.design.predict import predict_frame
-from dolfinx_llm.geometry.facing import facing_facets
+from dolfinx_llm.geometry.facing import facing_facets, separation
 from dolfinx_llm.geometry.overlap_flat import common_area, nodal_forces
 from dolfinx_llm.geometry.pieces import touching_pieces
-from dolfinx_llm.geometry.separation import separation
 from dolfinx_llm.interface.build import build_model
 from dolfinx_llm.interface.touching import find_pieces
 

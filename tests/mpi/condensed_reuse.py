@@ -54,7 +54,7 @@ def compare(comm, options=None):
             "residual": problem.method.iteration.verdict.residual,
             "active": active,
             "iterations": [step["iterations"] for step in system.steps[-len(active) :]],
-            "set-ups": system.set_ups,
+            "set-ups": system.solver.set_ups,
         }
     return out
 

@@ -43,12 +43,12 @@ class EliminatedRows:
         """(R, gdim) dofs and base vectors of this rank's rows, in the order of their numbers."""
         return self.dofs[self.multipliers.mine], self.base[self.multipliers.mine]
 
-    @property
-    def widest(self) -> float:
-        """Nodes that the row of a frame node couples with in the condensed matrix, about: those of
-        two layers of cells next to the c surface nodes that follow it, 2 (sqrt(c) + 2)^2."""
-        c = np.bincount(self.L.indices, minlength=1).max()
-        return 2.0 * (c ** (1.0 / (self.dofs.shape[1] - 1)) + 2.0) ** (self.dofs.shape[1] - 1)
+
+def widest(L: csr_matrix, gdim: int) -> float:
+    """Nodes that the row of a frame node couples with in the condensed matrix, about: those of two
+    layers of cells next to the c surface nodes that follow it, 2 (sqrt(c) + 2)^2."""
+    c = np.bincount(L.indices, minlength=1).max()
+    return 2.0 * (c ** (1.0 / (gdim - 1)) + 2.0) ** (gdim - 1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.operators.petsc import create_aij, is_symmetric, join_blocks, times
+from dolfinx_llm.operators.petsc import create_aij, diagonal_of, is_symmetric, join_blocks, times
 
 
 class SplitStiffness:
@@ -43,13 +43,12 @@ class SplitStiffness:
         dofs = np.unique(dofs)
         mine = dofs[(dofs >= self.first) & (dofs < end)].astype(PETSc.IntType)
         self.surface = mine - self.first
-        diagonal = K.getDiagonal()
-        self.diagonal = diagonal.array_r.copy()
+        self.diagonal = diagonal_of(K)
         S = PETSc.IS().createGeneral(mine, K.comm)
         all_dofs = PETSc.IS().createStride(end - self.first, self.first, 1, K.comm)
         self.K_SS, rows = K.createSubMatrix(S, S), K.createSubMatrix(S, all_dofs)
         self.K_SI = self._without_columns(rows, dofs)
-        for item in (diagonal, S, all_dofs, rows):
+        for item in (S, all_dofs, rows):
             item.destroy()
         K.zeroRowsColumns(mine, 1.0)
 

@@ -16,7 +16,6 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
-from dolfinx_llm.forms.condensed.modes import block_size, rigid_modes_of
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.system import CondensedSystem
 from dolfinx_llm.forms.condensed.transformation import Transformation
@@ -24,6 +23,7 @@ from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.exchange import SetUp, WholeSteps
 from dolfinx_llm.forms.step import SOFT, LinearStep, StepResult, force_level
 from dolfinx_llm.forms.verdict import FinalError
+from dolfinx_llm.operators.bodies import rigid_modes
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
@@ -46,8 +46,8 @@ class CondensedForm(WholeSteps):
         with self.times.timed("reduction"):
             self.split = SplitStiffness(K, operators.rows.dofs)
             jumps = operators.unknowns.sizes[1] > operators.frames.sizes[1]
-            self._block = 1 if jumps else block_size(operators)
-            self._modes = None if jumps else rigid_modes_of(operators)
+            self._block = 1 if jumps else _block_size(operators)
+            self._modes = None if jumps else _rigid_modes_of(operators)
         self._known = np.zeros(0)  # what the system's matrix was made of
         self._spring = 0.0
 
@@ -137,10 +137,10 @@ class CondensedForm(WholeSteps):
 
     def describe(self) -> str:
         """See ``StepForm``."""
-        if self.system is None or not self.system.set_ups:
+        if self.system is None or not self.system.solver.set_ups:
             return "condensed, symmetric positive definite"
         took = f", {self.system.iterations} iterations" if self.system.iterations else ""
-        return "; ".join([f"condensed, {self.system.method}{took}", *self.system.notes])
+        return "; ".join([f"condensed, {self.system.solver.method}{took}", *self.system.notes])
 
     def destroy(self) -> None:
         """See ``StepForm``."""
@@ -227,3 +227,26 @@ def _holds(step: LinearStep) -> bool:
     own = step.D.diagonal()
     alone = abs(step.D - diags(own)).max() == 0.0 if len(own) else True
     return bool(alone and (own <= 0.0).all() and not step.rhs[own == 0.0].any())
+
+
+def _block_size(operators: ContactOperators) -> int:
+    """Frame unknowns per node where all frames have as many, else 1."""
+    sizes = {model.directions.shape[1] for model in operators.models if len(model.directions)}
+    return sizes.pop() if len(sizes) == 1 else 1
+
+
+def _rigid_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]:
+    """Rigid modes at this rank's dofs of the bodies (n_local, k) and at all frame unknowns (m, k),
+    about the middle of the scene and of its size, so that far coordinates cost no digits."""
+    bodies = operators.bodies
+    low, high = bodies.low.min(axis=0), bodies.high.max(axis=0)
+    centre, size = 0.5 * (low + high), np.linalg.norm(high - low)
+    body = rigid_modes((bodies.points - centre) / size)
+    frame = [
+        np.einsum("mdi,mik->mdk", model.directions, rigid_modes((model.places - centre) / size))
+        for model in operators.models
+    ]
+    k = body.shape[2]
+    return body.reshape(-1, k), np.concatenate(
+        [np.empty((0, k)), *(modes.reshape(-1, k) for modes in frame)]
+    )

@@ -13,10 +13,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from dolfinx_llm.forms.condensed.coarse import CoarseMotions
-from dolfinx_llm.forms.condensed.elimination import EliminatedRows
-from dolfinx_llm.forms.condensed.kept import KeptSolver
-from dolfinx_llm.forms.condensed.krylov import RTOL, WIDEST, near_null_space
+from dolfinx_llm.forms.condensed.elimination import EliminatedRows, widest
+from dolfinx_llm.forms.condensed.krylov import RTOL, WIDEST, KeptSolver, near_null_space
 from dolfinx_llm.forms.condensed.reduced import ReducedMatrix
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.transformation import Transformation
@@ -30,9 +28,8 @@ class CondensedSystem:
     """Tᵀ K T with a preconditioner or a factorisation, set up once for any number of loads.
 
     After a solve ``iterations``, ``force`` (this rank's f - K u), ``tolerance`` (what the user's
-    options allow of K u + B λ - f [force]) and ``notes`` tell how it went; ``set_ups`` counts
-    preconditioners and factorisations, ``steps`` has of each solve its "iterations" and the seconds
-    of its "set-up" and "solve".
+    options allow of K u + B λ - f [force]) and ``notes`` tell how it went; ``steps`` has of
+    each solve its "iterations" and the seconds of its "set-up" and "solve".
 
     Args:
         split: stiffness of the bodies, parted at the nodes of all rows that will be eliminated. It
@@ -68,9 +65,10 @@ class CondensedSystem:
         self._modes, self._weak = modes, weak or modes
         options = dict(options or {})
         self.solver = KeptSolver(self.comm, prefix, options, self.notes)
-        if rows.widest > WIDEST and options.get("pc_type", "gamg") == "gamg":
+        nodes = widest(rows.L, rows.dofs.shape[1])
+        if nodes > WIDEST and options.get("pc_type", "gamg") == "gamg":
             self.solver.factorise(
-                f"a frame node couples with some {rows.widest:.0f} nodes of a side that is much "
+                f"a frame node couples with some {nodes:.0f} nodes of a side that is much "
                 "finer than the frame, too many for GAMG"
             )
         self._last: Any = None  # u and v
@@ -91,9 +89,8 @@ class CondensedSystem:
     def _reduce(self, rows: EliminatedRows, proximal: np.ndarray | None) -> None:
         """Take over what other eliminated rows leave."""
         self.form = Transformation(self.split, rows, self.fixed, proximal)
-        self.reduced = ReducedMatrix(self.form, self.scale)
+        self.reduced = ReducedMatrix(self.form, self.scale, self._weak)
         self.matrix, self.S = self.reduced.matrix, self.reduced.S
-        self._coarse = CoarseMotions(self.form, self.matrix, self.S, self._weak)
 
     def set_up(self) -> None:
         """Preconditioner or factorisation, if it is not there yet."""
@@ -101,16 +98,6 @@ class CondensedSystem:
             if self._modes is not None:
                 near_null_space(self.matrix, self.S, self.form.unknowns(*self._modes))
             self.solver.set_up(self.matrix)
-
-    @property
-    def set_ups(self) -> int:
-        """Preconditioners and factorisations so far."""
-        return self.solver.set_ups
-
-    @property
-    def method(self) -> str:
-        """What solves, in words."""
-        return self.solver.method
 
     def solve(
         self, f: np.ndarray, g: np.ndarray, centre: np.ndarray | None = None
@@ -130,7 +117,7 @@ class CondensedSystem:
         v = form.frame_motion(q, v_0)
         self._last = u, v
         multiplier = form.multipliers(np.where(self.fixed, 0.0, force), v, centre)
-        if self.solver.failed:
+        if self.solver.reason < 0:
             self._require_answer(f, u, multiplier)
         seconds = {"set-up": ready - began, "solve": time.perf_counter() - ready}
         self.steps.append({"iterations": self.iterations, **seconds})
@@ -155,12 +142,12 @@ class CondensedSystem:
         x.array_w[:] = q / self.S.array_r
         self.iterations, last, length = 0, np.inf, x.norm()
         for attempt in range(PASSES + 1):
-            left = self._coarse.left(load, q)
+            left = self.reduced.left(load, q)
             b.array_w[:] = left * self.S.array_r
             size = b.norm()
             # A factorisation refines while that gains.
             enough = 0.0 if direct else max(2.0 * goal, ROUNDING * length)
-            ended = attempt and (attempt == PASSES or self.solver.failed)
+            ended = attempt and (attempt == PASSES or self.solver.reason < 0)
             if ended or not size > enough or not size < 0.5 * last:
                 break
             last = size
@@ -192,7 +179,8 @@ class CondensedSystem:
         free = ~self.fixed
         parts = free * self.split.diagonal * u, free * f, multiplier, self._left
         terms, load, forces, left = largest(self.comm, *parts)
-        how = f"{self.iterations} iterations of {self.method}, PETSc's reason {self.solver.reason}"
+        solver = self.solver
+        how = f"{self.iterations} iterations of {solver.method}, PETSc's reason {solver.reason}"
         judge(left, terms, max(load, forces), how)
 
     def destroy(self) -> None:
