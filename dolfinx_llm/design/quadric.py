@@ -8,11 +8,11 @@ point is said to lie in.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, identity
 
 from dolfinx_llm.design.stencils import inner_part, spread, sums
 from dolfinx_llm.geometry.cells import bases
@@ -34,6 +34,7 @@ class SmoothSurface:
     bend: np.ndarray  # (n_cells,)
     share: csr_matrix  # (m, n_cells) of the cells around each node in the blend; sums 1
     miss: np.ndarray  # (m, gdim) the blend at the nodes less the nodes [length]
+    normals: np.ndarray  # (m, gdim) unit normals at the nodes
 
     @staticmethod
     def through(frame: Frame) -> SmoothSurface:
@@ -50,11 +51,16 @@ class SmoothSurface:
         height, bend = _fit(local / size[:, None, None], mask)
         share = csr_matrix((np.ones(n * k), (cells.ravel(), np.repeat(np.arange(n), k))), (m, n))
         share.data /= spread(sums(share.data, share.indptr), share.indptr)
-        miss = np.zeros_like(frame.x)
-        surface = SmoothSurface(frame.x, centre, base, size, height, bend, share, miss)
-        everywhere = csr_matrix((np.ones(m), np.arange(m), np.arange(m + 1)), (m, m))
-        miss += surface.at(everywhere)[0] - frame.x
-        return surface
+        none = np.zeros_like(frame.x)
+        raw = SmoothSurface(frame.x, centre, base, size, height, bend, share, none, none)
+        point, normals = raw.at(identity(m, format="csr"))
+        return replace(raw, miss=point - frame.x, normals=normals)
+
+    @property
+    def error(self) -> float:
+        """About how far the surface is off between the nodes: twice what it was off at them
+        [length]."""
+        return 2.0 * float(np.linalg.norm(self.miss, axis=1).max())
 
     def at(self, N: csr_matrix) -> tuple[np.ndarray, np.ndarray]:
         """Points (n, gdim) of the surface above the places N x, and unit normals there. Beyond the
