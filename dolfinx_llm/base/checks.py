@@ -4,8 +4,6 @@ Each returns the argument in the one type that is used from then on. Numbers of 
 without dimension are numbers; a bool is none. Texts are the same on every rank.
 """
 
-from __future__ import annotations
-
 import numbers
 import os
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Objects that hold PETSc's, and what becomes of these."""
 
-from __future__ import annotations
-
 import sys
 from types import TracebackType
 from typing import Any, NoReturn, Self

@@ -5,8 +5,6 @@ of the contact laws. All ranks do the same, so that lines of this level come fro
 warnings and ``DEBUG`` come from all. Records carry their rank as ``%(rank)d``.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterable
 

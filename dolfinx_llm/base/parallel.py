@@ -1,7 +1,5 @@
 """Gathering of interface-sized data and errors that all ranks raise together."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Iterator
 from contextlib import contextmanager

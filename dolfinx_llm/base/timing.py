@@ -1,7 +1,5 @@
 """Seconds of stages."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Which form of (31) a problem is solved in, and why."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from petsc4py import PETSc

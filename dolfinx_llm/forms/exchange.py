@@ -5,8 +5,6 @@ answer to every multiplier costs more than a few factorisations. They are asked 
 sign is wrong, and for those that get it wrong in turn.
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np

@@ -5,8 +5,6 @@ how their surfaces answer to contact forces, y = Bᵀu = h - F λ + G α with F 
 bodies that supports alone do not hold), and to iterate on that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -113,17 +111,10 @@ class Flexibility(StepForm):
         result, error = None, ""
         if self.comm.rank == 0:
             try:
-                active = step.active
-                found = self._dense(step)
-                wrong = wrong_signs(step, active, found[0], found[1], found[2], self.scale)
-                result = *found, active, wrong
-                if wrong.any():
+                result = self._judged(step, step.active)
+                if result[-1].any():
                     equations = self._equations(step, np.arange(len(step.active)))
-                    active = _choose(step, *equations)
-                    chosen = replace(step, active=active)
-                    found = self._dense(chosen)
-                    wrong = wrong_signs(step, active, found[0], found[1], found[2], self.scale)
-                    result = *found, active, wrong
+                    result = self._judged(step, _choose(step, *equations))
             except (np.linalg.LinAlgError, ValueError) as failed:
                 error = str(failed)
         result, error = self.comm.bcast((result, error))
@@ -132,6 +123,11 @@ class Flexibility(StepForm):
         multiplier, y, w, self._alpha, active, wrong = result
         free = self._alpha[: self.floating.count]
         return StepResult(np.zeros(0), multiplier, y, w, free, active, wrong)
+
+    def _judged(self, step: LinearStep, active: np.ndarray) -> tuple[np.ndarray, ...]:
+        """λ, y, w and α with these rows in contact, the rows, and those with a wrong sign."""
+        found = self._dense(replace(step, active=active))
+        return *found, active, wrong_signs(step, active, *found[:3], self.scale)
 
     def _equations(self, step: LinearStep, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Matrix and right-hand side of the rows ``on``, the frame and the rigid motions.

@@ -1,7 +1,5 @@
 """What pulls at the springs that hold free bodies while contact is being found."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from dolfinx_llm.forms.verdict import UNBALANCED, FinalError

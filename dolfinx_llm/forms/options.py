@@ -1,7 +1,5 @@
 """PETSc options that were given: which of them nothing has asked for, and which PETSc refuses."""
 
-from __future__ import annotations
-
 import ctypes
 import difflib
 import re

@@ -1,7 +1,5 @@
 """What can be said of a solution of (31): residual, balance, rounding; one message for each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

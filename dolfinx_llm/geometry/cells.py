@@ -1,7 +1,5 @@
 """Segments, triangles and quads: shape functions, vector areas, bases."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import chain
 

@@ -1,7 +1,5 @@
 """The closest point of a surface mesh: segments, triangles or bilinear quads, in 2D or 3D."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -5,8 +5,6 @@ surface along its own normal. Only facets at the other's outline are clipped, ea
 tangent plane (Shapely); closed surfaces have no outline.
 """
 
-from __future__ import annotations
-
 from typing import Any, NoReturn
 
 import numpy as np

@@ -4,8 +4,6 @@ Exact to rounding on flat surfaces: facets are clipped with the other surface's 
 and the shape functions integrated over the pieces. Positions are plane coordinates.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Contact pairs: a surface node and the point of the frame that it touches."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -87,9 +85,9 @@ def locate_pairs(
         reach: how far, in cells, a node may lie beyond the frame's outline.
         plane: contact plane, along whose normal nodes meet a flat frame; None: they meet the
             closest point of the frame.
-        nodes: (n_surface,) which nodes take part; None: those with force.
+        nodes: (n,) those that take part; None: those with force.
     """
-    nodes = np.flatnonzero(forces > 0.0 if nodes is None else nodes)
+    nodes = np.flatnonzero(forces > 0.0) if nodes is None else nodes
     x = surface.x[nodes]
     points = x
     if plane is not None:

@@ -1,7 +1,5 @@
 """A body against a rigid obstacle: every surface node against its point of the obstacle."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.sparse import csr_matrix
 
@@ -17,7 +15,7 @@ from dolfinx_llm.interface.touching import BURIED, say_depth, steep_rim
 def against_obstacle(
     obstacle: Obstacle, side: Surface, name: str, notes: list[str], nodes: np.ndarray | None = None
 ) -> tuple[ContactPairs, np.ndarray]:
-    """The pairs of a body against a rigid obstacle, and which lie at a rim that is too steep;
+    """The pairs of a body against a rigid obstacle, and (n,) nodes at a rim that is too steep;
     ``nodes`` take part, or those of facets that face the obstacle.
 
     Raises:
@@ -64,7 +62,7 @@ def against_obstacle(
     moved = distance.copy()
     moved[nodes] += np.maximum(np.einsum("ni,ni->n", pairs.normal, obstacle.motion(points)), 0.0)
     _say_place(obstacle, side, nodes, moved, name, notes)
-    return pairs, steep_rim(side, facets, np.isfinite(distance))[nodes]
+    return pairs, steep_rim(side, facets, np.isfinite(distance))
 
 
 def _clearance(obstacle: Obstacle, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,5 @@
 """What can be said of an interface before any solve."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -1,7 +1,5 @@
 """The frame of an interface: the user's own, in closed form, predicted, or moved to pass."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

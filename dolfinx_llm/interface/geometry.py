@@ -1,7 +1,5 @@
 """An interface ready for assembly: the outcome of ``build``."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

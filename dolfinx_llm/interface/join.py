@@ -1,7 +1,5 @@
 """The pieces of an interface joined to one: one frame, one set of pairs per side."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

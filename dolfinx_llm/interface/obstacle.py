@@ -1,7 +1,5 @@
 """What all rigid obstacles share: where they are, and what moves or presses them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

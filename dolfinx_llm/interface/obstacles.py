@@ -4,8 +4,6 @@ An obstacle says for points of a body how far its surface is and in which direct
 it can be moved, turned, or pressed; directions stay those of the drawing (small motions).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Obstacles under a prescribed force: their translations are unknowns, as a frame node's are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

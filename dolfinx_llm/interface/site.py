@@ -35,7 +35,7 @@ def find_site(
     interface: Interface, spaces: Sequence[Any], fixed: Sequence[np.ndarray] | None = None
 ) -> Site:
     """The surfaces of an interface and what is prescribed there, gathered on every rank; arguments
-    as of ``build_model``."""
+    as of ``build_interface``."""
     tagged = interface.tagged_sides()
     owners = tuple(_space_of(tags, spaces) for tags, _ in tagged)
     whole = tuple(

@@ -1,7 +1,5 @@
 """What of the tagged surfaces takes part, and what is said or refused before any solve."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NoReturn
 

@@ -1,7 +1,5 @@
 """An interface where its bodies have moved to: pairs found again, or all rebuilt."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

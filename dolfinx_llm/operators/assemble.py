@@ -4,8 +4,6 @@ Rows of B and columns of the multipliers live with the rank that owns the body's
 unknowns with the owner of the surface node next to them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

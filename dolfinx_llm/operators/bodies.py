@@ -1,7 +1,5 @@
 """Connected bodies and their rigid motions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -5,8 +5,6 @@ little else, and the forces in the body are differences of large numbers. So the
 told apart from the start, with a stiffness of their own, which is zero where nothing holds them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

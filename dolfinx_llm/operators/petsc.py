@@ -1,7 +1,5 @@
 """Products, nests, springs and sizes of PETSc matrices."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rows at prescribed dofs."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg import qr
 from scipy.sparse import csr_matrix

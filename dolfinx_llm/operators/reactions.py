@@ -1,7 +1,5 @@
 """Forces at nodes that supports hold."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from dolfinx_llm.operators.prescribed import largest_share, undetermined

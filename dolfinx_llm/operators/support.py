@@ -1,7 +1,5 @@
 """Rigid motions of the bodies that neither supports nor interfaces hold."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

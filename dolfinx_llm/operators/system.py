@@ -1,7 +1,5 @@
 """B, L_b and g of all interfaces of a problem, for one geometry."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

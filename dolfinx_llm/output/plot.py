@@ -3,8 +3,6 @@
 Scenes in 3D are drawn by PyVista where it is installed and can draw, all else by Matplotlib.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ simulation, nor a rank of one. Run as a script this module draws the scene that 
 standard input, and it imports nothing of this package.
 """
 
-from __future__ import annotations
-
 import io
 import logging
 import os

@@ -1,7 +1,5 @@
 """Derived quantities: von Mises stress, values at points and in cells."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import dolfinx.fem

@@ -1,8 +1,6 @@
 """Where files go, errors of writing them, and surfaces with fields at their nodes as XDMF: text
 alone, a time series, without a library."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

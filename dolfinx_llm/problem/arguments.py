@@ -1,7 +1,5 @@
 """What ``ContactProblem`` is given: checked on all ranks together before anything is made of it."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What the bodies are asked for: their stiffness, their load, and what has changed of these."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable, Sequence
 from typing import Any, Protocol

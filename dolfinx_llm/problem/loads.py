@@ -1,7 +1,5 @@
 """Pressure on the part of a surface that another surface leaves free."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

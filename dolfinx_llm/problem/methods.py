@@ -1,7 +1,5 @@
 """How a problem is solved: in load steps, each by linear steps in a form of (31)."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any

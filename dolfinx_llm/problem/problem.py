@@ -1,7 +1,5 @@
 """The user's door: a linear elastic problem whose bodies touch."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +16,7 @@ from dolfinx_llm.contact.doubts import doubts
 from dolfinx_llm.contact.results import InterfaceResult, collect_results
 from dolfinx_llm.forms.choice import choose_solver
 from dolfinx_llm.forms.step import StepForm
-from dolfinx_llm.interface.build import build_model
+from dolfinx_llm.interface.build import build_interface
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.geometry import describe
 from dolfinx_llm.operators.system import ContactOperators
@@ -91,7 +89,7 @@ class ContactProblem(Disposable):
 
     def _build_operators(self) -> None:
         """Pairs, frames and operators, from positions and conditions as they are now."""
-        models = [build_model(i, self.spaces, self.bulk.fixed) for i in self.interfaces]
+        models = [build_interface(i, self.spaces, self.bulk.fixed) for i in self.interfaces]
         self.operators = ContactOperators(models, self.bulk.dofs, self.K, self.times)
         self.models, self.bodies = self.operators.models, self.operators.bodies
         self.B, self.L_b = self.operators.B, self.operators.L_b

@@ -14,7 +14,7 @@ from dolfinx_llm.design.curved import smooth_rows, vector_residual, with_mean_no
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_curved import vector_areas_in_contact
 from dolfinx_llm.geometry.pairs import locate_pairs
-from dolfinx_llm.interface.build import build_model
+from dolfinx_llm.interface.build import build_interface
 
 QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
@@ -241,7 +241,7 @@ def test_errors(size):
 def test_a_design_is_never_worse_than_none(counts, law):
     """The vector residual does not grow, rows sum to 1, and a coarse mesh is said to be one."""
     V, tags = cs.rings(MPI.COMM_SELF, [(n, 1) for n in counts])
-    model = build_model(llm.Interface(tags, (cs.FACE_0, cs.FACE_1), law=law), [V])
+    model = build_interface(llm.Interface(tags, (cs.FACE_0, cs.FACE_1), law=law), [V])
     certificate = model.certificate
     assert certificate.residual <= certificate.residual_before
     for p in model.pairs:

@@ -5,8 +5,6 @@ dofs. What is left where there are none (symmetry planes, nodes in several inter
 frame alone, D v = g_D, and is solved for some of the frame's unknowns.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -3,8 +3,6 @@
 A preconditioner or a factorisation is kept for other matrices as long as it serves.
 """
 
-from __future__ import annotations
-
 import logging
 from typing import Any
 
@@ -12,9 +10,8 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import log
-from dolfinx_llm.forms.direct import mumps_infog, set_up_ksp
+from dolfinx_llm.forms.direct import factorised, set_up_ksp
 
 # The unpreconditioned norm is that of the system scaled to unit diagonal.
 RTOL = 1e-13
@@ -55,19 +52,14 @@ def solver_of(matrix: Any, prefix: str, given: dict) -> Any:
     options |= {"ksp_max_it": PATIENCE} if default else {}
     options |= {"pc_factor_mat_solver_type": "mumps"} if factor else {}
     options |= given
-    for spare in (50, 400, 2000):
-        more = {"mat_mumps_icntl_14": spare} if factor else {}
-        ksp = set_up_ksp(matrix, prefix, more | options, given)
-        infog = mumps_infog(ksp) if factor else {}
-        if infog.get(1, 0) not in (-8, -9):
-            break
-        ksp.destroy()
-    if infog.get(1, 0) < 0:
-        raise ContactError(
-            f"MUMPS could not factorise the condensed matrix: INFOG(1) = {infog[1]}, INFOG(2) = "
-            f"{infog[2]}. -10: it is singular, a body or the frame is not held; -13: out of "
-            "memory, leave petsc_options to their defaults for CG + GAMG"
-        )
+    if factor:
+        ksp = factorised(
+            matrix, prefix, options, given, 50, "the condensed matrix",
+            "-10: it is singular, a body or the frame is not held; -13: out of memory, leave "
+            "petsc_options to their defaults for CG + GAMG",
+        )  # fmt: skip
+    else:
+        ksp = set_up_ksp(matrix, prefix, options, given)
     names = {"gamg": "GAMG", "cholesky": "Cholesky", "cg": "CG"}
     parts = [names.get(krylov, krylov)] * (krylov != "preonly") + [names.get(pc, pc)]
     return ksp, " + ".join(parts), default

@@ -1,7 +1,5 @@
 """The reduced matrix of the condensed form, scaled to unit diagonal."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -7,8 +7,6 @@ With S their dofs, I the others and u_S = T_S q_S,
              [ T_Sᵀ K_SI  T_Sᵀ K_SS T_S ].
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -5,8 +5,6 @@ size. With friction the rows of κ hold Coulomb's law instead of the equilibrium
 reduced matrix is then not symmetric and is factorised.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

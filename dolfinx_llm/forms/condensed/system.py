@@ -5,8 +5,6 @@ the frame, and Tᵀ K T q = Tᵀ (f - K u_0) is symmetric positive definite. The
 reactions f - K u of what was eliminated.
 """
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -4,8 +4,6 @@ q holds, on each rank, a place for each dof of its bodies, idle at surface nodes
 what the surfaces have left to solve for (``Tail``).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

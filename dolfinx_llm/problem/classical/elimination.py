@@ -1,7 +1,5 @@
 """The frame form with v eliminated, (32)-(36): the classical form that is equivalent to (31)."""
 
-from __future__ import annotations
-
 import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc

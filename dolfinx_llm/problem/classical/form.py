@@ -1,7 +1,5 @@
 """The classical form (6) of contact: its operator Q, how full it is, and its factorised system."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Node-to-segment contact, (2)-(6): prefers a side, and fails the patch test."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
