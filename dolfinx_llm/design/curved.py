@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, identity
+from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.design.quadric import SmoothSurface
@@ -44,7 +44,7 @@ class SmoothRows:
     stencils: list[RowStencils]  # what the rows of each side may be corrected on
     start: list[csr_matrix]  # (n, m) rows on the cells
     move: list[csr_matrix]  # (n, m) corrections to the places on the smooth surface
-    normals: np.ndarray  # (m, gdim) unit normals of the smooth surface at the frame's nodes
+    surface: SmoothSurface  # through the frame's nodes
 
     def rows(self, share: float) -> list[csr_matrix]:
         """Rows that go a share of the way from the cells to the smooth surface."""
@@ -69,9 +69,8 @@ def smooth_rows(frame: Frame, pairs: Sequence[ContactPairs], close_gap: bool) ->
         clamped = _at_outline(frame, p, edges, surface.base[:, -1])
         W = _weights(frame, clamped, edges, surface.base[:, -1], ring)
         sides.append(_smooth_side(frame, surface, p, clamped, W, close_gap))
-    _, normals = surface.at(identity(len(frame.x), format="csr"))
-    pairs, stencils, start, move = (list(parts) for parts in zip(*sides, strict=True))
-    return SmoothRows(pairs, stencils, start, move, normals)
+    out, stencils, start, move = (list(parts) for parts in zip(*sides, strict=True))
+    return SmoothRows(out, stencils, start, move, surface)
 
 
 @dataclass(frozen=True, eq=False)

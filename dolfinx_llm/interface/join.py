@@ -87,4 +87,5 @@ def _worst(certificates: Sequence[Certificate]) -> Certificate:
         (float(values[:, 0].min()), float(values[:, 1].max())),
         max(c.linear for c in certificates),
         max(c.largest_correction for c in certificates),
+        max(c.place for c in certificates),
     )

@@ -18,6 +18,7 @@ from dolfinx_llm.design.curved import (
     with_mean_normals,
 )
 from dolfinx_llm.design.line import check_closed_form
+from dolfinx_llm.design.quadric import SmoothSurface
 from dolfinx_llm.design.weights import TOLERANCE, design_weights, patch_residual
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import Plane
@@ -50,9 +51,10 @@ def balanced(
     vectors = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
     plain = [p.N for p in pairs]
     before = np.linalg.norm(vector_residual(plain, vectors), axis=1)
-    normals = nodal_normals(frame)
+    normals, place = nodal_normals(frame), 0.0
     if interface.design is not None:
-        pairs, normals = _least_residual(frame, pairs, vectors, close_gap, notes)
+        pairs, surface = _least_residual(frame, pairs, vectors, close_gap, notes)
+        normals, place = surface.normals, surface.error
     N = [p.N for p in pairs]
     pairs = with_mean_normals(pairs, normals)
     after = np.linalg.norm(vector_residual(N, vectors), axis=1)
@@ -63,6 +65,7 @@ def balanced(
         rank_certificate(frame, N),
         float(max(np.abs(p.x - M @ frame.x).max() for p, M in zip(pairs, N, strict=True)) / size),
         float(max(np.abs(a - b).max() for a, b in zip(N, plain, strict=True))),
+        place,
     )
     notes.append(
         f"curved: vector areas, in least squares; root mean square of the patch residual "
@@ -80,6 +83,8 @@ def balanced(
     closed = "is closed" if close_gap else "is kept, tied as drawn without stress"
     if not interface.law.opens:
         notes.append(f"initial gap or overlap up to {gap:.3g} {closed}")
+    if close_gap:
+        notes.append(f"the smooth surface that gaps are counted from is known to about {place:.1e}")
     return pairs, certificate, normals
 
 
@@ -89,8 +94,8 @@ def _least_residual(
     vectors: Sequence[np.ndarray],
     close_gap: bool,
     notes: list[str],
-) -> tuple[list[ContactPairs], np.ndarray]:
-    """Pairs with the rows that reproduce the most of the places and balance, and nodes' normals.
+) -> tuple[list[ContactPairs], SmoothSurface]:
+    """Pairs with the rows that reproduce the most of the places and balance, and the surface.
 
     On coarse meshes the bodies enclose other volumes, and rows that reproduce all places cannot
     balance: there they go a part of the way (SHARES), the most that halves the vector residual
@@ -119,8 +124,8 @@ def _least_residual(
             "finer meshes of the curved surfaces all of it"
         )
     if least is before and not close_gap:
-        return pairs, smooth.normals
-    return [replace(p, N=M) for p, M in zip(smooth.pairs, best, strict=True)], smooth.normals
+        return pairs, smooth.surface
+    return [replace(p, N=M) for p, M in zip(smooth.pairs, best, strict=True)], smooth.surface
 
 
 def designed(

@@ -81,7 +81,7 @@ def rows(sides, k=1, close_gap=False):
     vectors = [a[p.nodes] for a, p in zip(vectors, plain, strict=True)]
     smooth = smooth_rows(frame, plain, close_gap)
     N = balance(smooth.rows(1.0), vectors, smooth.stencils)
-    return frame, plain, with_mean_normals(smooth.pairs, smooth.normals), N, vectors
+    return frame, plain, with_mean_normals(smooth.pairs, smooth.surface.normals), N, vectors
 
 
 SCENES = {

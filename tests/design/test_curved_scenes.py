@@ -144,3 +144,11 @@ def test_constant_stress_passes_on_facets_that_lie_on_the_surface():
     """Bilinear facets of z = x y / 2 cover the same surface: stress to a part in a thousand."""
     error, problem = solved("twisted", (4, 3), "auto", jitter=0.0)
     assert error[0] < 1e-3 and problem.models[0].certificate.residual < 1e-2
+
+
+@pytest.mark.parametrize("n, said", [((4, 3), True), ((9, 8), False)])
+def test_gaps_that_meshes_do_not_tell_are_said(n, said, caplog):
+    """Nothing is wrong without a word: where stresses are off by more than a tenth it is said."""
+    error, problem = solved("twisted, tetrahedra", n, "auto", law=LAWS[1])
+    assert (error[0] > 0.1) == said
+    assert ("tell the gap between the curved surfaces" in caplog.text) == said
