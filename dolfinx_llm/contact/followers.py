@@ -34,9 +34,7 @@ class Followers:
         return Followers(*alone, every, every, identity(m, format="csr"), csr_matrix((m, m)))
 
     @staticmethod
-    def of(
-        nodes: FrictionNodes, tied: np.ndarray, active: np.ndarray, adrift: float
-    ) -> Followers:
+    def of(nodes: FrictionNodes, tied: np.ndarray, active: np.ndarray, adrift: float) -> Followers:
         """Nodes at the rim of contact follow a neighbour.
 
         Args:
