@@ -47,7 +47,7 @@ def find_site(
         ContactError, ContactInputError: tags without facets, surfaces that share nodes.
     """
     tagged = interface.tagged_sides()
-    owners = tuple(_space_of(tags, spaces) for tags, _ in tagged)
+    owners = tuple(space_of(tags, spaces) for tags, _ in tagged)
     whole = tuple(
         extract_surface(spaces[i], tags, tag) for i, (tags, tag) in zip(owners, tagged, strict=True)
     )
@@ -59,7 +59,7 @@ def find_site(
     return Site(interface, whole, owners, held, spaces[0].mesh.comm)
 
 
-def _space_of(tags: Any, spaces: Sequence[Any]) -> int:
+def space_of(tags: Any, spaces: Sequence[Any]) -> int:
     """Index of the function space whose mesh the tags mark."""
     if len(spaces) == 1:
         return 0
