@@ -14,7 +14,7 @@ from dolfinx_llm.geometry.cells import vector_areas
 
 @dataclass(frozen=True, eq=False)
 class Covered:
-    """Covered parts of facets: integrals of the shape functions over them, over the facet's size."""
+    """Covered parts of facets: integrals of shape functions there, over the facet's size."""
 
     share: np.ndarray  # (f, k); 1 / k where the whole facet is covered
     derivative: csr_matrix  # (k f, width) by all coordinates [1 / length]

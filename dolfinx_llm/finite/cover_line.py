@@ -119,7 +119,9 @@ def _of_frame(
     full = chains.order[base + (chains.place[at.facet[b]][which] - base + ahead) % length]
     np.add.at(share, full, 0.5)
     by_xi = np.column_stack([1.0 - xi, xi]) * ~beyond[:, None]
-    rows = np.concatenate([2 * at.facet[a], 2 * at.facet[a] + 1, 2 * at.facet[b], 2 * at.facet[b] + 1])
+    rows = np.concatenate(
+        [2 * at.facet[a], 2 * at.facet[a] + 1, 2 * at.facet[b], 2 * at.facet[b] + 1]
+    )
     cols = np.concatenate([a, a, b, b])
     values = np.concatenate([by_xi[a, 0], by_xi[a, 1], -by_xi[b, 0], -by_xi[b, 1]])
     return Covered(share, csr_matrix((values, (rows, cols)), (2 * f, n)) @ d.xi)
@@ -160,14 +162,14 @@ def _of_moving(
         turn = jacobian(by_normal[:, None], coordinates(end[:, None], 2), y.size)
         changed = jacobian(blocks[:, None], places, width) + turn @ (normals.derivative @ shift)
         rows = (2 * cut[:, None] + np.arange(2)).ravel()
-        spread = csr_matrix((np.ones(len(rows)), (rows, np.arange(len(rows)))), (2 * len(moving), len(rows)))
+        spread = csr_matrix(
+            (np.ones(len(rows)), (rows, np.arange(len(rows)))), (2 * len(moving), len(rows))
+        )
         derivative = derivative + spread @ (per_item(by_eta) @ changed)
     return Covered(share, derivative)
 
 
-def _cut(
-    x: np.ndarray, y: np.ndarray, n: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _cut(x: np.ndarray, y: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where the line from y (k, 2) along n cuts facets x (k, 2, 2): (k,) in [0, 1], and its
     derivatives by (x_0, x_1, y) (k, 6) and by n (k, 2).
 

@@ -1,7 +1,7 @@
 """Rows of nodes on the moving frame, corrected so that a constant pressure passes there, (28).
 
-Row p is N_p = N(xi_p) + delta_p with the smallest corrections, weighted by w_p = N⁺(xi_p) A (A: which
-nodes share a facet) so that they vary continuously with the place of p, for which
+Row p is N_p = N(xi_p) + delta_p with the smallest corrections, weighted by w_p = N⁺(xi_p) A (A:
+which nodes share a facet) so that they vary continuously with the place of p, for which
 
     sum_J delta_pJ = 0, sum_J delta_pJ t·y_J = 0 for tangents t at p    (forces and moments stay),
     sum_p N_pJ f_p - f_J = (G kappa)_J + k mu_J, Gᵀ mu = 0              (28).
@@ -11,8 +11,8 @@ With W = diag(w_p), C the rows (1, t·(y - x_p) / h), S = C W Cᵀ and one mu pe
     delta_p = -P_p mu,   P_p = W - W Cᵀ S⁻¹ C W.
 
 G holds affine functions on the frame as drawn times f_J: what of the residual no correction can
-remove, since both surfaces carry the same force about the same place (rounding on flat ones). k = 0 but where the
-rim is covered so poorly that corrections would be large.
+remove, since both surfaces carry the same force about the same place (rounding on flat ones). k = 0
+but where the rim is covered so poorly that corrections would be large.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
 
-LARGEST = 0.4  # correction up to which the limit k is raised at the start of a step
+CORRECTED = 0.4  # correction up to which the limit k is raised at the start of a step
 LIMITS = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # k over the largest force of unit pressure
 NONE = 1e12  # the same, where rows stay as they are
 UNREACHED = 1e-12  # diagonal entry of M over the largest, of nodes that no row reaches
-LEAST = 1e-13  # the same, always: for parts of a frame that touch nothing else
+FAINT = 1e-13  # the same, always: for parts of a frame that touch nothing else
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,9 @@ class Stencils:
     """Per facet of a frame the nodes that rows of places on it reach; constant."""
 
     nodes: np.ndarray  # (f, s) numbers; the last are repeated where there are fewer
-    window: np.ndarray  # (f, k, s) A: 1 where node J shares a facet with the facet's node K, or is it
+    window: (
+        np.ndarray
+    )  # (f, k, s) A: 1 where node J shares a facet with the facet's node K, or is it
     own: np.ndarray  # (f, k, s) 1 where the stencil's node is the facet's node
 
     @classmethod
@@ -82,7 +84,7 @@ class DesignedRows:
     G: np.ndarray  # (m, c) what no correction removes [area]
     mu: np.ndarray  # (m,)
     left: np.ndarray  # (m,) residual over f_J that no correction removes
-    _parts: dict = field(repr=False)  # of which derivatives are made
+    parts: dict = field(repr=False)  # of which derivatives are made
 
     def matrix(self, m: int) -> csr_matrix:
         """(n, m) rows as a matrix."""
@@ -128,7 +130,7 @@ class Design:
         Raises:
             ContactError: the equations are singular.
         """
-        m, (n, gdim) = len(y), x.shape
+        m, n = len(y), len(x)
         nodes, window = self.stencils.nodes[at.facet], self.stencils.window[at.facet]
         N0 = np.einsum("nk,nks->ns", at.N, self.stencils.own[at.facet])
         plus = np.maximum(at.N, 0.0)
@@ -168,7 +170,7 @@ class Design:
         diagonal = M.diagonal()
         largest = max(float(diagonal.max(initial=0.0)), 1e-300)
         reached = diagonal > UNREACHED * largest
-        return (M + diags(np.where(reached, limit + LEAST * largest, largest))).tocsr()
+        return (M + diags(np.where(reached, limit + FAINT * largest, largest))).tocsr()
 
     def smallest_limit(
         self,
@@ -177,10 +179,10 @@ class Design:
         y: np.ndarray,
         forces: tuple[np.ndarray, np.ndarray],
     ) -> float:
-        """The smallest k with corrections below ``LARGEST``, to be held during a step [area]."""
+        """The smallest k with corrections below ``CORRECTED``, to be held during a step [area]."""
         largest = forces[0].max()
         for limit in LIMITS if self.wanted else (NONE,):
-            if np.abs(self.rows(at, x, y, forces, limit * largest).delta).max() < LARGEST:
+            if np.abs(self.rows(at, x, y, forces, limit * largest).delta).max() < CORRECTED:
                 break
         return float(limit * largest)
 
@@ -203,7 +205,7 @@ class Design:
             columns: (n, gdim) numbers of the coordinates of the nodes x; of the frame's first.
             width: number of all coordinates.
         """
-        q, (n, s) = rows._parts, rows.nodes.shape
+        q, (n, s) = rows.parts, rows.nodes.shape
         m, gdim = rows.M.shape[0], q["arm"].shape[2]
         by_mu = jacobian(-q["P"], rows.nodes, m)
         # Shape functions and weights, through xi.

@@ -20,6 +20,7 @@ TRIED = {2: 6, 3: 12}  # facets next to a node that it may meet
 MET = 1e-10  # distance over facet size that is left where a node has met a facet
 INSIDE = 1e-9  # shape functions above minus this: within a facet
 ITERATIONS_TO_MEET = 30
+SETTLED = 1e-9  # last change of Newton's iteration: its square is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,6 @@ class OnFrame:
     def gap(self) -> np.ndarray:
         """(n,) distance of the node from the frame along its normal [length]."""
         return self.height * np.linalg.norm(self.mean, axis=1)
-
 
     def part(self, which: np.ndarray) -> OnFrame:
         """Some of the nodes (k,)."""
@@ -92,9 +92,7 @@ def _on_frame(
     return OnFrame(facet, xi, N, dN, height, mean, met, -N.min(axis=1))
 
 
-def _meet(
-    x: np.ndarray, y: np.ndarray, n: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _meet(x: np.ndarray, y: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Reference coordinates, heights and success of Newton's iteration for points x (n, gdim) on
     facets with nodes y and normals n (n, k, gdim)."""
     k = y.shape[1]
@@ -107,7 +105,7 @@ def _meet(
             rest = x - np.einsum("nk,nki->ni", N, y + height[:, None, None] * n)
             step = _solve(_tangent(y, n, N, dN, height), rest)
             xi, height = xi + step[:, :-1], height + step[:, -1]
-            if not np.abs(step[np.isfinite(step).all(axis=1)]).max(initial=0.0) > 1e-15:
+            if not np.abs(step[np.isfinite(step).all(axis=1)]).max(initial=0.0) > SETTLED:
                 break
         N, _ = shape_functions(k, xi)
         rest = x - np.einsum("nk,nki->ni", N, y + height[:, None, None] * n)
@@ -177,9 +175,7 @@ def location_derivatives(
     own = np.concatenate([np.broadcast_to(unit, (n, gdim, gdim)), -weights], axis=2)
     places = np.concatenate([columns[0], coordinates(cells, gdim, columns[1])], axis=1)
     first = np.arange(columns[1], columns[1] + y.size)
-    shift = csr_matrix(
-        (np.ones(y.size), (np.arange(y.size), first)), (y.size, width)
-    )
+    shift = csr_matrix((np.ones(y.size), (np.arange(y.size), first)), (y.size, width))
     turned = normals.derivative @ shift  # (m gdim, width)
     mean = jacobian(weights, coordinates(cells, gdim), y.size) @ turned  # sum_J N_J dn_J
     point = jacobian(own, places, width) - per_item(at.height[:, None, None] * unit) @ mean

@@ -1,13 +1,14 @@
 """Frictionless contact on the moving frame: forces, gaps and their full derivative.
 
-With a force lambda_p that pair p carries, n its normal out of the frame's body and N its designed row,
+With a force lambda_p that pair p carries, n its normal out of the frame's body, N its designed row,
 
-    force on p: lambda_p n,   on the frame's node J: -N_pJ lambda_p n,   gap_p = n·(x_p - sum_J N_pJ y_J),
-    gap >= 0, lambda >= 0, their product 0.
+    force on p: lambda_p n,   force on the frame's node J: -N_pJ lambda_p n,
+    gap_p = n·(x_p - sum_J N_pJ y_J),   gap >= 0, lambda >= 0, their product 0.
 
-These forces are the first term of (19), Q. Its second term, Phi, has the derivative of the frame's
-interpolation times lambda·(x - sum N y): the vector is gap n, and gap lambda = 0 at the solution, so
-that it vanishes in the residual; its derivative stands in ``by_place``.
+These forces are the first term of (19), Q: ``force`` of ``terms``. The second one, Phi, has the
+derivatives of base and interpolation times lambda·(x - sum N y). Rows keep t·(x - sum N y) = 0:
+what is left is gap n, and gap lambda = 0 at the solution, so that it vanishes in the residual. Its
+derivative does not; it stands in ``gap_z`` and ``gap_mu``.
 """
 
 from __future__ import annotations
@@ -50,9 +51,7 @@ class NormalContact:
         first = np.zeros(self.sides.gdim, dtype=np.int64)
         return np.concatenate([surfaces[1 - frame].owner, surfaces[frame].owner, first])
 
-    def touching(
-        self, terms: ContactTerms, q: np.ndarray, scale: float, size: float
-    ) -> np.ndarray:
+    def touching(self, terms: ContactTerms, q: np.ndarray, scale: float, size: float) -> np.ndarray:
         """(n,) which pairs are in contact: lambda - scale gap > 0.
 
         Args:
@@ -183,5 +182,6 @@ class NormalContact:
             N=(pick.T @ N).tocsr(),
             areas=(f, fy),
             pairs=np.isfinite(all_gaps),
+            active=active,
             delta=float(np.abs(rows.delta).max(initial=0.0)),
         )

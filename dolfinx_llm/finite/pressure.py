@@ -102,7 +102,7 @@ class Follower:
         """
         loaded = self.surfaces[0]
         x = z[: loaded.x.size].reshape(loaded.x.shape)
-        free = everything(*loaded.facets.shape, len(z))
+        free = everything(len(loaded.facets), loaded.facets.shape[1], len(z))
         if self.sides is not None and candidates is not None:
             meeting = self.sides.meet(z, candidates)
             free = meeting.covered[0 if self.sides.moving == 0 else 1].free

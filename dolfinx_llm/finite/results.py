@@ -56,7 +56,7 @@ class MovingInterfaceResult:
 
     @property
     def pressure(self) -> np.ndarray:
-        """(m,) contact pressure at the frame's nodes [force / area]; 0 where nothing covers them."""
+        """(m,) contact pressure at the frame's nodes, 0 where nothing covers [force / area]."""
         area = self.frame_area
         return np.where(area > 0.0, self.frame_force / np.where(area > 0.0, area, 1.0), 0.0)
 
@@ -86,7 +86,7 @@ class MovingInterfaceResult:
 
 
 def moving_results(
-    contact: MovingContact, z: np.ndarray, terms: ContactTerms, active: np.ndarray
+    contact: MovingContact, z: np.ndarray, terms: ContactTerms
 ) -> MovingInterfaceResult:
     """The result of one interface; the same on every rank.
 
@@ -94,9 +94,8 @@ def moving_results(
         contact: the interface.
         z: all its coordinates [length].
         terms: in this configuration.
-        active: (n,) pairs in contact.
     """
-    sides, closed_as = contact.sides, CLOSED if terms.opens else STICK
+    sides, active, closed_as = contact.sides, terms.active, CLOSED if terms.opens else STICK
     forces = sides.in_order(*sides.split(-terms.force))
     places = sides.in_order(*sides.split(z))
     y = sides.split(z)[1]

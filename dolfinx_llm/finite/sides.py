@@ -1,8 +1,9 @@
 """Two surfaces of which one carries the moving frame: where, how far and along what they touch.
 
 The frame's nodes are those of the coarser surface, y_J = x_J: its rows are the identity, so that v
-and that side's multipliers are known, lambda_J = -sum_p N_pJ lambda_p, and equilibrium of the frame,
-sum_p N_pJ lambda_p = 0 over both sides, holds by construction. The other surface is the moving side.
+and that side's multipliers are known, lambda_J = -sum_p N_pJ lambda_p, and equilibrium of the
+frame, sum_p N_pJ lambda_p = 0 over both sides, holds by construction. The other surface is the
+moving side.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.finite.areas import Covered, surface_integrals
 from dolfinx_llm.finite.cover_line import Chains, covered_lines
-from dolfinx_llm.finite.areas import surface_integrals
 from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.location import (
     LocationDerivatives,
@@ -28,8 +28,8 @@ from dolfinx_llm.geometry.cells import cell_sizes, vector_areas
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.geometry.surface import Surface
 
-ALIKE = 1e-6  # difference of mean facet sizes that is none
-NEAR = 1.0  # gap over the frame's facet up to which facets can touch in a step
+AS_COARSE = 1e-6  # difference of mean facet sizes that is none
+WITHIN = 1.0  # gap over the frame's facet up to which facets can touch in a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class Sides:
             surfaces: as drawn.
         """
         size = [cell_sizes(s.x, s.facets).mean() for s in surfaces]
-        if abs(size[0] - size[1]) > ALIKE * max(size):
+        if abs(size[0] - size[1]) > AS_COARSE * max(size):
             frame = int(size[1] > size[0])
         else:  # alike: the one whose normal comes first
             normals = [tuple((s.normal / s.diameter).round(6) + 0.0) for s in surfaces]
@@ -93,7 +93,7 @@ class Sides:
         return coordinates(nodes[:, None], self.gdim, self.first[0]), self.first[1]
 
     def split(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions of the moving side's nodes and of the frame's, from all coordinates (width,)."""
+        """Positions of the moving side's nodes and of the frame's, of all coordinates (width,)."""
         parts = np.split(z, [self.surfaces[0].x.size])
         parts = [part.reshape(-1, self.gdim) for part in parts]
         return parts[self.moving], parts[self.frame]
@@ -108,7 +108,7 @@ class Sides:
         facets, frame = self.facets(True), self.facets(False)
         at = find_on_frame(x, y, frame, nodal_normals(y, frame))
         size = cell_sizes(y, frame)[at.facet]
-        near = at.met & (np.abs(at.gap) <= NEAR * size)
+        near = at.met & (np.abs(at.gap) <= WITHIN * size)
         area = vector_areas(x, facets)
         across = at.normal[facets].sum(axis=1)
         cosine = np.einsum("fi,fi->f", area, across)
@@ -133,12 +133,12 @@ class Sides:
         normals = nodal_normals(y, frame)
         at = find_on_frame(x, y, frame, normals)
         d = location_derivatives(at, y, frame, normals, self.columns, self.width)
-        covered = covered_lines(
-            self.chains, facets, candidates, x, y, at, d, normals, self.first
-        )
+        covered = covered_lines(self.chains, facets, candidates, x, y, at, d, normals, self.first)
         return Meeting(at, d, normals, covered)
 
-    def forces(self, meeting: Meeting, z: np.ndarray, moving: bool) -> tuple[np.ndarray, csr_matrix]:
+    def forces(
+        self, meeting: Meeting, z: np.ndarray, moving: bool
+    ) -> tuple[np.ndarray, csr_matrix]:
         """(n,) forces of unit pressure on the common area at a side's nodes, and derivatives."""
         x, facets = self.split(z)[0 if moving else 1], self.facets(moving)
         first = self.first[0 if moving else 1]

@@ -32,7 +32,8 @@ class NewtonSystem:
         [K + sum of K_i   top] [du]   [-r   ]
         [left             own] [dq] = [-rest]
 
-    It is unsymmetric with contact that may part; ties alone leave it symmetric.
+    Contact that may part makes it unsymmetric: averaged normals and designed rows have forces that
+    are no gradient. Blocks of ties are symmetric.
     """
 
     dofs: BodyDofs
@@ -102,9 +103,7 @@ class NewtonSystem:
         return [
             create_aij(comm, sizes, self.own.sizes, top),
             create_aij(comm, self.own.sizes, sizes, left),
-            create_aij(
-                comm, self.own.sizes, self.own.sizes, self._rows(own, start, mine, count)
-            ),
+            create_aij(comm, self.own.sizes, self.own.sizes, self._rows(own, start, mine, count)),
         ]
 
     def _rows(

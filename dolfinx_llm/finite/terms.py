@@ -15,8 +15,11 @@ FAST = 1e-9  # part of a row at free dofs, below which supports hold the pair
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """What is chosen at the start of an increment; facets and pairs may join during it, none leaves:
-    at the frame's ends nodes would go in and out for ever."""
+    """What is chosen at the start of an increment.
+
+    Facets and pairs may join during it, none leaves: at the frame's ends nodes would go in and out
+    for ever.
+    """
 
     candidates: np.ndarray  # (f,) facets of the moving side that can touch
     pairs: np.ndarray  # (n,) its nodes that take part
@@ -39,13 +42,16 @@ class ContactTerms:
     areas: tuple[np.ndarray, np.ndarray]  # (n,), (m,) of the nodes of both sides [area]
     pairs: np.ndarray  # (n,) which nodes of the moving side can touch
     delta: float  # largest correction of a row
+    active: np.ndarray  # (n,) pairs in contact
     opens: bool = True  # the pairs may part
 
 
 class MovingContact(Protocol):
     """An interface with a law, at finite deformation."""
 
-    sides: Sides
+    @property
+    def sides(self) -> Sides:
+        """Its surfaces."""
 
     @property
     def size(self) -> int:
@@ -55,9 +61,7 @@ class MovingContact(Protocol):
     def owner(self) -> np.ndarray:
         """(size,) ranks that own the unknowns."""
 
-    def touching(
-        self, terms: ContactTerms, q: np.ndarray, scale: float, size: float
-    ) -> np.ndarray:
+    def touching(self, terms: ContactTerms, q: np.ndarray, scale: float, size: float) -> np.ndarray:
         """(n,) which pairs are in contact."""
 
     def hold(self, z: np.ndarray) -> Held:

@@ -11,9 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags, identity, kron
 
+from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, held_fast
+
+DRAWN = 1e-9  # gap over facet size that is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,13 +32,28 @@ class TiedContact:
     delta: float
 
     @classmethod
-    def of(cls, sides: Sides, z: np.ndarray, design: Design) -> TiedContact:
-        """Ties of surfaces drawn at coordinates z."""
+    def of(cls, sides: Sides, z: np.ndarray, design: Design, close_gap: bool) -> TiedContact:
+        """Ties of surfaces drawn at coordinates z.
+
+        Args:
+            sides, z, design: of the surfaces.
+            close_gap: close gaps of the drawing.
+
+        Raises:
+            ContactInputError: there are gaps that are not to be closed.
+        """
         candidates = sides.candidates(z)
         meeting = sides.meet(z, candidates)
         f, fy = (sides.forces(meeting, z, moving)[0] for moving in (True, False))
         on = np.flatnonzero((f > 0.0) & meeting.at.met)
         x, y = sides.split(z)
+        far = np.abs(meeting.at.gap[on]).max(initial=0.0)
+        if not close_gap and far > DRAWN * design.size:
+            raise ContactInputError(
+                f"the surfaces {sides.surfaces[0].name} and {sides.surfaces[1].name} are drawn "
+                f"with gaps of up to {far:.3g}: at finite deformation choose Tied(close_gap=True), "
+                "or draw them in touch"
+            )
         at, n, m = meeting.at.part(on), len(x), len(y)
         N = csr_matrix((n, m))
         delta = 0.0
@@ -61,9 +79,7 @@ class TiedContact:
         """(size,) ranks that own the unknowns."""
         return np.repeat(self.sides.surfaces[self.sides.moving].owner, self.sides.gdim)
 
-    def touching(
-        self, terms: ContactTerms, q: np.ndarray, scale: float, size: float
-    ) -> np.ndarray:
+    def touching(self, terms: ContactTerms, q: np.ndarray, scale: float, size: float) -> np.ndarray:
         """(n,) all pairs."""
         return self.pairs
 
@@ -99,5 +115,6 @@ class TiedContact:
             areas=self.areas,
             pairs=self.pairs,
             delta=self.delta,
+            active=self.pairs,
             opens=False,
         )

@@ -11,26 +11,17 @@ from dolfinx import fem
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.disposable import free_garbage
-from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.finite.design import Design
-from dolfinx_llm.finite.newton import LoadStep, NewtonState, NewtonSteps, Placed
-from dolfinx_llm.finite.normal_contact import NormalContact
-from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure
+from dolfinx_llm.finite.increment import Equations, LoadStep, NewtonState
+from dolfinx_llm.finite.newton import NewtonSteps
+from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.finite.results import MovingInterfaceResult, moving_results
-from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.system import NewtonSystem
-from dolfinx_llm.finite.terms import MovingContact
-from dolfinx_llm.finite.tied_contact import TiedContact
 from dolfinx_llm.geometry.cells import cell_sizes
-from dolfinx_llm.geometry.surface import Surface, extract_surface
 from dolfinx_llm.interface.choices import Interface
-from dolfinx_llm.interface.site import find_site, space_of
-from dolfinx_llm.laws.frictionless import Frictionless
-from dolfinx_llm.laws.tied import Tied
-from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_arguments
+from dolfinx_llm.problem.nonlinear_parts import contact_of, follower_of, numbered
 
 
 class NonlinearContactProblem:
@@ -91,80 +82,22 @@ class NonlinearContactProblem:
         with self.times.timed("form compilation"):
             self.bulk = NonlinearBulk(given)
         self.spaces, self.comm = self.bulk.spaces, self.bulk.comm
+        dofs = self.bulk.dofs
         with self.times.timed("interfaces"):
-            contacts = [self._contact(interface) for interface in self.interfaces]
-            followers = [self._follower(load) for load in self.loads]
-        self._system = self._numbered(contacts)
-        size = [
-            cell_sizes(s.x, s.facets).max() for c in contacts for s in c.what.sides.surfaces
-        ] or [1.0]
+            contacts = [contact_of(interface, dofs) for interface in self.interfaces]
+            followers = [follower_of(load, dofs) for load in self.loads]
+        self._system, surfaces = (
+            numbered(contacts, dofs),
+            [s for c in contacts for s in c.what.sides.surfaces],
+        )
+        size = float(max([cell_sizes(s.x, s.facets).max() for s in surfaces] or [1.0]))
         self._newton = NewtonSteps(
-            self.bulk, contacts, followers, self._system, float(max(size)), options, self.times
+            Equations(self.bulk, contacts, followers, self._system, size, options, self.times)
         )
         own = sum(self._system.sizes)
         self.unknowns = {"u": self.bulk.dofs.sizes[1], "interfaces": own}
         self.results: list[MovingInterfaceResult] = []
         self.reset()
-
-    def _contact(self, interface: Interface) -> Placed:
-        """An interface with its law, on its surfaces as drawn."""
-        if interface.obstacle is not None:
-            raise ContactInputError("rigid obstacles are not there at finite deformation yet")
-        if interface.frame is not None:
-            raise ContactInputError(
-                "at finite deformation the frame's nodes are those of the coarser surface: leave "
-                "frame=None"
-            )
-        if not isinstance(interface.law, (Tied, Frictionless)):
-            raise ContactInputError(
-                f"law={checks.shown(interface.law)}: at finite deformation choose Tied() or "
-                "Frictionless()"
-            )
-        if interface.design == "positions":
-            raise ContactInputError(
-                'design="positions": the frame moves with the bodies, choose "auto", "weights" or '
-                "None"
-            )
-        if self.spaces[0].mesh.geometry.dim == 3:
-            raise ContactInputError("contact at finite deformation is made for 2D so far")
-        site = find_site(interface, self.spaces)
-        sides = Sides.of(site.whole)
-        frame = sides.surfaces[sides.frame]
-        design = Design.of(frame.x, frame.facets, interface.design is not None)
-        drawn = np.concatenate([s.x.ravel() for s in site.whole])
-        contact: MovingContact
-        if isinstance(interface.law, Tied):
-            contact = TiedContact.of(sides, drawn, design)
-        else:
-            contact = NormalContact(sides, design)
-        return self._placed(contact, site.whole, site.spaces)
-
-    def _follower(self, load: FreeSurfacePressure) -> Placed:
-        """A follower pressure on its surfaces as drawn."""
-        tagged = load.tagged()
-        spaces = [space_of(tags, self.spaces) for tags, _ in tagged]
-        surfaces = [
-            extract_surface(self.spaces[i], tags, tag) for i, (tags, tag) in zip(spaces, tagged)
-        ]
-        return self._placed(Follower.of(load, surfaces), surfaces, spaces)
-
-    def _placed(self, what: Any, surfaces: Sequence[Surface], spaces: Sequence[int]) -> Placed:
-        """Where the coordinates of some surfaces stand."""
-        dofs = self.bulk.dofs
-        numbers = [dofs.of(i, s).ravel() for i, s in zip(spaces, surfaces, strict=True)]
-        at = np.concatenate(numbers)
-        drawn = np.concatenate([s.x.ravel() for s in surfaces])
-        return Placed(what, at, drawn, dofs.values(at, dofs.fixed.astype(float)) == 0.0)
-
-    def _numbered(self, contacts: Sequence[Placed]) -> NewtonSystem:
-        """The unknowns of bodies and interfaces."""
-        owners = [np.empty(0, dtype=np.int64), *(c.what.owner for c in contacts)]
-        return NewtonSystem(
-            self.bulk.dofs,
-            [c.numbers for c in contacts],
-            Numbering(np.concatenate(owners), self.comm.rank),
-            [c.what.size for c in contacts],
-        )
 
     @property
     def u(self) -> fem.Function | list[fem.Function]:
@@ -178,7 +111,7 @@ class NonlinearContactProblem:
 
     def reset(self) -> None:
         """Start anew from the displacement as it stands in u, without contact forces."""
-        contacts = self._newton.interfaces
+        contacts = self._newton.equations.interfaces
         self._state = NewtonState(
             self.bulk.now(),
             tuple(np.zeros(c.what.size) for c in contacts),
@@ -207,19 +140,38 @@ class NonlinearContactProblem:
         values = self.bulk.values()
         start = self._state
         unbalanced = self._newton.unbalanced(start)
-        step = LoadStep(start, np.where(self.bulk.dofs.fixed, values, start.u), pressures, unbalanced)
+        step = LoadStep(
+            start, np.where(self.bulk.dofs.fixed, values, start.u), pressures, unbalanced
+        )
         try:
             self._state = self._newton.step(step, increments)
         except ContactError:
-            self._state = self._newton.reached
-            self.bulk.put(self._state.u)
+            self._state = self._newton.reached or start
             raise
-        self.bulk.put(self._state.u)
+        finally:
+            self.bulk.put(self._state.u)
         with self.times.timed("results"):
             self.results = [
-                moving_results(c.what, c.at(self.bulk.dofs, self._state.u), t, active)
-                for c, t, active in zip(
-                    self._newton.interfaces, self._newton.terms, self._state.active, strict=True
-                )
+                moving_results(c.what, c.at(self.bulk.dofs, self._state.u), t)
+                for c, t in zip(self._newton.equations.interfaces, self._newton.terms, strict=True)
             ]
         return self.u
+
+    def __str__(self) -> str:
+        """Sizes, and which side of each interface carries the frame."""
+        n_u, n_q = self.unknowns.values()
+        lines = [
+            f"NonlinearContactProblem: {len(self.spaces)} mesh(es), {len(self.interfaces)} "
+            f"interface(s), {len(self.loads)} follower load(s), {self.comm.size} rank(s)",
+            f"  unknowns: {n_u + n_q} = {n_u} u + {n_q} of the interfaces",
+        ]
+        for interface, placed in zip(
+            self.interfaces, self._newton.equations.interfaces, strict=True
+        ):
+            sides = placed.what.sides
+            moving, frame = sides.surfaces[sides.moving], sides.surfaces[sides.frame]
+            lines.append(
+                f"  interface {interface.name}, {interface.law}: frame on {frame.name}, "
+                f"{len(frame.x)} nodes; {len(moving.x)} nodes of {moving.name} on it"
+            )
+        return "\n".join(lines)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,14 +18,19 @@ from dolfinx_llm.geometry.surface import check_space
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.operators.petsc import block_diagonal
-from dolfinx_llm.problem.arguments import check_petsc_options, conditions, interface_list, nodal_list
+from dolfinx_llm.problem.arguments import (
+    check_petsc_options,
+    conditions,
+    interface_list,
+    nodal_list,
+)
 from dolfinx_llm.problem.form_arguments import check_meshes, listed
 
 RESIDUAL = "give a residual form in u and a test function, or a list of them, one per mesh"
 UNKNOWN = "give the Function u of the displacement, or a list of them, in the order of F"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NonlinearArguments:
     """Arguments of a nonlinear problem that fit each other."""
 
@@ -57,7 +61,7 @@ def nonlinear_arguments(
     Raises:
         ContactInputError: an argument does not fit; on all ranks, with what is accepted.
     """
-    functions = list(listed(u))
+    functions = list(listed(u)) or checks.refuse("u", u, UNKNOWN)
     for function in functions:
         checks.instance("u", function, fem.Function, UNKNOWN)
     spaces = [function.function_space for function in functions]
@@ -68,7 +72,9 @@ def nonlinear_arguments(
             if len(form.arguments()) != 1:
                 checks.refuse("F", form, RESIDUAL)
         if len(forms) != len(functions):
-            raise ContactInputError(f"{len(forms)} forms F, {len(functions)} Functions u: {UNKNOWN}")
+            raise ContactInputError(
+                f"{len(forms)} forms F, {len(functions)} Functions u: {UNKNOWN}"
+            )
         check_meshes(spaces)
         for form, V in zip(forms, spaces, strict=True):
             test = form.arguments()[0].ufl_function_space()
@@ -81,14 +87,18 @@ def nonlinear_arguments(
         if len(derivatives) != len(forms):
             raise ContactInputError(f"{len(derivatives)} forms J, {len(forms)} forms F")
         check_petsc_options(options[1], options[0])
-        found = [loads] if isinstance(loads, FreeSurfacePressure) else checks.items(
-            "loads", loads, "give a list of FreeSurfacePressure"
+        found = (
+            [loads]
+            if isinstance(loads, FreeSurfacePressure)
+            else checks.items("loads", loads, "give a list of FreeSurfacePressure")
         )
         for load in found:
             checks.instance("loads: item", load, FreeSurfacePressure, "give FreeSurfacePressure")
     for V in spaces:
         check_space(V)
     with collective(spaces[0].mesh.comm):
+        if spaces[0].mesh.geometry.dim != 2:
+            raise ContactInputError("contact at finite deformation is made for 2D so far")
         conditions(bcs, spaces)
         return NonlinearArguments(
             isinstance(u, (list, tuple)),
