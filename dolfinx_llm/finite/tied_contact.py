@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags, identity, kron
 
-from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, held_fast
@@ -40,6 +40,7 @@ class TiedContact:
             close_gap: close gaps of the drawing.
 
         Raises:
+            ContactError: the surfaces do not face each other.
             ContactInputError: there are gaps that are not to be closed.
         """
         candidates = sides.candidates(z)
@@ -47,6 +48,12 @@ class TiedContact:
         f, fy = (sides.forces(meeting, z, moving)[0] for moving in (True, False))
         on = np.flatnonzero((f > 0.0) & meeting.at.met)
         x, y = sides.split(z)
+        if not len(on):
+            raise ContactError(
+                f"the surfaces {sides.surfaces[0].name} and {sides.surfaces[1].name} are to be tied, "
+                "and no facets of them face each other within the size of a facet. Check tags, "
+                "positions and units"
+            )
         far = np.abs(meeting.at.gap[on]).max(initial=0.0)
         if not close_gap and far > DRAWN * design.size:
             raise ContactInputError(
@@ -55,13 +62,10 @@ class TiedContact:
                 "or draw them in touch"
             )
         at, n, m = meeting.at.part(on), len(x), len(y)
-        N = csr_matrix((n, m))
-        delta = 0.0
-        if len(on):
-            limit = design.smallest_limit(at, x[on], y, (f[on], fy))
-            found = design.rows(at, x[on], y, (f[on], fy), limit)
-            pick = csr_matrix((np.ones(len(on)), (on, np.arange(len(on)))), (n, len(on)))
-            N, delta = (pick @ found.matrix(m)).tocsr(), float(np.abs(found.delta).max())
+        limit = design.smallest_limit(at, x[on], y, (f[on], fy))
+        found = design.rows(at, x[on], y, (f[on], fy), limit)
+        pick = csr_matrix((np.ones(len(on)), (on, np.arange(len(on)))), (n, len(on)))
+        N, delta = (pick @ found.matrix(m)).tocsr(), float(np.abs(found.delta).max())
         pairs = np.zeros(n, dtype=bool)
         pairs[on] = True
         parts = [diags(pairs.astype(float)), -N]
