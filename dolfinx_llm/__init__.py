@@ -16,12 +16,7 @@ from dolfinx_llm.forms.step import LinearStep, StepForm, StepResult
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.obstacle import Obstacle
-from dolfinx_llm.interface.obstacles import (
-    RigidCylinder,
-    RigidPlane,
-    RigidSphere,
-    RigidSurface,
-)
+from dolfinx_llm.interface.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
 from dolfinx_llm.laws.law import Law

@@ -4,8 +4,6 @@ Each returns the argument in the one type that is used from then on. Numbers of 
 without dimension are numbers; a bool is none. Texts are the same on every rank.
 """
 
-from __future__ import annotations
-
 import numbers
 import os
 from collections.abc import Sequence
@@ -43,16 +41,7 @@ def shown(value: Any) -> str:
 
 
 def refuse(name: str, value: Any, accepted: str) -> NoReturn:
-    """Raise for an argument.
-
-    Args:
-        name: of the argument.
-        value: what was given.
-        accepted: goes on after "name=value: ", e.g. "give a positive number".
-
-    Raises:
-        ContactInputError: always.
-    """
+    """Raise ``ContactInputError`` for an argument; ``accepted`` goes on after "name=value: "."""
     raise ContactInputError(f"{name}={shown(value)}: {accepted}")
 
 
@@ -64,16 +53,7 @@ def _plain(value: Any) -> Any:
 def integer(
     name: str, value: Any, accepted: str = "give an integer", low: int | None = None
 ) -> int:
-    """An integer, of Python or NumPy.
-
-    Args:
-        name: of the argument.
-        value: what was given.
-        accepted: for the message.
-        low: smallest that is accepted.
-
-    Raises:
-        ContactInputError: another type (bool too), or a value below ``low``.
+    """An integer of Python or NumPy, no bool, at least ``low``; ``accepted`` is for the message.
 
     >>> integer("tag", np.int32(3))
     3
@@ -93,17 +73,7 @@ def number(
     low: float = -np.inf,
     above: float = -np.inf,
 ) -> float:
-    """A finite real number.
-
-    Args:
-        name: of the argument.
-        value: what was given.
-        accepted: for the message.
-        low: smallest that is accepted.
-        above: what it must exceed.
-
-    Raises:
-        ContactInputError: another type (bool too), NaN, infinite, or outside the bounds.
+    """A finite real number, no bool, at least ``low`` and ``above`` its bound.
 
     >>> number("mu", np.float32(0.5), low=0.0)
     0.5
@@ -121,11 +91,7 @@ def number(
 
 
 def boolean(name: str, value: Any) -> bool:
-    """True or False.
-
-    Raises:
-        ContactInputError: anything else, also 0, 1 and strings.
-    """
+    """True or False, and neither 0, 1 nor a string."""
     plain = _plain(value)
     if not isinstance(plain, (bool, np.bool_)):
         refuse(name, value, "give True or False")
@@ -133,33 +99,21 @@ def boolean(name: str, value: Any) -> bool:
 
 
 def one_of(name: str, value: T, choices: Sequence[T]) -> T:
-    """One of several strings, or None.
-
-    Raises:
-        ContactInputError: it is none of the choices.
-    """
+    """One of several strings, or None where that is among the choices."""
     if not ((value is None or isinstance(value, str)) and value in choices):
         refuse(name, value, f"choose one of {tuple(choices)}")
     return value
 
 
 def instance(name: str, value: Any, kind: type[T] | tuple[type[T], ...], accepted: str) -> T:
-    """An object of a class.
-
-    Raises:
-        ContactInputError: of another.
-    """
+    """An object of a class, or of one of several."""
     if not isinstance(value, kind):
         refuse(name, value, accepted)
     return value
 
 
 def items(name: str, value: Any, accepted: str) -> list[Any]:
-    """The items of a list, a tuple or the like.
-
-    Raises:
-        ContactInputError: it is a string, a dict, or has no items.
-    """
+    """The items of a list, a tuple or the like; of no string and no dict."""
     if isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim == 1):
         return list(value)
     if isinstance(value, (str, bytes, dict, set, np.ndarray)) or not hasattr(value, "__iter__"):
@@ -173,18 +127,8 @@ def items(name: str, value: Any, accepted: str) -> list[Any]:
 def array(
     name: str, value: Any, shape: Sequence[int | None], accepted: str, integers: bool = False
 ) -> np.ndarray:
-    """A finite array of a shape.
-
-    Args:
-        name: of the argument.
-        value: an array, or what makes one.
-        shape: its sizes; None: any.
-        accepted: for the message.
-        integers: node numbers and the like, otherwise real numbers.
-
-    Raises:
-        ContactInputError: another shape or type (bool, complex, ragged), or values that are not
-            finite.
+    """A finite array of a shape, in which None is any size: real numbers, or integers; no bool,
+    nothing complex or ragged.
 
     >>> array("x", [[0, 1], [2, 3]], (None, 2), "give (n, 2) numbers").dtype.name
     'float64'
@@ -207,11 +151,7 @@ def array(
 
 
 def path(name: str, value: Any) -> Path:
-    """A path, of a string or a ``Path``.
-
-    Raises:
-        ContactInputError: it is something else, or empty.
-    """
+    """A path that is not empty, of a string or a ``Path``."""
     if not isinstance(value, (str, os.PathLike)) or isinstance(value, bytes) or value == "":
         refuse(name, value, "give a path, as a string or a Path")
     try:

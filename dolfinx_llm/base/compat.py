@@ -87,15 +87,8 @@ def is_function(value: Any) -> bool:
 
 
 def nodal_values(function: Any, V: Any) -> np.ndarray:
-    """(n,) values of a scalar Function at the nodes of V that this rank owns; collective.
-
-    Args:
-        function: on the mesh of V.
-        V: first-order vector space.
-
-    Raises:
-        ContactInputError: it is no scalar.
-    """
+    """(n,) values of a scalar Function at the nodes that this rank owns of V, a first-order vector
+    space of its mesh; collective."""
     if len(function.ufl_shape):
         raise ContactInputError(
             f"Function {function.name} has the shape {function.ufl_shape}: give a scalar one"
@@ -126,15 +119,7 @@ def same_space(V: Any, W: Any) -> bool:
 
 
 def form(name: str, ufl_form: Any) -> Any:
-    """Compiled form.
-
-    Args:
-        name: for the message.
-        ufl_form: UFL form.
-
-    Raises:
-        ContactInputError: UFL or dolfinx cannot compile it.
-    """
+    """Compiled form; ``ContactInputError`` where UFL or dolfinx cannot compile it."""
     try:
         # First on every rank: newer UFL raises no Exception here, which rank 0 alone would meet.
         lowered = apply_algebra_lowering(ufl_form)
@@ -159,15 +144,8 @@ def assemble_matrix(a: Any, bcs: Sequence[Any], diagonal: float) -> PETSc.Mat:
 
 
 def assemble_load(L: Any, a: Any, bcs: Sequence[Any], V: Any, nodal: Sequence[Any]) -> np.ndarray:
-    """Owned entries of the load: L plus nodal forces, lifted by the conditions' values.
-
-    Args:
-        L: compiled linear form or None.
-        a: compiled bilinear form.
-        bcs: Dirichlet conditions on V.
-        V: function space.
-        nodal: Functions of V that hold nodal forces.
-    """
+    """Owned entries of the load: compiled L plus nodal forces, lifted by the conditions' values in
+    the compiled form a."""
     n = V.dofmap.index_map.size_local * V.dofmap.index_map_bs
     b = dolfinx.fem.petsc.assemble_vector(L)
     dolfinx.fem.petsc.apply_lifting(b, [a], [bcs])

@@ -1,18 +1,14 @@
 """Objects that hold PETSc's, and what becomes of these."""
 
-from __future__ import annotations
-
-import logging
 import sys
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base.errors import ContactError
-
-log = logging.getLogger("dolfinx_llm")
+from dolfinx_llm.base.log import log
 
 
 class Disposable:
@@ -40,13 +36,9 @@ class Disposable:
 
 
 class Remains:
-    """The last attribute of an object: when that goes, so does, on one rank, what PETSc has left.
-
-    petsc4py frees what is shared between ranks only where all of them ask for it together.
-
-    Args:
-        meshes: whose communicators the PETSc objects live on.
-    """
+    """The last attribute of an object: when that goes, so does, on one rank, what PETSc has left on
+    the communicators of its meshes. petsc4py frees what is shared between ranks only where all of
+    them ask for it together."""
 
     dropped = 0  # objects that went without ``destroy`` on several ranks
     told = False  # that this costs memory
@@ -65,10 +57,8 @@ class Remains:
 
 
 def free_garbage(comm: MPI.Comm) -> None:
-    """Free PETSc objects that no rank refers to any more; collective on a communicator.
-
-    On several ranks a warning says, once, where this had been left to the garbage collector.
-    """
+    """Free PETSc objects that no rank refers to any more; collective. On several ranks a warning
+    says, once, where this had been left to the garbage collector."""
     if not hasattr(PETSc, "garbage_cleanup") or PETSc.Sys.isFinalized():
         return
     PETSc.garbage_cleanup(comm)
@@ -82,3 +72,18 @@ def free_garbage(comm: MPI.Comm) -> None:
                 "taken. Call destroy() when done with each, or write `with ContactProblem(...) as "
                 "problem:`"
             )
+
+
+class Destroyed:
+    """Whose use, in any way, is a ``ContactError`` that names the owner."""
+
+    def __init__(self, owner: str) -> None:
+        self.owner = owner
+
+    def _refuse(self, *_: Any) -> NoReturn:
+        raise ContactError(
+            f"{self.owner} has been destroyed: take what is needed of it before destroy(), or make "
+            "a new one"
+        )
+
+    __getattr__ = __getitem__ = __iter__ = __len__ = __bool__ = __call__ = _refuse

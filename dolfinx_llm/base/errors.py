@@ -1,7 +1,5 @@
 """Errors that users see."""
 
-from __future__ import annotations
-
 
 class ContactError(RuntimeError):
     """The scene cannot be solved as it stands; the message says why and what to do."""

@@ -5,8 +5,6 @@ of the contact laws. All ranks do the same, so that lines of this level come fro
 warnings and ``DEBUG`` come from all. Records carry their rank as ``%(rank)d``.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterable
 
@@ -32,25 +30,14 @@ log.addFilter(RankFilter())
 
 
 def progress(steps: Iterable | None, stage: str) -> tqdm:
-    """The steps of a stage, with a line on rank 0 while it lasts if stderr is a terminal.
-
-    Where the log tells of the stages there is no such line: they would disturb each other.
-
-    Args:
-        steps: what is iterated over; None: the caller counts, with ``update()``.
-        stage: name of the stage.
-    """
+    """The steps of a stage, with a line on rank 0 while it lasts if stderr is a terminal and the
+    log does not tell of it; without steps the caller counts, with ``update()``."""
     quiet = True if WORLD_RANK or log.isEnabledFor(logging.INFO) else None
     return tqdm(steps, desc=stage, leave=False, disable=quiet)
 
 
 def tell_iteration(entry: dict, bar: tqdm | None) -> None:
-    """Log an iteration of a contact law, or show it on the progress line.
-
-    Args:
-        entry: of ``ContactProblem.history``.
-        bar: progress line of the iteration, if there is one.
-    """
+    """Log an entry of ``ContactProblem.history``, or show it on the progress line."""
     text = "{active} in contact, {stick} stick, {slip} slip, {changes} changes, residual "
     text = text.format(**entry) + f"{entry['residual']:.1e}"
     log.info("contact law, iteration %d: %s", entry["iteration"], text)

@@ -1,7 +1,5 @@
 """Gathering of interface-sized data and errors that all ranks raise together."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,15 +12,7 @@ from dolfinx_llm.base.errors import ContactError, ContactInputError
 
 
 def gather_rows(comm: MPI.Comm, rows: np.ndarray) -> np.ndarray:
-    """Stack the rows of every rank on every rank, in rank order.
-
-    Args:
-        comm: MPI communicator.
-        rows: (n_local, ...) array; the trailing shape is the same on all ranks.
-
-    Returns:
-        (sum of n_local, ...) array, the same on all ranks.
-    """
+    """The rows (n_local, ...) of all ranks on every rank, in rank order."""
     return np.concatenate(comm.allgather(rows)) if comm.size > 1 else rows
 
 
@@ -64,16 +54,8 @@ def check(comm: MPI.Comm, failed: bool, message: str, kind: type[Exception] = Co
 
 
 def agree(comm: MPI.Comm, what: str, value: Any) -> None:
-    """Require that an argument is the same on all ranks.
-
-    Args:
-        comm: MPI communicator.
-        what: name of the argument.
-        value: plain data, compared by their text.
-
-    Raises:
-        ContactInputError: ranks differ; on all of them.
-    """
+    """Require that an argument, plain data, is the same on all ranks: ``ContactInputError`` on
+    all."""
     if comm.size == 1:
         return
     texts = comm.allgather(repr(value))

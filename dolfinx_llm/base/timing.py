@@ -1,12 +1,10 @@
 """Seconds of stages."""
 
-from __future__ import annotations
-
-import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
-log = logging.getLogger("dolfinx_llm")
+from dolfinx_llm.base.log import log
 
 
 class Clock:
@@ -29,34 +27,21 @@ class StageTimes(dict[str, float]):
         super().__init__()
         self.inside = [0.0]  # seconds of stages that have ended within each that goes on
 
-    def timed(self, stage: str) -> Timer:
-        """What adds the seconds of a ``with`` block to those of a stage, and logs them."""
-        return Timer(stage, self)
+    @contextmanager
+    def timed(self, stage: str) -> Iterator[None]:
+        """Add the seconds of a ``with`` block to those of a stage, and log them."""
+        self.inside.append(0.0)
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            seconds = time.perf_counter() - start
+            own = seconds - self.inside.pop()
+            self.inside[-1] += seconds
+            log.info("%s: %.3g s", stage, own)
+            self.add({stage: own})
 
     def add(self, times: Mapping[str, float]) -> None:
         """Add seconds of stages."""
         for stage, seconds in times.items():
             self[stage] = self.get(stage, 0.0) + seconds
-
-
-class Timer:
-    """Logs the seconds of a stage, and adds them up.
-
-    Args:
-        stage: its name.
-        times: to which they are added.
-    """
-
-    def __init__(self, stage: str, times: StageTimes) -> None:
-        self.stage, self._times = stage, times
-
-    def __enter__(self) -> None:
-        self._times.inside.append(0.0)
-        self.start = time.perf_counter()
-
-    def __exit__(self, *_: object) -> None:
-        seconds = time.perf_counter() - self.start
-        own = seconds - self._times.inside.pop()
-        self._times.inside[-1] += seconds
-        log.info("%s: %.3g s", self.stage, own)
-        self._times.add({self.stage: own})

@@ -15,6 +15,7 @@ SPIN = 1e-9  # part of an obstacle's rotation along its normals, up to which it 
 TILT = 0.1  # [rad] angle by which an obstacle may turn: half its square of the motion is left out
 LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
+UNCERTAIN = 0.2  # part of the bodies' motion to which gaps must be known
 NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close
 
 
@@ -35,6 +36,7 @@ def doubts(
             )
     for model, result in zip(models, results, strict=True):
         out += _apart(model, result)
+        out += _uncertain_gaps(model, result)
         for pairs, side, rim in zip(model.pairs, result.sides, model.rims, strict=True):
             reached, total = side.normal_force[rim].sum(), side.normal_force.sum()
             count = int((rim & (side.status != OPEN)).sum())
@@ -63,6 +65,19 @@ def doubts(
                     f"{0.5 * tilted**2:.1%} of their distance from the pivot. Draw it turned"
                 )
     return out
+
+
+def _uncertain_gaps(model: InterfaceGeometry, result: InterfaceResult) -> list[str]:
+    """Gaps of coarse curved surfaces that are known no better than the bodies move."""
+    known = model.certificate.place if model.certificate else 0.0
+    moved = max(np.linalg.norm(side.u, axis=1).max() for side in result.sides)
+    if not (model.interface.law.closes_gap and known > UNCERTAIN * moved > 0.0):
+        return []
+    return [
+        f"interface {model.interface.name}: the meshes tell the gap between the curved surfaces to "
+        f"about {known:.2g}, and the bodies move by {moved:.2g}: contact forces are off by as much "
+        "of themselves. Refine both meshes along the interface, or tie the bodies as drawn"
+    ]
 
 
 def _turned(model: InterfaceGeometry) -> tuple[np.ndarray | float, float]:

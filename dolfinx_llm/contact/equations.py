@@ -22,6 +22,7 @@ from dolfinx_llm.contact.proximal import proximal_term
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.step import SOFT, LinearStep
 from dolfinx_llm.laws.rows import STICK, LawRows
+from dolfinx_llm.laws.speakers import sums
 from dolfinx_llm.operators.system import ContactOperators
 
 CARRIED = 1e-3  # part of a force on an obstacle from which on contact does not balance it
@@ -113,7 +114,7 @@ class Equations:
             g: gaps.
             centre: of the proximal term.
             held: where springs hold free bodies, and their stiffness.
-            calmed: as of ``friction_rows``.
+            calmed: as of ``law_rows``.
         """
         if self._operators.tied:
             return replace(self._ties, g=g)
@@ -161,7 +162,7 @@ class Equations:
                 no force reaches sticks.
         """
         at = s.at(multiplier, w, self.scale)
-        rows = s.rows_at(replace(at, c=at.c / s.nodes.gives))
+        rows = s.rows_at(replace(at, c=at.c / s.nodes.gives)).scaled(at.c)
         return rows.tied(s.others.speaker, s.others.unheld & calmed, self.scale)
 
     def all_stick(self, step: LinearStep) -> LinearStep:
@@ -190,16 +191,20 @@ class Equations:
         left = (forces if self._operators.tied else self._frame_gather() @ forces) - self.loads
         return float(np.abs(left).max(initial=0.0))
 
+    def release(self, multiplier: np.ndarray, allowed: float) -> bool:
+        """Whether frame nodes that have balanced in sums miss it by more than is allowed [force];
+        from then on each balances on its own."""
+        missed = np.abs(self._L_t @ multiplier - self.loads).max(initial=0.0)
+        return bool(missed > allowed) and any([s.release() for s in self.states])
+
     def runaway(self, multiplier: np.ndarray) -> str:
         """What is said of an obstacle whose force contact does not balance: all but the proximal
         term gives way to it. Empty where there is none."""
         left = self.loads - self._L_t @ multiplier
         for s in self.states:
             model = s.nodes.model
-            obstacle, force = (
-                model.interface.obstacle,
-                np.abs(self.loads[s.nodes.v]).max(initial=0.0),
-            )
+            obstacle = model.interface.obstacle
+            force = np.abs(self.loads[s.nodes.v]).max(initial=0.0)
             missed = np.abs(left[s.nodes.v]).max(initial=0.0)
             if obstacle is not None and missed > CARRIED * force > 0.0:
                 return (
@@ -231,10 +236,9 @@ def _on_forces(s: InterfaceState, rows: LawRows, C_T: csr_matrix) -> csr_matrix:
     own = C_T @ s.others.gather @ (nodes.theta * nodes.L_kappa.T)
     if not rows.C_N.any():
         return own
-    k = len(s.others.speaker)
-    sums = csr_matrix((np.ones(k), (s.others.speaker, np.arange(k))), (k, k))
-    weight = np.ones(k) if rows.weight is None else rows.weight
-    return own + _blocks(rows.C_N[:, :, None]) @ sums @ diags(weight) @ nodes.L_normal
+    weight = np.ones(len(rows.C_N)) if rows.weight is None else rows.weight
+    total = sums(s.others.speaker) @ diags(weight) @ nodes.L_normal
+    return own + _blocks(rows.C_N[:, :, None]) @ total
 
 
 def _blocks(C: np.ndarray) -> csr_matrix:

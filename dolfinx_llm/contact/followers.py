@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix, diags, identity
 from dolfinx_llm.contact.friction_nodes import FrictionNodes
 from dolfinx_llm.laws.speakers import follow, speakers, unheld
 
-ADRIFT = 1e-2  # sum of N² of the pairs that follow it below which a frame node follows another
+ADRIFT = 1e-2  # sum of N² below which a frame node is led until contact has come to rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,13 +34,14 @@ class Followers:
         return Followers(*alone, every, every, identity(m, format="csr"), csr_matrix((m, m)))
 
     @staticmethod
-    def of(nodes: FrictionNodes, tied: np.ndarray, active: np.ndarray) -> Followers:
+    def of(nodes: FrictionNodes, tied: np.ndarray, active: np.ndarray, adrift: float) -> Followers:
         """Nodes at the rim of contact follow a neighbour.
 
         Args:
             nodes: of the interface.
             tied: (n,) pairs that follow the frame tangentially.
             active: (n,) pairs in contact.
+            adrift: sum of N² of the pairs tied below which a node also moves with its speaker.
         """
         k, t = nodes.kappa.shape
         follows = nodes.of(tied)
@@ -49,7 +50,7 @@ class Followers:
         weak = np.repeat(speaker != np.arange(k), t).astype(float)
         relative = (identity(k * t) - diags(weak) @ alike).tocsr()
         held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
-        leader = np.where(held < ADRIFT, speaker, np.arange(k))
+        leader = np.where(held < adrift, speaker, np.arange(k))
         carried = _carried(leader, nodes.model.directions)
         return Followers(speaker, unheld(follows, speaker), alike.T.tocsr(), relative, *carried)
 

@@ -166,8 +166,8 @@ def _jump_operators(
         return every[:, jumps], every[component == c - 1], 1.0
     # Both sides jump by κ in their own base, (13).
     sides = [replace(p, base=sign * p.base) for p, sign in zip(model.pairs, (1.0, -1.0))]
-    across = interface_operator(sides, model.directions[:, -1:])
-    jumps = interface_operator(sides, model.directions[:, part])
+    across = interface_operator(sides, model.directions[:, -1:], model.normals_alone)
+    jumps = interface_operator(sides, model.directions[:, part], model.normals_alone)
     return jumps, 0.5 * across.T.tocsr(), 0.5
 
 

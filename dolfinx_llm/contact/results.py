@@ -155,6 +155,10 @@ def collect_results(
             follows = p.N @ v
             if model.frame is None:
                 follows = follows + prescribed[i]
+            elif model.normals_alone:  # across the mean of the nodes' normals, as the law has it
+                across = operators.blocks[i][own] @ w[place.frame]
+                across -= np.einsum("ni,ni->n", follows, p.normal)
+                follows = follows + across[:, None] * p.normal
             sides.append(_side_result(p, forces[own], motion, follows, gap, status[own]))
             first = own.stop
         if model.interface.law.components != "cartesian":
@@ -255,10 +259,12 @@ def _interface_result(
     cartesian = law.components == "cartesian"
     normal = nodal_normals(model.frame) if cartesian else model.directions[:, -1]
     total = pairs.N.T @ side.force
-    if law.slips:  # friction holds for the mean of both; nodes that follow another balance in sums
+    if law.slips:  # what friction holds for
         total = 0.5 * (total - model.pairs[1].N.T @ sides[1].force)
     force, area = np.einsum("mi,mi->m", total, normal), pairs.N.T @ side.area
     friction = total - force[:, None] * normal
+    if model.normals_alone:
+        force = pairs.N.T @ (side.normal_force / np.linalg.norm(pairs.N @ normal, axis=1))
     status = np.full(len(force), STICK)
     if not cartesian:
         pressed = force > FELT * np.abs(force).max(initial=0.0)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dolfinx_llm.base import checks
-from dolfinx_llm.contact.followers import Followers
+from dolfinx_llm.contact.followers import ADRIFT, Followers
 from dolfinx_llm.contact.friction_nodes import FLOOR, FrictionNodes
 from dolfinx_llm.interface.update import Transfer
 from dolfinx_llm.laws.law import Law
@@ -71,7 +71,8 @@ class InterfaceState:
     """One interface in the iteration: its law's nodes, its state, and what follows from both.
 
     Nodes of friction at the rim of contact slip as their ``speaker`` does (``speakers``), where T
-    and N of all are summed up.
+    and N of all are summed up. Those that next to nothing holds also move with it, until contact
+    has come to rest; then each balances on its own (``release``).
 
     Args:
         nodes: of the interface.
@@ -106,6 +107,7 @@ class InterfaceState:
             history={},
         )
         self.others, self._touching = Followers.none(self.nodes), np.empty(0)
+        self._adrift = ADRIFT
         self.touch(self.own.active)
         if k:
             rest = self._at_rest()
@@ -116,7 +118,21 @@ class InterfaceState:
     def begin(self) -> None:
         """Start a load step: pairs that opened and closed by turns get another chance."""
         self.own.closings[:] = 0
+        self._adrift = ADRIFT
         self.touch(self.own.active)
+
+    def release(self) -> bool:
+        """From now on in this load step each frame node balances on its own; True: some did not.
+
+        Pairs that opened and closed by turns have their friction again: where one alone presses a
+        node, nothing else could balance the friction of others there.
+        """
+        led = bool(self.others.frame_relative.nnz)
+        if led:
+            self.own.closings[:] = 0
+            self._adrift = 0.0
+            self.touch(self.own.active)
+        return led
 
     def restore(self, state: ContactState) -> None:
         """Take over another state."""
@@ -128,9 +144,10 @@ class InterfaceState:
         nodes, self.held = self.nodes, self.nodes.reach(self.own.holds)
         self.own.active = active | self.held
         self._apart = ~nodes.reached(self.held)  # nodes where nothing pulls
-        touching = np.stack([self._tied, self.own.active])
+        told = self._tied, self.own.active, self._adrift
+        touching = np.append(told[:2], self._adrift)
         if self._shares and not np.array_equal(touching, self._touching):
-            self.others, self._touching = Followers.of(nodes, *touching), touching
+            self.others, self._touching = Followers.of(nodes, *told), touching
 
     def take(self, rows: LawRows) -> None:
         """Take over what law rows say of the nodes."""

@@ -40,10 +40,11 @@ ON_LINE = 0.5  # edge lengths: how near to an edge's line nodes of the outline b
 class SmoothRows:
     """Both sides on the smooth surface: geometry, and what corrects rows towards it."""
 
-    pairs: list[ContactPairs]  # with smooth normals and gaps along them, rows of share 1
+    pairs: list[ContactPairs]  # with gaps to it along its normals, rows of share 1
     stencils: list[RowStencils]  # what the rows of each side may be corrected on
     start: list[csr_matrix]  # (n, m) rows on the cells
     move: list[csr_matrix]  # (n, m) corrections to the places on the smooth surface
+    surface: SmoothSurface  # through the frame's nodes
 
     def rows(self, share: float) -> list[csr_matrix]:
         """Rows that go a share of the way from the cells to the smooth surface."""
@@ -68,7 +69,8 @@ def smooth_rows(frame: Frame, pairs: Sequence[ContactPairs], close_gap: bool) ->
         clamped = _at_outline(frame, p, edges, surface.base[:, -1])
         W = _weights(frame, clamped, edges, surface.base[:, -1], ring)
         sides.append(_smooth_side(frame, surface, p, clamped, W, close_gap))
-    return SmoothRows(*(list(parts) for parts in zip(*sides, strict=True)))
+    out, stencils, start, move = (list(parts) for parts in zip(*sides, strict=True))
+    return SmoothRows(out, stencils, start, move, surface)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,21 +195,17 @@ def _smooth_side(
     place = clamped.N @ frame.x
     point, normal = surface.at(clamped.N)
     # Along the normal: what a row at the outline misses across it would be closed with the gap.
-    above = np.einsum("ni,ni->n", pairs.x - point, normal)
-    target = pairs.x - above[:, None] * normal if close_gap else pairs.x
+    above = np.einsum("ni,ni->n", pairs.x - point, normal)[:, None] * normal
+    target = pairs.x - above if close_gap else pairs.x
     stencils, delta = _corrections(W, frame.x, place, target)
     move = stencils.matrix(delta, len(frame.x))
     N = clamped.N + move
     gap = pairs.x - N @ frame.x
     inner = np.ones(len(gap), dtype=bool)
     inner[clamped.rows] = False  # bound to the outline: their gap is what is drawn
-    along = np.einsum("ni,ni->n", gap, normal)[:, None] * normal
-    side = np.sign(np.einsum("ni,ni->n", pairs.normal, normal))[:, None]
-    out = replace(
-        pairs, N=N, cell=clamped.cell, normal=side * normal,
-        gap=np.where(inner[:, None], along, gap),
-    )  # fmt: skip
-    return out, stencils, clamped.N, move
+    if close_gap:
+        gap[inner] = above[inner]
+    return replace(pairs, N=N, cell=clamped.cell, gap=gap), stencils, clamped.N, move
 
 
 def _corrections(
@@ -241,6 +239,15 @@ def vector_residual(N: Sequence[csr_matrix], vectors: Sequence[np.ndarray]) -> n
     scale = max(np.linalg.norm(a, axis=1).max() for a in vectors)
     at_frame = [M.T @ (a / scale) for M, a in zip(N, vectors, strict=True)]
     return at_frame[0] + at_frame[1]
+
+
+def with_mean_normals(pairs: Sequence[ContactPairs], normals: np.ndarray) -> list[ContactPairs]:
+    """Both sides with n_p = sum_J N_pJ n_J over its length, out of each, from the frame nodes'."""
+    means = [sign * p.N @ normals for sign, p in zip((1.0, -1.0), pairs, strict=True)]
+    return [
+        replace(p, normal=n / np.linalg.norm(n, axis=1)[:, None])
+        for p, n in zip(pairs, means, strict=True)
+    ]
 
 
 def nodal_normals(frame: Frame) -> np.ndarray:

@@ -1,24 +1,25 @@
 """The smooth surface through a curved frame's nodes.
 
-Around every cell a quadric is fitted to the nodes of the cell and of the cells around it, in the
-cell's own axes: exact for circles, cylinders and spheres, of third order elsewhere. Between them
-the surface is blended by the shape functions, so that it is one surface, whichever cell of the
-frame a point is said to lie in.
+Around every cell a surface of third order is fitted to the nodes of the cell and of the cells
+around it, in the cell's own axes: exact for circles, cylinders and spheres. Between them the
+surface is blended by the shape functions, so that it is one surface, whichever cell of the frame a
+point is said to lie in.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, identity
 
 from dolfinx_llm.design.stencils import inner_part, spread, sums
 from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
 
 FIT = 60  # steps of the fit
+RIDGE = 0.1  # by which terms of third order fade that the nodes hardly tell
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +30,11 @@ class SmoothSurface:
     centre: np.ndarray  # (n_cells, gdim) origin of a cell's axes [length]
     base: np.ndarray  # (n_cells, gdim, gdim) tangents and normal of the cell
     size: np.ndarray  # (n_cells,) half-width of the cells that were fitted [length]
-    height: np.ndarray  # (n_cells, 3 or 6) q of the fitted surface z = q(s) + bend z²
+    height: np.ndarray  # (n_cells, 4 or 10) q of the fitted surface z = q(s) + bend z²
     bend: np.ndarray  # (n_cells,)
     share: csr_matrix  # (m, n_cells) of the cells around each node in the blend; sums 1
     miss: np.ndarray  # (m, gdim) the blend at the nodes less the nodes [length]
+    normals: np.ndarray  # (m, gdim) unit normals at the nodes
 
     @staticmethod
     def through(frame: Frame) -> SmoothSurface:
@@ -49,16 +51,21 @@ class SmoothSurface:
         height, bend = _fit(local / size[:, None, None], mask)
         share = csr_matrix((np.ones(n * k), (cells.ravel(), np.repeat(np.arange(n), k))), (m, n))
         share.data /= spread(sums(share.data, share.indptr), share.indptr)
-        miss = np.zeros_like(frame.x)
-        surface = SmoothSurface(frame.x, centre, base, size, height, bend, share, miss)
-        everywhere = csr_matrix((np.ones(m), np.arange(m), np.arange(m + 1)), (m, m))
-        miss += surface.at(everywhere)[0] - frame.x
-        return surface
+        none = np.zeros_like(frame.x)
+        raw = SmoothSurface(frame.x, centre, base, size, height, bend, share, none, none)
+        point, normals = raw.at(identity(m, format="csr"))
+        return replace(raw, miss=point - frame.x, normals=normals)
+
+    @property
+    def error(self) -> float:
+        """About how far the surface is off between the nodes: twice what it was off at them
+        [length]."""
+        return 2.0 * float(np.linalg.norm(self.miss, axis=1).max())
 
     def at(self, N: csr_matrix) -> tuple[np.ndarray, np.ndarray]:
-        """Points (n, gdim) of the surface above the places N x, and unit normals there."""
-        N = inner_part(N)
-        blend = (N @ self.share).tocsr()
+        """Points (n, gdim) of the surface above the places N x, and unit normals there. Beyond the
+        outline the quadrics of the cells next to it go on."""
+        blend = (inner_part(N) @ self.share).tocsr()
         point, weight = N @ self.x, blend.data[:, None]
         # Again from there: the cells' normals differ, and the mean of what lies along them from
         # afar is below a curved surface.
@@ -78,11 +85,14 @@ class SmoothSurface:
         # The root near 0; where there is none, the place is beyond a sphere's equator.
         z = 2.0 * start / (1.0 + np.sqrt(np.maximum(1.0 - 4.0 * bend * start, 0.0)))
         if s.shape[1] == 1:
-            slope = q[:, 1:2] + 2.0 * q[:, 2:3] * s
+            slope = q[:, 1:2] + 2.0 * q[:, 2:3] * s + 3.0 * q[:, 3:4] * s * s
         else:
+            a, b = s.T
             slope = np.column_stack([
-                q[:, 1] + 2.0 * q[:, 3] * s[:, 0] + q[:, 4] * s[:, 1],
-                q[:, 2] + q[:, 4] * s[:, 0] + 2.0 * q[:, 5] * s[:, 1],
+                q[:, 1] + 2.0 * q[:, 3] * a + q[:, 4] * b
+                + 3.0 * (q[:, 6] * a * a + q[:, 8] * b * b) + 6.0 * q[:, 7] * a * b,
+                q[:, 2] + q[:, 4] * a + 2.0 * q[:, 5] * b
+                + 3.0 * (q[:, 7] * a * a + q[:, 9] * b * b) + 6.0 * q[:, 8] * a * b,
             ])  # fmt: skip
         normal = np.column_stack([-slope, 1.0 - 2.0 * bend * z])
         normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -95,20 +105,26 @@ class SmoothSurface:
 
 
 def _monomials(s: np.ndarray) -> np.ndarray:
-    """1, s, s² (and products) of tangent coordinates (..., d)."""
+    """1, s, s², s³ (and products, those of third order three times) of coordinates (..., d)."""
     one = np.ones_like(s[..., :1])
     if s.shape[-1] == 1:
-        return np.concatenate([one, s, s * s], axis=-1)
+        return np.concatenate([one, s, s * s, s**3], axis=-1)
     a, b = s[..., :1], s[..., 1:]
-    return np.concatenate([one, a, b, a * a, a * b, b * b], axis=-1)
+    cubic = [a**3, 3.0 * a * a * b, 3.0 * a * b * b, b**3]
+    return np.concatenate([one, a, b, a * a, a * b, b * b, *cubic], axis=-1)
 
 
 def _fit(local: np.ndarray, mask: np.ndarray) -> Any:
-    """Fit z = q(s) + bend z², q quadratic: exact for circles, cylinders and spheres.
+    """Fit z = q(s) + bend z², q cubic: exact for circles, cylinders and spheres.
 
     With the Hessian H of q, bend = tr H² / (2 tr H): half the curvature on these surfaces.
     """
-    inverse = np.linalg.pinv(_monomials(local[..., :-1]) * mask[..., None], rcond=1e-6)
+    columns = _monomials(local[..., :-1]) * mask[..., None]
+    n, width, k = columns.shape
+    # Of a³, 3 a²b, 3 a b², b³: this sum of squares knows no axes.
+    ridge = RIDGE * np.diag(np.sqrt([0, 0, 0, 1] if k == 4 else [0] * 6 + [1, 3, 3, 1]))
+    both = np.concatenate([columns, np.broadcast_to(ridge, (n, k, k))], axis=1)
+    inverse = np.linalg.pinv(both, rcond=1e-6)[..., :width]
     z, bend = local[..., -1], np.zeros(len(local))
     for _ in range(FIT):
         q = np.einsum("gkw,gw->gk", inverse, z - bend[:, None] * z * z)
@@ -117,9 +133,9 @@ def _fit(local: np.ndarray, mask: np.ndarray) -> Any:
             continue
         trace = 2.0 * (q[:, 3] + q[:, 5])
         square = 4.0 * q[:, 3] ** 2 + 2.0 * q[:, 4] ** 2 + 4.0 * q[:, 5] ** 2
-        # No more than on a cylinder, also where a saddle's trace vanishes.
-        bend = square / np.where(trace == 0.0, np.inf, 2.0 * trace)
-        bend = np.clip(bend, -0.5 * np.sqrt(square), 0.5 * np.sqrt(square))
+        # Where the curvatures differ in sign it fades.
+        saddle = np.maximum(q[:, 4] ** 2 - 4.0 * q[:, 3] * q[:, 5], 0.0)  # -det H
+        bend = trace * square / np.maximum(2.0 * trace**2 + 8.0 * saddle, 1e-300)
     return q, bend
 
 

@@ -12,10 +12,9 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.finite.system import NewtonSystem, Part
+from dolfinx_llm.finite.system import NewtonSystem, Part, mean_diagonal
 from dolfinx_llm.finite.terms import Held, MovingContact
 from dolfinx_llm.operators.numbering import BodyDofs
-from dolfinx_llm.operators.petsc import mean_diagonal
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
 CUTS = 8  # of a change that turns elements inside out
@@ -87,7 +86,7 @@ class Equations:
     def measure(self, K: PETSc.Mat) -> None:
         """Find the bodies' stiffness, once; collective."""
         if self.scale == 0.0:
-            self.scale = mean_diagonal(K, np.flatnonzero(~self.bodies.dofs.fixed))
+            self.scale = mean_diagonal(K)
 
 
 class Increment:

@@ -69,7 +69,7 @@ class NewtonSystem:
         K.axpy(1.0, added, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         added.destroy()
         fixed = np.flatnonzero(self.dofs.fixed)
-        diagonal = self._diagonal(K)
+        diagonal = mean_diagonal(K)  # for the rows of prescribed dofs
         K.zeroRows((first + fixed).astype(PETSc.IntType), diag=diagonal)
         b = -r
         b[fixed] *= diagonal
@@ -79,13 +79,6 @@ class NewtonSystem:
         rest = np.concatenate([t.rest for t in terms])[self.own.mine]
         parts = self._solved([[K, blocks[0]], blocks[1:]], [b, -rest], options)
         return parts[0], gather_rows(self.dofs.comm, parts[1])[self.own.number]
-
-    def _diagonal(self, K: PETSc.Mat) -> float:
-        """Mean size of K's diagonal entries, for the rows of prescribed dofs."""
-        diagonal = K.getDiagonal()
-        mean = diagonal.norm(PETSc.NormType.NORM_1) / diagonal.size
-        diagonal.destroy()
-        return float(mean)
 
     def _blocks(self, terms: Sequence[ContactTerms], sizes: tuple[int, int]) -> list[PETSc.Mat]:
         """Blocks top, left and own."""
@@ -146,3 +139,11 @@ class NewtonSystem:
         finally:
             solver.destroy()
         return [x[place] for place in places]
+
+
+def mean_diagonal(K: PETSc.Mat) -> float:
+    """Mean size of K's diagonal entries [force / length]; collective."""
+    diagonal = K.getDiagonal()
+    mean = diagonal.norm(PETSc.NormType.NORM_1) / diagonal.size
+    diagonal.destroy()
+    return float(mean)

@@ -50,9 +50,9 @@ class TiedContact:
         x, y = sides.split(z)
         if not len(on):
             raise ContactError(
-                f"the surfaces {sides.surfaces[0].name} and {sides.surfaces[1].name} are to be tied, "
-                "and no facets of them face each other within the size of a facet. Check tags, "
-                "positions and units"
+                f"no facets of {sides.surfaces[0].name} and {sides.surfaces[1].name}, which are to "
+                "be tied, face each other within the size of a facet. Check tags, positions and "
+                "units"
             )
         far = np.abs(meeting.at.gap[on]).max(initial=0.0)
         if not close_gap and far > DRAWN * design.size:

@@ -1,16 +1,13 @@
 """Which form of (31) a problem is solved in, and why."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from petsc4py import PETSc
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.forms.condensed.elimination import EliminatedRows
+from dolfinx_llm.forms.condensed.elimination import widest
 from dolfinx_llm.forms.condensed.krylov import WIDEST
-from dolfinx_llm.forms.condensed.modes import block_size
 from dolfinx_llm.forms.condensed.steps import CondensedForm
 from dolfinx_llm.forms.flexibility import Flexibility
 from dolfinx_llm.forms.saddle import SaddleForm
@@ -31,16 +28,8 @@ FORMS: dict[str, Callable[[str, dict | None, StageTimes], StepForm]] = {
 def choose_solver(
     asked: str | StepForm, K: PETSc.Mat, operators: ContactOperators
 ) -> tuple[str | StepForm, str]:
-    """The form of the system, "saddle", "condensed", "flexibility" or the user's, and why.
-
-    Args:
-        asked: the user's choice, of ``SOLVERS``, or a form.
-        K: stiffness of the bodies.
-        operators: of the interfaces.
-
-    Raises:
-        ContactError: the condensed form was asked for, of a stiffness that is not symmetric.
-    """
+    """The form of the system, "saddle", "condensed", "flexibility" or the user's, and why. The
+    condensed one is refused for a stiffness that is not symmetric."""
     if isinstance(asked, StepForm):
         return asked, "as given"
     symmetric = is_symmetric(K)
@@ -58,9 +47,9 @@ def choose_solver(
     limit = CROSSOVER[operators.dofs.gdim]
     if sum(operators.counts.values()) < limit:
         return "saddle", f"chosen: fewer than {limit} unknowns, where factorising is quickest"
-    widest = eliminated_rows(operators).widest
-    if widest > WIDEST:
-        return "saddle", f"chosen: a frame node couples with some {widest:.0f} nodes, too many"
+    nodes = widest(operators.L, operators.dofs.gdim)
+    if nodes > WIDEST:
+        return "saddle", f"chosen: a frame node couples with some {nodes:.0f} nodes, too many"
     return "condensed", f"chosen: from {limit} unknowns on CG + GAMG is quicker"
 
 
@@ -76,26 +65,7 @@ def _choose_steps(asked: str, symmetric: bool, operators: ContactOperators) -> t
         return "saddle", "as asked"
     friction = any(law.slips or law.gives for law in (m.interface.law for m in operators.models))
     limit = CROSSOVER[operators.dofs.gdim]
-    if not symmetric or friction or unknowns < limit or eliminated_rows(operators).widest > WIDEST:
+    nodes = widest(operators.L, operators.dofs.gdim)
+    if not symmetric or friction or unknowns < limit or nodes > WIDEST:
         return "saddle", f"chosen: {rows} multipliers, factorised in each step"
     return "condensed", f"chosen: from {limit} unknowns on CG + GAMG is quicker"
-
-
-def built_in(form: str, prefix: str, options: dict | None, times: StageTimes) -> StepForm:
-    """A form of the package.
-
-    Args:
-        form: its name, of ``FORMS``.
-        prefix: of the PETSc options.
-        options: PETSc options on top of the form's own.
-        times: to which seconds are added.
-    """
-    return FORMS[form](prefix, options, times)
-
-
-def eliminated_rows(operators: ContactOperators) -> EliminatedRows:
-    """All multiplier rows, tied to the frames."""
-    rows, block = operators.rows, block_size(operators)
-    return EliminatedRows(
-        rows.dofs, rows.base, operators.L, rows.numbering, operators.frames, block
-    )

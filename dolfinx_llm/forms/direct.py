@@ -1,7 +1,5 @@
 """Matrices factorised by MUMPS, with refinement and spare memory."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -28,13 +26,8 @@ KRYLOV_OPTIONS = {"ksp_max_it": 30, "ksp_rtol": 1e-12}
 
 
 class DirectSolver:
-    """A matrix factorised by MUMPS; solves are refined.
-
-    Args:
-        matrix: PETSc AIJ.
-        prefix: of the PETSc options.
-        options: PETSc options on top of ``SADDLE_OPTIONS``.
-        own: destroy the matrix with the solver.
+    """A matrix factorised by MUMPS; solves are refined. With ``own`` the matrix goes with the
+    solver.
 
     Raises:
         ContactInputError: options with names that are not known, or values that PETSc refuses.
@@ -50,33 +43,20 @@ class DirectSolver:
         self.ksp = self._factorise(prefix, options or {})
 
     def _factorise(self, prefix: str, options: dict) -> Any:
-        """Set up and factorise, with more spare memory where delayed pivots outgrow it."""
+        """Set up and factorise."""
         if self.symmetric:
             self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         options = self._options = self._fitting(options)
-        usual = dict(SADDLE_OPTIONS)
+        usual: dict[str, Any] = dict(SADDLE_OPTIONS)
         if options.get("ksp_type", "richardson") not in ("richardson", "preonly"):
             del usual["ksp_norm_type"]
             usual |= KRYLOV_OPTIONS
-        for spare in (80, 400, 2000):
-            chosen = {
-                **usual,
-                "mat_mumps_icntl_14": spare,
-                "pc_type": "cholesky" if self.symmetric else "lu",
-                **options,
-            }
-            ksp = set_up_ksp(self.matrix, prefix, chosen, options)
-            self.infog = mumps_infog(ksp)
-            if self.infog.get(1, 0) not in (-8, -9):
-                break
-            ksp.destroy()
-        if self.infog.get(1, 0) < 0:
-            raise ContactError(
-                f"MUMPS could not factorise the system: INFOG(1) = {self.infog[1]}, INFOG(2) = "
-                f"{self.infog[2]}. -9: raise petsc_options mat_mumps_icntl_14; -10: the matrix is "
-                "singular, a body or the frame is not held; -13: out of memory"
-            )
-        return ksp
+        usual["pc_type"] = "cholesky" if self.symmetric else "lu"
+        return factorised(
+            self.matrix, prefix, usual | options, options, 80, "the system",
+            "-9: raise petsc_options mat_mumps_icntl_14; -10: the matrix is singular, a body or "
+            "the frame is not held; -13: out of memory",
+        )  # fmt: skip
 
     def _fitting(self, options: dict) -> dict:
         """The options given, of which a factorisation is required; Cholesky's needs symmetry."""
@@ -89,11 +69,7 @@ class DirectSolver:
         return options | {"pc_type": "lu"} if pc == "cholesky" and not self.symmetric else options
 
     def solve(self, b: np.ndarray) -> np.ndarray:
-        """This rank's part of the solution for its part of a load.
-
-        Raises:
-            ContactError: PETSc cannot solve.
-        """
+        """This rank's part of the solution for its part of a load."""
         self.rhs.array_w[:] = b
         try:
             self.ksp.solve(self.rhs, self.solution)
@@ -121,13 +97,8 @@ class DirectSolver:
 
 
 def set_up_ksp(matrix: Any, prefix: str, chosen: dict, given: dict | None = None) -> Any:
-    """A KSP with these options, which do not stay in PETSc's global database.
-
-    Args:
-        matrix: PETSc AIJ.
-        prefix: of the options.
-        chosen: all options.
-        given: those of them that the user gave, all of which must be known.
+    """A KSP with the chosen options, which do not stay in PETSc's global database; those that the
+    user gave must all be known.
 
     Raises:
         ContactInputError: options with names that are not known, or values that PETSc refuses.
@@ -155,9 +126,22 @@ def set_up_ksp(matrix: Any, prefix: str, chosen: dict, given: dict | None = None
     return ksp
 
 
-def mumps_infog(ksp: Any) -> dict[int, int]:
-    """MUMPS's INFOG(1), (2): error; (12): negative pivots; (28): null pivots."""
-    if ksp.getPC().getFactorSolverType() != "mumps":
-        return {}
-    factor = ksp.getPC().getFactorMatrix()
-    return {i: factor.getMumpsInfog(i) for i in (1, 2, 12, 28)}
+def factorised(
+    matrix: Any, prefix: str, options: dict, given: dict, spare: int, what: str, advice: str
+) -> Any:
+    """A KSP that factorises; MUMPS gets more spare memory where delayed pivots outgrow it. What the
+    matrix is and what its INFOG(1) advises are for the message where it cannot."""
+    error = 0
+    for percent in (spare, 400, 2000):
+        ksp = set_up_ksp(matrix, prefix, {"mat_mumps_icntl_14": percent} | options, given)
+        if ksp.getPC().getFactorSolverType() != "mumps":
+            return ksp
+        error, detail = map(ksp.getPC().getFactorMatrix().getMumpsInfog, (1, 2))
+        if error not in (-8, -9):
+            break
+        ksp.destroy()
+    if error < 0:
+        raise ContactError(
+            f"MUMPS could not factorise {what}: INFOG(1) = {error}, INFOG(2) = {detail}. {advice}"
+        )
+    return ksp

@@ -5,8 +5,6 @@ answer to every multiplier costs more than a few factorisations. They are asked 
 sign is wrong, and for those that get it wrong in turn.
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np
@@ -34,13 +32,7 @@ class SetUp(Protocol):
 
 class WholeSteps(StepForm):
     """What steps on the whole system share; what has been set up serves as long as the step's
-    matrix stays.
-
-    Args:
-        prefix: of the PETSc options.
-        options: PETSc options on top of the form's own.
-        times: to which seconds are added.
-    """
+    matrix stays."""
 
     accuracy = 1e-13  # of balance and law, relative
     proximal = 1e-10  # as small as factorisation and preconditioner bear

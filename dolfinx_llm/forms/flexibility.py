@@ -5,8 +5,6 @@ how their surfaces answer to contact forces, y = Bᵀu = h - F λ + G α with F 
 bodies that supports alone do not hold), and to iterate on that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -21,21 +19,15 @@ from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, singular, wrong_signs
 from dolfinx_llm.laws.complementarity import complementarity
+from dolfinx_llm.operators.motions import pins
 from dolfinx_llm.operators.petsc import with_springs
-from dolfinx_llm.operators.support import pins
 from dolfinx_llm.operators.system import ContactOperators
 
 COLUMNS = 64  # right-hand sides solved at once
 
 
 class Flexibility(StepForm):
-    """K factorised, and the answer of the surfaces to unit multipliers.
-
-    Args:
-        prefix: of the PETSc options.
-        options: PETSc options of the factorisation.
-        times: to which seconds are added.
-    """
+    """K factorised, and the answer of the surfaces to unit multipliers."""
 
     name = "flexibility"
     accuracy = 1e-13  # of balance and law, relative
@@ -119,17 +111,10 @@ class Flexibility(StepForm):
         result, error = None, ""
         if self.comm.rank == 0:
             try:
-                active = step.active
-                found = self._dense(step)
-                wrong = wrong_signs(step, active, found[0], found[1], found[2], self.scale)
-                result = *found, active, wrong
-                if wrong.any():
+                result = self._judged(step, step.active)
+                if result[-1].any():
                     equations = self._equations(step, np.arange(len(step.active)))
-                    active = _choose(step, *equations)
-                    chosen = replace(step, active=active)
-                    found = self._dense(chosen)
-                    wrong = wrong_signs(step, active, found[0], found[1], found[2], self.scale)
-                    result = *found, active, wrong
+                    result = self._judged(step, _choose(step, *equations))
             except (np.linalg.LinAlgError, ValueError) as failed:
                 error = str(failed)
         result, error = self.comm.bcast((result, error))
@@ -138,6 +123,11 @@ class Flexibility(StepForm):
         multiplier, y, w, self._alpha, active, wrong = result
         free = self._alpha[: self.floating.count]
         return StepResult(np.zeros(0), multiplier, y, w, free, active, wrong)
+
+    def _judged(self, step: LinearStep, active: np.ndarray) -> tuple[np.ndarray, ...]:
+        """λ, y, w and α with these rows in contact, the rows, and those with a wrong sign."""
+        found = self._dense(replace(step, active=active))
+        return *found, active, wrong_signs(step, active, *found[:3], self.scale)
 
     def _equations(self, step: LinearStep, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Matrix and right-hand side of the rows ``on``, the frame and the rigid motions.
@@ -208,14 +198,11 @@ def _local_csr(M: Any) -> csr_matrix:
 
 
 def _choose(step: LinearStep, A: np.ndarray, rhs: np.ndarray) -> np.ndarray:
-    """Rows in contact: linear complementarity among those whose sign is or becomes wrong.
+    """Rows in contact: linear complementarity among those whose sign is or becomes wrong. A x = rhs
+    are the equations of all rows, the frame and the rigid motions.
 
-    The others keep their state and are eliminated. Eliminating the frame without them would
-    leave its nodes to the proximal term, whose compliance drowns that of the bodies.
-
-    Args:
-        step: the law's equations.
-        A, rhs: those of all rows, the frame and the rigid motions.
+    The others keep their state and are eliminated. Eliminating the frame without them would leave
+    its nodes to the proximal term, whose compliance drowns that of the bodies.
     """
     n, rows = len(step.active), np.flatnonzero(step.may_open)
     kept = np.concatenate([np.flatnonzero(step.active), np.arange(n, len(A))])
@@ -252,11 +239,8 @@ def _choose(step: LinearStep, A: np.ndarray, rhs: np.ndarray) -> np.ndarray:
 
 
 def _refined(A: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """Solves dense systems with A, rows scaled and with one step of refinement.
-
-    Raises:
-        numpy.linalg.LinAlgError: singular; when called.
-    """
+    """Solves dense systems with A, rows scaled and with one step of refinement; ``LinAlgError``
+    where A is singular."""
     if not len(A):  # supports hold the body, and nothing touches the obstacle
         return lambda b: b
     scale = 1.0 / np.maximum(np.abs(A).max(axis=1), 1e-300)[:, None]

@@ -1,11 +1,9 @@
 """What pulls at the springs that hold free bodies while contact is being found."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from dolfinx_llm.forms.verdict import UNBALANCED, FinalError
-from dolfinx_llm.operators.floating import Floating
+from dolfinx_llm.operators.motions import Floating
 
 PULLED = 8  # iterations in which the springs are pulled the same way: nothing else will hold
 PLAIN = 1e-4  # of the forces, that they must carry for it while contact still changes
@@ -43,17 +41,8 @@ class Pull:
         self._rest = np.inf  # last share while the state of contact stayed
 
     def watch(self, alpha: np.ndarray, multiplier: np.ndarray, calm: int, noise: float) -> None:
-        """See another iteration.
-
-        Args:
-            alpha: (count,) where the motions went to.
-            multiplier: (n,) λ.
-            calm: iterations since the state of contact changed.
-            noise: rounding of forces [force].
-
-        Raises:
-            FinalError: nothing holds some bodies.
-        """
+        """See another iteration: where the motions went to (count,), λ, iterations since the state
+        of contact changed, rounding of forces. ``FinalError`` where nothing holds some bodies."""
         if not self._floating.count:
             return
         moved = alpha - self.anchor

@@ -1,7 +1,5 @@
 """PETSc options that were given: which of them nothing has asked for, and which PETSc refuses."""
 
-from __future__ import annotations
-
 import ctypes
 import difflib
 import re
@@ -30,14 +28,8 @@ COMMON = (
 
 
 def check_values(options: dict[str, Any]) -> None:
-    """Require values that do not depend on the solver in use.
-
-    Args:
-        options: names to values.
-
-    Raises:
-        ContactInputError: a misspelt method, or bounds of iterations that stop none.
-    """
+    """Require values that do not depend on the solver in use: methods that are not misspelt, and
+    bounds of iterations that stop some."""
     for key, names in (("ksp_type", KRYLOV), ("pc_type", PRECONDITIONERS)):
         value = options.get(key, "")
         if not isinstance(value, str):
@@ -62,11 +54,7 @@ def _library() -> Any:
 
 
 def was_read(name: str) -> bool:
-    """Whether PETSc has asked for an option of its database.
-
-    Args:
-        name: with prefix, without hyphen.
-    """
+    """Whether PETSc has asked for an option of its database, a name with prefix, without hyphen."""
     found = ctypes.c_int(0)  # holds a bool of 4 bytes, and one of 1
     _library().PetscOptionsUsed(None, name.encode(), ctypes.byref(found))
     return bool(found.value)
@@ -80,16 +68,8 @@ def words_of(error: Exception) -> str:
 
 
 def refused(error: Exception, given: dict[str, Any], doing: str) -> ContactError:
-    """The error for what PETSc refuses to set up or to solve.
-
-    Args:
-        error: PETSc's.
-        given: options of the user.
-        doing: what was done, for the message.
-
-    Returns:
-        One that names the options whose values PETSc speaks of, or all that were given.
-    """
+    """The error for what PETSc refuses to do: it names the options whose values PETSc speaks of, or
+    all that the user gave."""
     words = words_of(error)
     if not given:
         return ContactError(f"PETSc cannot {doing}: {words}")
@@ -103,19 +83,9 @@ def refused(error: Exception, given: dict[str, Any], doing: str) -> ContactError
 
 
 def check_read(ksp: PETSc.KSP, prefix: str, given: Iterable[str], known: Collection[str]) -> None:
-    """Require that a solver that has been set up has asked for all options given to it.
-
-    Options of methods that are not in use here (of GAMG where a matrix is factorised) may stay.
-
-    Args:
-        ksp: the solver.
-        prefix: of its options.
-        given: names without prefix.
-        known: names to propose besides the common ones.
-
-    Raises:
-        ContactInputError: a name that is not known; it is the same on all ranks.
-    """
+    """Require that a solver that has been set up has asked for all options given to it, names
+    without prefix; other names are proposed of those that are common or ``known``. Options of
+    methods that are not in use here (of GAMG where a matrix is factorised) may stay."""
     wrong = [k for k in given if not was_read(prefix + k) and not _of_another_method(k, ksp)]
     if not wrong:
         return

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,8 +16,6 @@ from dolfinx_llm.forms.exchange import WholeSteps
 from dolfinx_llm.forms.step import LinearStep
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import create_aij, join_blocks, with_springs
-
-LARGE = 1e3  # times c: rows of frames with larger entries are divided by them
 
 
 class SaddleForm(WholeSteps):
@@ -71,7 +68,6 @@ class FactorisedStep:
     ) -> None:
         self._comm: MPI.Comm = K.comm.tompi4py()
         self._numbers, self._scale, self._active = numbers, scale, step.active
-        step, self._by = _alike(step, scale)
         held = K
         if len(step.anchor):
             held = with_springs(K, step.pins, np.full(K.getLocalSize()[0], step.spring))
@@ -95,7 +91,7 @@ class FactorisedStep:
         b[places[0]] = f
         b[places[1]] = np.where(self._active, -c * g, 0.0)[rows.mine]
         if len(places) > 2:
-            b[places[2]] = -(self._by * rhs)[frames.mine]
+            b[places[2]] = -rhs[frames.mine]
         x = self._solver.solve(b)
         multiplier = gather_rows(self._comm, c * x[places[1]])[rows.number]
         if len(places) == 2:
@@ -105,19 +101,6 @@ class FactorisedStep:
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
         self._solver.destroy()
-
-
-def _alike(step: LinearStep, c: float) -> tuple[LinearStep, np.ndarray]:
-    """The step with rows E, D of about c, and what (m,) its rhs is to be multiplied by.
-
-    Laws give rows of 1e11 times that where supports hold what slips: a factorisation would see
-    neither the others nor that the matrix is unsymmetric.
-    """
-    if not step.D.shape[0]:
-        return step, np.zeros(0)
-    size = abs(step.D).max(axis=1).toarray().ravel() / c
-    by = 1.0 / np.where(size > LARGE, size, 1.0)
-    return replace(step, E=(diags(by) @ step.E).tocsr(), D=(diags(by) @ step.D).tocsr()), by
 
 
 def _blocks(

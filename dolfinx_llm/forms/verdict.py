@@ -1,7 +1,5 @@
 """What can be said of a solution of (31): residual, balance, rounding; one message for each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,9 +75,6 @@ def judge(left: float, terms: float, forces: float, what: str, tolerance: float 
         forces: size of the forces.
         what: how it was solved, for the message.
         tolerance: what the user's choice of a solver may leave [force].
-
-    Raises:
-        ContactError: a residual that is not small.
     """
     forces = max(forces, 1e-300)
     residual, rounding = left / forces, EPS * terms / forces
@@ -93,14 +88,7 @@ def judge(left: float, terms: float, forces: float, what: str, tolerance: float 
 
 
 def check_rounding(rounding: float) -> None:
-    """Refuse forces of which rounding leaves too little.
-
-    Args:
-        rounding: of a ``Verdict``.
-
-    Raises:
-        FinalError: more than ``LOST``.
-    """
+    """Refuse forces of which rounding, of a ``Verdict``, leaves too little."""
     if rounding > LOST:
         raise FinalError(
             f"rounding alone may change the forces by {rounding:.0e} of their size (allowed "

@@ -1,30 +1,26 @@
 """Segments, triangles and quads: shape functions, vector areas, bases."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import chain
 
 import numpy as np
 
-# Reference vertices of the bilinear quad on [-1, 1]^2, in cyclic order (paper, (23)).
-_QUAD = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+# Reference coordinates of the corners of segments, triangles and quads, these in cyclic order
+# (paper, (23)).
+CORNERS = {
+    2: np.array([[0.0], [1.0]]),
+    3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
+    4: np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]),
+}
 
 
 def shape_functions(k: int, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Shape functions of a cell and their derivatives by the reference coordinates.
-
-    Args:
-        k: nodes of a cell: 2 (segment on [0, 1]), 3 (triangle), 4 (quad on [-1, 1]^2; (23)).
-        xi: (n, d) reference coordinates, d = 1 for segments, else 2.
-
-    Returns:
-        N (n, k) and dN (n, k, d).
-    """
+    """N (n, k) and dN (n, k, d) of cells with k nodes at reference coordinates xi (n, d): segments
+    on [0, 1], triangles, quads on [-1, 1]² (23)."""
     n = len(xi)
     if k == 4:
-        a = 1.0 + xi[:, None, :] * _QUAD
-        return 0.25 * a[..., 0] * a[..., 1], 0.25 * _QUAD * a[..., ::-1]
+        a = 1.0 + xi[:, None, :] * CORNERS[4]
+        return 0.25 * a[..., 0] * a[..., 1], 0.25 * CORNERS[4] * a[..., ::-1]
     N = np.column_stack([1.0 - xi.sum(axis=1), xi])
     dN = np.vstack([-np.ones(k - 1), np.eye(k - 1)])
     return N, np.broadcast_to(dN, (n, k, k - 1))
@@ -54,9 +50,7 @@ def repeated_for(of: np.ndarray, found: Sequence[list[int]]) -> np.ndarray:
 
 def vector_areas(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """Normal times area of every cell, (n_cells, 3); of segments normal times length, (n_cells, 2).
-
-    Triangles and quads may also be given in plane coordinates (m, 2).
-    """
+    Triangles and quads may also be given in plane coordinates (m, 2)."""
     p = x[cells]
     if cells.shape[1] == 2:
         t = p[:, 1] - p[:, 0]
@@ -66,6 +60,18 @@ def vector_areas(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
     if cells.shape[1] == 3:
         return 0.5 * np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+
+
+def facet_vectors(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """(m, k, gdim) integrals of N n dA over each facet, exact also on warped quads: of these 2 x 2
+    points integrate N det J, of degree 2 in each direction [area]."""
+    k = facets.shape[1]
+    if k < 4:
+        return np.repeat((vector_areas(x, facets) / k)[:, None, :], k, axis=1)
+    xi = np.array([[a, b] for a in (-1, 1) for b in (-1, 1)]) / np.sqrt(3.0)
+    N, dN = shape_functions(4, xi)
+    t = np.einsum("gkd,mki->mgdi", dN, x[facets])
+    return np.einsum("mgi,gk->mki", np.cross(t[:, :, 0], t[:, :, 1]), N)
 
 
 def cell_sizes(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
@@ -92,31 +98,16 @@ def corner_jacobians(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
 
 
 def points_of(x: np.ndarray, cells: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Shape functions, positions and tangents at one point of each cell, (23).
-
-    Args:
-        x: (m, gdim) nodes [length].
-        cells: (n, k) node numbers.
-        xi: (n, d) reference coordinates.
-
-    Returns:
-        N (n, k), positions (n, gdim) [length] and derivatives of the position by the reference
-        coordinates (n, d, gdim) [length].
-    """
+    """Shape functions (n, k), positions (n, gdim) and tangents (n, d, gdim), the derivatives by the
+    reference coordinates, at one point xi (n, d) of each of the cells (n, k), (23)."""
     N, dN = shape_functions(cells.shape[1], xi)
     p = x[cells]
     return N, np.einsum("nk,nki->ni", N, p), np.einsum("nkd,nki->ndi", dN, p)
 
 
 def bases(tangents: np.ndarray) -> np.ndarray:
-    """Right-handed orthonormal bases (t1, t2, n), or (t1, n) in 2D, of the paper's (9).
-
-    Args:
-        tangents: (n, d, gdim) derivatives of the position by the reference coordinates.
-
-    Returns:
-        (n, gdim, gdim): row i is base vector a_i.
-    """
+    """(n, gdim, gdim) right-handed orthonormal bases, rows (t1, t2, n), or (t1, n) in 2D, of
+    tangents (n, d, gdim): the paper's (9)."""
     t1 = tangents[:, 0] / np.linalg.norm(tangents[:, 0], axis=1, keepdims=True)
     if tangents.shape[2] == 2:
         return np.stack([t1, np.column_stack([-t1[:, 1], t1[:, 0]])], axis=1)

@@ -14,8 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from dolfinx_llm.geometry.cells import joined_lists, repeated_for, vector_areas
-from dolfinx_llm.geometry.separation import Separation
+from dolfinx_llm.geometry.cells import (
+    bases,
+    cell_sizes,
+    joined_lists,
+    points_of,
+    repeated_for,
+    vector_areas,
+)
+from dolfinx_llm.geometry.location import ClosestPoints
+from dolfinx_llm.geometry.overlap_flat import outline_edges
 from dolfinx_llm.geometry.surface import Surface
 
 TURN = 1.0  # [rad] between facing normals; no two sides of a regular polygon differ by as much
@@ -23,6 +31,7 @@ ASIDE = 3.0  # between centres of facing facets, in the sum of their radii
 BEYOND = 0.5  # how much farther than the nearest ones facets count, in the smaller surface's radius
 BEHIND = 3.0  # how much farther than what is nearest to its partner a facet may lie
 NEAREST = 8  # facets that are tried before all within reach are
+DEPTH = 1e-9  # of the surface's size: depths below are none
 PAIRS = 2_000_000  # of facets that are looked at in one go
 
 
@@ -61,15 +70,8 @@ class Facing:
 def facing_facets(
     sides: Sequence[Surface], separations: Sequence[Separation]
 ) -> tuple[Facing, Facing]:
-    """The facets of two surfaces that can touch.
-
-    Args:
-        sides: the two surfaces.
-        separations: how far their nodes lie from each other; bodies may overlap in the drawing.
-
-    Returns:
-        The facets of both sides; none at all where nothing faces.
-    """
+    """The facets of both surfaces that can touch; none at all where nothing faces. Bodies may
+    overlap in the drawing."""
     all_facets = [Facets.of(side) for side in sides]
     depth = max(float(s.depth.max()) for s in separations)
     found = []
@@ -102,11 +104,8 @@ class _Search:
         self.apart = np.full(len(own.centre), np.inf)  # of its partner, see ``_gaps``
 
     def partners(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(m,) partner of each facet, -1 for none, and the gap between them.
-
-        Args:
-            distance: (m,) of each facet from the other surface [length].
-        """
+        """(m,) partner of each facet, -1 for none, and the gap between them, from each facet's
+        distance (m,) to the other surface."""
         own, other = self.own, self.other
         everywhere, tries = cKDTree(other.centre), min(NEAREST, len(other.centre))
         for ahead in (0.0 * distance, distance):  # most face one of those next to them
@@ -184,3 +183,44 @@ def _portions(counts: np.ndarray) -> Iterator[np.ndarray]:
     """Numbers 0, 1, ... in portions whose counts add up to no more than PAIRS, or of one."""
     total = np.cumsum(counts)
     yield from np.split(np.arange(len(counts)), np.flatnonzero(np.diff(total // PAIRS)) + 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Separation:
+    """The nodes of one side against the other surface; n nodes."""
+
+    distance: np.ndarray  # (n,) from the closest point of the other surface [length]
+    depth: np.ndarray  # (n,) how deep each lies inside of the other body, 0 outside [length]
+    over: np.ndarray  # (n,) whether its closest point is inside of a facet, not at an edge
+    size: np.ndarray  # (n,) of the facets there, the larger of both sides' [length]
+
+
+def separation(side: Surface, other: Surface) -> Separation:
+    """Where the nodes of a side lie against the other surface, as drawn. A node lies inside where
+    the closest point is inside of a facet and in front of it. Of an open surface nobody knows how
+    thick its body is: there that point must lie inside of the own body, too."""
+    height, distance, y, cell, inner = _heights(side.x, other)
+    size = np.maximum(facet_sizes(side), cell_sizes(other.x, other.facets)[cell])
+    inside = np.flatnonzero(inner & (height < -DEPTH * other.diameter))
+    if len(inside) and len(outline_edges(other.facets)):
+        inside = inside[_heights(y[inside], side)[0] < 0.0]
+    depth = np.zeros(len(side.x))
+    depth[inside] = -height[inside]
+    return Separation(distance, depth, inner, size)
+
+
+def _heights(x: np.ndarray, surface: Surface) -> tuple[np.ndarray, ...]:
+    """Of points their height over the closest facet, distance, closest point, its facet and whether
+    it lies inside of it."""
+    at = ClosestPoints(surface.x, surface.facets).locate(x)
+    _, y, tangents = points_of(surface.x, surface.facets[at.cell], at.xi)
+    height = np.einsum("ni,ni->n", x - y, bases(tangents)[:, -1])
+    return height, np.linalg.norm(x - y, axis=1), y, at.cell, at.outside <= 0.0
+
+
+def facet_sizes(surface: Surface) -> np.ndarray:
+    """(n,) size of the largest facet at each node [length]."""
+    size = np.zeros(len(surface.x))
+    of = cell_sizes(surface.x, surface.facets)
+    np.maximum.at(size, surface.facets, of[:, None])
+    return size

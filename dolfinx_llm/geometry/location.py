@@ -1,15 +1,14 @@
 """The closest point of a surface mesh: segments, triangles or bilinear quads, in 2D or 3D."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.geometry.cells import (
+    CORNERS,
     cell_sizes,
     closest_on_sides,
     joined_lists,
@@ -18,13 +17,6 @@ from dolfinx_llm.geometry.cells import (
     shape_functions,
     vector_areas,
 )
-
-# Reference coordinates of the corners of segments, triangles and quads.
-_CORNERS = {
-    2: np.array([[0.0], [1.0]]),
-    3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
-    4: np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +27,8 @@ class Location:
     xi: np.ndarray  # (n, d) reference coordinates of the closest point
     N: np.ndarray  # (n, k) shape functions of that cell's nodes, continued linearly outside
     outside: np.ndarray  # (n,) tangential distance from the cell in units of its size, 0 inside
+    # Other points of the frame that are as close, as inside of a fold, in its middle:
+    equal: tuple[np.ndarray, ...]  # (t,) which of the n, (t,) cell, (t, d) xi
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +47,16 @@ class ClosestPoints:
         N, dN = shape_functions(self.cells.shape[1], xi)
         inside = (N.min(axis=1) > 1e-9) & (distance <= rounding)
         rest = np.flatnonzero(~inside)
+        equal: tuple[np.ndarray, ...] = rest[:0], cell[:0], xi[:0]
         if len(rest):
-            cell[rest], xi[rest] = self._closest(x[rest], distance[rest], rounding[rest])
+            cell[rest], xi[rest], (point, *others) = self._closest(
+                x[rest], distance[rest], rounding[rest]
+            )
+            equal = rest[point], *others
             N, dN = shape_functions(self.cells.shape[1], xi)
         step, offset = self._step(x, cell, xi)
         N = N + np.einsum("nkd,nd->nk", dN, step)
-        return Location(cell, xi, N, self._outside(offset, cell))
+        return Location(cell, xi, N, self._outside(offset, cell), equal)
 
     @cached_property
     def _size(self) -> np.ndarray:
@@ -67,14 +65,10 @@ class ClosestPoints:
 
     def _closest(
         self, x: np.ndarray, bound: np.ndarray, rounding: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Cells with the closest points, of equally close ones the first, and these points.
-
-        Args:
-            x: (n, gdim) points [length].
-            bound: (n,) how far from each there is a cell [length].
-            rounding: (n,) distances that differ by less are the same [length].
-        """
+    ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]]:
+        """Cells with the closest points, these points, and ``Location.equal``: of cells no farther
+        than ``bound`` those that differ by less than ``rounding``, and of these the first (all (n,)
+        [length])."""
         point, cell = self._candidates(x, bound, rounding)
         xi, distance = self._invert(x[point], cell)
         least = np.full(len(x), np.inf)
@@ -85,7 +79,10 @@ class ClosestPoints:
         outside = self._outside(self._step(x[point], cell, xi)[1], cell)
         order = np.lexsort((cell, outside > 0.0, point))
         best = order[np.unique(point[order], return_index=True)[1]]
-        return cell[best], xi[best]
+        foot = points_of(self.x, self.cells[cell], xi)[1]
+        apart = np.linalg.norm(foot - foot[best][point], axis=1) > 10.0 * rounding[point]
+        also = np.flatnonzero((outside == 0.0) & (outside[best][point] == 0.0) & apart)
+        return cell[best], xi[best], (point[also], cell[also], xi[also])
 
     def _outside(self, offset: np.ndarray, cell: np.ndarray) -> np.ndarray:
         """Tangential distance from cells in units of their size, 0 inside."""
@@ -174,6 +171,12 @@ class ClosestPoints:
             (at.N.ravel(), cols.ravel(), np.arange(0, n * k + 1, k)), self._shape(n)
         )
         matrix.sort_indices()
+        if len(at.equal[0]):  # all that are as close count for the same
+            point, cell, xi = at.equal
+            index = np.repeat(point, k), self.cells[cell].ravel()
+            others = csr_matrix((shape_functions(k, xi)[0].ravel(), index), self._shape(n))
+            share = 1.0 / (1.0 + np.bincount(point, minlength=n))
+            matrix = (diags(share) @ (matrix + others)).tocsr()
         if x is None:
             return matrix
         foot = shape_functions(k, at.xi)[0]
@@ -197,7 +200,7 @@ class ClosestPoints:
         count = last - first
         row = np.repeat(np.arange(len(node)), count)
         place = order[np.arange(len(row)) + np.repeat(first - np.cumsum(count) + count, count)]
-        cell, xi = place // k, _CORNERS[k][place % k]
+        cell, xi = place // k, CORNERS[k][place % k]
         N, dN = shape_functions(k, xi)
         N = N + np.einsum("nkd,nd->nk", dN, self._step(x[row], cell, xi)[0])
         index = np.repeat(row, k), self.cells[cell].ravel()

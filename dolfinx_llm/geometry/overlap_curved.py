@@ -5,21 +5,18 @@ surface along its own normal. Only facets at the other's outline are clipped, ea
 tangent plane (Shapely); closed surfaces have no outline.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.geometry.cells import bases, shape_functions, vector_areas
+from dolfinx_llm.geometry.cells import bases, facet_vectors
+from dolfinx_llm.geometry.facing import Facets
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import covered_forces, orthonormal_base, outline_edges
-
-if TYPE_CHECKING:
-    from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.geometry.surface import Surface
 
 FACING = -0.5  # cosine between the outward normals of facets that face each other, at most
 FARTHEST = 0.5  # distance between the surfaces, in facets, at most
@@ -32,28 +29,12 @@ def is_flat(surface: Surface, tolerance: float) -> bool:
     return bool(np.ptp(x @ normal) <= tolerance)
 
 
-def facet_vectors(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """(m, k, gdim) integrals of N n dA over each facet, exact also on warped quads [area]."""
-    k = facets.shape[1]
-    if k < 4:
-        return np.repeat((vector_areas(x, facets) / k)[:, None, :], k, axis=1)
-    xi = np.array([[a, b] for a in (-1, 1) for b in (-1, 1)]) / np.sqrt(3.0)
-    N, dN = shape_functions(4, xi)
-    t = np.einsum("gkd,mki->mgdi", dN, x[facets])
-    return np.einsum("mgi,gk->mki", np.cross(t[:, :, 0], t[:, :, 1]), N)
-
-
 def vector_areas_in_contact(
     side0: Surface, side1: Surface, may_part: bool = False
 ) -> list[np.ndarray]:
-    """Vector areas a_p of the nodes of two surfaces over what both cover.
-
-    Args:
-        side0, side1: the surfaces.
-        may_part: they may lie any distance apart; else no more than FARTHEST facets.
-
-    Returns:
-        Pair of (n_i, gdim) vector areas, out of each side [area]; zero at nodes without contact.
+    """Per side (n_i, gdim) vector areas a_p of its nodes, out of it, over what both surfaces cover:
+    zero at nodes without contact [area]. They lie no more than FARTHEST facets apart, but where
+    they may part.
 
     Raises:
         ContactError: the surfaces face the same way, lie too far apart, or do not overlap.
@@ -78,11 +59,8 @@ def _no_overlap(side: Surface, other: Surface) -> NoReturn:
 
 def _covered(side: Surface, other: Surface, reach: float) -> np.ndarray:
     """(n, gdim) vector areas of a side's nodes over what the other covers."""
-    surface, area = Frame(other.x, other.facets), vector_areas(side.x, side.facets)
-    normal = area / np.linalg.norm(area, axis=1)[:, None]
-    p = side.x[side.facets]
-    centre = p.mean(axis=1)
-    radius = np.linalg.norm(p - centre[:, None], axis=2).max(axis=1)
+    surface, p, own = Frame(other.x, other.facets), side.x[side.facets], Facets.of(side)
+    centre, radius, normal = own.centre, own.radius, own.normal
     at = surface.locate(centre)
     _, y, tangents = surface.evaluate(at.cell, at.xi)
     facing = np.einsum("fi,fi->f", normal, bases(tangents)[:, -1])
@@ -157,11 +135,8 @@ class _Clip:
     """Cuts facets with the projection of another surface's facets nearby."""
 
     def __init__(self, other: Surface, side: Surface) -> None:
-        self.p = other.x[other.facets]
-        self.centre = self.p.mean(axis=1)
-        self.radius = np.linalg.norm(self.p - self.centre[:, None], axis=2).max()
-        area = vector_areas(other.x, other.facets)
-        self.normal = area / np.linalg.norm(area, axis=1)[:, None]
+        self.p, discs = other.x[other.facets], Facets.of(other)
+        self.radius, self.normal = discs.radius.max(), discs.normal
         # How far the outline's nodes lie off this side, along its normal.
         nodes = np.unique(outline_edges(other.facets))
         surface = Frame(side.x, side.facets)
@@ -170,7 +145,7 @@ class _Clip:
         off = np.zeros(len(other.x))
         off[nodes] = np.abs(np.einsum("ni,ni->n", other.x[nodes] - y, bases(tangents)[:, -1]))
         self.off = off[other.facets].max(axis=1)
-        self.tree = cKDTree(self.centre)
+        self.tree = cKDTree(discs.centre)
 
     def __call__(self, p: np.ndarray, normal: np.ndarray, radius: float, gap: float) -> np.ndarray:
         """(k, gdim) integrals of N n dA over the covered part of the facet p (k, gdim)."""

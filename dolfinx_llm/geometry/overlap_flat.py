@@ -4,19 +4,15 @@ Exact to rounding on flat surfaces: facets are clipped with the other surface's 
 and the shape functions integrated over the pieces. Positions are plane coordinates.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import shapely
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.geometry.cells import shape_functions
-
-if TYPE_CHECKING:
-    from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.geometry.cells import facet_vectors, shape_functions
+from dolfinx_llm.geometry.surface import Surface
 
 # Quadrature on [0, 1]: enough that the shape functions of a clipped, distorted quad (smooth but no
 # polynomials in the plane) are integrated to rounding.
@@ -69,11 +65,7 @@ def local_bases(normals: np.ndarray) -> np.ndarray:
 
 
 def common_plane(side0: Surface, side1: Surface) -> Plane:
-    """Plane between two surfaces, its normal from side 0 into side 1.
-
-    Raises:
-        ContactError: the surfaces do not face each other.
-    """
+    """Plane between two surfaces, its normal from side 0 into side 1; they must face each other."""
     a0, a1 = side0.normal, side1.normal
     n0, n1 = np.linalg.norm(a0), np.linalg.norm(a1)
     if n0 > 0.0 and n1 > 0.0 and a0 @ a1 > 0.5 * n0 * n1:
@@ -118,27 +110,13 @@ def outline(s: np.ndarray, facets: np.ndarray) -> Any:
 
 def full_forces(s: np.ndarray, facets: np.ndarray) -> np.ndarray:
     """(m, k) integrals of each facet's shape functions over it [area]."""
-    p = s[facets]
-    if facets.shape[1] == 2:
-        return np.repeat(np.abs(p[:, 1] - p[:, 0]) / 2.0, 2, axis=1)
-    if facets.shape[1] == 3:
-        area = np.abs(_cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])) / 2.0
-        return np.repeat(area[:, None] / 3.0, 3, axis=1)
-    # 2 x 2 points integrate N det J, of degree 2 in each direction, exactly.
-    xi = np.array([[a, b] for a in (-1, 1) for b in (-1, 1)]) / np.sqrt(3.0)
-    N, dN = shape_functions(4, xi)
-    t = np.einsum("gkd,mki->mgdi", dN, p)
-    return np.einsum("mg,gk->mk", np.abs(_cross(t[:, :, 0], t[:, :, 1])), N)
+    x = np.pad(s, ((0, 0), (0, 1)))
+    return np.linalg.norm(facet_vectors(x, facets), axis=2)
 
 
 def covered_forces(s: np.ndarray, facets: np.ndarray, area: Any) -> np.ndarray:
-    """(m, k) integrals of each facet's shape functions over its part inside ``area``.
-
-    Args:
-        s: (n, 2) node positions in the plane, (n, 1) on a line.
-        facets: (m, k) nodes.
-        area: polygon; an (2,) interval on a line.
-    """
+    """(m, k) integrals of the shape functions of facets (m, k) over nodes s (n, 2) over their part
+    inside of a polygon; on a line, s (n, 1), inside of an interval."""
     if facets.shape[1] == 2:
         return _covered_segments(s[facets][..., 0], area)
     p = s[facets]
@@ -170,11 +148,9 @@ def _covered_segments(p: np.ndarray, interval: tuple[float, float]) -> np.ndarra
 
 
 def _integrate_pieces(p: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-    """Integrate shape functions of facets p (m, k, 2) over one piece (polygons) each.
-
-    Every edge of a piece spans a triangle with the facet's centre; summed with their signs these
-    triangles make up the piece, also when it is not convex or has holes.
-    """
+    """Integrate shape functions of facets p (m, k, 2) over one piece (polygons) each. Every edge of
+    a piece spans a triangle with the facet's centre; summed with their signs these triangles make
+    up the piece, also when it is not convex or has holes."""
     polygons, owner = shapely.get_parts(pieces, return_index=True)
     keep = shapely.get_type_id(polygons) == 3
     # Exteriors one way round, holes the other.
@@ -221,11 +197,8 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def common_area(side0: Surface, side1: Surface, plane: Plane) -> Any:
-    """Area covered by both surfaces, as a polygon (an interval in 2D) in plane coordinates.
-
-    Raises:
-        ContactError: the surfaces do not overlap.
-    """
+    """Area covered by both surfaces, in plane coordinates: a polygon, in 2D an interval, not
+    empty."""
     s = [plane.project(side.x) for side in (side0, side1)]
     facets = (side0.facets, side1.facets)
     if s[0].shape[1] == 1:

@@ -1,7 +1,5 @@
 """Contact pairs: a surface node and the point of the frame that it touches."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -77,25 +75,19 @@ def locate_pairs(
     plane: Plane | None = None,
     nodes: np.ndarray | None = None,
 ) -> ContactPairs:
-    """Locate the nodes of a side that carry force on the frame.
+    """Pairs of a side, in the Cartesian base, with the frame, which must cover them.
 
     Args:
         surface: the side's surface.
-        forces: (n_surface,) forces of unit pressure; nodes without force take no part.
+        forces: (n_surface,) forces of unit pressure.
         frame: the frame, its normal out of side 0.
         sign: +1 for side 0, -1 for side 1, whose bases change sign (paper, after (9)).
         reach: how far, in cells, a node may lie beyond the frame's outline.
         plane: contact plane, along whose normal nodes meet a flat frame; None: they meet the
             closest point of the frame.
-        nodes: (n_surface,) which nodes take part; None: those with force.
-
-    Returns:
-        The pairs, in the Cartesian base.
-
-    Raises:
-        ContactInputError: the frame does not cover nodes that carry force.
+        nodes: (n,) those that take part; None: those with force.
     """
-    nodes = np.flatnonzero(forces > 0.0 if nodes is None else nodes)
+    nodes = np.flatnonzero(forces > 0.0) if nodes is None else nodes
     x = surface.x[nodes]
     points = x
     if plane is not None:
@@ -129,11 +121,8 @@ def with_weights(pairs: ContactPairs, N: csr_matrix, frame: Frame) -> ContactPai
 def rank_certificate(
     frame: Frame, N: Sequence[csr_matrix], bound: float = 1e-3
 ) -> tuple[float, float]:
-    """Smallest and largest singular value of the scalar L_b (both sides stacked).
-
-    Raises:
-        ContactError: no full column rank ((33) needs it), or a ratio below ``bound``.
-    """
+    """Smallest and largest singular value of the scalar L_b (both sides stacked), which must have
+    full column rank ((33) needs it), and a ratio of them above ``bound``."""
     L = vstack(N).tocsc()
     support = np.asarray(abs(L).sum(axis=0)).ravel()
     m = L.shape[1]
@@ -167,10 +156,8 @@ def rank_certificate(
 
 
 def _extreme_singular_values(L: Any) -> tuple[float, float, np.ndarray]:
-    """Estimates for a large sparse L by Lanczos on LᵀL, within about a per cent.
-
-    LᵀL is like a mass matrix: its small end, too, is found without a factorisation.
-    """
+    """Estimates for a large sparse L by Lanczos on LᵀL, within about a per cent. LᵀL is like a mass
+    matrix: its small end, too, is found without a factorisation."""
     A = LinearOperator((L.shape[1],) * 2, matvec=lambda x: L.T @ (L @ x), dtype=np.float64)
     start = np.random.default_rng(2001).standard_normal(L.shape[1])
     largest = abs(L.T @ L).sum(axis=1).max()  # a bound, where Lanczos fails

@@ -15,10 +15,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.geometry.cells import vector_areas
-from dolfinx_llm.geometry.facing import TURN, Facing, facing_facets
+from dolfinx_llm.geometry.facing import TURN, Facing, Separation, facing_facets
 from dolfinx_llm.geometry.overlap_curved import is_flat
 from dolfinx_llm.geometry.overlap_flat import Plane, common_plane, plane_with
-from dolfinx_llm.geometry.separation import Separation
 from dolfinx_llm.geometry.surface import Surface
 
 TOGETHER = 0.2  # [rad] by which both surfaces may turn against the plane of what may part
@@ -41,11 +40,8 @@ class Piece:
         return sides[0].part(self.facets[0]), sides[1].part(self.facets[1])
 
     def moved(self, sides: Sequence[Surface]) -> Piece:
-        """The same facets with their plane where the surfaces are now; curved where none does.
-
-        Args:
-            sides: the surfaces as tagged, where they are now.
-        """
+        """The same facets with their plane where the tagged surfaces are now; curved where none
+        does."""
         if self.plane is None:
             return self
         parts = self.parts(sides)
@@ -60,16 +56,8 @@ class Piece:
 def touching_pieces(
     sides: Sequence[Surface], separations: Sequence[Separation], unilateral: bool
 ) -> list[Piece]:
-    """What of two surfaces can touch: one piece, or several where planes do only piece by piece.
-
-    Args:
-        sides: the two surfaces.
-        separations: how far their nodes lie from each other.
-        unilateral: whether they may part; surfaces that are tied are flat to rounding, or curved.
-
-    Returns:
-        The pieces; none where nothing faces.
-    """
+    """What of two surfaces can touch: one piece, or several where planes do only piece by piece;
+    none where nothing faces. Surfaces that may not part are flat to rounding, or curved."""
     found = _Found(sides, facing_facets(sides, separations), separations, unilateral)
     if not found.count[0] or not found.count[1]:
         return []
@@ -128,7 +116,7 @@ class _Found:
         parts = self.piece(which, None).parts(self.sides)
         if not self.unilateral:
             return tied_plane(parts)
-        normal = self._normal(of)
+        normal = mean_normal([self.area[o] for o in of], self._weights(of))
         if normal is None:
             return None
         sign = np.where(self.side[which] == 0, 1.0, -1.0)[:, None]
@@ -138,10 +126,6 @@ class _Found:
         between = np.arccos(np.clip(np.einsum("ni,ni->n", own, across), -1.0, 1.0))
         turned = np.arccos(np.clip(mean @ normal, -1.0, 1.0)) - 0.5 * between
         return plane_with(normal, *parts) if turned.max() <= TOGETHER else None
-
-    def _normal(self, of: Sequence[np.ndarray]) -> np.ndarray | None:
-        """Unit normal out of side 0 where the sides are nearest; see ``mean_normal``."""
-        return mean_normal([self.area[o] for o in of], self._weights(of))
 
     def _weights(self, of: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Per side the weights of facets about where the sides are nearest."""
@@ -192,13 +176,9 @@ def tied_plane(parts: Sequence[Surface]) -> Plane | None:
 
 
 def mean_normal(areas: Sequence[np.ndarray], weights: Sequence[np.ndarray]) -> np.ndarray | None:
-    """Unit normal out of side 0: a flat side's own; else the mean of both sides'. None: their
-    facets look everywhere.
-
-    Args:
-        areas: per side (k_i, gdim) vector areas of the facets [area].
-        weights: per side (k_i,) of the facets.
-    """
+    """Unit normal out of side 0, of the vector areas (k_i, gdim) of each side's facets and their
+    weights (k_i,): a flat side's own; else the mean of both sides'. None: facets look
+    everywhere."""
     means, straight = [], []
     for area, weight in zip(areas, weights, strict=True):
         length = np.linalg.norm(area, axis=1)

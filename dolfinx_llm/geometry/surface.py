@@ -34,11 +34,7 @@ class Surface:
         return self.x if self.drawn is None else self.drawn
 
     def part(self, facets: np.ndarray) -> Surface:
-        """Some of the facets, and their nodes, in the same order.
-
-        Args:
-            facets: (k,) numbers of facets.
-        """
+        """Some of the facets (numbers), and their nodes, in the same order."""
         nodes, cells = np.unique(self.facets[facets], return_inverse=True)
         drawn = None if self.drawn is None else self.drawn[nodes]
         return replace(
@@ -51,11 +47,7 @@ class Surface:
         )
 
     def moved(self, u: np.ndarray) -> Surface:
-        """The surface at x = X + u; nothing is gathered anew.
-
-        Args:
-            u: (n, gdim) displacement since the drawing [length].
-        """
+        """The surface at x = X + u, u (n, gdim) since the drawing; nothing is gathered anew."""
         return replace(self, x=self.X + u, drawn=self.X)
 
     @property
@@ -73,29 +65,14 @@ CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
 
 
 def check_facet_tags(name: str, tags: Any) -> None:
-    """Require dolfinx mesh tags.
-
-    Args:
-        name: of the argument.
-        tags: what was given.
-
-    Raises:
-        ContactInputError: something else.
-    """
+    """Require dolfinx mesh tags."""
     if isinstance(tags, type) or not all(hasattr(tags, k) for k in ("dim", "indices", "values")):
         checks.refuse(name, tags, "give dolfinx mesh tags of facets (dolfinx.mesh.meshtags)")
 
 
 def check_space(V: Any) -> None:
-    """Require a vector space of first-order Lagrange elements with one dof per direction, on a
-    first-order mesh of triangles, quadrilaterals, tetrahedra or hexahedra.
-
-    Args:
-        V: what was given as function space.
-
-    Raises:
-        ContactInputError: otherwise; on all ranks.
-    """
+    """Require, on all ranks, a vector space of first-order Lagrange elements with one dof per
+    direction, on a first-order mesh of triangles, quadrilaterals, tetrahedra or hexahedra."""
     if isinstance(V, type) or not all(hasattr(V, k) for k in ("mesh", "dofmap", "element")):
         checks.refuse("V", V, "give a dolfinx function space")
     _check_mesh(V.mesh)
@@ -141,11 +118,6 @@ def _check_mesh(mesh: Any) -> None:
 
 def extract_surface(V: Any, facet_tags: Any, tag: int) -> Surface:
     """Gather the facets with a tag, their nodes and dofs, on all ranks.
-
-    Args:
-        V: first-order vector function space.
-        facet_tags: mesh tags of the facets of V's mesh.
-        tag: value that marks the surface.
 
     Raises:
         ContactInputError: no facet has the tag, or tagged facets lie inside the mesh.
@@ -217,15 +189,8 @@ def extract_surface(V: Any, facet_tags: Any, tag: int) -> Surface:
 
 
 def facet_corners(V: Any, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A cell of each local facet, and which of that cell's nodes are the facet's, in a cycle.
-
-    Args:
-        V: first-order function space whose mesh has the connectivities of facets and cells.
-        facets: (m,) local facets.
-
-    Returns:
-        (m,) local cells; (m, k) positions in the cells' lists of nodes.
-    """
+    """(m,) a cell of each local facet (m,), and (m, k) which of that cell's nodes are the facet's,
+    in a cycle; the mesh has the connectivities of facets and cells."""
     topology, layout = V.mesh.topology, V.dofmap.dof_layout
     tdim = topology.dim
     to_cell = topology.connectivity(tdim - 1, tdim)
@@ -267,11 +232,7 @@ def _local_facets(V: Any, facets: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def check_sides(side0: Surface, side1: Surface, same_mesh: bool) -> None:
-    """Require two sides with nodes of their own.
-
-    Raises:
-        ContactError: the surfaces share nodes.
-    """
+    """Require two sides with nodes of their own."""
     shared = np.intersect1d(side0.dofs, side1.dofs) if same_mesh else []
     if len(shared):
         at = side0.x[np.isin(side0.dofs, shared)][:3].tolist()

@@ -1,40 +1,31 @@
-"""A body against a rigid obstacle: every surface node against its point of the obstacle."""
+"""A body against a rigid obstacle: every surface node against its point of the obstacle.
 
-from __future__ import annotations
+Translations of an obstacle under a prescribed force are unknowns, as a frame node's are.
+"""
 
-import logging
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.geometry.cells import vector_areas
-from dolfinx_llm.geometry.facing import BEYOND, TURN, Facets
-from dolfinx_llm.geometry.overlap_curved import facet_vectors
+from dolfinx_llm.geometry.cells import facet_vectors, vector_areas
+from dolfinx_llm.geometry.facing import BEYOND, TURN, Facets, facet_sizes
 from dolfinx_llm.geometry.pairs import ContactPairs
-from dolfinx_llm.geometry.separation import facet_sizes
 from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.obstacle import Obstacle
-from dolfinx_llm.interface.touching import BURIED, overlap_text, steep_rim
+from dolfinx_llm.interface.touching import BURIED, say_depth, steep_rim
 
-log = logging.getLogger("dolfinx_llm")
+RESISTED = 1e-6  # part of the largest: below it a motion meets no resistance of contact
+REST = 1e-9  # part of a force that rounding may put across what contact resists
 
 
 def against_obstacle(
-    obstacle: Obstacle,
-    side: Surface,
-    name: str,
-    notes: list[str],
-    nodes: np.ndarray | None = None,
+    obstacle: Obstacle, side: Surface, name: str, notes: list[str], nodes: np.ndarray | None = None
 ) -> tuple[ContactPairs, np.ndarray]:
-    """The pairs of a body against a rigid obstacle, and which lie at a rim that is too steep.
-
-    Args:
-        obstacle: the obstacle.
-        side: the surface as tagged.
-        name: of the interface, for messages.
-        notes: to which is added what was found.
-        nodes: (n,) those that take part; None: those of facets that face the obstacle.
+    """The pairs of a body against a rigid obstacle, and (n,) nodes at a rim that is too steep;
+    ``nodes`` take part, or those of facets that face the obstacle.
 
     Raises:
         ContactError: no facet faces the obstacle, or the body lies inside of it.
@@ -80,7 +71,7 @@ def against_obstacle(
     moved = distance.copy()
     moved[nodes] += np.maximum(np.einsum("ni,ni->n", pairs.normal, obstacle.motion(points)), 0.0)
     _say_place(obstacle, side, nodes, moved, name, notes)
-    return pairs, steep_rim(side, facets, np.isfinite(distance))[nodes]
+    return pairs, steep_rim(side, facets, np.isfinite(distance))
 
 
 def _clearance(obstacle: Obstacle, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -136,17 +127,11 @@ def _say_place(
     name: str,
     notes: list[str],
 ) -> None:
-    """How far the body is from the obstacle, or how deep inside of it: refused at half of it.
-
-    Args:
-        nodes: those that face the obstacle.
-        distance: (n,) of all nodes from the obstacle.
-    """
-    kind, size = type(obstacle).__name__, facet_sizes(side)
-    depth = np.zeros(len(distance))
+    """How far the body is from the obstacle, or how deep inside of it: refused at half of it. The
+    nodes face the obstacle; the distance (n,) is that of all nodes."""
+    kind, depth = type(obstacle).__name__, np.zeros(len(distance))
     depth[nodes] = np.maximum(-distance[nodes], 0.0)
-    worst = int(depth.argmax())
-    if depth[worst] <= 1e-9 * side.diameter:
+    if depth.max() <= 1e-9 * side.diameter:
         near = nodes[distance[nodes].argmin()]
         if distance[near] > 1e-9 * side.diameter:
             notes.append(
@@ -154,15 +139,64 @@ def _say_place(
                 f"{distance[near]:.3g} from the {kind}"
             )
         return
-    text = overlap_text(side, depth, f"the {kind}")
-    if depth[worst] > max(BURIED * Facets.of(side).reach, size[worst]):
-        raise ContactError(
-            f"{text}, where facets have the size {size[worst]:.3g}: the body lies inside of the "
-            "obstacle. Check positions, units, the obstacle's normal, `inside` and displacement"
+    say_depth(
+        side, depth, facet_sizes(side), BURIED * Facets.of(side).reach, name, notes,
+        what=f"the {kind}",
+        wrong="the body lies inside of the obstacle. Check positions, units, the obstacle's "
+        "normal, `inside` and displacement",
+        pushes="it out",
+    )  # fmt: skip
+
+
+def forced(obstacle: Obstacle, gdim: int) -> tuple[bool, ...]:
+    """Per component whether a force on the obstacle is prescribed."""
+    return tuple(f is not None for f in obstacle.pose(gdim)[-1])
+
+
+def under_force(
+    obstacle: Obstacle, pairs: ContactPairs, unilateral: bool
+) -> tuple[ContactPairs, np.ndarray]:
+    """Translations of an obstacle that forces are prescribed for, as those of a frame of one node:
+    the pairs, whose rows all see that node, and (1, d, gdim) directions in which it moves: the axes
+    of the prescribed components, or what of them contact can resist. No force: (0, c, gdim)."""
+    _, c, gdim = pairs.base.shape
+    axes = np.eye(gdim)[list(forced(obstacle, gdim))]
+    if not len(axes):
+        return pairs, np.empty((0, c, gdim))
+    if not unilateral:
+        raise ContactInputError(
+            f"force={obstacle.force} on the {type(obstacle).__name__}: forces on obstacles are for "
+            "Frictionless() and Coulomb(mu); with Tied() prescribe the displacement"
         )
-    notes.append(text)
-    if depth[worst] > size[worst]:
-        log.warning(
-            "interface %s: %s, more than a facet's size, %.3g: contact pushes it out by as much "
-            "in the first load step. Check positions and units", name, text, size[worst],
-        )  # fmt: skip
+    _, size, vectors = np.linalg.svd(pairs.base.reshape(-1, gdim) @ axes.T)
+    resisted = size > RESISTED * size[0]
+    if not resisted.all() or len(size) < len(axes):
+        axes = vectors[: int(resisted.sum())] @ axes
+    return replace(pairs, N=csr_matrix(np.ones((len(pairs.nodes), 1)))), axes[None]
+
+
+def prescribed_loads(model: InterfaceGeometry) -> np.ndarray:
+    """(m d,) loads on the frame unknowns of an interface, L_bᵀ λ = loads, as they are now: zeros at
+    a frame, minus the force at an obstacle [force]."""
+    obstacle, axes = model.interface.obstacle, model.directions
+    loads = np.zeros(axes.shape[0] * axes.shape[1])
+    if obstacle is None:
+        return loads
+    force = obstacle.pose(axes.shape[2])[-1]
+    if forced(obstacle, axes.shape[2]) != model.forced:
+        raise ContactInputError(
+            f"force={force} of the {type(obstacle).__name__}: when the problem was made, force was "
+            f"prescribed by component as {model.forced}. Make the problem anew to change that"
+        )
+    if not any(model.forced):
+        return loads
+    values = np.array([0.0 if f is None else f for f in force])
+    along = axes[0] @ values
+    left = values - along @ axes[0]
+    if np.abs(left).max() > REST * np.abs(values).max():
+        raise ContactError(
+            f"interface {model.interface.name}: nothing resists the part {left.round(9).tolist()} "
+            f"of the force {values.tolist()} on the {type(obstacle).__name__}. Give None for "
+            "components whose displacement is prescribed, or take a law with friction"
+        )
+    return -along

@@ -1,7 +1,5 @@
 """All that follows from an interface's geometry: surfaces, common area, frame, design, pairs."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,43 +8,28 @@ from typing import Any
 import numpy as np
 
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.log import log
 from dolfinx_llm.base.timing import Clock
-from dolfinx_llm.design.curved import nodal_normals
-from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_curved import vector_areas_in_contact
 from dolfinx_llm.geometry.overlap_flat import common_area, local_bases, nodal_forces
 from dolfinx_llm.geometry.pairs import ContactPairs, locate_pairs
 from dolfinx_llm.geometry.pieces import Piece
-from dolfinx_llm.interface.against import against_obstacle
-from dolfinx_llm.interface.anatomy import describe
-from dolfinx_llm.interface.certificate import Certificate
+from dolfinx_llm.interface.against import against_obstacle, forced, under_force
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.frames import REACH, choose_frame, move_nodes
-from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.interface.join import Part, joined, whole_piece
-from dolfinx_llm.interface.pressed import forced, under_force
 from dolfinx_llm.interface.rows import balanced, designed, fixed_nodes
 from dolfinx_llm.interface.site import Site, find_site
 from dolfinx_llm.interface.touching import check_flat, find_pieces
 
-log = logging.getLogger("dolfinx_llm")
 
-
-def build_model(
+def build_interface(
     interface: Interface, spaces: Sequence[Any], fixed: Sequence[np.ndarray] | None = None
 ) -> InterfaceGeometry:
-    """Surfaces, common area, frame, design and pairs of an interface.
-
-    Collective. Everything after the gathering of the surfaces is computed alike on all ranks.
-
-    Args:
-        interface: the user's choices.
-        spaces: function spaces, one per mesh.
-        fixed: per space (n_owned dofs,) whether a dof is prescribed; None: none is.
-
-    Raises:
-        ContactError, ContactInputError: see the functions called.
-    """
+    """Surfaces, common area, frame, design and pairs of an interface. Collective. Everything after
+    the gathering of the surfaces is computed alike on all ranks. Per space (n_owned dofs,) which
+    are fixed."""
     clock = Clock()
     site = find_site(interface, spaces, fixed)
     clock.stop("surfaces")
@@ -54,11 +37,7 @@ def build_model(
 
 
 def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
-    """Common area, frame, design and pairs of surfaces where they are now.
-
-    Raises:
-        ContactError, ContactInputError: see the functions called.
-    """
+    """Common area, frame, design and pairs of surfaces where they are now."""
     clock = clock or Clock()
     interface, whole = site.interface, site.whole
     notes: list[str] = []
@@ -78,16 +57,12 @@ def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
 def build_against(
     site: Site, notes: list[str], clock: Clock, nodes: np.ndarray | None = None
 ) -> InterfaceGeometry:
-    """The model of a body against a rigid obstacle.
-
-    Args:
-        nodes: (n,) those that take part; None: those that face the obstacle.
-    """
+    """A body against a rigid obstacle; ``nodes`` take part, or those that face it."""
     obstacle, name = site.interface.obstacle, site.interface.name
     assert obstacle is not None
     pairs, rim = against_obstacle(obstacle, site.whole[0], name, notes, nodes)
     clock.stop("surfaces")
-    return _model(site, [pairs], None, None, None, [rim], notes, clock, ())
+    return assembled(site, (), [rim], notes, clock, pairs)
 
 
 def assembled(
@@ -96,18 +71,44 @@ def assembled(
     whole_rims: Sequence[np.ndarray],
     notes: Sequence[str],
     clock: Clock,
+    alone: ContactPairs | None = None,
 ) -> InterfaceGeometry:
-    """The model of an interface from what was built of its pieces.
-
-    Args:
-        whole_rims: per side (n,) nodes at a rim that is too steep.
-    """
-    pairs, frame, base, certificate = joined(site.whole, parts)
+    """The geometry of an interface from what was built of its pieces, or of pairs ``alone`` against
+    an obstacle, with the base vectors and frame directions that the law needs; per side (n,) nodes
+    at a rim that is too steep."""
+    interface, law, gdim = site.interface, site.interface.law, site.whole[0].x.shape[1]
+    pairs: Sequence[ContactPairs] = () if alone is None else (alone,)
+    frame, base, certificate = None, np.empty((0, gdim, gdim)), None
+    if alone is None:
+        pairs, frame, base, certificate = joined(site.whole, parts)
     rims = [
         rim[np.isin(side.dofs, p.surface.dofs)][p.nodes]
         for rim, side, p in zip(whole_rims, site.whole, pairs, strict=True)
     ]
-    return _model(site, pairs, frame, base, certificate, rims, notes, clock, tuple(parts))
+    if law.components != "cartesian":
+        first = gdim - 1 if law.components == "normal" else 0
+        signs = (1.0, -1.0)
+        pairs = [
+            replace(p, base=(sign * local_bases(sign * p.normal))[:, first:])
+            for p, sign in zip(pairs, signs)
+        ]
+        base = base[:, first:]
+    else:
+        base = np.broadcast_to(np.eye(gdim), base.shape)
+    given: tuple[bool, ...] = ()
+    if interface.obstacle is not None:
+        given = forced(interface.obstacle, gdim)
+        own, base = under_force(interface.obstacle, pairs[0], law.opens)
+        pairs = [own]
+    model = InterfaceGeometry(
+        interface, tuple(p.surface for p in pairs), site.spaces, tuple(pairs), frame, base,
+        float(pairs[0].forces.sum()), certificate, tuple(rims), tuple(notes), clock.times,
+        site, tuple(parts), given,
+    )  # fmt: skip
+    if log.isEnabledFor(logging.INFO):
+        stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())
+        log.info("%s\n    %s", "\n".join(describe(model)).strip(), stages)
+    return model
 
 
 def build_piece(
@@ -118,12 +119,9 @@ def build_piece(
     corners: int | None = None,
     last: Part | None = None,
 ) -> Part:
-    """Common area, frame, design and pairs of one piece of two surfaces.
-
-    Args:
-        corners: of a predicted frame's cells; None: those of the coarser side.
-        last: what was built of it before, whose frame, where it has moved to, and nodes stay.
-    """
+    """Common area, frame, design and pairs of one piece of two surfaces. A predicted frame has
+    cells of so many corners, or those of the coarser side; of what was built of it before
+    (``last``) the frame, where it has moved to, and nodes stay."""
     interface, law, plane = site.interface, site.interface.law, piece.plane
     sides = piece.parts(site.whole)
     area: Any = None
@@ -148,15 +146,15 @@ def build_piece(
         frame = move_nodes(frame, sides, forces, site.comm)
         notes.append("design: frame nodes moved (positions)")
         clock.stop("design")
-    nodes = [f > 0.0 for f in forces] if last is None else [_mask(p) for p in last.pairs]
+    nodes = [None, None] if last is None else [p.nodes for p in last.pairs]
     pairs = [
         locate_pairs(side, f, frame, sign, reach, plane, nodes=taking_part)
         for side, f, sign, taking_part in zip(sides, forces, (1.0, -1.0), nodes, strict=True)
     ]
     clock.stop("location")
     if plane is None:
-        pairs, certificate = balanced(interface, frame, pairs, vectors, notes)
-        base = local_bases(nodal_normals(frame))
+        pairs, certificate, normals = balanced(interface, frame, pairs, vectors, notes)
+        base = local_bases(normals)
     else:
         normal_only = law.components == "normal"
         keep = site.held and [
@@ -167,55 +165,3 @@ def build_piece(
         base = np.broadcast_to(plane.base, (len(frame.x), *plane.base.shape))
     clock.stop("design")
     return Part(piece, tuple(pairs), frame, base, certificate)
-
-
-def _mask(pairs: ContactPairs) -> np.ndarray:
-    """(n_surface,) nodes of a surface that take part."""
-    mask = np.zeros(len(pairs.surface.x), dtype=bool)
-    mask[pairs.nodes] = True
-    return mask
-
-
-def _model(
-    site: Site,
-    pairs: Sequence[ContactPairs],
-    frame: Frame | None,
-    base: np.ndarray | None,
-    certificate: Certificate | None,
-    rims: Sequence[np.ndarray],
-    notes: Sequence[str],
-    clock: Clock,
-    parts: tuple[Part, ...],
-) -> InterfaceGeometry:
-    """The model with the base vectors and frame directions that the law needs.
-
-    Args:
-        base: (m, gdim, gdim) tangents and normal, out of side 0, at the frame's nodes; None: there
-            is no frame.
-    """
-    interface, law, gdim = site.interface, site.interface.law, site.whole[0].x.shape[1]
-    base = np.empty((0, gdim, gdim)) if base is None else base
-    if law.components != "cartesian":
-        first = gdim - 1 if law.components == "normal" else 0
-        signs = (1.0, -1.0)
-        pairs = [
-            replace(p, base=(sign * local_bases(sign * p.normal))[:, first:])
-            for p, sign in zip(pairs, signs)
-        ]
-        base = base[:, first:]
-    else:
-        base = np.broadcast_to(np.eye(gdim), base.shape)
-    given: tuple[bool, ...] = ()
-    if interface.obstacle is not None:
-        given = forced(interface.obstacle, gdim)
-        own, base = under_force(interface.obstacle, pairs[0], law.opens)
-        pairs = [own]
-    model = InterfaceGeometry(
-        interface, tuple(p.surface for p in pairs), site.spaces, tuple(pairs), frame, base,
-        float(pairs[0].forces.sum()), certificate, tuple(rims), tuple(notes), clock.times,
-        site, parts, given,
-    )  # fmt: skip
-    if log.isEnabledFor(logging.INFO):
-        stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())
-        log.info("%s\n    %s", "\n".join(describe(model)).strip(), stages)
-    return model

@@ -1,7 +1,5 @@
 """What can be said of an interface before any solve."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 
@@ -14,3 +12,4 @@ class Certificate:
     singular_values: tuple[float, float]  # smallest and largest of the scalar L_b
     linear: float  # max |sum_J N_J Y_J - X_p| in the plane, over the diameter
     largest_correction: float  # of an entry of L_b by design
+    place: float = 0.0  # about how well curved surfaces are known between their nodes [length]

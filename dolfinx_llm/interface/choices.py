@@ -1,7 +1,5 @@
 """An interface between two surfaces: the user's choices."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

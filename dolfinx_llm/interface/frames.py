@@ -1,8 +1,5 @@
 """The frame of an interface: the user's own, in closed form, predicted, or moved to pass."""
 
-from __future__ import annotations
-
-import logging
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +7,7 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.design.line import frame_at_roots
 from dolfinx_llm.design.positions import design_positions
@@ -18,8 +16,6 @@ from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.choices import Interface
-
-log = logging.getLogger("dolfinx_llm")
 
 COVERED, REACH = 1e-6, 3.0  # cells that a node may lie beyond a given, a predicted frame
 
@@ -32,7 +28,8 @@ def choose_frame(
     area: Any,
     corners: int | None = None,
 ) -> tuple[Frame, str, float]:
-    """The user's frame, turned to point out of side 0, or a predicted one.
+    """The user's frame, turned to point out of side 0, or a predicted one; a sentence that says
+    what it is, and how many cells a node may lie beyond its outline.
 
     Args:
         interface: the user's choices.
@@ -41,10 +38,6 @@ def choose_frame(
         plane: of flat surfaces; None: they are curved.
         area: what both cover, in the plane.
         corners: of a predicted frame's cells; None: those of the coarser side.
-
-    Returns:
-        The frame, a sentence that says what it is, and how many cells a node may lie beyond its
-        outline.
     """
     if interface.frame is not None:
         frame = face_side_1(interface.frame, sides[0])

@@ -1,7 +1,5 @@
 """An interface ready for assembly: the outcome of ``build``."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -39,6 +37,11 @@ class InterfaceGeometry:
     forced: tuple[bool, ...] = ()  # per component whether a force on the obstacle is prescribed
 
     @property
+    def normals_alone(self) -> bool:
+        """Whether the frame's nodes move along their normals only."""
+        return self.frame is not None and self.interface.law.components == "normal"
+
+    @property
     def places(self) -> np.ndarray:
         """(m, gdim) where the unknowns of ``directions`` are: the frame's nodes; of an obstacle
         under force the middle of what may touch it."""
@@ -67,3 +70,34 @@ class InterfaceGeometry:
         drawn, that is closest to each node; empty against a rigid obstacle."""
         others = self.pairs[::-1] if len(self.pairs) == 2 else ()
         return tuple(q.interpolation(p.x) for p, q in zip(self.pairs, others))
+
+
+def describe(model: InterfaceGeometry) -> list[str]:
+    """Lines for ``print(problem)``: what an interface consists of, what it leaves out and why."""
+    law, nodes = model.interface.law, " + ".join(str(len(p.nodes)) for p in model.pairs)
+    kind = "that may touch" if law.opens else "in contact"
+    frame = "no frame" if model.frame is None else f"frame of {len(model.frame.x)} nodes"
+    lines = [
+        f"  interface {model.interface.name}, {law}: {nodes} nodes {kind}, {frame}, "
+        f"area {model.area:.9g}"
+    ]
+    if model.frame is not None and model.certificate is not None:
+        c, q = model.certificate, model.frame.quality
+        lines += [
+            f"    patch residual {c.residual:.1e} (before design {c.residual_before:.1e}), "
+            f"singular values of L_b {c.singular_values[0]:.3g} to "
+            f"{c.singular_values[1]:.3g}, linear fields to {c.linear:.1e}",
+            f"    frame: angles {q.min_angle:.1f}° to {q.max_angle:.1f}°, shortest side "
+            f"{q.min_side:.3g}",
+        ]
+    lines += [f"    {note}" for note in model.notes]
+    if any(model.forced):
+        lines.append(f"    the obstacle moves in {model.directions.shape[1]} way(s) under a force")
+    out = []
+    if model.frame is None:
+        out.append("frame, second side and proximal term (rigid obstacle)")
+    if law.ties:
+        out.append("active set and local bases (tied)")
+    elif law.components == "normal":
+        out.append("tangential multipliers, tangential frame unknowns and slip (no friction)")
+    return lines + [f"    left out: {text}" for text in out]

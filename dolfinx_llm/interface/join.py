@@ -1,7 +1,5 @@
 """The pieces of an interface joined to one: one frame, one set of pairs per side."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -35,12 +33,7 @@ def whole_piece(pieces: Sequence[Piece]) -> Piece:
 def joined(
     whole: Sequence[Surface], parts: Sequence[Part]
 ) -> tuple[tuple[ContactPairs, ...], Frame, np.ndarray, Certificate]:
-    """One frame and pairs of both sides for all parts, which share no node.
-
-    Args:
-        whole: the surfaces as tagged.
-        parts: of the pieces.
-    """
+    """One frame and pairs of both sides for all parts, which share no node."""
     if len(parts) == 1:
         part = parts[0]
         return part.pairs, part.frame, part.base, part.certificate
@@ -94,4 +87,5 @@ def _worst(certificates: Sequence[Certificate]) -> Certificate:
         (float(values[:, 0].min()), float(values[:, 1].max())),
         max(c.linear for c in certificates),
         max(c.largest_correction for c in certificates),
+        max(c.place for c in certificates),
     )

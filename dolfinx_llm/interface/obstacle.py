@@ -1,7 +1,5 @@
 """What all rigid obstacles share: where they are, and what moves or presses them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,11 +10,7 @@ from dolfinx_llm.base.errors import ContactInputError
 
 
 def vector(name: str, value: ArrayLike, size: int | None = None) -> np.ndarray:
-    """A finite vector of 2 or 3 numbers, or of ``size``.
-
-    Raises:
-        ContactInputError: anything else.
-    """
+    """A finite vector of 2 or 3 numbers, or of ``size``."""
     want = f"give {size if size else '2 or 3'} numbers, which must be finite"
     found = checks.array(name, value, (None,), want)
     if len(found) not in (2, 3) or (size and len(found) != size):
@@ -80,8 +74,8 @@ class Obstacle:
 
     @property
     def gdim(self) -> int | None:
-        """Dimension of the space, 2 or 3; None: any."""
-        return None
+        """Dimension of the space, 2 or 3, that of ``middle``; None: any."""
+        return None if self.middle is None else len(self.middle)
 
     @property
     def middle(self) -> np.ndarray | None:

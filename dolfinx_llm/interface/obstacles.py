@@ -4,8 +4,6 @@ An obstacle says for points of a body how far its surface is and in which direct
 it can be moved, turned, or pressed; directions stay those of the drawing (small motions).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,11 +57,7 @@ class RigidPlane(Obstacle):
     def __post_init__(self) -> None:
         self.point = vector("point", self.point)
         self.normal = _unit("normal", self.normal, len(self.point))
-        self.pose(self.gdim)  # what moves it fits the dimension
-
-    @property
-    def gdim(self) -> int:
-        return len(self.point)
+        self.pose(len(self.point))  # what moves it fits the dimension
 
     @property
     def middle(self) -> np.ndarray:
@@ -101,11 +95,7 @@ class RigidSphere(Obstacle):
     def __post_init__(self) -> None:
         self.centre = vector("centre", self.centre)
         self.radius = _radius(self.radius, self.inside)
-        self.pose(self.gdim)  # what moves it fits the dimension
-
-    @property
-    def gdim(self) -> int:
-        return len(self.centre)
+        self.pose(len(self.centre))  # what moves it fits the dimension
 
     @property
     def middle(self) -> np.ndarray:
@@ -140,13 +130,12 @@ class RigidCylinder(Obstacle):
     axis: np.ndarray
     radius: float
     inside: bool = False
-    gdim = 3
 
     def __post_init__(self) -> None:
         self.point = vector("point", self.point, 3)
         self.axis = _unit("axis", self.axis, 3)
         self.radius = _radius(self.radius, self.inside)
-        self.pose(self.gdim)  # what moves it fits the dimension
+        self.pose(3)  # what moves it fits the dimension
 
     @property
     def middle(self) -> np.ndarray:

@@ -11,8 +11,14 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.balance import balance
-from dolfinx_llm.design.curved import smooth_rows, vector_residual
+from dolfinx_llm.design.curved import (
+    nodal_normals,
+    smooth_rows,
+    vector_residual,
+    with_mean_normals,
+)
 from dolfinx_llm.design.line import check_closed_form
+from dolfinx_llm.design.quadric import SmoothSurface
 from dolfinx_llm.design.weights import TOLERANCE, design_weights, patch_residual
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import Plane
@@ -35,8 +41,8 @@ def balanced(
     pairs: list[ContactPairs],
     vectors: Sequence[np.ndarray],
     notes: list[str],
-) -> tuple[list[ContactPairs], Certificate]:
-    """Pairs of curved surfaces after design, and their certificate.
+) -> tuple[list[ContactPairs], Certificate, np.ndarray]:
+    """Pairs of curved surfaces after design, their certificate, and normals at the frame's nodes.
 
     Args:
         vectors: pair of (n_surface, gdim) vector areas in contact [area].
@@ -45,9 +51,12 @@ def balanced(
     vectors = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
     plain = [p.N for p in pairs]
     before = np.linalg.norm(vector_residual(plain, vectors), axis=1)
+    normals, place = nodal_normals(frame), 0.0
     if interface.design is not None:
-        pairs = _least_residual(frame, pairs, vectors, close_gap, notes)
+        pairs, surface = _least_residual(frame, pairs, vectors, close_gap, notes)
+        normals, place = surface.normals, surface.error
     N = [p.N for p in pairs]
+    pairs = with_mean_normals(pairs, normals)
     after = np.linalg.norm(vector_residual(N, vectors), axis=1)
     size = max(p.surface.diameter for p in pairs)
     certificate = Certificate(
@@ -56,6 +65,7 @@ def balanced(
         rank_certificate(frame, N),
         float(max(np.abs(p.x - M @ frame.x).max() for p, M in zip(pairs, N, strict=True)) / size),
         float(max(np.abs(a - b).max() for a, b in zip(N, plain, strict=True))),
+        place,
     )
     notes.append(
         f"curved: vector areas, in least squares; root mean square of the patch residual "
@@ -73,7 +83,9 @@ def balanced(
     closed = "is closed" if close_gap else "is kept, tied as drawn without stress"
     if not interface.law.opens:
         notes.append(f"initial gap or overlap up to {gap:.3g} {closed}")
-    return pairs, certificate
+    if close_gap:
+        notes.append(f"the smooth surface that gaps are counted from is known to about {place:.1e}")
+    return pairs, certificate, normals
 
 
 def _least_residual(
@@ -82,8 +94,8 @@ def _least_residual(
     vectors: Sequence[np.ndarray],
     close_gap: bool,
     notes: list[str],
-) -> list[ContactPairs]:
-    """Pairs with the rows that reproduce the most of the places and balance.
+) -> tuple[list[ContactPairs], SmoothSurface]:
+    """Pairs with the rows that reproduce the most of the places and balance, and the surface.
 
     On coarse meshes the bodies enclose other volumes, and rows that reproduce all places cannot
     balance: there they go a part of the way (SHARES), the most that halves the vector residual
@@ -112,8 +124,8 @@ def _least_residual(
             "finer meshes of the curved surfaces all of it"
         )
     if least is before and not close_gap:
-        return pairs
-    return [replace(p, N=M) for p, M in zip(smooth.pairs, best, strict=True)]
+        return pairs, smooth.surface
+    return [replace(p, N=M) for p, M in zip(smooth.pairs, best, strict=True)], smooth.surface
 
 
 def designed(

@@ -10,7 +10,6 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_llm.base import compat
-from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.surface import Surface, check_sides, extract_surface
 from dolfinx_llm.interface.choices import Interface
 
@@ -26,11 +25,8 @@ class Site:
     comm: MPI.Comm
 
     def moved(self, motions: Sequence[np.ndarray]) -> Site:
-        """The same with the surfaces at x = X + u; nothing is gathered.
-
-        Args:
-            motions: per side (n, gdim) displacement u of its nodes since the drawing [length].
-        """
+        """The same with the surfaces at x = X + u, (n, gdim) per side since the drawing; nothing is
+        gathered."""
         sides = [side.moved(u) for side, u in zip(self.whole, motions, strict=True)]
         return replace(self, whole=tuple(sides))
 
@@ -38,14 +34,8 @@ class Site:
 def find_site(
     interface: Interface, spaces: Sequence[Any], fixed: Sequence[np.ndarray] | None = None
 ) -> Site:
-    """The surfaces of an interface and what is prescribed there, gathered on every rank.
-
-    Args:
-        interface, spaces, fixed: as of ``build_model``.
-
-    Raises:
-        ContactError, ContactInputError: tags without facets, surfaces that share nodes.
-    """
+    """The surfaces of an interface and what is prescribed there, gathered on every rank; arguments
+    as of ``build_interface``."""
     tagged = interface.tagged_sides()
     owners = tuple(space_of(tags, spaces) for tags, _ in tagged)
     whole = tuple(
@@ -60,24 +50,13 @@ def find_site(
 
 
 def space_of(tags: Any, spaces: Sequence[Any]) -> int:
-    """Index of the function space whose mesh the tags mark."""
-    if len(spaces) == 1:
-        return 0
-    for i, V in enumerate(spaces):
-        if compat.tags_belong_to(tags, V.mesh):
-            return i
-    raise ContactInputError(
-        "the facet tags belong to none of the meshes of the forms. For bodies on two meshes give "
-        "sides=((tags_0, tag_0), (tags_1, tag_1))"
-    )
+    """Index of the function space whose mesh the tags mark; the first, if there is none."""
+    own = [i for i, V in enumerate(spaces) if compat.tags_belong_to(tags, V.mesh)]
+    return own[0] if own else 0
 
 
 def _held(side: Surface, V: Any, fixed: np.ndarray) -> np.ndarray:
-    """(n, gdim) whether a Dirichlet condition prescribes a node's dof, on all ranks.
-
-    Args:
-        fixed: (n_owned dofs,) whether a dof is prescribed.
-    """
+    """(n, gdim) whether a Dirichlet condition prescribes a node's dof, on all ranks."""
     mine = side.owner == V.mesh.comm.rank
     start = V.dofmap.index_map.local_range[0]
     held = np.zeros(side.x.shape, dtype=np.int64)

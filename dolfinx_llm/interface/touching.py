@@ -1,23 +1,18 @@
 """What of the tagged surfaces takes part, and what is said or refused before any solve."""
 
-from __future__ import annotations
-
-import logging
 from collections.abc import Sequence
 from typing import NoReturn
 
 import numpy as np
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.log import log
 from dolfinx_llm.geometry.cells import vector_areas
-from dolfinx_llm.geometry.facing import TURN
+from dolfinx_llm.geometry.facing import TURN, Separation, separation
 from dolfinx_llm.geometry.overlap_curved import is_flat, vector_areas_in_contact
 from dolfinx_llm.geometry.overlap_flat import Plane, common_area, common_plane
 from dolfinx_llm.geometry.pieces import Piece, touching_pieces
-from dolfinx_llm.geometry.separation import Separation, separation
 from dolfinx_llm.geometry.surface import Surface
-
-log = logging.getLogger("dolfinx_llm")
 
 BURIED = 0.5  # depth, in the radius of the smaller surface, that no drawing can mean
 
@@ -25,13 +20,8 @@ BURIED = 0.5  # depth, in the radius of the smaller surface, that no drawing can
 def find_pieces(
     sides: Sequence[Surface], unilateral: bool, name: str, notes: list[str]
 ) -> tuple[list[Piece], list[np.ndarray]]:
-    """The pieces of two surfaces that can touch, and per side its ``steep_rim``.
-
-    Args:
-        sides: the surfaces as tagged.
-        unilateral: whether they may part.
-        name: of the interface, for messages.
-        notes: to which is added what was left out and how bodies overlap.
+    """The pieces of two surfaces that can touch, and per side its ``steep_rim``; ``notes`` gets
+    what was left out and how bodies overlap.
 
     Raises:
         ContactError: nothing faces, or one body lies inside of the other.
@@ -78,32 +68,43 @@ def _say_overlap(
     side, other, depth = sides[k], sides[1 - k], separations[k].depth
     if not depth.any():
         return
-    worst = int(depth.argmax())
     radius = min(np.linalg.norm(s.x - s.x.mean(axis=0), axis=1).max() for s in sides)
-    text = overlap_text(side, depth, f"the body of {other.name}")
-    buried = depth[worst] > max(BURIED * radius, separations[k].size[worst])
-    if buried or (not pieces and depth[worst] > separations[k].size[worst]):
-        raise ContactError(
-            f"{text}, where facets have the size {separations[k].size[worst]:.3g}: one body lies "
-            "inside of the other, or the tags mark sides that face away from each other. Check "
-            "tags, positions and units"
-        )
-    notes.append(text)
-    if depth[worst] > separations[k].size[worst]:
-        log.warning(
-            "interface %s: %s, more than a facet's size, %.3g: contact pushes them apart by as "
-            "much in the first load step. Check positions and units",
-            name, text, separations[k].size[worst],
-        )  # fmt: skip
+    say_depth(
+        side, depth, separations[k].size, BURIED * radius if pieces else 0.0, name, notes,
+        what=f"the body of {other.name}",
+        wrong="one body lies inside of the other, or the tags mark sides that face away from each "
+        "other. Check tags, positions and units",
+        pushes="them apart",
+    )  # fmt: skip
 
 
-def overlap_text(side: Surface, depth: np.ndarray, what: str) -> str:
-    """How deep nodes of a side lie inside of something, and where."""
+def say_depth(
+    side: Surface,
+    depth: np.ndarray,
+    size: np.ndarray,
+    most: float,
+    name: str,
+    notes: list[str],
+    *,
+    what: str,
+    wrong: str,
+    pushes: str,
+) -> None:
+    """Nodes of a side that lie inside of something by depth (n,), where facets have a size (n,):
+    noted, a warning beyond that size, refused where also deeper than ``most``."""
     worst = int(depth.argmax())
-    return (
+    text = (
         f"{int((depth > 0.0).sum())} node(s) of {side.name} lie inside of {what} as drawn, the "
         f"deepest at {side.x[worst].round(6).tolist()} by {depth[worst]:.3g}"
     )
+    if depth[worst] > max(most, size[worst]):
+        raise ContactError(f"{text}, where facets have the size {size[worst]:.3g}: {wrong}")
+    notes.append(text)
+    if depth[worst] > size[worst]:
+        log.warning(
+            "interface %s: %s, more than a facet's size, %.3g: contact pushes %s by as much in the "
+            "first load step. Check positions and units", name, text, size[worst], pushes,
+        )  # fmt: skip
 
 
 def _flat(sides: Sequence[Surface]) -> bool:
@@ -127,14 +128,8 @@ def _refuse(sides: Sequence[Surface], separations: Sequence[Separation]) -> NoRe
 
 
 def steep_rim(whole: Surface, facets: np.ndarray, over: np.ndarray) -> np.ndarray:
-    """(n,) nodes of a surface where it goes on, without a sharp edge, into facets that were left
-    out though the other side is there.
-
-    Args:
-        whole: the surface as tagged.
-        facets: (k,) numbers of those that take part.
-        over: (n,) nodes that lie over a facet of the other side.
-    """
+    """(n,) nodes of a tagged surface where it goes on, without a sharp edge, into others than the
+    given facets, left out though the other side is there: some of their nodes (n,) lie over it."""
     area = vector_areas(whole.x, whole.facets)
     normal = area / np.linalg.norm(area, axis=1)[:, None]
     left = over[whole.facets].any(axis=1)

@@ -1,7 +1,5 @@
 """An interface where its bodies have moved to: pairs found again, or all rebuilt."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -49,18 +47,13 @@ class Transfer:
 def relocated(
     model: InterfaceGeometry, motions: Sequence[np.ndarray], v: np.ndarray | None = None
 ) -> InterfaceGeometry:
-    """The same facets, frame cells and nodes, where bodies and frame are now.
-
-    Shape functions, normals, gaps, forces and the design are made anew; all sizes stay.
+    """The same facets, frame cells and nodes, where bodies and frame are now. Shape functions,
+    normals, gaps, forces and the design are made anew; all sizes stay.
 
     Args:
         model: the interface before.
         motions: per side (n, gdim) displacement of the tagged surface since the drawing [length].
         v: (m, gdim) motion of the frame's nodes since ``model`` [length]; None without a frame.
-
-    Raises:
-        ContactInputError: v is missing, or turns cells of the frame inside out.
-        ContactError: nothing faces any more, or a node has left the frame.
     """
     site, clock, notes = model.site.moved(motions), Clock(), list[str]()
     if model.frame is None:
@@ -81,14 +74,8 @@ def relocated(
 def rebuilt(
     model: InterfaceGeometry, motions: Sequence[np.ndarray], v: np.ndarray | None = None
 ) -> tuple[InterfaceGeometry, Transfer]:
-    """All anew where bodies are now, and how to carry over what was remembered.
-
-    Args:
-        model, motions, v: as of ``relocated``; v tells where the old frame is now.
-
-    Raises:
-        ContactError, ContactInputError: as where the interface was drawn.
-    """
+    """All anew where bodies are now, and how to carry over what was remembered; arguments as of
+    ``relocated``, v tells where the old frame is now."""
     new = build(model.site.moved(motions))
     return new, transfer(model, new, v)
 
@@ -96,11 +83,8 @@ def rebuilt(
 def transfer(
     old: InterfaceGeometry, new: InterfaceGeometry, v: np.ndarray | None = None
 ) -> Transfer:
-    """Between two geometries of one interface.
-
-    Args:
-        v: (m_old, gdim) motion of the old frame's nodes to where the new one is [length].
-    """
+    """Between two geometries of one interface; v (m_old, gdim) moves the old frame's nodes to where
+    the new one is."""
     places = []
     for before, after in zip(old.pairs, new.pairs, strict=True):
         order = np.argsort(before.dofs)

@@ -100,9 +100,10 @@ class Coulomb(Law):
         return {"mu": mu, "cohesive": nodes.area * cohesion}
 
     def _bound(self, nodes: LawNodes) -> np.ndarray:
-        """(k,) what tangential forces may reach, node by node [force]."""
-        cohesive = np.where(nodes.N > 0.0, nodes.history["cohesive"], 0.0)
-        return nodes.history["mu"] * nodes.N + cohesive
+        """(k,) what tangential forces may reach, node by node [force]. One that is pulled at, by a
+        corrected row, bears nothing: it takes nothing from those that share with it."""
+        bears = nodes.history["mu"] * nodes.N + nodes.history["cohesive"]
+        return np.where(nodes.N > 0.0, bears, 0.0)
 
     def rows(self, nodes: LawNodes) -> LawRows:
         T, s, delta = nodes.force, nodes.sums @ self._bound(nodes), nodes.slip
@@ -111,9 +112,10 @@ class Coulomb(Law):
         else:
             rows = newton_rows(T, s, delta, nodes.c)
         # N of the next iterate stands in the rows, cohesion does not depend on it.
-        cohesion = nodes.sums @ np.where(nodes.N > 0.0, nodes.history["cohesive"], 0.0)
+        pressed = nodes.N > 0.0
+        cohesion = nodes.sums @ np.where(pressed, nodes.history["cohesive"], 0.0)
         rhs = rows.rhs - rows.C_N * cohesion[:, None]
-        return replace(rows, rhs=rhs, weight=nodes.history["mu"])
+        return replace(rows, rhs=rhs, weight=np.where(pressed, nodes.history["mu"], 0.0))
 
     def miss(self, nodes: LawNodes) -> np.ndarray:
         s = nodes.sums @ self._bound(nodes)
@@ -146,7 +148,7 @@ def projection_miss(T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarr
     """(n,) distance of T from the projection of z = T + c δ on the disc of radius s [force]."""
     z, s = T + c[:, None] * delta, np.maximum(s, 0.0)
     size = _length(z)
-    return _length(T - z * np.minimum(1.0, s / np.maximum(size, 1e-300))[:, None])
+    return _length(T - z * (np.minimum(s, size) / np.maximum(size, 1e-300))[:, None])
 
 
 def newton_rows(T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarray) -> LawRows:
@@ -169,9 +171,9 @@ def newton_rows(T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarray) 
     status = np.where(~closed, OPEN, np.where(size < s, STICK, SLIP))
     safe = np.maximum(size, 1e-300)
     direction = z / safe[:, None]
-    e = np.minimum(s / safe, 1.0)
+    e = np.minimum(s, size) / safe
     cosine = np.einsum("ni,ni->n", T, z) / np.maximum(t * safe, 1e-300)
-    beta = 1.0 / (1.0 - np.minimum(cosine, 0.0) * np.minimum(t / np.maximum(s, 1e-300), 1.0))
+    beta = 1.0 / (1.0 - np.minimum(cosine, 0.0) * np.minimum(s, t) / np.maximum(s, 1e-300))
     largest = np.maximum(np.maximum(s, t), 1e-300)[:, None, None]
     outer = T[:, :, None] * direction[:, None, :] / largest
     M = e[:, None, None] * (np.eye(d) - beta[:, None, None] * outer)

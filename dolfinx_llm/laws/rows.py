@@ -12,12 +12,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, identity
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.laws.speakers import sums
 
 OPEN, STICK, SLIP = 0, 1, 2
 CLOSED = 3  # in contact, without friction
+LARGE = 1e3  # times the bodies' stiffness: rows with larger coefficients of jumps are divided
 
 
 def at_positions(value: Any, x: np.ndarray) -> np.ndarray:
@@ -55,10 +57,7 @@ class LawNodes:
     @property
     def sums(self) -> csr_matrix:
         """(k, k) sums over the nodes for which a node speaks."""
-        k = len(self.x)
-        if self.speaker is None:
-            return identity(k, format="csr")
-        return csr_matrix((np.ones(k), (self.speaker, np.arange(k))), (k, k))
+        return sums(np.arange(len(self.x)) if self.speaker is None else self.speaker)
 
     def values(self, value: Any) -> np.ndarray:
         """(k,) at the nodes of what a user gives for a law; collective.
@@ -127,17 +126,13 @@ class LawRows:
             nodes: with the last force.
             jump: (k, q) of the law there [length].
             compliance: (k, q) its derivative, component by component; 0: rigid [length / force].
-            status: (k,) as of ``springs``.
-            holds: (k,) as of ``springs``.
+            status, holds: (k,) as of ``springs``.
         """
-        k, q = nodes.jump.shape
-        given, rigid = jump - compliance * nodes.force - nodes.before, compliance <= 0.0
-        stiff = 1.0 / np.where(rigid, 1.0, compliance)
-        stiff = np.where(rigid, nodes.c[:, None], stiff)
-        C_T = np.where(rigid, 0.0, 1.0)[:, :, None] * np.eye(q)
-        C_jump = -stiff[:, :, None] * np.eye(q)
-        status = np.full(k, CLOSED if q == 1 else STICK) if status is None else status
-        return LawRows(status, C_T, C_jump, np.zeros((k, q)), -stiff * given, holds=holds)
+        rigid = compliance <= 0.0
+        stiff = np.where(rigid, nodes.c[:, None], 1.0 / np.where(rigid, 1.0, compliance))
+        force = np.where(rigid, 0.0, nodes.force) - stiff * (jump - nodes.before)
+        rows = LawRows.springs(replace(nodes, jump=nodes.before), force, stiff, status, holds)
+        return replace(rows, C_T=np.where(rigid[:, :, None], 0.0, rows.C_T))
 
     def left(self, nodes: LawNodes) -> np.ndarray:
         """(k, q) what forces and jumps leave of the rows' balance [force].
@@ -150,6 +145,23 @@ class LawRows:
         own = np.einsum("nij,nj->ni", self.C_T, nodes.force)
         own += np.einsum("nij,nj->ni", self.C_jump, nodes.slip)
         return own + self.C_N * S[:, None] - self.rhs
+
+    def scaled(self, c: np.ndarray) -> LawRows:
+        """The same equations, without rows of 1e11 times the others' size, among which a
+        factorisation sees neither those nor that they are unsymmetric.
+
+        Args:
+            c: (k,) size that rows have [force / length].
+        """
+        size = np.abs(self.C_jump).max(axis=(1, 2), initial=0.0) / c
+        by = 1.0 / np.where(size > LARGE, size, 1.0)[:, None]
+        return replace(
+            self,
+            C_T=by[:, None] * self.C_T,
+            C_jump=by[:, None] * self.C_jump,
+            C_N=by * self.C_N,
+            rhs=by * self.rhs,
+        )
 
     def tied(self, speaker: np.ndarray, unheld: np.ndarray, c: float) -> LawRows:
         """The same, but that nodes for which others speak slip as those do: their δ, taken relative
@@ -181,12 +193,12 @@ def checked(name: str, rows: Any, k: int, q: int) -> LawRows:
     """
     shapes = {"status": (k,), "C_T": (k, q, q), "C_jump": (k, q, q), "C_N": (k, q), "rhs": (k, q)}
     wrong = []
-    for name, shape in shapes.items():
-        value = np.asarray(getattr(rows, name, None))
+    for part, shape in shapes.items():
+        value = np.asarray(getattr(rows, part, None))
         if value.shape != shape:
-            wrong.append(f"{name} of shape {value.shape}, not {shape}")
+            wrong.append(f"{part} of shape {value.shape}, not {shape}")
         elif not np.isfinite(value.astype(float)).all():
-            wrong.append(f"{name} with values that are not finite")
+            wrong.append(f"{part} with values that are not finite")
     if wrong:
         raise ContactInputError(
             f"law {name}: rows have {'; '.join(wrong)}, for {k} nodes and {q} components"

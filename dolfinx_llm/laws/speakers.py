@@ -71,6 +71,16 @@ def unheld(sides: list[csr_matrix], speaker: np.ndarray) -> np.ndarray:
     return support[speaker] < CROSSES
 
 
+def sums(speaker: np.ndarray) -> csr_matrix:
+    """(k, k) sums over the nodes for which a node speaks.
+
+    Args:
+        speaker: (k,) of ``speakers``.
+    """
+    k = len(speaker)
+    return csr_matrix((np.ones(k), (speaker, np.arange(k))), (k, k))
+
+
 def follow(speaker: np.ndarray, tangents: np.ndarray) -> csr_matrix:
     """(k t, k t) slip of all nodes from that of those that speak for them.
 

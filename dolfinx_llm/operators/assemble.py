@@ -1,60 +1,53 @@
-"""B, L_b and g of (31) as PETSc objects, preallocated and distributed.
+"""B and L_b of (31) as PETSc objects, preallocated and distributed.
 
 Rows of B and columns of the multipliers live with the rank that owns the body's node; the frame's
 unknowns with the owner of the surface node next to them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix, vstack
 
-from dolfinx_llm.operators.numbering import Numbering, Rows
+from dolfinx_llm.geometry.pairs import ContactPairs
+from dolfinx_llm.operators.numbering import BodyDofs, Numbering, Rows
 from dolfinx_llm.operators.petsc import create_aij
 
-if TYPE_CHECKING:
-    from dolfinx_llm.geometry.pairs import ContactPairs
 
-
-def assemble_B(
-    comm: MPI.Comm, rows: Rows, bodies: tuple[tuple[int, int], int], fixed: np.ndarray
-) -> PETSc.Mat:
+def assemble_B(rows: Rows, dofs: BodyDofs) -> PETSc.Mat:
     """B of (31): one column per surface node and component, the base vector at the node's dofs.
-
-    Args:
-        comm: MPI communicator.
-        rows: the multipliers.
-        bodies: local and global number of the bodies' dofs, and this rank's first one.
-        fixed: (n_local,) whether a Dirichlet condition prescribes a dof of this rank; its row of B
-            stays empty, since K holds an identity row there.
-    """
-    (n_local, n_global), start = bodies
+    Rows of prescribed dofs stay empty, since K holds an identity there."""
     mine, multipliers = rows.numbering.mine, rows.numbering
-    value, at = rows.base[mine], rows.dofs[mine] - start
+    value, at = rows.base[mine], rows.dofs[mine] - dofs.first
     cols = np.broadcast_to(multipliers.number[mine][:, None], value.shape)
-    keep = (value != 0.0) & ~fixed[at]
-    local = csr_matrix((value[keep], (at[keep], cols[keep])), (n_local, multipliers.sizes[1]))
-    return create_aij(comm, (n_local, n_global), multipliers.sizes, local)
+    keep = (value != 0.0) & ~dofs.fixed[at]
+    local = csr_matrix((value[keep], (at[keep], cols[keep])), (dofs.sizes[0], multipliers.sizes[1]))
+    return create_aij(dofs.comm, dofs.sizes, multipliers.sizes, local)
 
 
-def interface_operator(pairs: Sequence[ContactPairs], directions: np.ndarray) -> csr_matrix:
-    """L_b of one frame, on every rank: row (p, i), column (J, k) holds N_J(xi_p) a_i · d_Jk.
+def interface_operator(
+    pairs: Sequence[ContactPairs], directions: np.ndarray, normals: bool = False
+) -> csr_matrix:
+    """L_b of one frame, on every rank: row (p, i), column (J, k) holds N_J(xi_p) a_i · d_Jk. Rows
+    come one side after the other; directions (m, d, gdim) are those in which the frame's nodes
+    move.
 
-    Args:
-        pairs: the sides, c base vectors per pair; their rows come one side after the other.
-        directions: (m, d, gdim) directions in which the frame's nodes move.
+    Where these are ``normals`` alone, a pair's normal is the mean of the nodes', and the column
+    holds N_J / |sum_K N_K n_K|, out of side 1 with the other sign: then translations pass, and
+    what balances in L_bᵀ λ has no resultant, however much the nodes' normals differ.
     """
     blocks = []
     for side in pairs:
         N = side.N.tocoo()
         c, d = side.base.shape[1], directions.shape[1]
-        value = np.einsum("nci,ndi->ncd", side.base[N.row], directions[N.col])
-        value *= N.data[:, None, None]
+        if normals:
+            own = np.einsum("ni,ni->n", side.base[:, 0], side.N @ directions[:, 0])
+            value = np.broadcast_to(1.0 / own[N.row, None, None], (len(N.row), 1, 1))
+        else:
+            value = np.einsum("nci,ndi->ncd", side.base[N.row], directions[N.col])
+        value = value * N.data[:, None, None]
         row = np.broadcast_to((N.row[:, None] * c + np.arange(c))[:, :, None], value.shape)
         col = np.broadcast_to((N.col[:, None] * d + np.arange(d))[:, None, :], value.shape)
         keep = value != 0.0
@@ -66,27 +59,7 @@ def interface_operator(pairs: Sequence[ContactPairs], directions: np.ndarray) ->
 def assemble_L_b(
     comm: MPI.Comm, L: csr_matrix, multipliers: Numbering, frames: Numbering
 ) -> PETSc.Mat:
-    """L_b of (31) as PETSc AIJ.
-
-    Args:
-        comm: MPI communicator.
-        L: the operator of all frames in the unknowns' own order (``interface_operator``).
-        multipliers: numbers of the rows.
-        frames: numbers of the columns.
-    """
+    """L_b of (31) as PETSc AIJ, from that of all frames in the unknowns' own order."""
     local = L[multipliers.mine].tocoo()
     local = csr_matrix((local.data, (local.row, frames.number[local.col])), shape=local.shape)
     return create_aij(comm, multipliers.sizes, frames.sizes, local)
-
-
-def assemble_gap(
-    comm: MPI.Comm,
-    pairs: Sequence[ContactPairs],
-    multipliers: Numbering,
-    gaps: Sequence[np.ndarray],
-) -> PETSc.Vec:
-    """g of (31): a_i · (X_p - sum_J N_J Y_J) per multiplier, from the given (n, gdim) gaps."""
-    value = [np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in zip(pairs, gaps)]
-    g = PETSc.Vec().createMPI(multipliers.sizes, comm=comm)
-    g.array_w[:] = np.concatenate(value)[multipliers.mine]
-    return g

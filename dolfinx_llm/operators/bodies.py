@@ -1,7 +1,5 @@
 """Connected bodies and their rigid motions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,10 +14,8 @@ ALONG = 1e-2  # part of a rotation below which it counts as translation, of a sc
 
 
 def body_labels(V: Any) -> tuple[np.ndarray, int]:
-    """Number of the connected body of every local node of V (owned and ghost), and their count.
-
-    Bodies are told apart by the mesh's connectivity, on all ranks together.
-    """
+    """Number of the connected body of every local node of V (owned and ghost), and their count, by
+    the mesh's connectivity on all ranks together."""
     comm, index_map = V.mesh.comm, V.dofmap.index_map
     n = index_map.size_local + index_map.num_ghosts
     dofs = compat.cell_dofs(V)
@@ -60,11 +56,7 @@ def rigid_modes(x: np.ndarray) -> np.ndarray:
 
 
 class Bodies:
-    """Connected bodies of the meshes and the rigid motions of each.
-
-    Args:
-        spaces: function spaces, one per mesh.
-    """
+    """Connected bodies of the meshes of function spaces and the rigid motions of each."""
 
     def __init__(self, spaces: Sequence[Any]) -> None:
         self.comm = spaces[0].mesh.comm
@@ -100,29 +92,13 @@ class Bodies:
         modes[np.arange(len(x)), :, label] = self.own_modes(label, x)
         return modes
 
-    def triangle(self, rows: np.ndarray, label: np.ndarray) -> np.ndarray:
-        """R of a QR decomposition of rows (n, modes per body), each about the labelled body, as
-        rows about all bodies' motions."""
-        k = rows.shape[1]
-        parts = []
-        for b in range(self.count):
-            part = np.linalg.qr(rows[label == b], mode="r")
-            parts.append(np.zeros((len(part), self.count * k)))
-            parts[-1][:, b * k : (b + 1) * k] = part
-        return np.concatenate(parts)
-
     def name(self, body: int) -> str:
         low, high = ((x[body].round(6) + 0.0).tolist() for x in (self.low, self.high))
         return f"body {body} (from {low} to {high})"
 
     def motion(self, body: int, amounts: np.ndarray, work: float) -> str:
-        """Words for a rigid motion of a body, and for the force or moment along it.
-
-        Args:
-            body: its number.
-            amounts: (3 or 6,) of the motions of ``own_modes``.
-            work: that forces do along it [force length].
-        """
+        """Words for a rigid motion of a body, (3 or 6,) amounts of those of ``own_modes``, and for
+        the force or moment that does this work along it [force length]."""
         low, high, gdim = self.low[body], self.high[body], self.gdim
         centre, size = 0.5 * (low + high), np.linalg.norm(high - low)
         shift, turn = amounts[:gdim], 2.0 / size * amounts[gdim:]

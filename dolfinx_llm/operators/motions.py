@@ -5,22 +5,30 @@ little else, and the forces in the body are differences of large numbers. So the
 told apart from the start, with a stiffness of their own, which is zero where nothing holds them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import scipy.linalg
 from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix, identity
+from scipy.sparse.linalg import splu
 
+from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.operators.bodies import Bodies
+from dolfinx_llm.operators.numbering import Numbering
+from dolfinx_llm.operators.petsc import diagonal_of, times
 
 STILL = 1e-10  # part of its size by which a rigid motion may move prescribed dofs and count as none
 WEAK = 1e-2  # of a body's own stiffness, below which that of springs counts as weak
 NOISE = 30.0  # rounding errors of K below which a rigid motion counts as free
 FAR = 30.0  # sizes of cells from the origin, from which on their coordinates cost digits
 EPS = np.finfo(float).eps
+SPRING = 1e-10  # stiffness of the springs that hold free bodies, of the surfaces'
+WEAKER = 1e-5  # ... of that of springs which hold other bodies
+LEAST = 1e-13  # ... of the surfaces', at least
+DRIFTS = 1e-9  # rounding of K over the stiffness of springs, from which on it is looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +45,7 @@ class RigidMotions:
     noise: np.ndarray  # (k,) what rounding of K may have done to it
 
     def describe(self, amounts: np.ndarray, forces: np.ndarray) -> str:
-        """Words for a motion and what pushes along it.
-
-        Args:
-            amounts: (free,) of the free motions.
-            forces: (free,) along them [force].
-        """
+        """Words for (free,) amounts of the free motions, and the forces (free,) along them."""
         words, size = [], np.abs(amounts).max(initial=0.0)
         for b in np.unique(self.body[: self.free]):
             own = np.flatnonzero(self.body[: self.free] == b)
@@ -61,13 +64,8 @@ def no_motions(bodies: Bodies, n: int) -> RigidMotions:
 
 
 def rigid_motions(bodies: Bodies, K: Any, fixed: np.ndarray) -> RigidMotions:
-    """The rigid motions of each body that supports alone do not hold, or only by weak springs.
-
-    Args:
-        bodies: the bodies.
-        K: their stiffness, identity rows at prescribed dofs.
-        fixed: (n_local,) whether a local dof is prescribed.
-    """
+    """The rigid motions of each body that supports alone, (n_local,) fixed dofs, do not hold, or
+    only by weak springs; K has identity rows at fixed dofs."""
     label = np.repeat(bodies.label, bodies.gdim)
     R = bodies.own_modes(bodies.label, bodies.points).reshape(len(fixed), -1)
     allowed = _allowed(bodies, R, label, fixed)
@@ -77,7 +75,9 @@ def rigid_motions(bodies: Bodies, K: Any, fixed: np.ndarray) -> RigidMotions:
         own = label == b
         moved[own, : N.shape[1]] = R[own] @ N
     moved[fixed] = 0.0
-    pushed, diagonal = _times(K, moved)
+    pushed, diagonal = np.empty_like(moved), np.abs(diagonal_of(K))
+    for k in range(width):
+        pushed[:, k] = times(K, moved[:, k])
     found = [
         _of_body(bodies, b, N, (moved, pushed, diagonal), label) for b, N in enumerate(allowed)
     ]
@@ -115,28 +115,10 @@ def _allowed(
     return out
 
 
-def _times(K: Any, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """K times this rank's rows of columns, and |diagonal of K|."""
-    x, y = K.createVecs()
-    out = np.empty_like(columns)
-    for k in range(columns.shape[1]):
-        x.array_w[:] = columns[:, k]
-        K.mult(x, y)
-        out[:, k] = y.array_r
-    diagonal = K.getDiagonal()
-    values = np.abs(diagonal.array_r)
-    for vector in (x, y, diagonal):
-        vector.destroy()
-    return out, values
-
-
 def _of_body(bodies: Bodies, b: int, N: np.ndarray, fields: Any, label: np.ndarray) -> Any:
-    """Motions of one body that are free or weakly held.
-
-    Returns:
-        Their coefficients (columns of N, k), stiffness (k,), whether springs hold them (k,), and
-        the stiffness that rounding alone may cause (k,).
-    """
+    """Motions of one body that are free or weakly held: their coefficients (columns of N, k),
+    stiffness (k,), whether springs hold them (k,), and the stiffness that rounding alone may cause
+    (k,)."""
     moved, pushed, diagonal = (field[label == b] for field in fields)
     k = N.shape[1]
     moved, pushed = moved[:, :k], pushed[:, :k]
@@ -157,3 +139,79 @@ def _of_body(bodies: Bodies, b: int, N: np.ndarray, fields: Any, label: np.ndarr
     far = max(np.abs([bodies.low[b], bodies.high[b]]).max() / extent * across / FAR, 1.0)
     noise = NOISE * EPS * far * np.sqrt(np.maximum(np.diagonal(square).sum(), 0.0))
     return vectors, values, values > noise, np.full(len(values), noise / NOISE)
+
+
+def pins(comm: MPI.Comm, modes: np.ndarray) -> list[int]:
+    """This rank's dofs (local numbers) that together hold the modes (n_local, k) best, k in all."""
+    rest, chosen = modes.copy(), []
+    for _ in range(rest.shape[1]):
+        size = np.einsum("nk,nk->n", rest, rest)
+        best = int(size.argmax()) if len(size) else 0
+        found = comm.allgather((float(size[best]), rest[best]) if len(size) else (-1.0, None))
+        rank = int(np.argmax([round(length, 12) for length, _ in found]))
+        direction = found[rank][1]
+        if rank == comm.rank:
+            chosen.append(best)
+        rest = rest - np.outer(rest @ direction, direction) / (direction @ direction)
+    return chosen
+
+
+class Floating:
+    """Rigid motions that supports leave to the bodies, α, each held by a weak spring at one dof.
+    The springs pull to where the bodies were. At a solution they carry nothing: what they carry
+    else is the part of the load that neither supports nor contact take."""
+
+    def __init__(self, rigid: RigidMotions, B: PETSc.Mat, rows: Numbering) -> None:
+        self.comm: MPI.Comm = rigid.bodies.comm
+        self.rigid = rigid
+        self.count = self.rigid.free
+        self.modes = self.rigid.modes[:, : self.count]
+        self.pins = pins(self.comm, self.modes)
+        self._at_pins = gather_rows(self.comm, self.modes[self.pins])  # (count, count)
+        self.square = self._at_pins.T @ self._at_pins
+        own = np.zeros((rows.sizes[0], self.rigid.modes.shape[1]))
+        for k, mode in enumerate(self.rigid.modes.T):
+            own[:, k] = times(B, mode, transposed=True)
+        self.G = gather_rows(self.comm, own)[rows.number]  # (n, k) Bᵀ of all rigid motions
+
+    def at_pins(self, amounts: np.ndarray) -> np.ndarray:
+        """Motion of this rank's pins for (count,) α [length]."""
+        return self.modes[self.pins] @ amounts
+
+    def amounts(self, u: np.ndarray) -> np.ndarray:
+        """(count,) α of this rank's displacement u (n_local,)."""
+        return np.linalg.solve(self._at_pins, gather_rows(self.comm, u[self.pins]))
+
+    def spring(self, scale: float) -> float:
+        """Stiffness of the springs [force / length]: weak against ``scale``, and against springs
+        of the bodies' own that they may act in line with, as far as digits allow."""
+        weakest = np.diagonal(self.rigid.stiffness)[self.count :].min(initial=np.inf)
+        return float(max(min(SPRING * scale, WEAKER * weakest), LEAST * scale))
+
+    @property
+    def grip(self) -> np.ndarray:
+        """(n, count) by how much multipliers may push along the free motions."""
+        return np.abs(self.G[:, : self.count])
+
+    def drift(self, L: csr_matrix) -> float:
+        """Relative error of motions that weak springs alone hold: the stiffness of the bodies, with
+        its rounding, stands beside theirs. L (n, m) has the rows of L_b in contact, the others are
+        zero."""
+        rigid, weak = self.rigid, slice(self.count, None)
+        own, noise = rigid.stiffness[weak, weak], np.diag(rigid.noise[weak])
+        if not (np.diagonal(noise) > DRIFTS * np.diagonal(own)).any():
+            return 0.0
+        on = np.diff(L.indptr) > 0
+        G = self.G[:, weak] * on[:, None]
+        if L.shape[1]:
+            fit = splu((L.T @ L + 1e-10 * identity(L.shape[1])).tocsc())
+            G = G - L @ fit.solve(L.T @ G)
+        values, vectors = np.linalg.eigh(G.T @ G)
+        loose = vectors[:, values < 1e-8 * max(np.abs(self.G).max(initial=0.0), 1.0)]
+        if not loose.shape[1]:
+            return 0.0
+        return float(scipy.linalg.eigh(loose.T @ noise @ loose, loose.T @ own @ loose)[0].max())
+
+    def sizes(self, f: np.ndarray) -> np.ndarray:
+        """(count,) this rank's loads f along the motions, summed up over all without sign."""
+        return self.comm.allreduce(np.abs(self.modes).T @ np.abs(f))

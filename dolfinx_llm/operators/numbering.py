@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-if TYPE_CHECKING:
-    from dolfinx_llm.geometry.pairs import ContactPairs
-    from dolfinx_llm.geometry.surface import Surface
-    from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.geometry.pairs import ContactPairs
+from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +78,7 @@ def places(models: Sequence[InterfaceGeometry]) -> list[Place]:
     for model, frame in zip(models, frames, strict=True):
         n = sum(len(side.nodes) for side in model.pairs)
         _, c, gdim = model.pairs[0].base.shape
-        k = n if model.frame is None else len(model.directions)
-        slips = k * model.interface.law.jumps(gdim)
+        slips = len(model.law_nodes[0]) * model.interface.law.jumps(gdim)
         starts, sizes = ends, (len(model.pairs), n, n * c, frame, slips)
         ends = [start + size for start, size in zip(starts, sizes, strict=True)]
         found.append(Place(*map(slice, starts, ends)))

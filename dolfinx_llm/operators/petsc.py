@@ -1,7 +1,5 @@
 """Products, nests, springs and sizes of PETSc matrices."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -50,9 +48,7 @@ def diagonal_of(K: PETSc.Mat) -> np.ndarray:
     return values
 
 
-def join_blocks(
-    blocks: Sequence[Sequence[PETSc.Mat | None]],
-) -> tuple[PETSc.Mat, list[np.ndarray]]:
+def join_blocks(blocks: Sequence[Sequence[PETSc.Mat | None]]) -> tuple[PETSc.Mat, list[np.ndarray]]:
     """AIJ from a nest of blocks, and this rank's rows of each block row: the nest interleaves the
     blocks by rank."""
     nest = PETSc.Mat().createNest(blocks)
@@ -89,14 +85,3 @@ def is_symmetric(K: PETSc.Mat) -> bool:
     for vector in (x, y, Kx, Ky):
         vector.destroy()
     return gap <= 1e-10 * size
-
-
-def mean_diagonal(K: PETSc.Mat, rows: np.ndarray, geometric: bool = False) -> float:
-    """Mean diagonal entry of K over some of this rank's local rows [force / length]."""
-    diagonal = K.getDiagonal()
-    values = np.abs(diagonal.array_r[rows])
-    diagonal.destroy()
-    values = np.log(np.maximum(values, 1e-300)) if geometric else values
-    total = K.comm.tompi4py().allreduce(np.array([values.sum(), float(len(values))]))
-    mean = total[0] / total[1] if total[1] else float(not geometric)
-    return float(np.exp(mean) if geometric else mean)

@@ -1,7 +1,5 @@
 """Rows at prescribed dofs."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg import qr
 from scipy.sparse import csr_matrix
@@ -12,19 +10,12 @@ REPEATED = 1e-6  # part of base vectors at free dofs that counts as none
 def prescribed_rows(
     L: csr_matrix, prescribed: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which rows of L_b hold prescribed dofs, and which of them say nothing new.
+    """Rows (k,) of a frame's L_b at prescribed dofs, a basis (k, r) of their column space, with
+    which the multipliers of least size are basis basisᵀ λ, and the redundant rows (k - r,).
 
     Where both bodies have prescribed dofs on the contact surface (a symmetry plane through it),
     these rows bind the frame alone, and more of them than the frame has nodes there. Those that
     follow from the others must go, or (31) is singular in λ.
-
-    Args:
-        L: L_b of one frame.
-        prescribed: (n_rows,) whether the body's dof of a row is prescribed.
-
-    Returns:
-        rows (k,) of prescribed dofs; basis (k, r) of their column space, with which the multipliers
-        of least size are basis basisᵀ λ; redundant rows (k - r,).
     """
     rows = np.flatnonzero(prescribed)
     basis = _column_space(L, rows)
@@ -35,16 +26,9 @@ def prescribed_rows(
 
 
 def free_parts(free: np.ndarray, c: int) -> np.ndarray:
-    """(n c,) how much each row of a node moves that its rows before leave free, the normal row,
-    the last one, before all others.
-
-    A node that supports let move one way alone is held by its normal row; what its tangential rows
-    say besides would be said twice.
-
-    Args:
-        free: (n c, gdim) base vectors at free dofs, c rows to a node.
-        c: rows to a node.
-    """
+    """(n c,) how much each row of a node, c base vectors (n c, gdim) at free dofs, moves that its
+    rows before leave free, the normal row, the last one, before all others. A node that supports
+    let move one way alone is held by its normal row; its tangential rows would say that twice."""
     vectors = free.reshape(-1, c, free.shape[1]).copy()
     size = np.zeros(vectors.shape[:2])
     for i in (c - 1, *range(c - 1)):

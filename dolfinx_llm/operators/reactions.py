@@ -1,7 +1,5 @@
 """Forces at nodes that supports hold."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from dolfinx_llm.operators.prescribed import largest_share, undetermined
@@ -20,19 +18,11 @@ def with_reactions(
 ) -> np.ndarray:
     """Multipliers (n,) with what bodies pass on at nodes that supports hold; collective.
 
-    There the equations leave open what the supports take and what goes through the frame. Of
-    the forces that bodies exert on both, f - K u, the part is added that leaves the frame in
+    There the equations leave open what the supports take and what goes through the frame. Of the
+    forces (n_local,) that bodies exert on both, f - K u, the part is added that leaves the frame in
     balance; what may open stays pressed together, and without it where it is open. What friction
-    may be between nodes that stick nothing tells: it is the least that meets (31). Nodes of several
-    interfaces, and those against obstacles, stay as they are.
-
-    Args:
-        operators: of the interfaces.
-        multiplier: the least that meet (31).
-        v: (m,) frame unknowns.
-        u: (n_local,) displacement.
-        force: (n_local,) f - K u, with the rows of prescribed dofs.
-        sticks: (n,) rows of pairs that stick under friction; None: there is none.
+    may be between nodes that stick, (n,) rows, nothing tells: it is the least that meets (31).
+    Nodes of several interfaces, and those against obstacles, stay as they are.
     """
     rows, multiplier = operators.rows, multiplier.copy()
     motion, passed = (
@@ -40,8 +30,7 @@ def with_reactions(
         for local in (u, force)
     )
     node = rows.dofs[:, 0]
-    sides = zip(operators.pairs, operators.side_gaps(), strict=True)
-    gaps = np.concatenate([np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in sides])
+    gaps = operators.row_gaps()
     opening = operators.L @ v - motion - gaps
     closed = opening <= TOUCHING * max(np.abs(motion).max(), np.abs(gaps).max())
     for model, place, L in zip(operators.models, operators.places, operators.blocks, strict=True):

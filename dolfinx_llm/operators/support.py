@@ -1,69 +1,27 @@
 """Rigid motions of the bodies that neither supports nor interfaces hold."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.operators.bodies import Bodies
-from dolfinx_llm.operators.motions import RigidMotions, rigid_motions
+from dolfinx_llm.operators.motions import RigidMotions
 
 FIT_DIRECTLY = 5000  # frame unknowns up to which a factorisation is the quickest least-squares fit
 UNHELD = 1e-11  # singular values below, of the largest, are motions that nothing holds
 
 
-def pins(comm: MPI.Comm, modes: np.ndarray) -> list[int]:
-    """This rank's dofs (local numbers) that together hold the modes (n_local, k) best, k in all."""
-    rest, chosen = modes.copy(), []
-    for _ in range(rest.shape[1]):
-        size = np.einsum("nk,nk->n", rest, rest)
-        best = int(size.argmax()) if len(size) else 0
-        found = comm.allgather((float(size[best]), rest[best]) if len(size) else (-1.0, None))
-        rank = int(np.argmax([round(length, 12) for length, _ in found]))
-        direction = found[rank][1]
-        if rank == comm.rank:
-            chosen.append(best)
-        rest = rest - np.outer(rest @ direction, direction) / (direction @ direction)
-    return chosen
-
-
 def check_support(
-    bodies: Bodies,
-    K: Any,
-    fixed: np.ndarray,
-    interfaces: Sequence[tuple[csr_matrix | None, np.ndarray]],
+    rigid: RigidMotions, interfaces: Sequence[tuple[csr_matrix | None, np.ndarray]]
 ) -> None:
     """Require that supports and tied interfaces hold every body.
 
     A combination of rigid motions is not held if it has no stiffness (K R c = 0), does not move
-    prescribed dofs, and the frames can follow it (Bᵀ R c in the range of L_b).
-
-    Args:
-        bodies: the bodies.
-        K: their stiffness, identity rows at prescribed dofs.
-        fixed: (n_local,) whether a local dof is prescribed.
-        interfaces: per interface (L, R): its operator L_b, or None without a frame, and Bᵀ R as
-            (rows, modes).
-
-    Raises:
-        ContactError: some motion is not held.
-    """
-    check_held(rigid_motions(bodies, K, fixed), interfaces)
-
-
-def check_held(
-    rigid: RigidMotions, interfaces: Sequence[tuple[csr_matrix | None, np.ndarray]]
-) -> None:
-    """The same for the motions that supports alone do not hold; see ``check_support``.
-
-    Raises:
-        ContactError: some motion is not held.
+    prescribed dofs, and the frames can follow it (Bᵀ R c in the range of L_b). Of each interface
+    L_b is given, None without a frame, and Bᵀ R (rows, modes).
     """
     bodies = rigid.bodies
     if not rigid.free:
@@ -89,18 +47,12 @@ def check_held(
 
 
 def check_loops(models: Sequence[Any], labels: Sequence[np.ndarray]) -> None:
-    """Refuse interfaces that share nodes and close a loop of bodies.
+    """Refuse interfaces that share nodes and close a loop of bodies (per side (n,) label of each
+    node).
 
     A node may take part in several interfaces: each adds a constraint with a frame of its own.
-    Round a loop (two interfaces between the same two bodies, three bodies that meet in an
-    edge) the constraints repeat each other and the contact forces there are not unique.
-
-    Args:
-        models: the interfaces.
-        labels: per side (n,) body of each node.
-
-    Raises:
-        ContactError: nodes are shared and a loop is closed.
+    Round a loop (two interfaces between the same two bodies, three bodies that meet in an edge) the
+    constraints repeat each other and the contact forces there are not unique.
     """
     n, gdim = len(models), models[0].sides[0].x.shape[1]
     first = np.cumsum([0, *(len(model.pairs) for model in models)])
@@ -137,11 +89,9 @@ def check_loops(models: Sequence[Any], labels: Sequence[np.ndarray]) -> None:
 
 
 def _least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:
-    """Solution of min |L v - b| for every column of b (n, k), by a factorisation of LᵀL.
-
-    LᵀL is like a mass matrix, so that large frames are iterated on by conjugate gradients; with
-    small singular values, on which these are slow, they are factorised, too.
-    """
+    """Solution of min |L v - b| for every column of b (n, k), by a factorisation of LᵀL. It is like
+    a mass matrix, so that large frames are iterated on by conjugate gradients; with small singular
+    values, on which these are slow, they are factorised, too."""
     if L.shape[1] <= FIT_DIRECTLY:
         return _factorised(L).solve(L.T @ b)
     v = np.zeros((L.shape[1], b.shape[1]))

@@ -1,7 +1,5 @@
 """B, L_b and g of all interfaces of a problem, for one geometry."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,17 +8,11 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.interface.against import prescribed_loads
 from dolfinx_llm.interface.geometry import InterfaceGeometry
-from dolfinx_llm.interface.pressed import prescribed_loads
-from dolfinx_llm.operators.assemble import (
-    assemble_B,
-    assemble_gap,
-    assemble_L_b,
-    interface_operator,
-)
+from dolfinx_llm.operators.assemble import assemble_B, assemble_L_b, interface_operator
 from dolfinx_llm.operators.bodies import Bodies
-from dolfinx_llm.operators.floating import Floating
-from dolfinx_llm.operators.motions import no_motions, rigid_motions
+from dolfinx_llm.operators.motions import Floating, no_motions, rigid_motions
 from dolfinx_llm.operators.numbering import (
     BodyDofs,
     Numbering,
@@ -29,23 +21,17 @@ from dolfinx_llm.operators.numbering import (
     places,
     slip_numbering,
 )
-from dolfinx_llm.operators.petsc import diagonal_of, mean_diagonal
+from dolfinx_llm.operators.petsc import diagonal_of
 from dolfinx_llm.operators.prescribed import free_parts, prescribed_rows
-from dolfinx_llm.operators.support import check_held, check_loops
+from dolfinx_llm.operators.support import check_loops, check_support
 
 NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
 
 
 class ContactOperators:
-    """What the interfaces put into (31), for one geometry of theirs.
+    """What the interfaces put into (31), for one geometry of theirs; K is only read.
 
     Collective. Arrays named by rows or unknowns hold those of all ranks, on every rank.
-
-    Args:
-        models: the interfaces.
-        dofs: numbers of the bodies' dofs.
-        K: stiffness of the bodies, PETSc AIJ; it is only read here.
-        times: to which the seconds are added, and those of the interfaces.
 
     Attributes:
         comm, models, dofs, tied: as given; whether ties are all there is.
@@ -71,11 +57,7 @@ class ContactOperators:
     """
 
     def __init__(
-        self,
-        models: Sequence[InterfaceGeometry],
-        dofs: BodyDofs,
-        K: PETSc.Mat,
-        times: StageTimes,
+        self, models: Sequence[InterfaceGeometry], dofs: BodyDofs, K: PETSc.Mat, times: StageTimes
     ) -> None:
         self.comm, self.models, self.dofs = dofs.comm, list(models), dofs
         for model in models:
@@ -83,7 +65,7 @@ class ContactOperators:
         with times.timed("operators"):
             self._number()
             self._find_prescribed()
-            self.B = assemble_B(self.comm, self.rows, (dofs.sizes, dofs.first), dofs.fixed)
+            self.B = assemble_B(self.rows, dofs)
             kept = scipy.sparse.diags((~self.redundant).astype(float))
             self.L = (kept @ scipy.sparse.block_diag(self.blocks, format="csr")).tocsr()
             self.L.eliminate_zeros()
@@ -93,14 +75,22 @@ class ContactOperators:
         self.renew(K, times)
 
     def renew(self, K: PETSc.Mat, times: StageTimes) -> None:
-        """Take over another stiffness of the same bodies; see ``ContactOperators``.
-
-        Raises:
-            ContactError: a motion is free.
-        """
-        self.scale, self.diagonal = _surface_stiffness(K, self), diagonal_of(K)
+        """Take over another stiffness of the same bodies, which must hold them."""
+        self.diagonal = diagonal_of(K)
+        self.scale = self._surface_stiffness()
         with times.timed("support check"):
             self._check_support(K)
+
+    def _surface_stiffness(self) -> float:
+        """Mean diagonal of K on the free surface dofs [force / length]; the geometric mean where
+        bodies may part, since there the softer one tells the forces."""
+        fixed, rows = self.dofs.fixed, self.rows.dofs.ravel() - self.dofs.first
+        rows = rows[(rows >= 0) & (rows < len(fixed))]
+        values = np.abs(self.diagonal[rows[~fixed[rows]]])
+        values = values if self.tied else np.log(np.maximum(values, 1e-300))
+        total, count = self.comm.allreduce(np.array([values.sum(), float(len(values))]))
+        mean = total / count if count else float(self.tied)
+        return float(mean if self.tied else np.exp(mean))
 
     def _number(self) -> None:
         """Places, rows, unknowns, and L_b of each interface."""
@@ -113,7 +103,10 @@ class ContactOperators:
         self.rows = Rows.of(self.comm, self.pairs, self.side_dofs)
         self.frames = frame_numbering(models, self.comm)
         self.unknowns = slip_numbering(models, self.places, self.frames)
-        self.blocks = [interface_operator(model.pairs, model.directions) for model in models]
+        self.blocks = [
+            interface_operator(model.pairs, model.directions, model.normals_alone)
+            for model in models
+        ]
 
     def _find_prescribed(self) -> None:
         """Rows of L_b at prescribed dofs, and the redundant ones of ties, which (31) leaves out."""
@@ -149,7 +142,7 @@ class ContactOperators:
             for place, L in zip(self.places, self.blocks, strict=True)
         ]
         rigid = rigid_motions(bodies, K, self.dofs.fixed)
-        check_held(rigid, constraints)
+        check_support(rigid, constraints)
         rigid = no_motions(bodies, len(self.dofs.fixed)) if self.tied else rigid
         self.floating = Floating(rigid, self.B, self.rows.numbering)
 
@@ -185,12 +178,7 @@ class ContactOperators:
         return found
 
     def frame_loads(self) -> np.ndarray:
-        """(n_v,) loads on the frame unknowns: zero but for forces on obstacles [force].
-
-        Raises:
-            ContactError: a force that no contact can resist.
-            ContactInputError: forces for other components than when the interface was built.
-        """
+        """(n_v,) loads on the frame unknowns: zero but for forces on obstacles [force]."""
         loads = np.zeros(self.frames.sizes[1])
         for model, place in zip(self.models, self.places, strict=True):
             loads[place.frame] = prescribed_loads(model)
@@ -212,19 +200,18 @@ class ContactOperators:
                 gaps.append(gap)
         return gaps
 
+    def row_gaps(self, motions: Sequence[np.ndarray] | None = None) -> np.ndarray:
+        """(n,) a_i · (X_p - sum_J N_J Y_J) of all rows, from the gaps of ``side_gaps``."""
+        sides = zip(self.pairs, self.side_gaps(motions), strict=True)
+        return np.concatenate([np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in sides])
+
     def gap(
         self, prescribed: np.ndarray, motions: Sequence[np.ndarray] | None = None
     ) -> np.ndarray:
-        """This rank's g, with the prescribed displacements, whose rows of B are empty.
-
-        Args:
-            prescribed: (n_local,) of which the values at prescribed dofs count.
-            motions: of the obstacles, as of ``obstacle_motions``; None: as drawn.
-        """
-        g = assemble_gap(self.comm, self.pairs, self.rows.numbering, self.side_gaps(motions))
-        values = g.array_r.copy()
-        g.destroy()
+        """This rank's g, with the displacements (n_local,) at prescribed dofs, whose rows of B are
+        empty; obstacles moved as of ``obstacle_motions``, or as drawn."""
         mine = self.rows.numbering.mine
+        values = self.row_gaps(motions)[mine]
         at = self.rows.dofs[mine] - self.dofs.first
         known = np.where(self.dofs.fixed[at], prescribed[at], 0.0)
         values += np.einsum("ni,ni->n", self.rows.base[mine], known)
@@ -234,11 +221,3 @@ class ContactOperators:
         """Free B and L_b; collective."""
         self.B.destroy()
         self.L_b.destroy()
-
-
-def _surface_stiffness(K: PETSc.Mat, operators: ContactOperators) -> float:
-    """Mean diagonal of K on the free surface dofs [force / length]; the geometric mean where bodies
-    may part, since there the softer one tells the forces."""
-    fixed, rows = operators.dofs.fixed, operators.rows.dofs.ravel() - operators.dofs.first
-    rows = rows[(rows >= 0) & (rows < len(fixed))]
-    return mean_diagonal(K, rows[~fixed[rows]], geometric=not operators.tied)

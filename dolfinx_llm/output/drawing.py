@@ -1,7 +1,5 @@
 """How pictures are drawn and saved: by PyVista in 3D where it is installed, else by Matplotlib."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -23,8 +23,7 @@ from dolfinx_llm.output.values import (
     check_expression,
     check_result,
 )
-from dolfinx_llm.output.writing import writable_file, writable_folder, writing
-from dolfinx_llm.output.xdmf import write_step
+from dolfinx_llm.output.writing import writable_file, writable_folder, write_step, writing
 
 SUFFIXES = (".xdmf", ".bp")
 

@@ -3,8 +3,6 @@
 Scenes in 3D are drawn by PyVista where it is installed and can draw, all else by Matplotlib.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -136,12 +134,7 @@ def _check_line(line: Any) -> None:
 
 
 def bodies(
-    u: Function,
-    expression: Expr,
-    path: str | Path,
-    *,
-    label: str = "",
-    scale: float | None = None,
+    u: Function, expression: Expr, path: str | Path, *, label: str = "", scale: float | None = None
 ) -> None:
     """Deformed bodies coloured by a scalar (paper, Figure 13). Collective.
 

@@ -5,8 +5,6 @@ simulation, nor a rank of one. Run as a script this module draws the scene that 
 standard input, and it imports nothing of this package.
 """
 
-from __future__ import annotations
-
 import io
 import logging
 import os
@@ -46,15 +44,7 @@ class Scene:
 
 
 def draw(scene: Scene, path: Path) -> bool:
-    """Draw a scene by PyVista, if it is installed and can.
-
-    Args:
-        scene: what is drawn.
-        path: PNG to write.
-
-    Returns:
-        Whether the picture has been written.
-    """
+    """Draw a scene as PNG by PyVista, if it is installed and can; say whether it has."""
     global _failed
     if _failed or find_spec("pyvista") is None:
         return False

@@ -1,7 +1,5 @@
 """Derived quantities: von Mises stress, values at points and in cells."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import dolfinx.fem
@@ -77,30 +75,13 @@ def check_expression(expression: Any, mesh: Any, degree: Any) -> None:
 
 
 def check_result(result: Any) -> None:
-    """Require a result of an interface.
-
-    Args:
-        result: what was given.
-
-    Raises:
-        ContactInputError: something else.
-    """
+    """Require a result of an interface."""
     accepted = "give a result of a solve, e.g. problem.results[0]"
     checks.instance("result", result, InterfaceResult, accepted)
 
 
 def check_displacement(u: Any) -> Any:
-    """Require a displacement; collective.
-
-    Args:
-        u: what was given.
-
-    Returns:
-        The communicator of its mesh.
-
-    Raises:
-        ContactInputError: something else; on all ranks.
-    """
+    """Require a displacement; the communicator of its mesh. Collective."""
     accepted = "give the displacement, a dolfinx Function (of several meshes one after the other)"
     check_space(checks.instance("u", u, dolfinx.fem.Function, accepted).function_space)
     return u.function_space.mesh.comm

@@ -1,7 +1,5 @@
 """What ``ContactProblem`` is given: checked on all ranks together before anything is made of it."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,17 +55,7 @@ def problem_arguments(
     petsc_options_prefix: Any,
     petsc_options: Any,
 ) -> Arguments:
-    """Check the arguments of ``ContactProblem``; collective.
-
-    Args:
-        a, L, bcs, interfaces, nodal_loads, solver, petsc_options_prefix, petsc_options: as given.
-
-    Returns:
-        Lists, the forms L in the order of the forms a.
-
-    Raises:
-        ContactInputError: an argument does not fit; on all ranks, with what is accepted.
-    """
+    """Check the arguments of ``ContactProblem``; collective: ``ContactInputError`` on all ranks."""
     comm = _communicator(a, L, bcs, nodal_loads)
     with collective(comm):
         forms = given_forms(2, a)
@@ -108,21 +96,8 @@ def problem_arguments(
 def step_arguments(
     comm: MPI.Comm, increments: Any, interfaces: Sequence[Interface], spaces: Sequence[Any]
 ) -> int:
-    """Check what ``ContactProblem.solve`` is given, and where obstacles are now; collective.
-
-    Args:
-        comm: MPI communicator.
-        increments: as given.
-        interfaces: of the problem.
-        spaces: function spaces.
-
-    Returns:
-        The number of increments.
-
-    Raises:
-        ContactInputError: no integer of at least 1, or motions of and forces on obstacles that are
-            no finite vectors; on all ranks.
-    """
+    """Check the increments that ``ContactProblem.solve`` is given, and where obstacles are now;
+    collective."""
     with collective(comm):
         parts = checks.integer("increments", increments, "give an integer of at least 1", low=1)
         obstacles = [i.obstacle for i in interfaces if i.obstacle is not None]
@@ -133,15 +108,8 @@ def step_arguments(
 
 
 def check_petsc_options(options: Any, prefix: Any = "") -> None:
-    """Require PETSc options in the form of a dict, and a prefix.
-
-    Args:
-        options: name, without prefix and hyphen, to value; or None.
-        prefix: what stands before the names in PETSc's database.
-
-    Raises:
-        ContactInputError: other types, names with a hyphen, values that are no text or number.
-    """
+    """Require PETSc options as None or a dict of names, without prefix and hyphen, and values; and
+    a prefix."""
     if not (isinstance(prefix, str) and re.fullmatch(r"(\w[\w.]*)?", prefix)):
         checks.refuse("petsc_options_prefix", prefix, 'give a word such as "llm_", without hyphen')
     if options is None:
@@ -179,15 +147,7 @@ def _is_condition(bc: Any) -> bool:
 
 
 def conditions(bcs: Any, spaces: Sequence[Any]) -> list[Any]:
-    """Dirichlet conditions as a list.
-
-    Args:
-        bcs: as given.
-        spaces: function spaces of the forms.
-
-    Raises:
-        ContactInputError: no conditions, or of another space.
-    """
+    """Dirichlet conditions of the function spaces as a list."""
     found = [bcs] if _is_condition(bcs) else checks.items("bcs", bcs, BCS)
     for bc in found:
         if not _is_condition(bc):

@@ -1,7 +1,7 @@
-"""What the bodies are asked for: their stiffness and their load."""
+"""What the bodies are asked for: their stiffness, their load, and what has changed of these."""
 
-from __future__ import annotations
-
+import hashlib
+from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -17,7 +17,6 @@ from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.operators.petsc import block_diagonal
 from dolfinx_llm.problem.arguments import Arguments, conditions
-from dolfinx_llm.problem.changes import Changes, Fingerprint
 
 
 class Bulk(Protocol):
@@ -38,17 +37,37 @@ class Bulk(Protocol):
         """Free the PETSc objects; collective."""
 
 
+class Fingerprint:
+    """Digests of all that the stiffness and the contact surfaces are made of: bilinear forms and
+    meshes."""
+
+    def __init__(self, forms: Sequence[ufl.Form], spaces: Sequence[Any]) -> None:
+        self._comm = spaces[0].mesh.comm
+        self._geometries = [V.mesh.geometry for V in spaces]
+        self._coefficients = [c for form in forms for c in form.coefficients()]
+        self._constants = [c for form in forms for c in form.constants()]
+        self._seen: list[bytes] | None = None
+
+    def changes(self, fixed: Iterable[np.ndarray]) -> set[str]:
+        """Which data are other ones than at the call before: "stiffness", a Constant or Function of
+        a form a, "conditions", the dofs that are prescribed (``fixed``, per mesh (n,) of this
+        rank), or "positions" of a mesh's nodes; the same on all ranks, collective."""
+        values = [c.x.array for c in self._coefficients if hasattr(c, "x")]
+        values += [c.value for c in self._constants]
+        now = [_digest(values), _digest(fixed), _digest(g.x for g in self._geometries)]
+        before, self._seen = self._seen or now, now
+        differ = np.array([a != b for a, b in zip(before, now, strict=True)], dtype=np.int64)
+        names = "stiffness", "conditions", "positions"
+        return {name for name, n in zip(names, self._comm.allreduce(differ)) if n}
+
+
 class LinearBulk:
     """Linear bodies of UFL forms: K of a, f of L and of nodal forces.
-
-    Args:
-        given: arguments of ``ContactProblem``, which fit each other.
-        times: to which seconds are added.
 
     Attributes:
         several: whether forms came as sequences, one per mesh.
         fixed: per mesh (n,) which of this rank's dofs are prescribed.
-        dofs, spaces, comm: as of ``Bulk``.
+        dofs, spaces, comm: numbers of the dofs, function spaces, communicator.
         version: counts the changes.
 
     Raises:
@@ -76,7 +95,8 @@ class LinearBulk:
         self._sort_conditions()
         self._fingerprint = Fingerprint(given.a, self.spaces)
         self._fingerprint.changes(self.fixed)
-        self._pending, self.version = Changes(), 0
+        self._pending: set[str] = set()
+        self.version = 0
 
     def _sort_conditions(self) -> None:
         """Conditions by mesh, and which dofs they prescribe."""
@@ -86,13 +106,11 @@ class LinearBulk:
         self.fixed = [compat.fixed_dofs(*part) for part in zip(self.spaces, self._bcs)]
         self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(self.fixed))
 
-    def changes(self) -> Changes:
-        """What has changed since ``settle`` was called last; collective.
-
-        Values of Constants and Functions in the forms a, which dofs the conditions prescribe, and
-        positions of the meshes are looked at; K is then assembled anew. Loads and prescribed values
-        are assembled for every solve.
-        """
+    def changes(self) -> set[str]:
+        """What has changed since ``settle`` was called last; collective. Values of Constants and
+        Functions in the forms a, which dofs the conditions prescribe, and positions of the meshes
+        are looked at; K is then assembled anew. Loads and prescribed values are assembled for every
+        solve."""
         self._sort_conditions()
         found = self._fingerprint.changes(self.fixed)
         self._pending |= found
@@ -103,16 +121,12 @@ class LinearBulk:
 
     def settle(self) -> None:
         """All that is made of K has been made anew."""
-        self._pending = Changes()
+        self._pending = set()
 
     @property
     def K(self) -> PETSc.Mat:
         """PETSc AIJ of the stiffness, identity rows and columns at prescribed dofs; assembled anew
-        when it was taken.
-
-        Raises:
-            ContactError: it has entries that are not finite.
-        """
+        when it was taken."""
         if self._K is None:
             with self.times.timed("assembly of K"):
                 blocks = [compat.assemble_matrix(a, b, 1.0) for a, b in zip(self._a, self._bcs)]
@@ -131,11 +145,7 @@ class LinearBulk:
         return K
 
     def load(self) -> np.ndarray:
-        """This rank's f, with the values at prescribed dofs.
-
-        Raises:
-            ContactError: it has entries that are not finite.
-        """
+        """This rank's f, with the values at prescribed dofs."""
         loads = [
             compat.assemble_load(L, a, bcs, V, nodal)
             for L, a, bcs, V, nodal in zip(self._L, self._a, self._bcs, self.spaces, self._nodal)
@@ -150,12 +160,8 @@ class LinearBulk:
         return f
 
     def force(self, u: np.ndarray) -> np.ndarray:
-        """This rank's f - K u of all dofs, with K as it is without the conditions: what bodies
-        exert on interfaces and supports.
-
-        Args:
-            u: (n_local,) displacement.
-        """
+        """This rank's f - K u of all dofs, u (n_local,), with K as it is without the conditions:
+        what bodies exert on interfaces and supports."""
         if self._actions is None:
             self._motions = [fem.Function(V) for V in self.spaces]
             self._actions = [
@@ -190,3 +196,10 @@ class LinearBulk:
         if self._K is not None:
             self._K.destroy()
         self._K = None
+
+
+def _digest(arrays: Iterable[np.ndarray]) -> bytes:
+    digest = hashlib.blake2b(digest_size=16)
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.digest()

@@ -1,7 +1,5 @@
 """The UFL forms that ``ContactProblem`` is given, and their function spaces: checked."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Pressure on the part of a surface that another surface leaves free."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -9,7 +7,7 @@ from dolfinx import fem
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.parallel import agree, collective
-from dolfinx_llm.geometry.overlap_curved import facet_vectors
+from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.overlap_flat import common_area, common_plane, covered_forces, full_forces
 from dolfinx_llm.geometry.surface import check_facet_tags, check_space, extract_surface
 

@@ -1,7 +1,5 @@
 """How a problem is solved: in load steps, each by linear steps in a form of (31)."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +12,7 @@ from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.load_steps import advance
 from dolfinx_llm.contact.state import InterfaceState
-from dolfinx_llm.forms.choice import built_in
+from dolfinx_llm.forms.choice import FORMS
 from dolfinx_llm.forms.step import StepForm
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.reactions import with_reactions
@@ -53,7 +51,7 @@ class ContactMethod:
     def _use(self, setting: Setting) -> None:
         form, self.setting = setting.form, setting
         if isinstance(form, str):
-            form = built_in(form, setting.prefix, setting.options, setting.times)
+            form = FORMS[form](setting.prefix, setting.options, setting.times)
         self.form: StepForm = form
         self._ready = False
 
@@ -68,13 +66,9 @@ class ContactMethod:
         return self.iteration.history
 
     def renew(self, setting: Setting, keep: bool = False) -> None:
-        """Work with another stiffness or other operators.
-
-        Args:
-            setting: what to work with from now on.
-            keep: go on from the state of contact and from the displacement that there were, held by
-                the load that it takes with the new stiffness; else from rest.
-        """
+        """Work with another stiffness or other operators; ``keep``: go on from the state of contact
+        and from the displacement that there were, held by the load that it takes with the new
+        stiffness."""
         self.destroy()
         self._use(setting)
         if not keep:

@@ -1,8 +1,5 @@
 """The user's door: a linear elastic problem whose bodies touch."""
 
-from __future__ import annotations
-
-import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,24 +8,22 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from dolfinx_llm.base.destroyed import Destroyed
-from dolfinx_llm.base.disposable import Disposable, Remains, free_garbage
+from dolfinx_llm.base.disposable import Destroyed, Disposable, Remains, free_garbage
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.log import log
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.doubts import doubts
 from dolfinx_llm.contact.results import InterfaceResult, collect_results
 from dolfinx_llm.forms.choice import choose_solver
 from dolfinx_llm.forms.step import StepForm
-from dolfinx_llm.interface.anatomy import describe
-from dolfinx_llm.interface.build import build_model
+from dolfinx_llm.interface.build import build_interface
 from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.geometry import describe
 from dolfinx_llm.operators.system import ContactOperators
 from dolfinx_llm.output import plot
 from dolfinx_llm.problem.arguments import problem_arguments, step_arguments
 from dolfinx_llm.problem.bulk import LinearBulk
 from dolfinx_llm.problem.methods import ContactMethod, Setting
-
-log = logging.getLogger("dolfinx_llm")
 
 
 class ContactProblem(Disposable):
@@ -94,7 +89,7 @@ class ContactProblem(Disposable):
 
     def _build_operators(self) -> None:
         """Pairs, frames and operators, from positions and conditions as they are now."""
-        models = [build_model(i, self.spaces, self.bulk.fixed) for i in self.interfaces]
+        models = [build_interface(i, self.spaces, self.bulk.fixed) for i in self.interfaces]
         self.operators = ContactOperators(models, self.bulk.dofs, self.K, self.times)
         self.models, self.bodies = self.operators.models, self.operators.bodies
         self.B, self.L_b = self.operators.B, self.operators.L_b
@@ -121,14 +116,14 @@ class ContactProblem(Disposable):
         changes = self.bulk.changes()
         if not changes:
             return
-        log.info("changed since the last solve: %s", ", ".join(changes.names))
+        log.info("changed since the last solve: %s", ", ".join(sorted(changes)))
         self.method.destroy()
-        if changes.positions or changes.conditions:
+        if changes != {"stiffness"}:
             self.operators.destroy()
             self._build_operators()
         else:
             self.operators.renew(self.K, self.times)
-        self.method.renew(self._setting(), keep=not changes.positions)
+        self.method.renew(self._setting(), keep="positions" not in changes)
         self.bulk.settle()
 
     @property

@@ -10,11 +10,11 @@ from mpi4py import MPI
 
 import dolfinx_llm as llm
 from dolfinx_llm.design.balance import balance
-from dolfinx_llm.design.curved import smooth_rows, vector_residual
+from dolfinx_llm.design.curved import smooth_rows, vector_residual, with_mean_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_curved import vector_areas_in_contact
 from dolfinx_llm.geometry.pairs import locate_pairs
-from dolfinx_llm.interface.build import build_model
+from dolfinx_llm.interface.build import build_interface
 
 QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
@@ -81,7 +81,7 @@ def rows(sides, k=1, close_gap=False):
     vectors = [a[p.nodes] for a, p in zip(vectors, plain, strict=True)]
     smooth = smooth_rows(frame, plain, close_gap)
     N = balance(smooth.rows(1.0), vectors, smooth.stencils)
-    return frame, plain, smooth.pairs, N, vectors
+    return frame, plain, with_mean_normals(smooth.pairs, smooth.surface.normals), N, vectors
 
 
 SCENES = {
@@ -122,6 +122,22 @@ def test_gap_between_smooth_surfaces(name):
     np.testing.assert_allclose(np.median(gap), -1e-3, rtol=0.03)
     assert np.mean(np.abs(gap + 1e-3) < 1e-4) > 0.9
     np.testing.assert_allclose(pairs[1].gap, 0.0, atol=1e-12)
+
+
+def test_gap_beyond_the_outline():
+    """Nodes beyond the frame's ends see the arc go on, not its last chord."""
+    sides = cs.arc(0.999, 7, -10.0, 95.0), cs.arc(1.0, 4, 0.0, 90.0, outward=False)
+    frame, _, pairs, _, _ = rows(sides, close_gap=True)
+    gap = np.einsum("ni,ni->n", pairs[0].x, pairs[0].gap) / 0.999
+    np.testing.assert_allclose(gap, -1e-3, rtol=1e-2)
+
+
+def test_two_places_that_are_as_close_count_for_the_same():
+    """Inside of a fold, in the middle: neither mesh order nor axes may choose."""
+    fold = Frame([[-1.0, 0.5], [0.0, 0.6], [1.0, 0.5]], [[0, 1], [1, 2]])
+    N = fold.interpolation(fold.locate([[0.0, 0.59], [0.3, 0.5]])).toarray()
+    assert N[0, 0] == pytest.approx(N[0, 2], rel=1e-9) and N[0, 0] > 1e-4
+    np.testing.assert_allclose(N.sum(axis=1), 1.0, rtol=1e-14)
 
 
 def test_normals_are_those_of_the_surface():
@@ -225,7 +241,7 @@ def test_errors(size):
 def test_a_design_is_never_worse_than_none(counts, law):
     """The vector residual does not grow, rows sum to 1, and a coarse mesh is said to be one."""
     V, tags = cs.rings(MPI.COMM_SELF, [(n, 1) for n in counts])
-    model = build_model(llm.Interface(tags, (cs.FACE_0, cs.FACE_1), law=law), [V])
+    model = build_interface(llm.Interface(tags, (cs.FACE_0, cs.FACE_1), law=law), [V])
     certificate = model.certificate
     assert certificate.residual <= certificate.residual_before
     for p in model.pairs:
@@ -249,5 +265,6 @@ def test_fits_of_coarse_rings(law):
         V, tags = cs.rings(MPI.COMM_SELF, counts, radii)
         contact = cs.ring_problem(V, tags, cs.QUARTER, law=law)
         contact.solve()
+        cs.check_translations(contact)
         for side in contact.results[0].sides:
             assert np.abs(side.normal_force / (p * side.area) - 1.0).max() < most

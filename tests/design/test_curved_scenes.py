@@ -1,5 +1,6 @@
 """Curved tied interfaces under a constant stress: a design is never worse than none."""
 
+import curved_scenes as cs
 import numpy as np
 import pairs
 import pytest
@@ -131,6 +132,8 @@ def test_design_is_never_worse_than_none(name, n, law):
     residuals = [p.models[0].certificate.residual for p in (before, after)]
     assert residuals[1] < 0.7 * residuals[0]
     assert (auto < (0.75 if law == llm.Tied() else 0.3) * none).all()
+    for problem in (before, after):
+        cs.check_translations(problem)
     notes = " ".join(after.models[0].notes)
     assert ("are coarse" in notes) == (residuals[1] > 0.1)
     for p in after.models[0].pairs:
@@ -141,3 +144,11 @@ def test_constant_stress_passes_on_facets_that_lie_on_the_surface():
     """Bilinear facets of z = x y / 2 cover the same surface: stress to a part in a thousand."""
     error, problem = solved("twisted", (4, 3), "auto", jitter=0.0)
     assert error[0] < 1e-3 and problem.models[0].certificate.residual < 1e-2
+
+
+@pytest.mark.parametrize("n, said", [((4, 3), True), ((9, 8), False)])
+def test_gaps_that_meshes_do_not_tell_are_said(n, said, caplog):
+    """Nothing is wrong without a word: where stresses are off by more than a tenth it is said."""
+    error, problem = solved("twisted, tetrahedra", n, "auto", law=LAWS[1])
+    assert (error[0] > 0.1) == said
+    assert ("tell the gap between the curved surfaces" in caplog.text) == said

@@ -17,7 +17,7 @@ from petsc4py import PETSc
 
 import dolfinx_llm as llm
 from dolfinx_llm.forms import choice as solvers
-from dolfinx_llm.forms.condensed import kept, krylov
+from dolfinx_llm.forms.condensed import krylov
 from dolfinx_llm.forms.condensed import system as condensed
 
 COMM = MPI.COMM_SELF
@@ -117,7 +117,7 @@ def test_second_solve_keeps_the_set_up(options, monkeypatch):
     contact, load = blocks(options=options)
     first = contact.solve().x.array.copy()
     calls = []
-    for module, name in ((kept, "solver_of"), (condensed, "Transformation")):
+    for module, name in ((krylov, "solver_of"), (condensed, "Transformation")):
         monkeypatch.setattr(module, name, lambda *args, name=name: calls.append(name))
     load.value = -3.0
     second = contact.solve().x.array
@@ -244,9 +244,9 @@ def test_steps_reuse_a_factorisation(monkeypatch):
     monkeypatch.setattr(condensed.CondensedSystem, "eliminate", count)
     steps = [active for _, _, active in condensed_reuse.follow(problem, constants)]
     system = problem.method.form.system
-    assert system.set_ups == 1 + len(reduced)
+    assert system.solver.set_ups == 1 + len(reduced)
     # Pairs whose sign is wrong are asked for besides.
-    assert len(system.steps) >= sum(map(len, steps)) >= system.set_ups
+    assert len(system.steps) >= sum(map(len, steps)) >= system.solver.set_ups
     problem.destroy()
 
 
@@ -267,9 +267,9 @@ def test_worn_preconditioner_is_renewed(monkeypatch):
     V, tags = scenes.two_blocks(COMM, 4, 3)
     known = condensed_reuse.follow(*condensed_reuse.blocks(V, tags, "auto"))
     problem, constants = condensed_reuse.blocks(V, tags, "condensed")
-    monkeypatch.setattr(kept, "COST", 0.0)
+    monkeypatch.setattr(krylov, "COST", 0.0)
     for (_, u, _), (_, v, _) in zip(known, condensed_reuse.follow(problem, constants)):
         assert np.abs(u - v).max() <= 1e-10 * np.abs(u).max()
-        monkeypatch.setattr(kept, "WORN", 0.3)
+        monkeypatch.setattr(krylov, "WORN", 0.3)
     # COST being zero, nothing else renews one.
-    assert problem.method.form.system.set_ups > 1
+    assert problem.method.form.system.solver.set_ups > 1

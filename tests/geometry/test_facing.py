@@ -14,11 +14,10 @@ from mpi4py import MPI
 import dolfinx_llm as llm
 from dolfinx_llm import compat
 from dolfinx_llm.design.predict import predict_frame
-from dolfinx_llm.geometry.facing import facing_facets
+from dolfinx_llm.geometry.facing import facing_facets, separation
 from dolfinx_llm.geometry.overlap_flat import common_area, nodal_forces
 from dolfinx_llm.geometry.pieces import touching_pieces
-from dolfinx_llm.geometry.separation import separation
-from dolfinx_llm.interface.build import build_model
+from dolfinx_llm.interface.build import build_interface
 from dolfinx_llm.interface.touching import find_pieces
 
 COMM = MPI.COMM_SELF
@@ -296,7 +295,7 @@ def test_few_facets_around_a_quarter_are_curved(n):
     )
     faces = curved_scenes.FACE_0, curved_scenes.FACE_1
     for sides in (faces, faces[::-1]):
-        model = build_model(llm.Interface(tags, sides, law=llm.Frictionless()), [V])
+        model = build_interface(llm.Interface(tags, sides, law=llm.Frictionless()), [V])
         sagitta = 1.5 * (1.0 - np.cos(0.25 * np.pi / min(n)))
         assert max(np.abs(p.gap).max() for p in model.pairs) <= delta + sagitta
         assert np.ptp(np.linalg.norm(model.frame.x, axis=1)) <= delta + sagitta

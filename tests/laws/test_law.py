@@ -143,8 +143,25 @@ def test_flags_that_do_not_fit_are_refused(flags):
 def test_rows_that_do_not_fit_are_refused(name, value):
     nodes = nodes_of(Spring(), np.zeros((2, 2)))
     rows = replace(Spring().rows(nodes), **{name: value})
-    with pytest.raises(llm.ContactInputError, match=name):
+    with pytest.raises(llm.ContactInputError, match=f"law mine: rows have {name} "):
         checked("mine", rows, 2, 2)
+
+
+def test_rows_get_the_size_of_the_bodies_stiffness():
+    """Those of nodes that supports hold are 1e11 times it; the equations stay."""
+    law, c = Spring(), np.array([2.0, 3.0])
+    nodes = nodes_of(law, [[1.0, 0.0], [0.5, -2.0]])
+    rows = law.rows(nodes)
+    big = np.array([1.0, 1e11])
+    grown = replace(
+        rows, C_T=big[:, None, None] * rows.C_T, C_jump=big[:, None, None] * rows.C_jump,
+        rhs=big[:, None] * rows.rhs,
+    )  # fmt: skip
+    scaled = grown.scaled(c)
+    assert scaled.C_T[0].tolist() == rows.C_T[0].tolist()
+    assert np.abs(scaled.C_jump[1]).max() == pytest.approx(c[1])
+    left, was = scaled.left(nodes)[1], rows.left(nodes)[1]
+    np.testing.assert_allclose(left / left[0], was / was[0], rtol=1e-12)
 
 
 def test_a_law_without_rows_says_so():

@@ -51,10 +51,10 @@ def compare(comm, options=None):
         system = problem.method.form.system
         out[name] = {
             "error": largest(comm, u - v) / largest(comm, u),
-            "residual": float(system.residual),
+            "residual": problem.method.iteration.verdict.residual,
             "active": active,
             "iterations": [step["iterations"] for step in system.steps[-len(active) :]],
-            "set-ups": system.set_ups,
+            "set-ups": system.solver.set_ups,
         }
     return out
 

@@ -7,10 +7,12 @@ import random_scenes as scenes
 import scene_oracle
 from conftest import run_mpi_json
 
-SEEDS = [*range(1001, 1004), *range(1005, 1013), *range(1014, 1043)]
-# Weak springs, lateral walls, lifting off, several laws and moduli: wrong or refused before.
+SEEDS = [*range(1001, 1004), *range(1005, 1013), *range(1014, 1040)]
+# Weak springs, lateral walls, lifting off, several laws and moduli, frame nodes that hardly any
+# pair holds: wrong or refused before.
 ONCE_WRONG = [
-    1004, 1043, 1069, 1070, 1093, 1115, 1127, 1161, 1178, 1238, 1246, 1252, 1287, 1288,
+    1004, 1043, 1069, 1070, 1093, 1115, 1127, 1161, 1175, 1178, 1210, 1238, 1246, 1250, 1252, 1287,
+    1288, 1298,
 ]  # fmt: skip
 BOUND = 1e-8
 POSED = {
@@ -46,7 +48,9 @@ def agree(found, known, scene):
 
 
 # Scenes with surface nodes on edges of the frame, where several cells claim them, are among them.
-ON_EDGES = {(1006, "turned"), (1006, "mirrored"), (1033, "turned"), (1041, "mirrored")}
+ON_EDGES = {
+    (1006, "turned"), (1006, "mirrored"), (1033, "turned"), (1041, "mirrored"), (1297, "mirrored"),
+}  # fmt: skip
 CASES = sorted(ON_EDGES | set(zip(SEEDS[2::4], 2 * list(POSED))))
 
 

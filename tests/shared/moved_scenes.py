@@ -7,7 +7,7 @@ from scenes import grid, stacked
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.interface.build import build_model
+from dolfinx_llm.interface.build import build_interface
 
 
 def flat(law):
@@ -29,7 +29,7 @@ def obstacle(law):
 def model_of(scene, law):
     domain, interface = scene(law)
     gdim = domain.geometry.dim
-    return build_model(interface, [compat.function_space(domain, shape=(gdim,))])
+    return build_interface(interface, [compat.function_space(domain, shape=(gdim,))])
 
 
 def at_rest(model):

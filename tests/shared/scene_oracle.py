@@ -111,18 +111,27 @@ class Oracle:
             self.obstacle(contact, sides[0], answer)
             return
         Y, v = (a @ posed.Q / posed.length for a in (result.frame.x, result.frame.v))
-        N = [p.N for p in posed.problem.models[i].pairs]
+        model = posed.problem.models[i]
+        N = [p.N for p in model.pairs]
         normals = np.concatenate([sides[0].normal, -sides[1].normal])
         flat = not self.scene.radius and np.ptp(normals, axis=0).max() < 1e-9
-        self.balance(N, sides, Y, flat)
+        across = model.directions[:, -1] @ posed.Q if model.normals_alone else None
+        self.balance(N, sides, Y, flat, across)
         law, opens = contact.law, not isinstance(contact.law, llm.Tied)
-        for M, side in zip(N, sides, strict=True):
+        for M, side, p in zip(N, sides, model.pairs, strict=True):
             self.rows(M, side, Y, flat)
             jump = answer.u[side.nodes] - M @ v
-            if opens or law.closes_gap:
+            if law.closes_gap and np.ptp(normals, axis=0).max() > 1e-9:  # of smooth surfaces
+                jump = jump + p.gap @ posed.Q / posed.length
+            elif law.closes_gap:
                 jump = jump + posed.x[side.nodes] - M @ Y
             if opens:
                 gap = -np.einsum("ni,ni->n", jump, side.normal)
+                if across is not None:  # the mean of the nodes' normal motions
+                    mean = M @ across
+                    gap -= np.einsum("ni,ni->n", M @ v, side.normal)
+                    moved = M @ np.einsum("mi,mi->m", v, across)
+                    gap += moved / np.einsum("ni,ni->n", mean, side.normal)
                 self.opening(gap, side)
                 if not getattr(law, "mu", 0.0):
                     tangential = np.linalg.norm(side.tangential, axis=1) / self.F
@@ -160,11 +169,18 @@ class Oracle:
         carried = np.linalg.norm(side.force, axis=1) / self.F
         self.note("force of open pairs", carried[apart], side.noise[apart])
 
-    def balance(self, N, sides, Y, flat):
-        """Forces of both sides cancel, at every frame node too, and so do their moments."""
+    def balance(self, N, sides, Y, flat, across=None):
+        """Forces of both sides cancel, at every frame node too, and so do their moments; without
+        friction those along the nodes' normals ``across``, of which the pairs' are the means."""
         noisy = sum(side.noise.sum() for side in sides)
         self.note("sum", sum(side.force.sum(axis=0) for side in sides) / self.F, noisy)
-        at_frame = sum(M.T @ side.force for M, side in zip(N, sides, strict=True))
+        forces = [side.force for side in sides]
+        if across is not None:
+            forces = [
+                side.pressing / np.einsum("ni,ni->n", M @ across, side.normal)
+                for M, side in zip(N, sides, strict=True)
+            ]
+        at_frame = sum(M.T @ force for M, force in zip(N, forces, strict=True))
         self.note("frame equilibrium", at_frame / self.F, noisy)
         moment = np.zeros((self.gdim, self.gdim))
         for M, side in zip(N, sides, strict=True):

@@ -5,8 +5,6 @@ dofs. What is left where there are none (symmetry planes, nodes in several inter
 frame alone, D v = g_D, and is solved for some of the frame's unknowns.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,12 +41,12 @@ class EliminatedRows:
         """(R, gdim) dofs and base vectors of this rank's rows, in the order of their numbers."""
         return self.dofs[self.multipliers.mine], self.base[self.multipliers.mine]
 
-    @property
-    def widest(self) -> float:
-        """Nodes that the row of a frame node couples with in the condensed matrix, about: those of
-        two layers of cells next to the c surface nodes that follow it, 2 (sqrt(c) + 2)^2."""
-        c = np.bincount(self.L.indices, minlength=1).max()
-        return 2.0 * (c ** (1.0 / (self.dofs.shape[1] - 1)) + 2.0) ** (self.dofs.shape[1] - 1)
+
+def widest(L: csr_matrix, gdim: int) -> float:
+    """Nodes that the row of a frame node couples with in the condensed matrix, about: those of two
+    layers of cells next to the c surface nodes that follow it, 2 (sqrt(c) + 2)^2."""
+    c = np.bincount(L.indices, minlength=1).max()
+    return 2.0 * (c ** (1.0 / (gdim - 1)) + 2.0) ** (gdim - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,15 +59,9 @@ class NodeElimination:
 
 
 def eliminate_at_nodes(dofs: np.ndarray, vectors: np.ndarray, fixed: np.ndarray) -> NodeElimination:
-    """Solve each node's rows S u_p = L_b v - g for its free dofs, with the pseudo-inverse of S.
-
-    The directions that the rows leave free get unknowns w in the places of the node's free dofs.
-
-    Args:
-        dofs: (R, gdim) local dofs of each row's node.
-        vectors: (R, gdim) base vectors.
-        fixed: (n_local,) whether a dof is prescribed.
-    """
+    """Solve each node's rows S u_p = L_b v - g for its free dofs, with the pseudo-inverse of S;
+    rows have (R, gdim) local dofs and base vectors. The directions that they leave free get
+    unknowns w in the places of the node's free dofs."""
     R, gdim = dofs.shape
     n = len(fixed)
     _, group = np.unique(dofs[:, 0], return_inverse=True)
@@ -116,17 +108,14 @@ def _csr(value: np.ndarray, rows: Any, cols: Any, shape: tuple[int, int]) -> csr
 
 
 class FrameElimination:
-    """v = Z v + v_0 with D Z = 0, D v_0 = g_D: the frame's unknowns that D determines go.
+    """v = Z v + v_0 with D Z = 0, D v_0 = g_D: the frame's unknowns that D determines go. The rows
+    of D (k, m) bind the frame alone.
 
     By QR with column pivoting, D P = Q [R_1 R_2]: v_dep = R_1⁻¹ (Qᵀ g_D - R_2 v_ind). The others
     stay the unknowns they were, so that rigid modes need no transformation.
 
-    With a compliance s / c the rows give way, D v = g_D - s μ / c. Their forces μ = c Q ν are then
-    unknowns ν in the places of v_dep, and Z has columns -s R_1⁻¹ there.
-
-    Args:
-        D: (k, m) rows that bind the frame alone.
-        soft: s; 0: rigid rows, whose forces are no unknowns.
+    With a compliance s / c, s = ``soft``, the rows give way, D v = g_D - s μ / c. Their forces μ =
+    c Q ν are then unknowns ν in the places of v_dep, and Z has columns -s R_1⁻¹ there.
     """
 
     def __init__(self, D: csr_matrix, soft: float = 0.0) -> None:

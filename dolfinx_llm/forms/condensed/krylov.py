@@ -1,14 +1,17 @@
-"""Near-null spaces and solvers of the condensed matrix: PETSc's side of it."""
+"""Near-null spaces and solvers of the condensed matrix: PETSc's side of it.
 
-from __future__ import annotations
+A preconditioner or a factorisation is kept for other matrices as long as it serves.
+"""
 
+import logging
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
-from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.forms.direct import mumps_infog, set_up_ksp
+from dolfinx_llm.base.log import log
+from dolfinx_llm.forms.direct import factorised, set_up_ksp
 
 # The unpreconditioned norm is that of the system scaled to unit diagonal.
 RTOL = 1e-13
@@ -24,20 +27,17 @@ GAMG = {
 DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
 PATIENCE = 400  # iterations of the default options, then a factorisation takes over
 WIDEST = 4096  # nodes that PETSc's GAMG allows a row to couple with; more end in an error
+WORN = 1.5  # times the iterations of a new preconditioner, from which on one is renewed
+DIGITS = 13.0  # by which a solve makes the residual smaller, about
+COST = 3.0  # iterations, about, for a row that the preconditioner knows otherwise
 
 
 def solver_of(matrix: Any, prefix: str, given: dict) -> Any:
-    """KSP of a symmetric positive definite matrix, set up.
+    """KSP of a symmetric positive definite matrix, set up; its name, and whether it is the default
+    one, which may be given up.
 
     Options of PETSc's database come first, then the given ones, then those of ``ITERATIVE`` and
     ``GAMG``; a factorisation is MUMPS's, with more spare memory where it needs it.
-
-    Returns:
-        The solver, its name, and whether it is the default one, which may be given up.
-
-    Raises:
-        ContactInputError: options with names that are not known, or values that PETSc refuses.
-        ContactError: MUMPS could not factorise the matrix.
     """
     database = PETSc.Options(prefix)
 
@@ -52,19 +52,14 @@ def solver_of(matrix: Any, prefix: str, given: dict) -> Any:
     options |= {"ksp_max_it": PATIENCE} if default else {}
     options |= {"pc_factor_mat_solver_type": "mumps"} if factor else {}
     options |= given
-    for spare in (50, 400, 2000):
-        more = {"mat_mumps_icntl_14": spare} if factor else {}
-        ksp = set_up_ksp(matrix, prefix, more | options, given)
-        infog = mumps_infog(ksp) if factor else {}
-        if infog.get(1, 0) not in (-8, -9):
-            break
-        ksp.destroy()
-    if infog.get(1, 0) < 0:
-        raise ContactError(
-            f"MUMPS could not factorise the condensed matrix: INFOG(1) = {infog[1]}, INFOG(2) = "
-            f"{infog[2]}. -10: it is singular, a body or the frame is not held; -13: out of "
-            "memory, leave petsc_options to their defaults for CG + GAMG"
-        )
+    if factor:
+        ksp = factorised(
+            matrix, prefix, options, given, 50, "the condensed matrix",
+            "-10: it is singular, a body or the frame is not held; -13: out of memory, leave "
+            "petsc_options to their defaults for CG + GAMG",
+        )  # fmt: skip
+    else:
+        ksp = set_up_ksp(matrix, prefix, options, given)
     names = {"gamg": "GAMG", "cholesky": "Cholesky", "cg": "CG"}
     parts = [names.get(krylov, krylov)] * (krylov != "preonly") + [names.get(pc, pc)]
     return ksp, " + ".join(parts), default
@@ -88,3 +83,104 @@ def near_null_space(matrix: Any, S: Any, modes: np.ndarray) -> None:
     matrix.setNearNullSpace(space)
     for item in (space, *found):
         item.destroy()
+
+
+class KeptSolver:
+    """CG with GAMG, or a factorisation, of one matrix and then of others that differ in few rows.
+
+    Attributes:
+        ksp: PETSc's solver; None before ``set_up``, and where it is given up.
+        method: in words.
+        set_ups: how often it was set up.
+        took: iterations of the last solve.
+    """
+
+    def __init__(self, comm: MPI.Comm, prefix: str, options: dict, notes: list[str]) -> None:
+        self._comm, self._prefix, self._options, self._notes = comm, prefix, options, notes
+        self.ksp: Any = None
+        self.method, self.set_ups, self.took = "", 0, 0
+        self._kept = False  # whether the preconditioner is another matrix's
+        self._serves = False  # whether it may be kept for the next
+        self._outdated = 0  # rows that it knows otherwise
+        self._usual = 0.0  # iterations per digit of a new one
+
+    def set_up(self, matrix: Any) -> None:
+        """Make it for a matrix; its near-null space is known to it."""
+        self._matrix = matrix
+        self._make(self._options)
+
+    def _make(self, given: dict) -> None:
+        self.ksp, self.method, self._own = solver_of(self._matrix, self._prefix, given)
+        self.set_ups += 1
+
+    def renew(self, matrix: Any, same: bool, changed: int) -> None:
+        """Keep it for another matrix, of the same size as the last, or not, and with ``changed``
+        rows that differ; or give it up."""
+        self._outdated += changed
+        spare = (WORN - 1.0) * self._usual * DIGITS  # iterations
+        if same and self._serves and COST * self._outdated <= spare:
+            self._matrix = matrix
+            self.ksp.setOperators(matrix)
+            self.ksp.getPC().setReusePreconditioner(True)
+            self._kept = True
+        else:
+            self.discard()
+
+    def discard(self) -> None:
+        """Give it up."""
+        if self.ksp is not None:
+            self.ksp.destroy()
+        self.ksp, self._kept, self._serves, self._outdated = None, False, False, 0
+
+    @property
+    def direct(self) -> bool:
+        """Whether it factorises."""
+        return self.ksp.getType() == "preonly"
+
+    @property
+    def rtol(self) -> float:
+        """Relative tolerance."""
+        return self.ksp.getTolerances()[0]
+
+    @property
+    def reason(self) -> int:
+        """PETSc's reason of the end of the last solve."""
+        return self.ksp.getConvergedReason()
+
+    def solve(self, b: Any, x: Any, rtol: float) -> tuple[bool, bool]:
+        """One solve of A x = b to a residual of ``rtol``, or as far as a factorisation goes:
+        whether x is of use, and whether a kept preconditioner was worn, and given up."""
+        tolerances = _, _, _, patience = self.ksp.getTolerances()
+        digits = -np.log10(rtol) if not self.direct else 0.0
+        if not self.direct:
+            limit = WORN * self._usual * digits if self._kept else patience
+            self.ksp.setTolerances(rtol=rtol, max_it=min(patience, int(limit) + 1))
+        self._once(b, x)
+        reason = self.reason
+        self.ksp.setTolerances(*tolerances)
+        worn = self._kept and reason < 0
+        if worn:
+            self.discard()
+        elif not self._kept and not self.direct and digits > 1.0:
+            self._usual, self._serves = self.ksp.getIterationNumber() / digits, True
+        return not worn or reason == PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT, worn
+
+    def _once(self, b: Any, x: Any) -> None:
+        """One solve; where the default options do not get there, a factorisation takes over."""
+        self.ksp.solve(b, x)
+        self.took = self.ksp.getIterationNumber()
+        if self.reason < 0 and self._own and not self._kept:
+            self.factorise(
+                f"CG + GAMG ended without an answer after {self.took} iterations (PETSc's reason "
+                f"{self.reason})"
+            )
+            self.ksp.destroy()
+            self._make(self._options)
+            self._own = False
+            self.ksp.solve(b, x)
+
+    def factorise(self, why: str) -> None:
+        """From the next set-up on factorise instead, which is said once for all ranks."""
+        self._options = DIRECT
+        self._notes.append(f"{why}: Cholesky by MUMPS instead")
+        log.log(logging.WARNING if self._comm.rank == 0 else logging.DEBUG, self._notes[-1])

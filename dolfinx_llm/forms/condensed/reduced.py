@@ -1,6 +1,6 @@
 """The reduced matrix of the condensed form, scaled to unit diagonal."""
 
-from __future__ import annotations
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -10,24 +10,21 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.operators.petsc import times
 
+GRAIN = 64.0 * np.finfo(float).eps  # of the largest value: what rounding can make of zero
+
 
 class ReducedMatrix:
-    """S Tᵀ K T S with the proximal term; S is the inverse square root of its diagonal.
+    """A = Tᵀ K T with the proximal term, as PETSc AIJ ``matrix`` S A S; the PETSc Vec S is the
+    inverse square root of A's diagonal, which is ``scale`` at idle places. T goes with the matrix.
 
-    Args:
-        form: T; it is destroyed with the matrix.
-        scale: of idle places [force / length].
-
-    Attributes:
-        matrix: PETSc AIJ, symmetric positive definite.
-        S: PETSc Vec.
-
-    Raises:
-        ContactError: an entry of the diagonal is not positive.
+    ``weak`` are motions W that cost hardly any energy, which conjugate gradients alone leave too
+    early; as of ``CondensedSystem``.
     """
 
-    def __init__(self, form: Transformation, scale: float) -> None:
+    def __init__(self, form: Transformation, scale: float, weak: Any) -> None:
         self.form, self._comm = form, form.comm
+        self._weak = weak if weak is not None and weak[0].shape[1] else None
+        self._inverse: Any = None  # X with X Xᵀ = (Wᵀ A W)⁻¹, once it is needed
         self.matrix = self.form.reduce(self.form.penalty(), scale)
         diagonal = self.matrix.getDiagonal()
         least = self._comm.allreduce(diagonal.array_r.min(initial=np.inf), op=MPI.MIN)
@@ -43,13 +40,44 @@ class ReducedMatrix:
         self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self.matrix.setOption(PETSc.Mat.Option.SPD, True)
 
+    def times(self, q: np.ndarray) -> np.ndarray:
+        """A q."""
+        return times(self.matrix, q / self.S.array_r) / self.S.array_r
+
     def best_share(self, q: np.ndarray, load: np.ndarray) -> float:
         """The part of q next to the solution: loads may have grown in proportion."""
-        product = times(self.matrix, q / self.S.array_r) / self.S.array_r
-        work, energy = self._comm.allreduce(np.array([q @ load, q @ product]))
+        work, energy = self._comm.allreduce(np.array([q @ load, q @ self.times(q)]))
         return work / energy if energy > 0.0 else 0.0
+
+    def left(self, load: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """What A leaves of a load, r, after q has taken the best of W, the least energy over these
+        motions: q + W (Wᵀ A W)⁻¹ Wᵀ r.
+
+        Where springs hold a body weakly, a residual that is small against the load may still move
+        it far. One without a part along its rigid motions moves it no farther than what is held
+        firmly.
+        """
+        left = load - self.times(q)
+        if self._weak is None:
+            return left
+        W, comm = self.form.unknowns(*self._weak), self._comm
+        if self._inverse is None:
+            product = np.column_stack([self.times(column) for column in W.T])
+            scaled = W / self.S.array_r[:, None]
+            size, energy = comm.allreduce(np.stack([scaled.T @ scaled, W.T @ product]))
+            apart = _inverse_root(size)
+            self._inverse = apart @ _inverse_root(apart.T @ energy @ apart)
+        q += W @ (self._inverse @ (self._inverse.T @ comm.allreduce(W.T @ left)))
+        return load - self.times(q)
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
         for item in (self.form.T, self.matrix, self.S):
             item.destroy()
+
+
+def _inverse_root(M: np.ndarray) -> np.ndarray:
+    """X with Xᵀ M X = 1, without what M is zero on."""
+    values, vectors = np.linalg.eigh(0.5 * (M + M.T))
+    kept = values > GRAIN * values.max(initial=0.0)
+    return vectors[:, kept] / np.sqrt(values[kept])

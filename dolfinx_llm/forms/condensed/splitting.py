@@ -7,8 +7,6 @@ With S their dofs, I the others and u_S = T_S q_S,
              [ T_Sᵀ K_SI  T_Sᵀ K_SS T_S ].
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -16,15 +14,12 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.operators.petsc import create_aij, is_symmetric, join_blocks, times
+from dolfinx_llm.operators.petsc import create_aij, diagonal_of, is_symmetric, join_blocks, times
 
 
 class SplitStiffness:
-    """K, parted at the dofs of surface nodes.
-
-    Args:
-        K: symmetric stiffness of the bodies, AIJ. It is taken over: its storage becomes ``inside``.
-        dofs: numbers of the surface nodes' dofs, whole nodes, the same on every rank.
+    """K, parted at the dofs of surface nodes, numbers of whole nodes. It is taken over: its storage
+    becomes ``inside``.
 
     Attributes:
         surface: this rank's of these dofs, local numbers.
@@ -46,13 +41,12 @@ class SplitStiffness:
         dofs = np.unique(dofs)
         mine = dofs[(dofs >= self.first) & (dofs < end)].astype(PETSc.IntType)
         self.surface = mine - self.first
-        diagonal = K.getDiagonal()
-        self.diagonal = diagonal.array_r.copy()
+        self.diagonal = diagonal_of(K)
         S = PETSc.IS().createGeneral(mine, K.comm)
         all_dofs = PETSc.IS().createStride(end - self.first, self.first, 1, K.comm)
         self.K_SS, rows = K.createSubMatrix(S, S), K.createSubMatrix(S, all_dofs)
         self.K_SI = self._without_columns(rows, dofs)
-        for item in (diagonal, S, all_dofs, rows):
+        for item in (S, all_dofs, rows):
             item.destroy()
         K.zeroRowsColumns(mine, 1.0)
 
@@ -65,12 +59,8 @@ class SplitStiffness:
         return create_aij(rows.comm, rows.getSizes()[0], self.sizes, local)
 
     def reduce(self, T: Any, D: Any, test: Any = None) -> Any:
-        """Tᵀ K T with D added to its last block; with ``test`` the T_S of its rows.
-
-        Args:
-            T, test: T_S as PETSc matrices.
-            D: PETSc matrix with a stored diagonal.
-        """
+        """Tᵀ K T with D, which has a stored diagonal, added to its last block; with ``test`` the
+        T_S of its rows."""
         T_t = _transposed(T)
         test_t = T_t if test is None else _transposed(test)
         K_T = self.K_SS.matMult(T)

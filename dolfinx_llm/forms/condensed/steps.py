@@ -5,8 +5,6 @@ size. With friction the rows of κ hold Coulomb's law instead of the equilibrium
 reduced matrix is then not symmetric and is factorised.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -16,7 +14,6 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
-from dolfinx_llm.forms.condensed.modes import block_size, rigid_modes_of
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.system import CondensedSystem
 from dolfinx_llm.forms.condensed.transformation import Transformation
@@ -24,17 +21,14 @@ from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.exchange import SetUp, WholeSteps
 from dolfinx_llm.forms.step import SOFT, LinearStep, StepResult, force_level
 from dolfinx_llm.forms.verdict import FinalError
+from dolfinx_llm.operators.bodies import rigid_modes
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
 
 
 class CondensedForm(WholeSteps):
-    """The condensed form of a step, which uses up K's storage.
-
-    Args:
-        *arguments: of ``WholeSteps``.
-    """
+    """The condensed form of a step, which uses up K's storage."""
 
     name = "condensed"
     takes_K = True
@@ -50,8 +44,8 @@ class CondensedForm(WholeSteps):
         with self.times.timed("reduction"):
             self.split = SplitStiffness(K, operators.rows.dofs)
             jumps = operators.unknowns.sizes[1] > operators.frames.sizes[1]
-            self._block = 1 if jumps else block_size(operators)
-            self._modes = None if jumps else rigid_modes_of(operators)
+            self._block = 1 if jumps else _block_size(operators)
+            self._modes = None if jumps else _rigid_modes_of(operators)
         self._known = np.zeros(0)  # what the system's matrix was made of
         self._spring = 0.0
 
@@ -77,9 +71,9 @@ class CondensedForm(WholeSteps):
     def left(self, f: np.ndarray, u: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
         """See ``StepForm``; where ties let K go, as the last solve has left it."""
         operators = self.operators
-        if operators.tied:
-            return self.system.left
         forces = times(operators.B, multiplier[operators.rows.numbering.mine])
+        if operators.tied:
+            return forces - self.system.force
         forces[operators.floating.pins] -= self._spring * u[operators.floating.pins]
         return self.split.times(u) + forces - f
 
@@ -141,10 +135,10 @@ class CondensedForm(WholeSteps):
 
     def describe(self) -> str:
         """See ``StepForm``."""
-        if self.system is None or not self.system.set_ups:
+        if self.system is None or not self.system.solver.set_ups:
             return "condensed, symmetric positive definite"
         took = f", {self.system.iterations} iterations" if self.system.iterations else ""
-        return "; ".join([f"condensed, {self.system.method}{took}", *self.system.notes])
+        return "; ".join([f"condensed, {self.system.solver.method}{took}", *self.system.notes])
 
     def destroy(self) -> None:
         """See ``StepForm``."""
@@ -156,14 +150,9 @@ class CondensedForm(WholeSteps):
 
 
 class _Symmetric:
-    """A step whose matrix is that of a ``CondensedSystem``.
-
-    Args:
-        system: that may serve other steps as well.
-        eliminated: rows in contact.
-        on: (r,) their places among all rows.
-        hold: (m,) stiffness of the proximal term [force / length].
-    """
+    """A step whose matrix is that of a ``CondensedSystem``, which may serve other steps as well:
+    rows in contact stand at the places ``on`` (r,) among all, ``hold`` (m,) is the proximal
+    stiffness."""
 
     def __init__(
         self, system: CondensedSystem, eliminated: EliminatedRows, on: np.ndarray, hold: np.ndarray
@@ -189,15 +178,9 @@ class _WithFriction:
     """T_lᵀ (f - K T q) + D w + E λ_W = rhs, where T_l has E in the place of L_bᵀ.
 
     λ_W are the forces of rows that bind the frame alone. Without symmetry no combination of the
-    frame's equations is free of them: they are unknowns, in the places of what they determine.
-    As the rows of ``soft`` they give way a little, since friction may say the same (a node
-    held on both sides that sticks).
-
-    Args:
-        of: the form.
-        eliminated: rows in contact.
-        on: (r,) their places among all rows.
-        step: the equations.
+    frame's equations is free of them: they are unknowns, in the places of what they determine. As
+    the rows of ``soft`` they give way a little, since friction may say the same (a node held on
+    both sides that sticks).
     """
 
     def __init__(
@@ -242,3 +225,26 @@ def _holds(step: LinearStep) -> bool:
     own = step.D.diagonal()
     alone = abs(step.D - diags(own)).max() == 0.0 if len(own) else True
     return bool(alone and (own <= 0.0).all() and not step.rhs[own == 0.0].any())
+
+
+def _block_size(operators: ContactOperators) -> int:
+    """Frame unknowns per node where all frames have as many, else 1."""
+    sizes = {model.directions.shape[1] for model in operators.models if len(model.directions)}
+    return sizes.pop() if len(sizes) == 1 else 1
+
+
+def _rigid_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]:
+    """Rigid modes at this rank's dofs of the bodies (n_local, k) and at all frame unknowns (m, k),
+    about the middle of the scene and of its size, so that far coordinates cost no digits."""
+    bodies = operators.bodies
+    low, high = bodies.low.min(axis=0), bodies.high.max(axis=0)
+    centre, size = 0.5 * (low + high), np.linalg.norm(high - low)
+    body = rigid_modes((bodies.points - centre) / size)
+    frame = [
+        np.einsum("mdi,mik->mdk", model.directions, rigid_modes((model.places - centre) / size))
+        for model in operators.models
+    ]
+    k = body.shape[2]
+    return body.reshape(-1, k), np.concatenate(
+        [np.empty((0, k)), *(modes.reshape(-1, k) for modes in frame)]
+    )

@@ -5,22 +5,18 @@ the frame, and Tᵀ K T q = Tᵀ (f - K u_0) is symmetric positive definite. The
 reactions f - K u of what was eliminated.
 """
 
-from __future__ import annotations
-
 import time
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from dolfinx_llm.forms.condensed.coarse import CoarseMotions
-from dolfinx_llm.forms.condensed.elimination import EliminatedRows
-from dolfinx_llm.forms.condensed.kept import KeptSolver
-from dolfinx_llm.forms.condensed.krylov import RTOL, WIDEST, near_null_space
+from dolfinx_llm.forms.condensed.elimination import EliminatedRows, widest
+from dolfinx_llm.forms.condensed.krylov import RTOL, WIDEST, KeptSolver, near_null_space
 from dolfinx_llm.forms.condensed.reduced import ReducedMatrix
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.transformation import Transformation
-from dolfinx_llm.forms.verdict import EPS, beyond, judge, largest
+from dolfinx_llm.forms.verdict import EPS, judge, largest
 
 PASSES = 4  # solves for what the residual of the unreduced system still holds
 ROUNDING = 4.0 * EPS  # of a residual of the scaled system, per size of its unknowns
@@ -29,29 +25,22 @@ ROUNDING = 4.0 * EPS  # of a residual of the scaled system, per size of its unkn
 class CondensedSystem:
     """Tᵀ K T with a preconditioner or a factorisation, set up once for any number of loads.
 
-    After a solve ``iterations``, ``residual`` (of (31), over the size of its unknowns), ``left``
-    (this rank's K u + B λ - f), ``tolerance`` (what the user's options allow of it [force]) and
-    ``notes`` tell how it went; ``set_ups`` counts preconditioners and factorisations, ``steps`` has
-    of each solve its "iterations" and the seconds of its "set-up" and "solve".
+    After a solve ``iterations``, ``force`` (this rank's f - K u), ``tolerance`` (what the user's
+    options allow of K u + B λ - f [force]) and ``notes`` tell how it went; ``steps`` has of
+    each solve its "iterations" and the seconds of its "set-up" and "solve".
 
     Args:
-        split: stiffness of the bodies, identity rows and columns at prescribed dofs, parted at the
-            nodes of all rows that will be eliminated. It is destroyed with the system; what is not
-            needed for solving may be released before.
+        split: stiffness of the bodies, parted at the nodes of all rows that will be eliminated. It
+            is destroyed with the system; what is not needed for solving may be released before.
         rows: what is eliminated to the frames.
         fixed: (n_local,) whether a dof of this rank is prescribed; f holds its value.
         scale: mean diagonal of K on the surface dofs [force / length].
-        prefix: of the PETSc options.
-        options: PETSc options on top of ``ITERATIVE`` and ``GAMG``, or of ``DIRECT`` with
-            {"ksp_type": "preonly", "pc_type": "cholesky"}.
+        prefix, options: of PETSc, on top of ``ITERATIVE`` and ``GAMG``, or of ``DIRECT``.
         modes: near-null space for GAMG, rigid modes at the bodies' dofs (n_local, k) and at the
             frames' unknowns (m, k); None: none.
         weak: motions that supports or springs may hold weakly, in the same way; None: ``modes``.
         proximal: (m,) non-negative stiffness d of the frames' unknowns, which adds
             1/2 sum_J d_J (v_J - c_J)² to the energy [force / length]; None: none.
-
-    Raises:
-        ContactError: the reduced matrix is not positive definite.
     """
 
     def __init__(
@@ -70,13 +59,14 @@ class CondensedSystem:
         self.split, self.fixed, self.scale, self.comm = split, fixed, scale, split.comm
         self.notes: list[str] = []
         self.steps: list[dict] = []
-        self.iterations, self.residual, self.tolerance = 0, np.nan, 0.0
+        self.iterations, self.tolerance = 0, 0.0
         self._modes, self._weak = modes, weak or modes
         options = dict(options or {})
         self.solver = KeptSolver(self.comm, prefix, options, self.notes)
-        if rows.widest > WIDEST and options.get("pc_type", "gamg") == "gamg":
+        nodes = widest(rows.L, rows.dofs.shape[1])
+        if nodes > WIDEST and options.get("pc_type", "gamg") == "gamg":
             self.solver.factorise(
-                f"a frame node couples with some {rows.widest:.0f} nodes of a side that is much "
+                f"a frame node couples with some {nodes:.0f} nodes of a side that is much "
                 "finer than the frame, too many for GAMG"
             )
         self._last: Any = None  # u and v
@@ -85,13 +75,9 @@ class CondensedSystem:
     def eliminate(
         self, rows: EliminatedRows, proximal: np.ndarray | None = None, changed: int = 0
     ) -> None:
-        """Eliminate other rows, or with another proximal term; springs of ``split`` are taken over.
-
-        A preconditioner stays as long as it serves.
-
-        Args:
-            changed: rows that are eliminated now and were not, or were and are not.
-        """
+        """Eliminate other rows, of which ``changed`` were not or are not any more, or with another
+        proximal term; springs of ``split`` are taken over. A preconditioner stays as long as it
+        serves."""
         before = self.matrix.getLocalSize()
         self.reduced.destroy()
         self._reduce(rows, proximal)
@@ -101,9 +87,8 @@ class CondensedSystem:
     def _reduce(self, rows: EliminatedRows, proximal: np.ndarray | None) -> None:
         """Take over what other eliminated rows leave."""
         self.form = Transformation(self.split, rows, self.fixed, proximal)
-        self.reduced = ReducedMatrix(self.form, self.scale)
+        self.reduced = ReducedMatrix(self.form, self.scale, self._weak)
         self.matrix, self.S = self.reduced.matrix, self.reduced.S
-        self._coarse = CoarseMotions(self.form, self.matrix, self.S, self._weak)
 
     def set_up(self) -> None:
         """Preconditioner or factorisation, if it is not there yet."""
@@ -112,25 +97,11 @@ class CondensedSystem:
                 near_null_space(self.matrix, self.S, self.form.unknowns(*self._modes))
             self.solver.set_up(self.matrix)
 
-    @property
-    def set_ups(self) -> int:
-        """Preconditioners and factorisations so far."""
-        return self.solver.set_ups
-
-    @property
-    def method(self) -> str:
-        """What solves, in words."""
-        return self.solver.method
-
     def solve(
         self, f: np.ndarray, g: np.ndarray, centre: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """This rank's parts of u, λ, v for loads f and gaps g.
-
-        Args:
-            f: (n_local,) loads, prescribed values at fixed dofs.
-            g: (R,) gaps of this rank's multipliers [length].
-            centre: (m,) c of the proximal term, on every rank; None: zero.
+        """This rank's parts of u, λ, v for loads f (n_local,), prescribed values at fixed dofs, and
+        gaps g (R,); c (m,) is the centre of the proximal term, None: zero.
 
         Raises:
             ContactError: the solver did not reach a small residual of (31).
@@ -139,11 +110,13 @@ class CondensedSystem:
         self.set_up()
         ready, form = time.perf_counter(), self.form
         u_0, v_0 = form.offsets(f, g)
-        u, q, force = self._iterate(f, u_0, form.push(centre, v_0), self._guess(u_0, v_0))
+        u, q = self._iterate(f, u_0, form.push(centre, v_0), self._guess(u_0, v_0))
+        self.force = force = self._forces(f, u)
         v = form.frame_motion(q, v_0)
         self._last = u, v
         multiplier = form.multipliers(np.where(self.fixed, 0.0, force), v, centre)
-        self._check(f, g, u, multiplier, v, force, centre)
+        if self.solver.reason < 0:
+            self._require_answer(f, u, multiplier)
         seconds = {"set-up": ready - began, "solve": time.perf_counter() - ready}
         self.steps.append({"iterations": self.iterations, **seconds})
         return u, multiplier, v[form.tail.mine_v]
@@ -156,8 +129,8 @@ class CondensedSystem:
         return self.form.unknowns((u - u_0)[:, None], (v - v_0)[:, None])[:, 0]
 
     def _iterate(self, f: np.ndarray, u_0: np.ndarray, push: Any, q: np.ndarray) -> Any:
-        """u, q and f - K u of this rank; solved for the residual of the unreduced system again
-        while that gains."""
+        """u and q of this rank; solved for the residual of the unreduced system again while that
+        gains."""
         x, b = self.matrix.createVecs()
         load = self.form.load(f, u_0) + push
         b.array_w[:] = load * self.S.array_r
@@ -167,12 +140,12 @@ class CondensedSystem:
         x.array_w[:] = q / self.S.array_r
         self.iterations, last, length = 0, np.inf, x.norm()
         for attempt in range(PASSES + 1):
-            left = self._coarse.left(load, q)
+            left = self.reduced.left(load, q)
             b.array_w[:] = left * self.S.array_r
             size = b.norm()
             # A factorisation refines while that gains.
             enough = 0.0 if direct else max(2.0 * goal, ROUNDING * length)
-            ended = attempt and (attempt == PASSES or self.solver.failed)
+            ended = attempt and (attempt == PASSES or self.solver.reason < 0)
             if ended or not size > enough or not size < 0.5 * last:
                 break
             last = size
@@ -184,43 +157,29 @@ class CondensedSystem:
             if worn:
                 self.set_up()
                 last = np.inf
-        least = self.comm.allreduce(self.S.array_r.min(initial=np.inf), op=MPI.MIN)
-        self._promised = enough / least  # residual, at most [force]
-        # A tolerance that the user made larger is the user's choice.
-        self.tolerance = self._promised if rtol > RTOL and not direct else 0.0
+        if rtol > RTOL and not direct:  # a tolerance that the user made larger is the user's choice
+            least = self.comm.allreduce(self.S.array_r.min(initial=np.inf), op=MPI.MIN)
+            self.tolerance = enough / least
         x.destroy()
         b.destroy()
-        u = self.form.motion(q) + u_0
-        return u, q, self._forces(f, u, left)
+        self._left = left  # by the reduced system [force]
+        return self.form.motion(q) + u_0, q
 
-    def _forces(self, f: np.ndarray, u: np.ndarray, left: np.ndarray) -> np.ndarray:
+    def _forces(self, f: np.ndarray, u: np.ndarray) -> np.ndarray:
         """f - K u of this rank: reactions at surface nodes, elsewhere what the system leaves."""
-        force, S = left[: len(f)].copy(), self.split.surface
+        force, S = self._left[: len(f)].copy(), self.split.surface
         force[S] = f[S] - self.split.rows(u)
         force[self.fixed] = 0.0
         return force
 
-    def _check(
-        self,
-        f: np.ndarray,
-        g: np.ndarray,
-        u: np.ndarray,
-        multiplier: np.ndarray,
-        v: np.ndarray,
-        force: np.ndarray,
-        centre: np.ndarray | None,
-    ) -> None:
-        """Require a small residual of (31)."""
-        sizes = self.form.sizes((f, g), (u, multiplier, v), force, centre, self.scale)
-        self.residual = sizes[:3].max() / max(sizes[3:].max(), 1e-300)
+    def _require_answer(self, f: np.ndarray, u: np.ndarray, multiplier: np.ndarray) -> None:
+        """Require a small residual where the solver ended without an answer."""
         free = ~self.fixed
-        self.left, _ = self.form.residual(u, multiplier, v, g, force)
-        terms, load = largest(self.comm, free * self.split.diagonal * u, free * f)
-        reason = self.solver.reason
-        how = f"{self.iterations} iterations of {self.method}, PETSc's reason {reason}"
-        moved = sizes[3:5].max()  # gaps and frames may move far under hardly any force
-        left = max(sizes[0], beyond(sizes[1], moved), sizes[2])
-        judge(left, max(terms, moved), max(load, sizes[5]), how, self._promised)
+        parts = free * self.split.diagonal * u, free * f, multiplier, self._left
+        terms, load, forces, left = largest(self.comm, *parts)
+        solver = self.solver
+        how = f"{self.iterations} iterations of {solver.method}, PETSc's reason {solver.reason}"
+        judge(left, terms, max(load, forces), how)
 
     def destroy(self) -> None:
         self.solver.discard()

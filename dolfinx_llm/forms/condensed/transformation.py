@@ -1,14 +1,13 @@
 """T of the condensed form: u = T q + u_0, v = Z q_v + v_0.
 
 q holds, on each rank, a place for each dof of its bodies, idle at surface nodes, and then
-what the surfaces have left to solve for (``tail``).
+what the surfaces have left to solve for (``Tail``).
 """
-
-from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.forms.condensed.elimination import (
@@ -17,20 +16,13 @@ from dolfinx_llm.forms.condensed.elimination import (
     eliminate_at_nodes,
 )
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
-from dolfinx_llm.forms.condensed.tail import Tail
 from dolfinx_llm.operators.petsc import create_aij, times
 
 
 class Transformation:
-    """What the eliminated rows make of u and v, with the numbers of the unknowns q.
-
-    Args:
-        split: stiffness of the bodies, parted at the dofs of all eliminated nodes or more.
-        rows: what is eliminated to the frames.
-        fixed: (n_local,) whether a dof of this rank is prescribed.
-        proximal: (m,) stiffness of the frames' unknowns, or None.
-        soft: as of ``FrameElimination``.
-    """
+    """What the eliminated rows make of u and v, with the numbers of the unknowns q. K is parted at
+    the dofs of all eliminated nodes or more; ``proximal`` (m,) is a stiffness of the frames'
+    unknowns, ``soft`` as of ``FrameElimination``."""
 
     def __init__(
         self,
@@ -136,12 +128,7 @@ class Transformation:
 
     def frame_law(self, E: csr_matrix, D: csr_matrix, c: float) -> csr_matrix:
         """(m, m) E λ + D v of the frames' unknowns, where they are forces: of rows that bind the
-        frame alone.
-
-        Args:
-            E: (m, rows), D: (m, m) of the frames' equations.
-            c: unit of these forces [force / length].
-        """
+        frame alone; c is the unit of these forces [force / length]."""
         own = c * (E @ self._W_all.T @ csr_matrix(self.frame.Q)).tocoo()
         places = own.row, self.frame.dependent[own.col]
         return (D @ self.frame.Z + csr_matrix((own.data, places), shape=D.shape)).tocsr()
@@ -155,10 +142,8 @@ class Transformation:
     def multipliers(
         self, force: np.ndarray, v: np.ndarray, centre: np.ndarray | None
     ) -> np.ndarray:
-        """λ of this rank from the reactions f - K u, zero at fixed dofs.
-
-        What a row does to the frame alone follows from the frame's equilibrium.
-        """
+        """λ of this rank from the reactions f - K u, zero at fixed dofs. What a row does to the
+        frame alone follows from the frame's equilibrium."""
         found = self.A.T @ force
         if len(self.frame.dependent):
             missing = self.frame_forces(found, v, centre)[self.frame.dependent]
@@ -187,37 +172,73 @@ class Transformation:
         values[:n] = body
         return values
 
-    def residual(
-        self, u: np.ndarray, multiplier: np.ndarray, v: np.ndarray, g: np.ndarray, force: np.ndarray
-    ) -> Any:
-        """What (31) leaves of -f + K u + B λ at this rank's dofs, and of Bᵀ u - L_b v + g.
 
-        Args:
-            force: (n_local,) f - K u.
-        """
-        vectors = self.vectors * ~self.fixed[self.dofs]
-        left = -force
-        np.add.at(left, self.dofs, vectors * multiplier[:, None])
-        return left, np.einsum("ri,ri->r", vectors, u[self.dofs]) - self.L @ v + g
+class Tail:
+    """Unknowns of surface nodes that are not eliminated entirely, then those of the frame nodes, in
+    blocks of gdim.
 
-    def sizes(
-        self, given: Any, found: Any, force: np.ndarray, centre: np.ndarray | None, scale: float
-    ) -> np.ndarray:
-        """(6,) of all ranks, as forces: what (31) leaves of its three rows, loads, motions and
-        multipliers.
+    Args:
+        N: (S, S) of this rank's surface dofs, what is left of them.
+        motion: (R, m) motion of this rank's eliminated dofs by the frame unknowns.
+        held: (m,) frame unknowns that a proximal term holds; None: none.
 
-        Args:
-            given: this rank's f and g.
-            found: u and λ of this rank, all of v.
-            force: (n_local,) f - K u.
-            centre: (m,) of the proximal term.
-            scale: [force / length].
-        """
-        (f, g), (u, multiplier, v) = given, found
-        residual, miss = self.residual(u, multiplier, v, g, force)
-        frame = self.frame_forces(multiplier, v, centre)
-        held = 0.0 if centre is None or self.proximal is None else centre * self.proximal
-        parts = [(residual,), (scale * miss,), (frame,), (f, scale * g, held)]
-        parts += [(scale * u, scale * v)]
-        own = [max(np.abs(a).max(initial=0.0) for a in part) for part in (*parts, (multiplier,))]
-        return np.max(self.comm.allgather(own), axis=0)
+    Attributes:
+        left: (S,) places of this rank's surface dofs, -1 where there is none.
+        columns: (m,) numbers of all frame unknowns, -1 where one is not used.
+        mine_used: this rank's frame unknowns that have places; ``seats`` are these.
+        idle: (n_tail,) places without an unknown.
+        first: number of this rank's first place.
+        sizes: local and global number of places.
+        mine_v: this rank's frame unknowns.
+    """
+
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        gdim: int,
+        rows: EliminatedRows,
+        N: csr_matrix,
+        motion: csr_matrix,
+        held: np.ndarray | None,
+    ) -> None:
+        self._comm, frames = comm, rows.frames
+        kept = (np.diff(N.tocsc().indptr) > 0).reshape(-1, gdim).any(axis=1)
+        place = np.cumsum(kept) - 1
+        self.left = np.where(kept[:, None], place[:, None] * gdim + np.arange(gdim), -1).ravel()
+        used = comm.allreduce((np.diff(motion.tocsc().indptr) > 0).astype(np.int64)) > 0
+        if held is not None:
+            used |= held
+        self._number(gdim * int(kept.sum()), gdim, rows, used)
+        mine = (frames.owner == comm.rank) & used
+        self.mine_used = np.flatnonzero(mine)
+        self.seats = self.columns[mine] - self.first
+        self.mine_v = frames.mine
+        self.idle = np.ones(self.sizes[0], dtype=bool)
+        self.idle[self.left[np.unique(N.indices)]] = False
+        self.idle[self.seats] = False
+
+    def _number(self, n: int, gdim: int, rows: EliminatedRows, used: np.ndarray) -> None:
+        """Numbers of the frame unknowns behind n surface dofs of each rank."""
+        comm, bs = self._comm, rows.block
+        item_owner = rows.frames.owner[::bs]
+        items = np.flatnonzero(used.reshape(-1, bs).any(axis=1))
+        items = items[np.argsort(item_owner[items], kind="stable")]
+        owner = item_owner[items]
+        pad = -(-bs // gdim) * gdim  # whole blocks for each item
+        count = np.bincount(owner, minlength=comm.size)
+        nodes = np.array(comm.allgather(n))
+        start = np.concatenate([[0], np.cumsum(nodes + pad * count)])
+        within = np.arange(len(items)) - (np.cumsum(count) - count)[owner]
+        number = np.full(len(item_owner), -1)
+        number[items] = start[owner] + nodes[owner] + pad * within
+        columns = np.where(number[:, None] < 0, -1, number[:, None] + np.arange(bs))
+        self.columns = columns.ravel()
+        self.first = int(start[comm.rank])
+        self.sizes = int(start[comm.rank + 1] - start[comm.rank]), int(start[-1])
+
+    def frame_unknowns(self, q: np.ndarray) -> np.ndarray:
+        """(m,) values of all frame unknowns, on every rank, from this rank's places (n_tail,)."""
+        values = np.zeros(len(self.columns))
+        for place, value in self._comm.allgather((self.mine_used, q[self.seats])):
+            values[place] = value
+        return values

@@ -1,7 +1,5 @@
 """The frame form with v eliminated, (32)-(36): the classical form that is equivalent to (31)."""
 
-from __future__ import annotations
-
 import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
@@ -117,13 +115,8 @@ class Elimination(ClassicalForm):
 
 
 def _acting(Phi: np.ndarray, base: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the part of Φ that acts on free dofs: with it Q has full row rank.
-
-    Args:
-        Phi: (n c, k) orthonormal columns.
-        base: (n, c, gdim) local bases of the nodes.
-        fixed: (n, gdim) prescribed dofs of the nodes.
-    """
+    """Orthonormal basis of the part of Φ (n c, k) that acts on free dofs: with it Q has full row
+    rank. Of the nodes are given local bases (n, c, gdim) and prescribed dofs (n, gdim)."""
     if not fixed.any():
         return Phi
     n, c, gdim = base.shape

@@ -1,7 +1,5 @@
 """The classical form (6) of contact: its operator Q, how full it is, and its factorised system."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +9,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base import checks
-from dolfinx_llm.base.destroyed import Destroyed
+from dolfinx_llm.base.disposable import Destroyed
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.saddle import FactorisedStep

@@ -1,7 +1,5 @@
 """Node-to-segment contact, (2)-(6): prefers a side, and fails the patch test."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +12,7 @@ from dolfinx_llm.base.parallel import agree, collective, gather_rows
 from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.operators.motions import rigid_motions
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import create_aij, times
 from dolfinx_llm.operators.support import check_support
@@ -116,7 +115,7 @@ class NodeToSegment(ClassicalForm):
         modes = bodies.modes(bodies.label, bodies.points).reshape(len(fixed), -1)
         moved = np.column_stack([times(self.Q, mode) for mode in modes.T])
         change = gather_rows(self.problem.comm, moved)
-        check_support(bodies, self.problem.K, fixed, [(None, change)])
+        check_support(rigid_motions(bodies, self.problem.K, fixed), [(None, change)])
 
     def solve(self) -> fem.Function | list[fem.Function]:
         """Assemble the load and solve (6).
