@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 comm = MPI.COMM_WORLD
 contact = finite_patch.problem(patch2d.bodies(comm))
-contact.solve(increments=2)
+contact.solve()
 stretch, pressure = finite_patch.errors(contact, finite_patch.stretches(300.0))
 forces = [side.force.tolist() for side in contact.results[0].sides]
 assert len({json.dumps(f) for f in comm.allgather(forces)}) == 1
