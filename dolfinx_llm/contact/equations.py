@@ -191,6 +191,12 @@ class Equations:
         left = (forces if self._operators.tied else self._frame_gather() @ forces) - self.loads
         return float(np.abs(left).max(initial=0.0))
 
+    def release(self, multiplier: np.ndarray, allowed: float) -> bool:
+        """Whether frame nodes that have balanced in sums miss it by more than is allowed [force];
+        from then on each balances on its own."""
+        missed = np.abs(self._L_t @ multiplier - self.loads).max(initial=0.0)
+        return bool(missed > allowed) and any([s.release() for s in self.states])
+
     def runaway(self, multiplier: np.ndarray) -> str:
         """What is said of an obstacle whose force contact does not balance: all but the proximal
         term gives way to it. Empty where there is none."""

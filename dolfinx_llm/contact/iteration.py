@@ -161,14 +161,17 @@ class ContactIteration:
             stalled = calm > CALM and miss > 0.5 * before
             enough = max(ENOUGH, self.form.noise / largest)
             settled = miss <= self.form.accuracy or (stalled and miss <= enough)
-            if settled and calm > corrections and pull.rests:
+            rests = settled and calm > corrections and pull.rests
+            released = rests and equations.release(multiplier, ENOUGH * largest)
+            if rests and not released:
                 _require_friction(self.states, multiplier)
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
                 return found
             # Friction is linearised about the last iterate, or halfway where that did not help.
             half = iteration > 1 and changes and miss > 0.9 * before
             about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
-            before = miss
+            before = np.inf if released else miss
+            calm = 0 if released else calm
             # From then on the frame goes on from where it is, and what no force holds stays.
             self._calmed = self._calmed or calm > 0
             centre = w if self._calmed else equations.middle(y + g, w)
@@ -225,12 +228,8 @@ class ContactIteration:
     def _count(self) -> dict:
         """Numbers of pairs in contact, and of those that stick and slip."""
         status = np.concatenate([s.pair_status() for s in self.states])
-        counts = np.bincount(status, minlength=4)
-        return {
-            "active": int(len(status) - counts[OPEN]),
-            "stick": int(counts[STICK]),
-            "slip": int(counts[SLIP]),
-        }
+        of = [int((status == one).sum()) for one in (OPEN, STICK, SLIP)]
+        return {"active": len(status) - of[0], "stick": of[1], "slip": of[2]}
 
 
 def _require_friction(states: list[InterfaceState], multiplier: np.ndarray) -> None:

@@ -259,7 +259,7 @@ def _interface_result(
     cartesian = law.components == "cartesian"
     normal = nodal_normals(model.frame) if cartesian else model.directions[:, -1]
     total = pairs.N.T @ side.force
-    if law.slips:  # friction holds for the mean of both; nodes that follow another balance in sums
+    if law.slips:  # what friction holds for
         total = 0.5 * (total - model.pairs[1].N.T @ sides[1].force)
     force, area = np.einsum("mi,mi->m", total, normal), pairs.N.T @ side.area
     friction = total - force[:, None] * normal

@@ -14,12 +14,11 @@ from dolfinx_llm.geometry.overlap_curved import vector_areas_in_contact
 from dolfinx_llm.geometry.overlap_flat import common_area, local_bases, nodal_forces
 from dolfinx_llm.geometry.pairs import ContactPairs, locate_pairs
 from dolfinx_llm.geometry.pieces import Piece
-from dolfinx_llm.interface.against import against_obstacle
+from dolfinx_llm.interface.against import against_obstacle, forced, under_force
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.frames import REACH, choose_frame, move_nodes
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.interface.join import Part, joined, whole_piece
-from dolfinx_llm.interface.pressed import forced, under_force
 from dolfinx_llm.interface.rows import balanced, designed, fixed_nodes
 from dolfinx_llm.interface.site import Site, find_site
 from dolfinx_llm.interface.touching import check_flat, find_pieces

@@ -8,8 +8,8 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.interface.against import prescribed_loads
 from dolfinx_llm.interface.geometry import InterfaceGeometry
-from dolfinx_llm.interface.pressed import prescribed_loads
 from dolfinx_llm.operators.assemble import assemble_B, assemble_L_b, interface_operator
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.motions import Floating, no_motions, rigid_motions

@@ -44,7 +44,7 @@ class Scene:
 
 
 def draw(scene: Scene, path: Path) -> bool:
-    """Draw a scene as PNG by PyVista, if it is installed and can; whether it has."""
+    """Draw a scene as PNG by PyVista, if it is installed and can; say whether it has."""
     global _failed
     if _failed or find_spec("pyvista") is None:
         return False

@@ -81,7 +81,7 @@ def check_result(result: Any) -> None:
 
 
 def check_displacement(u: Any) -> Any:
-    """Require a displacement; collective. The communicator of its mesh."""
+    """Require a displacement; the communicator of its mesh. Collective."""
     accepted = "give the displacement, a dolfinx Function (of several meshes one after the other)"
     check_space(checks.instance("u", u, dolfinx.fem.Function, accepted).function_space)
     return u.function_space.mesh.comm

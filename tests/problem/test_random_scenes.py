@@ -7,11 +7,12 @@ import random_scenes as scenes
 import scene_oracle
 from conftest import run_mpi_json
 
-SEEDS = [*range(1001, 1004), *range(1005, 1013), *range(1014, 1043)]
-# Weak springs, lateral walls, lifting off, several laws and moduli: wrong or refused before.
+SEEDS = [*range(1001, 1004), *range(1005, 1013), *range(1014, 1040)]
+# Weak springs, lateral walls, lifting off, several laws and moduli, frame nodes that hardly any
+# pair holds: wrong or refused before.
 ONCE_WRONG = [
-    1004, 1043, 1069, 1070, 1093, 1115, 1127, 1161, 1178, 1238, 1246, 1252, 1287, 1288,
-    1298,
+    1004, 1043, 1069, 1070, 1093, 1115, 1127, 1161, 1175, 1178, 1210, 1238, 1246, 1250, 1252, 1287,
+    1288, 1298,
 ]  # fmt: skip
 BOUND = 1e-8
 POSED = {
