@@ -176,7 +176,7 @@ def solve(n, comm=MPI.COMM_WORLD, **case):
         "unknowns": contact.unknowns["u"],
         "displacement": max(comm.allgather(off)) / size,
         "pressure": float(np.abs(result.pressure / pressure - 1.0).max()),
-        "method": getattr(system, "method", "LDLᵀ"),
+        "method": system.solver.method if system else "LDLᵀ",
         "iterations": getattr(system, "iterations", 0),
         "notes": getattr(system, "notes", []),
         "lost": contact.method.iteration.verdict.lost,

@@ -1,6 +1,7 @@
 """Paths for the tests' own modules, and MPI runs in processes of their own."""
 
 import contextlib
+import fcntl
 import io
 import json
 import os
@@ -116,16 +117,41 @@ class Ranks:
 
 @pytest.hookimpl(tryfirst=True)  # before xdist looks for its groups
 def pytest_collection_modifyitems(items):
-    """Mark the tests that start ranks of their own: by the names that they use.
+    """Mark the tests that run on ranks of their own: by the names that they use.
 
-    Of several workers one runs these, one after the other, and each file's others stay together.
+    Of several workers one runs these, one after the other and before all else.
     """
     for item in items:
+        params = getattr(item, "callspec", None) and item.callspec.params or {}
         code = getattr(getattr(item, "function", None), "__code__", None)
         ranks = {"run_mpi", "run_mpi_json", "mpirun"} & words_of(code)
+        ranks = ranks and params.get("n", params.get("ranks")) != 1  # that is this process
         if ranks:
             item.add_marker(pytest.mark.mpi)
         item.add_marker(pytest.mark.xdist_group("mpi" if ranks else item.path.name))
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        items.sort(key=lambda item: item.get_closest_marker("mpi") is None)
+
+
+# Tests share the first one's lock; those on ranks of their own want it alone. Who waits for it
+# holds the second one's, so that nobody else gets in between.
+LOCKS = open(__file__), open(TESTS / "mpi" / "guard.py")
+_alone = False
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_protocol(item, nextitem):
+    """Beside another worker ranks take many times as long: where one waits, it yields its core."""
+    global _alone
+    ranks = [i is not None and i.get_closest_marker("mpi") is not None for i in (item, nextitem)]
+    if not _alone:
+        for lock in LOCKS[::-1]:
+            fcntl.flock(lock, fcntl.LOCK_EX if ranks[0] else fcntl.LOCK_SH)
+        fcntl.flock(LOCKS[1], fcntl.LOCK_UN)
+    yield
+    _alone = all(ranks)
+    if not _alone:
+        fcntl.flock(LOCKS[0], fcntl.LOCK_UN)
 
 
 @pytest.fixture(autouse=True)
@@ -150,9 +176,9 @@ def words_of(code) -> set[str]:
 _running: dict[int, Ranks] = {}
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _one_mpirun_per_file():
-    """Every file of tests starts its own ranks, once for each number of them."""
+@pytest.fixture(scope="session", autouse=True)
+def _one_mpirun_per_number_of_ranks():
+    """They are started when first asked for and end with the tests."""
     yield
     for n in list(_running):
         _running.pop(n).stop()
@@ -161,9 +187,9 @@ def _one_mpirun_per_file():
 def run_mpi(script: str, n: int, *args, seconds: float = LIMIT) -> str:
     """Run tests/mpi/<script> on n ranks and return what it printed.
 
-    The scripts of a file of tests run one after the other on the same ranks. An exception on any
-    rank ends all of them, so that none waits for it; after ``seconds`` they are ended. Both fail
-    the test with the ranks' output. One rank is this process.
+    All scripts run one after the other on the same ranks. An exception on any rank ends all of
+    them, so that none waits for it; after ``seconds`` they are ended. Both fail the test with the
+    ranks' output. One rank is this process.
     """
     command = [str(TESTS / "mpi" / script), *map(str, args)]
     if n == 1:

@@ -121,12 +121,13 @@ def same_space(V: Any, W: Any) -> bool:
 def form(name: str, ufl_form: Any) -> Any:
     """Compiled form; ``ContactInputError`` where UFL or dolfinx cannot compile it."""
     try:
-        # First on every rank: newer UFL raises no Exception here, which rank 0 alone would meet.
-        lowered = apply_algebra_lowering(ufl_form)
-        if not np.issubdtype(PETSc.ScalarType, np.complexfloating):
-            lowered = remove_complex_nodes(lowered)  # v and conj(v) are one
-        lowered = apply_derivatives(lowered)
-        check_form_arity(lowered, ufl_form.arguments())
+        if ufl_form.arguments()[0].ufl_function_space().mesh.comm.size > 1:
+            # First on every rank: newer UFL raises no Exception, which rank 0 alone would meet.
+            lowered = apply_algebra_lowering(ufl_form)
+            if not np.issubdtype(PETSc.ScalarType, np.complexfloating):
+                lowered = remove_complex_nodes(lowered)  # v and conj(v) are one
+            lowered = apply_derivatives(lowered)
+            check_form_arity(lowered, ufl_form.arguments())
         return dolfinx.fem.form(ufl_form)
     except (Exception, ArityMismatch) as error:
         text = " ".join(str(error).split())[:300]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags, identity
 
 from dolfinx_llm.contact.friction_nodes import FrictionNodes
-from dolfinx_llm.laws.speakers import follow, speakers, unheld
+from dolfinx_llm.laws.speakers import follow, speakers, sums, unheld
 
 ADRIFT = 1e-2  # sum of N² below which a frame node is led until contact has come to rest
 
@@ -53,6 +53,21 @@ class Followers:
         leader = np.where(held < adrift, speaker, np.arange(k))
         carried = _carried(leader, nodes.model.directions)
         return Followers(speaker, unheld(follows, speaker), alike.T.tocsr(), relative, *carried)
+
+    def share(self, friction: np.ndarray, bears: np.ndarray, tangents: np.ndarray) -> np.ndarray:
+        """(k, gdim) forces of friction, of those that speak for others divided among them all.
+
+        Args:
+            friction: (k, gdim) forces at the nodes [force].
+            bears: (k,) what each bears, by which they share [force].
+            tangents: (k, t, gdim) at the nodes.
+        """
+        total = (sums(self.speaker) @ bears)[self.speaker]
+        part = np.where(total > 0.0, bears / np.where(total > 0.0, total, 1.0), 0.0)
+        own = np.einsum("ki,kai->ka", friction, tangents)
+        own = (self.gather.T @ (self.gather @ own.ravel())).reshape(own.shape)
+        shared = part[:, None] * np.einsum("ka,kai->ki", own, tangents)
+        return np.where((total > 0.0)[:, None], shared, friction)
 
 
 def _carried(leader: np.ndarray, directions: np.ndarray) -> tuple[csr_matrix, csr_matrix]:

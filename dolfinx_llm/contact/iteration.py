@@ -228,12 +228,8 @@ class ContactIteration:
     def _count(self) -> dict:
         """Numbers of pairs in contact, and of those that stick and slip."""
         status = np.concatenate([s.pair_status() for s in self.states])
-        counts = np.bincount(status, minlength=4)
-        return {
-            "active": int(len(status) - counts[OPEN]),
-            "stick": int(counts[STICK]),
-            "slip": int(counts[SLIP]),
-        }
+        of = [int((status == one).sum()) for one in (OPEN, STICK, SLIP)]
+        return {"active": len(status) - of[0], "stick": of[1], "slip": of[2]}
 
 
 def _require_friction(states: list[InterfaceState], multiplier: np.ndarray) -> None:

@@ -107,18 +107,16 @@ class InterfaceState:
             history={},
         )
         self.others, self._touching = Followers.none(self.nodes), np.empty(0)
-        self._adrift = ADRIFT
-        self.touch(self.own.active)
+        self.begin()
         if k:
             rest = self._at_rest()
             self.own.history = self.law.start(rest)
             self.take(self.rows_at(replace(rest, history=self.own.history)))
             self.own.status = np.full(k, STICK)
 
-    def begin(self) -> None:
+    def begin(self, adrift: float = ADRIFT) -> None:
         """Start a load step: pairs that opened and closed by turns get another chance."""
-        self.own.closings[:] = 0
-        self._adrift = ADRIFT
+        self.own.closings[:], self._adrift = 0, adrift
         self.touch(self.own.active)
 
     def release(self) -> bool:
@@ -127,11 +125,8 @@ class InterfaceState:
         Pairs that opened and closed by turns have their friction again: where one alone presses a
         node, nothing else could balance the friction of others there.
         """
-        led = bool(self.others.frame_relative.nnz)
-        if led:
-            self.own.closings[:] = 0
-            self._adrift = 0.0
-            self.touch(self.own.active)
+        if led := bool(self.others.frame_relative.nnz):
+            self.begin(0.0)
         return led
 
     def restore(self, state: ContactState) -> None:
@@ -144,10 +139,10 @@ class InterfaceState:
         nodes, self.held = self.nodes, self.nodes.reach(self.own.holds)
         self.own.active = active | self.held
         self._apart = ~nodes.reached(self.held)  # nodes where nothing pulls
-        told = self._tied, self.own.active, self._adrift
-        touching = np.append(told[:2], self._adrift)
+        touching = np.append([self._tied, self.own.active], self._adrift)
         if self._shares and not np.array_equal(touching, self._touching):
-            self.others, self._touching = Followers.of(nodes, *told), touching
+            of = self._tied, self.own.active, self._adrift
+            self.others, self._touching = Followers.of(nodes, *of), touching
 
     def take(self, rows: LawRows) -> None:
         """Take over what law rows say of the nodes."""
@@ -249,15 +244,9 @@ class InterfaceState:
         strength for normal forces (k,): what the law says of the sum then holds for each."""
         if not self._shares:
             return friction
-        at = replace(self._at_rest(), N=normal, speaker=self.others.speaker)
+        at = replace(self._at_rest(), N=normal)
         bears = np.maximum(self.law.strength(at), 0.0)
-        total = (at.sums @ bears)[self.others.speaker]
-        part = np.where(total > 0.0, bears / np.where(total > 0.0, total, 1.0), 0.0)
-        tangents = self.nodes.tangents
-        own = np.einsum("ki,kai->ka", friction, tangents)
-        own = (self.others.gather.T @ (self.others.gather @ own.ravel())).reshape(own.shape)
-        shared = part[:, None] * np.einsum("ka,kai->ki", own, tangents)
-        return np.where((total > 0.0)[:, None], shared, friction)
+        return self.others.share(friction, bears, self.nodes.tangents)
 
     def pair_status(self) -> np.ndarray:
         """(n,) OPEN, STICK, SLIP or CLOSED per pair: with friction that of the node next to it,

@@ -14,6 +14,8 @@ from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.surface import Surface
 
+BOUND = 1e-3  # of the singular values' ratio
+
 
 @dataclass(frozen=True, eq=False)
 class ContactPairs:
@@ -118,11 +120,9 @@ def with_weights(pairs: ContactPairs, N: csr_matrix, frame: Frame) -> ContactPai
     return replace(pairs, N=N, gap=pairs.x - N @ frame.x)
 
 
-def rank_certificate(
-    frame: Frame, N: Sequence[csr_matrix], bound: float = 1e-3
-) -> tuple[float, float]:
+def rank_certificate(frame: Frame, N: Sequence[csr_matrix]) -> tuple[float, float]:
     """Smallest and largest singular value of the scalar L_b (both sides stacked), which must have
-    full column rank ((33) needs it), and a ratio of them above ``bound``."""
+    full column rank ((33) needs it), and a ratio of them above ``BOUND``."""
     L = vstack(N).tocsc()
     support = np.asarray(abs(L).sum(axis=0)).ravel()
     m = L.shape[1]
@@ -138,17 +138,17 @@ def rank_certificate(
             "about as large as those of the coarser side, or frame=None"
         )
     if m <= 600:
-        # The squares' rounding is far below the bound's square.
+        # The squares' rounding is far below the BOUND's square.
         values, vectors = np.linalg.eigh((L.T @ L).toarray())
         smallest, largest = np.sqrt(np.maximum(values[[0, -1]], 0.0))
         vector = vectors[:, 0]
     else:
         smallest, largest, vector = _extreme_singular_values(L)
-    if not smallest > bound * largest:
+    if not smallest > BOUND * largest:
         weak = np.argsort(-np.abs(vector))[:8]
         raise ContactError(
             f"the frame is too fine or badly placed: L_b has the singular values {smallest:.2e} to "
-            f"{largest:.3g}, below the bound {bound:g} for their ratio. The surface nodes hardly "
+            f"{largest:.3g}, below the bound {BOUND:g} for their ratio. The surface nodes hardly "
             f"hold the frame nodes {weak.tolist()} at {frame.x[weak].round(5).tolist()}. Take "
             "cells about as large as those of the coarser side, or frame=None"
         )

@@ -9,12 +9,12 @@ from scipy.sparse import csr_matrix
 
 
 def create_aij(
-    comm: MPI.Comm, rows: tuple[int, int], cols: tuple[int, int], local: csr_matrix, bs: int = 1
+    comm: MPI.Comm, rows: tuple[int, int], cols: tuple[int, int], local: csr_matrix
 ) -> PETSc.Mat:
     """AIJ from this rank's rows; CSR fixes the preallocation exactly."""
     local.sort_indices()
     csr = (local.indptr.astype(PETSc.IntType), local.indices.astype(PETSc.IntType), local.data)
-    matrix = PETSc.Mat().createAIJ(size=(rows, cols), bsize=bs, csr=csr, comm=comm)
+    matrix = PETSc.Mat().createAIJ(size=(rows, cols), csr=csr, comm=comm)
     matrix.assemble()
     return matrix
 

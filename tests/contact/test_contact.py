@@ -1,5 +1,6 @@
 """Opening and friction: patch tests, limits of friction, obstacles, random scenes."""
 
+import itertools
 import json
 
 import contact_scenes as scenes
@@ -14,6 +15,7 @@ from conftest import run_mpi_json
 from contact_scenes import Pressed, random_pressed, rectangle, violations
 from dolfinx import fem
 from mpi4py import MPI
+from sampling import longer, some_of
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -176,15 +178,6 @@ def test_gross_slip_has_the_friction_of_coulomb():
     assert max(violations(scene.problem).values()) < 1e-10
 
 
-def test_switch_settles_gross_slip():
-    answers = []
-    for method in ("newton", "switch"):
-        scene = pressed(llm.Coulomb(0.3, method=method))
-        scene.move(down(0.03))
-        answers.append(nodal(scene.move(down(0.03, drag=0.05))))
-    assert np.abs(answers[0] - answers[1]).max() < 1e-9 * np.abs(answers[0]).max()
-
-
 def test_sides_swapped():
     motion = down(0.02, drag=0.01, turn=0.02)
     for law in (llm.Frictionless(), llm.Coulomb(0.4)):
@@ -255,7 +248,10 @@ def test_rigid_sphere_has_its_clearance():
     assert normal == pytest.approx(np.array([[0.0, -1.0, 0.0]]))
 
 
-@pytest.mark.parametrize("seed", [*range(300, 312), 474, 525, 551, 569, 628, 631])
+SEEDS = [*range(300, 312), 474, 525, 551, 569, 628, 631]
+
+
+@pytest.mark.parametrize("seed", some_of(SEEDS, SEEDS[::2]))
 def test_random_scenes(seed, monkeypatch):
     """Converged, without smaller load steps, and with all conditions met; some hard ones last."""
     monkeypatch.setattr(load_steps, "SMALLEST", 1.0)
@@ -276,8 +272,9 @@ def test_lost_friction_is_an_error(monkeypatch):
             scene.move(motion)
 
 
-@pytest.mark.parametrize("stiffer", [1e-8, 1e-4, 1e4, 1e8])
-@pytest.mark.parametrize("seed", [400, 410, 412])
+@pytest.mark.parametrize(
+    ("seed", "stiffer"), [(400, 1e-8), (410, 1e-4), (412, 1e4), (400, 1e8), longer(410, 1e8)]
+)
 def test_stiff_on_soft(seed, stiffer):
     scene, motions = random_pressed(COMM, seed, stiffer=stiffer)
     for motion in motions:
@@ -332,8 +329,15 @@ def test_switch_in_3d(monkeypatch):
         drag(0.004)
 
 
-@pytest.mark.parametrize("solver", ["saddle", "condensed"])
-@pytest.mark.parametrize("seed", [103, 104, 111, 113])
+FORMS = ("saddle", "condensed")
+
+
+@pytest.mark.parametrize(
+    ("seed", "solver"),
+    some_of(
+        itertools.product((103, 104, 111, 113), FORMS), list(zip((103, 104, 111, 113), 2 * FORMS))
+    ),
+)
 def test_solvers_agree(seed, solver, monkeypatch):
     """The whole system in each step, saddle or condensed, and the surfaces' flexibility."""
     from dolfinx_llm.forms import choice as solvers
@@ -352,8 +356,8 @@ def test_solvers_agree(seed, solver, monkeypatch):
 
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_ranks(ranks):
-    """On several ranks as on one: displacements, forces, states; half of the scenes on each."""
-    found = [run_mpi_json("contact_ranks.py", n, ranks % 2) for n in (1, ranks)]
+    """On several ranks as on one: displacements, forces, states; each scene on two or on three."""
+    found = [run_mpi_json("contact_ranks.py", n, ranks) for n in (1, ranks)]
     assert found[0].keys() == found[1].keys()
     for key, one in found[0].items():
         size = np.abs(found[0][key.replace("gap", "u")]).max()
@@ -428,25 +432,6 @@ def test_pictures_and_files(tmp_path):
 
 
 BAD = {
-    "negative": (lambda: llm.Coulomb(-0.1), "mu=-0.1"),
-    "nan": (lambda: llm.Coulomb(float("nan")), "mu=nan"),
-    "text": (lambda: llm.Coulomb("a lot"), "a lot"),
-    "method": (lambda: llm.Coulomb(0.1, method="bisection"), "bisection"),
-    "normal": (lambda: llm.RigidPlane((0, 0), (0, 0)), "no direction"),
-    "sizes": (lambda: llm.RigidPlane((0, 0), (0, 0, 1)), "give 2 numbers"),
-    "radius": (lambda: llm.RigidSphere((0, 0), -1.0), "radius=-1.0"),
-    "axis": (lambda: llm.RigidCylinder((0, 0, 0), (0, 0, np.inf), 1.0), "finite"),
-    "mesh": (lambda: llm.RigidSurface("a file"), "a file"),
-    "two obstacles": (
-        lambda: llm.Interface(None, (llm.RigidSphere((0, 0), 1), llm.RigidSphere((9, 0), 1))),
-        "both sides",
-    ),
-    "frame": (
-        lambda: llm.Interface(
-            None, (1, llm.RigidSphere((0, 0), 1)), frame=llm.Frame([[0, 0], [1, 0]], [[0, 1]])
-        ),
-        "no frame",
-    ),
     "dimension": (lambda: against(llm.RigidSphere((0, 0, 0), 1.0), llm.Frictionless()), "3D"),
     "wrong side": (
         lambda: against(llm.RigidPlane((0, 1), (0, 1)), llm.Frictionless(), where=scenes.ABOVE),

@@ -6,6 +6,7 @@ import pytest
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
+from sampling import some_of
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -89,7 +90,8 @@ PLANE = (2, 2.0, 0.0, 0.2), (2, 2.0, 0.02, 0.05), (2, 2.0, 0.02, 0.5)
 
 @pytest.mark.parametrize(
     ("form", "dim", "h", "clearance", "mu"),
-    [*(("saddle", *case) for case in PLANE), *(("flexibility", *case) for case in PLANE),
+    [*some_of([("saddle", *case) for case in PLANE], [("saddle", *PLANE[2])]),
+     *some_of([("flexibility", *case) for case in PLANE], [("flexibility", *PLANE[0])]),
      ("flexibility", 3, 4.0, 0.02, 0.2)],
 )  # fmt: skip
 def test_converges(form, dim, h, clearance, mu, monkeypatch):

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 from conftest import TESTS, clean_environment, run_mpi, run_mpi_json
 
 DEMOS = TESTS.parent / "demos"
@@ -43,6 +44,7 @@ def test_convergence():
             assert second["tied"][key] <= 1.2 * second["matching"][key]
 
 
+@pytest.mark.long
 def test_scale():
     """Design by weights passes at 10^4 nodes a side."""
     import scale
@@ -85,7 +87,7 @@ def test_stiff_cases(capsys):
 
 
 def test_tutorial(tmp_path):
-    """Forces and friction against theory, pictures and files, and the same on three ranks."""
+    """Forces and friction against theory, pictures and files, and the same on two ranks."""
     import tutorial
 
     assert len((DEMOS / "tutorial.py").read_text().splitlines()) < 80
@@ -97,7 +99,7 @@ def test_tutorial(tmp_path):
         assert (tmp_path / name).read_bytes()[:4] == b"\x89PNG"
     written = {path.name for path in tmp_path.iterdir()}
     assert {"bodies.xdmf", "bodies.h5", "frame.xdmf", "side_0.xdmf", "side_1.csv"} <= written
-    ranks = run_mpi_json("tutorial_ranks.py", 3, tmp_path / "ranks")
+    ranks = run_mpi_json("tutorial_ranks.py", 2, tmp_path / "ranks")
     np.testing.assert_allclose(ranks["shares"], shares, atol=1e-9)
     np.testing.assert_allclose(ranks["force"], result.resultant, atol=1e-9)
     np.testing.assert_allclose(ranks["pressure"], result.pressure, atol=1e-7)

@@ -127,6 +127,7 @@ def test_order_orientation_and_units_do_not_matter(paper, designed):
     np.testing.assert_allclose(swapped.x, move(designed.x), atol=1e-10 * 1e3)
 
 
+@pytest.mark.long
 def test_far_from_the_origin(paper, designed):
     """At 100 diameters from the origin the coordinates' rounding, 1e-14 of the frame's size,
     limits the residual: the tolerance there is 20 eps max|x| / size."""

@@ -14,6 +14,7 @@ from conftest import run_mpi_json
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
+from sampling import some_of
 
 import dolfinx_llm as llm
 from dolfinx_llm.forms import choice as solvers
@@ -26,16 +27,12 @@ DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky"}
 # Against the saddle form
 
 
-LARGE = ("optimised", "random 101", "random 117")  # on one rank; others like them go on several
-
-
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_forms_agree(n):
-    """u, λ, v by Cholesky and by CG + GAMG at the default tolerance; half of the scenes on two
-    ranks, half on three."""
+    """u, λ, v by Cholesky and by CG + GAMG at the default tolerance; half of the scenes on one
+    rank, a quarter each on two and on three."""
     names = list(both_forms.SCENES)
-    if n > 1:
-        names = [name for name in names if name not in LARGE][n % 2 :: 2]
+    names = {1: names[::2], 2: names[1::4], 3: names[3::4]}[n]
     found = run_mpi_json("both_forms.py", n, *names)
     assert len(found) == 2 * len(names)
     wrong = {
@@ -48,7 +45,7 @@ def bound(name):
     return 1e-10 if name.endswith("CG") else 1e-12
 
 
-@pytest.mark.parametrize("seed", range(120, 135))
+@pytest.mark.parametrize("seed", some_of(range(120, 135), range(120, 135, 3)))
 def test_random_pairs(seed):
     problem = both_forms.random_pair(seed)(COMM)
     for options in (DIRECT, None):
@@ -59,7 +56,7 @@ def test_random_pairs(seed):
 # Against a dense solution, with other components eliminated than a tied interface's
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("n", [1, 3])
 def test_parts_of_the_components(n):
     """Normals only; random components of turned bases at symmetry planes, open nodes, and frame
     unknowns that a proximal term alone holds."""
@@ -82,14 +79,6 @@ def von_mises_error(options):
 def test_patch_test():
     assert von_mises_error(DIRECT) <= 1e-12
     assert von_mises_error({"ksp_rtol": 1e-14}) <= 1e-10
-
-
-@pytest.mark.parametrize(("n0", "n1"), [(4, 3), (3, 4), (5, 5)])
-def test_symmetry_planes_through_the_contact(n0, n1):
-    V, tags = scenes.two_blocks(COMM, n0, n1)
-    options = {"solver": "condensed", "petsc_options": DIRECT}
-    contact = scenes.block_problem(V, tags, options=options)
-    scenes.check_uniaxial(contact, contact.solve())
 
 
 # Set-up and options
@@ -216,7 +205,7 @@ def test_auto(monkeypatch):
 # Steps of contact laws
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("n", [1, 2])
 def test_steps_reuse_the_set_up(n):
     """Load steps without friction: the flexibility's answer, with one preconditioner as long as
     the pairs in contact stay, and with other loads."""

@@ -6,6 +6,7 @@ import pytest
 import scenes
 from contact_scenes import random_pressed, violations
 from mpi4py import MPI
+from sampling import some_of
 from scipy.sparse import csr_matrix
 
 import dolfinx_llm as llm
@@ -45,7 +46,7 @@ class DenseForm(llm.StepForm):
         return self.result(step, x[:n], multiplier, x[n + k :])
 
 
-@pytest.mark.parametrize("seed", [402, 403, 407, 414, 418, 435])
+@pytest.mark.parametrize("seed", some_of([402, 403, 407, 414, 418, 435], [403, 407, 418]))
 def test_own_form(seed, monkeypatch):
     """Random scenes of all laws: what the forms of the package find."""
     monkeypatch.setattr(choice, "FLEXIBLE", 10**6)

@@ -8,6 +8,7 @@ import pairs
 import pytest
 import scenes
 from mpi4py import MPI
+from sampling import drawn
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -65,28 +66,22 @@ def solved(gdim, law, components, sides, design="auto"):
     return problem, error
 
 
-CASES = [
-    (gdim, components, sides)
-    for gdim in (2, 3)
-    for n in range(gdim + 1)
-    for components in itertools.combinations(range(gdim), n)
-    for sides in (((0,), (1,), (0, 1)) if n else ((),))
-]
+COMPONENTS = [c for n in range(4) for c in itertools.combinations(range(3), n)]
+SIDES = [(0,), (1,), (0, 1)]
 
 
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("gdim", [2, 3])
-def test_prescribed_components(gdim, law):
+@pytest.mark.parametrize(
+    ("law", "components", "sides", "gdim"),
+    drawn(LAWS, COMPONENTS, SIDES, (2, 3), fits=lambda _, c, sides, gdim: max(c, default=0) < gdim),
+)
+def test_prescribed_components(law, components, sides, gdim):
     """Uniaxial strain is exact whatever is prescribed, and so is what presses."""
-    for dim, components, sides in CASES:
-        if dim != gdim:
-            continue
-        problem, error = solved(gdim, LAWS[law], components, sides)
-        assert error < 1e-11, (components, sides)
-        assert problem.models[0].certificate.residual < 1e-13
-        pressure = problem.results[0].pressure
-        assert np.ptp(pressure) < 1e-10 * pressure.max() > 0.0
-        problem.destroy()
+    problem, error = solved(gdim, LAWS[law], components, sides)
+    assert error < 1e-11
+    assert problem.models[0].certificate.residual < 1e-13
+    pressure = problem.results[0].pressure
+    assert np.ptp(pressure) < 1e-10 * pressure.max() > 0.0
+    problem.destroy()
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from contact_scenes import NU, E
 from rigid_scenes import FORMS, Block, stack
+from sampling import drawn
 
 import dolfinx_llm as llm
 
@@ -24,9 +25,7 @@ def ball(R, **given):
     return llm.RigidSphere(-2.05 * R[:, -1], 2.0, **given)
 
 
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("law", LAWS, ids=str)
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("kind", "law", "form"), drawn(KINDS, LAWS, FORMS))
 def test_force_is_the_resultant_and_gives_the_displacement(kind, law, form):
     """A ball pressed with F: the body answers with -F, also after another load step; where the ball
     is pushed to the same place the same forces arise."""

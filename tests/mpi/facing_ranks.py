@@ -1,6 +1,7 @@
 """Whole surfaces tagged, on any number of ranks: sorted displacements, forces, notes."""
 
 import json
+import sys
 
 import facing_scenes as scenes_of
 import numpy as np
@@ -20,13 +21,15 @@ def outcome(problem):
     return out
 
 
+SCENES = {
+    "roller": lambda comm: scenes_of.on_block(comm, llm.Coulomb(0.3), block=True),
+    "3D": lambda comm: scenes_of.on_block(comm, llm.Frictionless(), block=True, depth=0.5, n=24),
+    "O-ring": lambda comm: scenes_of.squeezed(comm, llm.Frictionless(), seed=5),
+}
+
 if __name__ == "__main__":
     comm, found = MPI.COMM_WORLD, {}
-    for name, problem in {
-        "roller": scenes_of.on_block(comm, llm.Coulomb(0.3), block=True)[0],
-        "3D": scenes_of.on_block(comm, llm.Frictionless(), block=True, depth=0.5, n=24)[0],
-        "O-ring": scenes_of.squeezed(comm, llm.Frictionless(), seed=5)[0],
-    }.items():
-        found |= {f"{name} {key}": value for key, value in outcome(problem).items()}
+    for name in sys.argv[1:]:
+        found |= {f"{name} {key}": value for key, value in outcome(SCENES[name](comm)[0]).items()}
     if comm.rank == 0:
         print(json.dumps(found))

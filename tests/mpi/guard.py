@@ -3,16 +3,21 @@
 A line is JSON: the mark that ends the output, the script, its arguments.
 """
 
+import faulthandler
 import gc
 import json
 import logging
+import os
 import runpy
+import signal
 import sys
 import time
 import traceback
 
 from mpi4py import MPI
 from petsc4py import PETSc
+
+import dolfinx_llm  # noqa: F401  (before the first script: what that sets is put back)
 
 comm = MPI.COMM_WORLD
 
@@ -53,7 +58,10 @@ def told():
 
 
 def main():
-    """Read, run, mark; the end of stdin is the end."""
+    """Read, run, mark; the end of stdin is the end. Ranks that hang are ended and say where."""
+    faulthandler.register(signal.SIGTERM, chain=True)
+    if comm.rank:  # its lines would break into those of rank 0
+        os.dup2(2, 1)
     while True:
         command = told()
         if not command:

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import scenes
 from mpi4py import MPI
+from sampling import covering
 
 import dolfinx_llm as llm
 from dolfinx_llm.forms import choice
@@ -49,15 +50,16 @@ def patch(comm, walls, law, form, swap=False):
     return {key: float(value) for key, value in errors.items()}
 
 
-def cases():
-    """Either side first by turns."""
-    every = [(w, law, form) for w in WALLS for law in LAWS for form in FORMS]
-    return [(*case, k % 2 == 1) for k, case in enumerate(every)]
+# Pairs of levels of walls, law, form, side named first and number of ranks.
+CASES = covering(WALLS, LAWS, FORMS, (False, True), (1, 2, 3))
+
+
+def cases(ranks):
+    return [case[:-1] for case in CASES if case[-1] == ranks]
 
 
 if __name__ == "__main__":
     comm = MPI.COMM_WORLD
-    some = cases()[comm.size % 4 :: 4]  # of each law and form
-    out = {" ".join(map(str, case)): patch(comm, *case) for case in some}
+    out = {" ".join(map(str, case)): patch(comm, *case) for case in cases(comm.size)}
     if comm.rank == 0:
         print(json.dumps(out))

@@ -1,14 +1,10 @@
-"""Every pair of laws as two interfaces of one problem: worst violation of each pair, on one line.
-
-Arguments: the dimension, the step from one pair to the next, and solver forms that the pairs take
-by turns.
-"""
+"""Every pair of laws as two interfaces of one problem: worst violation of each pair, as JSON."""
 
 import json
-import sys
 
-from law_scenes import PAIRS, STEPS, Cantilever
+from law_scenes import LAWS, STEPS, Cantilever
 from mpi4py import MPI
+from sampling import covering
 
 from dolfinx_llm.forms import choice
 
@@ -26,11 +22,26 @@ def worst(comm, gdim, pair, form):
     return found
 
 
+FORMS = "flexibility", "saddle", "condensed"
+# Every pair of laws, and pairs of law, dimension and form.
+CASES = covering(
+    LAWS, LAWS, (2, 3), FORMS,
+    fits=lambda one, other, *_: list(LAWS).index(one) <= list(LAWS).index(other),
+)  # fmt: skip
+
+
+def cases(ranks):
+    """All on one rank; on several those that bring a law, a dimension or a form for the first
+    time."""
+    if ranks == 1:
+        return CASES
+    seen = set()
+    return [case for case in CASES if not seen.issuperset(case) and not seen.update(case)]
+
+
 if __name__ == "__main__":
-    gdim, every, *forms = sys.argv[1:]
     found = {}
-    for i, pair in enumerate(PAIRS[:: int(every)]):
-        form = forms[i % len(forms)]
-        found[f"{pair} {form}"] = worst(MPI.COMM_WORLD, int(gdim), pair, form)
+    for one, other, gdim, form in cases(MPI.COMM_WORLD.size):
+        found[f"{one}, {other} {gdim} {form}"] = worst(MPI.COMM_WORLD, gdim, (one, other), form)
     if MPI.COMM_WORLD.rank == 0:
         print(json.dumps(found))

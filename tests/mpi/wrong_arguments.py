@@ -6,11 +6,11 @@ ranks, rank 0 prints what every rank got. ``s`` is a scene that is made once, se
 
 import json
 import re
-import sys
 import tempfile
 from functools import cached_property
 from pathlib import Path
 
+import bad_input
 import numpy as np
 import scenes
 import ufl
@@ -180,7 +180,9 @@ COULOMB = [
 ]
 TABLE = [
     *[(name, kind, words, lambda s, mu=mu: llm.Coulomb(mu)) for name, kind, words, mu in COULOMB],
-]
+    *[(name, kind, words, lambda s, make=make: make(s.comm))
+      for name, (make, words, kind) in bad_input.CASES.items()],
+]  # fmt: skip
 
 
 def add(words, *calls, kind=INPUT):
@@ -250,6 +252,28 @@ add(
     lambda s: llm.RigidPlane((0, 0, 0), (0, 0, 1), displacement=0.1),
     lambda s: llm.RigidPlane((0, 0, 0), (0, 0, 1), displacement="down"),
     lambda s: llm.RigidPlane((0, 0, 0), (0, 0, 1), displacement=(0, 0, NAN)),
+)
+add(
+    "rotation=.*give (the|3 numbers|a)|rotation=nan",
+    lambda s: llm.RigidPlane((0, 0), (0, 1), rotation=(0, 0, 1)),
+    lambda s: llm.RigidPlane((0, 0, 0), (0, 0, 1), rotation=0.1),
+    lambda s: llm.RigidPlane((0, 0), (0, 1), rotation=NAN),
+)
+add("pivot=1.0: give 2 numbers", lambda s: llm.RigidPlane((0, 0), (0, 1), pivot=1.0))
+add(
+    "force=.*give 2( entries)?",
+    lambda s: llm.RigidPlane((0, 0), (0, 1), force=-10.0),
+    lambda s: llm.RigidPlane((0, 0), (0, 1), force=(None, "down")),
+    lambda s: llm.RigidSphere((0, 0), 1.0, force=(1, 2, 3)),
+)
+add("1 surface node.s. lie at", lambda s: llm.RigidSphere((0, 0), 2.0).clearance(np.zeros((1, 2))))
+add(
+    "one must be a body",
+    lambda s: llm.Interface(None, (llm.RigidSphere((0, 0), 1), llm.RigidSphere((9, 0), 1))),
+)
+add(
+    "leave frame=None",
+    lambda s: llm.Interface(None, (3, llm.RigidPlane((0, 0), (0, 1))), frame=s.flat),
 )
 add(
     "mesh=.*give a dolfinx_llm.Frame",
@@ -952,8 +976,12 @@ differ("numbers of Dirichlet conditions", lambda s: s.problem(bcs=pick(s, s.bcs,
 
 
 def entries(size):
-    """All that is asked on a number of ranks."""
-    return [*TABLE, *ONE_RANK, *(DIFFERENT if size > 1 else [])]
+    """What is asked on a number of ranks: all on one; on two three quarters of that, on three the
+    others, beside what only several get."""
+    every = [*TABLE, *ONE_RANK]
+    if size == 1:
+        return every
+    return [e for k, e in enumerate(every) if (k % 4 == 1) == (size == 3)] + DIFFERENT
 
 
 def outcome(scene, entry):
@@ -974,8 +1002,6 @@ if __name__ == "__main__":
     comm = MPI.COMM_WORLD
     scene, found = Scene(comm), {}
     for entry in entries(comm.size):
-        if comm.rank == 0:
-            print(entry[0], file=sys.stderr, flush=True)  # says where a run stopped
         found[entry[0]] = comm.gather(outcome(scene, entry))
     if comm.rank == 0:
         print(json.dumps(found))

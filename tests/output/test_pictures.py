@@ -146,10 +146,9 @@ def test_wrong_field(patch, tmp_path):
         patch[1].plot(tmp_path, "force")
 
 
-@pytest.mark.parametrize("ranks", [1, 3])
-def test_pictures_gather_the_surface_alone(ranks):
+def test_pictures_gather_the_surface_alone():
     """As many polygons as the bodies have outer facets, with the surface's area."""
-    found = run_mpi_json("skin.py", ranks)
+    found = run_mpi_json("skin.py", 3)
     assert found["area"] == pytest.approx(found["surface"], rel=1e-12)
     assert found["polygons"] == run_mpi_json("skin.py", 1)["polygons"]
 

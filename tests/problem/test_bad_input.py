@@ -10,30 +10,10 @@ from conftest import clean_environment, run_mpi_json
 from mpi4py import MPI
 
 
-@pytest.mark.parametrize("name", bad_input.CASES)
-def test_error(name):
-    function, words, kind = bad_input.CASES[name]
-    with pytest.raises(kind, match=f"(?s){words}"):
-        function(MPI.COMM_SELF)
-
-
 def test_input_errors_are_value_errors():
     assert issubclass(bad_input.INPUT, ValueError)
     assert issubclass(bad_input.INPUT, bad_input.llm.ContactError)
     assert issubclass(bad_input.llm.ContactError, RuntimeError)
-
-
-@pytest.mark.parametrize("n", [2, 3])
-def test_errors_on_all_ranks(n):
-    """Every rank raises, the same words everywhere; else the others would hang."""
-    found = run_mpi_json("bad_input.py", n)
-    assert list(found) == list(bad_input.CASES)
-    wrong = {
-        name: outcomes
-        for name, outcomes in found.items()
-        if len(outcomes) != n or not all(o == outcomes[0] and o[2] for o in outcomes)
-    }
-    assert wrong == {}
 
 
 def test_a_good_scene_is_accepted():
@@ -49,8 +29,8 @@ def test_a_failing_rank_ends_the_run():
 
 
 def test_a_hanging_run_is_ended():
-    with pytest.raises(pytest.fail.Exception, match="took over 4"):
-        run_mpi_json("hangs.py", 2, seconds=4.0)
+    with pytest.raises(pytest.fail.Exception, match="took over 1.5"):
+        run_mpi_json("hangs.py", 2, seconds=1.5)
 
 
 def test_missing_dolfinx_is_said():
@@ -64,13 +44,14 @@ def test_missing_dolfinx_is_said():
     assert "apt install python3-dolfinx" in run.stderr
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("n", [pytest.param(1, marks=pytest.mark.quick), 2, 3])
 def test_wrong_arguments(n):
-    """Every public function refuses what it cannot use: in a sentence, the same on all ranks."""
-    found = run_mpi_json("wrong_arguments.py", n, seconds=300.0)
+    """Every public function refuses what it cannot use, and scenes that cannot be: in a sentence,
+    the same on all ranks, else the others would hang; each on two ranks or on three."""
+    found = run_mpi_json("wrong_arguments.py", n)
     expected = wrong_arguments.entries(n)
     assert list(found) == [name for name, *_ in expected]
-    assert len(expected) > 400
+    assert len(expected) > {1: 400, 2: 300, 3: 100}[n]
     wrong = {
         name: outcomes
         for name, outcomes in found.items()

@@ -3,19 +3,12 @@
 import held
 import pytest
 from conftest import run_mpi_json
-from mpi4py import MPI
 
 
-@pytest.mark.parametrize("case", held.cases(), ids=str)
-def test_patch(case):
-    for name, error in held.patch(MPI.COMM_WORLD, *case).items():
-        assert error <= 1e-10, name
-
-
-@pytest.mark.parametrize("ranks", [2, 3])
-def test_patch_on_ranks(ranks):
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_patch(ranks):
+    """Every pair of walls, law, form, order of the sides and number of ranks."""
     found = run_mpi_json("held.py", ranks)
-    words = {word for name in found for word in name.split()}
-    assert len(found) >= 6 and {*held.LAWS, *held.FORMS} <= words
+    assert len(found) == len(held.cases(ranks)) > 2
     for name, errors in found.items():
         assert max(errors.values()) <= 1e-10, (name, errors)

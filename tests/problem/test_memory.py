@@ -8,6 +8,7 @@ import changed
 import pytest
 import scenes
 from mpi4py import MPI
+from sampling import longer
 
 import dolfinx_llm as llm
 
@@ -27,7 +28,7 @@ def growth(work):
 
 
 @pytest.mark.parametrize(
-    ("law", "form"), [("tied", "saddle"), ("tied", "condensed"), ("friction", "flexibility")]
+    ("law", "form"), [longer("tied", "saddle"), ("tied", "condensed"), ("friction", "flexibility")]
 )
 def test_problems_that_are_dropped(law, form):
     data = changed.Data(COMM)

@@ -1,5 +1,7 @@
 """The paper's 3D contact patch test through the demo's own functions, against exact values."""
 
+import functools
+
 import numpy as np
 import paper_data as paper
 import patch3d
@@ -15,6 +17,7 @@ FIGURES = {"von_mises", "frame_z", "forces", "friction"}
 BOUNDS = {1: 1e-12, 2: 1e-11}
 
 
+@functools.cache
 def solve(kind, refine):
     domain, tags = paper.scene(MPI.COMM_SELF, refine)
     V = compat.function_space(domain, shape=(3,))

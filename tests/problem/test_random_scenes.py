@@ -6,6 +6,7 @@ import pytest
 import random_scenes as scenes
 import scene_oracle
 from conftest import run_mpi_json
+from sampling import some_of
 
 SEEDS = [*range(1001, 1004), *range(1005, 1013), *range(1014, 1040)]
 # Weak springs, lateral walls, lifting off, several laws and moduli, frame nodes that hardly any
@@ -30,9 +31,14 @@ QUICK = (1003, 1005, 1007, 1008, 1009, 1015)
 
 @pytest.mark.parametrize(
     "seed",
-    [pytest.param(s, marks=pytest.mark.quick if s in QUICK else ()) for s in SEEDS + ONCE_WRONG],
+    [
+        *(pytest.param(seed, marks=pytest.mark.quick) for seed in QUICK),
+        *some_of([seed for seed in SEEDS if seed not in QUICK], SEEDS[::5]),
+        *some_of(ONCE_WRONG, ONCE_WRONG[::2]),
+    ],
 )
 def test_conditions(seed):
+    """In every run a part of the seeds."""
     _, found = scene_oracle.check(scenes.draw(seed))
     wrong = [
         {name: size for name, size in worst.items() if size > BOUND and name[0] != "("}
@@ -54,14 +60,14 @@ ON_EDGES = {
 CASES = sorted(ON_EDGES | set(zip(SEEDS[2::4], 2 * list(POSED))))
 
 
-@pytest.mark.parametrize(("seed", "name"), CASES)
+@pytest.mark.parametrize(("seed", "name"), some_of(CASES, set(CASES[::3]) | {(1041, "mirrored")}))
 def test_poses(seed, name):
     scene = scenes.draw(seed)
     agree(scenes.solve(scene, POSED[name].of(scene)), scenes.solve(scene), scene)
 
 
 def test_ranks():
-    seeds = [1001, 1003, 1005, 1007, 1008, 1009, 1015, 1016]
+    seeds = [1001, 1003, 1008, 1016]
     ranks = run_mpi_json("random_ranks.py", 2, *seeds)
     for seed in seeds:
         scene = scenes.draw(seed)

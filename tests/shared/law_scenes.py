@@ -1,8 +1,6 @@
 """A cantilever between two things that touch it: every pair of laws, and conditions that are held
 against K u - f and positions alone."""
 
-import itertools
-
 import numpy as np
 import pairs
 import ufl
@@ -20,7 +18,6 @@ DEFORMABLE = {
 }  # fmt: skip
 RIGID = {f"rigid {name}": law for name, law in DEFORMABLE.items()}
 LAWS = DEFORMABLE | RIGID
-PAIRS = list(itertools.combinations_with_replacement(LAWS, 2))
 # The counterpart below and above moves by these (along x, towards the cantilever): pressed,
 # dragged, lifted off, pressed again.
 STEPS = (((0.0, 0.012), (0.0, 0.01)), ((-0.004, 0.012), (0.01, 0.01)), ((0.0, 0.01), (0.0, -0.02)),
