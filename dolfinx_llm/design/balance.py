@@ -23,7 +23,7 @@ DAMPING_ITERATED = 1e-3  # the same where the equations are iterated
 TRIALS, POWER = 4, 2.0  # of weighing rows with larger ones less; by which power of the excess
 ROUNDS, WON = 10, 0.9  # of refinement against damping and limits; what each must leave at most
 DIRECT_UNKNOWNS = 12000  # unknowns up to which the equations are factorised
-ITERATIONS, ITERATION_ERROR = 150, 1e-4  # of conjugate gradients beyond that
+ITERATIONS, ITERATION_ERROR = 60, 1e-2  # of conjugate gradients beyond that
 
 _Solve = Callable[[np.ndarray], np.ndarray]
 
@@ -49,21 +49,22 @@ def balance(
     r = vector_residual(N, vectors)
     rows = _Rows.of(vectors, stencils, len(r))
     solve = rows.solver()
+    mu = solve(r)
     for _ in range(TRIALS - 1):
-        softer = rows.softer(solve(r))
+        softer = rows.softer(mu)
         if softer is None:
             break
         rows = softer
         solve = rows.solver()
-    best, mu, left = list(N), np.zeros_like(r), r
-    for _ in range(ROUNDS):  # each time the damping counts for less; ends when little is won
-        mu = mu + solve(left)
+        mu = solve(r)
+    best, left = list(N), r
+    for k in range(ROUNDS):  # each time the damping counts for less; ends when little is won
+        mu = mu + solve(left) if k else mu
         tried = [M + D for M, D in zip(N, rows.matrices(mu), strict=True)]
         last, left = np.linalg.norm(left), vector_residual(tried, vectors)
-        if np.linalg.norm(left) < last:
-            best = tried
         if not np.linalg.norm(left) < WON * last:
             break
+        best = tried
     return best
 
 

@@ -113,13 +113,11 @@ def _at_outline(
     tangential = miss - np.einsum("ni,ni->n", miss, normal)[:, None] * normal
     close = np.linalg.norm(tangential, axis=1) <= AT_OUTLINE * frame.cell_size[owner]
     rows, edge, t, owner = rows[close], edge[close], t[close], owner[close]
-    N, cell = pairs.N.tolil(), pairs.cell.copy()
-    N[rows] = 0.0
-    N[rows, edges[edge, 0]] = 1.0 - t
-    if edges.shape[1] == 2:
-        N[rows, edges[edge, 1]] = t
-    cell[rows] = owner
-    N = N.tocsr()
+    inner, cell = np.ones(len(pairs.nodes)), pairs.cell.copy()
+    inner[rows], cell[rows] = 0.0, owner
+    share = np.column_stack([1.0 - t, t])[:, : edges.shape[1]]
+    at = np.repeat(rows, edges.shape[1]), edges[edge].ravel()
+    N = (diags(inner) @ pairs.N + csr_matrix((share.ravel(), at), pairs.N.shape)).tocsr()
     N.eliminate_zeros()
     return _Clamped(rows, edge, N, cell)
 

@@ -127,15 +127,16 @@ def _fit(local: np.ndarray, mask: np.ndarray) -> Any:
     inverse = np.linalg.pinv(both, rcond=1e-6)[..., :width]
     z, bend = local[..., -1], np.zeros(len(local))
     for _ in range(FIT):
-        q = np.einsum("gkw,gw->gk", inverse, z - bend[:, None] * z * z)
+        last, q = bend, np.einsum("gkw,gw->gk", inverse, z - bend[:, None] * z * z)
         if local.shape[2] == 2:
             bend = q[:, 2]
-            continue
-        trace = 2.0 * (q[:, 3] + q[:, 5])
-        square = 4.0 * q[:, 3] ** 2 + 2.0 * q[:, 4] ** 2 + 4.0 * q[:, 5] ** 2
-        # Where the curvatures differ in sign it fades.
-        saddle = np.maximum(q[:, 4] ** 2 - 4.0 * q[:, 3] * q[:, 5], 0.0)  # -det H
-        bend = trace * square / np.maximum(2.0 * trace**2 + 8.0 * saddle, 1e-300)
+        else:
+            trace, det = 2.0 * (q[:, 3] + q[:, 5]), 4.0 * q[:, 3] * q[:, 5] - q[:, 4] ** 2
+            # Where the curvatures differ in sign it fades.
+            fade = 2.0 * trace**2 + 8.0 * np.maximum(-det, 0.0)
+            bend = trace * (trace**2 - 2.0 * det) / np.maximum(fade, 1e-300)
+        if not np.abs(bend - last).max() > 1e-15:
+            break
     return q, bend
 
 
