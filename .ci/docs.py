@@ -20,6 +20,7 @@ MODULES = {
     "dolfinx_llm": None,  # with SUBMODULES
     "dolfinx_llm.problem": (),  # pages that stand beside the code
     "dolfinx_llm.base": (),
+    "dolfinx_llm.finite.results": ("MovingInterfaceResult", "MovingSideResult"),
     "dolfinx_llm.contact.results": ("InterfaceResult", "SideResult"),
     "dolfinx_llm.geometry.frame": ("Frame", "Quality"),
     "dolfinx_llm.geometry.location": ("Location",),

@@ -11,6 +11,7 @@ from dolfinx_llm.base import compat  # isort: skip
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.design.positions import design_positions
 from dolfinx_llm.design.weights import design_weights
+from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.forms.step import LinearStep, StepForm, StepResult
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.interface.choices import Interface
@@ -24,6 +25,7 @@ from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.output import plot, post
 from dolfinx_llm.problem import classical
 from dolfinx_llm.problem.loads import free_surface_load
+from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
 
 __version__ = "0.1.0"
@@ -38,12 +40,14 @@ __all__ = [
     "ContactInputError",
     "ContactProblem",
     "Frame",
+    "FreeSurfacePressure",
     "Frictionless",
     "Interface",
     "Law",
     "LawNodes",
     "LawRows",
     "LinearStep",
+    "NonlinearContactProblem",
     "Obstacle",
     "RigidCylinder",
     "RigidPlane",

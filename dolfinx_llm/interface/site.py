@@ -37,7 +37,7 @@ def find_site(
     """The surfaces of an interface and what is prescribed there, gathered on every rank; arguments
     as of ``build_interface``."""
     tagged = interface.tagged_sides()
-    owners = tuple(_space_of(tags, spaces) for tags, _ in tagged)
+    owners = tuple(space_of(tags, spaces) for tags, _ in tagged)
     whole = tuple(
         extract_surface(spaces[i], tags, tag) for i, (tags, tag) in zip(owners, tagged, strict=True)
     )
@@ -49,7 +49,7 @@ def find_site(
     return Site(interface, whole, owners, held, spaces[0].mesh.comm)
 
 
-def _space_of(tags: Any, spaces: Sequence[Any]) -> int:
+def space_of(tags: Any, spaces: Sequence[Any]) -> int:
     """Index of the function space whose mesh the tags mark; the first, if there is none."""
     own = [i for i, V in enumerate(spaces) if compat.tags_belong_to(tags, V.mesh)]
     return own[0] if own else 0

@@ -59,6 +59,19 @@ def join_blocks(blocks: Sequence[Sequence[PETSc.Mat | None]]) -> tuple[PETSc.Mat
     return matrix, rows
 
 
+def block_diagonal(blocks: Sequence[PETSc.Mat]) -> PETSc.Mat:
+    """AIJ of blocks, which are used up; a single one is handed on."""
+    if len(blocks) == 1:
+        return blocks[0]
+    n = len(blocks)
+    rows = [[blocks[i] if i == j else None for j in range(n)] for i in range(n)]
+    nest = PETSc.Mat().createNest(rows, comm=blocks[0].comm)
+    matrix = nest.convert("aij", PETSc.Mat())
+    for M in (nest, *blocks):
+        M.destroy()
+    return matrix
+
+
 def is_symmetric(K: PETSc.Mat) -> bool:
     """Whether xᵀKy = yᵀKx for two random vectors."""
     x, y = K.createVecs()

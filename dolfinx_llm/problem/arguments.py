@@ -72,8 +72,8 @@ def problem_arguments(
             loads,
             spaces,
             bcs if isinstance(bcs, list) else conditions(bcs, spaces),
-            _interfaces(interfaces, spaces),
-            _nodal_loads(nodal_loads, spaces),
+            interface_list(interfaces, spaces),
+            nodal_list(nodal_loads, spaces),
         )
         own = isinstance(solver, StepForm)
         if not own:
@@ -157,7 +157,7 @@ def conditions(bcs: Any, spaces: Sequence[Any]) -> list[Any]:
     return found
 
 
-def _nodal_loads(loads: Any, spaces: Sequence[Any]) -> list[fem.Function]:
+def nodal_list(loads: Any, spaces: Sequence[Any]) -> list[fem.Function]:
     one = isinstance(loads, fem.Function)
     found = [loads] if one else checks.items("nodal_loads", loads, LOADS)
     for load in found:
@@ -172,7 +172,7 @@ def _nodal_loads(loads: Any, spaces: Sequence[Any]) -> list[fem.Function]:
     return found
 
 
-def _interfaces(interfaces: Any, spaces: Sequence[Any]) -> list[Interface]:
+def interface_list(interfaces: Any, spaces: Sequence[Any]) -> list[Interface]:
     one = isinstance(interfaces, Interface)
     found = [interfaces] if one else checks.items("interfaces", interfaces, INTERFACES)
     if not found:

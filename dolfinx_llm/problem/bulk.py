@@ -15,6 +15,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.operators.numbering import BodyDofs
+from dolfinx_llm.operators.petsc import block_diagonal
 from dolfinx_llm.problem.arguments import Arguments, conditions
 
 
@@ -129,7 +130,7 @@ class LinearBulk:
         if self._K is None:
             with self.times.timed("assembly of K"):
                 blocks = [compat.assemble_matrix(a, b, 1.0) for a, b in zip(self._a, self._bcs)]
-                self._K = blocks[0] if len(blocks) == 1 else _block_diagonal(blocks)
+                self._K = block_diagonal(blocks)
             if not np.isfinite(self._K.norm()):
                 self.destroy()
                 raise ContactError(
@@ -195,16 +196,6 @@ class LinearBulk:
         if self._K is not None:
             self._K.destroy()
         self._K = None
-
-
-def _block_diagonal(blocks: list[PETSc.Mat]) -> PETSc.Mat:
-    n = len(blocks)
-    rows = [[blocks[i] if i == j else None for j in range(n)] for i in range(n)]
-    nest = PETSc.Mat().createNest(rows, comm=blocks[0].comm)
-    matrix = nest.convert("aij", PETSc.Mat())
-    for M in (nest, *blocks):
-        M.destroy()
-    return matrix
 
 
 def _digest(arrays: Iterable[np.ndarray]) -> bytes:

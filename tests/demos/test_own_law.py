@@ -6,6 +6,7 @@ import pytest
 from conftest import run_mpi_json
 from hertz2d import hold
 from mpi4py import MPI
+from sampling import drawn
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -28,12 +29,9 @@ def assert_known(rows):
 
 
 FORMS = ("flexibility", "saddle", "condensed")
-CASES = [(scene, 2, form) for scene in SCENES for form in FORMS]
-CASES += [("inclined", 3, form) for form in FORMS]
-CASES += [("soft", 3, "condensed"), ("glue", 3, "flexibility")]
 
 
-@pytest.mark.parametrize("scene, dim, form", CASES)
+@pytest.mark.parametrize("scene, dim, form", drawn(SCENES, (2, 3), FORMS))
 def test_closed_form(scene, dim, form, monkeypatch):
     law, angle = SCENES[scene]
     monkeypatch.setattr(choice, "FLEXIBLE", 10**6 if form == "flexibility" else 0)

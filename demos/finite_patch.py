@@ -1,0 +1,124 @@
+"""The contact patch test at finite deformation: exact in the deformed state.
+
+Two neo-Hookean bodies whose meshes do not match, a punch on a wider foundation, in plane strain. A
+pressure follows all that looks up and is free, whatever the foundation shows beside the punch. Both
+bodies must then stretch alike, by two numbers that solve two equations, while the foundation's
+surface slides along under the punch.
+
+    mpirun -n 2 python demos/finite_patch.py [--cells tri] [--pressure 600] [--plot DIR] ...
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+from patch2d import FOUNDATION_TOP, PUNCH_BOTTOM, PUNCH_TOP, bodies
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat, plot
+
+E, NU, PRESSURE = 1000.0, 0.4, 300.0
+LEFT = (0.0, 1.1)  # ends of foundation and punch, which stay where they are
+
+
+def lame(young, poisson):
+    return young / (2 * (1 + poisson)), young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+
+
+def energy(u, mu, lam):
+    """Compressible neo-Hookean body in plane strain: mu/2 (I1 - 3) - mu ln J + lam/2 ln² J."""
+    F = ufl.Identity(2) + ufl.grad(u)
+    J = ufl.det(F)
+    return mu / 2 * (ufl.inner(F, F) - 2) - mu * ufl.ln(J) + lam / 2 * ufl.ln(J) ** 2
+
+
+def stretches(q, young=E, poisson=NU):
+    """Stretches along x and y under a pressure q along y: sigma_xx = 0, sigma_yy = -q.
+
+    mu (a² - 1) + lam ln(a b) = 0 and mu (b² - 1) + lam ln(a b) = -q a b, by Newton's method.
+    """
+    mu, lam = lame(young, poisson)
+    a = b = 1.0
+    for _ in range(50):
+        log = lam * np.log(a * b)
+        r = [mu * (a * a - 1) + log, mu * (b * b - 1) + log + q * a * b]
+        K = [[2 * mu * a + lam / a, lam / b], [lam / a + q * b, 2 * mu * b + lam / b + q * a]]
+        a, b = np.array([a, b]) - np.linalg.solve(K, r)
+    return float(a), float(b)
+
+
+def problem(scene, law=None, order=(0, 1), pressure=PRESSURE, young=E, poisson=NU, design="auto"):
+    """The problem, for bodies on one mesh or on two; ``order`` of the interface's sides."""
+    spaces = [compat.function_space(domain, shape=(2,)) for domain, _ in scene]
+    functions, forms, bcs = [fem.Function(V, name="u") for V in spaces], [], []
+    (low, low_tags), (high, high_tags) = ((spaces[i], scene[i][1]) for i in (0, -1))
+    bottom = (low, 1, lambda p: np.isclose(p[1], 0.0))
+    foundation = (low, 0, lambda p: np.isclose(p[0], LEFT[0]) & (p[1] < 1.0 + 1e-9))
+    punch = (high, 0, lambda p: np.isclose(p[0], LEFT[1]) & (p[1] > 1.5))
+    for V, k, where in (bottom, foundation, punch):
+        Vk, _ = V.sub(k).collapse()
+        dofs = fem.locate_dofs_geometrical((V.sub(k), Vk), where)
+        bcs.append(fem.dirichletbc(fem.Function(Vk), dofs, V.sub(k)))
+    for V, u in zip(spaces, functions, strict=True):
+        mu, lam = (fem.Constant(V.mesh, value) for value in lame(young, poisson))
+        forms.append(ufl.derivative(energy(u, mu, lam) * ufl.dx, u, ufl.TestFunction(V)))
+    p = fem.Constant(spaces[0].mesh, float(pressure))
+    loads = [
+        llm.FreeSurfacePressure(high_tags, PUNCH_TOP, p),
+        llm.FreeSurfacePressure(low_tags, FOUNDATION_TOP, p, covered_by=(high_tags, PUNCH_BOTTOM)),
+    ]
+    sides = ((low_tags, FOUNDATION_TOP), (high_tags, PUNCH_BOTTOM))
+    interface = llm.Interface(
+        None, tuple(sides[i] for i in order), law=law or llm.Frictionless(), design=design
+    )
+    return llm.NonlinearContactProblem(
+        forms, functions, bcs=bcs, interfaces=[interface], loads=loads
+    )
+
+
+def errors(contact, known):
+    """Largest errors of stretches and of the contact pressure, relative to the applied one."""
+    worst = 0.0
+    for u in contact.u:
+        x = u.function_space.tabulate_dof_coordinates()[:, :2]
+        left = np.where((x[:, 1] > 1.0 + 1e-9) & (x[:, 0] > LEFT[1] - 1e-9), LEFT[1], LEFT[0])
+        exact = np.column_stack([(known[0] - 1.0) * (x[:, 0] - left), (known[1] - 1.0) * x[:, 1]])
+        off = np.abs(u.x.array.reshape(exact.shape) - exact)
+        off[np.isclose(x[:, 1], 1.0), 0] = 0.0  # nodes of either body
+        worst = max(worst, off.max(initial=0.0))
+    result, p = contact.results[0], contact.loads[0].value()
+    pressed = result.frame_area > 1e-9 * result.frame_area.max()
+    pressure = np.abs(result.pressure[pressed] / p - 1.0).max()
+    return contact.comm.allreduce(worst, op=MPI.MAX), float(pressure)
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cells", choices=["tri", "quad"], default="quad")
+    parser.add_argument("--refine", type=int, default=1, metavar="N")
+    parser.add_argument("--pressure", type=float, default=PRESSURE)
+    parser.add_argument("--separate", action="store_true", help="one dolfinx mesh per body")
+    parser.add_argument("--plot", type=Path, metavar="DIR")
+    args = parser.parse_args(arguments)
+    scene = bodies(MPI.COMM_WORLD, args.cells, args.refine, args.separate)
+    contact = problem(scene, pressure=args.pressure)
+    contact.solve(increments=4)
+    known = stretches(args.pressure)
+    found = dict(zip(("stretch", "pressure"), errors(contact, known), strict=True))
+    found["iterations"] = [h["iteration"] for h in contact.history if h["residual"] < 1e-11]
+    if MPI.COMM_WORLD.rank == 0:
+        print(contact)
+        print(f"stretches {known[0]:.12f}, {known[1]:.12f}")
+        print(f"errors: stretches {found['stretch']:.1e}, pressure {found['pressure']:.1e}")
+        print(f"Newton iterations of each increment: {found['iterations']}")
+    if args.plot:
+        for k, u in enumerate(contact.u):
+            plot.bodies(u, ufl.sqrt(ufl.dot(u, u)), args.plot / f"finite_patch_{k}.png", scale=1.0)
+    return found
+
+
+if __name__ == "__main__":
+    main()

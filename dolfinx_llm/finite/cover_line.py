@@ -1,0 +1,191 @@
+"""What two surfaces in the plane cover of each other, exact on clipped facets, with derivatives.
+
+A facet of the moving side covers the frame between the places of its nodes. It is covered itself
+but for what lies beyond the frame's ends, whose normals cut it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from dolfinx_llm.finite.areas import Covered
+from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
+from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
+from dolfinx_llm.finite.normals import NodalNormals
+
+
+@dataclass(frozen=True, eq=False)
+class Chains:
+    """Facets of polylines in their order: the second node of one is the first of the next."""
+
+    order: np.ndarray  # (f,) facets, chain by chain
+    place: np.ndarray  # (f,) where each stands there
+    chain: np.ndarray  # (f,) its chain
+    length: np.ndarray  # (f,) facets of its chain
+    closed: np.ndarray  # (f,) whether that is closed
+    ends: np.ndarray  # (f, 2) first and last node of its chain
+
+    @classmethod
+    def of(cls, facets: np.ndarray) -> Chains:
+        """Chains of facets (f, 2), which are oriented alike."""
+        f = len(facets)
+        start = {int(a): i for i, a in enumerate(facets[:, 0])}
+        follows = np.array([start.get(int(b), -1) for b in facets[:, 1]])
+        first = np.setdiff1d(np.arange(f), follows)
+        seen, chains, closed = np.zeros(f, dtype=bool), [], []
+        for at, ring in [*((i, False) for i in first), *((i, True) for i in range(f))]:
+            members = []
+            while at >= 0 and not seen[at]:
+                seen[at] = True
+                members.append(at)
+                at = follows[at]
+            if members:
+                chains.append(np.array(members))
+                closed.append(ring)
+        order, count = np.concatenate(chains), np.array([len(c) for c in chains])
+        place, chain = np.empty(f, dtype=np.int64), np.empty(f, dtype=np.int64)
+        place[order], chain[order] = np.arange(f), np.repeat(np.arange(len(chains)), count)
+        ends = np.array([(facets[c[0], 0], facets[c[-1], 1]) for c in chains])
+        return cls(order, place, chain, count[chain], np.array(closed)[chain], ends[chain])
+
+
+def covered_lines(
+    chains: Chains,
+    moving: np.ndarray,
+    candidates: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    at: OnFrame,
+    d: LocationDerivatives,
+    normals: NodalNormals,
+    columns: tuple[int, int],
+) -> tuple[Covered, Covered]:
+    """What the moving side's facets cover of the frame, and what of them is covered.
+
+    Args:
+        chains: of the frame.
+        moving: (f, 2) facets of the moving side.
+        candidates: (f,) which of them can touch.
+        x, y: nodes of the moving side and of the frame [length].
+        at, d: where all nodes of the moving side lie on the frame, with derivatives.
+        normals: of the frame's nodes.
+        columns: number of the first coordinate of the moving side and of the frame.
+
+    Returns:
+        Covered parts of the moving side's facets, and of the frame's.
+    """
+    width = d.xi.shape[1]
+    place = chains.place[at.facet]
+    is_end = ~chains.closed[at.facet]
+    first = chains.chain[at.facet]
+    start = np.searchsorted(chains.chain[chains.order], first)  # first place of the chain
+    low = is_end & (place == start) & (at.xi[:, 0] < 0.0)
+    high = is_end & (place == start + chains.length[at.facet] - 1) & (at.xi[:, 0] > 1.0)
+    a, b = moving.T  # the sides run against each other: a lies at the far end
+    good = candidates & at.met[a] & at.met[b] & (first[a] == first[b])
+    good &= ~(high[a] & high[b]) & ~(low[a] & low[b])
+    steps = place[a] - place[b]
+    ring = chains.closed[at.facet[a]]
+    steps = np.where(ring & (steps < 0), steps + chains.length[at.facet[a]], steps)
+    good &= (steps >= 0) & ~(ring & (2 * steps > chains.length[at.facet[a]] + 1))
+    facets = np.flatnonzero(good)
+    own = _of_moving(facets, moving, x, y, at, high, low, chains, normals, columns, width)
+    return own, _of_frame(chains, moving[facets], steps[facets], start, at, d, high | low)
+
+
+def _of_frame(
+    chains: Chains,
+    moving: np.ndarray,
+    steps: np.ndarray,
+    start: np.ndarray,
+    at: OnFrame,
+    d: LocationDerivatives,
+    beyond: np.ndarray,
+) -> Covered:
+    """Sums over facets (k, 2) of the moving side; what is common to neighbours cancels."""
+    a, b = moving.T
+    f, n = len(chains.order), len(at.facet)
+    xi = np.clip(at.xi[:, 0], 0.0, 1.0)
+    share = np.zeros((f, 2))
+    np.add.at(share, at.facet[a], _integral(xi[a]))
+    np.add.at(share, at.facet[b], -_integral(xi[b]))
+    # Facets before the far end's, from the near end's own on, count in full.
+    which = np.repeat(np.arange(len(steps)), steps)
+    ahead = np.arange(len(which)) - np.repeat(np.cumsum(steps) - steps, steps)
+    base, length = start[b][which], chains.length[at.facet[b]][which]
+    full = chains.order[base + (chains.place[at.facet[b]][which] - base + ahead) % length]
+    np.add.at(share, full, 0.5)
+    by_xi = np.column_stack([1.0 - xi, xi]) * ~beyond[:, None]
+    rows = np.concatenate(
+        [2 * at.facet[a], 2 * at.facet[a] + 1, 2 * at.facet[b], 2 * at.facet[b] + 1]
+    )
+    cols = np.concatenate([a, a, b, b])
+    values = np.concatenate([by_xi[a, 0], by_xi[a, 1], -by_xi[b, 0], -by_xi[b, 1]])
+    return Covered(share, csr_matrix((values, (rows, cols)), (2 * f, n)) @ d.xi)
+
+
+def _of_moving(
+    facets: np.ndarray,
+    moving: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    at: OnFrame,
+    high: np.ndarray,
+    low: np.ndarray,
+    chains: Chains,
+    normals: NodalNormals,
+    columns: tuple[int, int],
+    width: int,
+) -> Covered:
+    """Facets between their nodes, or the frame's ends where a node lies beyond."""
+    share = np.zeros((len(moving), 2))
+    share[facets] = 0.5
+    derivative = csr_matrix((2 * len(moving), width))
+    for local, sign in ((0, -1.0), (1, 1.0)):  # the part before, and the part after an end
+        node = moving[facets, local]
+        cut = facets[high[node] | low[node]]
+        node = moving[cut, local]
+        end = chains.ends[at.facet[node], np.where(high[node], 1, 0)]
+        eta, blocks, by_normal = _cut(x[moving[cut]], y[end], normals.n[end])
+        share[cut] += sign * (_integral(eta) - (0.0 if local == 0 else 0.5))
+        by_eta = sign * np.column_stack([1.0 - eta, eta])[:, :, None]
+        places = np.concatenate(
+            [coordinates(moving[cut], 2, columns[0]), coordinates(end[:, None], 2, columns[1])],
+            axis=1,
+        )
+        shift = csr_matrix(
+            (np.ones(y.size), (np.arange(y.size), columns[1] + np.arange(y.size))), (y.size, width)
+        )
+        turn = jacobian(by_normal[:, None], coordinates(end[:, None], 2), y.size)
+        changed = jacobian(blocks[:, None], places, width) + turn @ (normals.derivative @ shift)
+        rows = (2 * cut[:, None] + np.arange(2)).ravel()
+        spread = csr_matrix(
+            (np.ones(len(rows)), (rows, np.arange(len(rows)))), (2 * len(moving), len(rows))
+        )
+        derivative = derivative + spread @ (per_item(by_eta) @ changed)
+    return Covered(share, derivative)
+
+
+def _cut(x: np.ndarray, y: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where the line from y (k, 2) along n cuts facets x (k, 2, 2): (k,) in [0, 1], and its
+    derivatives by (x_0, x_1, y) (k, 6) and by n (k, 2).
+
+    (y - x_0) x n = eta (x_1 - x_0) x n.
+    """
+    side, q = x[:, 1] - x[:, 0], y - x[:, 0]
+    down = side[:, 0] * n[:, 1] - side[:, 1] * n[:, 0]
+    eta = (q[:, 0] * n[:, 1] - q[:, 1] * n[:, 0]) / down
+    inside = ((eta >= 0.0) & (eta <= 1.0)).astype(float)
+    eta = np.clip(eta, 0.0, 1.0)
+    by_q = inside[:, None] * np.column_stack([n[:, 1], -n[:, 0]]) / down[:, None]
+    rest = q - eta[:, None] * side
+    by_n = inside[:, None] * np.column_stack([-rest[:, 1], rest[:, 0]]) / down[:, None]
+    return eta, np.hstack([(eta - 1.0)[:, None] * by_q, -eta[:, None] * by_q, by_q]), by_n
+
+
+def _integral(xi: np.ndarray) -> np.ndarray:
+    """(k, 2) integrals of both shape functions from 0 to xi (k,)."""
+    return np.column_stack([xi - 0.5 * xi**2, 0.5 * xi**2])

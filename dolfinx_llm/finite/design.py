@@ -1,0 +1,267 @@
+"""Rows of nodes on the moving frame, corrected so that a constant pressure passes there, (28).
+
+Row p is N_p = N(xi_p) + delta_p with the smallest corrections, weighted by w_p = N⁺(xi_p) A (A:
+which nodes share a facet) so that they vary continuously with the place of p, for which
+
+    sum_J delta_pJ = 0, sum_J delta_pJ t·y_J = 0 for tangents t at p    (forces and moments stay),
+    sum_p N_pJ f_p - f_J = (G kappa)_J + k mu_J, Gᵀ mu = 0              (28).
+
+With W = diag(w_p), C the rows (1, t·(y - x_p) / h), S = C W Cᵀ and one mu per frame node
+
+    delta_p = -P_p mu,   P_p = W - W Cᵀ S⁻¹ C W.
+
+G holds affine functions on the frame as drawn times f_J: what of the residual no correction can
+remove, since both surfaces carry the same force about the same place (rounding on flat ones). k = 0
+but where the rim is covered so poorly that corrections would be large.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.sparse import bmat, csr_matrix, diags
+from scipy.sparse.linalg import splu
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
+from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
+
+CORRECTED = 0.4  # correction up to which the limit k is raised at the start of a step
+LIMITS = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # k over the largest force of unit pressure
+NONE = 1e12  # the same, where rows stay as they are
+UNREACHED = 1e-12  # diagonal entry of M over the largest, of nodes that no row reaches
+FAINT = 1e-13  # the same, always: for parts of a frame that touch nothing else
+
+
+@dataclass(frozen=True, eq=False)
+class Stencils:
+    """Per facet of a frame the nodes that rows of places on it reach; constant."""
+
+    nodes: np.ndarray  # (f, s) numbers; the last are repeated where there are fewer
+    window: (
+        np.ndarray
+    )  # (f, k, s) A: 1 where node J shares a facet with the facet's node K, or is it
+    own: np.ndarray  # (f, k, s) 1 where the stencil's node is the facet's node
+
+    @classmethod
+    def of(cls, facets: np.ndarray, m: int) -> Stencils:
+        """Stencils of a frame of m nodes with facets (f, k)."""
+        f, k = facets.shape
+        incidence = csr_matrix((np.ones(f * k), facets.ravel(), np.arange(f + 1) * k), (f, m))
+        around = (incidence.T @ incidence).tocsr()  # which nodes share a facet
+        reached = (incidence @ around).tocsr()
+        reached.sort_indices()
+        counts = np.diff(reached.indptr)
+        place = np.arange(counts.max())
+        there = place < counts[:, None]
+        index = reached.indptr[:-1, None] + np.minimum(place, counts[:, None] - 1)
+        nodes = reached.indices[index]
+        shares = _looked_up(around, facets, nodes)
+        return cls(
+            nodes,
+            shares * there[:, None],
+            (facets[:, :, None] == nodes[:, None, :]) * there[:, None].astype(float),
+        )
+
+
+def _looked_up(A: csr_matrix, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
+    """(f, k, s) 1 where A has an entry at rows (f, k) and columns (f, s)."""
+    f, k = rows.shape
+    at = np.broadcast_to(rows[:, :, None], (f, k, cols.shape[1]))
+    to = np.broadcast_to(cols[:, None, :], at.shape)
+    return (np.asarray(A[at.ravel(), to.ravel()]).reshape(at.shape) > 0).astype(float)
+
+
+@dataclass(frozen=True, eq=False)
+class DesignedRows:
+    """Rows of n nodes on a frame of m nodes, s entries each."""
+
+    nodes: np.ndarray  # (n, s) frame node of each entry
+    N: np.ndarray  # (n, s) entries
+    delta: np.ndarray  # (n, s) corrections, part of N
+    M: csr_matrix  # (m, m) sum_p f_p P_p + k, how mu changes the residual [area]
+    G: np.ndarray  # (m, c) what no correction removes [area]
+    mu: np.ndarray  # (m,)
+    left: np.ndarray  # (m,) residual over f_J that no correction removes
+    parts: dict = field(repr=False)  # of which derivatives are made
+
+    def matrix(self, m: int) -> csr_matrix:
+        """(n, m) rows as a matrix."""
+        n, s = self.nodes.shape
+        found = csr_matrix((self.N.ravel(), self.nodes.ravel(), np.arange(n + 1) * s), (n, m))
+        found.sum_duplicates()
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """What stays of a frame's design while it moves."""
+
+    stencils: Stencils
+    facets: np.ndarray  # (f, k) of the frame
+    chart: np.ndarray  # (m, c) orthogonal functions 1, s of the frame as drawn
+    size: float  # h, of the chart of a stencil [length]
+    wanted: bool = True  # False: rows stay as they are
+
+    @classmethod
+    def of(cls, Y: np.ndarray, facets: np.ndarray, wanted: bool = True) -> Design:
+        """Design of a frame with nodes Y (m, gdim) as drawn."""
+        span = np.linalg.norm(Y[facets] - np.roll(Y[facets], 1, axis=1), axis=2).max()
+        return cls(Stencils.of(facets, len(Y)), facets, chart(Y), float(span), wanted)
+
+    def rows(
+        self,
+        at: OnFrame,
+        x: np.ndarray,
+        y: np.ndarray,
+        forces: tuple[np.ndarray, np.ndarray],
+        limit: float,
+    ) -> DesignedRows:
+        """Rows with the smallest corrections.
+
+        Args:
+            at: places of the nodes on the frame.
+            x: (n, gdim) nodes [length].
+            y: (m, gdim) the frame's nodes [length].
+            forces: (n,), (m,) of unit pressure on the common area [area].
+            limit: k [area].
+
+        Raises:
+            ContactError: the equations are singular.
+        """
+        m, n = len(y), len(x)
+        nodes, window = self.stencils.nodes[at.facet], self.stencils.window[at.facet]
+        N0 = np.einsum("nk,nks->ns", at.N, self.stencils.own[at.facet])
+        plus = np.maximum(at.N, 0.0)
+        total = plus.sum(axis=1)
+        w = np.einsum("nk,nks->ns", plus, window) / total[:, None]
+        tangents = _perpendicular(at.normal)
+        arm = y[nodes] - x[:, None]
+        C = np.concatenate(
+            [np.ones((n, 1, w.shape[1])), np.einsum("nai,nsi->nas", tangents, arm) / self.size],
+            axis=1,
+        )
+        CW = C * w[:, None]
+        inverse = np.linalg.inv(np.einsum("nas,nbs->nab", CW, C))
+        lift = np.einsum("nas,nab->nsb", CW, inverse)  # W Cᵀ S⁻¹
+        P = -np.einsum("nsa,nat->nst", lift, CW)
+        own = np.arange(w.shape[1])
+        P[:, own, own] += w
+        rows = np.broadcast_to(nodes[:, :, None], P.shape)
+        cols = np.broadcast_to(nodes[:, None, :], P.shape)
+        M = csr_matrix(
+            ((forces[0][:, None, None] * P).ravel(), (rows.ravel(), cols.ravel())), (m, m)
+        )
+        M, G = self._held(M, limit), self.chart * forces[1][:, None]
+        r = np.bincount(nodes.ravel(), (forces[0][:, None] * N0).ravel(), m) - forces[1]
+        mu, kappa = _bordered(M, G, r)
+        t = np.einsum("nsa,ns->na", lift, mu[nodes])  # S⁻¹ C W mu
+        v = mu[nodes] - np.einsum("nas,na->ns", C, t)
+        delta = -w * v
+        parts = {
+            "P": P, "lift": lift, "C": C, "t": t, "v": v, "tangents": tangents, "arm": arm,
+            "window": window, "plus": plus, "total": total, "w": w,
+        }  # fmt: skip
+        return DesignedRows(nodes, N0 + delta, delta, M, G, mu, self.chart @ kappa, parts)
+
+    def _held(self, M: csr_matrix, limit: float) -> csr_matrix:
+        """M with the limit on its diagonal, and pins at nodes that no row reaches."""
+        diagonal = M.diagonal()
+        largest = max(float(diagonal.max(initial=0.0)), 1e-300)
+        reached = diagonal > UNREACHED * largest
+        return (M + diags(np.where(reached, limit + FAINT * largest, largest))).tocsr()
+
+    def smallest_limit(
+        self,
+        at: OnFrame,
+        x: np.ndarray,
+        y: np.ndarray,
+        forces: tuple[np.ndarray, np.ndarray],
+    ) -> float:
+        """The smallest k with corrections below ``CORRECTED``, to be held during a step [area]."""
+        largest = forces[0].max()
+        for limit in LIMITS if self.wanted else (NONE,):
+            if np.abs(self.rows(at, x, y, forces, limit * largest).delta).max() < CORRECTED:
+                break
+        return float(limit * largest)
+
+    def derivatives(
+        self,
+        rows: DesignedRows,
+        at: OnFrame,
+        d: LocationDerivatives,
+        columns: tuple[np.ndarray, int],
+        width: int,
+    ) -> tuple[csr_matrix, csr_matrix]:
+        """(n s, width) and (n s, m): how entries change with positions, and with mu.
+
+            d delta_p = -P dmu - Π (v ∘ dw) + P dCᵀ t - W Cᵀ S⁻¹ dC delta,  Π = 1 - W Cᵀ S⁻¹ C,
+
+        dmu being an unknown of its own, for which (28) is differentiated.
+
+        Args:
+            rows, at, d: rows, places, and the places' derivatives.
+            columns: (n, gdim) numbers of the coordinates of the nodes x; of the frame's first.
+            width: number of all coordinates.
+        """
+        q, (n, s) = rows.parts, rows.nodes.shape
+        m, gdim = rows.M.shape[0], q["arm"].shape[2]
+        by_mu = jacobian(-q["P"], rows.nodes, m)
+        # Shape functions and weights, through xi.
+        dplus = np.where((at.N > 0.0)[:, :, None], at.dN, 0.0)
+        dw = np.einsum("nkd,nks->nsd", dplus, q["window"])
+        dw -= q["w"][:, :, None] * dplus.sum(axis=1)[:, None]
+        dw /= q["total"][:, None, None]
+        vdw = q["v"][:, :, None] * dw
+        dN = np.einsum("nkd,nks->nsd", at.dN, self.stencils.own[at.facet])
+        dN = dN - vdw + np.einsum("nsa,nad->nsd", q["lift"], np.einsum("nas,nsd->nad", q["C"], vdw))
+        found = per_item(dN) @ d.xi
+        # Constraints: dc_aJ = (t_a·(dy_J - dx_p) - t_a·dn n·(y_J - x_p)) / h.
+        height = np.einsum("nsi,ni->ns", q["arm"], at.normal)
+        places = np.concatenate([columns[0], coordinates(rows.nodes, gdim, columns[1])], axis=1)
+        for a in range(gdim - 1):
+            Q = q["t"][:, a + 1, None, None] * q["P"]
+            Q = Q - q["lift"][:, :, a + 1, None] * rows.delta[:, None, :]
+            tangent = q["tangents"][:, a] / self.size
+            moved = np.einsum("nst,ni->nsti", Q, tangent).reshape(n, s, s * gdim)
+            own = -np.einsum("nst,ni->nsi", Q, tangent)
+            turned = -np.einsum("nst,nt,ni->nsi", Q, height, tangent)
+            found = found + jacobian(np.concatenate([own, moved], axis=2), places, width)
+            found = found + per_item(turned) @ d.normal
+        return found.tocsr(), by_mu
+
+
+def chart(Y: np.ndarray) -> np.ndarray:
+    """(m, gdim) orthogonal functions on a frame as drawn: 1 and coordinates in its mean plane."""
+    centred = Y - Y.mean(axis=0)
+    _, _, axes = np.linalg.svd(centred, full_matrices=False)
+    functions = np.column_stack([np.ones(len(Y)), centred @ axes[:-1].T])
+    return functions / np.linalg.norm(functions, axis=0)
+
+
+def _bordered(M: csr_matrix, G: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """mu and kappa of M mu + G kappa = r, Gᵀ mu = 0; refined once."""
+    c = G.shape[1]
+    A = bmat([[M, csr_matrix(G)], [csr_matrix(G.T), None]], format="csc")
+    b = np.concatenate([r, np.zeros(c)])
+    try:
+        factor = splu(A)
+    except RuntimeError as error:  # SuperLU's "exactly singular"
+        raise ContactError(
+            "design of the moving frame: its rows cannot be balanced "
+            f"(SuperLU: {error}). Check that the surfaces face each other"
+        ) from None
+    x = factor.solve(b)
+    x += factor.solve(b - A @ x)
+    return x[: len(r)], x[len(r) :]
+
+
+def _perpendicular(n: np.ndarray) -> np.ndarray:
+    """(k, gdim - 1, gdim) unit vectors perpendicular to n (k, gdim) and to each other."""
+    if n.shape[1] == 2:
+        return np.column_stack([-n[:, 1], n[:, 0]])[:, None]
+    axis = np.eye(3)[np.abs(n).argmin(axis=1)]
+    t = np.cross(axis, n)
+    t /= np.linalg.norm(t, axis=1)[:, None]
+    return np.stack([t, np.cross(n, t)], axis=1)

@@ -1,0 +1,236 @@
+"""One increment of a load step by Newton's iteration with an active set."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.finite.system import NewtonSystem, Part, mean_diagonal
+from dolfinx_llm.finite.terms import Held, MovingContact
+from dolfinx_llm.operators.numbering import BodyDofs
+
+CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
+CUTS = 8  # of a change that turns elements inside out
+
+
+class Bodies(Protocol):
+    """Nonlinear bodies without their contact."""
+
+    dofs: BodyDofs
+
+    def residual(self, u: np.ndarray) -> np.ndarray:
+        """This rank's residual of all dofs at u (n_local,)."""
+
+    def tangent(self, u: np.ndarray) -> PETSc.Mat:
+        """Its derivative, without conditions."""
+
+
+class StepFailed(Exception):
+    """Newton's iteration has failed; the text says how. Raised on all ranks together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Contact or a follower load, and where its coordinates stand."""
+
+    what: Any  # MovingContact or Follower
+    numbers: np.ndarray  # (width,) dofs in the vector of all bodies
+    drawn: np.ndarray  # (width,) coordinates as drawn [length]
+    free: np.ndarray  # (width,) not prescribed
+
+    def at(self, dofs: BodyDofs, u: np.ndarray) -> np.ndarray:
+        """(width,) coordinates at this rank's u; collective."""
+        return self.drawn + dofs.values(self.numbers, u)
+
+
+@dataclass(frozen=True, eq=False)
+class NewtonState:
+    """An equilibrium."""
+
+    u: np.ndarray  # (n_local,) this rank's displacement [length]
+    own: tuple[np.ndarray, ...]  # unknowns of each interface
+    active: tuple[np.ndarray | None, ...]  # which pairs are in contact; None: not known yet
+    pressures: np.ndarray  # of the follower loads [force / area]
+
+
+@dataclass(frozen=True, eq=False)
+class LoadStep:
+    """A load step from one state to what is prescribed now."""
+
+    start: NewtonState
+    values: np.ndarray  # (n_local,) prescribed displacements at its end [length]
+    pressures: np.ndarray  # at its end [force / area]
+    unbalanced: np.ndarray  # (n_local,) residual of the start under the loads of its end [force]
+
+
+@dataclass(eq=False)
+class Equations:
+    """All that a load step is solved of."""
+
+    bodies: Bodies  # without their contact
+    interfaces: Sequence[Placed]  # in contact
+    followers: Sequence[Placed]  # follower loads
+    system: NewtonSystem  # of the unknowns
+    size: float  # of the facets in contact [length]
+    options: tuple[str, dict | None]  # prefix, and PETSc options
+    times: StageTimes  # to which seconds are added
+    scale: float = 0.0  # stiffness of the bodies, known with the first tangent [force / length]
+
+    def measure(self, K: PETSc.Mat) -> None:
+        """Find the bodies' stiffness, once; collective."""
+        if self.scale == 0.0:
+            self.scale = mean_diagonal(K)
+
+
+class Increment:
+    """Newton's iteration from a state to a part of a load step.
+
+    Args:
+        steps: what is solved.
+        good: the state that it starts from.
+        step: the load step.
+        end: the part of it, in (0, 1].
+    """
+
+    def __init__(self, steps: Equations, good: NewtonState, step: LoadStep, end: float) -> None:
+        self.steps, self.end = steps, end
+        self.dofs, start = steps.bodies.dofs, step.start
+        self.fixed = self.dofs.fixed
+        self.u, self.own = good.u.copy(), [q.copy() for q in good.own]
+        self.target = start.u + end * (step.values - start.u)
+        self.pressures = start.pressures + end * (step.pressures - start.pressures)
+        self.unbalanced = (1.0 - end) * step.unbalanced
+        z = [i.at(self.dofs, self.u) for i in steps.interfaces]
+        self.held: list[Held] = [i.what.hold(z_i) for i, z_i in zip(steps.interfaces, z)]
+        self.faces = [f.what.hold(f.at(self.dofs, self.u)) for f in steps.followers]
+        self.active: list[Any] = list(good.active)
+        self.changes, self.solved = 0, False
+        self._body = self._residual(self.u)
+        self.evaluate()
+
+    def _residual(self, u: np.ndarray) -> np.ndarray:
+        with self.steps.times.timed("assembly of F"):
+            return self.steps.bodies.residual(u)
+
+    def evaluate(self) -> None:
+        """Contact, loads and residual at the displacement as it is."""
+        steps = self.steps
+        with steps.times.timed("contact"):
+            try:
+                self._contact()
+            except (np.linalg.LinAlgError, ContactError) as error:
+                raise StepFailed(str(error)) from None
+        r = self._body - self.unbalanced
+        largest = 0.0
+        self.loads = []
+        for placed, p, faces in zip(steps.followers, self.pressures, self.faces, strict=True):
+            force, K = placed.what.terms(placed.at(self.dofs, self.u), p, faces)
+            self.loads.append(Part(K, placed.numbers, placed.numbers))
+            self._subtract(r, placed.numbers, force)
+            largest = max(largest, np.abs(force).max(initial=0.0))
+        for placed, t in zip(steps.interfaces, self.terms, strict=True):
+            self._subtract(r, placed.numbers, t.force)
+            largest = max(largest, np.abs(t.force).max(initial=0.0))
+        parts = r[self.fixed], self.unbalanced, r[~self.fixed]
+        mine = [float(np.abs(part).max(initial=0.0)) for part in parts]
+        reaction, load, rest = np.max(self.dofs.comm.allgather(mine), axis=0)
+        nothing = 1e-12 * steps.scale * steps.size
+        self.r, self.error = r, float(rest / max(largest, reaction, load, nothing, 1e-300))
+        self.rest = max([np.abs(t.rest).max(initial=0.0) for t in self.terms], default=0.0)
+
+    def _contact(self) -> None:
+        """Terms of the interfaces, for the pairs that are in contact now."""
+        self.terms, self.changes = [], 0
+        for i, placed in enumerate(self.steps.interfaces):
+            contact: MovingContact = placed.what
+            z = placed.at(self.dofs, self.u)
+            n = len(contact.sides.surfaces[contact.sides.moving].x)
+            before = self.active[i]
+            guess = np.zeros(n, dtype=bool) if before is None else before
+            terms = contact.terms(z, self.own[i], guess, self.held[i], placed.free)
+            now = contact.touching(terms, self.own[i], self.steps.scale or 1.0, self.steps.size)
+            if before is None and not now.any() and terms.pairs.any():
+                now = terms.pairs & (terms.gap <= terms.gap.min() + 1e-6 * self.steps.size)
+            if (now != guess).any():
+                terms = contact.terms(z, self.own[i], now, self.held[i], placed.free)
+            self.changes += int((now != guess).sum())
+            self.active[i] = now
+            self.held[i] = replace(self.held[i], pairs=terms.pairs)
+            self.terms.append(terms)
+
+    def _subtract(self, r: np.ndarray, numbers: np.ndarray, force: np.ndarray) -> None:
+        """Subtract forces known to every rank from this rank's residual."""
+        at = numbers - self.dofs.first
+        mine = (at >= 0) & (at < len(r))
+        np.subtract.at(r, at[mine], force[mine])
+
+    def iterate(self) -> None:
+        """Solve for changes, and apply them as far as elements do not turn inside out."""
+        steps = self.steps
+        with steps.times.timed("assembly of J"):
+            K = steps.bodies.tangent(self.u)
+        steps.measure(K)
+        r = np.where(self.fixed, self.u - self.target, self.r)
+        with steps.times.timed("factorisation"):
+            try:
+                du, dq = steps.system.solve(K, self.terms, self.loads, r, steps.options)
+            except ContactError as error:
+                raise StepFailed(str(error)) from None
+        finite = np.isfinite(du).all() and np.isfinite(dq).all()
+        if not self.dofs.comm.allreduce(bool(finite), op=MPI.LAND):
+            raise StepFailed("the linear solver gives no finite numbers")
+        ends = np.cumsum([len(q) for q in self.own])
+        changes = np.split(dq, ends[:-1]) if len(ends) else []
+        for cut in 0.5 ** np.arange(CUTS):
+            body = self._residual(self.u + cut * du)
+            if self.dofs.comm.allreduce(bool(np.isfinite(body).all()), op=MPI.LAND):
+                break
+        else:
+            raise StepFailed("elements turn inside out (the residual is not finite)")
+        self.u, self._body = self.u + cut * du, body
+        self.own = [q + cut * d for q, d in zip(self.own, changes, strict=True)]
+        self.evaluate()
+
+    def converged(self) -> bool:
+        """Whether this is an equilibrium; facets that have met meanwhile are taken in."""
+        arrived = np.abs(self.u - self.target)[self.fixed].max(initial=0.0)
+        arrived = self.dofs.comm.allreduce(float(arrived), op=MPI.MAX)
+        size = self.steps.size
+        if self.changes or not max(self.error, self.rest / size, arrived / size) < CONVERGED:
+            return False
+        return not self._missed()
+
+    def _missed(self) -> bool:
+        """Take in facets that were far at the start and have passed the frame."""
+        found = False
+        for i, placed in enumerate(self.steps.interfaces):
+            now = placed.what.missed(placed.at(self.dofs, self.u), self.held[i])
+            if now is not None:
+                self.held[i], found = replace(self.held[i], candidates=now), True
+        if found:
+            self.evaluate()
+        return found
+
+    def entry(self, iteration: int) -> dict:
+        """For the history."""
+        active = sum(int(a.sum()) for a in self.active)
+        return {
+            "part": self.end,
+            "iteration": iteration,
+            "active": active,
+            "stick": 0,
+            "slip": 0,
+            "changes": self.changes,
+            "residual": self.error,
+        }
+
+    def state(self) -> NewtonState:
+        """The state as it is."""
+        return NewtonState(self.u, tuple(self.own), tuple(self.active), self.pressures)

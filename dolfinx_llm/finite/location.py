@@ -1,0 +1,188 @@
+"""Nodes of one surface on the moving frame, found along its averaged normals.
+
+Node p at x meets the frame at y(xi) where x = sum_J N_J(xi) y_J + g n, with n the direction of
+sum_J N_J(xi) n_J and n_J averaged normals of the frame's nodes: continuous over its edges.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
+
+from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
+from dolfinx_llm.finite.normals import NodalNormals
+from dolfinx_llm.geometry.cells import cell_sizes, shape_functions
+
+TRIED = {2: 6, 3: 12}  # facets next to a node that it may meet
+MET = 1e-10  # distance over facet size that is left where a node has met a facet
+INSIDE = 1e-9  # shape functions above minus this: within a facet
+ITERATIONS_TO_MEET = 30
+SETTLED = 1e-9  # last change of Newton's iteration: its square is rounding
+
+
+@dataclass(frozen=True, eq=False)
+class OnFrame:
+    """Where n nodes lie on a frame of facets with k nodes, d = gdim - 1."""
+
+    facet: np.ndarray  # (n,) facet of the frame
+    xi: np.ndarray  # (n, d) reference coordinates; beyond the rim those of the continued facet
+    N: np.ndarray  # (n, k) shape functions
+    dN: np.ndarray  # (n, k, d) their derivatives
+    height: np.ndarray  # (n,) of the node over the frame, in units of the mean normal's length
+    mean: np.ndarray  # (n, gdim) sum_J N_J n_J
+    met: np.ndarray  # (n,) whether it meets the frame at all
+    beyond: np.ndarray  # (n,) how far it lies beyond the facet: minus its smallest shape function
+
+    @property
+    def normal(self) -> np.ndarray:
+        """(n, gdim) the frame's unit normal there."""
+        return self.mean / np.linalg.norm(self.mean, axis=1)[:, None]
+
+    @property
+    def gap(self) -> np.ndarray:
+        """(n,) distance of the node from the frame along its normal [length]."""
+        return self.height * np.linalg.norm(self.mean, axis=1)
+
+    def part(self, which: np.ndarray) -> OnFrame:
+        """Some of the nodes (k,)."""
+        fields = {name: getattr(self, name)[which] for name in self.__dataclass_fields__}
+        return OnFrame(**fields)
+
+
+def find_on_frame(
+    x: np.ndarray, y: np.ndarray, facets: np.ndarray, normals: NodalNormals
+) -> OnFrame:
+    """Where nodes meet a frame: within a facet, the nearest of these; else beyond the nearest.
+
+    Args:
+        x: (n, gdim) nodes [length].
+        y: (m, gdim) the frame's nodes [length].
+        facets: (f, k) its facets.
+        normals: of its nodes.
+    """
+    n, gdim = x.shape
+    tried = min(TRIED[gdim], len(facets))
+    near = cKDTree(y[facets].mean(axis=1)).query(x, k=tried)[1].reshape(n, tried)
+    which = np.repeat(np.arange(n), tried)
+    facet = near.ravel()
+    xi, height, met = _meet(x[which], y[facets[facet]], normals.n[facets[facet]])
+    N = shape_functions(facets.shape[1], xi)[0]
+    beyond = np.maximum(-N.min(axis=1), N.max(axis=1) - 1.0)
+    outside = np.where(beyond <= INSIDE, 0.0, beyond)
+    size = cell_sizes(y, facets)[facet]
+    away = np.where(met, outside * size, np.inf)
+    order = np.lexsort((facet, np.abs(height), away, which))
+    best = order[np.unique(which[order], return_index=True)[1]]
+    return _on_frame(facet[best], xi[best], height[best], met[best], facets, normals)
+
+
+def _on_frame(
+    facet: np.ndarray,
+    xi: np.ndarray,
+    height: np.ndarray,
+    met: np.ndarray,
+    facets: np.ndarray,
+    normals: NodalNormals,
+) -> OnFrame:
+    N, dN = shape_functions(facets.shape[1], xi)
+    mean = np.einsum("nk,nki->ni", N, normals.n[facets[facet]])
+    return OnFrame(facet, xi, N, dN, height, mean, met, -N.min(axis=1))
+
+
+def _meet(x: np.ndarray, y: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Reference coordinates, heights and success of Newton's iteration for points x (n, gdim) on
+    facets with nodes y and normals n (n, k, gdim)."""
+    k = y.shape[1]
+    xi = np.full((len(x), x.shape[1] - 1), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
+    height = np.zeros(len(x))
+    size = np.linalg.norm(y - y.mean(axis=1)[:, None], axis=2).max(axis=1)
+    with np.errstate(all="ignore"):
+        for _ in range(ITERATIONS_TO_MEET):
+            N, dN = shape_functions(k, xi)
+            rest = x - np.einsum("nk,nki->ni", N, y + height[:, None, None] * n)
+            step = _solve(_tangent(y, n, N, dN, height), rest)
+            xi, height = xi + step[:, :-1], height + step[:, -1]
+            if not np.abs(step[np.isfinite(step).all(axis=1)]).max(initial=0.0) > SETTLED:
+                break
+        N, _ = shape_functions(k, xi)
+        rest = x - np.einsum("nk,nki->ni", N, y + height[:, None, None] * n)
+        met = np.linalg.norm(rest, axis=1) < MET * size
+    met &= (np.einsum("nk,nki->ni", N, n) ** 2).sum(axis=1) > 0.01
+    xi[~met], height[~met] = 0.0, 0.0
+    return xi, height, met
+
+
+def _tangent(
+    y: np.ndarray, n: np.ndarray, N: np.ndarray, dN: np.ndarray, height: np.ndarray
+) -> np.ndarray:
+    """(n, gdim, gdim) derivative of the point over the frame by (xi, height)."""
+    along = np.einsum("nkd,nki->nid", dN, y + height[:, None, None] * n)
+    return np.concatenate([along, np.einsum("nk,nki->ni", N, n)[:, :, None]], axis=2)
+
+
+def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(n, d) solutions of small systems; NaN where they are singular."""
+    singular = ~(np.abs(np.linalg.det(A)) > 1e-300)
+    A = np.where(singular[:, None, None], np.eye(A.shape[1]), A)
+    x = np.linalg.solve(A, b[:, :, None])[:, :, 0]
+    x[singular] = np.nan
+    return x
+
+
+@dataclass(frozen=True, eq=False)
+class LocationDerivatives:
+    """Derivatives of a location by the coordinates of all nodes of the interface."""
+
+    xi: csr_matrix  # (n d, width)
+    normal: csr_matrix  # (n gdim, width)
+
+    def part(self, which: np.ndarray, gdim: int) -> LocationDerivatives:
+        """Those of some of the nodes (k,)."""
+        xi = (which[:, None] * (gdim - 1) + np.arange(gdim - 1)).ravel()
+        normal = (which[:, None] * gdim + np.arange(gdim)).ravel()
+        return LocationDerivatives(self.xi[xi], self.normal[normal])
+
+
+def location_derivatives(
+    at: OnFrame,
+    y: np.ndarray,
+    facets: np.ndarray,
+    normals: NodalNormals,
+    columns: tuple[np.ndarray, int],
+    width: int,
+) -> LocationDerivatives:
+    """How places and normals change with x, y and, through these, the nodal normals.
+
+    With T = [y' + g n', n] the derivative of the point over the frame: d(xi, g) = T⁻¹ (dx -
+    sum_J N_J dy_J - g sum_J N_J dn_J), n not normalised; dn of the unit normal is what is left of
+    sum_J (N_J dn_J + n_J dN_J) perpendicular to n.
+
+    Args:
+        at: the n nodes' places.
+        y, facets, normals: of the frame.
+        columns: (n, gdim) numbers of the coordinates of the nodes x; number of the frame's first.
+        width: number of all coordinates.
+    """
+    cells = facets[at.facet]
+    gdim, nn = y.shape[1], normals.n[cells]
+    inverse = np.linalg.inv(_tangent(y[cells], nn, at.N, at.dN, at.height))
+    n, k = at.N.shape
+    unit = np.eye(gdim)
+    weights = (at.N[:, None, :, None] * unit[:, None, :]).reshape(n, gdim, k * gdim)
+    own = np.concatenate([np.broadcast_to(unit, (n, gdim, gdim)), -weights], axis=2)
+    places = np.concatenate([columns[0], coordinates(cells, gdim, columns[1])], axis=1)
+    first = np.arange(columns[1], columns[1] + y.size)
+    shift = csr_matrix((np.ones(y.size), (np.arange(y.size), first)), (y.size, width))
+    turned = normals.derivative @ shift  # (m gdim, width)
+    mean = jacobian(weights, coordinates(cells, gdim), y.size) @ turned  # sum_J N_J dn_J
+    point = jacobian(own, places, width) - per_item(at.height[:, None, None] * unit) @ mean
+    xi = per_item(inverse[:, :-1]) @ point
+    direction = np.einsum("nkd,nki->nid", at.dN, nn)
+    length = np.linalg.norm(at.mean, axis=1)
+    normal = at.normal
+    project = (unit - normal[:, :, None] * normal[:, None, :]) / length[:, None, None]
+    turn = per_item(project) @ (mean + per_item(direction) @ xi)
+    return LocationDerivatives(xi.tocsr(), turn.tocsr())

@@ -1,0 +1,93 @@
+"""Load steps in increments, which are halved where Newton's iteration fails."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import numpy as np
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.log import progress, tell_iteration
+from dolfinx_llm.finite.increment import (
+    Equations,
+    Increment,
+    LoadStep,
+    NewtonState,
+    StepFailed,
+)
+from dolfinx_llm.finite.terms import ContactTerms
+
+log = logging.getLogger("dolfinx_llm")
+
+NEWTON_ITERATIONS = 25
+HALVINGS = 8  # of an increment
+
+
+class NewtonSteps:
+    """Load steps of bodies in contact.
+
+    Args:
+        equations: what is solved.
+
+    Attributes:
+        history: of the last step, a dict per iteration.
+        reached: the last state that was found.
+        terms: of the interfaces there.
+    """
+
+    def __init__(self, equations: Equations) -> None:
+        self.equations = equations
+        self.history: list[dict] = []
+        self.reached: NewtonState | None = None
+        self.terms: list[ContactTerms] = []
+
+    def step(self, step: LoadStep, increments: int) -> NewtonState:
+        """The state at the end of a load step.
+
+        Raises:
+            ContactError: Newton's iteration fails however small the increments are; ``reached`` is
+                the last state that was found.
+        """
+        self.history, self.reached = [], step.start
+        done, part, smallest = 0.0, 1.0 / increments, 2.0**-HALVINGS / increments
+        with progress(None, "load step") as bar:
+            while done < 1.0 - 1e-12:
+                end = 1.0 if done + part > 1.0 - 1e-12 else done + part
+                try:
+                    self.reached = self._increment(step, end, bar)
+                except StepFailed as failed:
+                    part *= 0.5
+                    log.info("increment to %.4g failed: %s; halved", end, failed)
+                    if part < smallest:
+                        raise ContactError(
+                            f"Newton's iteration fails at {done:.4g} of the load step, also with "
+                            f"increments of {2.0 * part:.2g} of it: {failed}. The state at "
+                            f"{done:.4g} is kept. Take smaller load steps, or check supports, "
+                            "loads and the mesh"
+                        ) from None
+                else:
+                    done, part = end, min(2.0 * part, 1.0 / increments)
+        return self.reached
+
+    def unbalanced(self, start: NewtonState) -> np.ndarray:
+        """(n_local,) residual of a state under the loads as they are now, but for follower loads;
+        collective."""
+        still = LoadStep(start, start.u, start.pressures, np.zeros_like(start.u))
+        run = Increment(self.equations, start, still, 1.0)
+        return np.where(run.fixed, 0.0, run.r)
+
+    def _increment(self, step: LoadStep, end: float, bar: Any) -> NewtonState:
+        """Newton's iteration from the last state to the part ``end`` of a load step."""
+        run = Increment(self.equations, self.reached or step.start, step, end)
+        for iteration in range(1, NEWTON_ITERATIONS + 1):
+            run.iterate()
+            entry = run.entry(iteration)
+            self.history.append(entry)
+            tell_iteration(entry, bar)
+            if run.converged():
+                self.terms = run.terms
+                return run.state()
+        raise StepFailed(
+            f"no convergence in {NEWTON_ITERATIONS} iterations, residual {run.error:.1e}"
+        )

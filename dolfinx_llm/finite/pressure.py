@@ -1,0 +1,119 @@
+"""A follower pressure on a surface, or on the part of it that another surface does not cover."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+from scipy.sparse import csr_matrix
+
+from dolfinx_llm.base import checks
+from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.finite.areas import everything, surface_integrals
+from dolfinx_llm.finite.sides import Sides
+from dolfinx_llm.geometry.surface import Surface, check_facet_tags
+
+COVER = "give (facet tags, tag), or None"
+
+
+@dataclass(frozen=True, eq=False)
+class FreeSurfacePressure:
+    """Pressure that follows a surface, on what another surface leaves free now.
+
+    Covered is what lies across, within the size of a facet of the coarser surface, found along
+    averaged normals at the start of a load step; clipped facets are integrated exactly.
+
+    Args:
+        facet_tags: dolfinx mesh tags of facets.
+        tag: the loaded surface.
+        p: pressure, positive when it presses on the body [force / area]: a number, or a Constant,
+            whose value may change between load steps.
+        covered_by: (facet tags, tag) of a surface that may cover part of it, or None.
+
+    Raises:
+        ContactInputError: arguments of other types.
+    """
+
+    facet_tags: Any
+    tag: int
+    p: Any
+    covered_by: tuple | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        check_facet_tags("facet_tags", self.facet_tags)
+        checks.integer("facet tag", self.tag)
+        self.value()
+        if self.covered_by is not None:
+            given = checks.items("covered_by", self.covered_by, COVER)
+            if len(given) != 2:
+                checks.refuse("covered_by", self.covered_by, COVER)
+            check_facet_tags("covered_by: facet tags", given[0])
+            checks.integer("covered_by: tag", given[1], COVER)
+
+    def value(self) -> float:
+        """The pressure now.
+
+        Raises:
+            ContactInputError: it is no finite number.
+        """
+        p = self.p
+        if isinstance(p, fem.Constant):
+            if np.ndim(p.value):
+                raise ContactInputError("p: give a scalar Constant, or a number")
+            p = float(p.value)
+        return checks.number("p", p, "give a finite number or a scalar Constant")
+
+    def tagged(self) -> list[tuple[Any, int]]:
+        """The loaded surface, and what may cover it, as (facet tags, tag)."""
+        other = [] if self.covered_by is None else [tuple(self.covered_by)]
+        return [(self.facet_tags, self.tag), *other]
+
+
+@dataclass(frozen=True, eq=False)
+class Follower:
+    """The same on its surfaces; all coordinates: those of the loaded one, then of the other."""
+
+    load: FreeSurfacePressure
+    surfaces: Sequence[Surface]  # as drawn: the loaded one, and what may cover it
+    sides: Sides | None
+
+    @classmethod
+    def of(cls, load: FreeSurfacePressure, surfaces: Sequence[Surface]) -> Follower:
+        """The pressure on these surfaces."""
+        sides = Sides.of(surfaces) if len(surfaces) > 1 else None
+        return cls(load, surfaces, sides)
+
+    def hold(self, z: np.ndarray) -> np.ndarray | None:
+        """Facets that may touch in a load step that starts at coordinates z."""
+        return None if self.sides is None else self.sides.candidates(z)
+
+    def terms(
+        self, z: np.ndarray, p: float, candidates: np.ndarray | None
+    ) -> tuple[np.ndarray, csr_matrix]:
+        """Forces (width,) on all coordinates, and minus their derivative by them.
+
+        Args:
+            z: coordinates [length].
+            p: pressure [force / area].
+            candidates: of ``hold``.
+        """
+        loaded = self.surfaces[0]
+        x = z[: loaded.x.size].reshape(loaded.x.shape)
+        free = everything(len(loaded.facets), loaded.facets.shape[1], len(z))
+        if self.sides is not None and candidates is not None:
+            meeting = self.sides.meet(z, candidates)
+            free = meeting.covered[0 if self.sides.moving == 0 else 1].free
+        vectors, derivative = surface_integrals(x, loaded.facets, free, 0)
+        force = np.zeros(len(z))
+        force[: x.size] = -p * vectors.ravel()
+        return force, _rows_below(p * derivative, len(z))
+
+
+def _rows_below(A: csr_matrix, n: int) -> csr_matrix:
+    """A with empty rows added, up to n."""
+    A = A.tocsr()
+    indptr = np.concatenate([A.indptr, np.full(n - A.shape[0], A.indptr[-1])])
+    return csr_matrix((A.data, A.indices, indptr), (n, A.shape[1]))

@@ -1,0 +1,151 @@
+"""Two surfaces of which one carries the moving frame: where, how far and along what they touch.
+
+The frame's nodes are those of the coarser surface, y_J = x_J: its rows are the identity, so that v
+and that side's multipliers are known, lambda_J = -sum_p N_pJ lambda_p, and equilibrium of the
+frame, sum_p N_pJ lambda_p = 0 over both sides, holds by construction. The other surface is the
+moving side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from dolfinx_llm.finite.areas import Covered, surface_integrals
+from dolfinx_llm.finite.cover_line import Chains, covered_lines
+from dolfinx_llm.finite.jacobians import coordinates
+from dolfinx_llm.finite.location import (
+    LocationDerivatives,
+    OnFrame,
+    find_on_frame,
+    location_derivatives,
+)
+from dolfinx_llm.finite.normals import NodalNormals, nodal_normals
+from dolfinx_llm.geometry.cells import cell_sizes, vector_areas
+from dolfinx_llm.geometry.facing import TURN
+from dolfinx_llm.geometry.surface import Surface
+
+AS_COARSE = 1e-6  # difference of mean facet sizes that is none
+WITHIN = 1.0  # gap over the frame's facet up to which facets can touch in a step
+
+
+@dataclass(frozen=True, eq=False)
+class Meeting:
+    """How two surfaces meet in one configuration, with derivatives."""
+
+    at: OnFrame  # of all nodes of the moving side
+    d: LocationDerivatives
+    normals: NodalNormals  # of the frame's nodes
+    covered: tuple[Covered, Covered]  # facets of the moving side, of the frame
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Both surfaces; all coordinates: those of surface 0, then those of surface 1."""
+
+    surfaces: tuple[Surface, Surface]
+    frame: int  # which of them carries the frame
+    chains: Chains
+
+    @classmethod
+    def of(cls, surfaces: Sequence[Surface]) -> Sides:
+        """The coarser surface carries the frame; which comes first does not matter.
+
+        Args:
+            surfaces: as drawn.
+        """
+        size = [cell_sizes(s.x, s.facets).mean() for s in surfaces]
+        if abs(size[0] - size[1]) > AS_COARSE * max(size):
+            frame = int(size[1] > size[0])
+        else:  # alike: the one whose normal comes first
+            normals = [tuple((s.normal / s.diameter).round(6) + 0.0) for s in surfaces]
+            frame = int(normals[1] > normals[0])
+        return cls((surfaces[0], surfaces[1]), frame, Chains.of(surfaces[frame].facets))
+
+    @property
+    def moving(self) -> int:
+        """Which surface is located on the other."""
+        return 1 - self.frame
+
+    @property
+    def gdim(self) -> int:
+        """Dimension of space."""
+        return int(self.surfaces[0].x.shape[1])
+
+    @property
+    def width(self) -> int:
+        """Number of all coordinates."""
+        return sum(s.x.size for s in self.surfaces)
+
+    @property
+    def first(self) -> tuple[int, int]:
+        """Number of the first coordinate of the moving side, and of the frame."""
+        shift = self.surfaces[0].x.size
+        return (shift, 0) if self.frame == 0 else (0, shift)
+
+    @property
+    def columns(self) -> tuple[np.ndarray, int]:
+        """(n, gdim) coordinates of the moving side's nodes, and the frame's first."""
+        nodes = np.arange(len(self.surfaces[self.moving].x))
+        return coordinates(nodes[:, None], self.gdim, self.first[0]), self.first[1]
+
+    def split(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions of the moving side's nodes and of the frame's, of all coordinates (width,)."""
+        parts = np.split(z, [self.surfaces[0].x.size])
+        parts = [part.reshape(-1, self.gdim) for part in parts]
+        return parts[self.moving], parts[self.frame]
+
+    def in_order(self, moving: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What belongs to the moving side and to the frame, in the order of the surfaces."""
+        return (frame, moving) if self.frame == 0 else (moving, frame)
+
+    def candidates(self, z: np.ndarray) -> np.ndarray:
+        """(f,) facets of the moving side that face the frame and lie near; held during a step."""
+        x, y = self.split(z)
+        facets, frame = self.facets(True), self.facets(False)
+        at = find_on_frame(x, y, frame, nodal_normals(y, frame))
+        size = cell_sizes(y, frame)[at.facet]
+        near = at.met & (np.abs(at.gap) <= WITHIN * size)
+        area = vector_areas(x, facets)
+        across = at.normal[facets].sum(axis=1)
+        cosine = np.einsum("fi,fi->f", area, across)
+        cosine /= np.linalg.norm(area, axis=1) * np.linalg.norm(across, axis=1)
+        return near[facets].all(axis=1) & (cosine < -np.cos(TURN))
+
+    def gaps(self, z: np.ndarray) -> np.ndarray:
+        """(n,) distances of the moving side's nodes from the frame [length]."""
+        x, y = self.split(z)
+        frame = self.facets(False)
+        return find_on_frame(x, y, frame, nodal_normals(y, frame)).gap
+
+    def meet(self, z: np.ndarray, candidates: np.ndarray) -> Meeting:
+        """How the surfaces meet at coordinates z (width,).
+
+        Args:
+            z: all coordinates [length].
+            candidates: (f,) facets of the moving side that can touch.
+        """
+        x, y = self.split(z)
+        facets, frame = self.facets(True), self.facets(False)
+        normals = nodal_normals(y, frame)
+        at = find_on_frame(x, y, frame, normals)
+        d = location_derivatives(at, y, frame, normals, self.columns, self.width)
+        covered = covered_lines(self.chains, facets, candidates, x, y, at, d, normals, self.first)
+        return Meeting(at, d, normals, covered)
+
+    def forces(
+        self, meeting: Meeting, z: np.ndarray, moving: bool
+    ) -> tuple[np.ndarray, csr_matrix]:
+        """(n,) forces of unit pressure on the common area at a side's nodes, and derivatives."""
+        x, facets = self.split(z)[0 if moving else 1], self.facets(moving)
+        first = self.first[0 if moving else 1]
+        covered = meeting.covered[0 if moving else 1]
+        values, derivative = surface_integrals(x, facets, covered, first, sizes=True)
+        return values[:, 0], derivative
+
+    def facets(self, moving: bool) -> np.ndarray:
+        """(f, k) facets of a side."""
+        return self.surfaces[self.moving if moving else self.frame].facets

@@ -1,0 +1,81 @@
+"""What an interface adds to Newton's system."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from dolfinx_llm.finite.sides import Sides
+
+FAST = 1e-9  # part of a row at free dofs, below which supports hold the pair
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """What is chosen at the start of an increment.
+
+    Facets and pairs may join during it, none leaves: at the frame's ends nodes would go in and out
+    for ever.
+    """
+
+    candidates: np.ndarray  # (f,) facets of the moving side that can touch
+    pairs: np.ndarray  # (n,) its nodes that take part
+    limit: float  # k of the design
+
+
+@dataclass(frozen=True, eq=False)
+class ContactTerms:
+    """An interface's part of Newton's system, for coordinates z and its own unknowns q."""
+
+    force: np.ndarray  # (width,) on the coordinates [force]
+    K: csr_matrix  # (width, width) minus its derivative by z
+    top: csr_matrix  # (width, q) minus its derivative by q
+    left: csr_matrix  # (q, width) derivative of the interface's own equations by z
+    own: csr_matrix  # (q, q) the same by q
+    rest: np.ndarray  # (q,) their residual
+    gap: np.ndarray  # (n,) of the pairs [length]
+    normal: np.ndarray  # (n, gdim) out of the frame
+    N: csr_matrix  # (n, m) rows
+    areas: tuple[np.ndarray, np.ndarray]  # (n,), (m,) of the nodes of both sides [area]
+    pairs: np.ndarray  # (n,) which nodes of the moving side can touch
+    delta: float  # largest correction of a row
+    active: np.ndarray  # (n,) pairs in contact
+    opens: bool = True  # the pairs may part
+
+
+class MovingContact(Protocol):
+    """An interface with a law, at finite deformation."""
+
+    @property
+    def sides(self) -> Sides:
+        """Its surfaces."""
+
+    @property
+    def size(self) -> int:
+        """Number of own unknowns q."""
+
+    @property
+    def owner(self) -> np.ndarray:
+        """(size,) ranks that own the unknowns."""
+
+    def touching(self, terms: ContactTerms, q: np.ndarray, scale: float, size: float) -> np.ndarray:
+        """(n,) which pairs are in contact."""
+
+    def hold(self, z: np.ndarray) -> Held:
+        """What is held in a load step that starts at coordinates z."""
+
+    def missed(self, z: np.ndarray, held: Held) -> np.ndarray | None:
+        """(f,) candidates with those that have passed the frame, if there are any."""
+
+    def terms(
+        self, z: np.ndarray, q: np.ndarray, active: np.ndarray, held: Held, free: np.ndarray
+    ) -> ContactTerms:
+        """All that Newton's iteration asks for."""
+
+
+def held_fast(A: csr_matrix, free: np.ndarray) -> np.ndarray:
+    """(n,) which rows (n, width) have no part at free coordinates: supports hold them."""
+    return np.sqrt(np.asarray(A.multiply(A) @ free.astype(float)).ravel()) < FAST

@@ -1,0 +1,124 @@
+"""Ties at finite deformation: rows of the drawing, which bind x_p to sum_J N_pJ y_J for good.
+
+These equations are linear: their forces have no derivative by positions, turn with the bodies, and
+a constant pressure passes in every homogeneous deformation, since it passes in the drawing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import bmat, csr_matrix, diags, identity, kron
+
+from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.finite.design import Design
+from dolfinx_llm.finite.sides import Sides
+from dolfinx_llm.finite.terms import ContactTerms, Held, held_fast
+
+DRAWN = 1e-9  # gap over facet size that is none
+
+
+@dataclass(frozen=True, eq=False)
+class TiedContact:
+    """Unknowns: a force of gdim components per node of the moving side."""
+
+    sides: Sides
+    A: csr_matrix  # (n gdim, width) x_p - sum_J N_pJ y_J
+    N: csr_matrix  # (n, m)
+    pairs: np.ndarray  # (n,) nodes that are tied
+    areas: tuple[np.ndarray, np.ndarray]  # (n,), (m,) of unit pressure as drawn [area]
+    normal: np.ndarray  # (n, gdim) as drawn
+    delta: float
+
+    @classmethod
+    def of(cls, sides: Sides, z: np.ndarray, design: Design, close_gap: bool) -> TiedContact:
+        """Ties of surfaces drawn at coordinates z.
+
+        Args:
+            sides, z, design: of the surfaces.
+            close_gap: close gaps of the drawing.
+
+        Raises:
+            ContactError: the surfaces do not face each other.
+            ContactInputError: there are gaps that are not to be closed.
+        """
+        candidates = sides.candidates(z)
+        meeting = sides.meet(z, candidates)
+        f, fy = (sides.forces(meeting, z, moving)[0] for moving in (True, False))
+        on = np.flatnonzero((f > 0.0) & meeting.at.met)
+        x, y = sides.split(z)
+        if not len(on):
+            raise ContactError(
+                f"no facets of {sides.surfaces[0].name} and {sides.surfaces[1].name}, which are to "
+                "be tied, face each other within the size of a facet. Check tags, positions and "
+                "units"
+            )
+        far = np.abs(meeting.at.gap[on]).max(initial=0.0)
+        if not close_gap and far > DRAWN * design.size:
+            raise ContactInputError(
+                f"the surfaces {sides.surfaces[0].name} and {sides.surfaces[1].name} are drawn "
+                f"with gaps of up to {far:.3g}: at finite deformation choose Tied(close_gap=True), "
+                "or draw them in touch"
+            )
+        at, n, m = meeting.at.part(on), len(x), len(y)
+        limit = design.smallest_limit(at, x[on], y, (f[on], fy))
+        found = design.rows(at, x[on], y, (f[on], fy), limit)
+        pick = csr_matrix((np.ones(len(on)), (on, np.arange(len(on)))), (n, len(on)))
+        N, delta = (pick @ found.matrix(m)).tocsr(), float(np.abs(found.delta).max())
+        pairs = np.zeros(n, dtype=bool)
+        pairs[on] = True
+        parts = [diags(pairs.astype(float)), -N]
+        parts = parts if sides.moving == 0 else parts[::-1]
+        A = kron(bmat([parts]), identity(sides.gdim), format="csr")
+        return cls(sides, A, N, pairs, (f, fy), meeting.at.normal, delta)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return int(self.A.shape[0])
+
+    @property
+    def owner(self) -> np.ndarray:
+        """(size,) ranks that own the unknowns."""
+        return np.repeat(self.sides.surfaces[self.sides.moving].owner, self.sides.gdim)
+
+    def touching(self, terms: ContactTerms, q: np.ndarray, scale: float, size: float) -> np.ndarray:
+        """(n,) all pairs."""
+        return self.pairs
+
+    def hold(self, z: np.ndarray) -> Held:
+        """Nothing is chosen anew."""
+        return Held(np.zeros(0, dtype=bool), self.pairs, 0.0)
+
+    def missed(self, z: np.ndarray, held: Held) -> np.ndarray | None:
+        """None: ties stay as drawn."""
+        return None
+
+    def terms(
+        self, z: np.ndarray, q: np.ndarray, active: np.ndarray, held: Held, free: np.ndarray
+    ) -> ContactTerms:
+        """See ``NormalContact.terms``; q (n gdim,) are the forces on the moving side [force]."""
+        gdim = self.sides.gdim
+        closed = np.repeat(self.pairs, gdim) & ~held_fast(self.A, free)
+        on = diags(closed.astype(float))
+        A = (on @ self.A).tocsr()
+        force = np.where(closed, q, 0.0)
+        width = len(z)
+        rest = np.where(closed, self.A @ z, q)
+        return ContactTerms(
+            force=A.T @ force,
+            K=csr_matrix((width, width)),
+            top=-A.T.tocsr(),
+            left=A,
+            own=diags((~closed).astype(float)).tocsr(),
+            rest=rest,
+            gap=np.where(self.pairs, 0.0, np.inf),
+            normal=self.normal,
+            N=self.N,
+            areas=self.areas,
+            pairs=self.pairs,
+            delta=self.delta,
+            active=self.pairs,
+            opens=False,
+        )

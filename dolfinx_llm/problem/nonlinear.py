@@ -1,0 +1,177 @@
+"""Nonlinear bodies in contact at finite deformation, with a frame that moves with them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from dolfinx_llm.base import checks
+from dolfinx_llm.base.disposable import free_garbage
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.parallel import agree, collective
+from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.finite.increment import Equations, LoadStep, NewtonState
+from dolfinx_llm.finite.newton import NewtonSteps
+from dolfinx_llm.finite.pressure import FreeSurfacePressure
+from dolfinx_llm.finite.results import MovingInterfaceResult, moving_results
+from dolfinx_llm.geometry.cells import cell_sizes
+from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_arguments
+from dolfinx_llm.problem.nonlinear_parts import contact_of, follower_of, numbered
+
+
+class NonlinearContactProblem:
+    """Bodies F(u; v) = 0 that touch along interfaces, at finite deformation and large sliding.
+
+    The frame's nodes are those of the coarser surface of each interface; the other one's nodes are
+    found anew on it in each of Newton's iterations, along its averaged normals there, and their
+    rows are designed with the areas that both surfaces cover now. The derivative is complete.
+
+    Args:
+        F: residual UFL form of the bodies in the Function ``u`` and a test function, e.g.
+            ``ufl.derivative`` of an energy; a sequence of them for bodies on several meshes.
+        u: displacement of first-order Lagrange elements, or a sequence, in the order of F. It is
+            updated in place; what it holds at first is where the first step starts.
+        J: derivative of F, or a sequence; None: ``ufl.derivative(F, u)``.
+        bcs: Dirichlet conditions on the displacement; values may change between steps.
+        interfaces: ``Interface`` objects with the law ``Tied()`` or ``Frictionless()``.
+        loads: ``FreeSurfacePressure`` objects.
+        nodal_loads: Functions of nodal forces.
+        solver: "auto" or "saddle": Newton's system factorised by MUMPS.
+        petsc_options_prefix: of the options of the linear solver.
+        petsc_options: PETSc options on top of the solver's own.
+
+    Attributes:
+        results: after ``solve``, a ``MovingInterfaceResult`` per interface, the same on every rank.
+        history: of the last ``solve``, a dict per iteration: "part" (of the load step), "iteration"
+            of the increment, "active" (pairs in contact), "stick", "slip", "changes", "residual"
+            (relative).
+        unknowns: global numbers of displacements u and of the interfaces' own unknowns.
+        times: seconds per stage, summed over all calls.
+
+    Raises:
+        ContactInputError: arguments that do not fit.
+        ContactError: surfaces that share nodes.
+    """
+
+    def __init__(
+        self,
+        F: ufl.Form | Sequence[ufl.Form],
+        u: fem.Function | Sequence[fem.Function],
+        *,
+        J: ufl.Form | Sequence[ufl.Form] | None = None,
+        bcs: Sequence[Any] = (),
+        interfaces: Interface | Sequence[Interface] = (),
+        loads: FreeSurfacePressure | Sequence[FreeSurfacePressure] = (),
+        nodal_loads: Sequence[fem.Function] = (),
+        solver: str = "auto",
+        petsc_options_prefix: str = "llm_",
+        petsc_options: dict | None = None,
+    ):
+        options = petsc_options_prefix, petsc_options
+        given = nonlinear_arguments(F, u, J, bcs, interfaces, loads, nodal_loads, options)
+        with collective(given.spaces[0].mesh.comm):
+            checks.one_of("solver", solver, ("auto", "saddle"))
+        free_garbage(given.spaces[0].mesh.comm)
+        self.interfaces, self.loads = given.interfaces, given.loads
+        self.times, self._several = StageTimes(), given.several
+        with self.times.timed("form compilation"):
+            self.bulk = NonlinearBulk(given)
+        self.spaces, self.comm = self.bulk.spaces, self.bulk.comm
+        dofs = self.bulk.dofs
+        with self.times.timed("interfaces"):
+            contacts = [contact_of(interface, dofs) for interface in self.interfaces]
+            followers = [follower_of(load, dofs) for load in self.loads]
+        self._system, surfaces = (
+            numbered(contacts, dofs),
+            [s for c in contacts for s in c.what.sides.surfaces],
+        )
+        size = float(max([cell_sizes(s.x, s.facets).max() for s in surfaces] or [1.0]))
+        self._newton = NewtonSteps(
+            Equations(self.bulk, contacts, followers, self._system, size, options, self.times)
+        )
+        own = sum(self._system.sizes)
+        self.unknowns = {"u": self.bulk.dofs.sizes[1], "interfaces": own}
+        self.results: list[MovingInterfaceResult] = []
+        self.reset()
+
+    @property
+    def u(self) -> fem.Function | list[fem.Function]:
+        """The displacement, as it was given."""
+        return self.bulk.u if self._several else self.bulk.u[0]
+
+    @property
+    def history(self) -> list[dict]:
+        """Iterations of the last ``solve``."""
+        return self._newton.history
+
+    def reset(self) -> None:
+        """Start anew from the displacement as it stands in u, without contact forces."""
+        contacts = self._newton.equations.interfaces
+        self._state = NewtonState(
+            self.bulk.now(),
+            tuple(np.zeros(c.what.size) for c in contacts),
+            (None,) * len(contacts),
+            np.zeros(len(self.loads)),
+        )
+
+    def solve(self, increments: int = 1) -> fem.Function | list[fem.Function]:
+        """Take a load step: from the last state to what conditions, loads and forms say now.
+
+        Args:
+            increments: equal parts of the step; they are halved where Newton's iteration fails.
+
+        Returns:
+            The displacement u, which is updated in place.
+
+        Raises:
+            ContactInputError: increments below 1, values that are not finite.
+            ContactError: Newton's iteration fails however small increments are; u is then the
+                last state that was found, and ``solve`` may be called again.
+        """
+        with collective(self.comm):
+            checks.integer("increments", increments, "give an integer of at least 1", low=1)
+            pressures = np.array([load.value() for load in self.loads])
+        agree(self.comm, "increments and pressures", (increments, pressures.tolist()))
+        values = self.bulk.values()
+        start = self._state
+        unbalanced = self._newton.unbalanced(start)
+        step = LoadStep(
+            start, np.where(self.bulk.dofs.fixed, values, start.u), pressures, unbalanced
+        )
+        try:
+            self._state = self._newton.step(step, increments)
+        except ContactError:
+            self._state = self._newton.reached or start
+            raise
+        finally:
+            self.bulk.put(self._state.u)
+        with self.times.timed("results"):
+            self.results = [
+                moving_results(c.what, c.at(self.bulk.dofs, self._state.u), t)
+                for c, t in zip(self._newton.equations.interfaces, self._newton.terms, strict=True)
+            ]
+        return self.u
+
+    def __str__(self) -> str:
+        """Sizes, and which side of each interface carries the frame."""
+        n_u, n_q = self.unknowns.values()
+        lines = [
+            f"NonlinearContactProblem: {len(self.spaces)} mesh(es), {len(self.interfaces)} "
+            f"interface(s), {len(self.loads)} follower load(s), {self.comm.size} rank(s)",
+            f"  unknowns: {n_u + n_q} = {n_u} u + {n_q} of the interfaces",
+        ]
+        for interface, placed in zip(
+            self.interfaces, self._newton.equations.interfaces, strict=True
+        ):
+            sides = placed.what.sides
+            moving, frame = sides.surfaces[sides.moving], sides.surfaces[sides.frame]
+            lines.append(
+                f"  interface {interface.name}, {interface.law}: frame on {frame.name}, "
+                f"{len(frame.x)} nodes; {len(moving.x)} nodes of {moving.name} on it"
+            )
+        return "\n".join(lines)

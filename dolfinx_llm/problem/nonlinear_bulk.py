@@ -1,0 +1,193 @@
+"""Nonlinear bodies: residual forms in the displacement, and their derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from petsc4py import PETSc
+
+from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.parallel import collective
+from dolfinx_llm.finite.pressure import FreeSurfacePressure
+from dolfinx_llm.geometry.surface import check_space
+from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.operators.numbering import BodyDofs
+from dolfinx_llm.operators.petsc import block_diagonal
+from dolfinx_llm.problem.arguments import (
+    check_petsc_options,
+    conditions,
+    interface_list,
+    nodal_list,
+)
+from dolfinx_llm.problem.form_arguments import check_meshes, listed
+
+RESIDUAL = "give a residual form in u and a test function, or a list of them, one per mesh"
+UNKNOWN = "give the Function u of the displacement, or a list of them, in the order of F"
+
+
+@dataclass(frozen=True, eq=False)
+class NonlinearArguments:
+    """Arguments of a nonlinear problem that fit each other."""
+
+    several: bool  # forms came as sequences
+    F: list[ufl.Form]  # one per mesh
+    J: list[ufl.Form]  # their derivatives
+    u: list[fem.Function]  # one per mesh
+    bcs: Any  # the user's own list, which may change
+    interfaces: list[Interface]
+    loads: list[FreeSurfacePressure]
+    nodal_loads: list[fem.Function]
+
+    @property
+    def spaces(self) -> list[Any]:
+        """Function space of each mesh."""
+        return [u.function_space for u in self.u]
+
+
+def nonlinear_arguments(
+    F: Any, u: Any, J: Any, bcs: Any, interfaces: Any, loads: Any, nodal_loads: Any, options: Any
+) -> NonlinearArguments:
+    """Check the arguments of ``NonlinearContactProblem``; collective.
+
+    Args:
+        F, u, J, bcs, interfaces, loads, nodal_loads: as given.
+        options: prefix and PETSc options.
+
+    Raises:
+        ContactInputError: an argument does not fit; on all ranks, with what is accepted.
+    """
+    functions = list(listed(u)) or checks.refuse("u", u, UNKNOWN)
+    for function in functions:
+        checks.instance("u", function, fem.Function, UNKNOWN)
+    spaces = [function.function_space for function in functions]
+    with collective(spaces[0].mesh.comm):
+        forms = list(listed(F))
+        for form in forms:
+            checks.instance("F", form, ufl.Form, RESIDUAL)
+            if len(form.arguments()) != 1:
+                checks.refuse("F", form, RESIDUAL)
+        if len(forms) != len(functions):
+            raise ContactInputError(
+                f"{len(forms)} forms F, {len(functions)} Functions u: {UNKNOWN}"
+            )
+        check_meshes(spaces)
+        for form, V in zip(forms, spaces, strict=True):
+            test = form.arguments()[0].ufl_function_space()
+            if not (hasattr(test, "dofmap") and compat.same_space(test, V)):
+                raise ContactInputError(
+                    "a form F has a test function of another space than u: " + RESIDUAL
+                )
+        derivatives = [ufl.derivative(f, w) for f, w in zip(forms, functions, strict=True)]
+        derivatives = derivatives if J is None else list(listed(J))
+        if len(derivatives) != len(forms):
+            raise ContactInputError(f"{len(derivatives)} forms J, {len(forms)} forms F")
+        check_petsc_options(options[1], options[0])
+        found = (
+            [loads]
+            if isinstance(loads, FreeSurfacePressure)
+            else checks.items("loads", loads, "give a list of FreeSurfacePressure")
+        )
+        for load in found:
+            checks.instance("loads: item", load, FreeSurfacePressure, "give FreeSurfacePressure")
+    for V in spaces:
+        check_space(V)
+    with collective(spaces[0].mesh.comm):
+        if spaces[0].mesh.geometry.dim != 2:
+            raise ContactInputError("contact at finite deformation is made for 2D so far")
+        conditions(bcs, spaces)
+        return NonlinearArguments(
+            isinstance(u, (list, tuple)),
+            forms,
+            derivatives,
+            functions,
+            bcs if isinstance(bcs, list) else conditions(bcs, spaces),
+            interface_list(interfaces, spaces) if interfaces != () else [],
+            found,
+            nodal_list(nodal_loads, spaces),
+        )
+
+
+class NonlinearBulk:
+    """Bodies with residual forms F(u).
+
+    Args:
+        given: arguments of ``NonlinearContactProblem``.
+
+    Attributes:
+        spaces: function space of each mesh.
+        dofs: their numbers in the vector of all bodies, and which are prescribed.
+
+    Raises:
+        ContactInputError: a form that cannot be compiled.
+    """
+
+    def __init__(self, given: NonlinearArguments) -> None:
+        self.u, self.spaces = given.u, given.spaces
+        self.comm = self.spaces[0].mesh.comm
+        with collective(self.comm):
+            self._F = [compat.form("F", form) for form in given.F]
+            self._J = [compat.form("J", form) for form in given.J]
+        self._given = given.bcs
+        self._nodal = [
+            [load for load in given.nodal_loads if load.function_space.mesh is V.mesh]
+            for V in self.spaces
+        ]
+        self._sort()
+        fixed = [compat.fixed_dofs(V, bcs) for V, bcs in zip(self.spaces, self._bcs)]
+        self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(fixed))
+
+    def _sort(self) -> None:
+        with collective(self.comm):
+            bcs = conditions(self._given, self.spaces)
+        self._bcs = [[bc for bc in bcs if compat.in_space(bc, V)] for V in self.spaces]
+
+    def values(self) -> np.ndarray:
+        """(n_local,) prescribed displacements, 0 where a dof is free.
+
+        Raises:
+            ContactInputError: other dofs are prescribed than when the problem was made, or values
+                are not finite.
+        """
+        self._sort()
+        parts = [
+            compat.prescribed_values(V, bcs)[:n]
+            for V, bcs, n in zip(self.spaces, self._bcs, self.dofs.counts)
+        ]
+        values = np.concatenate(parts)
+        if self.comm.allreduce(int((np.isfinite(values) != self.dofs.fixed).sum())):
+            raise ContactInputError(
+                "the Dirichlet conditions prescribe other dofs than when the problem was made, or "
+                "values that are not finite: make the problem anew"
+            )
+        return np.where(self.dofs.fixed, values, 0.0)
+
+    def now(self) -> np.ndarray:
+        """(n_local,) the displacement as it stands in the Functions u."""
+        return np.concatenate([u.x.array[:n] for u, n in zip(self.u, self.dofs.counts)])
+
+    def put(self, u: np.ndarray) -> None:
+        """Write this rank's displacement (n_local,) into the Functions u; collective."""
+        for function, part in zip(self.u, np.split(u, np.cumsum(self.dofs.counts)), strict=False):
+            function.x.array[: len(part)] = part
+            function.x.scatter_forward()
+
+    def residual(self, u: np.ndarray) -> np.ndarray:
+        """This rank's F(u) less the nodal loads, of all dofs; collective."""
+        self.put(u)
+        parts = []
+        for V, form, nodal in zip(self.spaces, self._F, self._nodal, strict=True):
+            part = compat.assemble_force((form,), (1.0,), V)
+            for load in nodal:
+                part -= load.x.array[: len(part)]
+            parts.append(part)
+        return np.concatenate(parts)
+
+    def tangent(self, u: np.ndarray) -> PETSc.Mat:
+        """PETSc AIJ of the derivative of F at u, without conditions; collective."""
+        self.put(u)
+        return block_diagonal([compat.assemble_matrix(J, [], 1.0) for J in self._J])

@@ -1,0 +1,100 @@
+"""Interfaces and follower loads at finite deformation, made of the user's choices."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from dolfinx_llm.base import checks
+from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.finite.design import Design
+from dolfinx_llm.finite.increment import Placed
+from dolfinx_llm.finite.normal_contact import NormalContact
+from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure
+from dolfinx_llm.finite.sides import Sides
+from dolfinx_llm.finite.system import NewtonSystem
+from dolfinx_llm.finite.terms import MovingContact
+from dolfinx_llm.finite.tied_contact import TiedContact
+from dolfinx_llm.geometry.surface import Surface, extract_surface
+from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.site import find_site, space_of
+from dolfinx_llm.laws.frictionless import Frictionless
+from dolfinx_llm.laws.tied import Tied
+from dolfinx_llm.operators.numbering import BodyDofs, Numbering
+
+
+def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
+    """An interface with its law, on its surfaces as drawn; collective.
+
+    Args:
+        interface: the user's choices.
+        dofs: of the bodies.
+
+    Raises:
+        ContactInputError: choices that are not there at finite deformation.
+    """
+    if interface.obstacle is not None:
+        raise ContactInputError("rigid obstacles are not there at finite deformation yet")
+    if interface.frame is not None:
+        raise ContactInputError(
+            "at finite deformation the frame's nodes are those of the coarser surface: leave "
+            "frame=None"
+        )
+    if not isinstance(interface.law, (Tied, Frictionless)):
+        raise ContactInputError(
+            f"law={checks.shown(interface.law)}: at finite deformation choose Tied() or "
+            "Frictionless()"
+        )
+    if interface.design == "positions":
+        raise ContactInputError(
+            'design="positions": the frame moves with the bodies, choose "auto", "weights" or None'
+        )
+    site = find_site(interface, dofs.spaces)
+    sides = Sides.of(site.whole)
+    frame = sides.surfaces[sides.frame]
+    design = Design.of(frame.x, frame.facets, interface.design is not None)
+    drawn = np.concatenate([s.x.ravel() for s in site.whole])
+    contact: MovingContact
+    if isinstance(interface.law, Tied):
+        contact = TiedContact.of(sides, drawn, design, interface.law.close_gap)
+    else:
+        contact = NormalContact(sides, design)
+    return _placed(contact, site.whole, site.spaces, dofs)
+
+
+def follower_of(load: FreeSurfacePressure, dofs: BodyDofs) -> Placed:
+    """A follower pressure on its surfaces as drawn; collective.
+
+    Args:
+        load: the user's choices.
+        dofs: of the bodies.
+    """
+    tagged = load.tagged()
+    spaces = [space_of(tags, dofs.spaces) for tags, _ in tagged]
+    surfaces = [
+        extract_surface(dofs.spaces[i], tags, tag) for i, (tags, tag) in zip(spaces, tagged)
+    ]
+    return _placed(Follower.of(load, surfaces), surfaces, spaces, dofs)
+
+
+def _placed(
+    what: Any, surfaces: Sequence[Surface], spaces: Sequence[int], dofs: BodyDofs
+) -> Placed:
+    """Where the coordinates of some surfaces stand."""
+    numbers = [dofs.of(i, s).ravel() for i, s in zip(spaces, surfaces, strict=True)]
+    at = np.concatenate(numbers)
+    drawn = np.concatenate([s.x.ravel() for s in surfaces])
+    return Placed(what, at, drawn, dofs.values(at, dofs.fixed.astype(float)) == 0.0)
+
+
+def numbered(contacts: Sequence[Placed], dofs: BodyDofs) -> NewtonSystem:
+    """The unknowns of bodies and interfaces."""
+    owners = [np.empty(0, dtype=np.int64), *(c.what.owner for c in contacts)]
+    return NewtonSystem(
+        dofs,
+        [c.numbers for c in contacts],
+        Numbering(np.concatenate(owners), dofs.comm.rank),
+        [c.what.size for c in contacts],
+    )

@@ -1,0 +1,121 @@
+"""The moving frame's terms against finite differences, and what they must keep."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from dolfinx_llm.finite.areas import everything, surface_integrals
+from dolfinx_llm.finite.design import Design
+from dolfinx_llm.finite.normal_contact import NormalContact
+from dolfinx_llm.finite.pressure import Follower
+from dolfinx_llm.finite.sides import Sides
+from dolfinx_llm.geometry.surface import Surface
+
+pytestmark = pytest.mark.quick
+
+
+def line(rng, ends, n, height, up, bend=0.1):
+    """A rough bent line of n facets, whose normals point up or down."""
+    s = np.linspace(*ends, n + 1)
+    s[1:-1] += rng.uniform(-0.2, 0.2, n - 1) * (ends[1] - ends[0]) / n
+    x = np.column_stack([s, height + bend * s * s + 0.01 * rng.standard_normal(n + 1)])
+    facets = np.column_stack([np.arange(n), np.arange(1, n + 1)])
+    facets = facets if up else facets[:, ::-1]
+    return Surface(x, facets, np.arange(n + 1), np.zeros(n + 1, dtype=int), "line")
+
+
+SCENES = {  # ends of the lower and the upper line, whose order is changed
+    "inside": ((0.0, 1.0), (0.13, 0.87), False),
+    "beyond one end": ((0.0, 1.0), (0.13, 1.2), False),
+    "beyond both, swapped": ((0.1, 0.9), (0.0, 1.05), True),
+}
+
+
+def scene(name):
+    """Sides, coordinates, and random forces on the nodes of the moving side."""
+    rng = np.random.default_rng(7)
+    below, above, swapped = SCENES[name]
+    lines = line(rng, below, 5, 0.0, True), line(rng, above, 7, 0.005, False)
+    sides = Sides.of(lines[::-1] if swapped else lines)
+    z = np.concatenate([s.x.ravel() for s in sides.surfaces])
+    return sides, z, rng.uniform(0.5, 1.5, len(sides.surfaces[sides.moving].x))
+
+
+def differences(function, z, h=1e-6):
+    """Three random directions, and central differences of a function along them."""
+    E = np.random.default_rng(3).standard_normal((3, len(z)))
+    columns = [(function(z + h * e) - function(z - h * e)) / (2.0 * h) for e in E]
+    return E.T, np.array(columns).T
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_tangent_is_the_derivative(name):
+    """Forces and gaps, through places, normals, clipped areas and the design's global equations."""
+    sides, z, force = scene(name)
+    frame = sides.surfaces[sides.frame]
+    contact = NormalContact(sides, Design.of(frame.x, frame.facets))
+    n, _, _ = contact.counts
+    q = np.concatenate([force, np.zeros(contact.size - n)])
+    held, active, free = contact.hold(z), np.ones(n, dtype=bool), np.ones(len(z), dtype=bool)
+
+    def terms(z):
+        return contact.terms(z, q, active, held, free)
+
+    t = terms(z)
+    own, left, top = t.own.toarray(), t.left.toarray(), t.top.toarray()
+    dq = -np.linalg.solve(own[n:, n:], left[n:])  # mu and kappa follow the positions
+    K, G = t.K.toarray() + top[:, n:] @ dq, left[:n] + own[:n, n:] @ dq
+
+    def values(z):
+        t = terms(z)
+        return np.concatenate([-t.force, t.rest[:n]])
+
+    E, found = differences(values, z)
+    for matrix, change in ((K, found[: len(z)]), (G, found[len(z) :])):
+        assert np.abs(matrix @ E - change).max() < 1e-8 * np.abs(change).max()
+    # The design matters here, and what it changes is differentiated.
+    assert t.delta > 0.03
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_forces_and_moments_of_both_sides_cancel(name):
+    sides, z, force = scene(name)
+    frame = sides.surfaces[sides.frame]
+    contact = NormalContact(sides, Design.of(frame.x, frame.facets))
+    n, _, _ = contact.counts
+    q = np.concatenate([force, np.zeros(contact.size - n)])
+    free = np.ones(len(z), dtype=bool)
+    t = contact.terms(z, q, np.ones(n, dtype=bool), contact.hold(z), free)
+    x, f = z.reshape(-1, 2), t.force.reshape(-1, 2)
+    assert np.abs(f.sum(axis=0)).max() < 1e-13 * np.abs(f).sum()
+    assert abs(np.sum(x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0])) < 1e-13 * np.abs(f).sum()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_free_pressure_follows(name):
+    """Its derivative; on what one surface leaves free and on all of it."""
+    sides, z, _ = scene(name)
+    for order in ((0, 1), (1, 0)):
+        surfaces = [sides.surfaces[i] for i in order]
+        z = np.concatenate([s.x.ravel() for s in surfaces])
+        follower = Follower(None, surfaces, Sides.of(surfaces))
+        force = partial(follower.terms, p=3.0, candidates=follower.hold(z))
+        E, found = differences(lambda z, force=force: -force(z)[0], z)
+        assert np.abs(force(z)[1] @ E - found).max() < 1e-9 * 3.0
+
+
+def test_free_and_covered_parts_are_all():
+    """What a punch inside of a flat surface leaves free, in the limit of any mesh."""
+    rng = np.random.default_rng(11)
+    low = line(rng, (0.0, 1.0), 4, 0.0, True, 0.0)
+    high = line(rng, (0.23, 0.71), 5, 0.0, False, 0.0)
+    low.x[:, 1] = high.x[:, 1] = 0.0
+    z = np.concatenate([low.x.ravel(), high.x.ravel()])
+    for surfaces, length in (((low, high), 1.0 - 0.48), ((high, low), 0.0)):
+        z = np.concatenate([s.x.ravel() for s in surfaces])
+        follower = Follower(None, surfaces, Sides.of(surfaces))
+        force = follower.terms(z, 1.0, follower.hold(z))[0]
+        assert abs(np.abs(force).sum() - length) < 1e-14
+    whole = surface_integrals(low.x, low.facets, everything(4, 2, low.x.size), 0)[0]
+    assert np.allclose(whole.sum(axis=0), [0.0, 1.0], rtol=0, atol=1e-14)

@@ -1,0 +1,221 @@
+"""Contact at finite deformation: exact states, objectivity, order of sides, ranks, failures."""
+
+import finite_patch
+import numpy as np
+import patch2d
+import pytest
+import ufl
+from conftest import run_mpi_json
+from dolfinx import fem
+from mpi4py import MPI
+from scenes import bodies_mesh, grid
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat
+from dolfinx_llm.finite import newton
+
+COMM = MPI.COMM_SELF
+STRETCHES = {  # E, nu, q: lateral and vertical stretch, from the two equations by other hands
+    (1000.0, 0.4, 300.0): (1.171006012193, 0.778273721944),
+    (2000.0, 0.3, 300.0): (1.058438725417, 0.871978993460),
+    (1000.0, 0.4, 600.0): (1.330468658018, 0.619980057299),
+}
+BOTTOM, LOW, HIGH, TOP, LEFT_0, LEFT_1 = 1, 2, 3, 4, 5, 6
+
+
+def on(k, value):
+    return lambda x: np.isclose(x[k], value)
+
+
+def blocks(cells, widths=(1.0, 1.0), kind="quadrilateral", seed=5, shift=0.0):
+    """Two rough blocks of height 1 and given widths, cells per block along x; their tags."""
+    parts, ends, all_cells = [], [0], []
+    rng = np.random.default_rng(seed)
+    for k, (n, width) in enumerate(zip(cells, widths, strict=True)):
+        low = (k * shift, float(k))
+        x, quads = grid(n, 3, low, (low[0] + width, k + 1.0), 0.2, 7 + k)
+        at = np.flatnonzero(np.isclose(x[:, 1], 1.0))
+        inner = at[(x[at, 0] > low[0] + 1e-9) & (x[at, 0] < low[0] + width - 1e-9)]
+        x[inner, 0] += rng.uniform(-0.25, 0.25, len(inner)) * width / n
+        quads = quads + ends[-1]
+        parts.append(x)
+        triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+        all_cells.append(quads[:, [0, 1, 3, 2]] if kind == "quadrilateral" else triangles)
+        ends.append(ends[-1] + len(x))
+    where = [(BOTTOM, 0, on(1, 0.0)), (LOW, 0, on(1, 1.0)), (HIGH, 1, on(1, 1.0))]
+    where += [(TOP, 1, on(1, 2.0)), (LEFT_0, 0, on(0, 0.0)), (LEFT_1, 1, on(0, shift))]
+    return bodies_mesh(COMM, parts, all_cells, kind, ends, where)
+
+
+def bodies_of(domain, young=1000.0, poisson=0.4):
+    """Displacement and residual form."""
+    V = compat.function_space(domain, shape=(2,))
+    u = fem.Function(V)
+    mu, lam = (fem.Constant(domain, c) for c in finite_patch.lame(young, poisson))
+    F = ufl.derivative(finite_patch.energy(u, mu, lam) * ufl.dx, u, ufl.TestFunction(V))
+    return V, u, F
+
+
+def pressed(cells, law=None, order=(LOW, HIGH), material=(1000.0, 0.4, 300.0), **scene):
+    """The patch test on blocks with their left sides on one line."""
+    domain, tags = blocks(cells, **scene)
+    V, u, F = bodies_of(domain, *material[:2])
+    held = []
+    for k, marks in ((1, (BOTTOM,)), (0, (LEFT_0, LEFT_1))):
+        facets = tags.indices[np.isin(tags.values, marks)]
+        dofs = fem.locate_dofs_topological(V.sub(k), 1, facets)
+        held.append(fem.dirichletbc(0.0, dofs, V.sub(k)))
+    p = fem.Constant(domain, material[2])
+    loads = [
+        llm.FreeSurfacePressure(tags, TOP, p),
+        llm.FreeSurfacePressure(tags, LOW, p, covered_by=(tags, HIGH)),
+    ]
+    interface = llm.Interface(tags, order, law=law or llm.Frictionless())
+    return llm.NonlinearContactProblem(F, u, bcs=held, interfaces=[interface], loads=loads)
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        {"cells": (7, 5), "order": (HIGH, LOW)},
+        {"cells": (5, 16)},
+        {"cells": (8, 9), "kind": "triangle"},
+        {"cells": (9, 3), "widths": (1.0, 0.61), "kind": "triangle"},
+        {"cells": (6, 9), "material": (2000.0, 0.3, 300.0)},
+        {"cells": (10, 8), "widths": (1.0, 0.73), "material": (1000.0, 0.4, 600.0)},
+        {"cells": (6, 7), "law": llm.Tied()},
+    ],
+    ids=str,
+)
+def test_finite_patch(scene):
+    """A homogeneous state stands in both bodies, in few iterations."""
+    problem = pressed(**scene)
+    u = problem.solve(increments=2)
+    material = scene.get("material", (1000.0, 0.4, 300.0))
+    x = u.function_space.tabulate_dof_coordinates()[:, :2]
+    off = u.x.array.reshape(x.shape) - x * (np.array(STRETCHES[material]) - 1.0)
+    assert np.abs(off).max() < 1e-10
+    result, q = problem.results[0], material[2]
+    pressed_on = result.frame_area > 1e-9 * result.frame_area.max()
+    if scene.get("law") is None:
+        assert np.abs(result.pressure[pressed_on] / q - 1.0).max() < 1e-9
+        assert np.abs(result.frame_friction).max() < 1e-9 * q
+    assert max(h["iteration"] for h in problem.history) <= 6
+    assert len({h["part"] for h in problem.history}) == 2
+    forces = sum(side.force.sum(axis=0) for side in result.sides)
+    moments = result.moment(side=0) + result.moment(side=1)
+    assert max(np.abs(forces).max(), np.abs(moments).max()) < 1e-10 * q
+
+
+def test_stretches_of_the_demo_are_known():
+    for material, known in STRETCHES.items():
+        young, poisson, q = material
+        assert np.allclose(finite_patch.stretches(q, young, poisson), known, rtol=0, atol=1e-11)
+
+
+def turned(law, angle, order=(LOW, HIGH), shift=0.05):
+    """A narrow block pressed and pushed along on a wide one; all is turned from the start."""
+    domain, tags = blocks((6, 8), (1.0, 0.6), shift=0.2)
+    V, u, F = bodies_of(domain)
+    R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    x = V.tabulate_dof_coordinates()[:, :2]
+    u.x.array[:] = (x @ R.T - x).ravel()
+    end = x + np.where(x[:, 1:] > 1.5, [shift, -0.1], 0.0)
+    g = fem.Function(V)
+    g.x.array[:] = (end @ R.T - x).ravel()
+    facets = tags.indices[np.isin(tags.values, (BOTTOM, TOP))]
+    bc = fem.dirichletbc(g, fem.locate_dofs_topological(V, 1, facets))
+    interface = llm.Interface(tags, order, law=law)
+    problem = llm.NonlinearContactProblem(F, u, bcs=[bc], interfaces=[interface])
+    problem.solve()
+    return problem, [side.force @ R for side in problem.results[0].sides]
+
+
+@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Tied()], ids=str)
+def test_objective(law):
+    """The scene turned by 30, 90 and 180 degrees: the same forces in the turned base."""
+    _, still = turned(law, 0.0)
+    for degrees in (30.0, 90.0, 180.0):
+        _, forces = turned(law, np.deg2rad(degrees))
+        for a, b in zip(still, forces, strict=True):
+            assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
+
+
+def test_sides_swapped():
+    """The frame is the same, and so is all else."""
+    _, (low, high) = turned(llm.Frictionless(), 0.0)
+    problem, swapped = turned(llm.Frictionless(), 0.0, (HIGH, LOW))
+    assert np.abs(swapped[0] - high).max() < 1e-10 * np.abs(high).max()
+    assert np.abs(swapped[1] - low).max() < 1e-10 * np.abs(low).max()
+    assert (problem.results[0].frame_force[problem.results[0].frame_status == 3] > 0.0).any()
+    residuals = [h["residual"] for h in problem.history]
+    assert residuals[-1] < 1e-11 < residuals[-2]
+
+
+def test_two_ranks():
+    """One mesh of both bodies, on one rank and on two."""
+    one = run_mpi_json("finite_ranks.py", 1)
+    two = run_mpi_json("finite_ranks.py", 2)
+    assert one["stretch"] < 1e-10 and one["pressure"] < 1e-9
+    assert np.allclose(one["force"], two["force"], rtol=1e-9, atol=1e-9 * 300.0)
+
+
+def test_a_step_that_fails_leaves_the_last_state(monkeypatch):
+    """Blocks cannot be pressed to nothing; from where they are the way back is open."""
+    monkeypatch.setattr(newton, "HALVINGS", 1)
+    domain, tags = blocks((3, 4))
+    V, u, F = bodies_of(domain)
+    g = fem.Constant(domain, (0.0, 0.0))
+    zero = fem.Constant(domain, (0.0, 0.0))
+    facets = [tags.indices[tags.values == tag] for tag in (BOTTOM, TOP)]
+    bcs = [
+        fem.dirichletbc(value, fem.locate_dofs_topological(V, 1, at), V)
+        for value, at in zip((zero, g), facets, strict=True)
+    ]
+    interface = llm.Interface(tags, (LOW, HIGH), law=llm.Frictionless())
+    problem = llm.NonlinearContactProblem(F, u, bcs=bcs, interfaces=[interface])
+    g.value[1] = -0.1
+    problem.solve()
+    before = problem.results[0].resultant
+    g.value[1] = -2.5
+    with pytest.raises(llm.ContactError, match="Newton's iteration fails at .* is kept"):
+        problem.solve()
+    down = -u.x.array.reshape(-1, 2)[:, 1].min()
+    assert 0.1 - 1e-9 <= down < 2.0
+    g.value[1] = -0.1
+    problem.solve(increments=4)
+    assert np.allclose(problem.results[0].resultant, before, rtol=1e-8, atol=1e-8 * abs(before[1]))
+    assert "frame on tag 2" in str(problem)
+
+
+def test_refused():
+    domain, tags = blocks((3, 4))
+    _, u, F = bodies_of(domain)
+
+    def make(F=F, u=u, **arguments):
+        arguments.setdefault("interfaces", [llm.Interface(tags, (LOW, HIGH))])
+        return llm.NonlinearContactProblem(F, u, **arguments)
+
+    plane = llm.RigidPlane((0.0, -1.0), (0.0, 1.0))
+    for kwargs, text in [
+        ({"u": "u"}, "give the Function u"),
+        ({"F": 3}, "give a residual form"),
+        ({"loads": [3]}, "give FreeSurfacePressure"),
+        ({"solver": "condensed"}, "choose one of"),
+        ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=llm.Coulomb(0.2))]}, "Frictionless"),
+        ({"interfaces": [llm.Interface(tags, (plane, LOW), law=llm.Frictionless())]}, "obstacles"),
+        ({"interfaces": [llm.Interface(tags, (LOW, HIGH), design="positions")]}, "frame moves"),
+    ]:
+        with pytest.raises(llm.ContactInputError, match=text):
+            make(**kwargs)
+    with pytest.raises(llm.ContactInputError, match="increments"):
+        make().solve(increments=0)
+    with pytest.raises(llm.ContactInputError, match="finite number"):
+        llm.FreeSurfacePressure(tags, TOP, np.nan)
+
+
+def test_demo(capsys):
+    found = finite_patch.main(["--cells", "tri", "--separate"])
+    assert found["stretch"] < 1e-10 and found["pressure"] < 1e-9 and len(found["iterations"]) == 4
+    assert "1.171006012193, 0.778273721944" in capsys.readouterr().out
+    assert patch2d.PUNCH[0][0] == finite_patch.LEFT[1]
