@@ -30,7 +30,7 @@ from dolfinx_llm.geometry.frame import Frame
 
 TOLERANCE = 1e-13  # a frame with max|r| / max f below this passes
 NARROW = 0.15  # largest correction up to which stencils of one ring of nodes are enough
-OUTER = 0.05  # weight of that ring: corrections far from a row's own nodes cost accuracy
+OUTER = 0.01  # weight of that ring: corrections far from a row's own nodes cost accuracy
 RINGS = 4  # rings in the stencils of a side much coarser than the frame
 SHIFT = 1e-13  # of the largest diagonal entry, on all of it
 
