@@ -23,11 +23,16 @@ def worst(comm, gdim, pair, form):
 
 
 FORMS = "flexibility", "saddle", "condensed"
+
+
+def fits(one, other, gdim, _):
+    """Each pair once; a third of them in 3D, too, where they take long."""
+    first, second = (list(LAWS).index(name) for name in (one, other))
+    return first <= second and (gdim == 2 or (first + second) % 3 == 0)
+
+
 # Every pair of laws, and pairs of law, dimension and form.
-CASES = covering(
-    LAWS, LAWS, (2, 3), FORMS,
-    fits=lambda one, other, *_: list(LAWS).index(one) <= list(LAWS).index(other),
-)  # fmt: skip
+CASES = covering(LAWS, LAWS, (2, 3), FORMS, fits=fits)
 
 
 def cases(ranks):
