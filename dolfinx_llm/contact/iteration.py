@@ -162,7 +162,8 @@ class ContactIteration:
             enough = max(ENOUGH, self.form.noise / largest)
             settled = miss <= self.form.accuracy or (stalled and miss <= enough)
             rests = settled and calm > corrections and pull.rests
-            released = rests and equations.release(multiplier, ENOUGH * largest)
+            still = rests or calm > 1
+            released = still and equations.release(multiplier, ENOUGH * largest)
             if rests and not released:
                 _require_friction(self.states, multiplier)
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
