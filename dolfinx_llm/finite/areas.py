@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
+from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item, summing
 from dolfinx_llm.finite.normals import area_derivatives
 from dolfinx_llm.geometry.cells import vector_areas
 
@@ -60,5 +60,5 @@ def surface_integrals(
     weights = np.broadcast_to(area[:, None, :, None], (f, k, r, 1)).reshape(f * k, r, 1)
     change = change + per_item(weights) @ covered.derivative
     rows = coordinates(facets, r).ravel()
-    gather = csr_matrix((np.ones(len(rows)), (rows, np.arange(len(rows)))), (n * r, len(rows)))
+    gather = summing(rows, n * r)
     return (gather @ value.ravel()).reshape(n, r), (gather @ change).tocsr()

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.finite.areas import Covered
-from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
+from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item, summing
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
 from dolfinx_llm.finite.normals import NodalNormals
 
@@ -156,15 +156,9 @@ def _of_moving(
             [coordinates(moving[cut], 2, columns[0]), coordinates(end[:, None], 2, columns[1])],
             axis=1,
         )
-        shift = csr_matrix(
-            (np.ones(y.size), (np.arange(y.size), columns[1] + np.arange(y.size))), (y.size, width)
-        )
         turn = jacobian(by_normal[:, None], coordinates(end[:, None], 2), y.size)
-        changed = jacobian(blocks[:, None], places, width) + turn @ (normals.derivative @ shift)
-        rows = (2 * cut[:, None] + np.arange(2)).ravel()
-        spread = csr_matrix(
-            (np.ones(len(rows)), (rows, np.arange(len(rows)))), (2 * len(moving), len(rows))
-        )
+        changed = jacobian(blocks[:, None], places, width) + turn @ normals.derivative
+        spread = summing(coordinates(cut[:, None], 2).ravel(), 2 * len(moving))
         derivative = derivative + spread @ (per_item(by_eta) @ changed)
     return Covered(share, derivative)
 

@@ -24,8 +24,10 @@ from scipy.sparse import bmat, csr_matrix, diags
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.design.stencils import adjacency
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
+from dolfinx_llm.geometry.overlap_flat import local_bases
 
 CORRECTED = 0.4  # correction up to which the limit k is raised at the start of a step
 LIMITS = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # k over the largest force of unit pressure
@@ -39,9 +41,7 @@ class Stencils:
     """Per facet of a frame the nodes that rows of places on it reach; constant."""
 
     nodes: np.ndarray  # (f, s) numbers; the last are repeated where there are fewer
-    window: (
-        np.ndarray
-    )  # (f, k, s) A: 1 where node J shares a facet with the facet's node K, or is it
+    window: np.ndarray  # (f, k, s) A: 1 where J shares a facet with the facet's node K, or is it
     own: np.ndarray  # (f, k, s) 1 where the stencil's node is the facet's node
 
     @classmethod
@@ -49,7 +49,7 @@ class Stencils:
         """Stencils of a frame of m nodes with facets (f, k)."""
         f, k = facets.shape
         incidence = csr_matrix((np.ones(f * k), facets.ravel(), np.arange(f + 1) * k), (f, m))
-        around = (incidence.T @ incidence).tocsr()  # which nodes share a facet
+        around = adjacency(facets, m)  # which nodes share a facet
         reached = (incidence @ around).tocsr()
         reached.sort_indices()
         counts = np.diff(reached.indptr)
@@ -70,7 +70,7 @@ def _looked_up(A: csr_matrix, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
     f, k = rows.shape
     at = np.broadcast_to(rows[:, :, None], (f, k, cols.shape[1]))
     to = np.broadcast_to(cols[:, None, :], at.shape)
-    return (np.asarray(A[at.ravel(), to.ravel()]).reshape(at.shape) > 0).astype(float)
+    return np.asarray(A[at.ravel(), to.ravel()]).reshape(at.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,7 @@ class Design:
         plus = np.maximum(at.N, 0.0)
         total = plus.sum(axis=1)
         w = np.einsum("nk,nks->ns", plus, window) / total[:, None]
-        tangents = _perpendicular(at.normal)
+        tangents = local_bases(at.normal)[:, :-1]
         arm = y[nodes] - x[:, None]
         C = np.concatenate(
             [np.ones((n, 1, w.shape[1])), np.einsum("nai,nsi->nas", tangents, arm) / self.size],
@@ -255,13 +255,3 @@ def _bordered(M: csr_matrix, G: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, 
     x = factor.solve(b)
     x += factor.solve(b - A @ x)
     return x[: len(r)], x[len(r) :]
-
-
-def _perpendicular(n: np.ndarray) -> np.ndarray:
-    """(k, gdim - 1, gdim) unit vectors perpendicular to n (k, gdim) and to each other."""
-    if n.shape[1] == 2:
-        return np.column_stack([-n[:, 1], n[:, 0]])[:, None]
-    axis = np.eye(3)[np.abs(n).argmin(axis=1)]
-    t = np.cross(axis, n)
-    t /= np.linalg.norm(t, axis=1)[:, None]
-    return np.stack([t, np.cross(n, t)], axis=1)

@@ -32,6 +32,11 @@ def per_item(blocks: np.ndarray) -> csr_matrix:
     return bsr_matrix((blocks, np.arange(n), np.arange(n + 1)), shape=(n * r, n * c)).tocsr()
 
 
+def summing(rows: np.ndarray, n: int) -> csr_matrix:
+    """(n, k) sums of entries (k,) at their rows."""
+    return csr_matrix((np.ones(len(rows)), (rows, np.arange(len(rows)))), (n, len(rows)))
+
+
 def coordinates(nodes: np.ndarray, gdim: int, first: int = 0) -> np.ndarray:
     """(..., k gdim) numbers of the coordinates of nodes (..., k); the first node's is ``first``."""
     found = first + gdim * nodes[..., None] + np.arange(gdim)

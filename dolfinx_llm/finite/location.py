@@ -53,7 +53,7 @@ class OnFrame:
 
 
 def find_on_frame(
-    x: np.ndarray, y: np.ndarray, facets: np.ndarray, normals: NodalNormals
+    x: np.ndarray, y: np.ndarray, facets: np.ndarray, normals: np.ndarray
 ) -> OnFrame:
     """Where nodes meet a frame: within a facet, the nearest of these; else beyond the nearest.
 
@@ -61,14 +61,14 @@ def find_on_frame(
         x: (n, gdim) nodes [length].
         y: (m, gdim) the frame's nodes [length].
         facets: (f, k) its facets.
-        normals: of its nodes.
+        normals: (m, gdim) of its nodes.
     """
     n, gdim = x.shape
     tried = min(TRIED[gdim], len(facets))
     near = cKDTree(y[facets].mean(axis=1)).query(x, k=tried)[1].reshape(n, tried)
     which = np.repeat(np.arange(n), tried)
     facet = near.ravel()
-    xi, height, met = _meet(x[which], y[facets[facet]], normals.n[facets[facet]])
+    xi, height, met = _meet(x[which], y[facets[facet]], normals[facets[facet]])
     N = shape_functions(facets.shape[1], xi)[0]
     beyond = np.maximum(-N.min(axis=1), N.max(axis=1) - 1.0)
     outside = np.where(beyond <= INSIDE, 0.0, beyond)
@@ -85,10 +85,10 @@ def _on_frame(
     height: np.ndarray,
     met: np.ndarray,
     facets: np.ndarray,
-    normals: NodalNormals,
+    normals: np.ndarray,
 ) -> OnFrame:
     N, dN = shape_functions(facets.shape[1], xi)
-    mean = np.einsum("nk,nki->ni", N, normals.n[facets[facet]])
+    mean = np.einsum("nk,nki->ni", N, normals[facets[facet]])
     return OnFrame(facet, xi, N, dN, height, mean, met, -N.min(axis=1))
 
 
@@ -174,10 +174,7 @@ def location_derivatives(
     weights = (at.N[:, None, :, None] * unit[:, None, :]).reshape(n, gdim, k * gdim)
     own = np.concatenate([np.broadcast_to(unit, (n, gdim, gdim)), -weights], axis=2)
     places = np.concatenate([columns[0], coordinates(cells, gdim, columns[1])], axis=1)
-    first = np.arange(columns[1], columns[1] + y.size)
-    shift = csr_matrix((np.ones(y.size), (np.arange(y.size), first)), (y.size, width))
-    turned = normals.derivative @ shift  # (m gdim, width)
-    mean = jacobian(weights, coordinates(cells, gdim), y.size) @ turned  # sum_J N_J dn_J
+    mean = jacobian(weights, coordinates(cells, gdim), y.size) @ normals.derivative  # N_J dn_J
     point = jacobian(own, places, width) - per_item(at.height[:, None, None] * unit) @ mean
     xi = per_item(inverse[:, :-1]) @ point
     direction = np.einsum("nkd,nki->nid", at.dN, nn)

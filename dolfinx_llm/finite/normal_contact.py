@@ -19,7 +19,7 @@ import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags
 
 from dolfinx_llm.finite.design import Design
-from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
+from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item, summing
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, held_fast
 
@@ -109,7 +109,7 @@ class NormalContact:
         on = np.flatnonzero(((f > 0.0) | held.pairs) & meeting.at.met)
         at, d = meeting.at.part(on), meeting.d.part(on, gdim)
         columns = sides.columns[0][on], sides.columns[1]
-        pick = csr_matrix((np.ones(len(on)), (np.arange(len(on)), on)), (len(on), n))
+        pick = summing(on, n)
         rows = self.design.rows(at, x[on], y, (f[on], fy), held.limit)
         by_place, by_mu = self.design.derivatives(rows, at, d, columns, width)
         normal, (k, s) = at.normal, rows.nodes.shape
@@ -138,10 +138,7 @@ class NormalContact:
         unit = np.eye(gdim)
         weights = np.concatenate([np.ones((k, 1)), -rows.N], axis=1) * lam[:, None]
         turned = (weights[:, :, None, None] * unit).reshape(k, (s + 1) * gdim, gdim)
-        at_all = places.reshape(k, -1)
-        gather = csr_matrix(
-            (np.ones(at_all.size), (at_all.ravel(), np.arange(at_all.size))), (width, at_all.size)
-        )
+        gather = summing(places.ravel(), width)
         K = -(spread @ by_place + gather @ (per_item(turned) @ d.normal))
         force_mu = spread @ by_mu
         # Equation (28), which gives mu.
@@ -152,7 +149,7 @@ class NormalContact:
         balance_z = by_entry @ by_place + N.T @ df[on] - diags(1.0 + rows.left) @ dfy
         border_z = csr_matrix(self.design.chart * rows.mu[:, None]).T @ dfy
         closed = active[on] & ~held_fast(A, free)
-        by_closed = pick.T @ diags(closed.astype(float))
+        by_closed = pick @ diags(closed.astype(float))
         idle = np.ones(n)
         idle[on[closed]] = 0.0
         G = csr_matrix(rows.G)
@@ -179,7 +176,7 @@ class NormalContact:
             rest=np.concatenate([rest, np.zeros(m + c)]),
             gap=all_gaps,
             normal=directions,
-            N=(pick.T @ N).tocsr(),
+            N=(pick @ N).tocsr(),
             areas=(f, fy),
             pairs=np.isfinite(all_gaps),
             active=active,

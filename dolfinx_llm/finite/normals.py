@@ -18,7 +18,7 @@ class NodalNormals:
     """Averaged normals of a surface's nodes, weighted by vector areas of the facets around."""
 
     n: np.ndarray  # (m, gdim) unit, out of the body
-    derivative: csr_matrix  # (m gdim, m gdim) by the nodes' positions [1 / length]
+    derivative: csr_matrix  # (m gdim, width) by all coordinates of the interface [1 / length]
 
 
 def area_derivatives(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
@@ -36,19 +36,27 @@ def area_derivatives(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
     return 0.5 * np.moveaxis(cross_matrix(across), 1, 2).reshape(f, 3, 3 * k)
 
 
-def nodal_normals(x: np.ndarray, facets: np.ndarray) -> NodalNormals:
-    """Normals of the nodes: of the sum of the vector areas of the facets around each.
+def averaged(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """(m, gdim) sums of the vector areas of the facets (f, k) around each node [area]."""
+    total = np.zeros_like(x)
+    np.add.at(total, facets, vector_areas(x, facets)[:, None])
+    return total
+
+
+def nodal_normals(x: np.ndarray, facets: np.ndarray, first: int, width: int) -> NodalNormals:
+    """Normals of the nodes, along ``averaged``, with their derivatives.
 
     Args:
         x: (m, gdim) positions [length].
         facets: (f, k) nodes of each facet; vector areas point out of the body.
+        first: number of the first of the nodes' coordinates.
+        width: number of all coordinates.
     """
     (m, gdim), (f, k) = x.shape, facets.shape
-    total = np.zeros_like(x)
-    np.add.at(total, facets, vector_areas(x, facets)[:, None])
+    total = averaged(x, facets)
     size = np.linalg.norm(total, axis=1)
     n = total / size[:, None]
-    areas = jacobian(area_derivatives(x, facets), coordinates(facets, gdim), m * gdim)
+    areas = jacobian(area_derivatives(x, facets), coordinates(facets, gdim, first), width)
     rows = coordinates(facets, gdim).reshape(f, k, gdim)
     cols = np.broadcast_to(coordinates(np.arange(f)[:, None], gdim)[:, None], rows.shape)
     gather = csr_matrix((np.ones(rows.size), (rows.ravel(), cols.ravel())), (m * gdim, f * gdim))

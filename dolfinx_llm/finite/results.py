@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dolfinx_llm.finite.normals import nodal_normals
 from dolfinx_llm.finite.terms import ContactTerms, MovingContact
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
@@ -99,7 +98,7 @@ def moving_results(
     forces = sides.in_order(*sides.split(-terms.force))
     places = sides.in_order(*sides.split(z))
     y = sides.split(z)[1]
-    outward = nodal_normals(y, sides.facets(False)).n
+    outward = sides.outward(z)
     normals = sides.in_order(-terms.normal, outward)
     loaded = np.asarray(abs(terms.N).T @ active.astype(float)).ravel() > 0.0
     gaps = sides.in_order(np.where(active, 0.0, terms.gap), np.where(loaded, 0.0, np.inf))

@@ -23,7 +23,7 @@ from dolfinx_llm.finite.location import (
     find_on_frame,
     location_derivatives,
 )
-from dolfinx_llm.finite.normals import NodalNormals, nodal_normals
+from dolfinx_llm.finite.normals import NodalNormals, averaged, nodal_normals
 from dolfinx_llm.geometry.cells import cell_sizes, vector_areas
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.geometry.surface import Surface
@@ -105,9 +105,8 @@ class Sides:
     def candidates(self, z: np.ndarray) -> np.ndarray:
         """(f,) facets of the moving side that face the frame and lie near; held during a step."""
         x, y = self.split(z)
-        facets, frame = self.facets(True), self.facets(False)
-        at = find_on_frame(x, y, frame, nodal_normals(y, frame))
-        size = cell_sizes(y, frame)[at.facet]
+        facets, at = self.facets(True), self._places(z)
+        size = cell_sizes(y, self.facets(False))[at.facet]
         near = at.met & (np.abs(at.gap) <= WITHIN * size)
         area = vector_areas(x, facets)
         across = at.normal[facets].sum(axis=1)
@@ -117,9 +116,17 @@ class Sides:
 
     def gaps(self, z: np.ndarray) -> np.ndarray:
         """(n,) distances of the moving side's nodes from the frame [length]."""
+        return self._places(z).gap
+
+    def outward(self, z: np.ndarray) -> np.ndarray:
+        """(m, gdim) unit normals of the frame's nodes, out of its body."""
+        total = averaged(self.split(z)[1], self.facets(False))
+        return total / np.linalg.norm(total, axis=1)[:, None]
+
+    def _places(self, z: np.ndarray) -> OnFrame:
+        """Where the moving side's nodes lie on the frame."""
         x, y = self.split(z)
-        frame = self.facets(False)
-        return find_on_frame(x, y, frame, nodal_normals(y, frame)).gap
+        return find_on_frame(x, y, self.facets(False), self.outward(z))
 
     def meet(self, z: np.ndarray, candidates: np.ndarray) -> Meeting:
         """How the surfaces meet at coordinates z (width,).
@@ -130,8 +137,8 @@ class Sides:
         """
         x, y = self.split(z)
         facets, frame = self.facets(True), self.facets(False)
-        normals = nodal_normals(y, frame)
-        at = find_on_frame(x, y, frame, normals)
+        normals = nodal_normals(y, frame, self.first[1], self.width)
+        at = find_on_frame(x, y, frame, normals.n)
         d = location_derivatives(at, y, frame, normals, self.columns, self.width)
         covered = covered_lines(self.chains, facets, candidates, x, y, at, d, normals, self.first)
         return Meeting(at, d, normals, covered)

@@ -13,6 +13,7 @@ from scipy.sparse import bmat, csr_matrix, diags, identity, kron
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.finite.design import Design
+from dolfinx_llm.finite.jacobians import summing
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, held_fast
 
@@ -64,7 +65,7 @@ class TiedContact:
         at, n, m = meeting.at.part(on), len(x), len(y)
         limit = design.smallest_limit(at, x[on], y, (f[on], fy))
         found = design.rows(at, x[on], y, (f[on], fy), limit)
-        pick = csr_matrix((np.ones(len(on)), (on, np.arange(len(on)))), (n, len(on)))
+        pick = summing(on, n)
         N, delta = (pick @ found.matrix(m)).tocsr(), float(np.abs(found.delta).max())
         pairs = np.zeros(n, dtype=bool)
         pairs[on] = True

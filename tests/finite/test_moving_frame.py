@@ -42,6 +42,17 @@ def scene(name):
     return sides, z, rng.uniform(0.5, 1.5, len(sides.surfaces[sides.moving].x))
 
 
+def pressed(name):
+    """Coordinates of a scene, number of pairs, and its terms where all are pressed."""
+    sides, z, force = scene(name)
+    frame = sides.surfaces[sides.frame]
+    contact = NormalContact(sides, Design.of(frame.x, frame.facets))
+    n, _, _ = contact.counts
+    q = np.concatenate([force, np.zeros(contact.size - n)])
+    active, free = np.ones(n, dtype=bool), np.ones(len(z), dtype=bool)
+    return z, n, partial(contact.terms, q=q, active=active, held=contact.hold(z), free=free)
+
+
 def differences(function, z, h=1e-6):
     """Three random directions, and central differences of a function along them."""
     E = np.random.default_rng(3).standard_normal((3, len(z)))
@@ -52,15 +63,7 @@ def differences(function, z, h=1e-6):
 @pytest.mark.parametrize("name", SCENES)
 def test_tangent_is_the_derivative(name):
     """Forces and gaps, through places, normals, clipped areas and the design's global equations."""
-    sides, z, force = scene(name)
-    frame = sides.surfaces[sides.frame]
-    contact = NormalContact(sides, Design.of(frame.x, frame.facets))
-    n, _, _ = contact.counts
-    q = np.concatenate([force, np.zeros(contact.size - n)])
-    held, active, free = contact.hold(z), np.ones(n, dtype=bool), np.ones(len(z), dtype=bool)
-
-    def terms(z):
-        return contact.terms(z, q, active, held, free)
+    z, n, terms = pressed(name)
 
     t = terms(z)
     own, left, top = t.own.toarray(), t.left.toarray(), t.top.toarray()
@@ -80,13 +83,8 @@ def test_tangent_is_the_derivative(name):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_forces_and_moments_of_both_sides_cancel(name):
-    sides, z, force = scene(name)
-    frame = sides.surfaces[sides.frame]
-    contact = NormalContact(sides, Design.of(frame.x, frame.facets))
-    n, _, _ = contact.counts
-    q = np.concatenate([force, np.zeros(contact.size - n)])
-    free = np.ones(len(z), dtype=bool)
-    t = contact.terms(z, q, np.ones(n, dtype=bool), contact.hold(z), free)
+    z, _, terms = pressed(name)
+    t = terms(z)
     x, f = z.reshape(-1, 2), t.force.reshape(-1, 2)
     assert np.abs(f.sum(axis=0)).max() < 1e-13 * np.abs(f).sum()
     assert abs(np.sum(x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0])) < 1e-13 * np.abs(f).sum()
