@@ -162,8 +162,7 @@ class ContactIteration:
             enough = max(ENOUGH, self.form.noise / largest)
             settled = miss <= self.form.accuracy or (stalled and miss <= enough)
             rests = settled and calm > corrections and pull.rests
-            still = rests or calm > 1
-            released = still and equations.release(multiplier, ENOUGH * largest)
+            released = (rests or calm > 1) and equations.release(multiplier, ENOUGH * largest)
             if rests and not released:
                 _require_friction(self.states, multiplier)
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -32,8 +33,17 @@ class Bodies(Protocol):
         """Its derivative, without conditions."""
 
 
-class StepFailed(Exception):
+class StepFailed(ContactError):
     """Newton's iteration has failed; the text says how. Raised on all ranks together."""
+
+
+@contextmanager
+def _failing() -> Iterator[None]:
+    """What cannot be evaluated or solved ends the iteration, not the load step."""
+    try:
+        yield
+    except (np.linalg.LinAlgError, ContactError) as error:
+        raise StepFailed(str(error)) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +118,10 @@ class Increment:
         self.pressures = start.pressures + end * (step.pressures - start.pressures)
         self.unbalanced = (1.0 - end) * step.unbalanced
         z = [i.at(self.dofs, self.u) for i in steps.interfaces]
-        self.held: list[Held] = [i.what.hold(z_i) for i, z_i in zip(steps.interfaces, z)]
-        self.faces = [f.what.hold(f.at(self.dofs, self.u)) for f in steps.followers]
+        faces = [f.at(self.dofs, self.u) for f in steps.followers]
+        with _failing():
+            self.held: list[Held] = [i.what.hold(z_i) for i, z_i in zip(steps.interfaces, z)]
+            self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
         self.active: list[Any] = list(good.active)
         self.changes, self.solved = 0, False
         self._body = self._residual(self.u)
@@ -122,16 +134,15 @@ class Increment:
     def evaluate(self) -> None:
         """Contact, loads and residual at the displacement as it is."""
         steps = self.steps
-        with steps.times.timed("contact"):
-            try:
-                self._contact()
-            except (np.linalg.LinAlgError, ContactError) as error:
-                raise StepFailed(str(error)) from None
+        with steps.times.timed("contact"), _failing():
+            self._contact()
         r = self._body - self.unbalanced
         largest = 0.0
         self.loads = []
         for placed, p, faces in zip(steps.followers, self.pressures, self.faces, strict=True):
-            force, K = placed.what.terms(placed.at(self.dofs, self.u), p, faces)
+            z = placed.at(self.dofs, self.u)
+            with _failing():
+                force, K = placed.what.terms(z, p, faces)
             self.loads.append(Part(K, placed.numbers, placed.numbers))
             self._subtract(r, placed.numbers, force)
             largest = max(largest, np.abs(force).max(initial=0.0))
@@ -178,11 +189,8 @@ class Increment:
             K = steps.bodies.tangent(self.u)
         steps.measure(K)
         r = np.where(self.fixed, self.u - self.target, self.r)
-        with steps.times.timed("factorisation"):
-            try:
-                du, dq = steps.system.solve(K, self.terms, self.loads, r, steps.options)
-            except ContactError as error:
-                raise StepFailed(str(error)) from None
+        with steps.times.timed("factorisation"), _failing():
+            du, dq = steps.system.solve(K, self.terms, self.loads, r, steps.options)
         finite = np.isfinite(du).all() and np.isfinite(dq).all()
         if not self.dofs.comm.allreduce(bool(finite), op=MPI.LAND):
             raise StepFailed("the linear solver gives no finite numbers")

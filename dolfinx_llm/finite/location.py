@@ -52,9 +52,7 @@ class OnFrame:
         return OnFrame(**fields)
 
 
-def find_on_frame(
-    x: np.ndarray, y: np.ndarray, facets: np.ndarray, normals: np.ndarray
-) -> OnFrame:
+def find_on_frame(x: np.ndarray, y: np.ndarray, facets: np.ndarray, normals: np.ndarray) -> OnFrame:
     """Where nodes meet a frame: within a facet, the nearest of these; else beyond the nearest.
 
     Args:

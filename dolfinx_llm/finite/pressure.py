@@ -109,11 +109,6 @@ class Follower:
         vectors, derivative = surface_integrals(x, loaded.facets, free, 0)
         force = np.zeros(len(z))
         force[: x.size] = -p * vectors.ravel()
-        return force, _rows_below(p * derivative, len(z))
-
-
-def _rows_below(A: csr_matrix, n: int) -> csr_matrix:
-    """A with empty rows added, up to n."""
-    A = A.tocsr()
-    indptr = np.concatenate([A.indptr, np.full(n - A.shape[0], A.indptr[-1])])
-    return csr_matrix((A.data, A.indices, indptr), (n, A.shape[1]))
+        K = (p * derivative).tocsr()
+        K.resize((len(z), len(z)))  # rows of the other surface are empty
+        return force, K

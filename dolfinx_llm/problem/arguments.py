@@ -56,7 +56,7 @@ def problem_arguments(
     petsc_options: Any,
 ) -> Arguments:
     """Check the arguments of ``ContactProblem``; collective: ``ContactInputError`` on all ranks."""
-    comm = _communicator(a, L, bcs, nodal_loads)
+    comm = communicator(a, L, bcs, nodal_loads)
     with collective(comm):
         forms = given_forms(2, a)
         spaces = [form_space(form) for form in forms]
@@ -64,14 +64,13 @@ def problem_arguments(
     for V in spaces:
         check_space(V)
     with collective(comm):
-        conditions(bcs, spaces)
         loads = in_order(forms, spaces, given_forms(1, L))
         given = Arguments(
             isinstance(a, (list, tuple)),
             forms,
             loads,
             spaces,
-            bcs if isinstance(bcs, list) else conditions(bcs, spaces),
+            kept_list(bcs, spaces),
             interface_list(interfaces, spaces),
             nodal_list(nodal_loads, spaces),
         )
@@ -84,13 +83,18 @@ def problem_arguments(
                 "petsc_options are of the package's own forms: hand those of a form of your own to "
                 "its constructor"
             )
-    told = [_told(interface) for interface in given.interfaces]
+    named = solver.name if own else solver
+    agree_on(comm, given, forms, (named, petsc_options_prefix, petsc_options))
+    return given
+
+
+def agree_on(comm: MPI.Comm, given: Any, forms: Sequence[ufl.Form], solver: tuple) -> None:
+    """Require that all ranks have as many conditions, loads and forms, and the same interfaces,
+    solver and PETSc options."""
     counts = len(given.bcs), len(given.nodal_loads), len(forms)
     agree(comm, "the numbers of Dirichlet conditions, nodal loads and forms", counts)
-    agree(comm, "the interfaces", told)
-    named = solver.name if own else solver
-    agree(comm, "solver and PETSc options", (named, petsc_options_prefix, petsc_options))
-    return given
+    agree(comm, "the interfaces", [_told(interface) for interface in given.interfaces])
+    agree(comm, "solver and PETSc options", solver)
 
 
 def step_arguments(
@@ -125,7 +129,7 @@ def check_petsc_options(options: Any, prefix: Any = "") -> None:
     check_values(options)
 
 
-def _communicator(*given: Any) -> MPI.Comm:
+def communicator(*given: Any) -> MPI.Comm:
     """Of the first form, condition or load that has one."""
     found = [_mesh_of(item) for value in given for item in listed(value)]
     mesh = next((mesh for mesh in found if mesh is not None), None)
@@ -157,6 +161,24 @@ def conditions(bcs: Any, spaces: Sequence[Any]) -> list[Any]:
     return found
 
 
+def kept_list(bcs: Any, spaces: Sequence[Any]) -> Any:
+    """The conditions, checked: the user's own list where it is one, which may change."""
+    found = conditions(bcs, spaces)
+    return bcs if isinstance(bcs, list) else found
+
+
+def by_mesh(comm: MPI.Comm, bcs: Any, spaces: Sequence[Any]) -> list[list[Any]]:
+    """The conditions of each function space; collective."""
+    with collective(comm):
+        found = conditions(bcs, spaces)
+    return [[bc for bc in found if compat.in_space(bc, V)] for V in spaces]
+
+
+def nodal_by_mesh(loads: Sequence[fem.Function], spaces: Sequence[Any]) -> list[list[fem.Function]]:
+    """The nodal loads of each function space."""
+    return [[load for load in loads if load.function_space.mesh is V.mesh] for V in spaces]
+
+
 def nodal_list(loads: Any, spaces: Sequence[Any]) -> list[fem.Function]:
     one = isinstance(loads, fem.Function)
     found = [loads] if one else checks.items("nodal_loads", loads, LOADS)
@@ -180,12 +202,17 @@ def interface_list(interfaces: Any, spaces: Sequence[Any]) -> list[Interface]:
     for interface in found:
         checks.instance("interfaces: item", interface, Interface, INTERFACES)
         for tags, _ in interface.tagged_sides():
-            if not any(compat.tags_belong_to(tags, V.mesh) for V in spaces):
-                raise ContactInputError(
-                    "the facet tags belong to none of the meshes of the forms. For bodies on two "
-                    "meshes give sides=((tags_0, tag_0), (tags_1, tag_1))"
-                )
+            check_tags_belong(tags, spaces)
     return found
+
+
+def check_tags_belong(tags: Any, spaces: Sequence[Any]) -> None:
+    """Require facet tags of one of the meshes."""
+    if not any(compat.tags_belong_to(tags, V.mesh) for V in spaces):
+        raise ContactInputError(
+            "the facet tags belong to none of the meshes of the forms. For bodies on two meshes "
+            "give sides=((tags_0, tag_0), (tags_1, tag_1))"
+        )
 
 
 def _told(interface: Interface) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.operators.petsc import block_diagonal
-from dolfinx_llm.problem.arguments import Arguments, conditions
+from dolfinx_llm.problem.arguments import Arguments, by_mesh, nodal_by_mesh
 
 
 class Bulk(Protocol):
@@ -84,10 +84,7 @@ class LinearBulk:
             self._a = [compat.form("a", form) for form in given.a]
             self._L = [compat.form("L", form) for form in given.L]
         self.spaces, self.comm = given.spaces, given.spaces[0].mesh.comm
-        self._nodal = [
-            [load for load in given.nodal_loads if load.function_space.mesh is V.mesh]
-            for V in self.spaces
-        ]
+        self._nodal = nodal_by_mesh(given.nodal_loads, self.spaces)
         self._given = given.bcs
         self._K: Any = None  # see K
         self._forms = given.a
@@ -100,9 +97,7 @@ class LinearBulk:
 
     def _sort_conditions(self) -> None:
         """Conditions by mesh, and which dofs they prescribe."""
-        with collective(self.comm):
-            bcs = conditions(self._given, self.spaces)
-        self._bcs = [[bc for bc in bcs if compat.in_space(bc, V)] for V in self.spaces]
+        self._bcs = by_mesh(self.comm, self._given, self.spaces)
         self.fixed = [compat.fixed_dofs(*part) for part in zip(self.spaces, self._bcs)]
         self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(self.fixed))
 
@@ -183,12 +178,8 @@ class LinearBulk:
 
     def functions(self, u: np.ndarray) -> list[fem.Function]:
         """This rank's u (n_local,) as a Function per mesh."""
-        functions = []
-        for V, part in zip(self.spaces, np.split(u, np.cumsum(self.dofs.counts)), strict=False):
-            function = fem.Function(V, name="u")
-            function.x.array[: len(part)] = part
-            function.x.scatter_forward()
-            functions.append(function)
+        functions = [fem.Function(V, name="u") for V in self.spaces]
+        fill(functions, u, self.dofs.counts)
         return functions
 
     def destroy(self) -> None:
@@ -203,3 +194,10 @@ def _digest(arrays: Iterable[np.ndarray]) -> bytes:
     for array in arrays:
         digest.update(np.ascontiguousarray(array).data)
     return digest.digest()
+
+
+def fill(functions: Sequence[fem.Function], u: np.ndarray, counts: Sequence[int]) -> None:
+    """Write this rank's u (n_local,), so many dofs of each mesh, into Functions; collective."""
+    for function, part in zip(functions, np.split(u, np.cumsum(counts)), strict=False):
+        function.x.array[: len(part)] = part
+        function.x.scatter_forward()

@@ -73,9 +73,7 @@ class NonlinearContactProblem:
         petsc_options: dict | None = None,
     ):
         options = petsc_options_prefix, petsc_options
-        given = nonlinear_arguments(F, u, J, bcs, interfaces, loads, nodal_loads, options)
-        with collective(given.spaces[0].mesh.comm):
-            checks.one_of("solver", solver, ("auto", "saddle"))
+        given = nonlinear_arguments(F, u, J, bcs, interfaces, loads, nodal_loads, solver, options)
         free_garbage(given.spaces[0].mesh.comm)
         self.interfaces, self.loads = given.interfaces, given.loads
         self.times, self._several = StageTimes(), given.several
@@ -86,16 +84,13 @@ class NonlinearContactProblem:
         with self.times.timed("interfaces"):
             contacts = [contact_of(interface, dofs) for interface in self.interfaces]
             followers = [follower_of(load, dofs) for load in self.loads]
-        self._system, surfaces = (
-            numbered(contacts, dofs),
-            [s for c in contacts for s in c.what.sides.surfaces],
-        )
+        system = numbered(contacts, dofs)
+        surfaces = [s for c in contacts for s in c.what.sides.surfaces]
         size = float(max([cell_sizes(s.x, s.facets).max() for s in surfaces] or [1.0]))
         self._newton = NewtonSteps(
-            Equations(self.bulk, contacts, followers, self._system, size, options, self.times)
+            Equations(self.bulk, contacts, followers, system, size, options, self.times)
         )
-        own = sum(self._system.sizes)
-        self.unknowns = {"u": self.bulk.dofs.sizes[1], "interfaces": own}
+        self.unknowns = {"u": dofs.sizes[1], "interfaces": sum(system.sizes)}
         self.results: list[MovingInterfaceResult] = []
         self.reset()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,21 +13,28 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.base.parallel import collective
+from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.geometry.surface import check_space
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.operators.petsc import block_diagonal
 from dolfinx_llm.problem.arguments import (
+    agree_on,
+    by_mesh,
     check_petsc_options,
-    conditions,
+    check_tags_belong,
+    communicator,
     interface_list,
+    kept_list,
+    nodal_by_mesh,
     nodal_list,
 )
+from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.form_arguments import check_meshes, listed
 
 RESIDUAL = "give a residual form in u and a test function, or a list of them, one per mesh"
+PRESSURES = "give a list of FreeSurfacePressure"
 UNKNOWN = "give the Function u of the displacement, or a list of them, in the order of F"
 
 
@@ -50,22 +58,31 @@ class NonlinearArguments:
 
 
 def nonlinear_arguments(
-    F: Any, u: Any, J: Any, bcs: Any, interfaces: Any, loads: Any, nodal_loads: Any, options: Any
+    F: Any,
+    u: Any,
+    J: Any,
+    bcs: Any,
+    interfaces: Any,
+    loads: Any,
+    nodal_loads: Any,
+    solver: Any,
+    options: tuple[Any, Any],
 ) -> NonlinearArguments:
     """Check the arguments of ``NonlinearContactProblem``; collective.
 
     Args:
-        F, u, J, bcs, interfaces, loads, nodal_loads: as given.
+        F, u, J, bcs, interfaces, loads, nodal_loads, solver: as given.
         options: prefix and PETSc options.
 
     Raises:
         ContactInputError: an argument does not fit; on all ranks, with what is accepted.
     """
-    functions = list(listed(u)) or checks.refuse("u", u, UNKNOWN)
-    for function in functions:
-        checks.instance("u", function, fem.Function, UNKNOWN)
-    spaces = [function.function_space for function in functions]
-    with collective(spaces[0].mesh.comm):
+    comm = communicator(u, F, J, bcs, nodal_loads)
+    with collective(comm):
+        functions = list(listed(u)) or checks.refuse("u", u, UNKNOWN)
+        for function in functions:
+            checks.instance("u", function, fem.Function, UNKNOWN)
+        spaces = [function.function_space for function in functions]
         forms = list(listed(F))
         for form in forms:
             checks.instance("F", form, ufl.Form, RESIDUAL)
@@ -87,29 +104,36 @@ def nonlinear_arguments(
         if len(derivatives) != len(forms):
             raise ContactInputError(f"{len(derivatives)} forms J, {len(forms)} forms F")
         check_petsc_options(options[1], options[0])
-        found = (
-            [loads]
-            if isinstance(loads, FreeSurfacePressure)
-            else checks.items("loads", loads, "give a list of FreeSurfacePressure")
-        )
-        for load in found:
-            checks.instance("loads: item", load, FreeSurfacePressure, "give FreeSurfacePressure")
+        checks.one_of("solver", solver, ("auto", "saddle"))
     for V in spaces:
         check_space(V)
-    with collective(spaces[0].mesh.comm):
+    with collective(comm):
         if spaces[0].mesh.geometry.dim != 2:
             raise ContactInputError("contact at finite deformation is made for 2D so far")
-        conditions(bcs, spaces)
-        return NonlinearArguments(
+        given = NonlinearArguments(
             isinstance(u, (list, tuple)),
             forms,
             derivatives,
             functions,
-            bcs if isinstance(bcs, list) else conditions(bcs, spaces),
+            kept_list(bcs, spaces),
             interface_list(interfaces, spaces) if interfaces != () else [],
-            found,
+            pressures(loads, spaces),
             nodal_list(nodal_loads, spaces),
         )
+    agree_on(comm, given, forms, (solver, *options))
+    agree(comm, "the loads", [[tag for _, tag in load.tagged()] for load in given.loads])
+    return given
+
+
+def pressures(loads: Any, spaces: Sequence[Any]) -> list[FreeSurfacePressure]:
+    """Follower pressures on surfaces of the meshes, as a list."""
+    one = isinstance(loads, FreeSurfacePressure)
+    found = [loads] if one else checks.items("loads", loads, PRESSURES)
+    for load in found:
+        checks.instance("loads: item", load, FreeSurfacePressure, "give FreeSurfacePressure")
+        for tags, _ in load.tagged():
+            check_tags_belong(tags, spaces)
+    return found
 
 
 class NonlinearBulk:
@@ -133,18 +157,10 @@ class NonlinearBulk:
             self._F = [compat.form("F", form) for form in given.F]
             self._J = [compat.form("J", form) for form in given.J]
         self._given = given.bcs
-        self._nodal = [
-            [load for load in given.nodal_loads if load.function_space.mesh is V.mesh]
-            for V in self.spaces
-        ]
-        self._sort()
+        self._nodal = nodal_by_mesh(given.nodal_loads, self.spaces)
+        self._bcs = by_mesh(self.comm, self._given, self.spaces)
         fixed = [compat.fixed_dofs(V, bcs) for V, bcs in zip(self.spaces, self._bcs)]
         self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(fixed))
-
-    def _sort(self) -> None:
-        with collective(self.comm):
-            bcs = conditions(self._given, self.spaces)
-        self._bcs = [[bc for bc in bcs if compat.in_space(bc, V)] for V in self.spaces]
 
     def values(self) -> np.ndarray:
         """(n_local,) prescribed displacements, 0 where a dof is free.
@@ -153,7 +169,7 @@ class NonlinearBulk:
             ContactInputError: other dofs are prescribed than when the problem was made, or values
                 are not finite.
         """
-        self._sort()
+        self._bcs = by_mesh(self.comm, self._given, self.spaces)
         parts = [
             compat.prescribed_values(V, bcs)[:n]
             for V, bcs, n in zip(self.spaces, self._bcs, self.dofs.counts)
@@ -172,9 +188,7 @@ class NonlinearBulk:
 
     def put(self, u: np.ndarray) -> None:
         """Write this rank's displacement (n_local,) into the Functions u; collective."""
-        for function, part in zip(self.u, np.split(u, np.cumsum(self.dofs.counts)), strict=False):
-            function.x.array[: len(part)] = part
-            function.x.scatter_forward()
+        fill(self.u, u, self.dofs.counts)
 
     def residual(self, u: np.ndarray) -> np.ndarray:
         """This rank's F(u) less the nodal loads, of all dofs; collective."""

@@ -201,6 +201,7 @@ def test_refused():
         ({"u": "u"}, "give the Function u"),
         ({"F": 3}, "give a residual form"),
         ({"loads": [3]}, "give FreeSurfacePressure"),
+        ({"loads": llm.FreeSurfacePressure(blocks((5, 7))[1], TOP, 1.0)}, "none of the meshes"),
         ({"solver": "condensed"}, "choose one of"),
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=llm.Coulomb(0.2))]}, "Frictionless"),
         ({"interfaces": [llm.Interface(tags, (plane, LOW), law=llm.Frictionless())]}, "obstacles"),

@@ -18,7 +18,7 @@ def covering(*factors, fits=lambda *row: True, seed=2001):
     Returns:
         List of tuples, one level of each factor.
     """
-    rows = [row for row in itertools.product(*map(enumerate, factors))]
+    rows = itertools.product(*map(enumerate, factors))
     rows = [row for row in rows if fits(*(level for _, level in row))]
     np.random.default_rng(seed).shuffle(rows)
     pairs = [
