@@ -37,7 +37,7 @@ class Equations:
 
     Attributes:
         states: per interface its ``InterfaceState``.
-        L: (n, m) motion of frames and slips as the rows see it.
+        L: (n, m) motion of frames and slips as the rows see it now.
         compliance: (n,) by how much rows give way [length / force].
         normal: (n,) rows that may open.
         drifts: (m,) normal motion of frames.
@@ -46,7 +46,7 @@ class Equations:
     """
 
     def __init__(self, operators: ContactOperators, proximal: float) -> None:
-        self.scale, self._epsilon = operators.scale, proximal
+        self.scale, self._epsilon, self.lags = operators.scale, proximal, False
         self.states = [InterfaceState(nodes) for nodes in friction_nodes(operators)]
         places = [state.nodes for state in self.states]
         self.n = sum(nodes.rows.size for nodes in places)
@@ -55,9 +55,8 @@ class Equations:
         L = block_diag([nodes.L for nodes in places], format="csr")
         L_kappa = block_diag([nodes.L_kappa for nodes in places], format="csr")
         kept = diags(np.concatenate([nodes.kept for nodes in places]).astype(float))
-        self.L = (kept @ hstack([L, L_kappa])).tocsr()
+        self._L = self.L = (kept @ hstack([L, L_kappa])).tocsr()
         self.n_v, self.m = L.shape[1], self.L.shape[1]
-        self._L_t = self.L[:, : self.n_v].T.tocsr()
         self._operators, self.loads = operators, np.zeros(self.n_v)
         self._rigid = np.zeros(self.m)  # 1: translations of obstacles, the others nodal motions
         for s in self.states:
@@ -69,6 +68,23 @@ class Equations:
             if nodes.model.frame is not None:
                 v = nodes.v.reshape(-1, nodes.model.directions.shape[1])
                 self.drifts[v[:, -1]] = True
+
+    def glide(self, glides: bool) -> None:
+        """Leave out friction where nodes share, or take it up again: then no pair follows the frame
+        tangentially, and all press on it along its own normals, as what theirs have along its
+        tangents would find no balance."""
+        self.L, self.lags = self._L, False
+        for s in self.states:
+            s.glide(glides)
+            if s.glides:
+                v = s.nodes.v.reshape(s.nodes.model.directions.shape[:2])
+                seen = np.ones(self.m)
+                seen[v[:, :-1]] = seen[s.nodes.kappa] = 0.0
+                self.L = (self.L @ diags(seen)).tocsr()
+
+    @property
+    def _L_t(self) -> csr_matrix:
+        return self.L[:, : self.n_v].T.tocsr()
 
     def closed_rows(self) -> np.ndarray:
         """(n,) rows in contact."""
@@ -95,13 +111,13 @@ class Equations:
         if not self.m or self._operators.tied:
             return np.zeros(self.m)
         own = self._rigid * w
-        fitted = self._fit.solve(self.L.T @ (position - self.L @ own))
+        fitted = self._fit.solve(self._L.T @ (position - self._L @ own))
         return np.where(self._rigid > 0.0, own, fitted)
 
     @cached_property
     def _fit(self) -> Any:
         """Factorised LᵀL."""
-        fitted = self.L @ diags(1.0 - self._rigid)
+        fitted = self._L @ diags(1.0 - self._rigid)
         return splu((fitted.T @ fitted + 1e-10 * identity(self.m)).tocsc())
 
     def step(
@@ -163,6 +179,7 @@ class Equations:
         """
         at = s.at(multiplier, w, self.scale)
         rows = s.rows_at(replace(at, c=at.c / s.nodes.gives)).scaled(at.c)
+        rows = rows.lagged(at) if self.lags else rows
         return rows.tied(s.others.speaker, s.others.unheld & calmed, self.scale)
 
     def all_stick(self, step: LinearStep) -> LinearStep:

@@ -25,6 +25,7 @@ from dolfinx_llm.operators.system import ContactOperators
 
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
+MANY = 0.2  # of the pairs: where more change, the bound of friction is that of the last iterate
 FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
@@ -127,6 +128,7 @@ class ContactIteration:
         alpha = self.alpha if known else np.zeros(floating.count)
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
         calm, self._calmed = 0, False  # iterations without a change of state; whether any was
+        changes, many = 0, MANY * sum(len(s.nodes.rows) for s in self.states)
         before, w_last = np.inf, w  # last residual and motion
         runs = 0  # iterations in which contact did not balance the force on an obstacle
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
@@ -134,7 +136,10 @@ class ContactIteration:
         pull = Pull(floating, spring, f, self.forces, alpha)
         for s in self.states:
             s.begin()
+        equations.glide(not known)
         for iteration in range(1, MAXIMUM + 1):
+            equations.lags = changes > many
+            gliding = any(s.glides for s in self.states)
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
             if not known and iteration == 1:
                 step = equations.all_stick(step)
@@ -142,6 +147,9 @@ class ContactIteration:
             multiplier, y, w = found.multiplier, found.y, found.w
             largest = max(force_level(multiplier, y + g, self.scale), GRAZING * pressed)
             apart = np.abs(equations.L @ w - y - g)
+            fitted = self._slips(y + g, w)
+            if iteration == 1:
+                equations.glide(False)
             changes = sum(self._take(s, found, apart) for s in self.states)
             miss = equations.miss(multiplier, w) / largest
             lost = equations.runaway(multiplier)
@@ -154,8 +162,8 @@ class ContactIteration:
             if self.operators.tied:  # one linear step is all
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
                 return found
-            # That all stick at first is a state that changes, where the law says something else.
-            supposed = not known and iteration == 1 and miss > self.form.accuracy
+            # That all stick or glide at first is a state that changes.
+            supposed = not known and iteration == 1 and (gliding or miss > self.form.accuracy)
             calm = 0 if changes or supposed else calm + 1
             pull.watch(found.floating, multiplier, calm, self.form.noise)
             stalled = calm > CALM and miss > 0.5 * before
@@ -169,7 +177,7 @@ class ContactIteration:
                 return found
             # Friction is linearised about the last iterate, or halfway where that did not help.
             half = iteration > 1 and changes and miss > 0.9 * before
-            about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, w)))
+            about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, fitted)))
             before = np.inf if released else miss
             calm = 0 if released else calm
             # From then on the frame goes on from where it is, and what no force holds stays.
@@ -181,6 +189,15 @@ class ContactIteration:
             if calm:
                 self.form.correct(found)
         raise ContactError(self._failure(self.history[first:]))
+
+    def _slips(self, position: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """(m,) w with slips of the bodies at positions (n,), where pairs did not follow the frame."""
+        gliding = [s.nodes.kappa.ravel() for s in self.states if s.glides]
+        if not gliding:
+            return w
+        at, slips = np.concatenate(gliding), w.copy()
+        slips[at] = self.equations.middle(position, w)[at]
+        return slips
 
     def _failure(self, history: list[dict]) -> str:
         last = history[-5:]

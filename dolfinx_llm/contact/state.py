@@ -82,12 +82,15 @@ class InterfaceState:
         own: the state.
         others: who speaks for whom.
         held: (n,) pairs that may pull, too.
+        shares: nodes at the rim of contact slip as others do.
+        glides: pairs do not follow the frame tangentially, where nodes share.
     """
 
     def __init__(self, nodes: FrictionNodes) -> None:
         self.nodes = nodes
         shares = nodes.law.shares and nodes.law.slips and not nodes.law.gives
-        self._shares = shares and nodes.model.frame is not None
+        self.shares = shares and nodes.model.frame is not None
+        self.glides = False
         self.forget()
 
     @property
@@ -119,6 +122,11 @@ class InterfaceState:
         self.own.closings[:], self._adrift = 0, adrift
         self.touch(self.own.active)
 
+    def glide(self, glides: bool) -> None:
+        """Whether pairs follow the frame tangentially, until this is called again."""
+        self.glides = glides and self.shares
+        self.touch(self.own.active)
+
     def release(self) -> bool:
         """From now on in this load step each frame node balances on its own; True: some did not.
 
@@ -140,7 +148,7 @@ class InterfaceState:
         self.own.active = active | self.held
         self._apart = ~nodes.reached(self.held)  # nodes where nothing pulls
         touching = np.append([self._tied, self.own.active], self._adrift)
-        if self._shares and not np.array_equal(touching, self._touching):
+        if self.shares and not np.array_equal(touching, self._touching):
             of = self._tied, self.own.active, self._adrift
             self.others, self._touching = Followers.of(nodes, *of), touching
 
@@ -169,9 +177,9 @@ class InterfaceState:
     def _tied(self) -> np.ndarray:
         """(n,) pairs that follow the frame tangentially. One that opens and closes by turns, at the
         rim of contact, carries hardly any force; without friction it comes to rest."""
-        if not self._shares:
+        if not self.shares:
             return self.own.active
-        return self.own.active & (self.own.closings < LOOSE)
+        return self.own.active & (self.own.closings < LOOSE) & (not self.glides)
 
     def loose_share(self, normal_forces: Sequence[np.ndarray]) -> float:
         """Share of the normal force on pairs in contact that do not follow the frame tangentially.
@@ -227,7 +235,7 @@ class InterfaceState:
             c=c * nodes.theta * np.sum(self.support(tied=True), axis=0),
             status=self.own.status,
             history=self.own.history,
-            speaker=self.others.speaker if self._shares else None,
+            speaker=self.others.speaker if self.shares else None,
             sample=nodes.sample,
         )
 
@@ -242,7 +250,7 @@ class InterfaceState:
     def share_out(self, friction: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """Forces of friction (k, gdim) of those that speak for others, divided among them by their
         strength for normal forces (k,): what the law says of the sum then holds for each."""
-        if not self._shares:
+        if not self.shares:
             return friction
         at = replace(self._at_rest(), N=normal)
         bears = np.maximum(self.law.strength(at), 0.0)

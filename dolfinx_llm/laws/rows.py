@@ -140,11 +140,18 @@ class LawRows:
         Args:
             nodes: with forces and jumps.
         """
-        weight = 1.0 if self.weight is None else self.weight
-        S = nodes.sums @ (weight * nodes.N)
         own = np.einsum("nij,nj->ni", self.C_T, nodes.force)
         own += np.einsum("nij,nj->ni", self.C_jump, nodes.slip)
-        return own + self.C_N * S[:, None] - self.rhs
+        return own - self.lagged(nodes).rhs
+
+    def lagged(self, nodes: LawNodes) -> LawRows:
+        """The same with S of the last iterate, as for a known bound of friction.
+
+        Args:
+            nodes: with normal forces.
+        """
+        S = nodes.sums @ (nodes.N if self.weight is None else self.weight * nodes.N)
+        return replace(self, C_N=np.zeros_like(self.C_N), rhs=self.rhs - self.C_N * S[:, None])
 
     def scaled(self, c: np.ndarray) -> LawRows:
         """The same equations, without rows of 1e11 times the others' size, among which a
