@@ -39,6 +39,7 @@ class Equations:
         states: per interface its ``InterfaceState``.
         L: (n, m) motion of frames and slips as the rows see it now.
         compliance: (n,) by how much rows give way [length / force].
+        lags: normal forces that bound friction are those of the last iterate.
         normal: (n,) rows that may open.
         drifts: (m,) normal motion of frames.
         loads: (n_v,) on the frame unknowns, forces on obstacles, at the part of the load step that
@@ -69,11 +70,11 @@ class Equations:
                 v = nodes.v.reshape(-1, nodes.model.directions.shape[1])
                 self.drifts[v[:, -1]] = True
 
-    def glide(self, glides: bool) -> None:
-        """Leave out friction where nodes share, or take it up again: then no pair follows the frame
-        tangentially, and all press on it along its own normals, as what theirs have along its
-        tangents would find no balance."""
-        self.L, self.lags = self._L, False
+    def glide(self, glides: bool) -> bool:
+        """Leave out friction where nodes share, or take it up again; whether any is left out. Then
+        no pair follows the frame tangentially, and all press on it along its own normals: what
+        theirs have along its tangents would find no balance."""
+        self.L = self._L
         for s in self.states:
             s.glide(glides)
             if s.glides:
@@ -81,6 +82,7 @@ class Equations:
                 seen = np.ones(self.m)
                 seen[v[:, :-1]] = seen[s.nodes.kappa] = 0.0
                 self.L = (self.L @ diags(seen)).tocsr()
+        return any(s.glides for s in self.states)
 
     @property
     def _L_t(self) -> csr_matrix:
@@ -179,7 +181,7 @@ class Equations:
         """
         at = s.at(multiplier, w, self.scale)
         rows = s.rows_at(replace(at, c=at.c / s.nodes.gives)).scaled(at.c)
-        rows = rows.lagged(at) if self.lags else rows
+        rows = rows.lagged(at) if self.lags and s.shares else rows
         return rows.tied(s.others.speaker, s.others.unheld & calmed, self.scale)
 
     def all_stick(self, step: LinearStep) -> LinearStep:

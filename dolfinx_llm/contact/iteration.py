@@ -25,7 +25,7 @@ from dolfinx_llm.operators.system import ContactOperators
 
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
-MANY = 0.2  # of the pairs: where more change, the bound of friction is that of the last iterate
+MANY = 0.2  # of the pairs: where more change, friction is not yet what it will be
 FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
@@ -136,19 +136,19 @@ class ContactIteration:
         pull = Pull(floating, spring, f, self.forces, alpha)
         for s in self.states:
             s.begin()
-        equations.glide(not known)
+        glides, rest = equations.glide(False), [s.own.copy() for s in self.states]
         for iteration in range(1, MAXIMUM + 1):
             equations.lags = changes > many
-            gliding = any(s.glides for s in self.states)
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
-            if not known and iteration == 1:
+            if not known and (iteration == 1 or glides):
                 step = equations.all_stick(step)
             found = self.form.solve(f, step)
             multiplier, y, w = found.multiplier, found.y, found.w
             largest = max(force_level(multiplier, y + g, self.scale), GRAZING * pressed)
             apart = np.abs(equations.L @ w - y - g)
-            fitted = self._slips(y + g, w)
-            if iteration == 1:
+            slips = w
+            if glides:
+                slips = self._slips(y + g, w)
                 equations.glide(False)
             changes = sum(self._take(s, found, apart) for s in self.states)
             miss = equations.miss(multiplier, w) / largest
@@ -162,8 +162,13 @@ class ContactIteration:
             if self.operators.tied:  # one linear step is all
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
                 return found
+            if not known and iteration == 1 and equations.glide(changes > many):
+                glides = True  # contact is sought anew, without friction
+                for s, kept in zip(self.states, rest, strict=True):
+                    s.restore(kept)
+                continue
             # That all stick or glide at first is a state that changes.
-            supposed = not known and iteration == 1 and (gliding or miss > self.form.accuracy)
+            supposed = glides or (not known and iteration == 1 and miss > self.form.accuracy)
             calm = 0 if changes or supposed else calm + 1
             pull.watch(found.floating, multiplier, calm, self.form.noise)
             stalled = calm > CALM and miss > 0.5 * before
@@ -177,8 +182,9 @@ class ContactIteration:
                 return found
             # Friction is linearised about the last iterate, or halfway where that did not help.
             half = iteration > 1 and changes and miss > 0.9 * before
-            about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, fitted)))
+            about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, slips)))
             before = np.inf if released else miss
+            glides = False
             calm = 0 if released else calm
             # From then on the frame goes on from where it is, and what no force holds stays.
             self._calmed = self._calmed or calm > 0
@@ -191,11 +197,10 @@ class ContactIteration:
         raise ContactError(self._failure(self.history[first:]))
 
     def _slips(self, position: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """(m,) w with slips of the bodies at positions (n,), where pairs did not follow the frame."""
-        gliding = [s.nodes.kappa.ravel() for s in self.states if s.glides]
-        if not gliding:
-            return w
-        at, slips = np.concatenate(gliding), w.copy()
+        """(m,) w, where pairs did not follow the frame with the slips of the bodies at positions
+        (n,)."""
+        at = np.concatenate([s.nodes.kappa.ravel() for s in self.states if s.glides])
+        slips = w.copy()
         slips[at] = self.equations.middle(position, w)[at]
         return slips
 
