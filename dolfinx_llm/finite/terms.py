@@ -24,6 +24,7 @@ class Held:
     candidates: np.ndarray  # (f,) facets of the moving side that can touch
     pairs: np.ndarray  # (n,) its nodes that take part
     limit: float  # k of the design
+    lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
 
 
 @dataclass(frozen=True, eq=False)

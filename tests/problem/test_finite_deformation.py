@@ -107,6 +107,15 @@ def test_finite_patch(scene):
     assert max(np.abs(forces).max(), np.abs(moments).max()) < 1e-10 * q
 
 
+def test_fine_meshes_take_no_more_iterations():
+    """A step in which nodes slide over several facets, by 0.4 times the stretch."""
+    problem = pressed((130, 61), widths=(1.0, 0.5), shift=0.4)
+    problem.solve()
+    assert len(problem.history) <= 5
+    residuals = [h["residual"] for h in problem.history[-3:]]
+    assert residuals[1] < 10.0 * residuals[0] ** 2 and residuals[2] < 1e-11
+
+
 def test_stretches_of_the_demo_are_known():
     for material, known in STRETCHES.items():
         young, poisson, q = material
