@@ -15,9 +15,12 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.system import NewtonSystem, Part, mean_diagonal
 from dolfinx_llm.finite.terms import Held, MovingContact
+from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 from dolfinx_llm.operators.numbering import BodyDofs
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
+NO_GAP = 1e-11  # gap over facet size that is none
+NEARLY = 1e-6  # the same, over the smallest, where nothing touches at first
 CUTS = 8  # of a change that turns elements inside out
 
 
@@ -66,7 +69,7 @@ class NewtonState:
 
     u: np.ndarray  # (n_local,) this rank's displacement [length]
     own: tuple[np.ndarray, ...]  # unknowns of each interface
-    active: tuple[np.ndarray | None, ...]  # which pairs are in contact; None: not known yet
+    status: tuple[np.ndarray | None, ...]  # of the pairs of each interface; None: not known yet
     pressures: np.ndarray  # of the follower loads [force / area]
 
 
@@ -122,7 +125,7 @@ class Increment:
         with _failing():
             self.held: list[Held] = [i.what.hold(z_i) for i, z_i in zip(steps.interfaces, z)]
             self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
-        self.active: list[Any] = list(good.active)
+        self.status: list[Any] = list(good.status)
         self.changes, self.solved = 0, False
         self._body = self._residual(self.u)
         self.evaluate()
@@ -157,24 +160,22 @@ class Increment:
         self.rest = max([np.abs(t.rest).max(initial=0.0) for t in self.terms], default=0.0)
 
     def _contact(self) -> None:
-        """Terms of the interfaces, for the pairs that are in contact now."""
+        """Terms of the interfaces, with the status that their pairs have now."""
         self.terms, self.changes = [], 0
+        scale, size = self.steps.scale or 1.0, self.steps.size
         for i, placed in enumerate(self.steps.interfaces):
             contact: MovingContact = placed.what
-            z = placed.at(self.dofs, self.u)
-            n = len(contact.sides.surfaces[contact.sides.moving].x)
-            before = self.active[i]
-            guess = np.zeros(n, dtype=bool) if before is None else before
-            terms = contact.terms(z, self.own[i], guess, self.held[i], placed.free)
-            now = contact.touching(terms, self.own[i], self.steps.scale or 1.0, self.steps.size)
-            if before is None and not now.any() and terms.pairs.any():
-                now = terms.pairs & (terms.gap <= terms.gap.min() + 1e-6 * self.steps.size)
-            if (now != guess).any():
-                terms = contact.terms(z, self.own[i], now, self.held[i], placed.free)
-            self.changes += int((now != guess).sum())
-            self.active[i] = now
-            self.held[i] = replace(self.held[i], pairs=terms.pairs)
-            self.terms.append(terms)
+            place = contact.place(placed.at(self.dofs, self.u), self.held[i])
+            before, q, held = self.status[i], self.own[i], self.held[i]
+            start = np.full(len(place.gap), OPEN) if before is None else before
+            now, found = contact.touching(place, q, start, held, scale, NO_GAP * size)
+            if before is None and not now.any() and place.pairs.any():  # the nearest touch
+                reach = float(place.gap.min()) + NEARLY * size
+                now, found = contact.touching(place, q, start, held, scale, reach)
+            self.changes += int(((now != OPEN) != (start != OPEN)).sum())
+            self.status[i] = now
+            self.held[i] = replace(found, pairs=place.pairs)
+            self.terms.append(contact.terms(place, q, now, self.held[i], placed.free))
 
     def _subtract(self, r: np.ndarray, numbers: np.ndarray, force: np.ndarray) -> None:
         """Subtract forces known to every rank from this rank's residual."""
@@ -228,17 +229,17 @@ class Increment:
 
     def entry(self, iteration: int) -> dict:
         """For the history."""
-        active = sum(int(a.sum()) for a in self.active)
+        counts = np.bincount(np.concatenate([np.zeros(0, int), *self.status]), minlength=4)
         return {
             "part": self.end,
             "iteration": iteration,
-            "active": active,
-            "stick": 0,
-            "slip": 0,
+            "active": int(counts[1:].sum()),
+            "stick": int(counts[STICK]),
+            "slip": int(counts[SLIP]),
             "changes": self.changes,
             "residual": self.error,
         }
 
     def state(self) -> NewtonState:
         """The state as it is."""
-        return NewtonState(self.u, tuple(self.own), tuple(self.active), self.pressures)
+        return NewtonState(self.u, tuple(self.own), tuple(self.status), self.pressures)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from dolfinx_llm.finite.terms import ContactTerms, MovingContact
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
+from dolfinx_llm.laws.rows import OPEN
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,15 +94,17 @@ def moving_results(
         z: all its coordinates [length].
         terms: in this configuration.
     """
-    sides, active, closed_as = contact.sides, terms.active, CLOSED if terms.opens else STICK
+    sides, place, status = contact.sides, terms.place, terms.status
+    active = status != OPEN
     forces = sides.in_order(*sides.split(-terms.force))
     places = sides.in_order(*sides.split(z))
     y = sides.split(z)[1]
     outward = sides.outward(z)
-    normals = sides.in_order(-terms.normal, outward)
-    loaded = np.asarray(abs(terms.N).T @ active.astype(float)).ravel() > 0.0
-    gaps = sides.in_order(np.where(active, 0.0, terms.gap), np.where(loaded, 0.0, np.inf))
-    closed, areas = sides.in_order(active, loaded), sides.in_order(*terms.areas)
+    normals = sides.in_order(-place.normal, outward)
+    loaded = np.asarray(abs(place.N).T @ active.astype(float)).ravel() > 0.0
+    at_frame = np.where(loaded, status.max(initial=OPEN), OPEN)
+    gaps = sides.in_order(np.where(active, 0.0, place.gap), np.where(loaded, 0.0, np.inf))
+    statuses, areas = sides.in_order(status, at_frame), sides.in_order(*place.areas)
     first, second = (
         MovingSideResult(
             X=surface.x,
@@ -111,7 +113,7 @@ def moving_results(
             normal=normals[k],
             normal_force=np.einsum("ni,ni->n", forces[k], normals[k]),
             gap=gaps[k],
-            status=np.where(closed[k], closed_as, OPEN),
+            status=statuses[k],
             area=areas[k],
             facets=surface.facets,
         )
@@ -126,8 +128,8 @@ def moving_results(
         frame=Frame(y, cells if sides.frame == 0 else cells[:, ::-1], v=y - drawn),
         sides=(first, second),
         frame_force=force,
-        frame_area=terms.areas[1],
+        frame_area=place.areas[1],
         frame_friction=total - force[:, None] * normal,
-        frame_status=np.where(loaded, closed_as, OPEN),
+        frame_status=at_frame,
         correction=terms.delta,
     )

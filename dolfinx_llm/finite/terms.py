@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -27,6 +27,22 @@ class Held:
 
 
 @dataclass(frozen=True, eq=False)
+class Place:
+    """How the pairs of an interface stand in one configuration, whatever they carry."""
+
+    z: np.ndarray  # (width,) coordinates [length]
+    gap: np.ndarray  # (n,) of the moving side's nodes; inf where there is none [length]
+    normal: np.ndarray  # (n, gdim) out of the frame
+    N: csr_matrix  # (n, m) rows
+    areas: tuple[np.ndarray, np.ndarray]  # (n,), (m,) of the nodes of both sides [area]
+
+    @property
+    def pairs(self) -> np.ndarray:
+        """(n,) which nodes of the moving side can touch."""
+        return np.isfinite(self.gap)
+
+
+@dataclass(frozen=True, eq=False)
 class ContactTerms:
     """An interface's part of Newton's system, for coordinates z and its own unknowns q."""
 
@@ -36,14 +52,9 @@ class ContactTerms:
     left: csr_matrix  # (q, width) derivative of the interface's own equations by z
     own: csr_matrix  # (q, q) the same by q
     rest: np.ndarray  # (q,) their residual
-    gap: np.ndarray  # (n,) of the pairs [length]
-    normal: np.ndarray  # (n, gdim) out of the frame
-    N: csr_matrix  # (n, m) rows
-    areas: tuple[np.ndarray, np.ndarray]  # (n,), (m,) of the nodes of both sides [area]
-    pairs: np.ndarray  # (n,) which nodes of the moving side can touch
+    place: Place
     delta: float  # largest correction of a row
-    active: np.ndarray  # (n,) pairs in contact
-    opens: bool = True  # the pairs may part
+    status: np.ndarray  # (n,) of the pairs: 0 open, 1 stick, 2 slip, 3 closed without friction
 
 
 class MovingContact(Protocol):
@@ -61,17 +72,22 @@ class MovingContact(Protocol):
     def owner(self) -> np.ndarray:
         """(size,) ranks that own the unknowns."""
 
-    def touching(self, terms: ContactTerms, q: np.ndarray, scale: float, size: float) -> np.ndarray:
-        """(n,) which pairs are in contact."""
-
     def hold(self, z: np.ndarray) -> Held:
         """What is held in a load step that starts at coordinates z."""
 
     def missed(self, z: np.ndarray, held: Held) -> np.ndarray | None:
         """(f,) candidates with those that have passed the frame, if there are any."""
 
+    def place(self, z: np.ndarray, held: Held) -> Any:
+        """How the pairs stand at coordinates z: a ``Place`` of its own kind."""
+
+    def touching(
+        self, place: Any, q: np.ndarray, before: np.ndarray, held: Held, scale: float, reach: float
+    ) -> tuple[np.ndarray, Held]:
+        """(n,) status of the pairs, and what is held from now on."""
+
     def terms(
-        self, z: np.ndarray, q: np.ndarray, active: np.ndarray, held: Held, free: np.ndarray
+        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
     ) -> ContactTerms:
         """All that Newton's iteration asks for."""
 

@@ -11,6 +11,7 @@ from dolfinx_llm.finite.normal_contact import NormalContact
 from dolfinx_llm.finite.pressure import Follower
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.laws.rows import CLOSED
 
 pytestmark = pytest.mark.quick
 
@@ -76,8 +77,8 @@ def pressed(name):
     contact = NormalContact(sides, Design.of(frame.x, frame.facets))
     n, _, _ = contact.counts
     q = np.concatenate([force, np.zeros(contact.size - n)])
-    active, free = np.ones(n, dtype=bool), np.ones(len(z), dtype=bool)
-    return z, n, partial(contact.terms, q=q, active=active, held=contact.hold(z), free=free)
+    status, free, held = np.full(n, CLOSED), np.ones(len(z), dtype=bool), contact.hold(z)
+    return z, n, lambda z: contact.terms(contact.place(z, held), q, status, held, free)
 
 
 def differences(function, z, h=1e-6):
