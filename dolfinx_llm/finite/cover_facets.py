@@ -24,12 +24,12 @@ from dolfinx_llm.geometry.cells import joined_lists, repeated_for, shape_functio
 from dolfinx_llm.geometry.overlap_flat import reference_coordinates
 
 OPPOSED = -0.3  # cosine between the normals of facets that lie across, at most
-ACROSS = 2.0  # distance of facets that lie across, over their sizes, at most
-ROUNDING = 1e-11  # part of a facet that is none
+LAYER = 2.0  # distance of facets that lie across, over their sizes, at most
+SLIVER = 1e-11  # part of a facet that is none
 # Along an edge: inverse maps of distorted quads are smooth, and integrated to rounding.
-_ALONG = (lambda s, w: ((s + 1.0) / 2.0, w / 2.0))(*np.polynomial.legendre.leggauss(10))
+_ON_EDGE = (lambda s, w: ((s + 1.0) / 2.0, w / 2.0))(*np.polynomial.legendre.leggauss(10))
 # From a facet's origin to the edge: polynomials of degree 4, integrated exactly.
-_OUT = (lambda s, w: ((s + 1.0) / 2.0, w / 2.0))(*np.polynomial.legendre.leggauss(3))
+_TO_EDGE = (lambda s, w: ((s + 1.0) / 2.0, w / 2.0))(*np.polynomial.legendre.leggauss(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ def covered_facets(own: Skin, other: Skin, width: int) -> Covered:
     ends, heights = planes.seen(i, other.x[other.facets[j][:, ::-1]])  # looked at from behind
     pieces = cut(planes.corners[i], ends)
     part = np.bincount(i, pieces.area, f) / planes.size
-    whole, at = part > 1.0 - ROUNDING, (part > ROUNDING) & (part <= 1.0 - ROUNDING)
+    whole, at = part > 1.0 - SLIVER, (part > SLIVER) & (part <= 1.0 - SLIVER)
     columns = coordinates(own.facets, 3, own.first)
     share, change = planes.whole()
     share, change = share * whole[:, None], change * whole[:, None, None]
@@ -83,7 +83,7 @@ def _across(planes: FacetPlanes, own: Skin, other: Skin) -> tuple[np.ndarray, np
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     theirs = FacetPlanes.of(other.x, other.facets)
     radius = [np.linalg.norm(p.corners, axis=2).max(axis=1) for p in (planes, theirs)]
-    far = ACROSS * np.sqrt(max(planes.size[a].max(), theirs.size[b].max()))
+    far = LAYER * np.sqrt(max(planes.size[a].max(), theirs.size[b].max()))
     reach = np.hypot(radius[0][a] + radius[1][b].max(), far)
     near = cKDTree(theirs.centre[b]).query_ball_point(planes.centre[a], reach)
     i, j = repeated_for(a, near), b[joined_lists(near)]
@@ -126,7 +126,7 @@ class _Edges:
         """What each edge adds to the integrals (e, k) [area], and its derivatives (e, k, 3 k + 6)
         by the positions of the facet's nodes and of the other edge's ends [length]."""
         corners, k = planes.corners[self.facet], planes.facets.shape[1]
-        (s, ws), (r, wr) = _ALONG, _OUT
+        (s, ws), (r, wr) = _ON_EDGE, _TO_EDGE
         side = self.b - self.a
         x = self.a[:, None] + s[:, None] * side[:, None]
         xi = reference_coordinates(corners, x)

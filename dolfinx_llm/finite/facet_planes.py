@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from dolfinx_llm.finite.normals import area_derivatives
-from dolfinx_llm.geometry.cells import shape_functions, vector_areas
+from dolfinx_llm.geometry.cells import CORNERS, shape_functions, vector_areas
 from dolfinx_llm.geometry.overlap_flat import local_bases
 
-_GAUSS = np.array([[a, b] for a in (-1, 1) for b in (-1, 1)]) / np.sqrt(3.0)
 WHOLE = {  # points and weights on a reference facet, which integrate N det J and N grad N det J
     3: (np.full((1, 2), 1.0 / 3.0), np.array([0.5])),
-    4: (_GAUSS, np.ones(4)),
+    4: (CORNERS[4] / np.sqrt(3.0), np.ones(4)),
 }
 
 

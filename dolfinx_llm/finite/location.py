@@ -19,7 +19,7 @@ from dolfinx_llm.geometry.cells import cell_sizes, shape_functions
 TRIED = {2: 6, 3: 12}  # facets next to a node that it may meet
 MET = 1e-10  # distance over facet size that is left where a node has met a facet
 INSIDE = 1e-9  # shape functions above minus this: within a facet
-FAR = 30.0  # reference coordinates of what does not meet a facet
+MISSED = 30.0  # reference coordinates of what does not meet a facet
 ITERATIONS_TO_MEET = 30
 SETTLED = 1e-9  # last change of Newton's iteration: its square is rounding
 
@@ -106,7 +106,7 @@ def _meet(x: np.ndarray, y: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.n
             xi[at] += step[:, :-1]
             height[at] += step[:, -1]
             going = np.abs(step).max(axis=1, initial=0.0) > SETTLED  # not so where it is NaN
-            at = at[going & (np.abs(xi[at]).max(axis=1) < FAR)]
+            at = at[going & (np.abs(xi[at]).max(axis=1) < MISSED)]
             if not len(at):
                 break
         N, _ = shape_functions(k, xi)

@@ -108,8 +108,6 @@ def nonlinear_arguments(
     for V in spaces:
         check_space(V)
     with collective(comm):
-        if spaces[0].mesh.geometry.dim != 2:
-            raise ContactInputError("contact at finite deformation is made for 2D so far")
         given = NonlinearArguments(
             isinstance(u, (list, tuple)),
             forms,
