@@ -20,6 +20,7 @@ from dolfinx_llm.operators.numbering import BodyDofs
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
 NO_GAP = 1e-11  # gap over facet size that is none
+DOUBTS = 1e-3  # pull over the largest force, below the residual, that parts no pair
 NEARLY = 1e-6  # the same, over the smallest, where nothing touches at first
 SLIDES = 0.5  # of a facet, in an iteration, up to which derivatives of rows and areas hold
 CUTS = 8  # of a change that turns elements inside out
@@ -133,7 +134,7 @@ class Increment:
             self.held: list[Held] = [i.what.hold(z_i) for i, z_i in zip(steps.interfaces, z)]
             self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
         self.status: list[Any] = list(good.status)
-        self.changes, self.solved = 0, False
+        self.changes, self.doubt = 0, 0.0
         self._body = self._residual(self.u)
         self.evaluate()
 
@@ -165,7 +166,9 @@ class Increment:
         mine = [float(np.abs(part).max(initial=0.0)) for part in parts]
         reaction, load, rest = np.max(self.dofs.comm.allgather(mine), axis=0)
         nothing = 1e-12 * steps.scale * steps.size
-        self.r, self.error = r, float(rest / max(largest, reaction, load, nothing, 1e-300))
+        largest = max(largest, reaction, load, nothing, 1e-300)
+        self.r, self.error = r, float(rest / largest)
+        self.doubt = min(self.error, DOUBTS) * largest
         self.rest = max([np.abs(t.rest).max(initial=0.0) for t in self.terms], default=0.0)
 
     def _contact(self) -> None:
@@ -177,9 +180,10 @@ class Increment:
             before, q, held = self.status[i], self.own[i], replace(self.held[i], lagged=self.lagged)
             place = contact.place(placed.at(self.dofs, self.u), held)
             start = np.full(len(place.gap), OPEN) if before is None else before
-            now, found = contact.touching(place, q, start, held, scale, NO_GAP * size)
+            reach = np.where(start == OPEN, NO_GAP * size, max(NO_GAP * size, self.doubt / scale))
+            now, found = contact.touching(place, q, start, held, scale, reach)
             if before is None and not now.any() and place.pairs.any():  # the nearest touch
-                reach = float(place.gap.min()) + NEARLY * size
+                reach = np.full(len(start), place.gap.min() + NEARLY * size)
                 now, found = contact.touching(place, q, start, held, scale, reach)
             self.changes += int(((now != OPEN) != (start != OPEN)).sum())
             self.status[i] = now

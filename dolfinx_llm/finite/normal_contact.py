@@ -82,7 +82,7 @@ class NormalContact:
         before: np.ndarray,
         held: Held,
         scale: float,
-        reach: float,
+        reach: np.ndarray,
     ) -> tuple[np.ndarray, Held]:
         """(n,) status of the pairs, and what is held from now on: closed where lambda - scale gap
         > 0.
@@ -93,7 +93,7 @@ class NormalContact:
             before: (n,) status in the last iterate.
             held: from the start of the step.
             scale: stiffness [force / length].
-            reach: pairs closer than that touch [length].
+            reach: (n,) pairs closer than that touch [length].
         """
         force = q[: len(place.pairs)]
         gap = np.where(place.pairs, place.gap, 0.0)

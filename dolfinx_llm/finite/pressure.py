@@ -103,12 +103,13 @@ class Follower:
         """
         loaded = self.surfaces[0]
         x = z[: loaded.x.size].reshape(loaded.x.shape)
-        free = everything(len(loaded.facets), loaded.facets.shape[1], len(z))
+        free = everything(x, loaded.facets, 0, len(z))
         if self.sides is not None and candidates is not None:
             meeting = self.sides.meet(z, candidates)
-            free = meeting.covered[0 if self.sides.moving == 0 else 1].free
-        if lagged:
-            free = Covered(free.share, csr_matrix(free.derivative.shape))
+            covered = meeting.covered[0 if self.sides.moving == 0 else 1]
+            if lagged:
+                covered = Covered(covered.share, csr_matrix(covered.derivative.shape))
+            free = free.without(covered)
         vectors, derivative = surface_integrals(x, loaded.facets, free, 0)
         force = np.zeros(len(z))
         force[: x.size] = -p * vectors.ravel()

@@ -83,7 +83,7 @@ class MovingContact(Protocol):
         """How the pairs stand at coordinates z: a ``Place`` of its own kind."""
 
     def touching(
-        self, place: Any, q: np.ndarray, before: np.ndarray, held: Held, scale: float, reach: float
+        self, place: Any, q: np.ndarray, before: np.ndarray, held: Held, scale: float, reach: np.ndarray
     ) -> tuple[np.ndarray, Held]:
         """(n,) status of the pairs, and what is held from now on."""
 

@@ -109,7 +109,7 @@ def test_finite_patch(scene):
 
 def test_fine_meshes_take_no_more_iterations():
     """A step in which nodes slide over several facets, by 0.4 times the stretch."""
-    problem = pressed((130, 61), widths=(1.0, 0.5), shift=0.4)
+    problem = pressed((97, 61), widths=(1.0, 0.5), shift=0.4)
     problem.solve()
     assert len(problem.history) <= 5
     residuals = [h["residual"] for h in problem.history[-3:]]
