@@ -102,10 +102,10 @@ class Follower:
         """
         loaded = self.surfaces[0]
         x = z[: loaded.x.size].reshape(loaded.x.shape)
-        free = everything(len(loaded.facets), loaded.facets.shape[1], len(z))
+        free = everything(x, loaded.facets, 0, len(z))
         if self.sides is not None and candidates is not None:
             meeting = self.sides.meet(z, candidates)
-            free = meeting.covered[0 if self.sides.moving == 0 else 1].free
+            free = free.without(meeting.covered[0 if self.sides.moving == 0 else 1])
         vectors, derivative = surface_integrals(x, loaded.facets, free, 0)
         force = np.zeros(len(z))
         force[: x.size] = -p * vectors.ravel()

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.sparse import bmat, csr_matrix, identity, kron
 
 from dolfinx_llm.finite.areas import Covered, surface_integrals
+from dolfinx_llm.finite.cover_facets import Skin, covered_facets
 from dolfinx_llm.finite.cover_line import Chains, covered_lines
 from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.location import (
@@ -51,7 +52,7 @@ class Sides:
 
     surfaces: tuple[Surface, Surface]
     frame: int  # which of them carries the frame
-    chains: Chains
+    chains: Chains | None  # of the frame's facets, in the plane
 
     @classmethod
     def of(cls, surfaces: Sequence[Surface]) -> Sides:
@@ -66,7 +67,9 @@ class Sides:
         else:  # alike: the one whose normal comes first
             normals = [tuple((s.normal / s.diameter).round(6) + 0.0) for s in surfaces]
             frame = int(normals[1] > normals[0])
-        return cls((surfaces[0], surfaces[1]), frame, Chains.of(surfaces[frame].facets))
+        flat = surfaces[0].x.shape[1] == 2
+        chains = Chains.of(surfaces[frame].facets) if flat else None
+        return cls((surfaces[0], surfaces[1]), frame, chains)
 
     @property
     def moving(self) -> int:
@@ -148,8 +151,16 @@ class Sides:
         normals = nodal_normals(y, frame, self.first[1], self.width)
         at = find_on_frame(x, y, frame, normals.n)
         d = location_derivatives(at, y, frame, normals, self.columns, self.width)
-        covered = covered_lines(self.chains, facets, candidates, x, y, at, d, normals, self.first)
-        return Meeting(at, d, normals, covered)
+        if self.chains is None:
+            moving = Skin(x, facets, candidates, self.first[0])
+            still = Skin(y, frame, np.ones(len(frame), dtype=bool), self.first[1])
+            covered = tuple(
+                covered_facets(own, other, self.width)
+                for own, other in ((moving, still), (still, moving))
+            )
+            return Meeting(at, d, normals, (covered[0], covered[1]))
+        lines = covered_lines(self.chains, facets, candidates, x, y, at, d, normals, self.first)
+        return Meeting(at, d, normals, lines)
 
     def forces(
         self, meeting: Meeting, z: np.ndarray, moving: bool

@@ -30,19 +30,46 @@ def line(rng, ends, n, height, up, bend=0.1):
     return Surface(x, facets, np.arange(n + 1), np.zeros(n + 1, dtype=int), "line")
 
 
-SCENES = {  # ends of the lower and the upper line, whose order is changed
+def sheet(rng, ends, n, height, up, kind, bend=0.1):
+    """A rough bent sheet of n by n quads or twice as many triangles, [ends]² seen from above."""
+    s = np.linspace(*ends, n + 1)
+    x = np.stack(np.meshgrid(s, s - 0.5, indexing="ij"), axis=2).reshape(-1, 2)
+    x += rng.uniform(-0.12, 0.12, x.shape) * (ends[1] - ends[0]) / n
+    z = (
+        height
+        + bend * (x[:, 0] ** 2 + 0.5 * x[:, 0] * x[:, 1])
+        + 0.005 * rng.standard_normal(len(x))
+    )
+    at = np.arange(len(x)).reshape(n + 1, n + 1)
+    quads = np.stack([at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]], axis=2).reshape(-1, 4)
+    facets = np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]]) if kind == "tri" else quads
+    facets = facets if up else facets[:, ::-1]
+    nodes = np.arange(len(x))
+    return Surface(np.column_stack([x, z]), facets, nodes, 0 * nodes, kind)
+
+
+SCENES = {  # ends of the lower and the upper surface, whose order is changed, kinds of facets
     "inside": ((0.0, 1.0), (0.13, 0.87), False),
     "beyond one end": ((0.0, 1.0), (0.13, 1.2), False),
     "beyond both, swapped": ((0.1, 0.9), (0.0, 1.05), True),
+    "quads inside": ((0.0, 1.0), (0.13, 0.87), False, "quad", "quad"),
+    "triangles beyond one end": ((0.0, 1.0), (0.13, 1.2), False, "tri", "tri"),
+    "triangles on quads beyond both, swapped": ((0.1, 0.9), (0.0, 1.05), True, "quad", "tri"),
 }
 
 
 def scene(name):
     """Sides, coordinates, and random forces on the nodes of the moving side."""
     rng = np.random.default_rng(7)
-    below, above, swapped = SCENES[name]
-    lines = line(rng, below, 5, 0.0, True), line(rng, above, 7, 0.005, False)
-    sides = Sides.of(lines[::-1] if swapped else lines)
+    below, above, swapped, *kinds = SCENES[name]
+    if kinds:
+        both = (
+            sheet(rng, below, 3, 0.0, True, kinds[0]),
+            sheet(rng, above, 4, 5e-3, False, kinds[1]),
+        )
+    else:
+        both = line(rng, below, 5, 0.0, True), line(rng, above, 7, 0.005, False)
+    sides = Sides.of(both[::-1] if swapped else both)
     z = np.concatenate([s.x.ravel() for s in sides.surfaces])
     return sides, z, rng.uniform(0.5, 1.5, len(sides.surfaces[sides.moving].x))
 
@@ -124,9 +151,10 @@ def test_tangent_is_the_derivative(name, law):
 def test_forces_and_moments_of_both_sides_cancel(name):
     z, _, _, terms = pressed(name)
     t = terms(z)
-    x, f = z.reshape(-1, 2), t.force.reshape(-1, 2)
+    gdim = len(SCENES[name][0]) if len(SCENES[name]) == 3 else 3
+    x, f = z.reshape(-1, gdim), t.force.reshape(-1, gdim)
     assert np.abs(f.sum(axis=0)).max() < 1e-13 * np.abs(f).sum()
-    assert abs(np.sum(x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0])) < 1e-13 * np.abs(f).sum()
+    assert np.abs(np.cross(x, f).sum(axis=0)).max() < 1e-13 * np.abs(f).sum()
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -154,5 +182,5 @@ def test_free_and_covered_parts_are_all():
         follower = Follower(None, surfaces, Sides.of(surfaces))
         force = follower.terms(z, 1.0, follower.hold(z))[0]
         assert abs(np.abs(force).sum() - length) < 1e-14
-    whole = surface_integrals(low.x, low.facets, everything(4, 2, low.x.size), 0)[0]
+    whole = surface_integrals(low.x, low.facets, everything(low.x, low.facets, 0, low.x.size), 0)[0]
     assert np.allclose(whole.sum(axis=0), [0.0, 1.0], rtol=0, atol=1e-14)
