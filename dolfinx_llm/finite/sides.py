@@ -30,7 +30,7 @@ from dolfinx_llm.geometry.cells import cell_sizes, vector_areas
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.geometry.surface import Surface
 
-T = TypeVar("T")
+Item = TypeVar("Item")
 
 AS_COARSE = 1e-6  # difference of mean facet sizes that is none
 WITHIN = 1.0  # gap over the frame's facet up to which facets can touch in a step
@@ -104,7 +104,7 @@ class Sides:
         parts = [part.reshape(-1, self.gdim) for part in parts]
         return parts[self.moving], parts[self.frame]
 
-    def in_order(self, moving: T, frame: T) -> tuple[T, T]:
+    def in_order(self, moving: Item, frame: Item) -> tuple[Item, Item]:
         """What belongs to the moving side and to the frame, in the order of the surfaces."""
         return (frame, moving) if self.frame == 0 else (moving, frame)
 
