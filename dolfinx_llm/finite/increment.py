@@ -267,6 +267,4 @@ class Increment:
 
     def state(self) -> NewtonState:
         """The state as it is."""
-        return NewtonState(
-            self.u, tuple(self.own), tuple(self.status), self.pressures, self.pushed
-        )
+        return NewtonState(self.u, tuple(self.own), tuple(self.status), self.pressures, self.pushed)
