@@ -143,9 +143,10 @@ class NormalContact:
         columns = sides.columns[0][on], sides.columns[1]
         rows = self.design.rows(at, x[on], y, (f[0][on], f[1]), held.limit)
         by_place, by_mu = self.design.derivatives(rows, at, d, columns, sides.width)
-        by_z = forces[0][1], forces[1][1]
+        by_areas = forces[0][1], forces[1][1]
         if held.lagged:
-            by_place, *by_z = (csr_matrix(matrix.shape) for matrix in (by_place, *by_z))
+            by_place = csr_matrix(by_place.shape)
+            by_areas = csr_matrix(by_areas[0].shape), csr_matrix(by_areas[1].shape)
         height = np.einsum("nsi,ni->ns", y[rows.nodes] - x[on][:, None], at.normal)
         pick = summing(on, n)
         gap, normal = np.full(n, np.inf), np.zeros((n, gdim))
@@ -156,7 +157,7 @@ class NormalContact:
             normal=normal,
             N=(pick @ rows.matrix(m)).tocsr(),
             areas=f,
-            by_z=(by_z[0], by_z[1]),
+            by_z=by_areas,
             on=on,
             rows=rows,
             entries=(by_place, by_mu),
