@@ -224,4 +224,6 @@ class NormalContact:
             place=place,
             delta=float(np.abs(rows.delta).max(initial=0.0)),
             status=status,
+            friction=np.zeros(width),
+            slip=np.zeros((n, gdim)),
         )

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import bmat, csr_matrix, identity, kron
 
 from dolfinx_llm.finite.areas import Covered, surface_integrals
 from dolfinx_llm.finite.cover_facets import Skin, covered_facets
@@ -28,6 +29,8 @@ from dolfinx_llm.finite.normals import NodalNormals, averaged, nodal_normals
 from dolfinx_llm.geometry.cells import cell_sizes, vector_areas
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.geometry.surface import Surface
+
+Item = TypeVar("Item")
 
 AS_COARSE = 1e-6  # difference of mean facet sizes that is none
 PER_NODE = {2: 1.0, 3: np.sqrt(2.0), 4: 1.0}  # distance of nodes over the size of facets
@@ -102,9 +105,14 @@ class Sides:
         parts = [part.reshape(-1, self.gdim) for part in parts]
         return parts[self.moving], parts[self.frame]
 
-    def in_order(self, moving: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def in_order(self, moving: Item, frame: Item) -> tuple[Item, Item]:
         """What belongs to the moving side and to the frame, in the order of the surfaces."""
         return (frame, moving) if self.frame == 0 else (moving, frame)
+
+    def jumps(self, N: csr_matrix) -> csr_matrix:
+        """(n gdim, width) x_p - sum_J N_pJ y_J, of all coordinates, for rows (n, m)."""
+        parts = self.in_order(identity(N.shape[0]), -N)
+        return kron(bmat([parts]), identity(self.gdim), format="csr")
 
     def candidates(self, z: np.ndarray) -> np.ndarray:
         """(f,) facets of the moving side that face the frame and lie near; held during a step."""
