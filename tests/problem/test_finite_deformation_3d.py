@@ -73,7 +73,7 @@ def turned(kind, law, degrees=0.0, swapped=False):
 
 
 @pytest.mark.parametrize(
-    "kind, law", [("hex", llm.Frictionless()), ("tet", llm.Frictionless()), ("hex", llm.Tied())]
+    "kind, law", [("hex", llm.Coulomb(0.2)), ("tet", llm.Frictionless()), ("hex", llm.Tied())]
 )
 def test_objective(kind, law):
     """The scene turned about a skew axis: the same forces in the turned base; sides swapped."""
