@@ -124,7 +124,7 @@ def test_tangent_is_the_derivative(name, law):
     z, n, q, terms = pressed(name, law)
     t = terms(z)
     d = slice(
-        n, n + len(t.place.areas[1]) + len(t.place.normal[0])
+        n, n + len(t.place.areas[1]) + t.place.normal.shape[1]
     )  # mu and kappa, which follow the positions
     kept = np.setdiff1d(np.arange(len(q)), np.arange(d.start, d.stop))
     own, left, top = t.own.toarray(), t.left.toarray(), t.top.toarray()

@@ -2,7 +2,6 @@
 
 import finite_patch
 import numpy as np
-import patch2d
 import pytest
 import ufl
 from conftest import run_mpi_json
@@ -230,4 +229,3 @@ def test_demo(capsys):
     found = finite_patch.main(["--cells", "tri", "--separate"])
     assert found["stretch"] < 1e-10 and found["pressure"] < 1e-9 and len(found["iterations"]) == 4
     assert "1.171006012193, 0.778273721944" in capsys.readouterr().out
-    assert patch2d.PUNCH[0][0] == finite_patch.LEFT[1]
