@@ -156,6 +156,7 @@ class Increment:
         mine = [float(np.abs(part).max(initial=0.0)) for part in parts]
         reaction, load, rest = np.max(self.dofs.comm.allgather(mine), axis=0)
         nothing = 1e-12 * steps.scale * steps.size
+        rest = max([rest, *(t.miss for t in self.terms)])
         self.r, self.error = r, float(rest / max(largest, reaction, load, nothing, 1e-300))
         self.rest = max([np.abs(t.rest).max(initial=0.0) for t in self.terms], default=0.0)
 
