@@ -21,8 +21,7 @@ import dolfinx_llm as llm
 from dolfinx_llm import compat, plot
 
 E, NU, PRESSURE = 1000.0, 0.4, 300.0
-LEFT = (0.0, 1.1)  # ends of foundation and punch, which stay where they are
-BOXES = {  # lower corner, size and cells of foundation and punch; in 3D held along y
+BOXES = {  # lower corner, size and cells of foundation and punch, which in 3D are held along y
     2: (FOUNDATION, PUNCH),
     3: (
         ((0.0, 0.0, 0.0), (3.0, 1.0, 1.0), (5, 3, 2)),
@@ -57,26 +56,32 @@ def stretches(q, young=E, poisson=NU):
     return float(a), float(b)
 
 
-def problem(scene, law=None, order=(0, 1), pressure=PRESSURE, young=E, poisson=NU, design="auto"):
-    """The problem, for bodies on one mesh or on two; ``order`` of the interface's sides."""
-    up = scene[0][0].geometry.dim - 1
-    spaces = [compat.function_space(domain, shape=(up + 1,)) for domain, _ in scene]
-    functions, forms, bcs = [fem.Function(V, name="u") for V in spaces], [], []
-    (low, low_tags), (high, high_tags) = ((spaces[i], scene[i][1]) for i in (0, -1))
-    bottom = (low, up, lambda p: np.isclose(p[up], 0.0))
-    foundation = (low, 0, lambda p: np.isclose(p[0], LEFT[0]) & (p[up] < 1.0 + 1e-9))
-    punch = (high, 0, lambda p: np.isclose(p[0], LEFT[1]) & (p[up] > 1.5))
-    held = [bottom, foundation, punch]
-    for V, (corner, size, _), level in zip((low, high), BOXES[up + 1], (0.0, 1.0), strict=True):
-        if up == 2:  # the walls along x
-            walls = corner[1] + np.array([[0.0], [size[1]]])
-            inside = lambda p, z=level: (p[2] > z - 1e-9) & (p[2] < z + 1.0 + 1e-9)  # noqa: E731
-            at = lambda p, y=walls, on=inside: np.isclose(p[1], y).any(axis=0) & on(p)  # noqa: E731
-            held.append((V, 1, at))
-    for V, k, where in held:
+def supports(spaces, boxes):
+    """The bottom slides; the bodies' left ends stay where they are, and in 3D both their y."""
+    up = len(boxes[0][0]) - 1
+    held, bcs = [(spaces[0], up, [0.0], 0.0, 0.0)], []
+    for V, (corner, size, _), z in zip(spaces, boxes, (0.0, 1.0), strict=True):
+        held.append((V, 0, [corner[0]], z, z + 1.0))
+        held += [(V, 1, [corner[1], corner[1] + size[1]], z, z + 1.0)] * (up - 1)
+    for V, k, at, low, high in held:
         Vk, _ = V.sub(k).collapse()
+        where = lambda p: (  # noqa: E731
+            np.isclose(p[k], np.c_[at]).any(axis=0) & (low - 1e-9 < p[up]) & (p[up] < high + 1e-9)  # noqa: B023
+        )
         dofs = fem.locate_dofs_geometrical((V.sub(k), Vk), where)
         bcs.append(fem.dirichletbc(fem.Function(Vk), dofs, V.sub(k)))
+    return bcs
+
+
+def problem(
+    scene, law=None, order=(0, 1), pressure=PRESSURE, young=E, poisson=NU, design="auto", boxes=None
+):
+    """The problem, for bodies on one mesh or on two; ``order`` of the interface's sides."""
+    dim = scene[0][0].geometry.dim
+    spaces = [compat.function_space(domain, shape=(dim,)) for domain, _ in scene]
+    functions, forms = [fem.Function(V, name="u") for V in spaces], []
+    low_tags, high_tags = scene[0][1], scene[-1][1]
+    bcs = supports([spaces[0], spaces[-1]], boxes or BOXES[dim])
     for V, u in zip(spaces, functions, strict=True):
         mu, lam = (fem.Constant(V.mesh, value) for value in lame(young, poisson))
         density = energy(u, mu, lam) * ufl.dx(degree=4)
@@ -95,15 +100,15 @@ def problem(scene, law=None, order=(0, 1), pressure=PRESSURE, young=E, poisson=N
     )
 
 
-def errors(contact, known):
+def errors(contact, known, boxes=None):
     """Largest errors of stretches and of the contact pressure, relative to the applied one."""
-    worst = 0.0
+    worst, dim = 0.0, contact.spaces[0].mesh.geometry.dim
+    left = [corner[0] for corner, _, _ in boxes or BOXES[dim]]
     for u in contact.u:
-        dim = u.function_space.mesh.geometry.dim
         x = u.function_space.tabulate_dof_coordinates()[:, :dim]
-        left = np.where((x[:, -1] > 1.0 + 1e-9) & (x[:, 0] > LEFT[1] - 1e-9), LEFT[1], LEFT[0])
+        end = np.where((x[:, -1] > 1.0 + 1e-9) & (x[:, 0] > left[1] - 1e-9), *left[::-1])
         exact = np.zeros_like(x)
-        exact[:, 0], exact[:, -1] = (known[0] - 1.0) * (x[:, 0] - left), (known[1] - 1.0) * x[:, -1]
+        exact[:, 0], exact[:, -1] = (known[0] - 1.0) * (x[:, 0] - end), (known[1] - 1.0) * x[:, -1]
         off = np.abs(u.x.array.reshape(exact.shape) - exact)
         off[np.isclose(x[:, -1], 1.0), 0] = 0.0  # nodes of either body
         worst = max(worst, off.max(initial=0.0))

@@ -30,8 +30,9 @@ PUNCH = ((1.1, 1.0), (2.0, 1.0), (5, 4))
 CELLS = {"quad": "quadrilateral", "tri": "triangle", "hex": "hexahedron", "tet": "tetrahedron"}
 
 
-def brick(corner, size, cells, simplices, refine=1):
-    """Nodes and cells, in dolfinx's order, of a regular mesh of a box in 2D or 3D."""
+def brick(corner, size, cells, simplices, refine=1, rough=0.0):
+    """Nodes and cells, in dolfinx's order, of a regular mesh of a box in 2D or 3D; inner nodes are
+    moved by up to ``rough`` cells, those of the outside along it."""
     counts = np.array(cells) * refine
     dim, axes = len(counts), [np.linspace(0, 1, n + 1) for n in counts]
     x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
@@ -42,14 +43,18 @@ def brick(corner, size, cells, simplices, refine=1):
         found = np.concatenate([first[:, None] + path for path in paths])
     else:
         found = first[:, None] + np.array(list(product((0, 1), repeat=dim))) @ step
+    rng = np.random.default_rng(len(x))
+    x += rng.uniform(-rough, rough, x.shape) / counts * ((x > 0.0) & (x < 1.0))
     return x * size + corner, found
 
 
-def bodies(comm, kind="quad", refine=1, separate=False, scale=1.0, boxes=(FOUNDATION, PUNCH)):
+def bodies(
+    comm, kind="quad", refine=1, separate=False, scale=1.0, boxes=(FOUNDATION, PUNCH), rough=0.0
+):
     """(mesh, facet tags) of both bodies together, or of each; lengths times scale. ``kind`` may be
     a pair for bodies apart."""
     kinds = (kind, kind) if isinstance(kind, str) else kind
-    built = [brick(*box, k in ("tri", "tet"), refine) for box, k in zip(boxes, kinds, strict=True)]
+    built = [brick(*b, k in ("tri", "tet"), refine, rough) for b, k in zip(boxes, kinds)]
     (x0, c0), (x1, c1) = built
     parts = built if separate else [(np.r_[x0, x1], np.r_[c0, c1 + len(x0)])]
     n = None if comm.rank == 0 else 0  # rank 0 brings the mesh

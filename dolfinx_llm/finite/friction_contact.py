@@ -58,7 +58,7 @@ class FrictionContact(NormalContact):
         before: np.ndarray,
         held: Held,
         scale: float,
-        reach: float,
+        reach: np.ndarray,
     ) -> tuple[np.ndarray, Held]:
         """(n,) status, open, stick or slip, and what is held; arguments as without friction."""
         status, held = super().touching(place, q, before, held, scale, reach)

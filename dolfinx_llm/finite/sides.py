@@ -33,6 +33,7 @@ from dolfinx_llm.geometry.surface import Surface
 Item = TypeVar("Item")
 
 AS_COARSE = 1e-6  # difference of mean facet sizes that is none
+PER_NODE = {2: 1.0, 3: np.sqrt(2.0), 4: 1.0}  # distance of nodes over the size of facets
 WITHIN = 1.0  # gap over the frame's facet up to which facets can touch in a step
 
 
@@ -61,7 +62,7 @@ class Sides:
         Args:
             surfaces: as drawn.
         """
-        size = [cell_sizes(s.x, s.facets).mean() for s in surfaces]
+        size = [cell_sizes(s.x, s.facets).mean() * PER_NODE[s.facets.shape[1]] for s in surfaces]
         if abs(size[0] - size[1]) > AS_COARSE * max(size):
             frame = int(size[1] > size[0])
         else:  # alike: the one whose normal comes first

@@ -34,6 +34,7 @@ class Held:
     candidates: np.ndarray  # (f,) facets of the moving side that can touch
     pairs: np.ndarray  # (n,) its nodes that take part
     limit: float  # k of the design
+    lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
     origin: Origin | None = None  # of slip, where there is friction
 
 
@@ -96,7 +97,13 @@ class MovingContact(Protocol):
         """How the pairs stand at coordinates z: a ``Place`` of its own kind."""
 
     def touching(
-        self, place: Any, q: np.ndarray, before: np.ndarray, held: Held, scale: float, reach: float
+        self,
+        place: Any,
+        q: np.ndarray,
+        before: np.ndarray,
+        held: Held,
+        scale: float,
+        reach: np.ndarray,
     ) -> tuple[np.ndarray, Held]:
         """(n,) status of the pairs, and what is held from now on."""
 

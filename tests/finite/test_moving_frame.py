@@ -123,7 +123,9 @@ def test_tangent_is_the_derivative(name, law):
     slip and the law of friction."""
     z, n, q, terms = pressed(name, law)
     t = terms(z)
-    d = slice(n, n + len(t.place.areas[1]) + 2)  # mu and kappa, which follow the positions
+    d = slice(
+        n, n + len(t.place.areas[1]) + t.place.normal.shape[1]
+    )  # mu and kappa, which follow the positions
     kept = np.setdiff1d(np.arange(len(q)), np.arange(d.start, d.stop))
     own, left, top = t.own.toarray(), t.left.toarray(), t.top.toarray()
     dq = -np.linalg.solve(own[d, d], left[d])
