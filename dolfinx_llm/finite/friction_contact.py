@@ -30,7 +30,7 @@ from dolfinx_llm.finite.normal_contact import NormalContact, NormalPlace
 from dolfinx_llm.finite.terms import FAST, ContactTerms, Held, Origin
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
-FAR = 3.0  # facets beyond the rim from where nodes may come in within an increment
+COMES_IN = 3.0  # facets beyond the rim from where nodes may come in within an increment
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ class FrictionContact(NormalContact):
         """Where slip counts from, at the start of an increment; nodes beyond the frame's rim lie on
         its continuation, so that one that comes in knows from where."""
         at, (n, m, _) = place.at, self.counts
-        outside = np.flatnonzero(at.met & ~place.pairs & (at.beyond < FAR))
+        outside = np.flatnonzero(at.met & ~place.pairs & (at.beyond < COMES_IN))
         cells, gap = self.sides.facets(False)[at.facet[outside]], place.gap.copy()
         gap[outside] = at.gap[outside]
         k = cells.shape[1]
