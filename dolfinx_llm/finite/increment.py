@@ -166,6 +166,7 @@ class Increment:
         mine = [float(np.abs(part).max(initial=0.0)) for part in parts]
         reaction, load, rest = np.max(self.dofs.comm.allgather(mine), axis=0)
         nothing = 1e-12 * steps.scale * steps.size
+        rest = max([rest, *(t.miss for t in self.terms)])
         largest = max(largest, reaction, load, nothing, 1e-300)
         self.r, self.error = r, float(rest / largest)
         self.doubt = min(self.error, DOUBTS) * largest

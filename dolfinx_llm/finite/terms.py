@@ -69,6 +69,7 @@ class ContactTerms:
     status: np.ndarray  # (n,) of the pairs: 0 open, 1 stick, 2 slip, 3 closed without friction
     friction: np.ndarray | None  # (width,) part of the force; None: all that is not normal
     slip: np.ndarray  # (n, gdim) tangential motion on the frame in the increment [length]
+    miss: float = 0.0  # largest distance of forces from the law where pairs slip [force]
 
 
 class MovingContact(Protocol):
