@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix, diags
 
+from dolfinx_llm.finite.obstacle_contact import ObstacleContact
 from dolfinx_llm.finite.terms import ContactTerms, MovingContact
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
@@ -39,11 +40,12 @@ class MovingInterfaceResult:
     """Result of one interface, in the current configuration.
 
     The frame's nodes are those of the coarser surface; ``frame.v`` is their displacement since the
-    drawing. Forces there are those of side 0.
+    drawing. Forces there are those of side 0. Against a rigid obstacle the side's nodes take the
+    frame's place.
     """
 
-    frame: Frame  # its nodes now; its normal points out of side 0
-    sides: tuple[MovingSideResult, MovingSideResult]  # in the interface's order
+    frame: Frame | None  # its nodes now; its normal points out of side 0; None: rigid obstacle
+    sides: tuple[MovingSideResult, ...]  # in the interface's order; one against an obstacle
     frame_force: np.ndarray  # (m,) normal force at the frame's nodes [force]
     frame_area: np.ndarray  # (m,) tributary area of what both surfaces cover [area]
     frame_friction: np.ndarray  # (m, gdim) tangential force of side 0 there [force]
@@ -53,7 +55,7 @@ class MovingInterfaceResult:
     @property
     def x(self) -> np.ndarray:
         """(m, gdim) where pressure and traction are given: the frame's nodes now [length]."""
-        return self.frame.x
+        return self.sides[0].x if self.frame is None else self.frame.x
 
     @property
     def pressure(self) -> np.ndarray:
@@ -87,7 +89,7 @@ class MovingInterfaceResult:
 
 
 def moving_results(
-    contact: MovingContact, z: np.ndarray, terms: ContactTerms
+    contact: MovingContact | ObstacleContact, z: np.ndarray, terms: ContactTerms
 ) -> MovingInterfaceResult:
     """The result of one interface; the same on every rank.
 
@@ -96,6 +98,8 @@ def moving_results(
         z: all its coordinates [length].
         terms: in this configuration.
     """
+    if isinstance(contact, ObstacleContact):
+        return _against_obstacle(contact, z, terms)
     sides, place, status = contact.sides, terms.place, terms.status
     active = status != OPEN
     forces = sides.in_order(*sides.split(-terms.force))
@@ -142,6 +146,36 @@ def moving_results(
         frame_friction=friction,
         frame_status=at_frame,
         correction=terms.delta,
+    )
+
+
+def _against_obstacle(
+    contact: ObstacleContact, z: np.ndarray, terms: ContactTerms
+) -> MovingInterfaceResult:
+    """The result of a body on a rigid obstacle."""
+    surface, place, status = contact.sides.surfaces[0], terms.place, terms.status
+    x, force = (contact.sides.split(values)[0] for values in (z, -terms.force))
+    side = MovingSideResult(
+        X=surface.x,
+        x=x,
+        force=force,
+        normal=-place.normal,
+        normal_force=np.einsum("ni,ni->n", force, -place.normal),
+        gap=np.where(status != OPEN, 0.0, place.gap),
+        slip=terms.slip,
+        status=status,
+        area=place.areas[0],
+        facets=surface.facets,
+    )
+    tangential = force - side.normal_force[:, None] * side.normal
+    return MovingInterfaceResult(
+        frame=None,
+        sides=(side,),
+        frame_force=side.normal_force,
+        frame_area=side.area,
+        frame_friction=tangential,
+        frame_status=status,
+        correction=0.0,
     )
 
 
