@@ -34,6 +34,7 @@ class Held:
     candidates: np.ndarray  # (f,) facets of the moving side that can touch
     pairs: np.ndarray  # (n,) its nodes that take part
     limit: float  # k of the design
+    lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
     origin: Origin | None = None  # of slip, where there is friction
 
 
@@ -68,6 +69,7 @@ class ContactTerms:
     status: np.ndarray  # (n,) of the pairs: 0 open, 1 stick, 2 slip, 3 closed without friction
     friction: np.ndarray | None  # (width,) part of the force; None: all that is not normal
     slip: np.ndarray  # (n, gdim) tangential motion on the frame in the increment [length]
+    miss: float = 0.0  # largest distance of forces from the law where pairs slip [force]
 
 
 class MovingContact(Protocol):
@@ -95,7 +97,13 @@ class MovingContact(Protocol):
         """How the pairs stand at coordinates z: a ``Place`` of its own kind."""
 
     def touching(
-        self, place: Any, q: np.ndarray, before: np.ndarray, held: Held, scale: float, reach: float
+        self,
+        place: Any,
+        q: np.ndarray,
+        before: np.ndarray,
+        held: Held,
+        scale: float,
+        reach: np.ndarray,
     ) -> tuple[np.ndarray, Held]:
         """(n,) status of the pairs, and what is held from now on."""
 

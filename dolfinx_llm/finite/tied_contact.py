@@ -90,7 +90,7 @@ class TiedContact:
         before: np.ndarray,
         held: Held,
         scale: float,
-        reach: float,
+        reach: np.ndarray,
     ) -> tuple[np.ndarray, Held]:
         """(n,) all pairs stick."""
         return np.where(self.pairs, STICK, OPEN), held

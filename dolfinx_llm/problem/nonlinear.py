@@ -114,6 +114,7 @@ class NonlinearContactProblem:
             tuple(np.zeros(c.what.size) for c in contacts),
             (None,) * len(contacts),
             np.zeros(len(self.loads)),
+            np.zeros(len(self.bulk.dofs.fixed)),
         )
 
     def solve(self, increments: int = 1) -> fem.Function | list[fem.Function]:

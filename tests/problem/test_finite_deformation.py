@@ -11,7 +11,7 @@ from scenes import bodies_mesh, grid
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.finite import newton
+from dolfinx_llm.finite import newton, system
 
 COMM = MPI.COMM_SELF
 STRETCHES = {  # E, nu, q: lateral and vertical stretch, from the two equations by other hands
@@ -105,6 +105,25 @@ def test_finite_patch(scene):
     forces = sum(side.force.sum(axis=0) for side in result.sides)
     moments = result.moment(side=0) + result.moment(side=1)
     assert max(np.abs(forces).max(), np.abs(moments).max()) < 1e-10 * q
+
+
+def test_fine_meshes_take_no_more_iterations():
+    """A step in which nodes slide over several facets, by 0.4 times the stretch."""
+    problem = pressed((97, 61), widths=(1.0, 0.5), shift=0.4)
+    problem.solve()
+    assert len(problem.history) <= 5
+    residuals = [h["residual"] for h in problem.history[-3:]]
+    assert residuals[1] < 10.0 * residuals[0] ** 2 and residuals[2] < 1e-11
+
+
+def test_the_analysis_serves_again(monkeypatch):
+    """Few of the factorisations of two increments begin anew, though contact moves on."""
+    made = []
+    real = system.DirectSolver
+    monkeypatch.setattr(system, "DirectSolver", lambda *a, **k: made.append(1) or real(*a, **k))
+    problem = pressed((6, 9), material=(2000.0, 0.3, 300.0))
+    problem.solve(increments=2)
+    assert len(made) <= len(problem.history) // 2
 
 
 def test_stretches_of_the_demo_are_known():
