@@ -81,9 +81,8 @@ def test_objective(kind, law):
     still, forces = turned(kind, law)
     residuals = [h["residual"] for h in still.history]
     assert residuals[-1] < 1e-11 < residuals[-2]
-    for degrees in (30.0, 180.0):
-        for a, b in zip(forces, turned(kind, law, degrees)[1], strict=True):
-            assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
+    for a, b in zip(forces, turned(kind, law, 130.0)[1], strict=True):
+        assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
     for a, b in zip(forces[::-1], turned(kind, law, swapped=True)[1], strict=True):
         assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
 
