@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact
 from dolfinx_llm.finite.terms import ContactTerms, MovingContact
 from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.interface.forces import InterfaceForces
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
 
@@ -30,13 +30,18 @@ class MovingSideResult:
     facets: np.ndarray  # (m, k) facets of the surface
 
     @property
+    def drawn(self) -> np.ndarray:
+        """(n, gdim) X [length]."""
+        return self.X
+
+    @property
     def u(self) -> np.ndarray:
         """(n, gdim) displacements [length]."""
         return self.x - self.X
 
 
 @dataclass(frozen=True, eq=False)
-class MovingInterfaceResult:
+class MovingInterfaceResult(InterfaceForces):
     """Result of one interface, in the current configuration.
 
     The frame's nodes are those of the coarser surface; ``frame.v`` is their displacement since the
@@ -51,41 +56,13 @@ class MovingInterfaceResult:
     frame_friction: np.ndarray  # (m, gdim) tangential force of side 0 there [force]
     frame_status: np.ndarray  # (m,) 0 open, 1 stick, 2 slip, 3 closed without friction
     correction: float  # largest change of a row by the design
+    presses: bool = False  # pressures at the rim of contact are shown as they are
 
     @property
-    def x(self) -> np.ndarray:
-        """(m, gdim) where pressure and traction are given: the frame's nodes now [length]."""
-        return self.sides[0].x if self.frame is None else self.frame.x
-
-    @property
-    def pressure(self) -> np.ndarray:
-        """(m,) contact pressure at the frame's nodes, 0 where nothing covers [force / area]."""
-        area = self.frame_area
-        return np.where(area > 0.0, self.frame_force / np.where(area > 0.0, area, 1.0), 0.0)
-
-    @property
-    def traction(self) -> np.ndarray:
-        """(m, gdim) tangential traction of side 0 at the frame's nodes [force / area]."""
-        area = np.where(self.frame_area > 0.0, self.frame_area, np.inf)
-        return self.frame_friction / area[:, None]
-
-    @property
-    def resultant(self) -> np.ndarray:
-        """(gdim,) total force of side 0 on side 1 [force]."""
-        return self.sides[0].force.sum(axis=0)
-
-    def moment(self, about: ArrayLike | None = None, side: int = 0) -> np.ndarray:
-        """Moment of a side's forces where they act now: (3,), or (1,) in 2D [force length].
-
-        Args:
-            about: (gdim,) point; the origin by default [length].
-            side: whose forces on the frame.
-        """
-        of = self.sides[side]
-        arm = of.x - (0.0 if about is None else np.asarray(about, dtype=float))
-        if arm.shape[1] == 2:
-            return np.array([np.sum(arm[:, 0] * of.force[:, 1] - arm[:, 1] * of.force[:, 0])])
-        return np.cross(arm, of.force).sum(axis=0)
+    def frame_drawn(self) -> np.ndarray:
+        """(m, gdim) the frame's nodes as drawn [length]."""
+        assert self.frame is not None
+        return self.frame.x - self.frame.v
 
 
 def moving_results(

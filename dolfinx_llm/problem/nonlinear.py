@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.finite.results import MovingInterfaceResult, moving_results
 from dolfinx_llm.geometry.cells import cell_sizes
 from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.output import plot
 from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_arguments
 from dolfinx_llm.problem.nonlinear_parts import contact_of, follower_of, numbered, pose_of
 
@@ -156,6 +158,22 @@ class NonlinearContactProblem:
                 for c, t in zip(self._newton.equations.interfaces, self._newton.terms, strict=True)
             ]
         return self.u
+
+    def plot(self, folder: str | Path, field: str = "pressure") -> None:
+        """Pictures of the last solve as PNG, as of ``ContactProblem.plot``, on the deformed bodies.
+        Collective.
+
+        Args:
+            folder: where the pictures go; it is made.
+            field: "pressure", "status" or "traction".
+
+        Raises:
+            ContactInputError: no such field, or a folder that cannot be made or written.
+            ContactError: nothing has been solved.
+        """
+        if not self.results:
+            raise ContactError("there is nothing to draw yet: call solve() first")
+        plot.pictures(self.comm, self.bulk.u, self.results, folder, field, scale=1.0)
 
     def __str__(self) -> str:
         """Sizes, and which side of each interface carries the frame."""
