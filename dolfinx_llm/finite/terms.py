@@ -36,6 +36,7 @@ class Held:
     limit: float  # k of the design
     lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
     origin: Origin | None = None  # of slip, where there is friction
+    pose: np.ndarray | None = None  # pivot, displacement and rotation of a rigid obstacle
 
 
 @dataclass(frozen=True, eq=False)

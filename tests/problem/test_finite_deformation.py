@@ -216,7 +216,6 @@ def test_refused():
         arguments.setdefault("interfaces", [llm.Interface(tags, (LOW, HIGH))])
         return llm.NonlinearContactProblem(F, u, **arguments)
 
-    plane = llm.RigidPlane((0.0, -1.0), (0.0, 1.0))
     for kwargs, text in [
         ({"u": "u"}, "give the Function u"),
         ({"F": 3}, "give a residual form"),
@@ -224,7 +223,6 @@ def test_refused():
         ({"loads": llm.FreeSurfacePressure(blocks((5, 7))[1], TOP, 1.0)}, "none of the meshes"),
         ({"solver": "condensed"}, "choose one of"),
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=llm.Law())]}, "Frictionless"),
-        ({"interfaces": [llm.Interface(tags, (plane, LOW), law=llm.Frictionless())]}, "obstacles"),
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), design="positions")]}, "frame moves"),
     ]:
         with pytest.raises(llm.ContactInputError, match=text):
