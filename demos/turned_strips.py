@@ -5,7 +5,7 @@ friction that sticks here and slips there. Turning changes nothing for them: con
 turned base stay as they are, and what sticks does not slip. Then the upper strip is moved to and
 fro, with and without turning at the same time: the friction is the same.
 
-    mpirun -n 2 python demos/turned_strips.py [--step 10] [--plot DIR]
+    mpirun -n 2 python demos/turned_strips.py [--turn 180] [--step 10] [--plot DIR]
 """
 
 import argparse
@@ -68,13 +68,13 @@ class Strips:
         return last["stick"], last["slip"], len(self.problem.history)
 
 
-def turned(law, degrees):
-    """Largest change of forces, over the largest force, and slip of what sticks, in half a turn."""
+def turned(law, degrees, end=180.0):
+    """Largest change of forces, over the largest force, and slip of what sticks, in a turn."""
     strips = Strips(law)
     strips.step(SHIFT)
     still, _ = strips.step(SHIFT)  # what slipped on the way rests
     first, change, slip, its = strips.counts(), 0.0, 0.0, []
-    for angle in np.arange(degrees, 180.1, degrees):
+    for angle in np.arange(degrees, end + 0.1, degrees):
         force, stuck = strips.step(SHIFT, np.deg2rad(angle))
         change = max(change, np.abs(force - still).max() / np.abs(still).max())
         slip = max(slip, stuck)
@@ -84,7 +84,7 @@ def turned(law, degrees):
 
 def to_and_fro(law, steps=6):
     """Friction over normal force on the way, still and while all turns by 90 degrees."""
-    way = SHIFT * np.sin(2 * np.pi * np.arange(1, steps + 1) / steps)
+    way = SHIFT * np.sin(2 * np.pi * (np.arange(steps) + 0.5) / steps)
     found = []
     for end in (0.0, 0.5 * np.pi):
         strips = Strips(law)
@@ -99,18 +99,19 @@ def to_and_fro(law, steps=6):
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--turn", type=float, default=180.0, metavar="DEG")
     parser.add_argument("--step", type=float, default=10.0, metavar="DEG", help="of the turn")
     parser.add_argument("--plot", type=Path, metavar="DIR")
     args = parser.parse_args(arguments)
     report, root = {}, MPI.COMM_WORLD.rank == 0
     for law in LAWS:
-        strips, found = turned(law, args.step)
+        strips, found = turned(law, args.step, args.turn)
         report[str(law)] = found
         if root:
             print(
-                f"{law}: {found['pairs'][0]} stick, {found['pairs'][1]} slip before; in half a "
-                f"turn forces change by {found['change']:.1e}, slip {found['slip']:.1e}, at most "
-                f"{max(found['iterations'])} iterations a step"
+                f"{law}: {found['pairs'][0]} stick, {found['pairs'][1]} slip before; while "
+                f"all turns forces change by {found['change']:.1e}, slip {found['slip']:.1e}; at "
+                f"most {max(found['iterations'])} iterations a step"
             )
     still, turning = to_and_fro(LAWS[-1])
     report["to and fro"] = float(np.abs(turning - still).max())
