@@ -21,10 +21,12 @@ from dolfinx_llm.contact.friction_nodes import friction_nodes
 from dolfinx_llm.contact.proximal import proximal_term
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.step import SOFT, LinearStep
-from dolfinx_llm.laws.rows import STICK, LawRows
+from dolfinx_llm.laws.rows import STICK, LawNodes, LawRows
 from dolfinx_llm.laws.speakers import sums
 from dolfinx_llm.operators.system import ContactOperators
 
+FIRM = 1e11  # of the bodies' stiffness: what supports set against slip
+STILL = 1e-9  # part of the largest motion up to which slip that supports prescribe is none
 CARRIED = 1e-3  # part of a force on an obstacle from which on contact does not balance it
 
 
@@ -39,6 +41,8 @@ class Equations:
         states: per interface its ``InterfaceState``.
         L: (n, m) motion of frames and slips as the rows see it.
         compliance: (n,) by how much rows give way [length / force].
+        start: (n,) λ at the start of the load step: friction at rest keeps it [force].
+        about: (n,) λ about which rows give way, which at a solution is the solution's [force].
         normal: (n,) rows that may open.
         drifts: (m,) normal motion of frames.
         loads: (n_v,) on the frame unknowns, forces on obstacles, at the part of the load step that
@@ -50,8 +54,9 @@ class Equations:
         self.states = [InterfaceState(nodes) for nodes in friction_nodes(operators)]
         places = [state.nodes for state in self.states]
         self.n = sum(nodes.rows.size for nodes in places)
-        soft = operators.soft & (not operators.tied)  # ties alone leave no force to laws
-        self.compliance = np.where(soft, SOFT / self.scale, 0.0)
+        # Of ties no row that repeats others is left.
+        loose = np.concatenate([np.full(nodes.rows.size, not nodes.law.ties) for nodes in places])
+        self.compliance = np.where(operators.soft & loose, SOFT / self.scale, 0.0)
         L = block_diag([nodes.L for nodes in places], format="csr")
         L_kappa = block_diag([nodes.L_kappa for nodes in places], format="csr")
         kept = diags(np.concatenate([nodes.kept for nodes in places]).astype(float))
@@ -59,6 +64,7 @@ class Equations:
         self.n_v, self.m = L.shape[1], self.L.shape[1]
         self._L_t = self.L[:, : self.n_v].T.tocsr()
         self._operators, self.loads = operators, np.zeros(self.n_v)
+        self.start = self.about = np.zeros(self.n)
         self._rigid = np.zeros(self.m)  # 1: translations of obstacles, the others nodal motions
         for s in self.states:
             self._rigid[s.nodes.v] = s.nodes.model.frame is None
@@ -119,6 +125,7 @@ class Equations:
         if self._operators.tied:
             return replace(self._ties, g=g)
         active = self.closed_rows()
+        kept = np.where(active, self.about, 0.0)
         P = proximal_term(self.states, self.m, self._epsilon * self.scale)
         gather = self._frame_gather()
         own = gather @ P[: self.n_v]
@@ -139,9 +146,9 @@ class Equations:
                 rhs.append(own @ centre + rows.rhs.ravel() + before)
         (anchor, spring), floating = held, self._operators.floating
         return LinearStep(
-            active, self.may_open(), self.L, g, self.compliance,
+            active, self.may_open(), self.L, g + self.compliance * kept, self.compliance,
             stack(E, format="csr"), stack(D, format="csr"), np.concatenate(rhs),
-            anchor, spring, floating.pins, spring * floating.at_pins(anchor),
+            anchor, spring, floating.pins, spring * floating.at_pins(anchor), kept,
         )  # fmt: skip
 
     @cached_property
@@ -161,9 +168,29 @@ class Equations:
             calmed: the state of contact has come to rest once in this load step; from then on what
                 no force reaches sticks.
         """
-        at = s.at(multiplier, w, self.scale)
-        rows = s.rows_at(replace(at, c=at.c / s.nodes.gives)).scaled(at.c)
+        at, rests = self._at(s, multiplier, w)
+        firm = np.where(s.nodes.led & ~rests, FIRM, 1.0)
+        rows = s.rows_at(replace(at, c=at.c * firm)).scaled(at.c).resting(rests, at.force)
+        if s.law.slips and not s.law.gives:  # what nothing ties bears nothing, and slips freely
+            rows = rows.idle(s.idle())
         return rows.tied(s.others.speaker, s.others.unheld & calmed, self.scale)
+
+    def _at(
+        self, s: InterfaceState, multiplier: np.ndarray, w: np.ndarray
+    ) -> tuple[LawNodes, np.ndarray]:
+        """What an interface's law is told of its nodes, and those (k,) that supports keep at rest.
+
+        There no motion tells friction: it stays as at the start of the load step, as far as the
+        law allows.
+        """
+        at = s.at(multiplier, w, self.scale)
+        rests = np.zeros(len(at.x), dtype=bool)
+        if s.law.slips and not s.law.gives:
+            slip = np.linalg.norm(at.slip, axis=1)
+            rests = s.nodes.led & (slip <= STILL * np.abs(w).max(initial=0.0))
+            force = np.where(rests[:, None], s.at(self.start, w, self.scale).force, at.force)
+            at = replace(at, force=force, jump=np.where(rests[:, None], at.before, at.jump))
+        return at, rests
 
     def all_stick(self, step: LinearStep) -> LinearStep:
         """The first step, when nothing is known: all stick, as in the paper."""
@@ -183,6 +210,16 @@ class Equations:
     def miss(self, multiplier: np.ndarray, w: np.ndarray) -> float:
         """By how much balance of the frames and the laws are missed, at most [force]."""
         return max(self.imbalance(multiplier), self._law_miss(multiplier, w))
+
+    def given_way(self, multiplier: np.ndarray) -> float:
+        """By how much forces of rows that give way differ from those about which they do [force]."""
+        soft = (self.compliance > 0.0) & self.closed_rows()
+        return float(np.abs(multiplier - self.about)[soft].max(initial=0.0))
+
+    @cached_property
+    def spread(self) -> float:
+        """Multipliers that balance at a frame node, at most: so often its balance is rounded."""
+        return float(np.asarray(abs(self._L_t).sum(axis=1)).max(initial=1.0))
 
     def imbalance(self, multiplier: np.ndarray) -> float:
         """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
@@ -225,7 +262,9 @@ class Equations:
         worst = 0.0
         for s in self.states:
             if s.nodes.kappa.size:
-                miss = s.law.miss(s.at(multiplier, w, self.scale))
+                at = s.at(multiplier, w, self.scale)
+                told = self._at(s, multiplier, w)[0]
+                miss = s.law.miss(replace(at, jump=told.jump))
                 worst = max(worst, float(miss.max(initial=0.0)))
         return worst
 

@@ -26,6 +26,7 @@ from dolfinx_llm.operators.system import ContactOperators
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
 FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
+STEADY = 1e-8  # part of the largest force by which those at supports may still change
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
 FRICTIONLESS = 1e-2  # of the normal force that may be without friction: less than meshes cost
@@ -126,6 +127,7 @@ class ContactIteration:
         floating = self.operators.floating
         alpha = self.alpha if known else np.zeros(floating.count)
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
+        equations.start = about[0]
         calm, self._calmed = 0, False  # iterations without a change of state; whether any was
         before, w_last = np.inf, w  # last residual and motion
         runs = 0  # iterations in which contact did not balance the force on an obstacle
@@ -135,6 +137,7 @@ class ContactIteration:
         for s in self.states:
             s.begin()
         for iteration in range(1, MAXIMUM + 1):
+            equations.about = about[0] if calm else equations.start
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
             if not known and iteration == 1:
                 step = equations.all_stick(step)
@@ -159,9 +162,10 @@ class ContactIteration:
             calm = 0 if changes or supposed else calm + 1
             pull.watch(found.floating, multiplier, calm, self.form.noise)
             stalled = calm > CALM and miss > 0.5 * before
-            enough = max(ENOUGH, self.form.noise / largest)
+            enough = max(ENOUGH, equations.spread * self.form.noise / largest)
+            moved = equations.given_way(multiplier)
             settled = miss <= self.form.accuracy or (stalled and miss <= enough)
-            rests = settled and calm > corrections and pull.rests
+            rests = settled and calm > corrections and pull.rests and moved <= STEADY * largest
             released = (rests or calm > 1) and equations.release(multiplier, ENOUGH * largest)
             if rests and not released:
                 _require_friction(self.states, multiplier)

@@ -13,6 +13,7 @@ from dolfinx_llm.contact.friction_nodes import FLOOR, FrictionNodes
 from dolfinx_llm.interface.update import Transfer
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK, LawNodes, LawRows, checked
+from dolfinx_llm.laws.speakers import sums
 
 LOOSE = 12  # a pair that has closed so often in a load step has no friction of its own
 
@@ -239,6 +240,11 @@ class InterfaceState:
         """
         return checked(checks.shown(self.law), self.law.rows(nodes), *nodes.jump.shape)
 
+    def idle(self) -> np.ndarray:
+        """(k,) nodes to which no pair in contact is tied, nor to those for which they speak."""
+        reached = self.nodes.reached(self._tied).astype(float)
+        return ~(sums(self.others.speaker) @ reached > 0.0)
+
     def share_out(self, friction: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """Forces of friction (k, gdim) of those that speak for others, divided among them by their
         strength for normal forces (k,): what the law says of the sum then holds for each."""
@@ -260,10 +266,8 @@ class InterfaceState:
             status = np.where(self._tied, status, CLOSED)
         return np.where(self.own.active, status, OPEN)
 
-    def sticking_rows(self) -> np.ndarray:
-        """(n c,) rows in contact of pairs that have friction, where all sticks."""
-        nodes = self.nodes
-        if not nodes.kappa.size:
-            return np.zeros(nodes.rows.size, dtype=bool)
-        moves = nodes.reach(self.own.status != STICK)
-        return self.closed_rows() & np.repeat(~moves, nodes.rows.shape[1])
+    def bearing_rows(self) -> np.ndarray:
+        """(n c,) rows in contact that have friction."""
+        rows = np.repeat(self._tied[:, None], self.nodes.rows.shape[1], axis=1)
+        rows[:, -1] = False
+        return rows.ravel() & self.nodes.kept & bool(self.nodes.kappa.size)

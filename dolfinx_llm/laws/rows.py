@@ -163,6 +163,26 @@ class LawRows:
             rhs=by * self.rhs,
         )
 
+    def resting(self, nodes: np.ndarray, force: np.ndarray) -> LawRows:
+        """The same, but that some nodes (k,) keep their forces (k, q), as far as the law lets them,
+        whatever their jumps."""
+        kept = force - np.einsum("nij,nj->ni", self.C_T, force) + self.rhs
+        kept = np.where((self.status == STICK)[:, None], force, kept)
+        at = nodes[:, None, None]
+        return replace(
+            self,
+            C_T=np.where(at, np.eye(force.shape[1]), self.C_T),
+            C_jump=np.where(at, 0.0, self.C_jump),
+            rhs=np.where(nodes[:, None], kept, self.rhs),
+        )
+
+    def idle(self, nodes: np.ndarray) -> LawRows:
+        """The same, but that some nodes (k,) are open."""
+        force = np.zeros_like(self.rhs)
+        rows = replace(self, status=np.where(nodes, STICK, self.status)).resting(nodes, force)
+        status, C_N = np.where(nodes, OPEN, self.status), np.where(nodes[:, None], 0.0, self.C_N)
+        return replace(rows, status=status, C_N=C_N)
+
     def tied(self, speaker: np.ndarray, unheld: np.ndarray, c: float) -> LawRows:
         """The same, but that nodes for which others speak slip as those do: their δ, taken relative
         to it, vanishes; and that nodes which no force reaches do not slip.
