@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.finite.facet_planes import FacetPlanes
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item, summing
 from dolfinx_llm.finite.normals import area_derivatives
 from dolfinx_llm.geometry.cells import vector_areas
@@ -16,18 +17,21 @@ from dolfinx_llm.geometry.cells import vector_areas
 class Covered:
     """Covered parts of facets: integrals of shape functions there, over the facet's size."""
 
-    share: np.ndarray  # (f, k); 1 / k where the whole facet is covered
+    share: np.ndarray  # (f, k); their sum is 1 where the whole facet is covered
     derivative: csr_matrix  # (k f, width) by all coordinates [1 / length]
 
-    @property
-    def free(self) -> Covered:
-        """The parts that are not covered."""
-        return Covered(1.0 / self.share.shape[1] - self.share, -self.derivative)
+    def without(self, other: Covered) -> Covered:
+        """What of these parts does not belong to other ones, which lie in them."""
+        return Covered(self.share - other.share, (self.derivative - other.derivative).tocsr())
 
 
-def everything(f: int, k: int, width: int) -> Covered:
-    """Whole facets."""
-    return Covered(np.full((f, k), 1.0 / k), csr_matrix((f * k, width)))
+def everything(x: np.ndarray, facets: np.ndarray, first: int, width: int) -> Covered:
+    """Whole facets; arguments as for ``surface_integrals``."""
+    (f, k), gdim = facets.shape, x.shape[1]
+    if gdim == 2:
+        return Covered(np.full((f, k), 1.0 / k), csr_matrix((f * k, width)))
+    share, change = FacetPlanes.of(x, facets).whole()
+    return Covered(share, jacobian(change, coordinates(facets, gdim, first), width))
 
 
 def surface_integrals(

@@ -82,7 +82,7 @@ class NormalContact:
         before: np.ndarray,
         held: Held,
         scale: float,
-        reach: float,
+        reach: np.ndarray,
     ) -> tuple[np.ndarray, Held]:
         """(n,) status of the pairs, and what is held from now on: closed where lambda - scale gap
         > 0.
@@ -93,7 +93,7 @@ class NormalContact:
             before: (n,) status in the last iterate.
             held: from the start of the step.
             scale: stiffness [force / length].
-            reach: pairs closer than that touch [length].
+            reach: (n,) pairs closer than that touch [length].
         """
         force = q[: len(place.pairs)]
         gap = np.where(place.pairs, place.gap, 0.0)
@@ -143,6 +143,10 @@ class NormalContact:
         columns = sides.columns[0][on], sides.columns[1]
         rows = self.design.rows(at, x[on], y, (f[0][on], f[1]), held.limit)
         by_place, by_mu = self.design.derivatives(rows, at, d, columns, sides.width)
+        by_areas = forces[0][1], forces[1][1]
+        if held.lagged:
+            by_place = csr_matrix(by_place.shape)
+            by_areas = csr_matrix(by_areas[0].shape), csr_matrix(by_areas[1].shape)
         height = np.einsum("nsi,ni->ns", y[rows.nodes] - x[on][:, None], at.normal)
         pick = summing(on, n)
         gap, normal = np.full(n, np.inf), np.zeros((n, gdim))
@@ -153,7 +157,7 @@ class NormalContact:
             normal=normal,
             N=(pick @ rows.matrix(m)).tocsr(),
             areas=f,
-            by_z=(forces[0][1], forces[1][1]),
+            by_z=by_areas,
             on=on,
             rows=rows,
             entries=(by_place, by_mu),
@@ -224,4 +228,6 @@ class NormalContact:
             place=place,
             delta=float(np.abs(rows.delta).max(initial=0.0)),
             status=status,
+            friction=np.zeros(width),
+            slip=np.zeros((n, gdim)),
         )

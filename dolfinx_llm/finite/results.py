@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm.finite.terms import ContactTerms, MovingContact
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.laws.rows import OPEN
+from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +23,8 @@ class MovingSideResult:
     normal: np.ndarray  # (n, gdim) frame normal, out of this side; 0 away from contact
     normal_force: np.ndarray  # (n,) positive in compression [force]
     gap: np.ndarray  # (n,) to the other body along the normal; inf where there is none [length]
-    status: np.ndarray  # (n,) 0 open, 1 stick, 3 closed without friction
+    slip: np.ndarray  # (n, gdim) tangential motion on the other body in the last increment [length]
+    status: np.ndarray  # (n,) 0 open, 1 stick, 2 slip, 3 closed without friction
     area: np.ndarray  # (n,) tributary area of what both surfaces cover [area]
     facets: np.ndarray  # (m, k) facets of the surface
 
@@ -45,7 +47,7 @@ class MovingInterfaceResult:
     frame_force: np.ndarray  # (m,) normal force at the frame's nodes [force]
     frame_area: np.ndarray  # (m,) tributary area of what both surfaces cover [area]
     frame_friction: np.ndarray  # (m, gdim) tangential force of side 0 there [force]
-    frame_status: np.ndarray  # (m,) 0 open, 1 stick, 3 closed without friction
+    frame_status: np.ndarray  # (m,) 0 open, 1 stick, 2 slip, 3 closed without friction
     correction: float  # largest change of a row by the design
 
     @property
@@ -102,7 +104,10 @@ def moving_results(
     outward = sides.outward(z)
     normals = sides.in_order(-place.normal, outward)
     loaded = np.asarray(abs(place.N).T @ active.astype(float)).ravel() > 0.0
-    at_frame = np.where(loaded, status.max(initial=OPEN), OPEN)
+    at_frame = np.full(len(loaded), OPEN)
+    for kind in (STICK, SLIP, CLOSED):
+        at_frame[np.asarray(abs(place.N).T @ (status == kind)).ravel() > 0.0] = kind
+    slips = sides.in_order(terms.slip, _at_frame(place.N, terms.slip, active))
     gaps = sides.in_order(np.where(active, 0.0, place.gap), np.where(loaded, 0.0, np.inf))
     statuses, areas = sides.in_order(status, at_frame), sides.in_order(*place.areas)
     first, second = (
@@ -114,6 +119,7 @@ def moving_results(
             normal_force=np.einsum("ni,ni->n", forces[k], normals[k]),
             gap=gaps[k],
             status=statuses[k],
+            slip=slips[k],
             area=areas[k],
             facets=surface.facets,
         )
@@ -122,6 +128,10 @@ def moving_results(
     sign = 1.0 if sides.frame == 0 else -1.0
     total, normal = sign * forces[sides.frame], sign * outward
     force = np.einsum("mi,mi->m", total, normal)
+    friction = total - force[:, None] * normal
+    if terms.friction is not None:
+        friction = -sign * sides.split(terms.friction)[1]
+        force = np.einsum("mi,mi->m", total - friction, normal)
     cells = sides.facets(False)
     drawn = sides.surfaces[sides.frame].x
     return MovingInterfaceResult(
@@ -129,7 +139,15 @@ def moving_results(
         sides=(first, second),
         frame_force=force,
         frame_area=place.areas[1],
-        frame_friction=total - force[:, None] * normal,
+        frame_friction=friction,
         frame_status=at_frame,
         correction=terms.delta,
     )
+
+
+def _at_frame(N: csr_matrix, slip: np.ndarray, active: np.ndarray) -> np.ndarray:
+    """(m, gdim) slip of the frame's nodes on the other body: minus the mean of what pairs there
+    slip."""
+    weights = abs(N).T @ diags(active.astype(float))
+    total = np.asarray(weights.sum(axis=1)).ravel()
+    return -(weights @ slip) / np.where(total > 0.0, total, 1.0)[:, None]

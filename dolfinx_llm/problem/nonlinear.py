@@ -38,7 +38,9 @@ class NonlinearContactProblem:
             updated in place; what it holds at first is where the first step starts.
         J: derivative of F, or a sequence; None: ``ufl.derivative(F, u)``.
         bcs: Dirichlet conditions on the displacement; values may change between steps.
-        interfaces: ``Interface`` objects with the law ``Tied()`` or ``Frictionless()``.
+        interfaces: ``Interface`` objects with the law ``Tied()``, ``Frictionless()`` or
+            ``Coulomb(...)``, which holds at the nodes of the finer side; an array of its mu has a
+            value for each of these.
         loads: ``FreeSurfacePressure`` objects.
         nodal_loads: Functions of nodal forces.
         solver: "auto" or "saddle": Newton's system factorised by MUMPS.
@@ -112,6 +114,7 @@ class NonlinearContactProblem:
             tuple(np.zeros(c.what.size) for c in contacts),
             (None,) * len(contacts),
             np.zeros(len(self.loads)),
+            np.zeros(len(self.bulk.dofs.fixed)),
         )
 
     def solve(self, increments: int = 1) -> fem.Function | list[fem.Function]:
