@@ -171,8 +171,8 @@ class Equations:
         at, rests = self._at(s, multiplier, w)
         firm = np.where(s.nodes.led & ~rests, FIRM, 1.0)
         rows = s.rows_at(replace(at, c=at.c * firm)).scaled(at.c).resting(rests, at.force)
-        if s.law.slips and not s.law.gives:  # what nothing ties bears nothing, and slips freely
-            rows = rows.idle(s.idle())
+        if s.law.slips and not s.law.gives:
+            rows = rows.idle(s.nodes.led & s.idle())
         return rows.tied(s.others.speaker, s.others.unheld & calmed, self.scale)
 
     def _at(
@@ -212,7 +212,7 @@ class Equations:
         return max(self.imbalance(multiplier), self._law_miss(multiplier, w))
 
     def given_way(self, multiplier: np.ndarray) -> float:
-        """By how much forces of rows that give way differ from those about which they do [force]."""
+        """By how much forces of rows differ from those about which these give way [force]."""
         soft = (self.compliance > 0.0) & self.closed_rows()
         return float(np.abs(multiplier - self.about)[soft].max(initial=0.0))
 

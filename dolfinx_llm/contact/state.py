@@ -241,8 +241,8 @@ class InterfaceState:
         return checked(checks.shown(self.law), self.law.rows(nodes), *nodes.jump.shape)
 
     def idle(self) -> np.ndarray:
-        """(k,) nodes to which no pair in contact is tied, nor to those for which they speak."""
-        reached = self.nodes.reached(self._tied).astype(float)
+        """(k,) nodes that no pair in contact reaches, nor those for which they speak."""
+        reached = self.nodes.reached(self.own.active).astype(float)
         return ~(sums(self.others.speaker) @ reached > 0.0)
 
     def share_out(self, friction: np.ndarray, normal: np.ndarray) -> np.ndarray:

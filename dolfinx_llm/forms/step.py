@@ -15,7 +15,7 @@ from dolfinx_llm.operators.system import ContactOperators
 
 SIGN = 1e-11  # relative: what rounding may not switch
 GRAZING = 1e-3  # forces below this part of scale times motion count as none
-SOFT = 1e-6  # compliance, relative to the surface's, that makes changes of forces at supports unique
+SOFT = 1e-6  # compliance, relative to the surface's, with which forces at supports change
 
 
 @dataclass(frozen=True, eq=False)

@@ -177,11 +177,18 @@ class LawRows:
         )
 
     def idle(self, nodes: np.ndarray) -> LawRows:
-        """The same, but that some nodes (k,) are open."""
-        force = np.zeros_like(self.rhs)
-        rows = replace(self, status=np.where(nodes, STICK, self.status)).resting(nodes, force)
-        status, C_N = np.where(nodes, OPEN, self.status), np.where(nodes[:, None], 0.0, self.C_N)
-        return replace(rows, status=status, C_N=C_N)
+        """The same, but that some nodes (k,), which nothing in contact reaches, are open: no force
+        would tell their slip.
+        """
+        at, unit = nodes[:, None, None], np.eye(self.rhs.shape[1])
+        return replace(
+            self,
+            status=np.where(nodes, OPEN, self.status),
+            C_T=np.where(at, unit, self.C_T),
+            C_jump=np.where(at, 0.0, self.C_jump),
+            C_N=np.where(nodes[:, None], 0.0, self.C_N),
+            rhs=np.where(nodes[:, None], 0.0, self.rhs),
+        )
 
     def tied(self, speaker: np.ndarray, unheld: np.ndarray, c: float) -> LawRows:
         """The same, but that nodes for which others speak slip as those do: their δ, taken relative

@@ -86,7 +86,8 @@ def on_ranks(seeds, folder):
             np.savez(file, u=[a.u for a in found], force=[a.force for a in found])
         elif comm.rank == 0:
             with np.load(file) as kept:
-                known = [scenes.Answer(u, list(f), [], []) for u, f in zip(kept["u"], kept["force"])]
+                pairs = zip(kept["u"], kept["force"], strict=True)
+                known = [scenes.Answer(u, list(f), [], []) for u, f in pairs]
             if len(found) == len(known) > 0:
                 line |= scenes.differences(found, known, scene)
             elif len(found) != len(known):
