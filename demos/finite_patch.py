@@ -74,14 +74,15 @@ def supports(spaces, boxes):
 
 
 def problem(
-    scene, law=None, order=(0, 1), pressure=PRESSURE, young=E, poisson=NU, design="auto", boxes=None
+    scene, law=None, order=(0, 1), pressure=PRESSURE, young=E, poisson=NU, design="auto", **more
 ):
-    """The problem, for bodies on one mesh or on two; ``order`` of the interface's sides."""
+    """The problem, for bodies on one mesh or on two; ``order`` of the interface's sides; ``boxes``
+    if they are others, ``beyond`` if the punch's bottom is pressed as well where it is free."""
     dim = scene[0][0].geometry.dim
     spaces = [compat.function_space(domain, shape=(dim,)) for domain, _ in scene]
     functions, forms = [fem.Function(V, name="u") for V in spaces], []
     low_tags, high_tags = scene[0][1], scene[-1][1]
-    bcs = supports([spaces[0], spaces[-1]], boxes or BOXES[dim])
+    bcs = supports([spaces[0], spaces[-1]], more.get("boxes", BOXES[dim]))
     for V, u in zip(spaces, functions, strict=True):
         mu, lam = (fem.Constant(V.mesh, value) for value in lame(young, poisson))
         density = energy(u, mu, lam) * ufl.dx(degree=4)
@@ -92,6 +93,8 @@ def problem(
         llm.FreeSurfacePressure(low_tags, FOUNDATION_TOP, p, covered_by=(high_tags, PUNCH_BOTTOM)),
     ]
     sides = ((low_tags, FOUNDATION_TOP), (high_tags, PUNCH_BOTTOM))
+    if more.get("beyond"):
+        loads.append(llm.FreeSurfacePressure(*sides[1], p, covered_by=sides[0]))
     interface = llm.Interface(
         None, tuple(sides[i] for i in order), law=law or llm.Frictionless(), design=design
     )

@@ -30,6 +30,8 @@ from dolfinx_llm.finite.normal_contact import NormalContact, NormalPlace
 from dolfinx_llm.finite.terms import FAST, ContactTerms, Held, Origin
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
+COMES_IN = 3.0  # facets beyond the rim from where nodes may come in within an increment
+
 
 @dataclass(frozen=True, eq=False)
 class FrictionContact(NormalContact):
@@ -60,7 +62,7 @@ class FrictionContact(NormalContact):
     ) -> tuple[np.ndarray, Held]:
         """(n,) status, open, stick or slip, and what is held; arguments as without friction."""
         status, held = super().touching(place, q, before, held, scale, reach)
-        origin = held.origin or Origin(place.N, place.gap, before != OPEN, scale)
+        origin = held.origin or self._started(place, before != OPEN, scale)
         first = (status == CLOSED) & ~origin.touched
         origin = replace(
             origin,
@@ -73,6 +75,19 @@ class FrictionContact(NormalContact):
         stick = sticks(place.normal[closed], tau, sigma, bound, scale, before[closed] == SLIP)
         status[closed] = np.where(stick | first[closed], STICK, SLIP)
         return status, replace(held, origin=origin)
+
+    def _started(self, place: NormalPlace, closed: np.ndarray, scale: float) -> Origin:
+        """Where slip counts from, at the start of an increment; nodes beyond the frame's rim lie on
+        its continuation, so that one that comes in knows from where."""
+        at, (n, m, _) = place.at, self.counts
+        outside = np.flatnonzero(at.met & ~place.pairs & (at.beyond < COMES_IN))
+        cells, gap = self.sides.facets(False)[at.facet[outside]], place.gap.copy()
+        gap[outside] = at.gap[outside]
+        k = cells.shape[1]
+        continued = csr_matrix(
+            (at.N[outside].ravel(), (np.repeat(outside, k), cells.ravel())), (n, m)
+        )
+        return Origin((place.N + continued).tocsr(), gap, closed, scale)
 
     def _law(
         self, place: NormalPlace, q: np.ndarray, origin: Origin, at: np.ndarray
@@ -118,6 +133,7 @@ class FrictionContact(NormalContact):
             rest=np.concatenate([t.rest, rest.ravel()]),
             friction=-(on_tau.T @ tau),
             slip=slip,
+            miss=float(np.abs(rest[status == SLIP]).max(initial=0.0) * held.origin.scale),
         )
 
     def _equations(

@@ -73,6 +73,7 @@ class NewtonState:
     own: tuple[np.ndarray, ...]  # unknowns of each interface
     status: tuple[np.ndarray | None, ...]  # of the pairs of each interface; None: not known yet
     pressures: np.ndarray  # of the follower loads [force / area]
+    poses: tuple[np.ndarray, ...]  # per interface what places a rigid obstacle; empty without one
     pushed: np.ndarray  # (n_local,) forces of contact and follower loads on the bodies [force]
 
 
@@ -83,6 +84,7 @@ class LoadStep:
     start: NewtonState
     values: np.ndarray  # (n_local,) prescribed displacements at its end [length]
     pressures: np.ndarray  # at its end [force / area]
+    poses: tuple[np.ndarray, ...]  # of rigid obstacles at its end
     unbalanced: np.ndarray  # (n_local,) residual of the start under the loads of its end [force]
 
 
@@ -127,11 +129,15 @@ class Increment:
         self.target = start.u + end * (step.values - start.u)
         self.pressures = start.pressures + end * (step.pressures - start.pressures)
         self.unbalanced = (1.0 - end) * step.unbalanced
+        self.poses = [a + end * (b - a) for a, b in zip(start.poses, step.poses, strict=True)]
         self.lagged = True
         z = [i.at(self.dofs, self.u) for i in steps.interfaces]
         faces = [f.at(self.dofs, self.u) for f in steps.followers]
         with _failing():
-            self.held: list[Held] = [i.what.hold(z_i) for i, z_i in zip(steps.interfaces, z)]
+            self.held: list[Held] = [
+                replace(i.what.hold(z_i), pose=pose)
+                for i, z_i, pose in zip(steps.interfaces, z, self.poses, strict=True)
+            ]
             self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
         self.status: list[Any] = list(good.status)
         self.changes, self.doubt = 0, 0.0
@@ -166,6 +172,7 @@ class Increment:
         mine = [float(np.abs(part).max(initial=0.0)) for part in parts]
         reaction, load, rest = np.max(self.dofs.comm.allgather(mine), axis=0)
         nothing = 1e-12 * steps.scale * steps.size
+        rest = max([rest, *(t.miss for t in self.terms)])
         largest = max(largest, reaction, load, nothing, 1e-300)
         self.r, self.error = r, float(rest / largest)
         self.doubt = min(self.error, DOUBTS) * largest
@@ -267,4 +274,11 @@ class Increment:
 
     def state(self) -> NewtonState:
         """The state as it is."""
-        return NewtonState(self.u, tuple(self.own), tuple(self.status), self.pressures, self.pushed)
+        return NewtonState(
+            self.u,
+            tuple(self.own),
+            tuple(self.status),
+            self.pressures,
+            tuple(self.poses),
+            self.pushed,
+        )

@@ -20,6 +20,7 @@ from scipy.sparse import bmat, csr_matrix, diags
 
 from dolfinx_llm.finite.design import Design, DesignedRows
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item, summing
+from dolfinx_llm.finite.location import OnFrame
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, Place, held_fast
 from dolfinx_llm.laws.rows import CLOSED, OPEN
@@ -30,6 +31,7 @@ class NormalPlace(Place):
     """Pairs on the moving frame, with derivatives; k of the n nodes are there, s entries a row."""
 
     by_z: tuple[csr_matrix, csr_matrix]  # (n, width), (m, width) derivatives of the areas
+    at: OnFrame  # of all n nodes
     on: np.ndarray  # (k,) nodes that are there
     rows: DesignedRows
     entries: tuple[csr_matrix, csr_matrix]  # (k s, width), (k s, m): rows by positions and by mu
@@ -158,6 +160,7 @@ class NormalContact:
             N=(pick @ rows.matrix(m)).tocsr(),
             areas=f,
             by_z=by_areas,
+            at=meeting.at,
             on=on,
             rows=rows,
             entries=(by_place, by_mu),

@@ -36,6 +36,7 @@ class Held:
     limit: float  # k of the design
     lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
     origin: Origin | None = None  # of slip, where there is friction
+    pose: np.ndarray | None = None  # pivot, displacement and rotation of a rigid obstacle
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +70,7 @@ class ContactTerms:
     status: np.ndarray  # (n,) of the pairs: 0 open, 1 stick, 2 slip, 3 closed without friction
     friction: np.ndarray | None  # (width,) part of the force; None: all that is not normal
     slip: np.ndarray  # (n, gdim) tangential motion on the frame in the increment [length]
+    miss: float = 0.0  # largest distance of forces from the law where pairs slip [force]
 
 
 class MovingContact(Protocol):

@@ -14,6 +14,7 @@ from dolfinx_llm.finite.friction_contact import FrictionContact
 from dolfinx_llm.finite.increment import Placed
 from dolfinx_llm.finite.location import find_on_frame
 from dolfinx_llm.finite.normal_contact import NormalContact
+from dolfinx_llm.finite.obstacle_contact import ObstacleContact
 from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.system import NewtonSystem
@@ -40,7 +41,14 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
         ContactInputError: choices that are not there at finite deformation.
     """
     if interface.obstacle is not None:
-        raise ContactInputError("rigid obstacles are not there at finite deformation yet")
+        if not isinstance(interface.law, Frictionless):
+            raise ContactInputError(
+                f"law={checks.shown(interface.law)}: against a rigid obstacle at finite "
+                "deformation choose Frictionless()"
+            )
+        site = find_site(interface, dofs.spaces)
+        against = ObstacleContact.of(site.whole[0], interface.obstacle)
+        return _placed(against, site.whole, site.spaces, dofs)
     if interface.frame is not None:
         raise ContactInputError(
             "at finite deformation the frame's nodes are those of the coarser surface: leave "
@@ -69,6 +77,14 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
     else:
         contact = NormalContact(sides, design)
     return _placed(contact, site.whole, site.spaces, dofs)
+
+
+def pose_of(placed: Placed, moved: bool = True) -> np.ndarray:
+    """What places an interface's rigid obstacle: as it is now, or as drawn; empty without one."""
+    if not isinstance(placed.what, ObstacleContact):
+        return np.zeros(0)
+    pose, gdim = placed.what.pose(), placed.what.sides.gdim
+    return pose if moved else np.where(np.arange(len(pose)) < gdim, pose, 0.0)
 
 
 def _nodes(

@@ -186,3 +186,18 @@ def test_free_and_covered_parts_are_all():
         assert abs(np.abs(force).sum() - length) < 1e-14
     whole = surface_integrals(low.x, low.facets, everything(low.x, low.facets, 0, low.x.size), 0)[0]
     assert np.allclose(whole.sum(axis=0), [0.0, 1.0], rtol=0, atol=1e-14)
+
+
+def test_pressure_around_a_body():
+    """It has neither a resultant nor a moment, whatever the warp of the facets."""
+    rng = np.random.default_rng(5)
+    x = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], dtype=float)
+    x += rng.uniform(-0.2, 0.2, x.shape)
+    facets = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    box = Surface(x, np.array(facets), np.arange(8), np.zeros(8, dtype=int), "box")
+    follower = Follower(None, [box], None)
+    force = follower.terms(x.ravel(), 1.0, None)[0].reshape(-1, 3)
+    assert np.abs(force).max() > 0.2
+    assert (
+        max(np.abs(force.sum(axis=0)).max(), np.abs(np.cross(x, force).sum(axis=0)).max()) < 1e-15
+    )

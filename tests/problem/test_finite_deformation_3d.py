@@ -30,8 +30,9 @@ def boxes(low, high, corner=(0.4, 0.2), size=(0.8, 0.6), width=1.6):
         {"kind": ("hex", "tet"), "boxes": boxes((4, 3), (1, 2)), "young": 2000.0, "poisson": 0.3},
         {"kind": "hex", "boxes": boxes((2, 2), (6, 5), (0.0, 0.0), (1.0, 1.0), 1.0)},
         {"kind": "hex", "boxes": boxes((4, 3), (3, 4), (0.0, 0.0), (1.6, 1.0)), "law": llm.Tied()},
+        {"kind": "tet", "boxes": boxes((4, 3), (3, 3), (1.1, 0.2)), "beyond": True},
     ],
-    ids=["hex", "tet", "tet on hex", "hex, fine on coarse", "tied"],
+    ids=["hex", "tet", "tet on hex", "hex, fine on coarse", "tied", "tet beyond the edge"],
 )
 def test_finite_patch(scene):
     """A homogeneous state stands in both bodies, whatever the cells and what they cover."""
@@ -80,9 +81,8 @@ def test_objective(kind, law):
     still, forces = turned(kind, law)
     residuals = [h["residual"] for h in still.history]
     assert residuals[-1] < 1e-11 < residuals[-2]
-    for degrees in (30.0, 180.0):
-        for a, b in zip(forces, turned(kind, law, degrees)[1], strict=True):
-            assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
+    for a, b in zip(forces, turned(kind, law, 130.0)[1], strict=True):
+        assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
     for a, b in zip(forces[::-1], turned(kind, law, swapped=True)[1], strict=True):
         assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
 
