@@ -18,15 +18,14 @@ from scipy.sparse import vstack as stack
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.contact.friction_nodes import friction_nodes
+from dolfinx_llm.contact.led import rows_of, told
 from dolfinx_llm.contact.proximal import proximal_term
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.step import SOFT, LinearStep
-from dolfinx_llm.laws.rows import STICK, LawNodes, LawRows
+from dolfinx_llm.laws.rows import STICK, LawRows
 from dolfinx_llm.laws.speakers import sums
 from dolfinx_llm.operators.system import ContactOperators
 
-FIRM = 1e11  # of the bodies' stiffness: what supports set against slip
-STILL = 1e-9  # part of the largest motion up to which slip that supports prescribe is none
 CARRIED = 1e-3  # part of a force on an obstacle from which on contact does not balance it
 
 
@@ -168,29 +167,8 @@ class Equations:
             calmed: the state of contact has come to rest once in this load step; from then on what
                 no force reaches sticks.
         """
-        at, rests = self._at(s, multiplier, w)
-        firm = np.where(s.nodes.led & ~rests, FIRM, 1.0)
-        rows = s.rows_at(replace(at, c=at.c * firm)).scaled(at.c).resting(rests, at.force)
-        if s.law.slips and not s.law.gives:
-            rows = rows.idle(s.nodes.led & s.idle())
+        rows = rows_of(s, multiplier, self.start, w, self.scale)
         return rows.tied(s.others.speaker, s.others.unheld & calmed, self.scale)
-
-    def _at(
-        self, s: InterfaceState, multiplier: np.ndarray, w: np.ndarray
-    ) -> tuple[LawNodes, np.ndarray]:
-        """What an interface's law is told of its nodes, and those (k,) that supports keep at rest.
-
-        There no motion tells friction: it stays as at the start of the load step, as far as the
-        law allows.
-        """
-        at = s.at(multiplier, w, self.scale)
-        rests = np.zeros(len(at.x), dtype=bool)
-        if s.law.slips and not s.law.gives:
-            slip = np.linalg.norm(at.slip, axis=1)
-            rests = s.nodes.led & (slip <= STILL * np.abs(w).max(initial=0.0))
-            force = np.where(rests[:, None], s.at(self.start, w, self.scale).force, at.force)
-            at = replace(at, force=force, jump=np.where(rests[:, None], at.before, at.jump))
-        return at, rests
 
     def all_stick(self, step: LinearStep) -> LinearStep:
         """The first step, when nothing is known: all stick, as in the paper."""
@@ -209,17 +187,7 @@ class Equations:
 
     def miss(self, multiplier: np.ndarray, w: np.ndarray) -> float:
         """By how much balance of the frames and the laws are missed, at most [force]."""
-        return max(self.imbalance(multiplier), self._law_miss(multiplier, w))
-
-    def given_way(self, multiplier: np.ndarray) -> float:
-        """By how much forces of rows differ from those about which these give way [force]."""
-        soft = (self.compliance > 0.0) & self.closed_rows()
-        return float(np.abs(multiplier - self.about)[soft].max(initial=0.0))
-
-    @cached_property
-    def spread(self) -> float:
-        """Multipliers that balance at a frame node, at most: so often its balance is rounded."""
-        return float(np.asarray(abs(self._L_t).sum(axis=1)).max(initial=1.0))
+        return max(self.imbalance(multiplier), _law_miss(self, multiplier, w))
 
     def imbalance(self, multiplier: np.ndarray) -> float:
         """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
@@ -257,16 +225,27 @@ class Equations:
         """(n_v, n_v) forces at the frame's nodes, summed up where equilibrium is asked for."""
         return block_diag([s.others.frame_gather for s in self.states], format="csr")
 
-    def _law_miss(self, multiplier: np.ndarray, w: np.ndarray) -> float:
-        """Largest distance of a force from its law [force]."""
-        worst = 0.0
-        for s in self.states:
-            if s.nodes.kappa.size:
-                at = s.at(multiplier, w, self.scale)
-                told = self._at(s, multiplier, w)[0]
-                miss = s.law.miss(replace(at, jump=told.jump))
-                worst = max(worst, float(miss.max(initial=0.0)))
-        return worst
+
+def given_way(equations: Equations, multiplier: np.ndarray) -> float:
+    """By how much forces (n,) of rows differ from those about which these give way [force]."""
+    soft = (equations.compliance > 0.0) & equations.closed_rows()
+    return float(np.abs(multiplier - equations.about)[soft].max(initial=0.0))
+
+
+def spread(equations: Equations) -> float:
+    """Multipliers that balance at a frame node, at most: so often its balance is rounded."""
+    return float(np.asarray(abs(equations.L[:, : equations.n_v]).sum(axis=0)).max(initial=1.0))
+
+
+def _law_miss(equations: Equations, multiplier: np.ndarray, w: np.ndarray) -> float:
+    """Largest distance of a force from its law [force]."""
+    worst, c = 0.0, equations.scale
+    for s in equations.states:
+        if s.nodes.kappa.size:
+            rests, _ = told(s, multiplier, equations.start, w, c)
+            miss = s.law.miss(replace(s.at(multiplier, w, c), jump=rests.jump))
+            worst = max(worst, float(miss.max(initial=0.0)))
+    return worst
 
 
 def _on_forces(s: InterfaceState, rows: LawRows, C_T: csr_matrix) -> csr_matrix:

@@ -13,7 +13,6 @@ from dolfinx_llm.contact.friction_nodes import FLOOR, FrictionNodes
 from dolfinx_llm.interface.update import Transfer
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK, LawNodes, LawRows, checked
-from dolfinx_llm.laws.speakers import sums
 
 LOOSE = 12  # a pair that has closed so often in a load step has no friction of its own
 
@@ -239,11 +238,6 @@ class InterfaceState:
             ContactInputError: a law returns what fits no node.
         """
         return checked(checks.shown(self.law), self.law.rows(nodes), *nodes.jump.shape)
-
-    def idle(self) -> np.ndarray:
-        """(k,) nodes that no pair in contact reaches, nor those for which they speak."""
-        reached = self.nodes.reached(self.own.active).astype(float)
-        return ~(sums(self.others.speaker) @ reached > 0.0)
 
     def share_out(self, friction: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """Forces of friction (k, gdim) of those that speak for others, divided among them by their

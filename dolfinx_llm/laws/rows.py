@@ -163,33 +163,6 @@ class LawRows:
             rhs=by * self.rhs,
         )
 
-    def resting(self, nodes: np.ndarray, force: np.ndarray) -> LawRows:
-        """The same, but that some nodes (k,) keep their forces (k, q), as far as the law lets them,
-        whatever their jumps."""
-        kept = force - np.einsum("nij,nj->ni", self.C_T, force) + self.rhs
-        kept = np.where((self.status == STICK)[:, None], force, kept)
-        at = nodes[:, None, None]
-        return replace(
-            self,
-            C_T=np.where(at, np.eye(force.shape[1]), self.C_T),
-            C_jump=np.where(at, 0.0, self.C_jump),
-            rhs=np.where(nodes[:, None], kept, self.rhs),
-        )
-
-    def idle(self, nodes: np.ndarray) -> LawRows:
-        """The same, but that some nodes (k,), which nothing in contact reaches, are open: no force
-        would tell their slip.
-        """
-        at, unit = nodes[:, None, None], np.eye(self.rhs.shape[1])
-        return replace(
-            self,
-            status=np.where(nodes, OPEN, self.status),
-            C_T=np.where(at, unit, self.C_T),
-            C_jump=np.where(at, 0.0, self.C_jump),
-            C_N=np.where(nodes[:, None], 0.0, self.C_N),
-            rhs=np.where(nodes[:, None], 0.0, self.rhs),
-        )
-
     def tied(self, speaker: np.ndarray, unheld: np.ndarray, c: float) -> LawRows:
         """The same, but that nodes for which others speak slip as those do: their δ, taken relative
         to it, vanishes; and that nodes which no force reaches do not slip.

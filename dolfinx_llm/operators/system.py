@@ -25,7 +25,7 @@ from dolfinx_llm.operators.petsc import diagonal_of
 from dolfinx_llm.operators.prescribed import free_parts, prescribed_rows
 from dolfinx_llm.operators.support import check_loops, check_support
 
-GRAIN = 64.0 * float(np.finfo(float).eps)  # of positions, that rounding makes of no gap
+FLUSH = 64.0 * float(np.finfo(float).eps)  # of positions, that rounding makes of no gap
 NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
 
 
@@ -197,7 +197,7 @@ class ContactOperators:
         for i, model in enumerate(self.models):
             for side in model.pairs:
                 law, gap = model.interface.law, side.gap
-                gap = np.where(np.abs(gap) > GRAIN * np.abs(side.x).max(initial=0.0), gap, 0.0)
+                gap = np.where(np.abs(gap) > FLUSH * np.abs(side.x).max(initial=0.0), gap, 0.0)
                 if not law.closes_gap:
                     gap = np.zeros_like(gap)
                 elif law.components != "cartesian":
