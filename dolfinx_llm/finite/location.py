@@ -20,7 +20,7 @@ TRIED = {2: 6, 3: 12}  # facets next to a node that it may meet
 MET = 1e-10  # distance over facet size that is left where a node has met a facet
 INSIDE = 1e-9  # shape functions above minus this: within a facet
 MISSED = 1e3  # reference coordinates of what does not meet a facet
-ITERATIONS_TO_MEET = 30
+ITERATIONS_TO_MEET = 15
 SETTLED = 1e-9  # last change of Newton's iteration: its square is rounding
 
 

@@ -105,8 +105,7 @@ class Follower:
         x = z[: loaded.x.size].reshape(loaded.x.shape)
         free = everything(x, loaded.facets, 0, len(z))
         if self.sides is not None and candidates is not None:
-            meeting = self.sides.meet(z, candidates)
-            covered = meeting.covered[0 if self.sides.moving == 0 else 1]
+            covered = self.sides.covered(z, candidates, self.sides.moving == 0)
             if lagged:
                 covered = Covered(covered.share, csr_matrix(covered.derivative.shape))
             free = free.without(covered)

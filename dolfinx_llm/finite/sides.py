@@ -153,15 +153,26 @@ class Sides:
         at = find_on_frame(x, y, frame, normals.n)
         d = location_derivatives(at, y, frame, normals, self.columns, self.width)
         if self.chains is None:
-            moving = Skin(x, facets, candidates, self.first[0])
-            still = Skin(y, frame, np.ones(len(frame), dtype=bool), self.first[1])
-            covered = tuple(
-                covered_facets(own, other, self.width)
-                for own, other in ((moving, still), (still, moving))
-            )
-            return Meeting(at, d, normals, (covered[0], covered[1]))
-        lines = covered_lines(self.chains, facets, candidates, x, y, at, d, normals, self.first)
-        return Meeting(at, d, normals, lines)
+            covered = self._clipped(z, candidates, True), self._clipped(z, candidates, False)
+        else:
+            of = facets, candidates, x, y, at, d, normals, self.first
+            covered = covered_lines(self.chains, *of)
+        return Meeting(at, d, normals, covered)
+
+    def covered(self, z: np.ndarray, candidates: np.ndarray, moving: bool) -> Covered:
+        """What is covered of a side alone; arguments as for ``meet``."""
+        if self.chains is None:
+            return self._clipped(z, candidates, moving)
+        return self.meet(z, candidates).covered[0 if moving else 1]
+
+    def _clipped(self, z: np.ndarray, candidates: np.ndarray, moving: bool) -> Covered:
+        """The same in space."""
+        (x, y), (facets, frame) = self.split(z), (self.facets(True), self.facets(False))
+        skins = (
+            Skin(x, facets, candidates, self.first[0]),
+            Skin(y, frame, np.ones(len(frame), dtype=bool), self.first[1]),
+        )
+        return covered_facets(*(skins if moving else skins[::-1]), self.width)
 
     def forces(
         self, meeting: Meeting, z: np.ndarray, moving: bool
