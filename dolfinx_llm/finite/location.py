@@ -19,7 +19,8 @@ from dolfinx_llm.geometry.cells import cell_sizes, shape_functions
 TRIED = {2: 6, 3: 12}  # facets next to a node that it may meet
 MET = 1e-10  # distance over facet size that is left where a node has met a facet
 INSIDE = 1e-9  # shape functions above minus this: within a facet
-ITERATIONS_TO_MEET = 30
+MISSED = 1e3  # reference coordinates of what does not meet a facet
+ITERATIONS_TO_MEET = 15
 SETTLED = 1e-9  # last change of Newton's iteration: its square is rounding
 
 
@@ -86,7 +87,7 @@ def _on_frame(
     normals: np.ndarray,
 ) -> OnFrame:
     N, dN = shape_functions(facets.shape[1], xi)
-    mean = np.einsum("nk,nki->ni", N, normals[facets[facet]])
+    mean = _sums(N, normals[facets[facet]])
     return OnFrame(facet, xi, N, dN, height, mean, met, -N.min(axis=1))
 
 
@@ -96,29 +97,37 @@ def _meet(x: np.ndarray, y: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.n
     k = y.shape[1]
     xi = np.full((len(x), x.shape[1] - 1), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
     height = np.zeros(len(x))
-    size = np.linalg.norm(y - y.mean(axis=1)[:, None], axis=2).max(axis=1)
+    at = np.arange(len(x))  # what has neither arrived nor left
     with np.errstate(all="ignore"):
         for _ in range(ITERATIONS_TO_MEET):
-            N, dN = shape_functions(k, xi)
-            rest = x - np.einsum("nk,nki->ni", N, y + height[:, None, None] * n)
-            step = _solve(_tangent(y, n, N, dN, height), rest)
-            xi, height = xi + step[:, :-1], height + step[:, -1]
-            if not np.abs(step[np.isfinite(step).all(axis=1)]).max(initial=0.0) > SETTLED:
+            N, dN = shape_functions(k, xi[at])
+            raised = y[at] + height[at][:, None, None] * n[at]
+            step = _solve(_tangent(raised, n[at], N, dN), x[at] - _sums(N, raised))
+            xi[at] += step[:, :-1]
+            height[at] += step[:, -1]
+            going = np.abs(step).max(axis=1, initial=0.0) > SETTLED  # not so where it is NaN
+            at = at[going & (np.abs(xi[at]).max(axis=1) < MISSED)]
+            if not len(at):
                 break
         N, _ = shape_functions(k, xi)
-        rest = x - np.einsum("nk,nki->ni", N, y + height[:, None, None] * n)
+        rest = x - _sums(N, y + height[:, None, None] * n)
+        size = np.linalg.norm(y - y.mean(axis=1)[:, None], axis=2).max(axis=1)
         met = np.linalg.norm(rest, axis=1) < MET * size
-    met &= (np.einsum("nk,nki->ni", N, n) ** 2).sum(axis=1) > 0.01
+        met &= np.linalg.norm(_sums(N, n), axis=1) > 0.1
     xi[~met], height[~met] = 0.0, 0.0
     return xi, height, met
 
 
-def _tangent(
-    y: np.ndarray, n: np.ndarray, N: np.ndarray, dN: np.ndarray, height: np.ndarray
-) -> np.ndarray:
-    """(n, gdim, gdim) derivative of the point over the frame by (xi, height)."""
-    along = np.einsum("nkd,nki->nid", dN, y + height[:, None, None] * n)
-    return np.concatenate([along, np.einsum("nk,nki->ni", N, n)[:, :, None]], axis=2)
+def _sums(N: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """(n, gdim) sums over nodes: weights N (n, k), values y (n, k, gdim)."""
+    return np.einsum("nk,nki->ni", N, y)
+
+
+def _tangent(raised: np.ndarray, n: np.ndarray, N: np.ndarray, dN: np.ndarray) -> np.ndarray:
+    """(n, gdim, gdim) derivative by (xi, height) of the point over the frame, whose nodes raised by
+    that height along their normals n lie at ``raised`` (n, k, gdim)."""
+    along = np.einsum("nkd,nki->nid", dN, raised)
+    return np.concatenate([along, _sums(N, n)[:, :, None]], axis=2)
 
 
 def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -166,7 +175,8 @@ def location_derivatives(
     """
     cells = facets[at.facet]
     gdim, nn = y.shape[1], normals.n[cells]
-    inverse = np.linalg.inv(_tangent(y[cells], nn, at.N, at.dN, at.height))
+    raised = y[cells] + at.height[:, None, None] * nn
+    inverse = np.linalg.inv(_tangent(raised, nn, at.N, at.dN))
     n, k = at.N.shape
     unit = np.eye(gdim)
     weights = (at.N[:, None, :, None] * unit[:, None, :]).reshape(n, gdim, k * gdim)

@@ -20,6 +20,7 @@ from scipy.sparse import bmat, csr_matrix, diags
 
 from dolfinx_llm.finite.design import Design, DesignedRows
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item, summing
+from dolfinx_llm.finite.location import OnFrame
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, Place, held_fast
 from dolfinx_llm.laws.rows import CLOSED, OPEN
@@ -30,6 +31,7 @@ class NormalPlace(Place):
     """Pairs on the moving frame, with derivatives; k of the n nodes are there, s entries a row."""
 
     by_z: tuple[csr_matrix, csr_matrix]  # (n, width), (m, width) derivatives of the areas
+    at: OnFrame  # of all n nodes
     on: np.ndarray  # (k,) nodes that are there
     rows: DesignedRows
     entries: tuple[csr_matrix, csr_matrix]  # (k s, width), (k s, m): rows by positions and by mu
@@ -82,7 +84,7 @@ class NormalContact:
         before: np.ndarray,
         held: Held,
         scale: float,
-        reach: float,
+        reach: np.ndarray,
     ) -> tuple[np.ndarray, Held]:
         """(n,) status of the pairs, and what is held from now on: closed where lambda - scale gap
         > 0.
@@ -93,7 +95,7 @@ class NormalContact:
             before: (n,) status in the last iterate.
             held: from the start of the step.
             scale: stiffness [force / length].
-            reach: pairs closer than that touch [length].
+            reach: (n,) pairs closer than that touch [length].
         """
         force = q[: len(place.pairs)]
         gap = np.where(place.pairs, place.gap, 0.0)
@@ -143,6 +145,10 @@ class NormalContact:
         columns = sides.columns[0][on], sides.columns[1]
         rows = self.design.rows(at, x[on], y, (f[0][on], f[1]), held.limit)
         by_place, by_mu = self.design.derivatives(rows, at, d, columns, sides.width)
+        by_areas = forces[0][1], forces[1][1]
+        if held.lagged:
+            by_place = csr_matrix(by_place.shape)
+            by_areas = csr_matrix(by_areas[0].shape), csr_matrix(by_areas[1].shape)
         height = np.einsum("nsi,ni->ns", y[rows.nodes] - x[on][:, None], at.normal)
         pick = summing(on, n)
         gap, normal = np.full(n, np.inf), np.zeros((n, gdim))
@@ -153,7 +159,8 @@ class NormalContact:
             normal=normal,
             N=(pick @ rows.matrix(m)).tocsr(),
             areas=f,
-            by_z=(forces[0][1], forces[1][1]),
+            by_z=by_areas,
+            at=meeting.at,
             on=on,
             rows=rows,
             entries=(by_place, by_mu),
@@ -224,4 +231,6 @@ class NormalContact:
             place=place,
             delta=float(np.abs(rows.delta).max(initial=0.0)),
             status=status,
+            friction=np.zeros(width),
+            slip=np.zeros((n, gdim)),
         )

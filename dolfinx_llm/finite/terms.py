@@ -14,6 +14,16 @@ FAST = 1e-9  # part of a row at free dofs, below which supports hold the pair
 
 
 @dataclass(frozen=True, eq=False)
+class Origin:
+    """From where slip counts in an increment."""
+
+    rows: csr_matrix  # (n, m) frozen rows of these places
+    gap: np.ndarray  # (n,) at the start of the increment; inf where there was none [length]
+    touched: np.ndarray  # (n,) pairs that have been in contact since
+    scale: float  # stiffness that the law weighs slip with [force / length]
+
+
+@dataclass(frozen=True, eq=False)
 class Held:
     """What is chosen at the start of an increment.
 
@@ -24,6 +34,9 @@ class Held:
     candidates: np.ndarray  # (f,) facets of the moving side that can touch
     pairs: np.ndarray  # (n,) its nodes that take part
     limit: float  # k of the design
+    lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
+    origin: Origin | None = None  # of slip, where there is friction
+    pose: np.ndarray | None = None  # pivot, displacement and rotation of a rigid obstacle
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +68,9 @@ class ContactTerms:
     place: Place
     delta: float  # largest correction of a row
     status: np.ndarray  # (n,) of the pairs: 0 open, 1 stick, 2 slip, 3 closed without friction
+    friction: np.ndarray | None  # (width,) part of the force; None: all that is not normal
+    slip: np.ndarray  # (n, gdim) tangential motion on the frame in the increment [length]
+    miss: float = 0.0  # largest distance of forces from the law where pairs slip [force]
 
 
 class MovingContact(Protocol):
@@ -82,7 +98,13 @@ class MovingContact(Protocol):
         """How the pairs stand at coordinates z: a ``Place`` of its own kind."""
 
     def touching(
-        self, place: Any, q: np.ndarray, before: np.ndarray, held: Held, scale: float, reach: float
+        self,
+        place: Any,
+        q: np.ndarray,
+        before: np.ndarray,
+        held: Held,
+        scale: float,
+        reach: np.ndarray,
     ) -> tuple[np.ndarray, Held]:
         """(n,) status of the pairs, and what is held from now on."""
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import bmat, csr_matrix, diags, identity, kron
+from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.finite.design import Design
@@ -70,9 +70,7 @@ class TiedContact:
         N, delta = (pick @ found.matrix(m)).tocsr(), float(np.abs(found.delta).max())
         pairs = np.zeros(n, dtype=bool)
         pairs[on] = True
-        parts = [diags(pairs.astype(float)), -N]
-        parts = parts if sides.moving == 0 else parts[::-1]
-        A = kron(bmat([parts]), identity(sides.gdim), format="csr")
+        A = diags(np.repeat(pairs, sides.gdim).astype(float)) @ sides.jumps(N)
         return cls(sides, A, N, pairs, (f, fy), meeting.at.normal, delta)
 
     @property
@@ -92,7 +90,7 @@ class TiedContact:
         before: np.ndarray,
         held: Held,
         scale: float,
-        reach: float,
+        reach: np.ndarray,
     ) -> tuple[np.ndarray, Held]:
         """(n,) all pairs stick."""
         return np.where(self.pairs, STICK, OPEN), held
@@ -126,4 +124,6 @@ class TiedContact:
             place=place,
             delta=self.delta,
             status=status,
+            friction=None,
+            slip=np.zeros_like(self.normal),
         )
