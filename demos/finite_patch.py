@@ -1,11 +1,11 @@
 """The contact patch test at finite deformation: exact in the deformed state.
 
-Two neo-Hookean bodies whose meshes do not match, a punch on a wider foundation, in plane strain. A
-pressure follows all that looks up and is free, whatever the foundation shows beside the punch. Both
-bodies must then stretch alike, by two numbers that solve two equations, while the foundation's
-surface slides along under the punch.
+Two neo-Hookean bodies whose meshes do not match, a punch on a wider foundation, in plane strain, or
+in 3D held along y. A pressure follows all that looks up and is free, whatever the foundation shows
+beside the punch. Both bodies must then stretch alike, by two numbers that solve two equations,
+while the foundation's surface slides along under the punch.
 
-    mpirun -n 2 python demos/finite_patch.py [--cells tri] [--pressure 600] [--plot DIR] ...
+    mpirun -n 2 python demos/finite_patch.py [--cells tri|hex|tet] [--pressure 600] [--plot DIR] ...
 """
 
 import argparse
@@ -15,13 +15,19 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-from patch2d import FOUNDATION_TOP, PUNCH_BOTTOM, PUNCH_TOP, bodies
+from patch2d import CELLS, FOUNDATION, FOUNDATION_TOP, PUNCH, PUNCH_BOTTOM, PUNCH_TOP, bodies
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat, plot
 
 E, NU, PRESSURE = 1000.0, 0.4, 300.0
-LEFT = (0.0, 1.1)  # ends of foundation and punch, which stay where they are
+BOXES = {  # lower corner, size and cells of foundation and punch, which in 3D are held along y
+    2: (FOUNDATION, PUNCH),
+    3: (
+        ((0.0, 0.0, 0.0), (3.0, 1.0, 1.0), (5, 3, 2)),
+        ((1.1, 0.2, 1.0), (1.2, 0.6, 1.0), (3, 2, 2)),
+    ),
+}
 
 
 def lame(young, poisson):
@@ -29,10 +35,10 @@ def lame(young, poisson):
 
 
 def energy(u, mu, lam):
-    """Compressible neo-Hookean body in plane strain: mu/2 (I1 - 3) - mu ln J + lam/2 ln² J."""
-    F = ufl.Identity(2) + ufl.grad(u)
+    """Neo-Hookean body, in 2D in plane strain: mu/2 (I1 - 3) - mu ln J + lam/2 ln² J."""
+    F = ufl.Identity(len(u)) + ufl.grad(u)
     J = ufl.det(F)
-    return mu / 2 * (ufl.inner(F, F) - 2) - mu * ufl.ln(J) + lam / 2 * ufl.ln(J) ** 2
+    return mu / 2 * (ufl.inner(F, F) - len(u)) - mu * ufl.ln(J) + lam / 2 * ufl.ln(J) ** 2
 
 
 def stretches(q, young=E, poisson=NU):
@@ -50,27 +56,45 @@ def stretches(q, young=E, poisson=NU):
     return float(a), float(b)
 
 
-def problem(scene, law=None, order=(0, 1), pressure=PRESSURE, young=E, poisson=NU, design="auto"):
-    """The problem, for bodies on one mesh or on two; ``order`` of the interface's sides."""
-    spaces = [compat.function_space(domain, shape=(2,)) for domain, _ in scene]
-    functions, forms, bcs = [fem.Function(V, name="u") for V in spaces], [], []
-    (low, low_tags), (high, high_tags) = ((spaces[i], scene[i][1]) for i in (0, -1))
-    bottom = (low, 1, lambda p: np.isclose(p[1], 0.0))
-    foundation = (low, 0, lambda p: np.isclose(p[0], LEFT[0]) & (p[1] < 1.0 + 1e-9))
-    punch = (high, 0, lambda p: np.isclose(p[0], LEFT[1]) & (p[1] > 1.5))
-    for V, k, where in (bottom, foundation, punch):
+def supports(spaces, boxes):
+    """The bottom slides; the bodies' left ends stay where they are, and in 3D both their y."""
+    up = len(boxes[0][0]) - 1
+    held, bcs = [(spaces[0], up, [0.0], 0.0, 0.0)], []
+    for V, (corner, size, _), z in zip(spaces, boxes, (0.0, 1.0), strict=True):
+        held.append((V, 0, [corner[0]], z, z + 1.0))
+        held += [(V, 1, [corner[1], corner[1] + size[1]], z, z + 1.0)] * (up - 1)
+    for V, k, at, low, high in held:
         Vk, _ = V.sub(k).collapse()
+        where = lambda p: (  # noqa: E731
+            np.isclose(p[k], np.c_[at]).any(axis=0) & (low - 1e-9 < p[up]) & (p[up] < high + 1e-9)  # noqa: B023
+        )
         dofs = fem.locate_dofs_geometrical((V.sub(k), Vk), where)
         bcs.append(fem.dirichletbc(fem.Function(Vk), dofs, V.sub(k)))
+    return bcs
+
+
+def problem(
+    scene, law=None, order=(0, 1), pressure=PRESSURE, young=E, poisson=NU, design="auto", **more
+):
+    """The problem, for bodies on one mesh or on two; ``order`` of the interface's sides; ``boxes``
+    if they are others, ``beyond`` if the punch's bottom is pressed as well where it is free."""
+    dim = scene[0][0].geometry.dim
+    spaces = [compat.function_space(domain, shape=(dim,)) for domain, _ in scene]
+    functions, forms = [fem.Function(V, name="u") for V in spaces], []
+    low_tags, high_tags = scene[0][1], scene[-1][1]
+    bcs = supports([spaces[0], spaces[-1]], more.get("boxes", BOXES[dim]))
     for V, u in zip(spaces, functions, strict=True):
         mu, lam = (fem.Constant(V.mesh, value) for value in lame(young, poisson))
-        forms.append(ufl.derivative(energy(u, mu, lam) * ufl.dx, u, ufl.TestFunction(V)))
+        density = energy(u, mu, lam) * ufl.dx(degree=4)
+        forms.append(ufl.derivative(density, u, ufl.TestFunction(V)))
     p = fem.Constant(spaces[0].mesh, float(pressure))
     loads = [
         llm.FreeSurfacePressure(high_tags, PUNCH_TOP, p),
         llm.FreeSurfacePressure(low_tags, FOUNDATION_TOP, p, covered_by=(high_tags, PUNCH_BOTTOM)),
     ]
     sides = ((low_tags, FOUNDATION_TOP), (high_tags, PUNCH_BOTTOM))
+    if more.get("beyond"):
+        loads.append(llm.FreeSurfacePressure(*sides[1], p, covered_by=sides[0]))
     interface = llm.Interface(
         None, tuple(sides[i] for i in order), law=law or llm.Frictionless(), design=design
     )
@@ -79,31 +103,40 @@ def problem(scene, law=None, order=(0, 1), pressure=PRESSURE, young=E, poisson=N
     )
 
 
-def errors(contact, known):
+def errors(contact, known, boxes=None):
     """Largest errors of stretches and of the contact pressure, relative to the applied one."""
-    worst = 0.0
+    worst, dim = 0.0, contact.spaces[0].mesh.geometry.dim
+    left = [corner[0] for corner, _, _ in boxes or BOXES[dim]]
     for u in contact.u:
-        x = u.function_space.tabulate_dof_coordinates()[:, :2]
-        left = np.where((x[:, 1] > 1.0 + 1e-9) & (x[:, 0] > LEFT[1] - 1e-9), LEFT[1], LEFT[0])
-        exact = np.column_stack([(known[0] - 1.0) * (x[:, 0] - left), (known[1] - 1.0) * x[:, 1]])
+        x = u.function_space.tabulate_dof_coordinates()[:, :dim]
+        end = np.where((x[:, -1] > 1.0 + 1e-9) & (x[:, 0] > left[1] - 1e-9), *left[::-1])
+        exact = np.zeros_like(x)
+        exact[:, 0], exact[:, -1] = (known[0] - 1.0) * (x[:, 0] - end), (known[1] - 1.0) * x[:, -1]
         off = np.abs(u.x.array.reshape(exact.shape) - exact)
-        off[np.isclose(x[:, 1], 1.0), 0] = 0.0  # nodes of either body
+        off[np.isclose(x[:, -1], 1.0), 0] = 0.0  # nodes of either body
         worst = max(worst, off.max(initial=0.0))
     result, p = contact.results[0], contact.loads[0].value()
-    pressed = result.frame_area > 1e-9 * result.frame_area.max()
-    pressure = np.abs(result.pressure[pressed] / p - 1.0).max()
-    return contact.comm.allreduce(worst, op=MPI.MAX), float(pressure)
+    area, force = result.frame_area, result.frame_force
+    pressed = area > 1e-9 * area.max()
+    off = (
+        np.abs(result.pressure[pressed] / p - 1.0).max(),
+        np.abs(force / p - area).max() / area.max(),
+    )
+    return contact.comm.allreduce(worst, op=MPI.MAX), float(max(off))
 
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cells", choices=["tri", "quad"], default="quad")
+    parser.add_argument("--cells", choices=[*CELLS, "tet on hex"], default="quad")
     parser.add_argument("--refine", type=int, default=1, metavar="N")
     parser.add_argument("--pressure", type=float, default=PRESSURE)
     parser.add_argument("--separate", action="store_true", help="one dolfinx mesh per body")
     parser.add_argument("--plot", type=Path, metavar="DIR")
     args = parser.parse_args(arguments)
-    scene = bodies(MPI.COMM_WORLD, args.cells, args.refine, args.separate)
+    dim = 2 if args.cells in ("tri", "quad") else 3
+    kinds = ("hex", "tet") if args.cells == "tet on hex" else args.cells
+    separate = args.separate or args.cells == "tet on hex"
+    scene = bodies(MPI.COMM_WORLD, kinds, args.refine, separate, boxes=BOXES[dim])
     contact = problem(scene, pressure=args.pressure)
     contact.solve(increments=4)
     known = stretches(args.pressure)

@@ -17,7 +17,7 @@ import ufl
 from dolfinx import fem, mesh
 from hertz2d import hold
 from mpi4py import MPI
-from patch2d import rectangle
+from patch2d import brick
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat, plot
@@ -30,7 +30,7 @@ FOUNDATION, BLOCK = ((-3.0, -2.0), (6.0, 2.0)), ((-1.0, 0.0), (2.0, 1.0))
 
 def body(comm, corner, size, cells):
     """Mesh of a rectangle and tags of its BOTTOM, TOP and LEFT."""
-    x, quads = rectangle(corner, size, cells, "quadrilateral", 1)
+    x, quads = brick(corner, size, cells, False)
     n = None if comm.rank == 0 else 0
     domain = compat.create_mesh(comm, quads[:n], x[:n], "quadrilateral")
     at = [(1, corner[1]), (1, corner[1] + size[1]), (0, corner[0])]

@@ -8,6 +8,7 @@ all that is free of the upper surfaces must give the same uniaxial stress in bot
 
 import argparse
 import json
+from itertools import permutations, product
 from pathlib import Path
 
 import numpy as np
@@ -26,37 +27,52 @@ PUNCH = ((1.1, 1.0), (2.0, 1.0), (5, 4))
 
 
 # ## The bodies
-def rectangle(corner, size, cells, kind, refine):
-    """Nodes and cells, in dolfinx's order, of a regular mesh."""
-    nx, ny = np.array(cells) * refine
-    s, t = np.meshgrid(np.linspace(0, 1, nx + 1), np.linspace(0, 1, ny + 1), indexing="ij")
-    first = (np.arange(nx)[:, None] * (ny + 1) + np.arange(ny)).ravel()[:, None]
-    quads = first + [0, ny + 1, 1, ny + 2]
-    triangles = np.concatenate([quads[:, [0, 1, 3]], quads[:, [0, 3, 2]]])
-    cells = quads if kind == "quadrilateral" else triangles
-    return np.column_stack([s.ravel(), t.ravel()]) * size + corner, cells
+CELLS = {"quad": "quadrilateral", "tri": "triangle", "hex": "hexahedron", "tet": "tetrahedron"}
 
 
-def bodies(comm, kind="quad", refine=1, separate=False, scale=1.0):
-    """(mesh, facet tags) of both bodies together, or of each; lengths times scale."""
-    name = "quadrilateral" if kind == "quad" else "triangle"
-    (x0, c0), (x1, c1) = (rectangle(*body, name, refine) for body in (FOUNDATION, PUNCH))
-    parts = [(x0, c0), (x1, c1)] if separate else [(np.r_[x0, x1], np.r_[c0, c1 + len(x0)])]
+def brick(corner, size, cells, simplices, refine=1, rough=0.0):
+    """Nodes and cells, in dolfinx's order, of a regular mesh of a box in 2D or 3D; inner nodes are
+    moved by up to ``rough`` cells, those of the outside along it."""
+    counts = np.array(cells) * refine
+    dim, axes = len(counts), [np.linspace(0, 1, n + 1) for n in counts]
+    x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
+    first = np.ravel_multi_index(np.indices(counts).reshape(dim, -1), counts + 1)
+    step = np.append(np.cumprod(counts[:0:-1] + 1)[::-1], 1)  # between nodes along each axis
+    if simplices:  # from the first corner to the last, along the axes in every order
+        paths = [np.cumsum([0, *step[list(p)]]) for p in permutations(range(dim))]
+        found = np.concatenate([first[:, None] + path for path in paths])
+    else:
+        found = first[:, None] + np.array(list(product((0, 1), repeat=dim))) @ step
+    rng = np.random.default_rng(len(x))
+    x += rng.uniform(-rough, rough, x.shape) / counts * ((x > 0.0) & (x < 1.0))
+    return x * size + corner, found
+
+
+def bodies(
+    comm, kind="quad", refine=1, separate=False, scale=1.0, boxes=(FOUNDATION, PUNCH), rough=0.0
+):
+    """(mesh, facet tags) of both bodies together, or of each; lengths times scale. ``kind`` may be
+    a pair for bodies apart."""
+    kinds = (kind, kind) if isinstance(kind, str) else kind
+    built = [brick(*b, k in ("tri", "tet"), refine, rough) for b, k in zip(boxes, kinds)]
+    (x0, c0), (x1, c1) = built
+    parts = built if separate else [(np.r_[x0, x1], np.r_[c0, c1 + len(x0)])]
     n = None if comm.rank == 0 else 0  # rank 0 brings the mesh
-    scene = []
-    for x, cells in parts:
-        domain = compat.create_mesh(comm, cells[:n], scale * x[:n], name)
-        domain.topology.create_connectivity(1, 2)
-        to_cell = domain.topology.connectivity(1, 2)
-        middle = domain.geometry.x[compat.cell_dofs(domain.geometry)].mean(axis=1)[:, 1] / scale
+    dim, scene = x0.shape[1], []
+    for (x, cells), k in zip(parts, kinds):
+        domain = compat.create_mesh(comm, cells[:n], scale * x[:n], CELLS[k])
+        domain.topology.create_connectivity(dim - 1, dim)
+        to_cell = domain.topology.connectivity(dim - 1, dim)
+        centres = domain.geometry.x[compat.cell_dofs(domain.geometry)].mean(axis=1)
+        middle = centres[:, dim - 1] / scale
         values = np.zeros(len(to_cell.offsets) - 1, dtype=np.int32)
-        # Facets at y = 1 belong to the body that their cell lies in.
-        for y, low, high in ((1.0, FOUNDATION_TOP, PUNCH_BOTTOM), (2.0, PUNCH_TOP, 0)):
-            on = lambda p, y=y: np.isclose(p[1] / scale, y)  # noqa: E731
-            at = mesh.locate_entities_boundary(domain, 1, on)
-            values[at] = np.where(middle[to_cell.array[to_cell.offsets[at]]] > y, high, low)
+        # Facets at level 1 belong to the body that their cell lies in.
+        for z, low, high in ((1.0, FOUNDATION_TOP, PUNCH_BOTTOM), (2.0, PUNCH_TOP, 0)):
+            on = lambda p, z=z: np.isclose(p[dim - 1] / scale, z)  # noqa: E731
+            at = mesh.locate_entities_boundary(domain, dim - 1, on)
+            values[at] = np.where(middle[to_cell.array[to_cell.offsets[at]]] > z, high, low)
         tagged = np.flatnonzero(values).astype(np.int32)
-        scene.append((domain, mesh.meshtags(domain, 1, tagged, values[tagged])))
+        scene.append((domain, mesh.meshtags(domain, dim - 1, tagged, values[tagged])))
     return scene
 
 

@@ -18,6 +18,7 @@ from scipy.sparse import vstack as stack
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.contact.friction_nodes import friction_nodes
+from dolfinx_llm.contact.led import rows_of, told
 from dolfinx_llm.contact.proximal import proximal_term
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.step import SOFT, LinearStep
@@ -40,6 +41,8 @@ class Equations:
         L: (n, m) motion of frames and slips as the rows see it now.
         compliance: (n,) by how much rows give way [length / force].
         lags: normal forces that bound friction are those of the last iterate.
+        start: (n,) λ at the start of the load step: friction at rest keeps it [force].
+        about: (n,) λ about which rows give way, which at a solution is the solution's [force].
         normal: (n,) rows that may open.
         drifts: (m,) normal motion of frames.
         loads: (n_v,) on the frame unknowns, forces on obstacles, at the part of the load step that
@@ -51,14 +54,16 @@ class Equations:
         self.states = [InterfaceState(nodes) for nodes in friction_nodes(operators)]
         places = [state.nodes for state in self.states]
         self.n = sum(nodes.rows.size for nodes in places)
-        soft = operators.soft & (not operators.tied)  # ties alone leave no force to laws
-        self.compliance = np.where(soft, SOFT / self.scale, 0.0)
+        # Of ties no row that repeats others is left.
+        loose = np.concatenate([np.full(nodes.rows.size, not nodes.law.ties) for nodes in places])
+        self.compliance = np.where(operators.soft & loose, SOFT / self.scale, 0.0)
         L = block_diag([nodes.L for nodes in places], format="csr")
         L_kappa = block_diag([nodes.L_kappa for nodes in places], format="csr")
         kept = diags(np.concatenate([nodes.kept for nodes in places]).astype(float))
         self._L = self.L = (kept @ hstack([L, L_kappa])).tocsr()
         self.n_v, self.m = L.shape[1], self.L.shape[1]
         self._operators, self.loads = operators, np.zeros(self.n_v)
+        self.start = self.about = np.zeros(self.n)
         self._rigid = np.zeros(self.m)  # 1: translations of obstacles, the others nodal motions
         for s in self.states:
             self._rigid[s.nodes.v] = s.nodes.model.frame is None
@@ -137,6 +142,7 @@ class Equations:
         if self._operators.tied:
             return replace(self._ties, g=g)
         active = self.closed_rows()
+        kept = np.where(active, self.about, 0.0)
         P = proximal_term(self.states, self.m, self._epsilon * self.scale)
         gather = self._frame_gather()
         own = gather @ P[: self.n_v]
@@ -157,9 +163,9 @@ class Equations:
                 rhs.append(own @ centre + rows.rhs.ravel() + before)
         (anchor, spring), floating = held, self._operators.floating
         return LinearStep(
-            active, self.may_open(), self.L, g, self.compliance,
+            active, self.may_open(), self.L, g + self.compliance * kept, self.compliance,
             stack(E, format="csr"), stack(D, format="csr"), np.concatenate(rhs),
-            anchor, spring, floating.pins, spring * floating.at_pins(anchor),
+            anchor, spring, floating.pins, spring * floating.at_pins(anchor), kept,
         )  # fmt: skip
 
     @cached_property
@@ -179,9 +185,9 @@ class Equations:
             calmed: the state of contact has come to rest once in this load step; from then on what
                 no force reaches sticks.
         """
-        at = s.at(multiplier, w, self.scale)
-        rows = s.rows_at(replace(at, c=at.c / s.nodes.gives)).scaled(at.c)
-        rows = rows.lagged(at) if self.lags and s.shares else rows
+        rows = rows_of(s, multiplier, self.start, w, self.scale)
+        if self.lags and s.shares:
+            rows = rows.lagged(s.at(multiplier, w, self.scale))
         return rows.tied(s.others.speaker, s.others.unheld & calmed, self.scale)
 
     def all_stick(self, step: LinearStep) -> LinearStep:
@@ -201,7 +207,7 @@ class Equations:
 
     def miss(self, multiplier: np.ndarray, w: np.ndarray) -> float:
         """By how much balance of the frames and the laws are missed, at most [force]."""
-        return max(self.imbalance(multiplier), self._law_miss(multiplier, w))
+        return max(self.imbalance(multiplier), _law_miss(self, multiplier, w))
 
     def imbalance(self, multiplier: np.ndarray) -> float:
         """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
@@ -239,14 +245,27 @@ class Equations:
         """(n_v, n_v) forces at the frame's nodes, summed up where equilibrium is asked for."""
         return block_diag([s.others.frame_gather for s in self.states], format="csr")
 
-    def _law_miss(self, multiplier: np.ndarray, w: np.ndarray) -> float:
-        """Largest distance of a force from its law [force]."""
-        worst = 0.0
-        for s in self.states:
-            if s.nodes.kappa.size:
-                miss = s.law.miss(s.at(multiplier, w, self.scale))
-                worst = max(worst, float(miss.max(initial=0.0)))
-        return worst
+
+def given_way(equations: Equations, multiplier: np.ndarray) -> float:
+    """By how much forces (n,) of rows differ from those about which these give way [force]."""
+    soft = (equations.compliance > 0.0) & equations.closed_rows()
+    return float(np.abs(multiplier - equations.about)[soft].max(initial=0.0))
+
+
+def spread(equations: Equations) -> float:
+    """Multipliers that balance at a frame node, at most: so often its balance is rounded."""
+    return float(np.asarray(abs(equations.L[:, : equations.n_v]).sum(axis=0)).max(initial=1.0))
+
+
+def _law_miss(equations: Equations, multiplier: np.ndarray, w: np.ndarray) -> float:
+    """Largest distance of a force from its law [force]."""
+    worst, c = 0.0, equations.scale
+    for s in equations.states:
+        if s.nodes.kappa.size:
+            rests, _ = told(s, multiplier, equations.start, w, c)
+            miss = s.law.miss(replace(s.at(multiplier, w, c), jump=rests.jump))
+            worst = max(worst, float(miss.max(initial=0.0)))
+    return worst
 
 
 def _on_forces(s: InterfaceState, rows: LawRows, C_T: csr_matrix) -> csr_matrix:

@@ -17,7 +17,6 @@ from scipy.sparse import csr_matrix, diags, identity, vstack
 
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.forms.step import SOFT
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import at_positions
@@ -75,10 +74,9 @@ class FrictionNodes:
         return [N.power(2).T.tocsr() for N in self.N]
 
     @cached_property
-    def gives(self) -> np.ndarray:
-        """(k,) by how much nodes give way tangentially, of the surfaces' compliance: those that
-        supports hold as little as their rows do."""
-        return np.where(self.reached(self.yields), 1.0, SOFT)
+    def led(self) -> np.ndarray:
+        """(k,) nodes whose tangential motion supports prescribe."""
+        return ~self.reached(self.yields)
 
     def of(self, pairs: np.ndarray) -> list[csr_matrix]:
         """Per side (n_i, k) shape functions of some of the pairs (n,)."""

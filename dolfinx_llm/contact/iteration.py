@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import tell_iteration
-from dolfinx_llm.contact.equations import Equations
+from dolfinx_llm.contact.equations import Equations, given_way, spread
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import GRAZING, SIGN, StepForm, StepResult, force_level
@@ -27,6 +27,7 @@ ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
 MANY = 0.2  # of the pairs: where more change, friction is not yet what it will be
 FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
+CONSTANT = 1e-8  # part of the largest force by which those at supports may still change
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
 FRICTIONLESS = 1e-2  # of the normal force that may be without friction: less than meshes cost
@@ -127,9 +128,9 @@ class ContactIteration:
         floating = self.operators.floating
         alpha = self.alpha if known else np.zeros(floating.count)
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
-        calm, self._calmed = 0, False  # iterations without a change of state; whether any was
+        equations.start, self._calmed = about[0], False  # whether the state has come to rest once
+        calm, before, w_last = 0, np.inf, w  # iterations without change; last residual and motion
         changes, many = 0, MANY * sum(len(s.nodes.rows) for s in self.states)
-        before, w_last = np.inf, w  # last residual and motion
         runs = 0  # iterations in which contact did not balance the force on an obstacle
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         spring = floating.spring(self.scale)
@@ -139,6 +140,7 @@ class ContactIteration:
         glides, rest = equations.glide(False), [s.own.copy() for s in self.states]
         for iteration in range(1, MAXIMUM + 1):
             equations.lags = changes > many
+            equations.about = about[0] if calm else equations.start
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
             if not known and (iteration == 1 or glides):
                 step = equations.all_stick(step)
@@ -172,8 +174,9 @@ class ContactIteration:
             calm = 0 if changes or supposed else calm + 1
             pull.watch(found.floating, multiplier, calm, self.form.noise)
             stalled = calm > CALM and miss > 0.5 * before
-            enough = max(ENOUGH, self.form.noise / largest)
+            enough = max(ENOUGH, spread(equations) * self.form.noise / largest)
             settled = miss <= self.form.accuracy or (stalled and miss <= enough)
+            settled &= given_way(equations, multiplier) <= CONSTANT * largest
             rests = settled and calm > corrections and pull.rests
             released = (rests or calm > 1) and equations.release(multiplier, ENOUGH * largest)
             if rests and not released:

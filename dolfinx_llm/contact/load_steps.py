@@ -102,11 +102,11 @@ def _judged(
     )
     iteration.forces = max(iteration.forces, *forces)
     follows = equations.L @ found.w
-    gap = found.active * (found.y - follows - equations.compliance * multiplier + g)
+    gap = found.active * (found.y - follows + g)
     apart, *motions = (operators.scale * size(a) for a in (gap, found.y, follows, g))
     left = max(left, beyond(apart, max(motions)), equations.imbalance(multiplier))
-    verdict = Verdict(0.0, 0.0)  # where free dofs carry no force: all that moves is prescribed
-    if beyond(max(left, iteration.forces), stiffness * moved):
+    verdict = Verdict(0.0, 0.0)  # where free dofs carry no force
+    if beyond(max(left, iteration.forces), stiffness * max(moved, size(g))):
         verdict = judge(left, terms, iteration.forces, form.describe(), form.tolerance)
     check_rounding(verdict.rounding)
     on = diags(equations.closed_rows().astype(float))

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.sparse import identity
 from scipy.sparse.linalg import splu
 
@@ -16,6 +14,7 @@ from dolfinx_llm.design.curved import nodal_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.certificate import Certificate
+from dolfinx_llm.interface.forces import InterfaceForces
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 from dolfinx_llm.operators.system import ContactOperators
@@ -48,13 +47,18 @@ class SideResult:
     facets: np.ndarray  # (m, k) facets of the surface that lie between these nodes
 
     @property
+    def drawn(self) -> np.ndarray:
+        """(n, gdim) x [length]."""
+        return self.x
+
+    @property
     def tangential_force(self) -> np.ndarray:
         """(n, gdim) part of the force in the contact plane [force]."""
         return self.force - self.normal_force[:, None] * self.normal
 
 
 @dataclass(frozen=True, eq=False)
-class InterfaceResult:
+class InterfaceResult(InterfaceForces):
     """Result of one interface; against a rigid obstacle the side's nodes take the frame's place.
 
     The force at frame node J is sum_p N_pJ F_p over the nodes p of side 0, with F_p what these
@@ -74,51 +78,6 @@ class InterfaceResult:
     presses: bool = True  # the law lets bodies part: no force pulls
     # (gdim,) of an obstacle, prescribed or where a force brings it [length]; None with a frame
     displacement: np.ndarray | None = None
-
-    @property
-    def x(self) -> np.ndarray:
-        """(m, gdim) where pressure and friction are given: the frame's nodes [length]."""
-        return self.sides[0].x if self.frame is None else self.frame.x
-
-    @property
-    def pressure(self) -> np.ndarray:
-        """(m,) contact pressure at the frame's nodes [force / area].
-
-        Nodal force over tributary area misleads on the finer side; on the frame both sides carry
-        the same force. Where bodies may part it is at least 0: at the rim of contact a corrected
-        row may leave a frame node a slightly negative share of forces that all press, which
-        ``frame_force`` shows and the pressure does not.
-        """
-        area = self.frame_area
-        pressure = np.where(area > 0.0, self.frame_force / np.where(area > 0.0, area, 1.0), 0.0)
-        return np.maximum(pressure, 0.0) if self.presses else pressure
-
-    @property
-    def traction(self) -> np.ndarray:
-        """(m, gdim) tangential traction of side 0 on the frame at its nodes [force / area]."""
-        area = np.where(self.frame_area > 0.0, self.frame_area, np.inf)
-        return self.frame_friction / area[:, None]
-
-    @cached_property
-    def resultant(self) -> np.ndarray:
-        """(gdim,) total force of side 0 on side 1 (of the body on an obstacle) [force].
-
-        Where supports end at the interface, what goes through it there is what the body exerts,
-        f - K u of its nodes, as far as the other side takes it up.
-        """
-        return self.sides[0].force.sum(axis=0)
-
-    def moment(self, about: ArrayLike | None = None) -> np.ndarray:
-        """Moment of the same forces: (3,), or (1,) in 2D [force length].
-
-        Args:
-            about: (gdim,) point; the origin by default [length].
-        """
-        side = self.sides[0]
-        arm = side.x - (0.0 if about is None else np.asarray(about, dtype=float))
-        if arm.shape[1] == 2:  # NumPy 2 has no cross product in the plane
-            return np.array([np.sum(arm[:, 0] * side.force[:, 1] - arm[:, 1] * side.force[:, 0])])
-        return np.cross(arm, side.force).sum(axis=0)
 
 
 def collect_results(

@@ -268,10 +268,8 @@ class InterfaceState:
             status = np.where(self._tied, status, CLOSED)
         return np.where(self.own.active, status, OPEN)
 
-    def sticking_rows(self) -> np.ndarray:
-        """(n c,) rows in contact of pairs that have friction, where all sticks."""
-        nodes = self.nodes
-        if not nodes.kappa.size:
-            return np.zeros(nodes.rows.size, dtype=bool)
-        moves = nodes.reach(self.own.status != STICK)
-        return self.closed_rows() & np.repeat(~moves, nodes.rows.shape[1])
+    def bearing_rows(self) -> np.ndarray:
+        """(n c,) rows in contact that have friction."""
+        rows = np.repeat(self._tied[:, None], self.nodes.rows.shape[1], axis=1)
+        rows[:, -1] = False
+        return rows.ravel() & self.nodes.kept & bool(self.nodes.kappa.size)

@@ -2,16 +2,18 @@
 
 On a curved interface the facets of two meshes do not have the same area, and a part of
 r_J = sum_p N_pJ a_p + sum_q N_qJ a_q, the vector form of (28), remains whatever the rows are. What
-can go is taken away by the smallest change of the rows that keeps places in space.
+can go is taken away by the smallest change of the rows that keeps places in space; without friction
+by the smallest that keeps moments, of what acts along normals alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-from scipy.sparse import csr_matrix, identity, vstack
+from scipy.sparse import bsr_matrix, csr_matrix, identity, vstack
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.design.curved import vector_residual
@@ -22,6 +24,7 @@ DAMPING = 1e-4  # k, of the largest trace of a node's block
 DAMPING_ITERATED = 1e-3  # the same where the equations are iterated
 TRIALS, POWER = 4, 2.0  # of weighing rows with larger ones less; by which power of the excess
 ROUNDS, WON = 10, 0.9  # of refinement against damping and limits; what each must leave at most
+ROUNDS_ITERATED = 2  # the same where the equations are iterated: later ones win little
 DIRECT_UNKNOWNS = 12000  # unknowns up to which the equations are factorised
 ITERATIONS, ITERATION_ERROR = 60, 1e-2  # of conjugate gradients beyond that
 
@@ -40,7 +43,8 @@ def balance(
 
     Args:
         N: pair of (n_i, m) rows.
-        vectors: pair of (n_i, gdim) vector areas of the pairs out of their sides [area].
+        vectors: pair of (n_i, gdim) vector areas of the pairs out of their sides, or (n_i, 1)
+            ``loads_along_normals`` [area].
         stencils: what the rows of each side may be corrected on.
 
     Returns:
@@ -58,7 +62,9 @@ def balance(
         solve = rows.solver()
         mu = solve(r)
     best, left = list(N), r
-    for k in range(ROUNDS):  # each time the damping counts for less; ends when little is won
+    for k in range(
+        ROUNDS_ITERATED if rows.iterated else ROUNDS
+    ):  # each time the damping counts for less; ends when little is won
         mu = mu + solve(left) if k else mu
         tried = [M + D for M, D in zip(N, rows.matrices(mu), strict=True)]
         last, left = np.linalg.norm(left), vector_residual(tried, vectors)
@@ -86,6 +92,11 @@ class _Rows:
         normal = [a / (scale * np.maximum(f, 1e-300))[:, None] for a, f in zip(vectors, size)]
         same = [np.ones(len(f)) for f in size]
         return _Rows(stencils, size, normal, same, (m, vectors[0].shape[1]))
+
+    @property
+    def iterated(self) -> bool:
+        """Whether there are too many equations to factorise them."""
+        return self.shape[0] * self.shape[1] > DIRECT_UNKNOWNS
 
     def corrections(self, mu: np.ndarray) -> list[np.ndarray]:
         """Per side (z,) corrections at the stencils' entries of multipliers (m, gdim)."""
@@ -122,59 +133,65 @@ class _Rows:
     def solver(self) -> _Solve:
         """Solutions mu for r, both (m, gdim): by a factor or, for large frames, iterated."""
         m, gdim = self.shape
-        A = self.equations()
+        diagonal, S, n = self.terms()
         # The trace of a node's block knows no axes.
-        trace = A.diagonal().reshape(m, gdim).sum(axis=1)
+        trace = np.einsum("mii->m", diagonal) - np.bincount(S.indices, S.data**2, m)
         largest = max(float(trace.max()), 1e-300)
-        if m * gdim > DIRECT_UNKNOWNS:
-            shift = DAMPING_ITERATED * largest
-            A, scaling = (A + shift * identity(m * gdim)).tocsr(), 1.0 / (trace + shift)
-            return lambda r: _conjugate_gradients(A, np.repeat(scaling, gdim), r.ravel()).reshape(
-                m, gdim
-            )
+        if self.iterated:
+            shift, transposed = DAMPING_ITERATED * largest, S.T.tocsr()
+            shifted = diagonal + shift * np.eye(gdim)
+
+            def product(x: np.ndarray) -> np.ndarray:
+                along = np.einsum("ni,ni->n", S @ x, n)
+                return np.einsum("mij,mj->mi", shifted, x) - transposed @ (along[:, None] * n)
+
+            return partial(_conjugate_gradients, product, 1.0 / (trace + shift)[:, None])
+        B = bsr_matrix(
+            ((S.data[:, None] * spread(n, S.indptr))[:, None, :], S.indices, S.indptr),
+            (len(n), m * gdim),
+        ).tocsr()
+        blocks = bsr_matrix((diagonal, np.arange(m), np.arange(m + 1)), (m * gdim, m * gdim))
+        A = blocks - B.T @ B + DAMPING * largest * identity(m * gdim)
         factor = splu(
-            (A + DAMPING * largest * identity(m * gdim)).tocsc(),
+            A.tocsc(),
             permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
         )  # fmt: skip
         return lambda r: factor.solve(r.ravel()).reshape(m, gdim)
 
-    def equations(self) -> csr_matrix:
-        """(m gdim, m gdim) sum_p c_p |a_p| (n_p n_pᵀ) x P_p."""
+    def terms(self) -> tuple[np.ndarray, csr_matrix, np.ndarray]:
+        """The equations' matrix sum_p c_p |a_p| (n_p n_pᵀ) x P_p: diagonal blocks (m, gdim, gdim),
+        less s_k s_kᵀ x n_k n_kᵀ of the rows of S (k, m) and directions n (k, gdim)."""
         m, gdim = self.shape
-        A, rows = csr_matrix((m * gdim, m * gdim)), []
+        diagonal, rows, normals = np.zeros((m, gdim * gdim)), [], []
         for st, size, n, c in zip(self.stencils, self.size, self.normal, self.share, strict=True):
             # Sum of f w n nᵀ at the nodes, less the products of what the constraints see.
             f = size * c
-            outer = spread(f[:, None, None] * n[:, :, None] * n[:, None, :], st.indptr)
-            block = (st.root**2)[:, None, None] * outer
-            index = gdim * st.nodes[:, None, None] + np.arange(gdim)
-            row = np.broadcast_to(np.swapaxes(index, 1, 2), block.shape)
-            col = np.broadcast_to(index, block.shape)
-            A = A + csr_matrix((block.ravel(), (row.ravel(), col.ravel())), A.shape)
-            length, wide = spread(np.sqrt(f), st.indptr) * st.root, spread(n, st.indptr)
+            weights = st.matrix(spread(f, st.indptr) * st.root**2, m)
+            diagonal += weights.T @ (n[:, :, None] * n[:, None, :]).reshape(len(n), gdim * gdim)
+            length = spread(np.sqrt(f), st.indptr) * st.root
             for q in st.Q.T:
                 # Twice applied, a column of length² l counts as l (2 - l).
                 twice = spread(2.0 - sums(q * q, st.indptr), st.indptr)
-                value = (length * q * np.sqrt(twice))[:, None] * wide
-                indices, indptr = index.ravel(), gdim * st.indptr
-                rows.append(csr_matrix((value.ravel(), indices, indptr), (len(f), m * gdim)))
-        B = vstack(rows, format="csr")
-        return A - B.T @ B
+                rows.append(st.matrix(length * q * np.sqrt(twice), m))
+                normals.append(n)
+        return diagonal.reshape(m, gdim, gdim), vstack(rows, "csr"), np.concatenate(normals)
 
 
-def _conjugate_gradients(A: csr_matrix, scaling: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _conjugate_gradients(
+    product: Callable[[np.ndarray], np.ndarray], scaling: np.ndarray, b: np.ndarray
+) -> np.ndarray:
     """Solution of A x = b, A positive definite, scaled; to ITERATION_ERROR of b where that comes
     within ITERATIONS: what is left shows in the residual, by which a design is judged."""
     x, r = np.zeros_like(b), b.copy()
     z = scaling * r
-    p, square = z.copy(), r @ z
+    p, square = z.copy(), np.vdot(r, z)
     for _ in range(ITERATIONS):
         if not np.linalg.norm(r) > ITERATION_ERROR * np.linalg.norm(b):
             break
-        q = A @ p
-        step = square / (p @ q)
+        q = product(p)
+        step = square / np.vdot(p, q)
         x, r = x + step * p, r - step * q
         z = scaling * r
-        last, square = square, r @ z
+        last, square = square, np.vdot(r, z)
         p = z + square / last * p
     return x

@@ -51,7 +51,9 @@ class SmoothRows:
         return [N + share * D for N, D in zip(self.start, self.move, strict=True)]
 
 
-def smooth_rows(frame: Frame, pairs: Sequence[ContactPairs], close_gap: bool) -> SmoothRows:
+def smooth_rows(
+    frame: Frame, pairs: Sequence[ContactPairs], close_gap: bool, along_normals: bool = False
+) -> SmoothRows:
     """Rows of both sides that reproduce places on the smooth surface, and their stencils.
 
     Args:
@@ -60,6 +62,8 @@ def smooth_rows(frame: Frame, pairs: Sequence[ContactPairs], close_gap: bool) ->
         close_gap: False: rows reproduce the nodes' own places where a small correction can (then
             linear fields and rotations pass exactly); True: the places below them on the surface
             through the frame's nodes, so that what remains is the gap.
+        along_normals: forces act along normals alone: then rows, and corrections on the stencils,
+            also keep moments.
     """
     surface = SmoothSurface.through(frame)
     ring = adjacency(frame.cells, len(frame.x))
@@ -68,7 +72,7 @@ def smooth_rows(frame: Frame, pairs: Sequence[ContactPairs], close_gap: bool) ->
     for p in pairs:
         clamped = _at_outline(frame, p, edges, surface.base[:, -1])
         W = _weights(frame, clamped, edges, surface.base[:, -1], ring)
-        sides.append(_smooth_side(frame, surface, p, clamped, W, close_gap))
+        sides.append(_smooth_side(frame, surface, p, clamped, W, close_gap, along_normals))
     out, stencils, start, move = (list(parts) for parts in zip(*sides, strict=True))
     return SmoothRows(out, stencils, start, move, surface)
 
@@ -188,6 +192,7 @@ def _smooth_side(
     clamped: _Clamped,
     W: csr_matrix,
     close_gap: bool,
+    along_normals: bool,
 ) -> tuple[ContactPairs, RowStencils, csr_matrix, csr_matrix]:
     """A side on the smooth surface: pairs, stencils, rows and what moves them there."""
     place = clamped.N @ frame.x
@@ -195,36 +200,59 @@ def _smooth_side(
     # Along the normal: what a row at the outline misses across it would be closed with the gap.
     above = np.einsum("ni,ni->n", pairs.x - point, normal)[:, None] * normal
     target = pairs.x - above if close_gap else pairs.x
-    stencils, delta = _corrections(W, frame.x, place, target)
-    move = stencils.matrix(delta, len(frame.x))
-    N = clamped.N + move
+    stencils, move = _corrections(W, frame.x[W.indices] - spread(place, W.indptr), target - place)
+    start, N = clamped.N, clamped.N + move
     gap = pairs.x - N @ frame.x
     inner = np.ones(len(gap), dtype=bool)
     inner[clamped.rows] = False  # bound to the outline: their gap is what is drawn
     if close_gap:
         gap[inner] = above[inner]
-    return replace(pairs, N=N, cell=clamped.cell, gap=gap), stencils, clamped.N, move
+    if along_normals:
+        off = frame.x[W.indices] - spread(pairs.x, W.indptr)
+        arms = _cross(off, surface.normals[W.indices])
+        stencils, turn = _corrections(W, arms, -_moments(frame, surface, pairs.x, start))
+        start, move = (
+            start + turn,
+            move + _corrections(W, arms, -_moments(frame, surface, pairs.x, move))[1],
+        )
+    return replace(pairs, N=N, cell=clamped.cell, gap=gap), stencils, start, move
+
+
+def _moments(frame: Frame, surface: SmoothSurface, x: np.ndarray, N: csr_matrix) -> np.ndarray:
+    """(n, 1 or 3) sum_J N_pJ (Y_J - x_p) x n_J: of a force along sum_J N_pJ n_J at x_p, what the
+    frame's nodes exert more [length]. Zero: moments of both sides cancel."""
+    middle = frame.x.mean(axis=0)
+    of_nodes = _cross(frame.x - middle, surface.normals)
+    return N @ of_nodes - _cross(x - middle, N @ surface.normals)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(n, 3) cross products, or (n, 1) in the plane."""
+    if a.shape[1] == 3:
+        return np.cross(a, b)
+    return (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])[:, None]
 
 
 def _corrections(
-    W: csr_matrix, x: np.ndarray, place: np.ndarray, target: np.ndarray
-) -> tuple[RowStencils, np.ndarray]:
-    """Stencils, and (z,) least corrections that move the rows' places to the targets, no larger
-    than LARGEST: where they would be, what they can hardly move fades, or the row stays."""
+    W: csr_matrix, functions: np.ndarray, step: np.ndarray
+) -> tuple[RowStencils, csr_matrix]:
+    """Stencils, and (n, m) least corrections of rows that change their sums of functions (z, c) by
+    steps (n, c), no larger than LARGEST: where they would be, what they can hardly change fades, or
+    the row stays."""
     delta = np.zeros(len(W.data))
-    todo = np.ones(len(place), dtype=bool)
-    stencils = [curved_stencils(W, x, place, FADES[0])]
+    todo = np.ones(len(step), dtype=bool)
+    stencils = [curved_stencils(W, functions, FADES[0])]
     for fade in FADES:
         if fade != FADES[0]:
-            stencils.append(curved_stencils(W, x, place, fade))
-        change = stencils[-1].moved(target - place)
+            stencils.append(curved_stencils(W, functions, fade))
+        change = stencils[-1].moved(step)
         largest = np.maximum.reduceat(np.abs(change), W.indptr[:-1])
         good = todo & (largest <= LARGEST)
         delta = np.where(spread(good, W.indptr), change, delta)
         todo &= ~good
         if not todo.any():
             break
-    return stencils[0].rows, delta
+    return stencils[0].rows, stencils[0].rows.matrix(delta, W.shape[1])
 
 
 def vector_residual(N: Sequence[csr_matrix], vectors: Sequence[np.ndarray]) -> np.ndarray:
@@ -237,6 +265,18 @@ def vector_residual(N: Sequence[csr_matrix], vectors: Sequence[np.ndarray]) -> n
     scale = max(np.linalg.norm(a, axis=1).max() for a in vectors)
     at_frame = [M.T @ (a / scale) for M, a in zip(N, vectors, strict=True)]
     return at_frame[0] + at_frame[1]
+
+
+def loads_along_normals(
+    N: Sequence[csr_matrix], vectors: Sequence[np.ndarray], normals: np.ndarray
+) -> list[np.ndarray]:
+    """Per side (n, 1) what a unit pressure's force exerts on the frame of what acts along the
+    rows' mean normals m_p = sum_J N_pJ n_J: a_p · m_p / |m_p|² for unknowns along n_J [area]."""
+    means = [M @ normals for M in N]
+    return [
+        (np.einsum("ni,ni->n", a, n) / np.einsum("ni,ni->n", n, n))[:, None]
+        for a, n in zip(vectors, means, strict=True)
+    ]
 
 
 def with_mean_normals(pairs: Sequence[ContactPairs], normals: np.ndarray) -> list[ContactPairs]:

@@ -109,54 +109,55 @@ def flat_stencils(W: csr_matrix, s: np.ndarray) -> RowStencils:
 
 @dataclass(frozen=True, eq=False)
 class CurvedStencils:
-    """Stencils on curved frames, and the least corrections that move a row's place."""
+    """Stencils on curved frames, and the least corrections that change what their rows sum up."""
 
     rows: RowStencils
-    C: np.ndarray  # (z, c) constraints: 1 and the place against the row's own, over h
+    C: np.ndarray  # (z, c) functions of the nodes less their means, over h
     inverse: np.ndarray  # (n, c, c) of C W C, filtered
-    h: np.ndarray  # (n,) size of the stencils [length]
+    h: np.ndarray  # (n,) size of the functions [length]
 
     def moved(self, step: np.ndarray) -> np.ndarray:
-        """(z,) least corrections that move the rows' places by a step (n, gdim) [length]."""
+        """(z,) least corrections that change the rows' sums of functions by (n, c) [length]."""
         indptr, weight = self.rows.indptr, self.rows.root**2
-        delta, left = np.zeros(len(weight)), np.column_stack([np.zeros(len(step)), step])
-        left[:, 1:] /= self.h[:, None]
+        delta, left, total = np.zeros(len(weight)), step / self.h[:, None], sums(weight, indptr)
         for _ in range(2):  # again, against rounding
             factor = np.einsum("nij,nj->ni", self.inverse, left)
-            more = weight * np.einsum("zi,zi->z", self.C, spread(factor, indptr))
+            more = np.einsum("zi,zi->z", self.C, spread(factor, indptr))
+            more = weight * (more - spread(sums(weight * more, indptr) / total, indptr))
             delta = delta + more
             left = left - np.column_stack([sums(more * c, indptr) for c in self.C.T])
         return delta
 
 
-def curved_stencils(W: csr_matrix, x: np.ndarray, place: np.ndarray, fade: float) -> CurvedStencils:
-    """Stencils of weights W whose corrections keep constants and linear fields of space.
+def curved_stencils(W: csr_matrix, functions: np.ndarray, fade: float) -> CurvedStencils:
+    """Stencils of weights W whose corrections keep the rows' sums and those of functions.
 
     Where the surface is nearly flat, or a stencil has few nodes, a constraint hardly differs from
     the others: with S the singular values of √W C it is kept by 1 - (q / (S² + q))⁴, q the square
     of ``fade`` times the largest, which fades instead of cutting.
 
     Args:
-        x: (m, gdim) frame nodes [length].
-        place: (n, gdim) places of the rows [length].
+        functions: (z, c) at the entries of W, as the nodes' places, from each row's own on: then
+            linear fields of space are kept [length].
     """
     indptr, root = W.indptr, np.sqrt(W.data)
-    d = x[W.indices] - spread(place, indptr)
-    total = sums(W.data, indptr)
-    h = np.sqrt(sums(W.data * np.einsum("zi,zi->z", d, d), indptr) / total)
-    h = np.maximum(h, 1e-300)
-    C = np.column_stack([np.ones(len(root)), d / spread(h, indptr)[:, None]])
-    gram = np.empty((len(h), C.shape[1], C.shape[1]))
-    for i in range(C.shape[1]):
+    total, c = sums(W.data, indptr), functions.shape[1]
+    C = [f - spread(sums(W.data * f, indptr) / total, indptr) for f in functions.T]
+    gram = np.empty((len(total), c, c))
+    for i in range(c):
         for j in range(i + 1):
-            gram[:, i, j] = gram[:, j, i] = sums(W.data * C[:, i] * C[:, j], indptr)
-    square, V = np.linalg.eigh(gram)
+            gram[:, i, j] = gram[:, j, i] = sums(W.data * C[i] * C[j], indptr)
+    trace = np.einsum("nii->n", gram)
+    h = np.sqrt(np.maximum(trace / total, 1e-300))
+    square, V = np.linalg.eigh(gram / (h * h)[:, None, None])
     square = np.maximum(square, 0.0)
-    q = fade**2 * square[:, -1:]
+    q = np.maximum(fade**2 * square[:, -1:], 1e-300)
     t = q / (square + q)
+    C = np.column_stack(C) / spread(h, indptr)[:, None]
     # Applied twice in ``project``: 1 - t² each time.
     once = V * np.sqrt((1.0 + t) / (square + q))[:, None, :]
     Q = root[:, None] * np.einsum("zi,zik->zk", C, spread(once, indptr))
+    Q = np.column_stack([root / np.sqrt(spread(total, indptr)), Q])
     factor = (1.0 + t) * (1.0 + t * t) / (square + q)
     inverse = np.einsum("nik,nk,njk->nij", V, factor, V)
     return CurvedStencils(RowStencils(indptr, W.indices, root, Q), C, inverse, h)

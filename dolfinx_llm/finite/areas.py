@@ -7,27 +7,31 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item, summing
+from dolfinx_llm.finite.facet_planes import FacetPlanes
+from dolfinx_llm.finite.jacobians import coordinates, cross_matrix, jacobian, per_item, summing
 from dolfinx_llm.finite.normals import area_derivatives
-from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.cells import CORNERS, facet_vectors, shape_functions, vector_areas
 
 
 @dataclass(frozen=True, eq=False)
 class Covered:
     """Covered parts of facets: integrals of shape functions there, over the facet's size."""
 
-    share: np.ndarray  # (f, k); 1 / k where the whole facet is covered
+    share: np.ndarray  # (f, k); their sum is 1 where the whole facet is covered
     derivative: csr_matrix  # (k f, width) by all coordinates [1 / length]
 
-    @property
-    def free(self) -> Covered:
-        """The parts that are not covered."""
-        return Covered(1.0 / self.share.shape[1] - self.share, -self.derivative)
+    def without(self, other: Covered) -> Covered:
+        """What of these parts does not belong to other ones, which lie in them."""
+        return Covered(self.share - other.share, (self.derivative - other.derivative).tocsr())
 
 
-def everything(f: int, k: int, width: int) -> Covered:
-    """Whole facets."""
-    return Covered(np.full((f, k), 1.0 / k), csr_matrix((f * k, width)))
+def everything(x: np.ndarray, facets: np.ndarray, first: int, width: int) -> Covered:
+    """Whole facets; arguments as for ``surface_integrals``."""
+    (f, k), gdim = facets.shape, x.shape[1]
+    if gdim == 2:
+        return Covered(np.full((f, k), 1.0 / k), csr_matrix((f * k, width)))
+    share, change = FacetPlanes.of(x, facets).whole()
+    return Covered(share, jacobian(change, coordinates(facets, gdim, first), width))
 
 
 def surface_integrals(
@@ -55,10 +59,38 @@ def surface_integrals(
         area = size
     r = area.shape[1]
     value = covered.share[:, :, None] * area[:, None]  # (f, k, r)
-    stretched = (covered.share[:, :, None, None] * by_x[:, None]).reshape(f, k * r, -1)
-    change = jacobian(stretched, coordinates(facets, gdim, first), width)
+    stretched = covered.share[:, :, None, None] * by_x[:, None]  # (f, k, r, gdim k)
     weights = np.broadcast_to(area[:, None, :, None], (f, k, r, 1)).reshape(f * k, r, 1)
-    change = change + per_item(weights) @ covered.derivative
+    change = per_item(weights) @ covered.derivative
+    if k == 4 and not sizes:
+        part = covered.share.sum(axis=1)
+        across, by_nodes = _across_warped(x, facets)
+        value = value + part[:, None, None] * across
+        stretched = stretched + part[:, None, None, None] * by_nodes
+        total = summing(np.repeat(np.arange(f), k), f) @ covered.derivative
+        change = change + per_item(across.reshape(f, k * r, 1)) @ total
+    places = coordinates(facets, gdim, first)
+    change = change + jacobian(stretched.reshape(f, k * r, -1), places, width)
     rows = coordinates(facets, r).ravel()
     gather = summing(rows, n * r)
     return (gather @ value.ravel()).reshape(n, r), (gather @ change).tocsr()
+
+
+def _across_warped(x: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(f, 4, 3) what int N_J n dA over a warped quad has across its mean normal, and (f, 4, 3, 12)
+    derivatives; over a part of it the part of this is taken. It adds up to zero over the nodes, and
+    makes the moment of a pressure around a body zero."""
+    xi = CORNERS[4] / np.sqrt(3.0)
+    N, dN = shape_functions(4, xi)
+    t = np.einsum("gkd,fki->fgdi", dN, x[facets])
+    # d(t_1 x t_2) = dx_K x (dN_K,1 t_2 - dN_K,2 t_1)
+    w = np.einsum("gk,fgi->fgki", dN[..., 0], t[:, :, 1])
+    w -= np.einsum("gk,fgi->fgki", dN[..., 1], t[:, :, 0])
+    by_x = cross_matrix(np.einsum("gj,fgki->fjki", N, w))  # (f, j, k, i, i)
+    by_x = np.moveaxis(by_x, 2, 3).reshape(len(facets), 4, 3, 12)
+    area, share = vector_areas(x, facets), FacetPlanes.of(x, facets).whole()
+    exact = facet_vectors(x, facets)
+    mean = share[0][:, :, None] * area[:, None]
+    by_mean = np.einsum("fjc,fi->fjic", share[1], area)
+    by_mean += share[0][:, :, None, None] * area_derivatives(x, facets)[:, None]
+    return exact - mean, by_x - by_mean

@@ -89,7 +89,8 @@ class DesignedRows:
     def matrix(self, m: int) -> csr_matrix:
         """(n, m) rows as a matrix."""
         n, s = self.nodes.shape
-        found = csr_matrix((self.N.ravel(), self.nodes.ravel(), np.arange(n + 1) * s), (n, m))
+        parts = self.N.ravel(), self.nodes.ravel(), np.arange(n + 1) * s
+        found = csr_matrix(parts, (n, m), copy=True)  # entries are sorted in place
         found.sum_duplicates()
         return found
 

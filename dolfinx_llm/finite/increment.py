@@ -15,9 +15,14 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.system import NewtonSystem, Part, mean_diagonal
 from dolfinx_llm.finite.terms import Held, MovingContact
+from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 from dolfinx_llm.operators.numbering import BodyDofs
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
+NO_GAP = 1e-11  # gap over facet size that is none
+DOUBTS = 1e-3  # pull over the largest force, below the residual, that parts no pair
+NEARLY = 1e-6  # the same, over the smallest, where nothing touches at first
+SLIDES = 0.5  # of a facet, in an iteration, up to which derivatives of rows and areas hold
 CUTS = 8  # of a change that turns elements inside out
 
 
@@ -66,8 +71,10 @@ class NewtonState:
 
     u: np.ndarray  # (n_local,) this rank's displacement [length]
     own: tuple[np.ndarray, ...]  # unknowns of each interface
-    active: tuple[np.ndarray | None, ...]  # which pairs are in contact; None: not known yet
+    status: tuple[np.ndarray | None, ...]  # of the pairs of each interface; None: not known yet
     pressures: np.ndarray  # of the follower loads [force / area]
+    poses: tuple[np.ndarray, ...]  # per interface what places a rigid obstacle; empty without one
+    pushed: np.ndarray  # (n_local,) forces of contact and follower loads on the bodies [force]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +84,7 @@ class LoadStep:
     start: NewtonState
     values: np.ndarray  # (n_local,) prescribed displacements at its end [length]
     pressures: np.ndarray  # at its end [force / area]
+    poses: tuple[np.ndarray, ...]  # of rigid obstacles at its end
     unbalanced: np.ndarray  # (n_local,) residual of the start under the loads of its end [force]
 
 
@@ -102,6 +110,10 @@ class Equations:
 class Increment:
     """Newton's iteration from a state to a part of a load step.
 
+    The first solve lets nodes slide far beyond their facets, where derivatives of rows and covered
+    areas say nothing: they count only once an iteration slides by less than half a facet. Without
+    that finer meshes take more iterations.
+
     Args:
         steps: what is solved.
         good: the state that it starts from.
@@ -117,13 +129,18 @@ class Increment:
         self.target = start.u + end * (step.values - start.u)
         self.pressures = start.pressures + end * (step.pressures - start.pressures)
         self.unbalanced = (1.0 - end) * step.unbalanced
+        self.poses = [a + end * (b - a) for a, b in zip(start.poses, step.poses, strict=True)]
+        self.lagged = True
         z = [i.at(self.dofs, self.u) for i in steps.interfaces]
         faces = [f.at(self.dofs, self.u) for f in steps.followers]
         with _failing():
-            self.held: list[Held] = [i.what.hold(z_i) for i, z_i in zip(steps.interfaces, z)]
+            self.held: list[Held] = [
+                replace(i.what.hold(z_i), pose=pose)
+                for i, z_i, pose in zip(steps.interfaces, z, self.poses, strict=True)
+            ]
             self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
-        self.active: list[Any] = list(good.active)
-        self.changes, self.solved = 0, False
+        self.status: list[Any] = list(good.status)
+        self.changes, self.doubt = 0, 0.0
         self._body = self._residual(self.u)
         self.evaluate()
 
@@ -139,48 +156,63 @@ class Increment:
         r = self._body - self.unbalanced
         largest = 0.0
         self.loads = []
+        self.pushed = np.zeros_like(r)
         for placed, p, faces in zip(steps.followers, self.pressures, self.faces, strict=True):
             z = placed.at(self.dofs, self.u)
             with _failing():
-                force, K = placed.what.terms(z, p, faces)
+                force, K = placed.what.terms(z, p, faces, self.lagged)
             self.loads.append(Part(K, placed.numbers, placed.numbers))
-            self._subtract(r, placed.numbers, force)
+            self._push(placed.numbers, force)
             largest = max(largest, np.abs(force).max(initial=0.0))
         for placed, t in zip(steps.interfaces, self.terms, strict=True):
-            self._subtract(r, placed.numbers, t.force)
+            self._push(placed.numbers, t.force)
             largest = max(largest, np.abs(t.force).max(initial=0.0))
+        r -= self.pushed
         parts = r[self.fixed], self.unbalanced, r[~self.fixed]
         mine = [float(np.abs(part).max(initial=0.0)) for part in parts]
         reaction, load, rest = np.max(self.dofs.comm.allgather(mine), axis=0)
         nothing = 1e-12 * steps.scale * steps.size
-        self.r, self.error = r, float(rest / max(largest, reaction, load, nothing, 1e-300))
+        rest = max([rest, *(t.miss for t in self.terms)])
+        largest = max(largest, reaction, load, nothing, 1e-300)
+        self.r, self.error = r, float(rest / largest)
+        self.doubt = min(self.error, DOUBTS) * largest
         self.rest = max([np.abs(t.rest).max(initial=0.0) for t in self.terms], default=0.0)
 
     def _contact(self) -> None:
-        """Terms of the interfaces, for the pairs that are in contact now."""
+        """Terms of the interfaces, with the status that their pairs have now."""
         self.terms, self.changes = [], 0
+        scale, size = self.steps.scale or 1.0, self.steps.size
         for i, placed in enumerate(self.steps.interfaces):
             contact: MovingContact = placed.what
-            z = placed.at(self.dofs, self.u)
-            n = len(contact.sides.surfaces[contact.sides.moving].x)
-            before = self.active[i]
-            guess = np.zeros(n, dtype=bool) if before is None else before
-            terms = contact.terms(z, self.own[i], guess, self.held[i], placed.free)
-            now = contact.touching(terms, self.own[i], self.steps.scale or 1.0, self.steps.size)
-            if before is None and not now.any() and terms.pairs.any():
-                now = terms.pairs & (terms.gap <= terms.gap.min() + 1e-6 * self.steps.size)
-            if (now != guess).any():
-                terms = contact.terms(z, self.own[i], now, self.held[i], placed.free)
-            self.changes += int((now != guess).sum())
-            self.active[i] = now
-            self.held[i] = replace(self.held[i], pairs=terms.pairs)
-            self.terms.append(terms)
+            before, q, held = self.status[i], self.own[i], replace(self.held[i], lagged=self.lagged)
+            place = contact.place(placed.at(self.dofs, self.u), held)
+            start = np.full(len(place.gap), OPEN) if before is None else before
+            reach = np.where(start == OPEN, NO_GAP * size, max(NO_GAP * size, self.doubt / scale))
+            now, found = contact.touching(place, q, start, held, scale, reach)
+            if before is None and not now.any() and place.pairs.any():  # the nearest touch
+                reach = np.full(len(start), place.gap.min() + NEARLY * size)
+                now, found = contact.touching(place, q, start, held, scale, reach)
+            self.changes += int(((now != OPEN) != (start != OPEN)).sum())
+            self.status[i] = now
+            self.held[i] = replace(found, pairs=place.pairs)
+            self.terms.append(contact.terms(place, q, now, self.held[i], placed.free))
 
-    def _subtract(self, r: np.ndarray, numbers: np.ndarray, force: np.ndarray) -> None:
-        """Subtract forces known to every rank from this rank's residual."""
+    def _push(self, numbers: np.ndarray, force: np.ndarray) -> None:
+        """Add forces known to every rank to those on this rank's dofs."""
         at = numbers - self.dofs.first
-        mine = (at >= 0) & (at < len(r))
-        np.subtract.at(r, at[mine], force[mine])
+        mine = (at >= 0) & (at < len(self.pushed))
+        np.add.at(self.pushed, at[mine], force[mine])
+
+    def _slid(self, du: np.ndarray) -> float:
+        """How far nodes in contact slide over the other side for a change of u [length]."""
+        found = 0.0
+        for placed, t, status in zip(self.steps.interfaces, self.terms, self.status, strict=True):
+            dx, dy = placed.what.sides.split(self.dofs.values(placed.numbers, du))
+            on, n = status != OPEN, t.place.normal
+            jump = dx - t.place.N @ dy
+            jump -= np.einsum("ni,ni->n", jump, n)[:, None] * n
+            found = max(found, np.linalg.norm(jump[on], axis=1).max(initial=0.0))
+        return found
 
     def iterate(self) -> None:
         """Solve for changes, and apply them as far as elements do not turn inside out."""
@@ -202,6 +234,7 @@ class Increment:
                 break
         else:
             raise StepFailed("elements turn inside out (the residual is not finite)")
+        self.lagged = self._slid(cut * du) > SLIDES * steps.size
         self.u, self._body = self.u + cut * du, body
         self.own = [q + cut * d for q, d in zip(self.own, changes, strict=True)]
         self.evaluate()
@@ -228,17 +261,24 @@ class Increment:
 
     def entry(self, iteration: int) -> dict:
         """For the history."""
-        active = sum(int(a.sum()) for a in self.active)
+        counts = np.bincount(np.concatenate([np.zeros(0, int), *self.status]), minlength=4)
         return {
             "part": self.end,
             "iteration": iteration,
-            "active": active,
-            "stick": 0,
-            "slip": 0,
+            "active": int(counts[1:].sum()),
+            "stick": int(counts[STICK]),
+            "slip": int(counts[SLIP]),
             "changes": self.changes,
             "residual": self.error,
         }
 
     def state(self) -> NewtonState:
         """The state as it is."""
-        return NewtonState(self.u, tuple(self.own), tuple(self.active), self.pressures)
+        return NewtonState(
+            self.u,
+            tuple(self.own),
+            tuple(self.status),
+            self.pressures,
+            tuple(self.poses),
+            self.pushed,
+        )

@@ -14,12 +14,14 @@ from scipy.spatial import cKDTree
 
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
 from dolfinx_llm.finite.normals import NodalNormals
-from dolfinx_llm.geometry.cells import cell_sizes, shape_functions
+from dolfinx_llm.geometry.cells import joined_lists, repeated_for, shape_functions
 
 TRIED = {2: 6, 3: 12}  # facets next to a node that it may meet
+AROUND = 1.5  # radii of the largest facet, within which all are tried for the rest
 MET = 1e-10  # distance over facet size that is left where a node has met a facet
 INSIDE = 1e-9  # shape functions above minus this: within a facet
-ITERATIONS_TO_MEET = 30
+MISSED = 1e3  # reference coordinates of what does not meet a facet
+ITERATIONS_TO_MEET = 15
 SETTLED = 1e-9  # last change of Newton's iteration: its square is rounding
 
 
@@ -62,19 +64,44 @@ def find_on_frame(x: np.ndarray, y: np.ndarray, facets: np.ndarray, normals: np.
         normals: (m, gdim) of its nodes.
     """
     n, gdim = x.shape
-    tried = min(TRIED[gdim], len(facets))
-    near = cKDTree(y[facets].mean(axis=1)).query(x, k=tried)[1].reshape(n, tried)
-    which = np.repeat(np.arange(n), tried)
-    facet = near.ravel()
-    xi, height, met = _meet(x[which], y[facets[facet]], normals[facets[facet]])
+    p, tried = y[facets], min(TRIED[gdim], len(facets))
+    tree = cKDTree(p.mean(axis=1))
+    near = tree.query(x, k=tried)[1].reshape(n, tried)
+    found, away = _nearest(x, y, facets, normals, np.repeat(np.arange(n), tried), near.ravel())
+    rest = np.flatnonzero(away > 0.0)  # beyond all of them: over a long facet, or over none
+    if len(rest) and tried < len(facets):
+        radius = np.linalg.norm(p - p.mean(axis=1)[:, None], axis=2).max()
+        around = tree.query_ball_point(x[rest], AROUND * radius)
+        which = np.concatenate([np.arange(len(rest)), repeated_for(np.arange(len(rest)), around)])
+        facet = np.concatenate([found.facet[rest], joined_lists(around)])
+        again, _ = _nearest(x[rest], y, facets, normals, which, facet)
+        fields = {name: np.array(getattr(found, name)) for name in found.__dataclass_fields__}
+        for name, value in fields.items():
+            value[rest] = getattr(again, name)
+        return OnFrame(**fields)
+    return found
+
+
+def _nearest(
+    x: np.ndarray,
+    y: np.ndarray,
+    facets: np.ndarray,
+    normals: np.ndarray,
+    which: np.ndarray,
+    facet: np.ndarray,
+) -> tuple[OnFrame, np.ndarray]:
+    """The best of the facets (k,) that are tried for nodes ``which`` (k,), each at least once, and
+    how far (n,) nodes lie beyond it [length]."""
+    p = y[facets[facet]]
+    xi, height, met = _meet(x[which], p, normals[facets[facet]])
     N = shape_functions(facets.shape[1], xi)[0]
-    beyond = np.maximum(-N.min(axis=1), N.max(axis=1) - 1.0)
-    outside = np.where(beyond <= INSIDE, 0.0, beyond)
-    size = cell_sizes(y, facets)[facet]
-    away = np.where(met, outside * size, np.inf)
+    within = np.where(N > INSIDE, N, 0.0)
+    within /= within.sum(axis=1)[:, None]
+    away = np.linalg.norm(_sums(N - within, p), axis=1)
+    away = np.where(met, np.where(N.min(axis=1) < -INSIDE, away, 0.0), np.inf)
     order = np.lexsort((facet, np.abs(height), away, which))
     best = order[np.unique(which[order], return_index=True)[1]]
-    return _on_frame(facet[best], xi[best], height[best], met[best], facets, normals)
+    return _on_frame(facet[best], xi[best], height[best], met[best], facets, normals), away[best]
 
 
 def _on_frame(
@@ -86,7 +113,7 @@ def _on_frame(
     normals: np.ndarray,
 ) -> OnFrame:
     N, dN = shape_functions(facets.shape[1], xi)
-    mean = np.einsum("nk,nki->ni", N, normals[facets[facet]])
+    mean = _sums(N, normals[facets[facet]])
     return OnFrame(facet, xi, N, dN, height, mean, met, -N.min(axis=1))
 
 
@@ -96,29 +123,37 @@ def _meet(x: np.ndarray, y: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.n
     k = y.shape[1]
     xi = np.full((len(x), x.shape[1] - 1), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
     height = np.zeros(len(x))
-    size = np.linalg.norm(y - y.mean(axis=1)[:, None], axis=2).max(axis=1)
+    at = np.arange(len(x))  # what has neither arrived nor left
     with np.errstate(all="ignore"):
         for _ in range(ITERATIONS_TO_MEET):
-            N, dN = shape_functions(k, xi)
-            rest = x - np.einsum("nk,nki->ni", N, y + height[:, None, None] * n)
-            step = _solve(_tangent(y, n, N, dN, height), rest)
-            xi, height = xi + step[:, :-1], height + step[:, -1]
-            if not np.abs(step[np.isfinite(step).all(axis=1)]).max(initial=0.0) > SETTLED:
+            N, dN = shape_functions(k, xi[at])
+            raised = y[at] + height[at][:, None, None] * n[at]
+            step = _solve(_tangent(raised, n[at], N, dN), x[at] - _sums(N, raised))
+            xi[at] += step[:, :-1]
+            height[at] += step[:, -1]
+            going = np.abs(step).max(axis=1, initial=0.0) > SETTLED  # not so where it is NaN
+            at = at[going & (np.abs(xi[at]).max(axis=1) < MISSED)]
+            if not len(at):
                 break
         N, _ = shape_functions(k, xi)
-        rest = x - np.einsum("nk,nki->ni", N, y + height[:, None, None] * n)
+        rest = x - _sums(N, y + height[:, None, None] * n)
+        size = np.linalg.norm(y - y.mean(axis=1)[:, None], axis=2).max(axis=1)
         met = np.linalg.norm(rest, axis=1) < MET * size
-    met &= (np.einsum("nk,nki->ni", N, n) ** 2).sum(axis=1) > 0.01
+        met &= np.linalg.norm(_sums(N, n), axis=1) > 0.1
     xi[~met], height[~met] = 0.0, 0.0
     return xi, height, met
 
 
-def _tangent(
-    y: np.ndarray, n: np.ndarray, N: np.ndarray, dN: np.ndarray, height: np.ndarray
-) -> np.ndarray:
-    """(n, gdim, gdim) derivative of the point over the frame by (xi, height)."""
-    along = np.einsum("nkd,nki->nid", dN, y + height[:, None, None] * n)
-    return np.concatenate([along, np.einsum("nk,nki->ni", N, n)[:, :, None]], axis=2)
+def _sums(N: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """(n, gdim) sums over nodes: weights N (n, k), values y (n, k, gdim)."""
+    return np.einsum("nk,nki->ni", N, y)
+
+
+def _tangent(raised: np.ndarray, n: np.ndarray, N: np.ndarray, dN: np.ndarray) -> np.ndarray:
+    """(n, gdim, gdim) derivative by (xi, height) of the point over the frame, whose nodes raised by
+    that height along their normals n lie at ``raised`` (n, k, gdim)."""
+    along = np.einsum("nkd,nki->nid", dN, raised)
+    return np.concatenate([along, _sums(N, n)[:, :, None]], axis=2)
 
 
 def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -166,7 +201,8 @@ def location_derivatives(
     """
     cells = facets[at.facet]
     gdim, nn = y.shape[1], normals.n[cells]
-    inverse = np.linalg.inv(_tangent(y[cells], nn, at.N, at.dN, at.height))
+    raised = y[cells] + at.height[:, None, None] * nn
+    inverse = np.linalg.inv(_tangent(raised, nn, at.N, at.dN))
     n, k = at.N.shape
     unit = np.eye(gdim)
     weights = (at.N[:, None, :, None] * unit[:, None, :]).reshape(n, gdim, k * gdim)

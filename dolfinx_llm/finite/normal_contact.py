@@ -18,12 +18,38 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags
 
-from dolfinx_llm.finite.design import Design
+from dolfinx_llm.finite.design import Design, DesignedRows
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item, summing
+from dolfinx_llm.finite.location import OnFrame
 from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.terms import ContactTerms, Held, held_fast
+from dolfinx_llm.finite.terms import ContactTerms, Held, Place, held_fast
+from dolfinx_llm.laws.rows import CLOSED, OPEN
 
-CLOSE = 1e-11  # gap over facet size that is none
+
+@dataclass(frozen=True, eq=False)
+class NormalPlace(Place):
+    """Pairs on the moving frame, with derivatives; k of the n nodes are there, s entries a row."""
+
+    by_z: tuple[csr_matrix, csr_matrix]  # (n, width), (m, width) derivatives of the areas
+    at: OnFrame  # of all n nodes
+    on: np.ndarray  # (k,) nodes that are there
+    rows: DesignedRows
+    entries: tuple[csr_matrix, csr_matrix]  # (k s, width), (k s, m): rows by positions and by mu
+    height: np.ndarray  # (k, s) n·(y_J - x_p) [length]
+    turned: csr_matrix  # (k gdim, width) derivative of the normals [1 / length]
+    coordinates: np.ndarray  # (k, (s + 1) gdim) numbers of the coordinates of p and of all J
+
+    def spread(self, force: np.ndarray) -> csr_matrix:
+        """(width, k s) change of forces on the coordinates for changes of the rows.
+
+        Args:
+            force: (k, gdim) on the nodes [force].
+        """
+        k, s = self.rows.nodes.shape
+        gdim = force.shape[1]
+        values = -np.broadcast_to(force[:, None], (k, s, gdim)).ravel()
+        at = self.coordinates[:, gdim:].ravel(), np.repeat(np.arange(k * s), gdim)
+        return csr_matrix((values, at), (len(self.z), k * s))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,18 +77,30 @@ class NormalContact:
         first = np.zeros(self.sides.gdim, dtype=np.int64)
         return np.concatenate([surfaces[1 - frame].owner, surfaces[frame].owner, first])
 
-    def touching(self, terms: ContactTerms, q: np.ndarray, scale: float, size: float) -> np.ndarray:
-        """(n,) which pairs are in contact: lambda - scale gap > 0.
+    def touching(
+        self,
+        place: Place,
+        q: np.ndarray,
+        before: np.ndarray,
+        held: Held,
+        scale: float,
+        reach: np.ndarray,
+    ) -> tuple[np.ndarray, Held]:
+        """(n,) status of the pairs, and what is held from now on: closed where lambda - scale gap
+        > 0.
 
         Args:
-            terms: in this configuration.
+            place: in this configuration.
             q: own unknowns.
+            before: (n,) status in the last iterate.
+            held: from the start of the step.
             scale: stiffness [force / length].
-            size: of facets; pairs closer than ``CLOSE`` of it touch [length].
+            reach: (n,) pairs closer than that touch [length].
         """
-        force = q[: len(terms.pairs)]
-        gap = np.where(terms.pairs, terms.gap, 0.0)
-        return terms.pairs & (force / scale - gap > -CLOSE * size)
+        force = q[: len(place.pairs)]
+        gap = np.where(place.pairs, place.gap, 0.0)
+        closed = place.pairs & (force / scale - gap > -reach)
+        return np.where(closed, CLOSED, OPEN), held
 
     def hold(self, z: np.ndarray) -> Held:
         """What is held in a load step that starts at coordinates z."""
@@ -89,81 +127,97 @@ class NormalContact:
             return None
         return now | held.candidates
 
+    def place(self, z: np.ndarray, held: Held) -> NormalPlace:
+        """Pairs, rows and gaps with derivatives: what does not depend on forces.
+
+        Args:
+            z: (width,) coordinates [length].
+            held: from the start of the step.
+        """
+        sides, gdim = self.sides, self.sides.gdim
+        n, m, _ = self.counts
+        x, y = sides.split(z)
+        meeting = sides.meet(z, held.candidates)
+        forces = [sides.forces(meeting, z, moving) for moving in (True, False)]
+        f = forces[0][0], forces[1][0]
+        on = np.flatnonzero(((f[0] > 0.0) | held.pairs) & meeting.at.met)
+        at, d = meeting.at.part(on), meeting.d.part(on, gdim)
+        columns = sides.columns[0][on], sides.columns[1]
+        rows = self.design.rows(at, x[on], y, (f[0][on], f[1]), held.limit)
+        by_place, by_mu = self.design.derivatives(rows, at, d, columns, sides.width)
+        by_areas = forces[0][1], forces[1][1]
+        if held.lagged:
+            by_place = csr_matrix(by_place.shape)
+            by_areas = csr_matrix(by_areas[0].shape), csr_matrix(by_areas[1].shape)
+        height = np.einsum("nsi,ni->ns", y[rows.nodes] - x[on][:, None], at.normal)
+        pick = summing(on, n)
+        gap, normal = np.full(n, np.inf), np.zeros((n, gdim))
+        gap[on], normal[on] = -np.einsum("ns,ns->n", rows.N, height), at.normal
+        return NormalPlace(
+            z=z,
+            gap=gap,
+            normal=normal,
+            N=(pick @ rows.matrix(m)).tocsr(),
+            areas=f,
+            by_z=by_areas,
+            at=meeting.at,
+            on=on,
+            rows=rows,
+            entries=(by_place, by_mu),
+            height=height,
+            turned=d.normal,
+            coordinates=np.concatenate(
+                [columns[0], coordinates(rows.nodes, gdim, columns[1])], axis=1
+            ),
+        )
+
     def terms(
-        self, z: np.ndarray, q: np.ndarray, active: np.ndarray, held: Held, free: np.ndarray
+        self, place: NormalPlace, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
     ) -> ContactTerms:
         """All that Newton's iteration asks for.
 
         Args:
-            z: (width,) coordinates [length].
+            place: in this configuration.
             q: own unknowns, the first (n,) lambda of all nodes of the moving side [force].
-            active: (n,) which of them are in contact.
+            status: (n,) of these.
             held: from the start of the step.
             free: (width,) coordinates that are not prescribed.
         """
-        sides, (n, m, c) = self.sides, self.counts
-        gdim, width, force = sides.gdim, sides.width, q[:n]
-        x, y = sides.split(z)
-        meeting = sides.meet(z, held.candidates)
-        (f, df), (fy, dfy) = (sides.forces(meeting, z, moving) for moving in (True, False))
-        on = np.flatnonzero(((f > 0.0) | held.pairs) & meeting.at.met)
-        at, d = meeting.at.part(on), meeting.d.part(on, gdim)
-        columns = sides.columns[0][on], sides.columns[1]
-        pick = summing(on, n)
-        rows = self.design.rows(at, x[on], y, (f[on], fy), held.limit)
-        by_place, by_mu = self.design.derivatives(rows, at, d, columns, width)
-        normal, (k, s) = at.normal, rows.nodes.shape
-        # Gap, and how it changes.
-        arm = y[rows.nodes] - x[on][:, None]
-        height = np.einsum("nsi,ni->ns", arm, normal)
-        gap = -np.einsum("ns,ns->n", rows.N, height)
+        n, m, c = self.counts
+        on, rows, normal, active = place.on, place.rows, place.normal[place.on], status != OPEN
+        (by_place, by_mu), (df, dfy), f = place.entries, place.by_z, place.areas[0]
+        k, s = rows.nodes.shape
+        gdim, width, force = self.sides.gdim, self.sides.width, q[:n]
         along = np.concatenate(
             [normal[:, None], -(rows.N[:, :, None] * normal[:, None]).reshape(k, 1, -1)], axis=2
         )
-        places = np.concatenate([columns[0], coordinates(rows.nodes, gdim, columns[1])], axis=1)
-        lean = per_item(-height[:, None])  # (k, k s)
-        A = jacobian(along, places, width)  # (k, width): the force row
+        lean = per_item(-place.height[:, None])  # (k, k s)
+        A = jacobian(along, place.coordinates, width)  # (k, width): the force row
         gap_z, gap_mu = A + lean @ by_place, lean @ by_mu
         # Forces, and how they change.
         lam = np.where(active[on], force[on], 0.0)
-        total = A.T @ lam
-        at_frame = coordinates(rows.nodes, gdim, columns[1]).reshape(k, s, gdim)
-        spread = csr_matrix(  # (width, k s): force at nodes for changes of N
-            (
-                -(lam[:, None, None] * np.broadcast_to(normal[:, None], (k, s, gdim))).ravel(),
-                (at_frame.ravel(), np.repeat(np.arange(k * s), gdim)),
-            ),
-            (width, k * s),
-        )
-        unit = np.eye(gdim)
+        spread = place.spread(lam[:, None] * normal)
         weights = np.concatenate([np.ones((k, 1)), -rows.N], axis=1) * lam[:, None]
-        turned = (weights[:, :, None, None] * unit).reshape(k, (s + 1) * gdim, gdim)
-        gather = summing(places.ravel(), width)
-        K = -(spread @ by_place + gather @ (per_item(turned) @ d.normal))
-        force_mu = spread @ by_mu
+        turned = (weights[:, :, None, None] * np.eye(gdim)).reshape(k, (s + 1) * gdim, gdim)
+        gather = summing(place.coordinates.ravel(), width)
+        K = -(spread @ by_place + gather @ (per_item(turned) @ place.turned))
         # Equation (28), which gives mu.
         by_entry = csr_matrix(
             (np.repeat(f[on], s), (rows.nodes.ravel(), np.arange(k * s))), (m, k * s)
         )
-        N = rows.matrix(m)
-        balance_z = by_entry @ by_place + N.T @ df[on] - diags(1.0 + rows.left) @ dfy
+        balance_z = by_entry @ by_place + rows.matrix(m).T @ df[on] - diags(1.0 + rows.left) @ dfy
         border_z = csr_matrix(self.design.chart * rows.mu[:, None]).T @ dfy
         closed = active[on] & ~held_fast(A, free)
-        by_closed = pick @ diags(closed.astype(float))
+        by_closed = summing(on, n) @ diags(closed.astype(float))
         idle = np.ones(n)
         idle[on[closed]] = 0.0
         G = csr_matrix(rows.G)
-        rest = np.where(idle > 0.0, force, 0.0)
-        rest[on[closed]] = gap[closed]
-        all_gaps = np.full(n, np.inf)
-        all_gaps[on] = gap
-        directions = np.zeros((n, gdim))
-        directions[on] = normal
-        zero = csr_matrix((width, c))
+        rest = np.where(idle > 0.0, force, place.gap)
+        none = csr_matrix((width, c))
         return ContactTerms(
-            force=total,
+            force=A.T @ lam,
             K=K.tocsr(),
-            top=bmat([[-(by_closed @ A).T, -force_mu, zero]], format="csr"),
+            top=bmat([[-(by_closed @ A).T, -(spread @ by_mu), none]], format="csr"),
             left=bmat([[by_closed @ gap_z], [balance_z], [border_z]], format="csr"),
             own=bmat(
                 [
@@ -174,11 +228,9 @@ class NormalContact:
                 format="csr",
             ),
             rest=np.concatenate([rest, np.zeros(m + c)]),
-            gap=all_gaps,
-            normal=directions,
-            N=(pick @ N).tocsr(),
-            areas=(f, fy),
-            pairs=np.isfinite(all_gaps),
-            active=active,
+            place=place,
             delta=float(np.abs(rows.delta).max(initial=0.0)),
+            status=status,
+            friction=np.zeros(width),
+            slip=np.zeros((n, gdim)),
         )

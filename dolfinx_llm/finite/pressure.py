@@ -12,7 +12,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.finite.areas import everything, surface_integrals
+from dolfinx_llm.finite.areas import Covered, everything, surface_integrals
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.geometry.surface import Surface, check_facet_tags
 
@@ -91,7 +91,7 @@ class Follower:
         return None if self.sides is None else self.sides.candidates(z)
 
     def terms(
-        self, z: np.ndarray, p: float, candidates: np.ndarray | None
+        self, z: np.ndarray, p: float, candidates: np.ndarray | None, lagged: bool = False
     ) -> tuple[np.ndarray, csr_matrix]:
         """Forces (width,) on all coordinates, and minus their derivative by them.
 
@@ -99,13 +99,16 @@ class Follower:
             z: coordinates [length].
             p: pressure [force / area].
             candidates: of ``hold``.
+            lagged: the derivative is that of parts which stay as they are.
         """
         loaded = self.surfaces[0]
         x = z[: loaded.x.size].reshape(loaded.x.shape)
-        free = everything(len(loaded.facets), loaded.facets.shape[1], len(z))
+        free = everything(x, loaded.facets, 0, len(z))
         if self.sides is not None and candidates is not None:
-            meeting = self.sides.meet(z, candidates)
-            free = meeting.covered[0 if self.sides.moving == 0 else 1].free
+            covered = self.sides.covered(z, candidates, self.sides.moving == 0)
+            if lagged:
+                covered = Covered(covered.share, csr_matrix(covered.derivative.shape))
+            free = free.without(covered)
         vectors, derivative = surface_integrals(x, loaded.facets, free, 0)
         force = np.zeros(len(z))
         force[: x.size] = -p * vectors.ravel()

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import bmat, csr_matrix, identity, kron
 
 from dolfinx_llm.finite.areas import Covered, surface_integrals
+from dolfinx_llm.finite.cover_facets import Skin, covered_facets
 from dolfinx_llm.finite.cover_line import Chains, covered_lines
 from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.location import (
@@ -28,7 +30,10 @@ from dolfinx_llm.geometry.cells import cell_sizes, vector_areas
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.geometry.surface import Surface
 
+Item = TypeVar("Item")
+
 AS_COARSE = 1e-6  # difference of mean facet sizes that is none
+PER_NODE = {2: 1.0, 3: np.sqrt(2.0), 4: 1.0}  # distance of nodes over the size of facets
 WITHIN = 1.0  # gap over the frame's facet up to which facets can touch in a step
 
 
@@ -48,7 +53,7 @@ class Sides:
 
     surfaces: tuple[Surface, Surface]
     frame: int  # which of them carries the frame
-    chains: Chains
+    chains: Chains | None  # of the frame's facets, in the plane
 
     @classmethod
     def of(cls, surfaces: Sequence[Surface]) -> Sides:
@@ -57,13 +62,15 @@ class Sides:
         Args:
             surfaces: as drawn.
         """
-        size = [cell_sizes(s.x, s.facets).mean() for s in surfaces]
+        size = [cell_sizes(s.x, s.facets).mean() * PER_NODE[s.facets.shape[1]] for s in surfaces]
         if abs(size[0] - size[1]) > AS_COARSE * max(size):
             frame = int(size[1] > size[0])
         else:  # alike: the one whose normal comes first
             normals = [tuple((s.normal / s.diameter).round(6) + 0.0) for s in surfaces]
             frame = int(normals[1] > normals[0])
-        return cls((surfaces[0], surfaces[1]), frame, Chains.of(surfaces[frame].facets))
+        flat = surfaces[0].x.shape[1] == 2
+        chains = Chains.of(surfaces[frame].facets) if flat else None
+        return cls((surfaces[0], surfaces[1]), frame, chains)
 
     @property
     def moving(self) -> int:
@@ -98,9 +105,14 @@ class Sides:
         parts = [part.reshape(-1, self.gdim) for part in parts]
         return parts[self.moving], parts[self.frame]
 
-    def in_order(self, moving: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def in_order(self, moving: Item, frame: Item) -> tuple[Item, Item]:
         """What belongs to the moving side and to the frame, in the order of the surfaces."""
         return (frame, moving) if self.frame == 0 else (moving, frame)
+
+    def jumps(self, N: csr_matrix) -> csr_matrix:
+        """(n gdim, width) x_p - sum_J N_pJ y_J, of all coordinates, for rows (n, m)."""
+        parts = self.in_order(identity(N.shape[0]), -N)
+        return kron(bmat([parts]), identity(self.gdim), format="csr")
 
     def candidates(self, z: np.ndarray) -> np.ndarray:
         """(f,) facets of the moving side that face the frame and lie near; held during a step."""
@@ -140,8 +152,27 @@ class Sides:
         normals = nodal_normals(y, frame, self.first[1], self.width)
         at = find_on_frame(x, y, frame, normals.n)
         d = location_derivatives(at, y, frame, normals, self.columns, self.width)
-        covered = covered_lines(self.chains, facets, candidates, x, y, at, d, normals, self.first)
+        if self.chains is None:
+            covered = self._clipped(z, candidates, True), self._clipped(z, candidates, False)
+        else:
+            of = facets, candidates, x, y, at, d, normals, self.first
+            covered = covered_lines(self.chains, *of)
         return Meeting(at, d, normals, covered)
+
+    def covered(self, z: np.ndarray, candidates: np.ndarray, moving: bool) -> Covered:
+        """What is covered of a side alone; arguments as for ``meet``."""
+        if self.chains is None:
+            return self._clipped(z, candidates, moving)
+        return self.meet(z, candidates).covered[0 if moving else 1]
+
+    def _clipped(self, z: np.ndarray, candidates: np.ndarray, moving: bool) -> Covered:
+        """The same in space."""
+        (x, y), (facets, frame) = self.split(z), (self.facets(True), self.facets(False))
+        skins = (
+            Skin(x, facets, candidates, self.first[0]),
+            Skin(y, frame, np.ones(len(frame), dtype=bool), self.first[1]),
+        )
+        return covered_facets(*(skins if moving else skins[::-1]), self.width)
 
     def forces(
         self, meeting: Meeting, z: np.ndarray, moving: bool

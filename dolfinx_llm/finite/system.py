@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from petsc4py import PETSc
@@ -13,7 +13,7 @@ from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.finite.terms import ContactTerms
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
-from dolfinx_llm.operators.petsc import create_aij, join_blocks
+from dolfinx_llm.operators.petsc import create_aij, is_symmetric, join_blocks, same_entries
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,11 @@ class Part:
     cols: np.ndarray  # number of each column
 
 
-@dataclass(frozen=True, eq=False)
+ONCE = {"ksp_max_it": 1}  # Newton's next iteration is the refinement
+GROWN = 10  # entries that are stored over those that are there, from which they are forgotten
+
+
+@dataclass(eq=False)
 class NewtonSystem:
     """Newton's system for changes of u and of the interfaces' own unknowns q.
 
@@ -33,13 +37,16 @@ class NewtonSystem:
         [left             own] [dq] = [-rest]
 
     Contact that may part makes it unsymmetric: averaged normals and designed rows have forces that
-    are no gradient. Blocks of ties are symmetric.
+    are no gradient. Blocks of ties are symmetric. Entries that contact has once had stay stored, as
+    zeros: while nodes slide within their facets the factorisation's analysis serves again.
     """
 
     dofs: BodyDofs
     numbers: Sequence[np.ndarray]  # per interface (width,) dofs of its coordinates
     own: Numbering  # of all interfaces' own unknowns, one after the other
     sizes: Sequence[int]  # per interface
+    stored: dict[str, csr_matrix] = field(default_factory=dict)  # entries of contact
+    solver: DirectSolver | None = None  # of the last iteration
 
     def solve(
         self,
@@ -64,7 +71,7 @@ class NewtonSystem:
         sizes = self.dofs.sizes
         first, n = self.dofs.first, sizes[0]
         bodies = [Part(t.K, at, at) for t, at in zip(terms, self.numbers, strict=True)]
-        local = self._rows([*bodies, *followers], first, n, sizes[1], self.dofs.fixed)
+        local = self._rows("bodies", [*bodies, *followers], first, n, sizes[1], self.dofs.fixed)
         added = create_aij(self.dofs.comm, sizes, sizes, local)
         K.axpy(1.0, added, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         added.destroy()
@@ -88,26 +95,33 @@ class NewtonSystem:
         comm, (n, total), first = self.dofs.comm, sizes, self.dofs.first
         mine, count = self.own.sizes
         start = sum(self.own.owner < self.own.rank)
-        top = self._rows([Part(t.top, u, q) for t, u, q in both], first, n, count, self.dofs.fixed)
-        left = self._rows([Part(t.left, q, u) for t, u, q in both], start, mine, total)
+        fixed = self.dofs.fixed
+        tops = [Part(t.top, u, q) for t, u, q in both]
+        top = self._rows("top", tops, first, n, count, fixed)
+        lefts = [Part(t.left, q, u) for t, u, q in both]
+        left = self._rows("left", lefts, start, mine, total)
         own = [Part(t.own, q, q) for t, _, q in both]
         zero = csr_matrix((np.zeros(count), (np.arange(count), np.arange(count))), (count, count))
         own.append(Part(zero, np.arange(count), np.arange(count)))  # a stored diagonal
         return [
             create_aij(comm, sizes, self.own.sizes, top),
             create_aij(comm, self.own.sizes, sizes, left),
-            create_aij(comm, self.own.sizes, self.own.sizes, self._rows(own, start, mine, count)),
+            create_aij(
+                comm, self.own.sizes, self.own.sizes, self._rows("own", own, start, mine, count)
+            ),
         ]
 
     def _rows(
         self,
+        name: str,
         parts: Sequence[Part],
         first: int,
         n: int,
         width: int,
         without: np.ndarray | None = None,
     ) -> csr_matrix:
-        """(n, width) this rank's rows of the sum of some parts, but for those (n,) left out."""
+        """(n, width) this rank's rows of the sum of some parts, but for those (n,) left out, with
+        the entries that a block of this name has had before."""
         rows, cols, values = [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros(0)]
         for part in parts:
             found = part.matrix.tocoo()
@@ -118,8 +132,16 @@ class NewtonSystem:
             rows.append(row[keep])
             cols.append(part.cols[found.col[keep]])
             values.append(found.data[keep])
+        count = sum(map(len, rows))
+        if name in self.stored and self.stored[name].nnz < GROWN * count:
+            before = self.stored[name].tocoo()
+            rows.append(before.row)
+            cols.append(before.col)
+            values.append(0.0 * before.data)
         index = np.concatenate(rows), np.concatenate(cols)
-        return csr_matrix((np.concatenate(values), index), (n, width))
+        found = csr_matrix((np.concatenate(values), index), (n, width))
+        self.stored[name] = found
+        return found
 
     def _solved(
         self,
@@ -133,12 +155,24 @@ class NewtonSystem:
         rhs = np.zeros(matrix.getLocalSize()[0])
         for place, part in zip(places, b, strict=True):
             rhs[place] = part
-        solver = DirectSolver(matrix, options[0], options[1], own=True)
-        try:
-            x = solver.solve(rhs)
-        finally:
-            solver.destroy()
+        self._factorise(matrix, options)
+        assert self.solver is not None
+        x = self.solver.solve(rhs)
         return [x[place] for place in places]
+
+    def _factorise(self, matrix: PETSc.Mat, options: tuple[str, dict | None]) -> None:
+        """Factorise; the analysis of the last factorisation serves where it can."""
+        old, self.solver = self.solver, None
+        if old is not None:
+            alike = is_symmetric(matrix) == old.symmetric and same_entries(matrix, old.matrix)
+            if alike:
+                matrix.copy(old.matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+                matrix.destroy()
+                old.refactorise()
+                self.solver = old
+                return
+            old.destroy()
+        self.solver = DirectSolver(matrix, options[0], ONCE | (options[1] or {}), own=True)
 
 
 def mean_diagonal(K: PETSc.Mat) -> float:

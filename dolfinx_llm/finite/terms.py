@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -11,6 +11,16 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.finite.sides import Sides
 
 FAST = 1e-9  # part of a row at free dofs, below which supports hold the pair
+
+
+@dataclass(frozen=True, eq=False)
+class Origin:
+    """From where slip counts in an increment."""
+
+    rows: csr_matrix  # (n, m) frozen rows of these places
+    gap: np.ndarray  # (n,) at the start of the increment; inf where there was none [length]
+    touched: np.ndarray  # (n,) pairs that have been in contact since
+    scale: float  # stiffness that the law weighs slip with [force / length]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +34,25 @@ class Held:
     candidates: np.ndarray  # (f,) facets of the moving side that can touch
     pairs: np.ndarray  # (n,) its nodes that take part
     limit: float  # k of the design
+    lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
+    origin: Origin | None = None  # of slip, where there is friction
+    pose: np.ndarray | None = None  # pivot, displacement and rotation of a rigid obstacle
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """How the pairs of an interface stand in one configuration, whatever they carry."""
+
+    z: np.ndarray  # (width,) coordinates [length]
+    gap: np.ndarray  # (n,) of the moving side's nodes; inf where there is none [length]
+    normal: np.ndarray  # (n, gdim) out of the frame
+    N: csr_matrix  # (n, m) rows
+    areas: tuple[np.ndarray, np.ndarray]  # (n,), (m,) of the nodes of both sides [area]
+
+    @property
+    def pairs(self) -> np.ndarray:
+        """(n,) which nodes of the moving side can touch."""
+        return np.isfinite(self.gap)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,14 +65,12 @@ class ContactTerms:
     left: csr_matrix  # (q, width) derivative of the interface's own equations by z
     own: csr_matrix  # (q, q) the same by q
     rest: np.ndarray  # (q,) their residual
-    gap: np.ndarray  # (n,) of the pairs [length]
-    normal: np.ndarray  # (n, gdim) out of the frame
-    N: csr_matrix  # (n, m) rows
-    areas: tuple[np.ndarray, np.ndarray]  # (n,), (m,) of the nodes of both sides [area]
-    pairs: np.ndarray  # (n,) which nodes of the moving side can touch
+    place: Place
     delta: float  # largest correction of a row
-    active: np.ndarray  # (n,) pairs in contact
-    opens: bool = True  # the pairs may part
+    status: np.ndarray  # (n,) of the pairs: 0 open, 1 stick, 2 slip, 3 closed without friction
+    friction: np.ndarray | None  # (width,) part of the force; None: all that is not normal
+    slip: np.ndarray  # (n, gdim) tangential motion on the frame in the increment [length]
+    miss: float = 0.0  # largest distance of forces from the law where pairs slip [force]
 
 
 class MovingContact(Protocol):
@@ -61,17 +88,28 @@ class MovingContact(Protocol):
     def owner(self) -> np.ndarray:
         """(size,) ranks that own the unknowns."""
 
-    def touching(self, terms: ContactTerms, q: np.ndarray, scale: float, size: float) -> np.ndarray:
-        """(n,) which pairs are in contact."""
-
     def hold(self, z: np.ndarray) -> Held:
         """What is held in a load step that starts at coordinates z."""
 
     def missed(self, z: np.ndarray, held: Held) -> np.ndarray | None:
         """(f,) candidates with those that have passed the frame, if there are any."""
 
+    def place(self, z: np.ndarray, held: Held) -> Any:
+        """How the pairs stand at coordinates z: a ``Place`` of its own kind."""
+
+    def touching(
+        self,
+        place: Any,
+        q: np.ndarray,
+        before: np.ndarray,
+        held: Held,
+        scale: float,
+        reach: np.ndarray,
+    ) -> tuple[np.ndarray, Held]:
+        """(n,) status of the pairs, and what is held from now on."""
+
     def terms(
-        self, z: np.ndarray, q: np.ndarray, active: np.ndarray, held: Held, free: np.ndarray
+        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
     ) -> ContactTerms:
         """All that Newton's iteration asks for."""
 

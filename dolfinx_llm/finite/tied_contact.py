@@ -9,13 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import bmat, csr_matrix, diags, identity, kron
+from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.jacobians import summing
 from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.terms import ContactTerms, Held, held_fast
+from dolfinx_llm.finite.terms import ContactTerms, Held, Place, held_fast
+from dolfinx_llm.laws.rows import OPEN, STICK
 
 DRAWN = 1e-9  # gap over facet size that is none
 
@@ -69,9 +70,7 @@ class TiedContact:
         N, delta = (pick @ found.matrix(m)).tocsr(), float(np.abs(found.delta).max())
         pairs = np.zeros(n, dtype=bool)
         pairs[on] = True
-        parts = [diags(pairs.astype(float)), -N]
-        parts = parts if sides.moving == 0 else parts[::-1]
-        A = kron(bmat([parts]), identity(sides.gdim), format="csr")
+        A = diags(np.repeat(pairs, sides.gdim).astype(float)) @ sides.jumps(N)
         return cls(sides, A, N, pairs, (f, fy), meeting.at.normal, delta)
 
     @property
@@ -84,9 +83,17 @@ class TiedContact:
         """(size,) ranks that own the unknowns."""
         return np.repeat(self.sides.surfaces[self.sides.moving].owner, self.sides.gdim)
 
-    def touching(self, terms: ContactTerms, q: np.ndarray, scale: float, size: float) -> np.ndarray:
-        """(n,) all pairs."""
-        return self.pairs
+    def touching(
+        self,
+        place: Place,
+        q: np.ndarray,
+        before: np.ndarray,
+        held: Held,
+        scale: float,
+        reach: np.ndarray,
+    ) -> tuple[np.ndarray, Held]:
+        """(n,) all pairs stick."""
+        return np.where(self.pairs, STICK, OPEN), held
 
     def hold(self, z: np.ndarray) -> Held:
         """Nothing is chosen anew."""
@@ -96,30 +103,27 @@ class TiedContact:
         """None: ties stay as drawn."""
         return None
 
+    def place(self, z: np.ndarray, held: Held) -> Place:
+        """Rows as drawn."""
+        return Place(z, np.where(self.pairs, 0.0, np.inf), self.normal, self.N, self.areas)
+
     def terms(
-        self, z: np.ndarray, q: np.ndarray, active: np.ndarray, held: Held, free: np.ndarray
+        self, place: Place, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
     ) -> ContactTerms:
         """See ``NormalContact.terms``; q (n gdim,) are the forces on the moving side [force]."""
-        gdim = self.sides.gdim
+        gdim, width = self.sides.gdim, self.sides.width
         closed = np.repeat(self.pairs, gdim) & ~held_fast(self.A, free)
-        on = diags(closed.astype(float))
-        A = (on @ self.A).tocsr()
-        force = np.where(closed, q, 0.0)
-        width = len(z)
-        rest = np.where(closed, self.A @ z, q)
+        A = (diags(closed.astype(float)) @ self.A).tocsr()
         return ContactTerms(
-            force=A.T @ force,
+            force=A.T @ np.where(closed, q, 0.0),
             K=csr_matrix((width, width)),
             top=-A.T.tocsr(),
             left=A,
             own=diags((~closed).astype(float)).tocsr(),
-            rest=rest,
-            gap=np.where(self.pairs, 0.0, np.inf),
-            normal=self.normal,
-            N=self.N,
-            areas=self.areas,
-            pairs=self.pairs,
+            rest=np.where(closed, self.A @ place.z, q),
+            place=place,
             delta=self.delta,
-            active=self.pairs,
-            opens=False,
+            status=status,
+            friction=None,
+            slip=np.zeros_like(self.normal),
         )

@@ -40,7 +40,8 @@ class DirectSolver:
         self.matrix, self._own = matrix, own
         self.symmetric = is_symmetric(matrix)
         self.solution, self.rhs = matrix.createVecs()
-        self.ksp = self._factorise(prefix, options or {})
+        self._given = prefix, options or {}
+        self.ksp = self._factorise(*self._given)
 
     def _factorise(self, prefix: str, options: dict) -> Any:
         """Set up and factorise."""
@@ -67,6 +68,15 @@ class DirectSolver:
                 "or 'cholesky' or leave it out; solver='condensed' iterates"
             )
         return options | {"pc_type": "lu"} if pc == "cholesky" and not self.symmetric else options
+
+    def refactorise(self) -> None:
+        """Factorise anew where entries of the matrix have changed, but not which there are."""
+        self.ksp.setOperators(self.matrix)
+        factor = self.ksp.getPC().getFactorMatrix()
+        self.ksp.setUp()
+        if self.ksp.getPC().getFactorSolverType() == "mumps" and factor.getMumpsInfog(1) < 0:
+            self.ksp.destroy()
+            self.ksp = self._factorise(*self._given)
 
     def solve(self, b: np.ndarray) -> np.ndarray:
         """This rank's part of the solution for its part of a load."""

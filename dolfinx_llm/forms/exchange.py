@@ -22,9 +22,10 @@ class SetUp(Protocol):
     """What a step's matrix was set up to."""
 
     def ask(
-        self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray
+        self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray, about: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """This rank's u, and all of λ (n,) and w (m,), for this rank's f, (n,) g and (m,) rhs."""
+        """This rank's u, and all of λ (n,) and w (m,), for this rank's f, (n,) g and (m,) rhs;
+        ``about`` as of ``LinearStep``, where g has not taken it up."""
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
@@ -78,7 +79,7 @@ class WholeSteps(StepForm):
         if f is not self._f:
             self._f, self._wrong = f, np.inf
         made, f = self._served(step), step.loaded(f)
-        found = self.result(step, *made.ask(f, step.g, step.rhs))
+        found = self.result(step, *made.ask(f, step.g, step.rhs, step.about))
         before, self._wrong = self._wrong, int(found.wrong.sum())
         if 0 < self._wrong <= self.most and (self.eager or self._wrong >= before):
             pairs, forces = self._choose(made, step, found)
@@ -86,7 +87,8 @@ class WholeSteps(StepForm):
                 active = step.active.copy()
                 active[pairs] ^= True
                 df, dg, drhs = self._loads(step, pairs, forces)
-                u, multiplier, w = made.ask(f + df, step.g + dg, step.rhs + drhs)
+                loads = f + df, step.g + dg, step.rhs + drhs
+                u, multiplier, w = made.ask(*loads, step.about)
                 multiplier[pairs] = np.where(active[pairs], forces, 0.0)
                 found = self.result(step, u, multiplier, w, active)
         operators = self.operators

@@ -79,7 +79,7 @@ class FactorisedStep:
         self._solver = DirectSolver(self._matrix, prefix, options, own=True)
 
     def ask(
-        self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray
+        self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray, about: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """This rank's u, and all of λ and w, for other loads; see ``LinearStep``.
 

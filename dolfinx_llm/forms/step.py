@@ -15,7 +15,7 @@ from dolfinx_llm.operators.system import ContactOperators
 
 SIGN = 1e-11  # relative: what rounding may not switch
 GRAZING = 1e-3  # forces below this part of scale times motion count as none
-SOFT = 1e-11  # compliance, relative to the surface's, that makes forces at supports unique
+SOFT = 1e-6  # compliance, relative to the surface's, with which forces at supports change
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,7 @@ class LinearStep:
     spring: float  # their stiffness [force / length]
     pins: list[int]  # (p,) this rank's dofs, local numbers, at which they hold
     pull: np.ndarray  # (p,) spring times where they hold these [force], part of the load
+    about: np.ndarray  # (n,) λ about which rows in contact give way, as g has it [force]
 
     @classmethod
     def tied(cls, L: csr_matrix, g: np.ndarray) -> LinearStep:
@@ -52,8 +53,9 @@ class LinearStep:
         (n, m), nothing = L.shape, np.zeros(0)
         on, D = np.ones(n, dtype=bool), csr_matrix((L.shape[1],) * 2)
         return cls(
-            on, ~on, L, g, np.zeros(n), L.T.tocsr(), D, np.zeros(m), nothing, 0.0, [], nothing
-        )
+            on, ~on, L, g, np.zeros(n), L.T.tocsr(), D, np.zeros(m), nothing, 0.0, [], nothing,
+            np.zeros(n),
+        )  # fmt: skip
 
     def same_matrix(self, other: LinearStep) -> bool:
         """Whether another step differs in loads alone: what has been factorised serves it.

@@ -217,15 +217,15 @@ class Frame:
     def _places(self) -> ClosestPoints:
         return ClosestPoints(self.x, self.cells)
 
-    def interpolation(self, location: Location, points: np.ndarray | None = None) -> csr_matrix:
-        """(n, m) matrix of the shape functions N_J(xi_p): the scalar L_b before any design.
+    def interpolation(self, location: Location) -> csr_matrix:
+        """(n, m) matrix of the shape functions N_J(xi_p): the scalar L_b before any design. Beyond
+        the outline they are continued by the mean gradients of the cells around its nodes, and so
+        vary continuously along it.
 
         Args:
             location: of n points, as ``locate`` gives it.
-            points: (n, gdim) these points; then those beyond a node of the outline have the mean of
-                what the cells around it continue, whichever of these comes first [length].
         """
-        return self._places.interpolation(location, points)
+        return self._places.interpolation(location)
 
 
 def _numbers(name: str, value: Any, accepted: str) -> np.ndarray:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.geometry.cells import (
@@ -23,11 +23,12 @@ from dolfinx_llm.geometry.cells import (
 class Location:
     """Points located on a frame: where each lies and how far from it."""
 
+    x: np.ndarray  # (n, gdim) the points [length]
     cell: np.ndarray  # (n,) frame cell
     xi: np.ndarray  # (n, d) reference coordinates of the closest point
     N: np.ndarray  # (n, k) shape functions of that cell's nodes, continued linearly outside
     outside: np.ndarray  # (n,) tangential distance from the cell in units of its size, 0 inside
-    # Other points of the frame that are as close, as inside of a fold, in its middle:
+    # Other points of the frame that are as close, as in the middle of a fold, or of a dented edge:
     equal: tuple[np.ndarray, ...]  # (t,) which of the n, (t,) cell, (t, d) xi
 
 
@@ -56,7 +57,7 @@ class ClosestPoints:
             N, dN = shape_functions(self.cells.shape[1], xi)
         step, offset = self._step(x, cell, xi)
         N = N + np.einsum("nkd,nd->nk", dN, step)
-        return Location(cell, xi, N, self._outside(offset, cell), equal)
+        return Location(x, cell, xi, N, self._outside(offset, cell), equal)
 
     @cached_property
     def _size(self) -> np.ndarray:
@@ -81,7 +82,7 @@ class ClosestPoints:
         best = order[np.unique(point[order], return_index=True)[1]]
         foot = points_of(self.x, self.cells[cell], xi)[1]
         apart = np.linalg.norm(foot - foot[best][point], axis=1) > 10.0 * rounding[point]
-        also = np.flatnonzero((outside == 0.0) & (outside[best][point] == 0.0) & apart)
+        also = np.flatnonzero(((outside > 0.0) == (outside[best][point] > 0.0)) & apart)
         return cell[best], xi[best], (point[also], cell[also], xi[also])
 
     def _outside(self, offset: np.ndarray, cell: np.ndarray) -> np.ndarray:
@@ -163,45 +164,46 @@ class ClosestPoints:
             xi[beyond] = closest_on_sides(self.x[self.cells[cell[beyond]]], x[beyond])
         return xi, np.linalg.norm(x - points_of(self.x, self.cells[cell], xi)[1], axis=1)
 
-    def interpolation(self, at: Location, x: np.ndarray | None = None) -> csr_matrix:
-        """(n, m) matrix of the shape functions at located points x; see ``Frame.interpolation``."""
+    def interpolation(self, at: Location) -> csr_matrix:
+        """(n, m) matrix of the shape functions at located points; see ``Frame.interpolation``."""
         n, k = at.N.shape
-        cols = self.cells[at.cell]
-        matrix = csr_matrix(
-            (at.N.ravel(), cols.ravel(), np.arange(0, n * k + 1, k)), self._shape(n)
-        )
-        matrix.sort_indices()
-        if len(at.equal[0]):  # all that are as close count for the same
-            point, cell, xi = at.equal
-            index = np.repeat(point, k), self.cells[cell].ravel()
-            others = csr_matrix((shape_functions(k, xi)[0].ravel(), index), self._shape(n))
-            share = 1.0 / (1.0 + np.bincount(point, minlength=n))
-            matrix = (diags(share) @ (matrix + others)).tocsr()
-        if x is None:
+        point, cell, xi = at.equal
+        row, cell = np.append(np.arange(n), point), np.append(at.cell, cell)
+        N, cols = np.concatenate([at.N, shape_functions(k, xi)[0]]), self.cells[cell]
+        beyond = at.outside[row] > 0.0
+        if not len(point) and not beyond.any():
+            matrix = csr_matrix(
+                (N.ravel(), cols.ravel(), np.arange(0, n * k + 1, k)), (n, len(self.x))
+            )
+            matrix.sort_indices()
             return matrix
-        foot = shape_functions(k, at.xi)[0]
-        beyond = np.flatnonzero((at.outside > 0.0) & (foot.max(axis=1) > 1.0 - 1e-9))
-        if not len(beyond):
-            return matrix
-        mean = self._continued(cols[beyond, foot[beyond].argmax(axis=1)], x[beyond]).tocoo()
-        kept = matrix.tocoo()
-        kept.data[np.isin(kept.row, beyond)] = 0.0
-        row, col = np.append(kept.row, beyond[mean.row]), np.append(kept.col, mean.col)
-        return csr_matrix((np.append(kept.data, mean.data), (row, col)), self._shape(n))
+        xi, inside = np.concatenate([at.xi, xi])[beyond], ~beyond
+        node, out, values = self._continued(cell[beyond], xi, at.x[row[beyond]])
+        rows = np.append(np.repeat(row[inside], k), row[beyond][out])
+        values = np.append(N[inside].ravel(), values)
+        values /= np.bincount(row)[rows]  # all that are as close count for the same
+        index = rows, np.append(cols[inside].ravel(), node)
+        return csr_matrix((values, index), (n, len(self.x)))
 
-    def _shape(self, n: int) -> tuple[int, int]:
-        return n, len(self.x)
-
-    def _continued(self, node: np.ndarray, x: np.ndarray) -> csr_matrix:
-        """(n, m) shape functions at x, the mean of what the cells around each node continue."""
+    def _continued(
+        self, cell: np.ndarray, xi: np.ndarray, x: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Shape functions at x (n, gdim) beyond the points xi of cells, continued from there by the
+        gradients of the nodes around, each the mean of those of its cells: one cell's alone would
+        jump where the next one begins. Nodes, which of the n, and values, to be added up."""
         k, flat = self.cells.shape[1], self.cells.ravel()
+        foot, y, _ = points_of(self.x, self.cells[cell], xi)
+        foot = np.where(foot > 1e-14, foot, 0.0)
+        point, corner = np.nonzero(foot)
+        node, share = self.cells[cell[point], corner], foot[point, corner]
         order = np.argsort(flat, kind="stable")
         first, last = (np.searchsorted(flat[order], node, side) for side in ("left", "right"))
         count = last - first
-        row = np.repeat(np.arange(len(node)), count)
-        place = order[np.arange(len(row)) + np.repeat(first - np.cumsum(count) + count, count)]
-        cell, xi = place // k, CORNERS[k][place % k]
-        N, dN = shape_functions(k, xi)
-        N = N + np.einsum("nkd,nd->nk", dN, self._step(x[row], cell, xi)[0])
-        index = np.repeat(row, k), self.cells[cell].ravel()
-        return csr_matrix(((N / count[row][:, None]).ravel(), index), self._shape(len(x)))
+        pair = np.repeat(np.arange(len(node)), count)
+        place = order[np.arange(len(pair)) + np.repeat(first - np.cumsum(count) + count, count)]
+        around, at = place // k, CORNERS[k][place % k]
+        step = self._step((x - y)[point[pair]] + self.x[node[pair]], around, at)[0]
+        change = np.einsum("nkd,nd->nk", shape_functions(k, at)[1], step)
+        change *= (share / count)[pair][:, None]
+        nodes = np.append(self.cells[around].ravel(), node)
+        return nodes, np.append(np.repeat(point[pair], k), point), np.append(change.ravel(), share)

@@ -177,6 +177,12 @@ def _integrate_pieces(p: np.ndarray, pieces: np.ndarray) -> np.ndarray:
 def _shape_at(p: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Shape functions of cells p (e, k, 2) at plane points x (e, g, 2): (e, g, k)."""
     (e, g, _), k = x.shape, p.shape[1]
+    return shape_functions(k, reference_coordinates(p, x).reshape(-1, 2))[0].reshape(e, g, k)
+
+
+def reference_coordinates(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """(e, g, 2) reference coordinates of plane points x (e, g, 2) in cells p (e, k, 2)."""
+    (e, g, _), k = x.shape, p.shape[1]
     # c0 + c1 r + c2 s + c3 r s, component by component: far quicker than small sums point by point.
     c0, c1, c2, c3 = np.einsum("ik,ekd->ide", _MONOMIALS[k], p)[..., None]
     target = np.moveaxis(x, 2, 0) - c0
@@ -189,7 +195,7 @@ def _shape_at(p: np.ndarray, x: np.ndarray) -> np.ndarray:
         r, s = r + step[0], s + step[1]
         if np.abs(step).max(initial=0.0) < 1e-9:  # quadratic: what is left is rounding
             break
-    return shape_functions(k, np.stack([r.ravel(), s.ravel()], axis=1))[0].reshape(e, g, k)
+    return np.stack([r, s], axis=2)
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -111,7 +111,7 @@ def locate_pairs(
     else:
         normal = np.broadcast_to(sign * plane.normal, x.shape).copy()
     base = np.broadcast_to(sign * np.eye(gdim), (len(nodes), gdim, gdim)).copy()
-    N = frame.interpolation(at, points)
+    N = frame.interpolation(at)
     return ContactPairs(surface, nodes, forces[nodes], at.cell, N, normal, base, x - N @ frame.x)
 
 

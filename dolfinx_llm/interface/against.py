@@ -34,7 +34,7 @@ def against_obstacle(
     gdim, kind = side.x.shape[1], type(obstacle).__name__
     if obstacle.gdim not in (None, gdim):
         raise ContactInputError(f"the {kind} lies in {obstacle.gdim}D, the body in {gdim}D")
-    distance, normal = _clearance(obstacle, side.x)
+    distance, normal = checked_clearance(obstacle, side.x)
     facets = _facing_facets(side, distance, normal)
     if not len(facets):
         near = int(distance.argmin())
@@ -74,7 +74,7 @@ def against_obstacle(
     return pairs, steep_rim(side, facets, np.isfinite(distance))
 
 
-def _clearance(obstacle: Obstacle, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def checked_clearance(obstacle: Obstacle, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What the obstacle says of points, checked: own obstacles may say anything."""
     kind = type(obstacle).__name__
     try:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 class Certificate:
     """What can be said of an interface before any solve."""
 
-    residual: float  # max |r| / max f, (28)
+    residual: float  # max |r| / max f, (28); of curved surfaces in space, or along their normals
+    # where nothing else acts
     residual_before: float  # the same before design
     singular_values: tuple[float, float]  # smallest and largest of the scalar L_b
     linear: float  # max |sum_J N_J Y_J - X_p| in the plane, over the diameter

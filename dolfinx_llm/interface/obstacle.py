@@ -25,7 +25,7 @@ class Obstacle:
     All of the arguments may be set anew before every solve. Motions are small: directions in which
     contact forces act stay those of the drawing, and a point x of the obstacle moves by
     displacement + rotation × (x - pivot). About its own axis a sphere or cylinder may turn by any
-    angle, which drags with friction what it touches.
+    angle, which drags with friction what it touches. At finite deformation all motions are finite.
 
     Args:
         displacement: (gdim,) motion since the drawing [length]; None: at rest.
@@ -61,10 +61,11 @@ class Obstacle:
         """Distance of points to the surface, and the direction into the obstacle.
 
         It is asked once, for the surface's nodes as drawn; a linear estimate of the distance along
-        the direction is enough where nodes are near.
+        the direction is enough where nodes are near. At finite deformation it is asked in every
+        iteration, and for its derivatives at points beside the nodes.
 
         Args:
-            x: (n, gdim) points of a body, as drawn [length].
+            x: (n, gdim) points of a body where the obstacle is as drawn [length].
 
         Returns:
             (n,) distance, negative inside the obstacle, inf where there is none of it [length], and

@@ -12,6 +12,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.balance import balance
 from dolfinx_llm.design.curved import (
+    loads_along_normals,
     nodal_normals,
     smooth_rows,
     vector_residual,
@@ -50,14 +51,19 @@ def balanced(
     close_gap = interface.law.closes_gap
     vectors = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
     plain = [p.N for p in pairs]
-    before = np.linalg.norm(vector_residual(plain, vectors), axis=1)
     normals, place = nodal_normals(frame), 0.0
+    along = interface.law.components == "normal"
+    before = after = _residual(plain, vectors, normals, along)
     if interface.design is not None:
-        pairs, surface = _least_residual(frame, pairs, vectors, close_gap, notes)
-        normals, place = surface.normals, surface.error
+        pairs, surface = _least_residual(frame, pairs, vectors, before, close_gap, along, notes)
+        found, place = (
+            _residual([p.N for p in pairs], vectors, surface.normals, along),
+            surface.error,
+        )
+        if not along or found.max() <= before.max():
+            normals, after = surface.normals, found
     N = [p.N for p in pairs]
     pairs = with_mean_normals(pairs, normals)
-    after = np.linalg.norm(vector_residual(N, vectors), axis=1)
     size = max(p.surface.diameter for p in pairs)
     certificate = Certificate(
         float(after.max()),
@@ -68,7 +74,8 @@ def balanced(
         place,
     )
     notes.append(
-        f"curved: vector areas, in least squares; root mean square of the patch residual "
+        f"curved: {'areas along normals' if along else 'vector areas'}, in least squares; "
+        f"root mean square of the patch residual "
         f"{np.sqrt(np.mean(after**2)):.1e} (before design {np.sqrt(np.mean(before**2)):.1e})"
     )
     if after.max() > COARSE:
@@ -88,11 +95,22 @@ def balanced(
     return pairs, certificate, normals
 
 
+def _residual(
+    N: Sequence[csr_matrix], vectors: Sequence[np.ndarray], normals: np.ndarray, along: bool
+) -> np.ndarray:
+    """(m,) what a constant pressure leaves at the frame's nodes of the largest nodal force; of
+    what acts ``along`` normals alone, if that is all."""
+    loads = loads_along_normals(N, vectors, normals) if along else vectors
+    return np.linalg.norm(vector_residual(N, loads), axis=1)
+
+
 def _least_residual(
     frame: Frame,
     pairs: list[ContactPairs],
     vectors: Sequence[np.ndarray],
+    before: np.ndarray,
     close_gap: bool,
+    along: bool,
     notes: list[str],
 ) -> tuple[list[ContactPairs], SmoothSurface]:
     """Pairs with the rows that reproduce the most of the places and balance, and the surface.
@@ -103,13 +121,14 @@ def _least_residual(
     nothing lowers it, rows stay as they are. Where the gap is closed it is that between the
     smooth surfaces, whatever the rows.
     """
-    best = [p.N for p in pairs]
-    before = least = np.linalg.norm(vector_residual(best, vectors), axis=1)
-    smooth = smooth_rows(frame, pairs, close_gap)
-    taken = 0.0
+    best, least = [p.N for p in pairs], before
+    smooth = smooth_rows(frame, pairs, close_gap, along)
+    normals, taken = smooth.surface.normals, 0.0
     for share in SHARES:
-        N = balance(smooth.rows(share), vectors, smooth.stencils)
-        after = np.linalg.norm(vector_residual(N, vectors), axis=1)
+        N = smooth.rows(share)
+        loads = loads_along_normals(N, vectors, normals) if along else vectors
+        N = balance(N, loads, smooth.stencils)
+        after = _residual(N, vectors, normals, along)
         unity = max(float(np.abs(M.sum(axis=1) - 1.0).max()) for M in N)
         lower = after.max() < least.max() and np.linalg.norm(after) < np.linalg.norm(before)
         if lower and unity <= UNITY:

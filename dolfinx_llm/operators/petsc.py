@@ -72,6 +72,12 @@ def block_diagonal(blocks: Sequence[PETSc.Mat]) -> PETSc.Mat:
     return matrix
 
 
+def same_entries(K: PETSc.Mat, M: PETSc.Mat) -> bool:
+    """Whether two AIJ matrices of the same sizes store the same entries; collective."""
+    pairs = zip(K.getValuesCSR()[:2], M.getValuesCSR()[:2], strict=True)
+    return bool(K.comm.tompi4py().allreduce(all(map(np.array_equal, *zip(*pairs))), op=MPI.LAND))
+
+
 def is_symmetric(K: PETSc.Mat) -> bool:
     """Whether xᵀKy = yᵀKx for two random vectors."""
     x, y = K.createVecs()

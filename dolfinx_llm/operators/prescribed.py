@@ -18,7 +18,7 @@ def prescribed_rows(
     follow from the others must go, or (31) is singular in λ.
     """
     rows = np.flatnonzero(prescribed)
-    basis = _column_space(L, rows)
+    basis = column_space(L[rows])
     if not basis.size:
         return rows, basis, rows
     pivots = qr(basis.T, mode="r", pivoting=True)[1]
@@ -39,25 +39,10 @@ def free_parts(free: np.ndarray, c: int) -> np.ndarray:
     return size.ravel()
 
 
-def _column_space(L: csr_matrix, rows: np.ndarray) -> np.ndarray:
-    """(k, r) orthonormal basis of the columns of some rows of L."""
-    D = L[rows]
-    D = D[:, np.unique(D.indices)].toarray()
-    if not D.size:
-        return np.zeros((len(rows), 0))
-    basis, size, _ = np.linalg.svd(D, full_matrices=False)
+def column_space(D: csr_matrix) -> np.ndarray:
+    """(k, r) orthonormal basis of the columns of a matrix (k, m)."""
+    dense = D[:, np.unique(D.indices)].toarray()
+    if not dense.size:
+        return np.zeros((D.shape[0], 0))
+    basis, size, _ = np.linalg.svd(dense, full_matrices=False)
     return basis[:, size > 1e-8 * size[0]]
-
-
-def undetermined(L: csr_matrix, chosen: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """Part of forces (k,) at chosen rows (n_rows,) of L_b that its frame does not feel."""
-    basis = _column_space(L, np.flatnonzero(chosen))
-    return forces - basis @ (basis.T @ forces)
-
-
-def largest_share(forces: np.ndarray, added: np.ndarray) -> float:
-    """How much of what is added, at most all, leaves forces (k,) in compression."""
-    size = max(np.abs(forces).max(initial=0.0), np.abs(added).max(initial=0.0))
-    falls = added < -1e-10 * size
-    limits = np.maximum(forces[falls], 0.0) / -added[falls]
-    return float(min(1.0, limits.min(initial=1.0)))

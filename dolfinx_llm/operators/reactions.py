@@ -1,11 +1,18 @@
-"""Forces at nodes that supports hold."""
+"""Forces that (31) leaves open: at nodes that supports hold, and at those of several interfaces."""
+
+from collections.abc import Sequence
 
 import numpy as np
+from scipy.optimize import nnls
+from scipy.sparse import block_diag, csr_matrix, hstack
+from scipy.sparse.csgraph import connected_components
 
-from dolfinx_llm.operators.prescribed import largest_share, undetermined
+from dolfinx_llm.operators.prescribed import column_space
 from dolfinx_llm.operators.system import ContactOperators
 
 TOUCHING = 1e-9  # gaps up to this part of motions are none
+VANISHES = 1e-12  # what is left of a sum of 1 where no forces press
+PULL = 1e-10  # part of the largest force below which a pull is rounding
 
 
 def with_reactions(
@@ -14,39 +21,88 @@ def with_reactions(
     v: np.ndarray,
     u: np.ndarray,
     force: np.ndarray,
-    sticks: np.ndarray | None = None,
+    friction: Sequence[tuple[np.ndarray, csr_matrix]] = (),
 ) -> np.ndarray:
-    """Multipliers (n,) with what bodies pass on at nodes that supports hold; collective.
+    """Multipliers (n,) of which nothing is left to chance; collective.
 
-    There the equations leave open what the supports take and what goes through the frame. Of the
-    forces (n_local,) that bodies exert on both, f - K u, the part is added that leaves the frame in
-    balance; what may open stays pressed together, and without it where it is open. What friction
-    may be between nodes that stick, (n,) rows, nothing tells: it is the least that meets (31).
-    Nodes of several interfaces, and those against obstacles, stay as they are.
+    At nodes that supports hold, the equations leave open what the supports take and what goes
+    through the frame; where nodes belong to several interfaces, what goes through which. Of all
+    forces that move free dofs alike and leave the frames, and friction there, as they are, and of
+    which those that may open press, these are the nearest to what bodies pass on: at nodes held
+    f - K u (n_local,), in equal parts where interfaces share a node; else zero, which leads to the
+    smallest forces. Those against obstacles stay as they are.
+
+    Args:
+        operators: of the interfaces.
+        multiplier: λ (n,).
+        v: (n_v,) frame unknowns.
+        u: (n_local,) this rank's displacement.
+        force: (n_local,) f - K u of all dofs, as without supports.
+        friction: per interface its rows (n_i,) that bear friction, and what the nodes of its law
+            feel of forces there (n_i, q); empty for ties.
     """
-    rows, multiplier = operators.rows, multiplier.copy()
     motion, passed = (
-        np.einsum("ni,ni->n", rows.base, operators.dofs.values(rows.dofs, local))
-        for local in (u, force)
+        np.einsum("ni,ni->n", operators.rows.base, operators.dofs.values(operators.rows.dofs, a))
+        for a in (u, force)
     )
-    node = rows.dofs[:, 0]
     gaps = operators.row_gaps()
     opening = operators.L @ v - motion - gaps
     closed = opening <= TOUCHING * max(np.abs(motion).max(), np.abs(gaps).max())
-    for model, place, L in zip(operators.models, operators.places, operators.blocks, strict=True):
-        law, c = model.interface.law, model.pairs[0].base.shape[1]
+    wanted = np.where(operators.held, passed / operators.interfaces_at, 0.0)
+    chosen, presses, felt = *np.zeros((2, len(motion)), dtype=bool), []
+    for i, (model, place) in enumerate(zip(operators.models, operators.places, strict=True)):
+        law, c, L = model.interface.law, model.pairs[0].base.shape[1], operators.blocks[i]
+        felt.append(L)
         if model.frame is None or law.gives:  # where the law gives way it tells the forces
             continue
-        others = np.delete(node, np.r_[place.rows])
-        chosen = operators.held[place.rows] & ~np.isin(node[place.rows], others)
-        if not law.ties:  # the law binds tangential forces
-            normal = np.arange(len(chosen)) % c == c - 1
-            if sticks is not None:
-                loose = chosen & sticks[place.rows] & ~normal
-                at = place.rows.start + np.flatnonzero(loose)
-                multiplier[at] -= undetermined(L, loose, multiplier[at])
-            chosen &= closed[place.rows] & normal
-        at = place.rows.start + np.flatnonzero(chosen)
-        rest = undetermined(L, chosen, passed[at] - multiplier[at])
-        multiplier[at] += rest * (largest_share(multiplier[at], rest) if law.opens else 1.0)
+        own = np.ones(L.shape[0], dtype=bool)
+        if not law.ties:
+            own = closed[place.rows] & (np.arange(len(own)) % c == c - 1)
+            presses[place.rows] = own & law.opens
+            bears, of_friction = friction[i]
+            wanted[place.rows][bears] = 0.0  # nothing tells friction: it is the least
+            own, felt[i] = own | bears, hstack([L, of_friction])
+        chosen[place.rows] = own
+    at = np.flatnonzero(chosen & (operators.held | (operators.interfaces_at > 1)))
+    fixed = hstack([block_diag(felt, format="csr")[at], _nodal(operators, at)]).tocsr()
+    multiplier, rounding = multiplier.copy(), PULL * np.abs(multiplier).max(initial=0.0)
+    _, piece = connected_components(fixed @ fixed.T, directed=False)
+    for k in range(piece.max(initial=-1) + 1):
+        own = np.flatnonzero(piece == k)
+        to = at[own]
+        multiplier[to] = _nearest(fixed[own], multiplier[to], wanted[to], presses[to], rounding)
     return multiplier
+
+
+def _nodal(operators: ContactOperators, rows: np.ndarray) -> csr_matrix:
+    """(k, dofs) forces at the free dofs of nodes from those of some rows (k,)."""
+    at, value = operators.rows.dofs[rows], operators.free[rows]
+    row = np.broadcast_to(np.arange(len(rows))[:, None], at.shape)
+    kept = value != 0.0
+    _, col = np.unique(at[kept], return_inverse=True)
+    return csr_matrix((value[kept], (row[kept], col)), (len(rows), col.max(initial=-1) + 1))
+
+
+def _nearest(
+    fixed: csr_matrix,
+    forces: np.ndarray,
+    wanted: np.ndarray,
+    presses: np.ndarray,
+    rounding: float,
+) -> np.ndarray:
+    """The forces (k,) nearest to those wanted that have the same effect fixedᵀ λ (q,) as others,
+    where they press not negative beyond rounding [force]."""
+    basis = column_space(fixed)
+
+    def free(values: np.ndarray) -> np.ndarray:
+        return values - basis @ (basis.T @ values)
+
+    found, forces = forces, forces + free(wanted - forces)
+    size = np.abs(forces).max(initial=0.0)
+    if not (forces[presses] < -rounding).any():
+        return forces
+    # Least distance, Lawson and Hanson, Solving Least Squares Problems (1974), chapter 23.
+    P = free(np.eye(len(forces)))[presses]
+    x, _ = nnls(np.vstack([P.T, -forces[presses] / size]), np.append(np.zeros(len(forces)), 1.0))
+    left = 1.0 + x @ forces[presses] / size
+    return forces + size * (P.T @ x) / left if left > VANISHES else found

@@ -25,6 +25,7 @@ from dolfinx_llm.operators.petsc import diagonal_of
 from dolfinx_llm.operators.prescribed import free_parts, prescribed_rows
 from dolfinx_llm.operators.support import check_loops, check_support
 
+FLUSH = 64.0 * float(np.finfo(float).eps)  # of positions, that rounding makes of no gap
 NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
 
 
@@ -45,6 +46,8 @@ class ContactOperators:
         B, L_b: PETSc AIJ of (31).
         soft: (n,) rows at dofs that are prescribed, or nearly so.
         held: (n,) rows at dofs that are prescribed.
+        free: (n, gdim) base vectors at dofs that are not.
+        interfaces_at: (n,) to how many interfaces each row's node belongs.
         redundant: (n,) rows of ties at prescribed dofs that say nothing new.
         prescribed: per tie (rows, basis) at prescribed dofs, as of ``prescribed_rows``.
         bodies: connected bodies and their rigid motions.
@@ -113,8 +116,11 @@ class ContactOperators:
         mine = self.rows.numbering.mine
         fixed = self.dofs.fixed[self.rows.dofs[mine] - self.dofs.first]
         free = np.where(fixed, 0.0, self.rows.base[mine])
-        free = self.gather(self.rows.numbering, free)
+        self.free = free = self.gather(self.rows.numbering, free)
         self.held = ~free.any(axis=1)
+        nodes = [np.unique(self.rows.dofs[place.rows, 0]) for place in self.places]
+        known, count = np.unique(np.concatenate(nodes), return_counts=True)
+        self.interfaces_at = count[np.searchsorted(known, self.rows.dofs[:, 0])]
         own = [
             free_parts(free[place.rows], model.pairs[0].base.shape[1])
             for model, place in zip(self.models, self.places, strict=True)
@@ -191,6 +197,7 @@ class ContactOperators:
         for i, model in enumerate(self.models):
             for side in model.pairs:
                 law, gap = model.interface.law, side.gap
+                gap = np.where(np.abs(gap) > FLUSH * np.abs(side.x).max(initial=0.0), gap, 0.0)
                 if not law.closes_gap:
                     gap = np.zeros_like(gap)
                 elif law.components != "cartesian":

@@ -16,7 +16,7 @@ from ufl.core.expr import Expr
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import check, collective
-from dolfinx_llm.contact.results import InterfaceResult
+from dolfinx_llm.interface.forces import InterfaceForces
 from dolfinx_llm.output.values import (
     cell_maximum,
     check_displacement,
@@ -124,7 +124,7 @@ def _check_fields(fields: Any, mesh: Any) -> None:
 
 
 def interface_fields(
-    result: InterfaceResult,
+    result: InterfaceForces,
 ) -> dict[str, tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]]:
     """Points, cells and fields of the frame ("frame") and of each side ("side_0", "side_1").
 
@@ -146,14 +146,15 @@ def interface_fields(
     if result.frame is not None:
         frame = result.frame
         fields = {"displacement": frame.v, **own, "status": result.frame_status.astype(float)}
-        parts["frame"] = frame.x, frame.cells, fields
+        parts["frame"] = result.frame_drawn, frame.cells, fields
     for k, side in enumerate(result.sides):
-        parts[f"side_{k}"] = side.x, side.facets, {
+        own_gap = {"frame_gap": side.frame_gap} if hasattr(side, "frame_gap") else {}
+        parts[f"side_{k}"] = side.drawn, side.facets, {
             "displacement": side.u,
             "force": side.force,
             "normal_force": side.normal_force,
-            "gap": side.gap,
-            "frame_gap": side.frame_gap,
+            "gap": np.minimum(side.gap, np.ptp(side.x, axis=0).sum()),  # inf cannot be written
+            **own_gap,
             "slip": side.slip,
             "status": side.status.astype(float),
             "area": side.area,
@@ -162,7 +163,7 @@ def interface_fields(
     return parts
 
 
-def write_interface(folder: str | Path, result: InterfaceResult) -> None:
+def write_interface(folder: str | Path, result: InterfaceForces) -> None:
     """Frame and sides with their fields as XDMF, for ParaView, and as CSV; call it on one rank.
 
     Writes frame.xdmf (displacement, pressure, traction, area, status) and per side side_0.xdmf,
@@ -206,7 +207,7 @@ class LoadSteps:
     files of ``write_interface`` without its CSV. All calls are collective.
 
     Args:
-        problem: the ``ContactProblem``.
+        problem: the ``ContactProblem``, or the ``NonlinearContactProblem``.
         folder: where the files go; it is made.
         suffix: of the bodies' files: ".xdmf", or ".bp" for VTX.
         cell_fields: makes of a mesh's displacement the fields of ``write_bodies``.

@@ -17,10 +17,10 @@ from ufl.core.expr import Expr
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.contact.results import InterfaceResult
 from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.surface import facet_corners
+from dolfinx_llm.interface.forces import InterfaceForces
 from dolfinx_llm.output import render
 from dolfinx_llm.output.drawing import draw_cells, draw_scene, mean_plane, on_root, pyplot, save
 from dolfinx_llm.output.render import Scene
@@ -33,7 +33,7 @@ LINES = "give a list of (label, style, x, y), or a list of such lists"
 FLAT = 0.98  # sum of vector areas over area, from which a surface is seen along its normal
 
 
-def frame_design(result: InterfaceResult, before: Frame | None, path: str | Path) -> None:
+def frame_design(result: InterfaceForces, before: Frame | None, path: str | Path) -> None:
     """Frame before and after design with both sides' nodes and forces (paper, Figures 11, 12).
 
     Draws on rank 0 when called on all ranks.
@@ -164,9 +164,10 @@ def bodies(
 def pictures(
     comm: MPI.Comm,
     u: Sequence[Function],
-    results: Sequence[InterfaceResult],
+    results: Sequence[InterfaceForces],
     folder: str | Path,
     field: str = "pressure",
+    scale: float | None = None,
 ) -> None:
     """What ``ContactProblem.plot`` draws; collective.
 
@@ -176,6 +177,7 @@ def pictures(
         results: of each interface.
         folder: where the pictures go; it is made.
         field: of ``interface``.
+        scale: of ``bodies``.
 
     Raises:
         ContactInputError: no such field, or a folder that cannot be written; on all ranks.
@@ -185,7 +187,7 @@ def pictures(
         place = writable_folder("folder", folder)
     for i, motion in enumerate(u):
         length = ufl.sqrt(ufl.inner(motion, motion))
-        bodies(motion, length, place / f"bodies_{i}.png", label="length of u")
+        bodies(motion, length, place / f"bodies_{i}.png", label="length of u", scale=scale)
     with collective(comm):
         for i, result in enumerate(results if comm.rank == 0 else []):
             draw_interface(result, place / f"interface_{i}.png", field)
@@ -229,7 +231,7 @@ def _skin(u: Function, field: Function) -> tuple[np.ndarray, np.ndarray, np.ndar
     return x[nodes], motion[nodes], values[cells]
 
 
-def interface(result: InterfaceResult, path: str | Path, field: str = "pressure") -> None:
+def interface(result: InterfaceForces, path: str | Path, field: str = "pressure") -> None:
     """A field of an interface: over the contact in 2D, on the deformed frame in 3D.
 
     Draws on rank 0 when called on all ranks. Marks show the status: open, stick or slip.
@@ -249,7 +251,7 @@ def interface(result: InterfaceResult, path: str | Path, field: str = "pressure"
         draw_interface(result, path, field)
 
 
-def draw_interface(result: InterfaceResult, path: str | Path, field: str = "pressure") -> None:
+def draw_interface(result: InterfaceForces, path: str | Path, field: str = "pressure") -> None:
     """What ``interface`` draws, on this rank.
 
     Args:
@@ -262,8 +264,7 @@ def draw_interface(result: InterfaceResult, path: str | Path, field: str = "pres
     }
     x, value, side = result.x, values[field], result.sides[0]
     if x.shape[1] == 3:
-        frame = result.frame or Frame(x, side.facets)
-        moved = x + (side.u if result.frame is None else frame.v)
+        frame, moved = result.frame or Frame(x, side.facets), result.deformed
         label, low = f"{field} ({value.min():.6g} to {value.max():.6g})", min(value.min(), 0.0)
         limits = low, max(value.max(), low + 1e-300)
         areas = vector_areas(moved, frame.cells)

@@ -12,8 +12,8 @@ from ufl.core.expr import Expr
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.contact.results import InterfaceResult
 from dolfinx_llm.geometry.surface import check_space
+from dolfinx_llm.interface.forces import InterfaceForces
 
 EXPRESSION = "give a scalar UFL expression without test and trial functions"
 
@@ -77,7 +77,7 @@ def check_expression(expression: Any, mesh: Any, degree: Any) -> None:
 def check_result(result: Any) -> None:
     """Require a result of an interface."""
     accepted = "give a result of a solve, e.g. problem.results[0]"
-    checks.instance("result", result, InterfaceResult, accepted)
+    checks.instance("result", result, InterfaceForces, accepted)
 
 
 def check_displacement(u: Any) -> Any:

@@ -115,10 +115,10 @@ class ContactMethod:
                 u, multiplier, v = advance(self.iteration, f, g, increments)
         self._last = u, motions
         multiplier = operators.least(multiplier)
-        if operators.held.any():
-            sticks = np.concatenate([state.sticking_rows() for state in self.states])
+        if operators.held.any() or (operators.interfaces_at > 1).any():
+            friction = [(state.bearing_rows(), state.nodes.L_kappa) for state in self.states]
             force = self.setting.bulk.force(u)
-            multiplier = with_reactions(operators, multiplier, v, u, force, sticks)
+            multiplier = with_reactions(operators, multiplier, v, u, force, friction)
         return u, multiplier, v
 
     def describe(self) -> str:

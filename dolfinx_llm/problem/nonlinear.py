@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,9 @@ from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.finite.results import MovingInterfaceResult, moving_results
 from dolfinx_llm.geometry.cells import cell_sizes
 from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.output import plot
 from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_arguments
-from dolfinx_llm.problem.nonlinear_parts import contact_of, follower_of, numbered
+from dolfinx_llm.problem.nonlinear_parts import contact_of, follower_of, numbered, pose_of
 
 
 class NonlinearContactProblem:
@@ -38,7 +40,9 @@ class NonlinearContactProblem:
             updated in place; what it holds at first is where the first step starts.
         J: derivative of F, or a sequence; None: ``ufl.derivative(F, u)``.
         bcs: Dirichlet conditions on the displacement; values may change between steps.
-        interfaces: ``Interface`` objects with the law ``Tied()`` or ``Frictionless()``.
+        interfaces: ``Interface`` objects with the law ``Tied()``, ``Frictionless()`` or
+            ``Coulomb(...)``, which holds at the nodes of the finer side; an array of its mu has a
+            value for each of these.
         loads: ``FreeSurfacePressure`` objects.
         nodal_loads: Functions of nodal forces.
         solver: "auto" or "saddle": Newton's system factorised by MUMPS.
@@ -112,6 +116,8 @@ class NonlinearContactProblem:
             tuple(np.zeros(c.what.size) for c in contacts),
             (None,) * len(contacts),
             np.zeros(len(self.loads)),
+            tuple(pose_of(c, moved=False) for c in contacts),
+            np.zeros(len(self.bulk.dofs.fixed)),
         )
 
     def solve(self, increments: int = 1) -> fem.Function | list[fem.Function]:
@@ -131,13 +137,14 @@ class NonlinearContactProblem:
         with collective(self.comm):
             checks.integer("increments", increments, "give an integer of at least 1", low=1)
             pressures = np.array([load.value() for load in self.loads])
-        agree(self.comm, "increments and pressures", (increments, pressures.tolist()))
+            poses = tuple(pose_of(c) for c in self._newton.equations.interfaces)
+        told = increments, pressures.tolist(), [pose.tolist() for pose in poses]
+        agree(self.comm, "increments, pressures and obstacles", told)
         values = self.bulk.values()
         start = self._state
         unbalanced = self._newton.unbalanced(start)
-        step = LoadStep(
-            start, np.where(self.bulk.dofs.fixed, values, start.u), pressures, unbalanced
-        )
+        values = np.where(self.bulk.dofs.fixed, values, start.u)
+        step = LoadStep(start, values, pressures, poses, unbalanced)
         try:
             self._state = self._newton.step(step, increments)
         except ContactError:
@@ -152,6 +159,22 @@ class NonlinearContactProblem:
             ]
         return self.u
 
+    def plot(self, folder: str | Path, field: str = "pressure") -> None:
+        """Pictures of the last solve as PNG, as of ``ContactProblem.plot``, on the deformed bodies.
+        Collective.
+
+        Args:
+            folder: where the pictures go; it is made.
+            field: "pressure", "status" or "traction".
+
+        Raises:
+            ContactInputError: no such field, or a folder that cannot be made or written.
+            ContactError: nothing has been solved.
+        """
+        if not self.results:
+            raise ContactError("there is nothing to draw yet: call solve() first")
+        plot.pictures(self.comm, self.bulk.u, self.results, folder, field, scale=1.0)
+
     def __str__(self) -> str:
         """Sizes, and which side of each interface carries the frame."""
         n_u, n_q = self.unknowns.values()
@@ -164,9 +187,12 @@ class NonlinearContactProblem:
             self.interfaces, self._newton.equations.interfaces, strict=True
         ):
             sides = placed.what.sides
-            moving, frame = sides.surfaces[sides.moving], sides.surfaces[sides.frame]
+            moving, where = sides.surfaces[sides.moving], "no frame"
+            if sides.frame is not None:
+                frame = sides.surfaces[sides.frame]
+                where = f"frame on {frame.name}, {len(frame.x)} nodes"
             lines.append(
-                f"  interface {interface.name}, {interface.law}: frame on {frame.name}, "
-                f"{len(frame.x)} nodes; {len(moving.x)} nodes of {moving.name} on it"
+                f"  interface {interface.name}, {interface.law}: {where}; {len(moving.x)} nodes of "
+                f"{moving.name} on it"
             )
         return "\n".join(lines)

@@ -34,6 +34,7 @@ from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.form_arguments import check_meshes, listed
 
 RESIDUAL = "give a residual form in u and a test function, or a list of them, one per mesh"
+DERIVATIVE = "give the derivative of F, bilinear in the space of u, or a list of them, or None"
 PRESSURES = "give a list of FreeSurfacePressure"
 UNKNOWN = "give the Function u of the displacement, or a list of them, in the order of F"
 
@@ -94,8 +95,7 @@ def nonlinear_arguments(
             )
         check_meshes(spaces)
         for form, V in zip(forms, spaces, strict=True):
-            test = form.arguments()[0].ufl_function_space()
-            if not (hasattr(test, "dofmap") and compat.same_space(test, V)):
+            if not _belong(form, V):
                 raise ContactInputError(
                     "a form F has a test function of another space than u: " + RESIDUAL
                 )
@@ -103,13 +103,15 @@ def nonlinear_arguments(
         derivatives = derivatives if J is None else list(listed(J))
         if len(derivatives) != len(forms):
             raise ContactInputError(f"{len(derivatives)} forms J, {len(forms)} forms F")
+        for form, V in zip(derivatives, spaces, strict=True):
+            checks.instance("J", form, ufl.Form, DERIVATIVE)
+            if not (len(form.arguments()) == 2 and _belong(form, V)):
+                checks.refuse("J", form, DERIVATIVE)
         check_petsc_options(options[1], options[0])
         checks.one_of("solver", solver, ("auto", "saddle"))
     for V in spaces:
         check_space(V)
     with collective(comm):
-        if spaces[0].mesh.geometry.dim != 2:
-            raise ContactInputError("contact at finite deformation is made for 2D so far")
         given = NonlinearArguments(
             isinstance(u, (list, tuple)),
             forms,
@@ -123,6 +125,12 @@ def nonlinear_arguments(
     agree_on(comm, given, forms, (solver, *options))
     agree(comm, "the loads", [[tag for _, tag in load.tagged()] for load in given.loads])
     return given
+
+
+def _belong(form: ufl.Form, V: Any) -> bool:
+    """Whether all arguments of a form are of a space."""
+    spaces = [argument.ufl_function_space() for argument in form.arguments()]
+    return all(hasattr(W, "dofmap") and compat.same_space(W, V) for W in spaces)
 
 
 def pressures(loads: Any, spaces: Sequence[Any]) -> list[FreeSurfacePressure]:

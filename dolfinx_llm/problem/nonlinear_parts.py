@@ -7,11 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_llm.base import checks
+from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.finite.design import Design
+from dolfinx_llm.finite.friction_contact import FrictionContact
 from dolfinx_llm.finite.increment import Placed
+from dolfinx_llm.finite.location import find_on_frame
 from dolfinx_llm.finite.normal_contact import NormalContact
+from dolfinx_llm.finite.obstacle_contact import ObstacleContact
 from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.system import NewtonSystem
@@ -19,8 +22,10 @@ from dolfinx_llm.finite.terms import MovingContact
 from dolfinx_llm.finite.tied_contact import TiedContact
 from dolfinx_llm.geometry.surface import Surface, extract_surface
 from dolfinx_llm.interface.choices import Interface
-from dolfinx_llm.interface.site import find_site, space_of
+from dolfinx_llm.interface.site import Site, find_site, space_of
+from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
+from dolfinx_llm.laws.rows import LawNodes, at_positions
 from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
 
@@ -36,16 +41,23 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
         ContactInputError: choices that are not there at finite deformation.
     """
     if interface.obstacle is not None:
-        raise ContactInputError("rigid obstacles are not there at finite deformation yet")
+        if not isinstance(interface.law, Frictionless):
+            raise ContactInputError(
+                f"law={checks.shown(interface.law)}: against a rigid obstacle at finite "
+                "deformation choose Frictionless()"
+            )
+        site = find_site(interface, dofs.spaces)
+        against = ObstacleContact.of(site.whole[0], interface.obstacle)
+        return _placed(against, site.whole, site.spaces, dofs)
     if interface.frame is not None:
         raise ContactInputError(
             "at finite deformation the frame's nodes are those of the coarser surface: leave "
             "frame=None"
         )
-    if not isinstance(interface.law, (Tied, Frictionless)):
+    if not isinstance(interface.law, (Tied, Frictionless, Coulomb)):
         raise ContactInputError(
-            f"law={checks.shown(interface.law)}: at finite deformation choose Tied() or "
-            "Frictionless()"
+            f"law={checks.shown(interface.law)}: at finite deformation choose Tied(), "
+            "Frictionless() or Coulomb(...)"
         )
     if interface.design == "positions":
         raise ContactInputError(
@@ -59,9 +71,58 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
     contact: MovingContact
     if isinstance(interface.law, Tied):
         contact = TiedContact.of(sides, drawn, design, interface.law.close_gap)
+    elif interface.law.slips:
+        law = interface.law.start(_nodes(interface, sides, site, drawn, dofs))
+        contact = FrictionContact(sides, design, law["mu"], law["cohesive"])
     else:
         contact = NormalContact(sides, design)
     return _placed(contact, site.whole, site.spaces, dofs)
+
+
+def pose_of(placed: Placed, moved: bool = True) -> np.ndarray:
+    """What places an interface's rigid obstacle: as it is now, or as drawn; empty without one."""
+    if not isinstance(placed.what, ObstacleContact):
+        return np.zeros(0)
+    pose, gdim = placed.what.pose(), placed.what.sides.gdim
+    return pose if moved else np.where(np.arange(len(pose)) < gdim, pose, 0.0)
+
+
+def _nodes(
+    interface: Interface, sides: Sides, site: Site, drawn: np.ndarray, dofs: BodyDofs
+) -> LawNodes:
+    """The moving side's nodes as a law is told of them, with unit areas."""
+    x = sides.surfaces[sides.moving].x
+    n, q = len(x), sides.gdim - 1
+
+    def sampled(value: Any) -> np.ndarray:
+        if not compat.is_function(value):
+            return at_positions(value, x)
+        for side in (sides.moving, sides.frame):
+            V = dofs.spaces[site.spaces[side]]
+            if value.function_space.mesh is not V.mesh:
+                continue
+            local = np.concatenate([
+                compat.nodal_values(value, W) if W is V else np.zeros(W.dofmap.index_map.size_local)
+                for W in dofs.spaces
+            ])  # fmt: skip
+            at = dofs.of(site.spaces[side], site.whole[side])[:, 0]
+            nodal = dofs.values(at, np.repeat(local, dofs.gdim))
+            if side == sides.moving:
+                return nodal
+            frame = sides.surfaces[side]
+            found = find_on_frame(x, frame.x, frame.facets, sides.outward(drawn))
+            N = np.maximum(found.N, 0.0)
+            return np.einsum("nk,nk->n", N, nodal[frame.facets[found.facet]]) / N.sum(axis=1)
+        raise ContactInputError(
+            f"interface {interface.name}: a Function that a law varies by lives on the mesh of "
+            "neither side. Give one of a side's mesh, or a function of positions"
+        )
+
+    zeros = np.zeros((n, q))
+    return LawNodes(
+        x, np.ones(n), zeros, np.zeros(n), zeros, zeros, np.ones(n), np.zeros(n, dtype=int),
+        sample=sampled,
+    )  # fmt: skip
 
 
 def follower_of(load: FreeSurfacePressure, dofs: BodyDofs) -> Placed:

@@ -3,10 +3,13 @@
 import json
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
 from conftest import TESTS, clean_environment, run_mpi, run_mpi_json
+
+import dolfinx_llm as llm
 
 DEMOS = TESTS.parent / "demos"
 
@@ -103,3 +106,31 @@ def test_tutorial(tmp_path):
     np.testing.assert_allclose(ranks["shares"], shares, atol=1e-9)
     np.testing.assert_allclose(ranks["force"], result.resultant, atol=1e-9)
     np.testing.assert_allclose(ranks["pressure"], result.pressure, atol=1e-7)
+
+
+def test_ironing(tmp_path, capsys):
+    """Friction on the die while it is drawn along, and pictures."""
+    import ironing
+
+    report = ironing.main(["--mu", "0.3", "--down", "1", "--steps", "2", "--plot", str(tmp_path)])
+    found = report[0.3]
+    along, normal = -found["force"][:, 0], found["force"][:, 1]
+    assert found["halvings"] == 0 and max(found["iterations"]) <= 8
+    assert 0.0 < found["slip"][-1]
+    assert (0.2 * normal < along).all() and (along < 0.34 * normal).all()
+    assert (tmp_path / "ironing_2d.png").read_bytes()[:4] == b"\x89PNG"
+    assert "halvings 0" in capsys.readouterr().out
+
+
+def test_turned_strips(monkeypatch, capsys):
+    """No friction and no slip by turning."""
+    import turned_strips
+
+    monkeypatch.setattr(turned_strips, "LAWS", (llm.Coulomb(0.1),))
+    a_little = partial(turned_strips.to_and_fro, steps=2, degrees=20.0)
+    monkeypatch.setattr(turned_strips, "to_and_fro", a_little)
+    report = turned_strips.main(["--turn", "20"])
+    (found,) = (report[key] for key in report if key != "to and fro")
+    assert found["change"] < 1e-10 and found["slip"] < 1e-10 and min(found["pairs"]) > 0
+    assert report["to and fro"] < 1e-10
+    assert "to and fro" in capsys.readouterr().out

@@ -1,5 +1,6 @@
 """The moving frame's terms against finite differences, and what they must keep."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -7,10 +8,15 @@ import pytest
 
 from dolfinx_llm.finite.areas import everything, surface_integrals
 from dolfinx_llm.finite.design import Design
+from dolfinx_llm.finite.friction_contact import FrictionContact
+from dolfinx_llm.finite.friction_law import in_plane
+from dolfinx_llm.finite.location import find_on_frame
 from dolfinx_llm.finite.normal_contact import NormalContact
 from dolfinx_llm.finite.pressure import Follower
 from dolfinx_llm.finite.sides import Sides
+from dolfinx_llm.finite.terms import Origin
 from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
 pytestmark = pytest.mark.quick
 
@@ -25,32 +31,83 @@ def line(rng, ends, n, height, up, bend=0.1):
     return Surface(x, facets, np.arange(n + 1), np.zeros(n + 1, dtype=int), "line")
 
 
-SCENES = {  # ends of the lower and the upper line, whose order is changed
+def sheet(rng, ends, n, height, up, kind, bend=0.1):
+    """A rough bent sheet of n by n quads or twice as many triangles, [ends]² seen from above."""
+    s = np.linspace(*ends, n + 1)
+    x = np.stack(np.meshgrid(s, s - 0.5, indexing="ij"), axis=2).reshape(-1, 2)
+    x += rng.uniform(-0.12, 0.12, x.shape) * (ends[1] - ends[0]) / n
+    z = (
+        height
+        + bend * (x[:, 0] ** 2 + 0.5 * x[:, 0] * x[:, 1])
+        + 0.005 * rng.standard_normal(len(x))
+    )
+    at = np.arange(len(x)).reshape(n + 1, n + 1)
+    quads = np.stack([at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]], axis=2).reshape(-1, 4)
+    facets = np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]]) if kind == "tri" else quads
+    facets = facets if up else facets[:, ::-1]
+    nodes = np.arange(len(x))
+    return Surface(np.column_stack([x, z]), facets, nodes, 0 * nodes, kind)
+
+
+SCENES = {  # ends of the lower and the upper surface, whose order is changed, kinds of facets
     "inside": ((0.0, 1.0), (0.13, 0.87), False),
     "beyond one end": ((0.0, 1.0), (0.13, 1.2), False),
     "beyond both, swapped": ((0.1, 0.9), (0.0, 1.05), True),
+    "quads inside": ((0.0, 1.0), (0.13, 0.87), False, "quad", "quad"),
+    "triangles beyond one end": ((0.0, 1.0), (0.13, 1.2), False, "tri", "tri"),
+    "triangles on quads beyond both, swapped": ((0.1, 0.9), (0.0, 1.05), True, "quad", "tri"),
 }
 
 
 def scene(name):
     """Sides, coordinates, and random forces on the nodes of the moving side."""
     rng = np.random.default_rng(7)
-    below, above, swapped = SCENES[name]
-    lines = line(rng, below, 5, 0.0, True), line(rng, above, 7, 0.005, False)
-    sides = Sides.of(lines[::-1] if swapped else lines)
+    below, above, swapped, *kinds = SCENES[name]
+    if kinds:
+        both = (
+            sheet(rng, below, 3, 0.0, True, kinds[0]),
+            sheet(rng, above, 4, 5e-3, False, kinds[1]),
+        )
+    else:
+        both = line(rng, below, 5, 0.0, True), line(rng, above, 7, 0.005, False)
+    sides = Sides.of(both[::-1] if swapped else both)
     z = np.concatenate([s.x.ravel() for s in sides.surfaces])
     return sides, z, rng.uniform(0.5, 1.5, len(sides.surfaces[sides.moving].x))
 
 
-def pressed(name):
-    """Coordinates of a scene, number of pairs, and its terms where all are pressed."""
+def pressed(name, law=None, mu=0.3):
+    """Coordinates of a scene, number of pairs, and its terms where all are pressed.
+
+    Args:
+        law: status of all pairs under friction, or None without.
+        mu: coefficient of friction.
+    """
     sides, z, force = scene(name)
-    frame = sides.surfaces[sides.frame]
-    contact = NormalContact(sides, Design.of(frame.x, frame.facets))
-    n, _, _ = contact.counts
-    q = np.concatenate([force, np.zeros(contact.size - n)])
-    active, free = np.ones(n, dtype=bool), np.ones(len(z), dtype=bool)
-    return z, n, partial(contact.terms, q=q, active=active, held=contact.hold(z), free=free)
+    frame, moving = sides.surfaces[sides.frame], sides.surfaces[sides.moving]
+    design, n = Design.of(frame.x, frame.facets), len(moving.x)
+    contact = NormalContact(sides, design)
+    if law is not None:
+        rng = np.random.default_rng(13)
+        contact = FrictionContact(sides, design, np.full(n, mu), rng.uniform(0.0, 2.0, n))
+    q, held = np.zeros(contact.size), contact.hold(z)
+    status, free = np.full(n, CLOSED if law is None else law), np.ones(len(z), dtype=bool)
+    q[:n] = force
+    if law is not None:  # it has gone along from elsewhere, and carries some friction
+        start = contact.place(z + 0.02 * rng.standard_normal(len(z)), held)
+        held = replace(held, origin=Origin(start.N, start.gap, np.ones(n, dtype=bool), 5.0))
+        tau, place = 0.2 * rng.standard_normal((n, sides.gdim)), contact.place(z, held)
+        if law == SLIP:  # where the law holds the derivative is exact
+            x, y = sides.split(z)
+            way = in_plane(place.normal, x - start.N @ y)
+            bound = mu * force + contact.cohesion * place.areas[0]
+            tau = way * (bound / np.linalg.norm(way, axis=1))[:, None]
+        q[-n * sides.gdim :] = tau.ravel()
+
+    def terms(z, q=q):
+        place = contact.place(z, held)
+        return contact.terms(place, q, np.where(place.pairs, status, OPEN), held, free)
+
+    return z, n, q, terms
 
 
 def differences(function, z, h=1e-6):
@@ -60,34 +117,47 @@ def differences(function, z, h=1e-6):
     return E.T, np.array(columns).T
 
 
+@pytest.mark.parametrize("law", [None, STICK, SLIP])
 @pytest.mark.parametrize("name", SCENES)
-def test_tangent_is_the_derivative(name):
-    """Forces and gaps, through places, normals, clipped areas and the design's global equations."""
-    z, n, terms = pressed(name)
-
+def test_tangent_is_the_derivative(name, law):
+    """Forces and gaps, through places, normals, clipped areas and the design's global equations;
+    slip and the law of friction."""
+    z, n, q, terms = pressed(name, law)
     t = terms(z)
+    d = slice(
+        n, n + len(t.place.areas[1]) + t.place.normal.shape[1]
+    )  # mu and kappa, which follow the positions
+    kept = np.setdiff1d(np.arange(len(q)), np.arange(d.start, d.stop))
     own, left, top = t.own.toarray(), t.left.toarray(), t.top.toarray()
-    dq = -np.linalg.solve(own[n:, n:], left[n:])  # mu and kappa follow the positions
-    K, G = t.K.toarray() + top[:, n:] @ dq, left[:n] + own[:n, n:] @ dq
+    dq = -np.linalg.solve(own[d, d], left[d])
+    whole = np.block([[t.K.toarray() + top[:, d] @ dq, top[:, kept]],
+                      [left[kept] + own[kept, d] @ dq, own[np.ix_(kept, kept)]]])  # fmt: skip
 
-    def values(z):
-        t = terms(z)
-        return np.concatenate([-t.force, t.rest[:n]])
+    def values(both):
+        now = q.copy()
+        now[kept] = both[len(z) :]
+        t = terms(both[: len(z)], now)
+        return np.concatenate([-t.force, t.rest[kept]])
 
-    E, found = differences(values, z)
-    for matrix, change in ((K, found[: len(z)]), (G, found[len(z) :])):
-        assert np.abs(matrix @ E - change).max() < 1e-8 * np.abs(change).max()
+    E, found = differences(values, np.concatenate([z, q[kept]]))
+    ends = [0, len(z), len(z) + n, len(whole)]
+    for a, b in zip(ends[:-1], ends[1:]):
+        change = found[a:b]
+        assert np.abs(whole[a:b] @ E - change).max(initial=0.0) <= 1e-8 * np.abs(change).max(
+            initial=0.0
+        )
     # The design matters here, and what it changes is differentiated.
     assert t.delta > 0.03
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_forces_and_moments_of_both_sides_cancel(name):
-    z, _, terms = pressed(name)
+    z, _, _, terms = pressed(name)
     t = terms(z)
-    x, f = z.reshape(-1, 2), t.force.reshape(-1, 2)
+    gdim = len(SCENES[name][0]) if len(SCENES[name]) == 3 else 3
+    x, f = (np.pad(a.reshape(-1, gdim), ((0, 0), (0, 3 - gdim))) for a in (z, t.force))
     assert np.abs(f.sum(axis=0)).max() < 1e-13 * np.abs(f).sum()
-    assert abs(np.sum(x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0])) < 1e-13 * np.abs(f).sum()
+    assert np.abs(np.cross(x, f).sum(axis=0)).max() < 1e-13 * np.abs(f).sum()
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -115,5 +185,35 @@ def test_free_and_covered_parts_are_all():
         follower = Follower(None, surfaces, Sides.of(surfaces))
         force = follower.terms(z, 1.0, follower.hold(z))[0]
         assert abs(np.abs(force).sum() - length) < 1e-14
-    whole = surface_integrals(low.x, low.facets, everything(4, 2, low.x.size), 0)[0]
+    whole = surface_integrals(low.x, low.facets, everything(low.x, low.facets, 0, low.x.size), 0)[0]
     assert np.allclose(whole.sum(axis=0), [0.0, 1.0], rtol=0, atol=1e-14)
+
+
+def test_places_on_long_facets():
+    """A frame of strips, 40 times as long as wide: their centres tell little of what is near."""
+    s, t = np.meshgrid(np.linspace(0.0, 2.0, 3), np.linspace(0.0, 1.0, 41), indexing="ij")
+    y = np.column_stack([s.ravel(), t.ravel(), 0.0 * s.ravel()])
+    at = np.arange(len(y)).reshape(3, 41)
+    facets = np.stack([at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]], axis=2).reshape(-1, 4)
+    x = np.random.default_rng(9).uniform([0.0, 0.0, -0.01], [2.0, 1.0, 0.01], (200, 3))
+    for cells in (facets, np.concatenate([facets[:, :3], facets[:, [0, 2, 3]]])):
+        found = find_on_frame(x, y, cells, np.tile([0.0, 0.0, 1.0], (len(y), 1)))
+        place = np.einsum("nk,nki->ni", found.N, y[cells[found.facet]])
+        assert found.met.all() and found.N.min() > -1e-9
+        assert np.abs(place[:, :2] - x[:, :2]).max() < 1e-12
+        assert np.abs(found.gap - x[:, 2]).max() < 1e-12
+
+
+def test_pressure_around_a_body():
+    """It has neither a resultant nor a moment, whatever the warp of the facets."""
+    rng = np.random.default_rng(5)
+    x = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], dtype=float)
+    x += rng.uniform(-0.2, 0.2, x.shape)
+    facets = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    box = Surface(x, np.array(facets), np.arange(8), np.zeros(8, dtype=int), "box")
+    follower = Follower(None, [box], None)
+    force = follower.terms(x.ravel(), 1.0, None)[0].reshape(-1, 3)
+    assert np.abs(force).max() > 0.2
+    assert (
+        max(np.abs(force.sum(axis=0)).max(), np.abs(np.cross(x, force).sum(axis=0)).max()) < 1e-15
+    )

@@ -128,6 +128,26 @@ def test_location_beyond_distorted_quads_is_the_closest_point():
         assert np.abs(distance - np.where(inside, 0.0, least)).max() < 1e-12
 
 
+@pytest.mark.parametrize("k", [3, 4])
+def test_rows_beyond_the_outline_vary_continuously_along_it(k):
+    """Also past the ends of cells; in the middle of a dent no cell is preferred."""
+    frame = make_frame(k)
+    corner, along = frame.x[0], frame.x[7] - frame.x[0]
+    beyond = corner - 0.08 * (frame.x[42] - corner)
+    t = np.linspace(-0.2, 1.2, 4001)[:, None]
+    at = frame.locate(beyond + t * along)
+    N = frame.interpolation(at).toarray()
+    assert (at.outside > 0.0).all()
+    assert np.abs(np.diff(N, axis=0)).max() < 40.0 * (t[1, 0] - t[0, 0])  # cells of 1/7
+    x = [[-1.0, -1e-5, 0.0], [0.0, 0.0, 0.0], [1.0, -1e-5, 0.0]]
+    x += [[-1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]]
+    cells = {3: [[0, 1, 3], [1, 4, 3], [1, 2, 5], [1, 5, 4]], 4: [[0, 1, 4, 3], [1, 2, 5, 4]]}[k]
+    dent = Frame(x, cells)
+    N = dent.interpolation(dent.locate([[0.0, -0.5, 0.0]])).toarray()[0]
+    np.testing.assert_allclose(N[[2, 5]], N[[0, 3]], rtol=1e-12)
+    np.testing.assert_allclose(N @ dent.x, [0.0, -0.5, 0.0], atol=1e-9)
+
+
 @pytest.mark.parametrize("height", [0.0, 0.3, 20.0])
 @pytest.mark.parametrize("k", [3, 4])
 def test_location_chooses_the_cell_with_the_closest_point(k, height):

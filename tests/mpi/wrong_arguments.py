@@ -11,7 +11,9 @@ from functools import cached_property
 from pathlib import Path
 
 import bad_input
+import finite_patch
 import numpy as np
+import patch2d
 import scenes
 import ufl
 from dolfinx import fem, mesh
@@ -60,6 +62,26 @@ class Scene:
         held = ((2, scenes.on(2, 0.0)), *((k, scenes.on(2, z)) for k in (0, 1) for z in (0.0, 2.0)))
         interface = llm.Interface(self.tags, sides, law=law)
         return self.problem(bcs=scenes.hold(self.V, held), interfaces=interface)
+
+    @cached_property
+    def bent(self):
+        """Mesh, tags, displacement and residual of bodies at finite deformation."""
+        ((domain, tags),) = patch2d.bodies(self.comm)
+        V = compat.function_space(domain, shape=(2,))
+        u, one = fem.Function(V), fem.Constant(domain, 1.0)
+        F = ufl.derivative(finite_patch.energy(u, one, one) * ufl.dx, u, ufl.TestFunction(V))
+        return domain, tags, u, F
+
+    def nonlinear(self, F=None, u=None, **other):
+        """A problem at finite deformation with something else in the place of what is right."""
+        _, tags, right, form = self.bent
+        sides = patch2d.FOUNDATION_TOP, patch2d.PUNCH_BOTTOM
+        chosen = {"interfaces": llm.Interface(tags, sides, law=llm.Frictionless())} | other
+        F, u = form if F is None else F, right if u is None else u
+        return llm.NonlinearContactProblem(F, u, **chosen)
+
+    def pressure(self, p=1.0, tag=patch2d.FOUNDATION_TOP):
+        return llm.FreeSurfacePressure(self.bent[1], tag, p)
 
     @cached_property
     def solved(self):
@@ -915,6 +937,46 @@ def files_that_are_closed(s):
     files.write()
 
 
+# Finite deformation.
+
+add(
+    "give the Function u of the displacement",
+    lambda s: s.nonlinear(u="u"),
+    lambda s: s.nonlinear(u=[]),
+    lambda s: s.nonlinear(u=[s.bent[2], s.bent[2]]),
+)
+add(
+    "give a residual form",
+    lambda s: s.nonlinear(F=3),
+    lambda s: s.nonlinear(F=s.a),
+    lambda s: s.nonlinear(F=s.L),
+)
+add(
+    "give the derivative of F",
+    lambda s: s.nonlinear(J=3),
+    lambda s: s.nonlinear(J=s.bent[3]),
+    lambda s: s.nonlinear(J=s.a),
+)
+add("forms J", lambda s: s.nonlinear(J=[]))
+add("solver=", lambda s: s.nonlinear(solver="magic"))
+add("petsc_options", lambda s: s.nonlinear(petsc_options=3))
+add("nodal_loads", lambda s: s.nonlinear(nodal_loads=[3]))
+add("a nodal load lives on none", lambda s: s.nonlinear(nodal_loads=[s.solved.u]))
+add("loads", lambda s: s.nonlinear(loads=3), lambda s: s.nonlinear(loads=[s.bent[2]]))
+add(
+    "none of the",
+    lambda s: s.nonlinear(interfaces=s.interface),
+    lambda s: s.nonlinear(loads=llm.FreeSurfacePressure(s.tags, 4, 1.0)),
+    lambda s: s.nonlinear(bcs=s.bcs),
+)
+add("facet", lambda s: s.nonlinear(loads=s.pressure(tag=99)))
+add(
+    "increments=",
+    lambda s: s.nonlinear().solve(0),
+    lambda s: s.nonlinear().solve("2"),
+    lambda s: s.nonlinear().solve(INF),
+)
+
 # Wrong on one rank alone: on all of them an error, and none waits.
 
 ONE_RANK = []
@@ -947,6 +1009,19 @@ one(
     lambda s: post.write_bodies(pick(s, s.folder, s.file) / "u.xdmf", s.solved.u),
 )
 one("time=", lambda s: s.steps(s.solved, "one", pick(s, 1.0, NAN)))
+one("give the derivative of F", lambda s: s.nonlinear(J=pick(s, None, 3)))
+one("give the Function u", lambda s: s.nonlinear(u=pick(s, None, [])))
+one("loads", lambda s: s.nonlinear(loads=pick(s, (), 3)))
+
+
+@lambda f: one("finite", f)
+def pressure_that_is_no_number(s):
+    problem = s.nonlinear(loads=s.pressure(p := fem.Constant(s.bent[0], 1.0)))
+    p.value = pick(s, 1.0, NAN)
+    problem.solve()
+
+
+one("increments=", lambda s: s.nonlinear().solve(pick(s, 1, 0)))
 
 # Different on the last rank, though right by itself.
 
@@ -971,6 +1046,12 @@ differ("increments must be the same", lambda s: s.pressed.solve(pick(s, 1, 2)))
 differ(
     "pressure and tags must be the same",
     lambda s: llm.free_surface_load(s.V, s.tags, 4, pick(s, 1.0, 2.0)),
+)
+differ("the loads must be", lambda s: s.nonlinear(loads=pick(s, (), s.pressure())))
+differ(
+    "increments and pressures must be the same",
+    lambda s: s.nonlinear().solve(pick(s, 1, 2)),
+    lambda s: s.nonlinear(loads=s.pressure(pick(s, 1.0, 2.0))).solve(),
 )
 differ("numbers of Dirichlet conditions", lambda s: s.problem(bcs=pick(s, s.bcs, s.bcs[:2])))
 

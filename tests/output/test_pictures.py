@@ -3,12 +3,15 @@
 import logging
 import xml.etree.ElementTree as ElementTree
 
+import finite_patch
 import numpy as np
 import pairs
 import patch3d
 import pytest
+import ufl
 from conftest import run_mpi_json
 from contact_scenes import Pressed, rectangle
+from dolfinx import fem
 from dolfinx.common import has_adios2
 from mpi4py import MPI
 from paper_data import scene as patch_scene
@@ -223,6 +226,39 @@ def test_load_steps(tmp_path):
             values = file[f"Function/displacement/{time}"][:, :2]
             assert np.sort(values.ravel()) == pytest.approx(np.sort(u), abs=1e-15)
             assert f"Function/along/{time}" in file
+
+
+@pytest.mark.parametrize("obstacle", [False, True], ids=["bodies", "obstacle"])
+def test_finite_deformation(obstacle, tmp_path):
+    """Series and pictures of a nonlinear problem: points as drawn, which displacements take to
+    where the surfaces are now."""
+    scene = finite_patch.bodies(COMM, "quad", 1, True)
+    problem = finite_patch.problem(scene, pressure=50.0)
+    if obstacle:
+        domain, tags = scene[0]
+        V = compat.function_space(domain, shape=(2,))
+        u, bottom = fem.Function(V), lambda p: np.isclose(p[1], 0.0)
+        F = ufl.derivative(finite_patch.energy(u, 300.0, 500.0) * ufl.dx, u, ufl.TestFunction(V))
+        bc = fem.dirichletbc(fem.Function(V), fem.locate_dofs_geometrical(V, bottom))
+        floor = llm.RigidPlane((0.0, 0.9), (0.0, -1.0))
+        sides = (finite_patch.FOUNDATION_TOP, floor)
+        interface = llm.Interface(tags, sides, law=llm.Frictionless())
+        problem = llm.NonlinearContactProblem(F, u, bcs=[bc], interfaces=[interface])
+    with post.LoadSteps(problem, tmp_path) as files:
+        for _ in range(2):
+            problem.solve()
+            files.write()
+    result = problem.results[0]
+    parts = post.interface_fields(result)
+    assert parts.keys() == ({"side_0"} if obstacle else {"frame", "side_0", "side_1"})
+    for name, (x, _, fields) in parts.items():
+        agree(steps(tmp_path / "interface_0" / f"{name}.xdmf")[-1], parts[name])
+        now = result.x if name == "frame" else result.sides[int(name[-1])].x
+        assert np.abs(x + fields["displacement"] - now).max() < 1e-14
+        assert np.isfinite(fields["status" if name == "frame" else "gap"]).all()
+    assert np.abs(result.deformed - result.x).max() < 1e-14
+    problem.plot(tmp_path / "pictures")
+    assert (tmp_path / "pictures" / "interface_0.png").exists()
 
 
 def test_pyvista_reads_the_series(tmp_path):

@@ -2,7 +2,6 @@
 
 import finite_patch
 import numpy as np
-import patch2d
 import pytest
 import ufl
 from conftest import run_mpi_json
@@ -12,7 +11,7 @@ from scenes import bodies_mesh, grid
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.finite import newton
+from dolfinx_llm.finite import newton, system
 
 COMM = MPI.COMM_SELF
 STRETCHES = {  # E, nu, q: lateral and vertical stretch, from the two equations by other hands
@@ -84,6 +83,7 @@ def pressed(cells, law=None, order=(LOW, HIGH), material=(1000.0, 0.4, 300.0), *
         {"cells": (6, 9), "material": (2000.0, 0.3, 300.0)},
         {"cells": (10, 8), "widths": (1.0, 0.73), "material": (1000.0, 0.4, 600.0)},
         {"cells": (6, 7), "law": llm.Tied()},
+        {"cells": (7, 5), "law": llm.Coulomb(0.3)},
     ],
     ids=str,
 )
@@ -97,7 +97,7 @@ def test_finite_patch(scene):
     assert np.abs(off).max() < 1e-10
     result, q = problem.results[0], material[2]
     pressed_on = result.frame_area > 1e-9 * result.frame_area.max()
-    if scene.get("law") is None:
+    if not isinstance(scene.get("law"), llm.Tied):
         assert np.abs(result.pressure[pressed_on] / q - 1.0).max() < 1e-9
         assert np.abs(result.frame_friction).max() < 1e-9 * q
     assert max(h["iteration"] for h in problem.history) <= 6
@@ -105,6 +105,25 @@ def test_finite_patch(scene):
     forces = sum(side.force.sum(axis=0) for side in result.sides)
     moments = result.moment(side=0) + result.moment(side=1)
     assert max(np.abs(forces).max(), np.abs(moments).max()) < 1e-10 * q
+
+
+def test_fine_meshes_take_no_more_iterations():
+    """A step in which nodes slide over several facets, by 0.4 times the stretch."""
+    problem = pressed((97, 61), widths=(1.0, 0.5), shift=0.4)
+    problem.solve()
+    assert len(problem.history) <= 5
+    residuals = [h["residual"] for h in problem.history[-3:]]
+    assert residuals[1] < 10.0 * residuals[0] ** 2 and residuals[2] < 1e-11
+
+
+def test_the_analysis_serves_again(monkeypatch):
+    """Few of the factorisations of two increments begin anew, though contact moves on."""
+    made = []
+    real = system.DirectSolver
+    monkeypatch.setattr(system, "DirectSolver", lambda *a, **k: made.append(1) or real(*a, **k))
+    problem = pressed((6, 9), material=(2000.0, 0.3, 300.0))
+    problem.solve(increments=2)
+    assert len(made) <= len(problem.history) // 2
 
 
 def test_stretches_of_the_demo_are_known():
@@ -131,7 +150,7 @@ def turned(law, angle, order=(LOW, HIGH), shift=0.05):
     return problem, [side.force @ R for side in problem.results[0].sides]
 
 
-@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Tied()], ids=str)
+@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Tied(), llm.Coulomb(0.2)], ids=str)
 def test_objective(law):
     """The scene turned by 30, 90 and 180 degrees: the same forces in the turned base."""
     _, still = turned(law, 0.0)
@@ -141,13 +160,14 @@ def test_objective(law):
             assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
 
 
-def test_sides_swapped():
+@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.2)], ids=str)
+def test_sides_swapped(law):
     """The frame is the same, and so is all else."""
-    _, (low, high) = turned(llm.Frictionless(), 0.0)
-    problem, swapped = turned(llm.Frictionless(), 0.0, (HIGH, LOW))
+    _, (low, high) = turned(law, 0.0)
+    problem, swapped = turned(law, 0.0, (HIGH, LOW))
     assert np.abs(swapped[0] - high).max() < 1e-10 * np.abs(high).max()
     assert np.abs(swapped[1] - low).max() < 1e-10 * np.abs(low).max()
-    assert (problem.results[0].frame_force[problem.results[0].frame_status == 3] > 0.0).any()
+    assert (problem.results[0].frame_force[problem.results[0].frame_status > 0] > 0.0).any()
     residuals = [h["residual"] for h in problem.history]
     assert residuals[-1] < 1e-11 < residuals[-2]
 
@@ -196,15 +216,13 @@ def test_refused():
         arguments.setdefault("interfaces", [llm.Interface(tags, (LOW, HIGH))])
         return llm.NonlinearContactProblem(F, u, **arguments)
 
-    plane = llm.RigidPlane((0.0, -1.0), (0.0, 1.0))
     for kwargs, text in [
         ({"u": "u"}, "give the Function u"),
         ({"F": 3}, "give a residual form"),
         ({"loads": [3]}, "give FreeSurfacePressure"),
         ({"loads": llm.FreeSurfacePressure(blocks((5, 7))[1], TOP, 1.0)}, "none of the meshes"),
         ({"solver": "condensed"}, "choose one of"),
-        ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=llm.Coulomb(0.2))]}, "Frictionless"),
-        ({"interfaces": [llm.Interface(tags, (plane, LOW), law=llm.Frictionless())]}, "obstacles"),
+        ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=llm.Law())]}, "Frictionless"),
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), design="positions")]}, "frame moves"),
     ]:
         with pytest.raises(llm.ContactInputError, match=text):
@@ -219,4 +237,3 @@ def test_demo(capsys):
     found = finite_patch.main(["--cells", "tri", "--separate"])
     assert found["stretch"] < 1e-10 and found["pressure"] < 1e-9 and len(found["iterations"]) == 4
     assert "1.171006012193, 0.778273721944" in capsys.readouterr().out
-    assert patch2d.PUNCH[0][0] == finite_patch.LEFT[1]

@@ -23,6 +23,8 @@ POSED = {
     "swapped": scenes.Variant(swap=True),
     "renumbered": scenes.Variant(renumber=2001),
     "units": scenes.Variant(length=1e2, modulus=1e-4),
+    "saddle": scenes.Variant(solver="saddle"),
+    "condensed": scenes.Variant(solver="condensed"),
 }
 
 
@@ -57,17 +59,37 @@ def agree(found, known, scene):
 ON_EDGES = {
     (1006, "turned"), (1006, "mirrored"), (1033, "turned"), (1041, "mirrored"), (1297, "mirrored"),
 }  # fmt: skip
-CASES = sorted(ON_EDGES | set(zip(SEEDS[2::4], 2 * list(POSED))))
+CASES = sorted(ON_EDGES | set(zip(SEEDS[2::4], 2 * list(POSED)[:6])))
+# Several interfaces share nodes; supports hold both sides, or what friction acts against; nothing
+# touches. There equations leave forces open.
+LEFT_OPEN = [
+    (1277, "mirrored"), (1277, "condensed"), (1221, "swapped"), (1077, "mirrored"),
+    (1013, "saddle"), (1085, "condensed"), (1133, "condensed"), (1109, "condensed"),
+    (1245, "saddle"), (1144, "condensed"), (1228, "condensed"),
+]  # fmt: skip
+DRAWN = some_of(CASES, set(CASES[::3]) | {(1041, "mirrored")})
+DRAWN += some_of(LEFT_OPEN, LEFT_OPEN[:4] + LEFT_OPEN[-1:])
 
 
-@pytest.mark.parametrize(("seed", "name"), some_of(CASES, set(CASES[::3]) | {(1041, "mirrored")}))
+@pytest.mark.parametrize(("seed", "name"), DRAWN)
 def test_poses(seed, name):
     scene = scenes.draw(seed)
     agree(scenes.solve(scene, POSED[name].of(scene)), scenes.solve(scene), scene)
 
 
+@pytest.mark.parametrize("seed", [1013, 1077, 1221])
+def test_the_same_again(seed):
+    """A load step without any change leaves friction as it is, where supports prescribe motion."""
+    scene = scenes.draw(seed)
+    scene.steps = scene.steps[:1] * 2
+    first, second = scenes.solve(scene)
+    size = max(np.abs(f).max() for f in first.force)
+    for a, b in zip(first.force, second.force, strict=True):
+        np.testing.assert_allclose(a, b, atol=BOUND * size)
+
+
 def test_ranks():
-    seeds = [1001, 1003, 1008, 1016]
+    seeds = [1001, 1003, 1008, 1077]
     ranks = run_mpi_json("random_ranks.py", 2, *seeds)
     for seed in seeds:
         scene = scenes.draw(seed)

@@ -93,4 +93,12 @@ def check_translations(problem):
     assert np.abs(sum(f.sum(axis=0) for f in forces)).max() < 1e-10 * largest
 
 
+def check_moments(problem, bound):
+    """Both sides' forces cancel in their moments as well."""
+    sides = problem.results[0].sides
+    force, x = (np.concatenate([getattr(s, of) for s in sides]) for of in ("force", "x"))
+    size = np.linalg.norm(np.ptp(x, axis=0)) * np.abs(force).max()
+    assert np.abs(np.cross(x - x.mean(axis=0), force).sum(axis=0)).max() < bound * size
+
+
 QUARTER = ((0, scenes.on(0, 0.0)), (1, scenes.on(1, 0.0)))

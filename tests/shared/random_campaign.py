@@ -1,8 +1,11 @@
 """Many random scenes, each in a process that may crash or hang: what failed, and how.
 
-    python tests/shared/random_campaign.py FIRST LAST [--variants] [--out FILE] [--seconds 60]
+    python tests/shared/random_campaign.py FIRST-LAST [--variants] [--out FILE] [--seconds 60]
 
-Prints one line of JSON per seed.
+Prints one line of JSON per seed. On several ranks, all seeds in one process, against one rank:
+
+    python tests/shared/random_campaign.py FIRST-LAST --answers FOLDER
+    mpirun -n 2 python tests/shared/random_campaign.py FIRST-LAST --answers FOLDER
 """
 
 import argparse
@@ -61,17 +64,54 @@ def one(seed, variants):
     return out
 
 
+def on_ranks(seeds, folder):
+    """One rank leaves answers in a folder, several compare theirs with these; collective."""
+    import numpy as np
+    import random_scenes as scenes
+    from mpi4py import MPI
+
+    import dolfinx_llm as llm
+
+    logging.disable(logging.CRITICAL)
+    comm = MPI.COMM_WORLD
+    for seed in seeds:
+        began, scene, file = time.time(), scenes.draw(seed), folder / f"{seed}.npz"
+        line = {"seed": seed, "ranks": comm.size}
+        try:
+            found = scenes.solve(scene, comm=comm)
+        except llm.ContactError as error:
+            found, line["text"] = [], str(error)[:300]
+        if comm.rank == 0 and comm.size == 1:
+            folder.mkdir(parents=True, exist_ok=True)
+            np.savez(file, u=[a.u for a in found], force=[a.force for a in found])
+        elif comm.rank == 0:
+            with np.load(file) as kept:
+                pairs = zip(kept["u"], kept["force"], strict=True)
+                known = [scenes.Answer(u, list(f), [], []) for u, f in pairs]
+            if len(found) == len(known) > 0:
+                line |= scenes.differences(found, known, scene)
+            elif len(found) != len(known):
+                line["differs"] = "raises on one rank, or on these, alone"
+        line["seconds"] = round(time.time() - began, 2)
+        if comm.rank == 0:
+            print(json.dumps(line), flush=True)
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("seeds", nargs="+", help="seeds, or FIRST-LAST")
     parser.add_argument("--variants", action="store_true")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--seconds", type=int, default=60)
+    parser.add_argument("--answers", type=Path)
     args = parser.parse_args()
     seeds = []
     for word in args.seeds:
         low, _, high = word.partition("-")
         seeds += range(int(low), int(high or low) + 1)
+    if args.answers:
+        on_ranks(seeds, args.answers)
+        return
     import random_scenes  # noqa: F401
 
     for seed in seeds:

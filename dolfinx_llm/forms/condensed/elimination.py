@@ -114,11 +114,11 @@ class FrameElimination:
     By QR with column pivoting, D P = Q [R_1 R_2]: v_dep = R_1⁻¹ (Qᵀ g_D - R_2 v_ind). The others
     stay the unknowns they were, so that rigid modes need no transformation.
 
-    With a compliance s / c, s = ``soft``, the rows give way, D v = g_D - s μ / c. Their forces μ =
-    c Q ν are then unknowns ν in the places of v_dep, and Z has columns -s R_1⁻¹ there.
+    With S (k, k) over c, S = ``soft``, the rows give way, D v = g_D - S μ / c. Their forces μ =
+    c Q ν are then unknowns ν in the places of v_dep, and Z has columns -R_1⁻¹ Qᵀ S Q there.
     """
 
-    def __init__(self, D: csr_matrix, soft: float = 0.0) -> None:
+    def __init__(self, D: csr_matrix, soft: csr_matrix | None = None) -> None:
         m = D.shape[1]
         touched = np.unique(D.indices[D.data != 0.0])
         kept = np.ones(m)
@@ -134,11 +134,10 @@ class FrameElimination:
             X[np.abs(X) < 1e-15] = 0.0
             X = coo_matrix(X)
             Z = csr_matrix((X.data, (self.dependent[X.row], others[X.col])), shape=(m, m))
-            if soft:
-                row, col = np.triu_indices(r)
-                give = -soft * solve_triangular(self.R, np.eye(r))[row, col]
-                at = self.dependent[row], self.dependent[col]
-                Z = Z + csr_matrix((give, at), shape=(m, m))
+            if soft is not None:
+                give = coo_matrix(-solve_triangular(self.R, self.Q.T @ (soft @ self.Q)))
+                at = self.dependent[give.row], self.dependent[give.col]
+                Z = Z + csr_matrix((give.data, at), shape=(m, m))
             kept[self.dependent] = 0.0
         self.Z = diags(kept).tocsr() if Z is None else (diags(kept) + Z).tocsr()
 

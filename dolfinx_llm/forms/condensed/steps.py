@@ -5,6 +5,7 @@ size. With friction the rows of κ hold Coulomb's law instead of the equilibrium
 reduced matrix is then not symmetric and is factorised.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,7 @@ class CondensedForm(WholeSteps):
                 f"rows that give way (compliance {given:.1e} of the surfaces') cannot be "
                 "eliminated: use solver='saddle' in the place of 'condensed'"
             )
+        step = replace(step, g=step.g - step.compliance * step.about)  # rows are eliminated as such
         if not _holds(step):  # what the matrix alone does not tell
             self.release()
         found = super().solve(f, step)
@@ -160,7 +162,7 @@ class _Symmetric:
         self._system, self._rows, self._on, self._hold = system, eliminated, on, hold
 
     def ask(
-        self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray
+        self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray, about: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See ``SetUp``."""
         rows, hold, comm = self._rows, self._hold, self._system.comm
@@ -179,8 +181,8 @@ class _WithFriction:
 
     λ_W are the forces of rows that bind the frame alone. Without symmetry no combination of the
     frame's equations is free of them: they are unknowns, in the places of what they determine. As
-    the rows of ``soft`` they give way a little, since friction may say the same (a node held on
-    both sides that sticks).
+    the step has it they give way to changes, since friction may say the same (a node held on both
+    sides that sticks).
     """
 
     def __init__(
@@ -189,8 +191,9 @@ class _WithFriction:
         self._split, self._fixed, self._scale = of.split, of.operators.dofs.fixed, of.scale
         self._rows, self._on, self._D = eliminated, on, step.D
         everywhere = np.ones(step.L.shape[1])
-        self._form = Transformation(self._split, eliminated, self._fixed, everywhere, SOFT)
-        E = step.E[:, on]
+        soft = self._scale * step.compliance[on]
+        self._form = Transformation(self._split, eliminated, self._fixed, everywhere, soft)
+        self._E = E = step.E[:, on]
         self._test = self._form.columns_of(E.T.tocsr()[eliminated.multipliers.mine])
         law = self._form.frame_law(E, step.D, self._scale)
         matrix = self._form.reduce(-law, self._scale, self._test)
@@ -199,19 +202,21 @@ class _WithFriction:
             self._solver = DirectSolver(matrix, of.prefix, own | {"pc_type": "lu"}, own=True)
 
     def ask(
-        self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray
+        self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray, about: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See ``SetUp``."""
         form, split, numbering = self._form, self._split, self._rows.multipliers
+        kept = np.zeros(len(self._on)) if about is None else form.bound(about[self._on])
         u_0, v_0 = form.offsets(f, g[self._on][numbering.mine])
         b = form.load(f, u_0, self._test)
-        b[len(f) + form.tail.seats] -= (rhs - self._D @ v_0)[form.tail.mine_used]
+        left = rhs - self._E @ kept - self._D @ v_0
+        b[len(f) + form.tail.seats] -= left[form.tail.mine_used]
         q = self._solver.solve(b)
         u, force, S = form.motion(q) + u_0, np.zeros(len(f)), split.surface
         force[S] = np.where(self._fixed[S], 0.0, f[S] - split.rows(u))
         found = form.A.T @ force + form.frame_multipliers(q, self._scale)
         multiplier = np.zeros(len(g))
-        multiplier[self._on] = gather_rows(split.comm, found)[numbering.number]
+        multiplier[self._on] = gather_rows(split.comm, found)[numbering.number] + kept
         return u, multiplier, form.frame_motion(q, v_0)
 
     def destroy(self) -> None:

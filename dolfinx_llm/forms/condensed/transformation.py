@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm.forms.condensed.elimination import (
     EliminatedRows,
@@ -22,7 +22,7 @@ from dolfinx_llm.operators.petsc import create_aij, times
 class Transformation:
     """What the eliminated rows make of u and v, with the numbers of the unknowns q. K is parted at
     the dofs of all eliminated nodes or more; ``proximal`` (m,) is a stiffness of the frames'
-    unknowns, ``soft`` as of ``FrameElimination``."""
+    unknowns, ``soft`` (rows,) a compliance times their unit of stiffness."""
 
     def __init__(
         self,
@@ -30,7 +30,7 @@ class Transformation:
         rows: EliminatedRows,
         fixed: np.ndarray,
         proximal: np.ndarray | None,
-        soft: float = 0.0,
+        soft: np.ndarray | None = None,
     ) -> None:
         self.comm, self.split, self.rows, self.fixed = split.comm, split, rows, fixed
         self.gdim, self.proximal = rows.dofs.shape[1], proximal
@@ -39,17 +39,20 @@ class Transformation:
         node = eliminate_at_nodes(self.dofs, self.vectors, fixed)
         self.A, self.N, self.W = node.A, node.N, node.W
         self.L = rows.L[rows.multipliers.mine]  # rows of this rank
-        self.frame = FrameElimination(self._frame_rows(), soft)
+        self.frame = FrameElimination(*self._frame_rows(soft))
         surface = split.surface
         self._N_S = self.N[surface][:, surface].multiply(~fixed[surface]).tocsr()
         self._N_S.eliminate_zeros()
         motion = self.A @ (self.L @ self.frame.Z)
         held = None if proximal is None else abs(self.frame.Z).T @ proximal > 0.0
+        if held is not None and soft is not None:
+            held[self.frame.dependent] = True  # the places of forces
         self.tail = Tail(self.comm, self.gdim, rows, self._N_S, motion, held)
         self.T = self.columns_of(self.L @ self.frame.Z)
 
-    def _frame_rows(self) -> csr_matrix:
-        """D, the rows of all ranks that bind the frame alone, the same on every rank."""
+    def _frame_rows(self, soft: np.ndarray | None) -> tuple[csr_matrix, csr_matrix | None]:
+        """D, the rows of all ranks that bind the frame alone, and how they give way, the same on
+        every rank."""
         W = self.W.tocoo()
         count = self.comm.allgather(W.shape[0])
         first = sum(count[: self.comm.rank])
@@ -57,7 +60,12 @@ class Transformation:
         parts = self.comm.allgather((W.data, W.row + first, self.rows.multipliers.mine[W.col]))
         data, row, col = (np.concatenate(part) for part in zip(*parts, strict=True))
         self._W_all = csr_matrix((data, (row, col)), shape=(sum(count), self.rows.L.shape[0]))
-        return (self._W_all @ self.rows.L).tocsr()
+        give = None if soft is None else self._W_all @ diags(soft) @ self._W_all.T
+        return (self._W_all @ self.rows.L).tocsr(), give
+
+    def bound(self, multiplier: np.ndarray) -> np.ndarray:
+        """(rows,) part of multipliers (rows,) that binds the frame alone."""
+        return self._W_all.T @ (self._W_all @ multiplier)
 
     def columns_of(self, L: csr_matrix) -> Any:
         """T_S, where the rows of this rank see the frames' motion as L (R, m)."""

@@ -104,7 +104,7 @@ class Elimination(ClassicalForm):
         multiplier = operators.least(self._basis @ gather_rows(problem.comm, reduced))
         motion = gap + operators.gather(rows, times(operators.B, u, transposed=True))  # g + Bᵀu
         v = solve_triangular(self._R, self._range.T @ motion)  # (33)
-        if operators.held.any():
+        if operators.held.any() or (operators.interfaces_at > 1).any():
             force = problem.bulk.force(u)
             multiplier = with_reactions(operators, multiplier, v, u, force)
         self.multiplier = multiplier.reshape(self._base.shape[:2])

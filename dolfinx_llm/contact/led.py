@@ -1,0 +1,71 @@
+"""Nodes of friction whose motion supports prescribe: no motion tells their forces there.
+
+What slips has the force of its law. What is at rest keeps the one that it had at the start of the
+load step, as far as the law allows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.laws.rows import OPEN, STICK, LawNodes, LawRows
+from dolfinx_llm.laws.speakers import sums
+
+FIRM = 1e11  # of the bodies' stiffness: what supports set against slip
+UNMOVED = 1e-9  # part of the largest motion up to which slip that supports prescribe is none
+
+
+def told(
+    s: InterfaceState, multiplier: np.ndarray, start: np.ndarray, w: np.ndarray, c: float
+) -> tuple[LawNodes, np.ndarray]:
+    """What an interface's law is told of its nodes, and those (k,) that supports keep at rest.
+
+    Args:
+        s: the interface.
+        multiplier: λ (n,) [force].
+        start: the same at the start of the load step.
+        w: (m,) frame and slip unknowns [length].
+        c: stiffness of the surfaces [force / length].
+    """
+    at = s.at(multiplier, w, c)
+    if not s.law.slips or s.law.gives or not s.nodes.led.any():
+        return at, np.zeros(len(at.x), dtype=bool)
+    slip = np.linalg.norm(at.slip, axis=1)
+    rests = s.nodes.led & (slip <= UNMOVED * np.abs(w).max(initial=0.0))
+    jump = np.where(rests[:, None], at.before, at.jump)
+    force = np.where(rests[:, None], s.at(start, w, c).force, at.force)
+    return replace(at, force=force, jump=jump), rests
+
+
+def rows_of(
+    s: InterfaceState, multiplier: np.ndarray, start: np.ndarray, w: np.ndarray, c: float
+) -> LawRows:
+    """Rows of an interface's law about λ and w, arguments as of ``told``."""
+    at, rests = told(s, multiplier, start, w, c)
+    firm = np.where(s.nodes.led & ~rests, FIRM, 1.0)
+    rows = s.rows_at(replace(at, c=at.c * firm)).scaled(at.c)
+    if not s.law.slips or s.law.gives:
+        return rows
+    # Nothing in contact reaches them: no force would tell their slip.
+    reached = s.nodes.reached(s.own.active).astype(float)
+    idle = s.nodes.led & ~(sums(s.others.speaker) @ reached > 0.0)
+    return _at_rest(rows, rests, idle, at.force)
+
+
+def _at_rest(rows: LawRows, rests: np.ndarray, idle: np.ndarray, force: np.ndarray) -> LawRows:
+    """The same, but that nodes at rest (k,) keep their forces (k, q), as far as the law lets them,
+    and that idle ones (k,) are open, whatever their jumps."""
+    kept = force - np.einsum("nij,nj->ni", rows.C_T, force) + rows.rhs
+    kept = np.where((rows.status == STICK)[:, None], force, kept)
+    at, none = (rests | idle)[:, None, None], idle[:, None]
+    return replace(
+        rows,
+        status=np.where(idle, OPEN, rows.status),
+        C_T=np.where(at, np.eye(force.shape[1]), rows.C_T),
+        C_jump=np.where(at, 0.0, rows.C_jump),
+        C_N=np.where(none, 0.0, rows.C_N),
+        rhs=np.where(none, 0.0, np.where(rests[:, None], kept, rows.rhs)),
+    )

@@ -1,0 +1,157 @@
+"""What a surface in space covers of another one, exact on clipped facets, with derivatives.
+
+A facet is covered where facets of the other surface lie across, seen along its own normal. Seen
+like that they join without gaps, so that what is common to neighbours cancels: facets that are
+covered all over know nothing of the others, and integrals over the rest,
+
+    f_J = int_P N_J dA,   df_J = int_P N_J div v dA + int_(edges of the others) N_J (w - v)·nu dl,
+
+need the outline alone. v is the velocity of the facet, w that of the edge.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from dolfinx_llm.finite.areas import Covered
+from dolfinx_llm.finite.facet_planes import FacetPlanes, plane_integrals
+from dolfinx_llm.finite.jacobians import coordinates, jacobian, summing
+from dolfinx_llm.finite.polygons import OWN, Polygons, cut
+from dolfinx_llm.geometry.cells import joined_lists, repeated_for, shape_functions
+from dolfinx_llm.geometry.overlap_flat import reference_coordinates
+
+OPPOSED = -0.3  # cosine between the normals of facets that lie across, at most
+LAYER = 2.0  # distance of facets that lie across, over their sizes, at most
+SLIVER = 1e-11  # part of a facet that is none
+# Along an edge: inverse maps of distorted quads are smooth, and integrated to rounding.
+_ON_EDGE = (lambda s, w: ((s + 1.0) / 2.0, w / 2.0))(*np.polynomial.legendre.leggauss(10))
+# From a facet's origin to the edge: polynomials of degree 4, integrated exactly.
+_TO_EDGE = (lambda s, w: ((s + 1.0) / 2.0, w / 2.0))(*np.polynomial.legendre.leggauss(3))
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """A surface that covers, or is covered."""
+
+    x: np.ndarray  # (n, 3) nodes [length]
+    facets: np.ndarray  # (f, k)
+    used: np.ndarray  # (f,) facets that can touch
+    first: int  # number of the nodes' first coordinate
+
+
+def covered_facets(own: Skin, other: Skin, width: int) -> Covered:
+    """What the other surface covers of a surface.
+
+    Args:
+        own, other: in this configuration.
+        width: number of all coordinates.
+    """
+    planes, (f, k) = FacetPlanes.of(own.x, own.facets), own.facets.shape
+    i, j = _across(planes, own, other)
+    ends, heights = planes.seen(i, other.x[other.facets[j][:, ::-1]])  # looked at from behind
+    pieces = cut(planes.corners[i], ends)
+    part = np.bincount(i, pieces.area, f) / planes.size
+    whole, at = part > 1.0 - SLIVER, (part > SLIVER) & (part <= 1.0 - SLIVER)
+    columns = coordinates(own.facets, 3, own.first)
+    share, change = planes.whole()
+    share, change = share * whole[:, None], change * whole[:, None, None]
+    edges = _Edges.of(pieces, np.flatnonzero(at[i]), i, ends, heights)
+    values, blocks = edges.integrals(planes)
+    integral = np.zeros((f, k))
+    np.add.at(integral, edges.facet, values)
+    cutoff = np.flatnonzero(at)
+    share[cutoff] = integral[cutoff] / planes.size[cutoff][:, None]
+    change[cutoff] = planes.over_size(cutoff, integral[cutoff], np.zeros((len(cutoff), k, 3 * k)))
+    nodes = other.facets[j][:, ::-1][edges.pair]
+    m = nodes.shape[1]
+    clip = np.take_along_axis(nodes, np.stack([edges.mark, edges.mark + 1], axis=1) % m, axis=1)
+    places = [columns[edges.facet], coordinates(clip, 3, other.first)]
+    by_edge = jacobian(
+        blocks / planes.size[edges.facet][:, None, None], np.concatenate(places, axis=1), width
+    )
+    gather = summing(coordinates(edges.facet[:, None], k).ravel(), f * k)
+    return Covered(share, (jacobian(change, columns, width) + gather @ by_edge).tocsr())
+
+
+def _across(planes: FacetPlanes, own: Skin, other: Skin) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of facets that may lie across each other: (n,) of the surface, (n,) of the other."""
+    a, b = np.flatnonzero(own.used), np.flatnonzero(other.used)
+    if not len(a) or not len(b):
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    theirs = FacetPlanes.of(other.x, other.facets)
+    radius = [np.linalg.norm(p.corners, axis=2).max(axis=1) for p in (planes, theirs)]
+    far = LAYER * np.sqrt(max(planes.size[a].max(), theirs.size[b].max()))
+    reach = np.hypot(radius[0][a] + radius[1][b].max(), far)
+    near = cKDTree(theirs.centre[b]).query_ball_point(planes.centre[a], reach)
+    i, j = repeated_for(a, near), b[joined_lists(near)]
+    arm = theirs.centre[j] - planes.centre[i]
+    height = np.einsum("ni,ni->n", planes.normal[i], arm)
+    aside = np.linalg.norm(arm - height[:, None] * planes.normal[i], axis=1)
+    good = (np.abs(height) < far) & (aside < radius[0][i] + radius[1][j])
+    good &= np.einsum("ni,ni->n", planes.normal[i], theirs.normal[j]) < OPPOSED
+    return i[good], j[good]
+
+
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """e edges of the covered parts of facets that are covered in part."""
+
+    pair: np.ndarray  # (e,) pair of facets that each belongs to
+    facet: np.ndarray  # (e,) facet that is covered
+    a: np.ndarray  # (e, 2) where it begins in that facet's plane [length]
+    b: np.ndarray  # (e, 2) where it ends
+    theirs: np.ndarray  # (e,) whether it lies on an edge of the other facet
+    mark: np.ndarray  # (e,) on which one; 0 where it does not
+    ends: np.ndarray  # (e, 2, 2) ends of that edge [length]
+    heights: np.ndarray  # (e, 2) of its ends over the plane [length]
+
+    @classmethod
+    def of(
+        cls, pieces: Polygons, pairs: np.ndarray, i: np.ndarray, p: np.ndarray, h: np.ndarray
+    ) -> _Edges:
+        """Edges of the pieces of some pairs, whose other facets lie at p (n, m, 2), h (n, m)."""
+        row, place = np.nonzero(pieces.used[pairs])
+        pair = pairs[row]
+        mark = pieces.mark[pair, place]
+        theirs, mark = mark != OWN, np.maximum(mark, 0)
+        both = np.stack([mark, (mark + 1) % p.shape[1]], axis=1)
+        a, b = pieces.x[pair, place], pieces.ends[pair, place]
+        which = pair[:, None]
+        return cls(pair, i[pair], a, b, theirs, mark, p[which, both], h[which, both])
+
+    def integrals(self, planes: FacetPlanes) -> tuple[np.ndarray, np.ndarray]:
+        """What each edge adds to the integrals (e, k) [area], and its derivatives (e, k, 3 k + 6)
+        by the positions of the facet's nodes and of the other edge's ends [length]."""
+        corners, k = planes.corners[self.facet], planes.facets.shape[1]
+        (s, ws), (r, wr) = _ON_EDGE, _TO_EDGE
+        side = self.b - self.a
+        x = self.a[:, None] + s[:, None] * side[:, None]
+        xi = reference_coordinates(corners, x)
+        N, dN = shape_functions(k, xi.reshape(-1, 2))
+        N, dN = N.reshape(*xi.shape[:2], k), dN.reshape(*xi.shape[:2], k, 2)
+        (x_xi, x_eta), (y_xi, y_eta) = np.einsum("egkd,eki->ideg", dN, corners)
+        u, v = side[:, None, 0], side[:, None, 1]
+        # xi x dxi/ds, of dxi/ds = (x')⁻¹ side.
+        sweep = xi[..., 0] * (x_xi * v - y_xi * u) - xi[..., 1] * (y_eta * u - x_eta * v)
+        sweep /= x_xi * y_eta - x_eta * y_xi
+        points = (r[:, None] * xi[:, :, None]).reshape(len(xi), len(s) * len(r), 2)
+        weights = ((ws * sweep)[:, :, None] * (r * wr)).reshape(points.shape[:2])
+        values, by_own = plane_integrals(corners, points, weights)
+        # Their edges move by w = (1 - t) w_a + t w_b against the facet.
+        line = self.ends[:, 1] - self.ends[:, 0]
+        size = np.maximum(np.einsum("ei,ei->e", line, line), 1e-300)
+        t = np.einsum("egi,ei->eg", x - self.ends[:, :1], line) / size[:, None]
+        out = np.column_stack([side[:, 1], -side[:, 0]]) * self.theirs[:, None]
+        weighted = ws[:, None] * N
+        by_own = by_own - _times(np.einsum("egj,egk->ejk", weighted, N), out)
+        shares = np.stack([1.0 - t, t], axis=2)
+        by_other = _times(np.einsum("egj,egm->ejm", weighted, shares), out)
+        return values, planes.in_space(self.facet, by_own, by_other, self.heights)
+
+
+def _times(a: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """(e, j, k, 2) products of a (e, j, k) with vectors v (e, 2)."""
+    return np.asarray(a[..., None] * v[:, None, None, :])

@@ -1,0 +1,126 @@
+"""Coulomb's law at pairs of a moving frame, without a base of the tangent plane. Plain NumPy.
+
+With the normal n, P = 1 - n nᵀ, the tangential force tau that a node exerts on the frame, the way
+sigma that it has gone there, c > 0 and the bound b of |tau|,
+
+    z = P (tau + c sigma);   stick, |z| <= b: P sigma = 0;   slip: tau = b z / |z|.
+
+Each case has gdim equations: where a node sticks n·tau = 0 is one of them, where it slips it
+follows. All are divided by c where they are forces, so that what is left is a length.
+
+The derivative of slip is that of Hüeber, Stadler and Wohlmuth (see ``laws.coulomb``): exact where
+tau = b z / |z|; the exact one elsewhere turns tau round for ever where many pairs begin to slip.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+SHORT = 1e-10  # part of the bound by which a slipping pair may fall short of it
+LEVEL = 1e-6  # part of a prescribed direction in the tangent plane that is none
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionRows:
+    """The law at k pairs, and its derivatives."""
+
+    rest: np.ndarray  # (k, gdim) what is left [length]
+    by_force: np.ndarray  # (k, gdim, gdim) derivative by tau [length / force]
+    by_slip: np.ndarray  # (k, gdim, gdim) by sigma
+    by_normal: np.ndarray  # (k, gdim, gdim) by n [length]
+    by_bound: np.ndarray  # (k, gdim) by b [length / force]
+
+
+def sticks(
+    normal: np.ndarray,
+    tau: np.ndarray,
+    sigma: np.ndarray,
+    bound: np.ndarray,
+    c: float,
+    slipped: np.ndarray,
+) -> np.ndarray:
+    """(k,) which pairs stick: |z| <= b, or less by rounding for those that have slipped.
+
+    Args:
+        normal: (k, gdim) unit vectors.
+        tau: (k, gdim) tangential forces [force].
+        sigma: (k, gdim) ways [length].
+        bound: (k,) of |tau| [force].
+        c: positive [force / length]; the solution does not depend on it.
+        slipped: (k,) which slipped in the last iterate.
+    """
+    z = in_plane(normal, tau + c * sigma)
+    return np.linalg.norm(z, axis=1) <= bound * np.where(slipped, 1.0 - SHORT, 1.0 + SHORT)
+
+
+def friction_rows(
+    normal: np.ndarray,
+    tau: np.ndarray,
+    sigma: np.ndarray,
+    bound: np.ndarray,
+    c: float,
+    stick: np.ndarray,
+    prescribed: np.ndarray,
+) -> FrictionRows:
+    """The law and its derivatives.
+
+    Where supports prescribe a component of sigma, friction in stick would be what supports take as
+    well: there is none in that direction.
+
+    Args:
+        normal, tau, sigma, bound, c: as of ``sticks``.
+        stick: (k,) which pairs stick.
+        prescribed: (k, gdim) which components of sigma no free coordinate changes.
+    """
+    unit, nn = np.eye(normal.shape[1]), normal[:, :, None] * normal[:, None, :]
+    P, stick = unit - nn, stick[:, None, None]
+    # Stick: Q sigma + (1 - Q) tau / c, Q = P without what is prescribed.
+    Q = P - _span(P, prescribed)
+    rest = np.einsum("kij,kj->ki", Q, sigma - tau / c) + tau / c
+    by_normal = _turned(normal, sigma - tau / c)
+    # Slip: (tau - b d) / c, d = z / |z|.
+    w = tau + c * sigma
+    z = in_plane(normal, w)
+    d = z / np.maximum(np.linalg.norm(z, axis=1), 1e-300)[:, None]
+    M = _stable(tau, z, bound)
+    slid = (tau - bound[:, None] * d) / c
+    return FrictionRows(
+        rest=np.where(stick[:, 0], rest, slid),
+        by_force=np.where(stick, (unit - Q) / c, (unit - M @ P) / c),
+        by_slip=np.where(stick, Q, -M @ P),
+        by_normal=np.where(stick, by_normal, -M @ _turned(normal, w) / c),
+        by_bound=np.where(stick[:, 0], 0.0, -d / c),
+    )
+
+
+def _stable(tau: np.ndarray, z: np.ndarray, bound: np.ndarray) -> np.ndarray:
+    """(k, gdim, gdim) derivative of b z / |z| by z where tau = b z / |z|, and what is stable
+    elsewhere: e (1 - beta tau dᵀ / max(b, |tau|)), e = min(b / |z|, 1)."""
+    size, t = (np.maximum(np.linalg.norm(a, axis=1), 1e-300) for a in (z, tau))
+    d, s = z / size[:, None], np.maximum(bound, 1e-300)
+    cosine = np.einsum("ki,ki->k", tau, d) / t
+    beta = 1.0 / (1.0 - np.minimum(cosine, 0.0) * np.minimum(t / s, 1.0))
+    outer = (beta / np.maximum(s, t))[:, None, None] * tau[:, :, None] * d[:, None, :]
+    return np.minimum(bound / size, 1.0)[:, None, None] * (np.eye(z.shape[1]) - outer)
+
+
+def in_plane(normal: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """(k, gdim) P w."""
+    return w - np.einsum("ki,ki->k", normal, w)[:, None] * normal
+
+
+def _turned(normal: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """(k, gdim, gdim) derivative of P w by n."""
+    along = np.einsum("ki,ki->k", normal, w)[:, None, None] * np.eye(normal.shape[1])
+    return -along - normal[:, :, None] * w[:, None, :]
+
+
+def _span(P: np.ndarray, prescribed: np.ndarray) -> np.ndarray:
+    """(k, gdim, gdim) projections on what of the prescribed axes lies in the tangent planes."""
+    if not prescribed.any():
+        return np.zeros_like(P)
+    inside = P * prescribed[:, None, :]  # P times each of the axes
+    inside = inside * (np.linalg.norm(inside, axis=1) > LEVEL)[:, None]
+    return inside @ np.linalg.pinv(inside, rcond=LEVEL)

@@ -1,0 +1,193 @@
+"""Frictionless contact with a rigid obstacle at finite deformation: no frame, no design.
+
+Every node p has its own point of the obstacle. With n out of the obstacle there and lambda_p the
+force that p carries,
+
+    force on p: lambda_p n,   gap_p = clearance(x_p) >= 0,   lambda >= 0,   their product 0,
+
+so that any pressure passes as the nodes' forces of it. The obstacle is asked where it is drawn: x
+is moved back, n moved on, by its displacement and the finite rotation about its pivot.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags
+from scipy.spatial.transform import Rotation
+
+from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
+from dolfinx_llm.finite.terms import ContactTerms, Held, Place, held_fast
+from dolfinx_llm.geometry.cells import facet_vectors
+from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.interface.against import checked_clearance
+from dolfinx_llm.interface.obstacle import Obstacle
+from dolfinx_llm.laws.rows import CLOSED, OPEN
+
+DIFFERENCE = 1e-5  # over the surface's size: of points between which clearances are compared
+KINK = 0.05  # change of the direction between them that is an edge of the obstacle
+TURNED_AWAY = (
+    -0.5
+)  # cosine between a node's normal and the direction into the obstacle: it faces away
+
+
+@dataclass(frozen=True, eq=False)
+class OneSide:
+    """A surface that touches no other one; its coordinates are all there are."""
+
+    surfaces: tuple[Surface]
+    moving: int = 0
+    frame: None = None
+
+    @property
+    def gdim(self) -> int:
+        """Dimension of space."""
+        return int(self.surfaces[0].x.shape[1])
+
+    def split(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (n, gdim) of the nodes, and those of no frame."""
+        return z.reshape(-1, self.gdim), np.zeros((0, self.gdim))
+
+
+@dataclass(frozen=True, eq=False)
+class ObstaclePlace(Place):
+    """Nodes beside an obstacle, with derivatives by their own positions."""
+
+    by_x: np.ndarray  # (n, gdim) of the gap
+    turned: np.ndarray  # (n, gdim, gdim) of the normal [1 / length]
+
+
+@dataclass(frozen=True, eq=False)
+class ObstacleContact:
+    """Unknowns: a force per node."""
+
+    sides: OneSide
+    obstacle: Obstacle
+
+    @classmethod
+    def of(cls, surface: Surface, obstacle: Obstacle) -> ObstacleContact:
+        """Contact of a surface, as drawn.
+
+        Raises:
+            ContactInputError: the obstacle is of another dimension, its clearance is no clearance,
+                or it is pressed by a force.
+        """
+        gdim, kind = surface.x.shape[1], type(obstacle).__name__
+        if obstacle.gdim not in (None, gdim):
+            raise ContactInputError(f"the {kind} lies in {obstacle.gdim}D, the body in {gdim}D")
+        found = cls(OneSide((surface,)), obstacle)
+        found.pose()
+        checked_clearance(obstacle, surface.x)
+        return found
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return len(self.sides.surfaces[0].x)
+
+    @property
+    def owner(self) -> np.ndarray:
+        """(size,) ranks that own the unknowns."""
+        return self.sides.surfaces[0].owner
+
+    def pose(self) -> np.ndarray:
+        """Displacement, rotation and pivot as they are now.
+
+        Raises:
+            ContactInputError: they do not fit, or a force is prescribed.
+        """
+        shift, turn, pivot, force = self.obstacle.pose(self.sides.gdim)
+        if any(f is not None for f in force):
+            raise ContactInputError(
+                f"force={force}: at finite deformation prescribe the obstacle's displacement"
+            )
+        return np.array([*pivot, *shift, *turn])
+
+    def hold(self, z: np.ndarray) -> Held:
+        """Nothing but the pose, which the increment knows."""
+        return Held(np.zeros(0, dtype=bool), np.ones(self.size, dtype=bool), 0.0)
+
+    def missed(self, z: np.ndarray, held: Held) -> np.ndarray | None:
+        """None: all nodes are asked in every iteration."""
+        return None
+
+    def place(self, z: np.ndarray, held: Held) -> ObstaclePlace:
+        """Gaps and directions with their derivatives, by central differences of the clearance.
+
+        Args:
+            z: (width,) coordinates [length].
+            held: with the pose of the obstacle.
+        """
+        surface, gdim = self.sides.surfaces[0], self.sides.gdim
+        x, _ = self.sides.split(z)
+        h = DIFFERENCE * surface.diameter
+        steps = h * np.concatenate([np.zeros((1, gdim)), np.eye(gdim), -np.eye(gdim)])
+        points = (x + steps[:, None]).reshape(-1, gdim)
+        gaps, normals = self._asked(points, held.pose)
+        gaps, normals = gaps.reshape(-1, len(x)), normals.reshape(-1, len(x), gdim)
+        with np.errstate(invalid="ignore"):
+            by_x = (gaps[1 : gdim + 1] - gaps[gdim + 1 :]).T / (2.0 * h)
+        turned = np.moveaxis(normals[1 : gdim + 1] - normals[gdim + 1 :], 0, 2)  # (n, i, k)
+        smooth = np.isfinite(by_x).all(axis=1) & (np.abs(turned).max(axis=(1, 2)) < KINK)
+        vectors = np.zeros_like(x)
+        np.add.at(vectors, surface.facets, facet_vectors(x, surface.facets))
+        areas = np.linalg.norm(vectors, axis=1)
+        away = np.einsum("ni,ni->n", vectors, -normals[0]) < TURNED_AWAY * areas
+        return ObstaclePlace(
+            z=z,
+            gap=np.where(away, np.inf, gaps[0]),
+            normal=normals[0],
+            N=csr_matrix((len(x), 0)),
+            areas=(areas, np.zeros(0)),
+            by_x=np.where(smooth[:, None], by_x, normals[0]),
+            turned=np.where(smooth[:, None, None], turned / (2.0 * h), 0.0),
+        )
+
+    def _asked(self, x: np.ndarray, pose: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Gaps (n,) and normals (n, gdim) out of the obstacle in a pose, at points now."""
+        gdim = x.shape[1]
+        pivot, shift, turn = np.split(self.pose() if pose is None else pose, [gdim, 2 * gdim])
+        vector = [0.0, 0.0, turn[0]] if gdim == 2 else turn
+        R = Rotation.from_rotvec(vector).as_matrix()[:gdim, :gdim]
+        gap, into = checked_clearance(self.obstacle, (x - pivot - shift) @ R + pivot)
+        return gap, -into @ R.T
+
+    def touching(
+        self,
+        place: Place,
+        q: np.ndarray,
+        before: np.ndarray,
+        held: Held,
+        scale: float,
+        reach: np.ndarray,
+    ) -> tuple[np.ndarray, Held]:
+        """(n,) status of the nodes, and what is held; see ``NormalContact.touching``."""
+        gap = np.where(place.pairs, place.gap, 0.0)
+        closed = place.pairs & (q / scale - gap > -reach)
+        return np.where(closed, CLOSED, OPEN), held
+
+    def terms(
+        self, place: ObstaclePlace, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
+    ) -> ContactTerms:
+        """All that Newton's iteration asks for; arguments as of ``NormalContact.terms``."""
+        n, gdim = place.normal.shape
+        width, own = n * gdim, coordinates(np.arange(n)[:, None], gdim)
+        A = jacobian(place.normal[:, None], own, width)
+        closed = (status != OPEN) & ~held_fast(A, free)
+        on = diags(closed.astype(float))
+        force = np.where(status != OPEN, q, 0.0)
+        return ContactTerms(
+            force=A.T @ force,
+            K=per_item(-force[:, None, None] * place.turned),
+            top=-(on @ A).T.tocsr(),
+            left=(on @ jacobian(place.by_x[:, None], own, width)).tocsr(),
+            own=diags((~closed).astype(float)).tocsr(),
+            rest=np.where(closed, place.gap, q),
+            place=place,
+            delta=0.0,
+            status=status,
+            friction=np.zeros(width),
+            slip=np.zeros((n, gdim)),
+        )

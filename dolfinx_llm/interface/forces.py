@@ -1,0 +1,84 @@
+"""What the results of one interface share, be the deformation small or finite."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    from dolfinx_llm.geometry.frame import Frame
+
+
+class InterfaceForces:
+    """Forces at the nodes of a frame, or of the body against a rigid obstacle, and what follows of
+    them; ``sides`` have ``x``, where their ``force`` acts, ``drawn`` and ``u``."""
+
+    if TYPE_CHECKING:  # fields of what is derived from it
+        frame: Frame | None
+        sides: tuple[Any, ...]
+        frame_force: np.ndarray
+        frame_area: np.ndarray
+        frame_friction: np.ndarray
+        frame_status: np.ndarray
+        presses: bool
+
+    @property
+    def x(self) -> np.ndarray:
+        """(m, gdim) where pressure and friction are given: the frame's nodes [length]."""
+        return self.sides[0].x if self.frame is None else self.frame.x
+
+    @property
+    def deformed(self) -> np.ndarray:
+        """(m, gdim) the same in the deformed state [length]."""
+        if self.frame is None:
+            return self.sides[0].drawn + self.sides[0].u
+        return self.frame_drawn + self.frame.v
+
+    @property
+    def frame_drawn(self) -> np.ndarray:
+        """(m, gdim) the frame's nodes as drawn [length]."""
+        assert self.frame is not None
+        return self.frame.x
+
+    @property
+    def pressure(self) -> np.ndarray:
+        """(m,) contact pressure at the frame's nodes [force / area].
+
+        Nodal force over tributary area misleads on the finer side; on the frame both sides carry
+        the same force. Where bodies may part it is at least 0: at the rim of contact a corrected
+        row may leave a frame node a slightly negative share of forces that all press, which
+        ``frame_force`` shows and the pressure does not.
+        """
+        area = self.frame_area
+        pressure = np.where(area > 0.0, self.frame_force / np.where(area > 0.0, area, 1.0), 0.0)
+        return np.maximum(pressure, 0.0) if self.presses else pressure
+
+    @property
+    def traction(self) -> np.ndarray:
+        """(m, gdim) tangential traction of side 0 on the frame at its nodes [force / area]."""
+        area = np.where(self.frame_area > 0.0, self.frame_area, np.inf)
+        return self.frame_friction / area[:, None]
+
+    @property
+    def resultant(self) -> np.ndarray:
+        """(gdim,) total force of side 0 on side 1 (of the body on an obstacle) [force].
+
+        At small deformation, where supports end at the interface, what goes through it there is
+        what the body exerts, f - K u of its nodes, as far as the other side takes it up.
+        """
+        return self.sides[0].force.sum(axis=0)
+
+    def moment(self, about: ArrayLike | None = None, side: int = 0) -> np.ndarray:
+        """Moment of a side's forces: (3,), or (1,) in 2D [force length].
+
+        Args:
+            about: (gdim,) point; the origin by default [length].
+            side: whose forces on the frame.
+        """
+        of = self.sides[side]
+        arm = of.x - (0.0 if about is None else np.asarray(about, dtype=float))
+        if arm.shape[1] == 2:  # NumPy 2 has no cross product in the plane
+            return np.array([np.sum(arm[:, 0] * of.force[:, 1] - arm[:, 1] * of.force[:, 0])])
+        return np.cross(arm, of.force).sum(axis=0)

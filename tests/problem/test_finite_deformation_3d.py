@@ -1,0 +1,96 @@
+"""Contact at finite deformation in 3D: exact states, objectivity, order of sides, ranks."""
+
+import finite_patch
+import numpy as np
+import patch2d
+import pytest
+import ufl
+from conftest import run_mpi_json
+from dolfinx import fem
+from mpi4py import MPI
+from scipy.spatial.transform import Rotation
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat
+
+COMM = MPI.COMM_SELF
+
+
+def boxes(low, high, corner=(0.4, 0.2), size=(0.8, 0.6), width=1.6):
+    """Foundation and punch with their cells."""
+    foundation = ((0.0, 0.0, 0.0), (width, 1.0, 1.0), (*low, 1))
+    return foundation, ((*corner, 1.0), (*size, 1.0), (*high, 1))
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        {"kind": "hex", "boxes": boxes((4, 3), (3, 4)), "order": (1, 0)},
+        {"kind": "tet", "boxes": boxes((3, 3), (2, 3)), "pressure": 600.0},
+        {"kind": ("hex", "tet"), "boxes": boxes((4, 3), (1, 2)), "young": 2000.0, "poisson": 0.3},
+        {"kind": "hex", "boxes": boxes((2, 2), (6, 5), (0.0, 0.0), (1.0, 1.0), 1.0)},
+        {"kind": "hex", "boxes": boxes((4, 3), (3, 4), (0.0, 0.0), (1.6, 1.0)), "law": llm.Tied()},
+        {"kind": "tet", "boxes": boxes((4, 3), (3, 3), (1.1, 0.2)), "beyond": True},
+    ],
+    ids=["hex", "tet", "tet on hex", "hex, fine on coarse", "tied", "tet beyond the edge"],
+)
+def test_finite_patch(scene):
+    """A homogeneous state stands in both bodies, whatever the cells and what they cover."""
+    kind, known = scene.pop("kind"), (scene.get("pressure", 300.0), scene.get("young", 1000.0))
+    known = finite_patch.stretches(*known, scene.get("poisson", 0.4))
+    bodies = patch2d.bodies(COMM, kind, separate=True, boxes=scene["boxes"], rough=0.25)
+    problem = finite_patch.problem(bodies, **scene)
+    problem.solve(increments=2)
+    stretch, pressure = finite_patch.errors(problem, known, scene["boxes"])
+    assert stretch < 1e-10 and (pressure < 1e-9 or "law" in scene)  # ties: areas as drawn
+    assert max(h["iteration"] for h in problem.history) <= 6
+    assert len({h["part"] for h in problem.history}) == 2
+    result = problem.results[0]
+    forces = sum(side.force.sum(axis=0) for side in result.sides)
+    moments = result.moment(side=0) + result.moment(side=1)
+    assert max(np.abs(forces).max(), np.abs(moments).max()) < 1e-10 * 300.0
+
+
+def turned(kind, law, degrees=0.0, swapped=False):
+    """A narrow block pressed and pushed along on a wide one; all is turned from the start."""
+    R = Rotation.from_rotvec(np.deg2rad(degrees) * np.array([2.0, 1.0, 2.0]) / 3.0).as_matrix()
+    ((domain, tags),) = patch2d.bodies(COMM, kind, boxes=boxes((3, 3), (3, 2)), rough=0.2)
+    V = compat.function_space(domain, shape=(3,))
+    u, g = fem.Function(V), fem.Function(V)
+    mu, lam = (fem.Constant(domain, c) for c in finite_patch.lame(1000.0, 0.4))
+    energy = finite_patch.energy(u, mu, lam) * ufl.dx(degree=3)
+    x = V.tabulate_dof_coordinates()
+    u.x.array[:] = (x @ R.T - x).ravel()
+    end = x + np.where(x[:, 2:] > 1.5, [0.05, 0.02, -0.05], 0.0)
+    g.x.array[:] = (end @ R.T - x).ravel()
+    ends = lambda p: np.isclose(p[2], 0.0) | np.isclose(p[2], 2.0)  # noqa: E731
+    bc = fem.dirichletbc(g, fem.locate_dofs_geometrical(V, ends))
+    order = (patch2d.FOUNDATION_TOP, patch2d.PUNCH_BOTTOM)
+    interface = llm.Interface(tags, order[::-1] if swapped else order, law=law)
+    F = ufl.derivative(energy, u, ufl.TestFunction(V))
+    problem = llm.NonlinearContactProblem(F, u, bcs=[bc], interfaces=[interface])
+    problem.solve()
+    return problem, [side.force @ R for side in problem.results[0].sides]
+
+
+@pytest.mark.parametrize(
+    "kind, law", [("hex", llm.Coulomb(0.2)), ("tet", llm.Frictionless()), ("hex", llm.Tied())]
+)
+def test_objective(kind, law):
+    """The scene turned about a skew axis: the same forces in the turned base; sides swapped."""
+    still, forces = turned(kind, law)
+    residuals = [h["residual"] for h in still.history]
+    assert residuals[-1] < 1e-11 < residuals[-2]
+    pairs, pressure = still.results[0].sides[1], still.results[0].pressure  # of the punch's nodes
+    own = pairs.normal_force[pairs.area > 0.0] / pairs.area[pairs.area > 0.0]
+    assert own.min() - 1e-9 < pressure[pressure != 0.0].min() <= pressure.max() < own.max() + 1e-9
+    for a, b in zip(forces, turned(kind, law, 130.0)[1], strict=True):
+        assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
+    for a, b in zip(forces[::-1], turned(kind, law, swapped=True)[1], strict=True):
+        assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
+
+
+def test_three_ranks():
+    one, three = (run_mpi_json("finite_ranks.py", n, "tet") for n in (1, 3))
+    assert one["stretch"] < 1e-10 and one["pressure"] < 1e-9
+    assert np.allclose(one["force"], three["force"], rtol=1e-9, atol=1e-9 * 300.0)

@@ -1,0 +1,94 @@
+"""Coulomb friction at finite deformation: a slope, what varies, bodies that come into contact."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from friction_block import BOTTOM, LEFT, TOP, body
+from mpi4py import MPI
+from test_finite_deformation import bodies_of
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat
+
+COMM = MPI.COMM_SELF
+SLOPE, TAN = ((0.0, 0.0), (3.0, 0.5), (9, 2)), 0.1
+
+
+def clamped(V, tags, tag, component=None, value=None):
+    """Condition on a tagged side; on one component, or on both."""
+    W = V if component is None else V.sub(component)
+    facets = tags.indices[tags.values == tag]
+    value = fem.Constant(V.mesh, (0.0, 0.0)) if value is None else value
+    dofs = fem.locate_dofs_topological(W, 1, facets)
+    return fem.dirichletbc(value, dofs, W)
+
+
+class Pushed:
+    """A block under its weight 1 on a slope, pushed along x by its left side."""
+
+    def __init__(self, law, cells=(3, 2), slope=SLOPE, order=(0, 1), gap=0.0):
+        scene = [body(COMM, *slope), body(COMM, (0.2, 0.5 + gap), (0.6, 0.6), cells)]
+        Q = np.array([[1.0, -TAN], [TAN, 1.0]]) / np.hypot(1.0, TAN)
+        for domain, _ in scene:
+            domain.geometry.x[:, :2] = domain.geometry.x[:, :2] @ Q.T
+        (V0, u0, F0), (V1, u1, F1) = (bodies_of(domain, 1e4, 0.3) for domain, _ in scene)
+        ds = ufl.Measure("ds", domain=V1.mesh, subdomain_data=scene[1][1])
+        weight = fem.Constant(V1.mesh, (0.0, 1.0 / 0.6))
+        F1 = F1 + ufl.inner(weight, ufl.TestFunction(V1)) * ds(TOP)
+        self.push = fem.Constant(V1.mesh, 0.0)
+        bcs = [clamped(V0, scene[0][1], BOTTOM), clamped(V1, scene[1][1], LEFT, 0, self.push)]
+        sides = (scene[0][1], TOP), (scene[1][1], BOTTOM)
+        interface = llm.Interface(None, tuple(sides[i] for i in order), law=law)
+        self.block, self.u = order.index(1), (u0, u1)
+        self.problem = llm.NonlinearContactProblem(
+            [F0, F1], [u0, u1], bcs=bcs, interfaces=[interface]
+        )
+
+    def to(self, x):
+        """Push to x; force over weight, and the block's side."""
+        self.push.value = x
+        self.problem.solve()
+        side = self.problem.results[0].sides[self.block]
+        force = side.force.sum(axis=0)
+        return -force[0] / force[1], side
+
+
+@pytest.mark.parametrize(
+    ("mu", "cells", "slope", "step", "gap"),
+    [
+        (0.0, (3, 2), SLOPE, 0.45, 0.0),
+        pytest.param(0.1, (4, 2), SLOPE, 0.45, 0.0, marks=pytest.mark.long),
+        (0.2, (2, 2), ((0.0, 0.0), (3.0, 0.5), (13, 2)), 0.3, 0.0),  # the frame is the block's
+        (0.3, (5, 3), SLOPE, 0.3, 0.01),
+    ],
+)
+def test_block_on_a_slope(mu, cells, slope, step, gap):
+    """F / G = (tan + mu) / (1 - mu tan) over lengths of the block, which may fall on it first."""
+    pushed = Pushed(llm.Coulomb(mu), cells, slope, gap=gap)
+    exact = (TAN + mu) / (1.0 - TAN * mu)
+    for x in step * np.arange(1, 5):
+        found, side = pushed.to(x)
+        assert abs(found / exact - 1.0) < 1e-4
+        assert set(side.status[side.status > 0]) == {2 if mu else 3}
+    slid = np.linalg.norm(side.slip[side.status > 0], axis=1).max()
+    before = max([h["part"] for h in pushed.problem.history if h["part"] < 1.0], default=0.0)
+    assert not mu or abs(slid / (step * (1.0 - before) * np.hypot(1.0, TAN)) - 1.0) < 1e-2
+
+
+def test_friction_may_vary_and_cohere():
+    """A function of positions, an array, a Function of a body; a cohesion times the area."""
+    x = 0.3
+    known = Pushed(llm.Coulomb(0.2)).to(x)[0]
+    other = fem.Function(compat.function_space(body(COMM, *SLOPE)[0]))
+    for mu in (lambda p: np.full(len(p), 0.2), np.full(4, 0.2)):
+        assert abs(Pushed(llm.Coulomb(mu)).to(x)[0] - known) < 1e-9
+    with pytest.raises(llm.ContactInputError, match="mesh of neither side"):
+        Pushed(llm.Coulomb(other))
+    with pytest.raises(llm.ContactInputError, match="for each of 4 nodes"):
+        Pushed(llm.Coulomb(np.full(5, 0.2)))
+    # On a plane: the tangential force is mu N + c A.
+    found = Pushed(llm.Coulomb(0.0, cohesion=0.5)).to(x)
+    tangent = np.array([1.0, TAN]) / np.hypot(1.0, TAN)
+    along = found[1].force.sum(axis=0) @ tangent
+    assert abs(abs(along) / (0.5 * found[1].area.sum()) - 1.0) < 1e-3
