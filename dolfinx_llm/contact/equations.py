@@ -38,7 +38,7 @@ class Equations:
 
     Attributes:
         states: per interface its ``InterfaceState``.
-        L: (n, m) motion of frames and slips as the rows see it now.
+        L, whole: (n, m) motion of frames and slips as the rows see it, now and with friction.
         compliance: (n,) by how much rows give way [length / force].
         lags: normal forces that bound friction are those of the last iterate.
         start: (n,) λ at the start of the load step: friction at rest keeps it [force].
@@ -60,7 +60,7 @@ class Equations:
         L = block_diag([nodes.L for nodes in places], format="csr")
         L_kappa = block_diag([nodes.L_kappa for nodes in places], format="csr")
         kept = diags(np.concatenate([nodes.kept for nodes in places]).astype(float))
-        self._L = self.L = (kept @ hstack([L, L_kappa])).tocsr()
+        self.whole = self.L = (kept @ hstack([L, L_kappa])).tocsr()
         self.n_v, self.m = L.shape[1], self.L.shape[1]
         self._operators, self.loads = operators, np.zeros(self.n_v)
         self.start = self.about = np.zeros(self.n)
@@ -74,24 +74,6 @@ class Equations:
             if nodes.model.frame is not None:
                 v = nodes.v.reshape(-1, nodes.model.directions.shape[1])
                 self.drifts[v[:, -1]] = True
-
-    def glide(self, glides: bool) -> bool:
-        """Leave out friction where nodes share, or take it up again; whether any is left out. Then
-        no pair follows the frame tangentially, and all press on it along its own normals: what
-        theirs have along its tangents would find no balance."""
-        self.L = self._L
-        for s in self.states:
-            s.glide(glides)
-            if s.glides:
-                v = s.nodes.v.reshape(s.nodes.model.directions.shape[:2])
-                seen = np.ones(self.m)
-                seen[v[:, :-1]] = seen[s.nodes.kappa] = 0.0
-                self.L = (self.L @ diags(seen)).tocsr()
-        return any(s.glides for s in self.states)
-
-    @property
-    def _L_t(self) -> csr_matrix:
-        return self.L[:, : self.n_v].T.tocsr()
 
     def closed_rows(self) -> np.ndarray:
         """(n,) rows in contact."""
@@ -118,13 +100,13 @@ class Equations:
         if not self.m or self._operators.tied:
             return np.zeros(self.m)
         own = self._rigid * w
-        fitted = self._fit.solve(self._L.T @ (position - self._L @ own))
+        fitted = self._fit.solve(self.whole.T @ (position - self.whole @ own))
         return np.where(self._rigid > 0.0, own, fitted)
 
     @cached_property
     def _fit(self) -> Any:
         """Factorised LᵀL."""
-        fitted = self._L @ diags(1.0 - self._rigid)
+        fitted = self.whole @ diags(1.0 - self._rigid)
         return splu((fitted.T @ fitted + 1e-10 * identity(self.m)).tocsc())
 
     def step(
@@ -148,7 +130,8 @@ class Equations:
         own = gather @ P[: self.n_v]
         relative = block_diag([s.others.frame_relative for s in self.states], format="csr")
         relative.resize(own.shape)
-        E, D, rhs = [gather @ self._L_t], [own + self.scale * relative], [own @ centre + self.loads]
+        E, rhs = [gather @ _to_frame(self)], [own @ centre + self.loads]
+        D = [own + self.scale * relative]
         for s in self.states:
             nodes = s.nodes
             if nodes.kappa.size:
@@ -212,20 +195,20 @@ class Equations:
     def imbalance(self, multiplier: np.ndarray) -> float:
         """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
         with theirs."""
-        forces = self._L_t @ multiplier
+        forces = _to_frame(self) @ multiplier
         left = (forces if self._operators.tied else self._frame_gather() @ forces) - self.loads
         return float(np.abs(left).max(initial=0.0))
 
     def release(self, multiplier: np.ndarray, allowed: float) -> bool:
         """Whether frame nodes that have balanced in sums miss it by more than is allowed [force];
         from then on each balances on its own."""
-        missed = np.abs(self._L_t @ multiplier - self.loads).max(initial=0.0)
+        missed = np.abs(_to_frame(self) @ multiplier - self.loads).max(initial=0.0)
         return bool(missed > allowed) and any([s.release() for s in self.states])
 
     def runaway(self, multiplier: np.ndarray) -> str:
         """What is said of an obstacle whose force contact does not balance: all but the proximal
         term gives way to it. Empty where there is none."""
-        left = self.loads - self._L_t @ multiplier
+        left = self.loads - _to_frame(self) @ multiplier
         for s in self.states:
             model = s.nodes.model
             obstacle = model.interface.obstacle
@@ -266,6 +249,11 @@ def _law_miss(equations: Equations, multiplier: np.ndarray, w: np.ndarray) -> fl
             miss = s.law.miss(replace(s.at(multiplier, w, c), jump=rests.jump))
             worst = max(worst, float(miss.max(initial=0.0)))
     return worst
+
+
+def _to_frame(equations: Equations) -> csr_matrix:
+    """(n_v, n) what forces of the rows are to the frame."""
+    return equations.L[:, : equations.n_v].T.tocsr()
 
 
 def _on_forces(s: InterfaceState, rows: LawRows, C_T: csr_matrix) -> csr_matrix:

@@ -16,6 +16,7 @@ from tqdm import tqdm
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.contact.equations import Equations, given_way, spread
+from dolfinx_llm.contact.gliding import glide, slips
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import GRAZING, SIGN, StepForm, StepResult, force_level
@@ -137,7 +138,7 @@ class ContactIteration:
         pull = Pull(floating, spring, f, self.forces, alpha)
         for s in self.states:
             s.begin()
-        glides, rest = equations.glide(False), [s.own.copy() for s in self.states]
+        glides, rest = glide(equations, False), [s.own.copy() for s in self.states]
         for iteration in range(1, MAXIMUM + 1):
             equations.lags = changes > many
             equations.about = about[0] if calm else equations.start
@@ -148,23 +149,23 @@ class ContactIteration:
             multiplier, y, w = found.multiplier, found.y, found.w
             largest = max(force_level(multiplier, y + g, self.scale), GRAZING * pressed)
             apart = np.abs(equations.L @ w - y - g)
-            slips = w
+            met = slips(equations, y + g, w) if glides else w
             if glides:
-                slips = self._slips(y + g, w)
-                equations.glide(False)
+                glide(equations, False)
             changes = sum(self._take(s, found, apart) for s in self.states)
             miss = equations.miss(multiplier, w) / largest
             lost = equations.runaway(multiplier)
             runs = runs + 1 if lost else 0
             if runs > RUNS:
                 raise FinalError(lost)
-            entry = {"iteration": iteration, **self._count(), "changes": changes, "residual": miss}
+            counts = {**_count(self.states), "changes": changes, "residual": miss}
+            entry = {"iteration": iteration, **counts}
             self.history.append(entry)
             tell_iteration(entry, self.bar)
             if self.operators.tied:  # one linear step is all
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
                 return found
-            if not known and iteration == 1 and equations.glide(changes > many):
+            if not known and iteration == 1 and glide(equations, changes > many):
                 glides = True  # contact is sought anew, without friction
                 for s, kept in zip(self.states, rest, strict=True):
                     s.restore(kept)
@@ -185,7 +186,7 @@ class ContactIteration:
                 return found
             # Friction is linearised about the last iterate, or halfway where that did not help.
             half = iteration > 1 and changes and miss > 0.9 * before
-            about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, slips)))
+            about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, met)))
             before = np.inf if released else miss
             glides = False
             calm = 0 if released else calm
@@ -197,24 +198,7 @@ class ContactIteration:
             w_last = w
             if calm:
                 self.form.correct(found)
-        raise ContactError(self._failure(self.history[first:]))
-
-    def _slips(self, position: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """(m,) w, where pairs did not follow the frame with the slips of the bodies at positions
-        (n,)."""
-        at = np.concatenate([s.nodes.kappa.ravel() for s in self.states if s.glides])
-        slips = w.copy()
-        slips[at] = self.equations.middle(position, w)[at]
-        return slips
-
-    def _failure(self, history: list[dict]) -> str:
-        last = history[-5:]
-        return (
-            f"the contact law did not converge in {len(history)} iterations; the last changed "
-            f"{[h['changes'] for h in last]} states, with residuals "
-            f"{', '.join(format(h['residual'], '.1e') for h in last)}. Apply the load in smaller "
-            "steps (solve(increments=...)), and check that supports hold the bodies when they slip"
-        )
+        raise ContactError(_failure(self.history[first:]))
 
     def _take(self, s: InterfaceState, found: StepResult, apart: np.ndarray) -> int:
         """Take over the pairs in contact, and find what sticks and slips.
@@ -250,11 +234,22 @@ class ContactIteration:
             s.take(told)
         return changes
 
-    def _count(self) -> dict:
-        """Numbers of pairs in contact, and of those that stick and slip."""
-        status = np.concatenate([s.pair_status() for s in self.states])
-        of = [int((status == one).sum()) for one in (OPEN, STICK, SLIP)]
-        return {"active": len(status) - of[0], "stick": of[1], "slip": of[2]}
+
+def _count(states: list[InterfaceState]) -> dict:
+    """Numbers of pairs in contact, and of those that stick and slip."""
+    status = np.concatenate([s.pair_status() for s in states])
+    of = [int((status == one).sum()) for one in (OPEN, STICK, SLIP)]
+    return {"active": len(status) - of[0], "stick": of[1], "slip": of[2]}
+
+
+def _failure(history: list[dict]) -> str:
+    last = history[-5:]
+    return (
+        f"the contact law did not converge in {len(history)} iterations; the last changed "
+        f"{[h['changes'] for h in last]} states, with residuals "
+        f"{', '.join(format(h['residual'], '.1e') for h in last)}. Apply the load in smaller "
+        "steps (solve(increments=...)), and check that supports hold the bodies when they slip"
+    )
 
 
 def _require_friction(states: list[InterfaceState], multiplier: np.ndarray) -> None:

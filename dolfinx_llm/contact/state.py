@@ -83,14 +83,13 @@ class InterfaceState:
         others: who speaks for whom.
         held: (n,) pairs that may pull, too.
         shares: nodes at the rim of contact slip as others do.
-        glides: pairs do not follow the frame tangentially, where nodes share.
     """
 
     def __init__(self, nodes: FrictionNodes) -> None:
         self.nodes = nodes
         shares = nodes.law.shares and nodes.law.slips and not nodes.law.gives
         self.shares = shares and nodes.model.frame is not None
-        self.glides = False
+        self.glides = False  # no pair follows the frame tangentially
         self.forget()
 
     @property
@@ -120,11 +119,6 @@ class InterfaceState:
     def begin(self, adrift: float = ADRIFT) -> None:
         """Start a load step: pairs that opened and closed by turns get another chance."""
         self.own.closings[:], self._adrift = 0, adrift
-        self.touch(self.own.active)
-
-    def glide(self, glides: bool) -> None:
-        """Whether pairs follow the frame tangentially, until this is called again."""
-        self.glides = glides and self.shares
         self.touch(self.own.active)
 
     def release(self) -> bool:
