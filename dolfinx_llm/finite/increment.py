@@ -15,7 +15,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.system import NewtonSystem, Part, mean_diagonal
 from dolfinx_llm.finite.terms import Held, MovingContact
-from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
+from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 from dolfinx_llm.operators.numbering import BodyDofs
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
@@ -23,6 +23,7 @@ NO_GAP = 1e-11  # gap over facet size that is none
 DOUBTS = 1e-3  # pull over the largest force, below the residual, that parts no pair
 NEARLY = 1e-6  # the same, over the smallest, where nothing touches at first
 SLIDES = 0.5  # of a facet, in an iteration, up to which derivatives of rows and areas hold
+SETTLINGS = 6  # solves for the pairs in contact of the linear model, where nodes slide far
 CUTS = 8  # of a change that turns elements inside out
 
 
@@ -153,6 +154,11 @@ class Increment:
         steps = self.steps
         with steps.times.timed("contact"), _failing():
             self._contact()
+        self._balance()
+
+    def _balance(self) -> None:
+        """Residual for the forces of contact and loads as they are."""
+        steps = self.steps
         r = self._body - self.unbalanced
         largest = 0.0
         self.loads = []
@@ -220,14 +226,15 @@ class Increment:
         with steps.times.timed("assembly of J"):
             K = steps.bodies.tangent(self.u)
         steps.measure(K)
-        r = np.where(self.fixed, self.u - self.target, self.r)
-        with steps.times.timed("factorisation"), _failing():
-            du, dq = steps.system.solve(K, self.terms, self.loads, r, steps.options)
-        finite = np.isfinite(du).all() and np.isfinite(dq).all()
-        if not self.dofs.comm.allreduce(bool(finite), op=MPI.LAND):
-            raise StepFailed("the linear solver gives no finite numbers")
-        ends = np.cumsum([len(q) for q in self.own])
-        changes = np.split(dq, ends[:-1]) if len(ends) else []
+        try:
+            du, changes = self._solve(K)
+            for _ in range(SETTLINGS if self.lagged else 0):
+                if not self._foresee(du, changes):
+                    break
+                self._balance()
+                du, changes = self._solve(K)
+        finally:
+            K.destroy()
         for cut in 0.5 ** np.arange(CUTS):
             body = self._residual(self.u + cut * du)
             if self.dofs.comm.allreduce(bool(np.isfinite(body).all()), op=MPI.LAND):
@@ -238,6 +245,38 @@ class Increment:
         self.u, self._body = self.u + cut * du, body
         self.own = [q + cut * d for q, d in zip(self.own, changes, strict=True)]
         self.evaluate()
+
+    def _solve(self, K: PETSc.Mat) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Changes of this rank's u and of each interface's own unknowns."""
+        steps, r = self.steps, np.where(self.fixed, self.u - self.target, self.r)
+        with steps.times.timed("factorisation"), _failing():
+            du, dq = steps.system.solve(K.copy(), self.terms, self.loads, r, steps.options)
+        finite = np.isfinite(du).all() and np.isfinite(dq).all()
+        if not self.dofs.comm.allreduce(bool(finite), op=MPI.LAND):
+            raise StepFailed("the linear solver gives no finite numbers")
+        ends = np.cumsum([len(q) for q in self.own])
+        return du, np.split(dq, ends[:-1]) if len(ends) else []
+
+    def _foresee(self, du: np.ndarray, changes: list[np.ndarray]) -> bool:
+        """Whether the linear model has other pairs in contact than were put in; these are then.
+
+        A body that comes down on a few nodes alone would bear all of its load on them.
+        """
+        found, scale, size = False, self.steps.scale, self.steps.size
+        for i, (placed, dq) in enumerate(zip(self.steps.interfaces, changes, strict=True)):
+            if not placed.what.settles:
+                continue
+            place, q, held = self.terms[i].place, self.own[i], self.held[i]
+            pairs, n = place.pairs, len(place.gap)
+            shut = np.where(pairs, CLOSED, OPEN)
+            left = placed.what.terms(place, q, shut, held, placed.free).left
+            moved = (left @ self.dofs.values(placed.numbers, du))[:n]
+            gap = np.where(pairs, place.gap, 0.0) + moved
+            now = np.where(pairs & ((q + dq)[:n] / scale - gap > -NO_GAP * size), CLOSED, OPEN)
+            if (now != self.status[i]).any():
+                self.status[i], found = now, True
+                self.terms[i] = placed.what.terms(place, q, now, held, placed.free)
+        return found
 
     def converged(self) -> bool:
         """Whether this is an equilibrium; facets that have met meanwhile are taken in."""
