@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.finite.system import NewtonSystem, Part, mean_diagonal
+from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
+from dolfinx_llm.finite.settling import foreseen, slide
+from dolfinx_llm.finite.system import Part
 from dolfinx_llm.finite.terms import Held, MovingContact
-from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
-from dolfinx_llm.operators.numbering import BodyDofs
+from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
 NO_GAP = 1e-11  # gap over facet size that is none
@@ -25,18 +25,6 @@ NEARLY = 1e-6  # the same, over the smallest, where nothing touches at first
 SLIDES = 0.5  # of a facet, in an iteration, up to which derivatives of rows and areas hold
 SETTLINGS = 6  # solves for the pairs in contact of the linear model, where nodes slide far
 CUTS = 8  # of a change that turns elements inside out
-
-
-class Bodies(Protocol):
-    """Nonlinear bodies without their contact."""
-
-    dofs: BodyDofs
-
-    def residual(self, u: np.ndarray) -> np.ndarray:
-        """This rank's residual of all dofs at u (n_local,)."""
-
-    def tangent(self, u: np.ndarray) -> PETSc.Mat:
-        """Its derivative, without conditions."""
 
 
 class StepFailed(ContactError):
@@ -52,60 +40,10 @@ def _failing() -> Iterator[None]:
         raise StepFailed(str(error)) from None
 
 
-@dataclass(frozen=True, eq=False)
-class Placed:
-    """Contact or a follower load, and where its coordinates stand."""
-
-    what: Any  # MovingContact or Follower
-    numbers: np.ndarray  # (width,) dofs in the vector of all bodies
-    drawn: np.ndarray  # (width,) coordinates as drawn [length]
-    free: np.ndarray  # (width,) not prescribed
-
-    def at(self, dofs: BodyDofs, u: np.ndarray) -> np.ndarray:
-        """(width,) coordinates at this rank's u; collective."""
-        return self.drawn + dofs.values(self.numbers, u)
-
-
-@dataclass(frozen=True, eq=False)
-class NewtonState:
-    """An equilibrium."""
-
-    u: np.ndarray  # (n_local,) this rank's displacement [length]
-    own: tuple[np.ndarray, ...]  # unknowns of each interface
-    status: tuple[np.ndarray | None, ...]  # of the pairs of each interface; None: not known yet
-    pressures: np.ndarray  # of the follower loads [force / area]
-    poses: tuple[np.ndarray, ...]  # per interface what places a rigid obstacle; empty without one
-    pushed: np.ndarray  # (n_local,) forces of contact and follower loads on the bodies [force]
-
-
-@dataclass(frozen=True, eq=False)
-class LoadStep:
-    """A load step from one state to what is prescribed now."""
-
-    start: NewtonState
-    values: np.ndarray  # (n_local,) prescribed displacements at its end [length]
-    pressures: np.ndarray  # at its end [force / area]
-    poses: tuple[np.ndarray, ...]  # of rigid obstacles at its end
-    unbalanced: np.ndarray  # (n_local,) residual of the start under the loads of its end [force]
-
-
-@dataclass(eq=False)
-class Equations:
-    """All that a load step is solved of."""
-
-    bodies: Bodies  # without their contact
-    interfaces: Sequence[Placed]  # in contact
-    followers: Sequence[Placed]  # follower loads
-    system: NewtonSystem  # of the unknowns
-    size: float  # of the facets in contact [length]
-    options: tuple[str, dict | None]  # prefix, and PETSc options
-    times: StageTimes  # to which seconds are added
-    scale: float = 0.0  # stiffness of the bodies, known with the first tangent [force / length]
-
-    def measure(self, K: PETSc.Mat) -> None:
-        """Find the bodies' stiffness, once; collective."""
-        if self.scale == 0.0:
-            self.scale = mean_diagonal(K)
+def _push(total: np.ndarray, at: np.ndarray, force: np.ndarray) -> None:
+    """Add forces known to every rank to those on this rank's dofs (n_local,)."""
+    mine = (at >= 0) & (at < len(total))
+    np.add.at(total, at[mine], force[mine])
 
 
 class Increment:
@@ -168,10 +106,10 @@ class Increment:
             with _failing():
                 force, K = placed.what.terms(z, p, faces, self.lagged)
             self.loads.append(Part(K, placed.numbers, placed.numbers))
-            self._push(placed.numbers, force)
+            _push(self.pushed, placed.numbers - self.dofs.first, force)
             largest = max(largest, np.abs(force).max(initial=0.0))
         for placed, t in zip(steps.interfaces, self.terms, strict=True):
-            self._push(placed.numbers, t.force)
+            _push(self.pushed, placed.numbers - self.dofs.first, t.force)
             largest = max(largest, np.abs(t.force).max(initial=0.0))
         r -= self.pushed
         parts = r[self.fixed], self.unbalanced, r[~self.fixed]
@@ -203,22 +141,10 @@ class Increment:
             self.held[i] = replace(found, pairs=place.pairs)
             self.terms.append(contact.terms(place, q, now, self.held[i], placed.free))
 
-    def _push(self, numbers: np.ndarray, force: np.ndarray) -> None:
-        """Add forces known to every rank to those on this rank's dofs."""
-        at = numbers - self.dofs.first
-        mine = (at >= 0) & (at < len(self.pushed))
-        np.add.at(self.pushed, at[mine], force[mine])
-
     def _slid(self, du: np.ndarray) -> float:
         """How far nodes in contact slide over the other side for a change of u [length]."""
-        found = 0.0
-        for placed, t, status in zip(self.steps.interfaces, self.terms, self.status, strict=True):
-            dx, dy = placed.what.sides.split(self.dofs.values(placed.numbers, du))
-            on, n = status != OPEN, t.place.normal
-            jump = dx - t.place.N @ dy
-            jump -= np.einsum("ni,ni->n", jump, n)[:, None] * n
-            found = max(found, np.linalg.norm(jump[on], axis=1).max(initial=0.0))
-        return found
+        every = zip(self.steps.interfaces, self.terms, strict=True)
+        return max((slide(p.what, t, self.dofs.values(p.numbers, du)) for p, t in every), default=0)
 
     def iterate(self) -> None:
         """Solve for changes, and apply them as far as elements do not turn inside out."""
@@ -262,17 +188,13 @@ class Increment:
 
         A body that comes down on a few nodes alone would bear all of its load on them.
         """
-        found, scale, size = False, self.steps.scale, self.steps.size
+        found, scale = False, self.steps.scale
         for i, (placed, dq) in enumerate(zip(self.steps.interfaces, changes, strict=True)):
             if not placed.what.settles:
                 continue
-            place, q, held = self.terms[i].place, self.own[i], self.held[i]
-            pairs, n = place.pairs, len(place.gap)
-            shut = np.where(pairs, CLOSED, OPEN)
-            left = placed.what.terms(place, q, shut, held, placed.free).left
-            moved = (left @ self.dofs.values(placed.numbers, du))[:n]
-            gap = np.where(pairs, place.gap, 0.0) + moved
-            now = np.where(pairs & ((q + dq)[:n] / scale - gap > -NO_GAP * size), CLOSED, OPEN)
+            q, held = self.own[i], self.held[i]
+            z, place = self.dofs.values(placed.numbers, du), self.terms[i].place
+            now = foreseen(placed.what, place, (z, q + dq), held, scale, NO_GAP * self.steps.size)
             if (now != self.status[i]).any():
                 self.status[i], found = now, True
                 self.terms[i] = placed.what.terms(place, q, now, held, placed.free)
