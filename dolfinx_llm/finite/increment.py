@@ -19,6 +19,7 @@ from dolfinx_llm.finite.terms import Held, MovingContact
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
+ROUNDED = 4e-15  # residual over stiffness times length: stresses near 1 + grad u = 1 are rounded
 NO_GAP = 1e-11  # gap over facet size that is none
 DOUBTS = 1e-3  # pull over the largest force, below the residual, that parts no pair
 NEARLY = 1e-6  # the same, over the smallest, where nothing touches at first
@@ -112,14 +113,15 @@ class Increment:
             _push(self.pushed, placed.numbers - self.dofs.first, t.force)
             largest = max(largest, np.abs(t.force).max(initial=0.0))
         r -= self.pushed
-        parts = r[self.fixed], self.unbalanced, r[~self.fixed]
+        parts = r[self.fixed], self.unbalanced, r[~self.fixed], self.u
         mine = [float(np.abs(part).max(initial=0.0)) for part in parts]
-        reaction, load, rest = np.max(self.dofs.comm.allgather(mine), axis=0)
+        reaction, load, rest, moved = np.max(self.dofs.comm.allgather(mine), axis=0)
         nothing = 1e-12 * steps.scale * steps.size
         rest = max([rest, *(t.miss for t in self.terms)])
         largest = max(largest, reaction, load, nothing, 1e-300)
-        self.r, self.error = r, float(rest / largest)
-        self.doubt = min(self.error, DOUBTS) * largest
+        rounding = ROUNDED * steps.scale * (steps.size + moved)
+        self.r, self.error = r, float(rest / max(largest, rounding / CONVERGED))
+        self.doubt = min(rest, DOUBTS * largest)
         self.rest = max([np.abs(t.rest).max(initial=0.0) for t in self.terms], default=0.0)
 
     def _contact(self) -> None:
