@@ -168,7 +168,12 @@ class Increment:
             if self.dofs.comm.allreduce(bool(np.isfinite(body).all()), op=MPI.LAND):
                 break
         else:
-            raise StepFailed("elements turn inside out (the residual is not finite)")
+            numbers = float((~np.isfinite(body)).sum()), float(np.abs(du).max(initial=0.0))
+            every = np.array(self.dofs.comm.allgather(numbers))
+            raise StepFailed(
+                f"elements turn inside out: {every[:, 0].sum():.0f} entries of the residual are no "
+                f"finite numbers, also after {cut:.2g} of a change of u by up to {every[:, 1].max():.3g}"
+            )
         self.lagged = self._slid(cut * du) > SLIDES * steps.size
         self.u, self._body = self.u + cut * du, body
         self.own = [q + cut * d for q, d in zip(self.own, changes, strict=True)]
