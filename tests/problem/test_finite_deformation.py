@@ -256,7 +256,7 @@ def test_elements_that_turn_inside_out_are_counted(monkeypatch):
         for c, tag in ((fem.Constant(domain, (0.0, 0.0)), BOTTOM), (g, TOP))
     ]
     problem = llm.NonlinearContactProblem(F, u, bcs=bcs, interfaces=[interface])
-    with pytest.raises(llm.ContactError, match=r"[1-9]\d* entries of the residual .* up to 1e\+04"):
+    with pytest.raises(llm.ContactError, match=r"[1-9]\d* entries of the residual .* up to [1-9]"):
         problem.solve()
     assert not u.x.array.any()
 
