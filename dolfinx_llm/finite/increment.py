@@ -42,6 +42,16 @@ def _failing() -> Iterator[None]:
         raise StepFailed(str(error)) from None
 
 
+def _inside_out(comm: MPI.Comm, body: np.ndarray, du: np.ndarray) -> StepFailed:
+    """For a residual (n_local,) that is not finite after the smallest change tried; collective."""
+    numbers = float((~np.isfinite(body)).sum()), float(np.abs(du).max(initial=0.0))
+    every = np.array(comm.allgather(numbers))
+    return StepFailed(
+        f"elements turn inside out: {every[:, 0].sum():.0f} entries of the residual are no finite "
+        f"numbers after a change of u by up to {every[:, 1].max():.3g}"
+    )
+
+
 def _push(total: np.ndarray, at: np.ndarray, force: np.ndarray) -> None:
     """Add forces known to every rank to those on this rank's dofs (n_local,)."""
     mine = (at >= 0) & (at < len(total))
@@ -171,7 +181,7 @@ class Increment:
             if self.dofs.comm.allreduce(bool(np.isfinite(body).all()), op=MPI.LAND):
                 break
         else:
-            raise StepFailed("elements turn inside out (the residual is not finite)")
+            raise _inside_out(self.dofs.comm, body, cut * du)
         self.lagged = self._slid(cut * du) > SLIDES * steps.size
         self.u, self._body = self.u + cut * du, body
         self.own = [q + cut * d for q, d in zip(self.own, changes, strict=True)]
