@@ -21,6 +21,7 @@ is drawn together before it has met anything, so that no body falls, sticks unti
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags
@@ -39,6 +40,8 @@ COMES_IN = 3.0  # facets beyond the rim from where nodes may come in within an i
 @dataclass(frozen=True, eq=False)
 class FrictionContact(NormalContact):
     """Unknowns: those without friction, then a force tau of gdim components per node."""
+
+    settles: ClassVar[bool] = False
 
     mu: np.ndarray  # (n,) coefficient of friction at the moving side's nodes
     cohesion: np.ndarray  # (n,) [force / area]
