@@ -116,9 +116,13 @@ def errors(contact, known, boxes=None):
         off[np.isclose(x[:, -1], 1.0), 0] = 0.0  # nodes of either body
         worst = max(worst, off.max(initial=0.0))
     result, p = contact.results[0], contact.loads[0].value()
-    pressed = result.frame_area > 1e-9 * result.frame_area.max()
-    pressure = np.abs(result.pressure[pressed] / p - 1.0).max()
-    return contact.comm.allreduce(worst, op=MPI.MAX), float(pressure)
+    area, force = result.frame_area, result.frame_force
+    pressed = area > 1e-9 * area.max()
+    off = (
+        np.abs(result.pressure[pressed] / p - 1.0).max(),
+        np.abs(force / p - area).max() / area.max(),
+    )
+    return contact.comm.allreduce(worst, op=MPI.MAX), float(max(off))
 
 
 def main(arguments=None):

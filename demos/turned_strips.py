@@ -82,11 +82,11 @@ def turned(law, degrees, end=180.0):
     return strips, {"change": change, "slip": slip, "iterations": its, "pairs": first[:2]}
 
 
-def to_and_fro(law, steps=6):
-    """Friction over normal force on the way, still and while all turns by 90 degrees."""
+def to_and_fro(law, steps=6, degrees=90.0):
+    """Friction over normal force on the way, still and while all turns."""
     way = SHIFT * np.sin(2 * np.pi * (np.arange(steps) + 0.5) / steps)
     found = []
-    for end in (0.0, 0.5 * np.pi):
+    for end in (0.0, np.deg2rad(degrees)):
         strips = Strips(law)
         strips.step(0.0)
         steps_of = enumerate(way, start=1)

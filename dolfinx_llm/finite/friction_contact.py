@@ -14,12 +14,14 @@ facets, in 3D as well.
 
 A pair that was open at the start, and is closed by an iterate for the first time, sticks in that
 iterate, since lambda is not known there; its slip counts from where the straight way from the start
-to that iterate crosses the frame, N⁰ + theta (N - N⁰) with theta = gap⁰ / (gap⁰ - gap).
+to that iterate crosses the frame, N⁰ + theta (N - N⁰) with theta = gap⁰ / (gap⁰ - gap). A pair that
+is drawn together before it has met anything, so that no body falls, sticks until it has.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags
@@ -30,12 +32,16 @@ from dolfinx_llm.finite.normal_contact import NormalContact, NormalPlace
 from dolfinx_llm.finite.terms import FAST, ContactTerms, Held, Origin
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
+MET_AT = 1e-9  # gap over facet size at the start that is none
+ALMOST = 1e-3  # part of the gap at the start at which a pair has met
 COMES_IN = 3.0  # facets beyond the rim from where nodes may come in within an increment
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionContact(NormalContact):
     """Unknowns: those without friction, then a force tau of gdim components per node."""
+
+    settles: ClassVar[bool] = False
 
     mu: np.ndarray  # (n,) coefficient of friction at the moving side's nodes
     cohesion: np.ndarray  # (n,) [force / area]
@@ -64,12 +70,7 @@ class FrictionContact(NormalContact):
         status, held = super().touching(place, q, before, held, scale, reach)
         origin = held.origin or self._started(place, before != OPEN, scale)
         first = (status == CLOSED) & ~origin.touched
-        origin = replace(
-            origin,
-            rows=_begun(origin, place, first) if first.any() else origin.rows,
-            touched=origin.touched | first,
-            scale=scale,
-        )
+        origin = replace(self._begun(origin, place, first) if first.any() else origin, scale=scale)
         closed = np.flatnonzero(status == CLOSED)
         tau, sigma, bound = self._law(place, q, origin, closed)
         stick = sticks(place.normal[closed], tau, sigma, bound, scale, before[closed] == SLIP)
@@ -88,6 +89,21 @@ class FrictionContact(NormalContact):
             (at.N[outside].ravel(), (np.repeat(outside, k), cells.ravel())), (n, m)
         )
         return Origin((place.N + continued).tocsr(), gap, closed, scale)
+
+    def _begun(self, origin: Origin, place: NormalPlace, first: np.ndarray) -> Origin:
+        """The same with pairs that are closed for the first time; those that have not met yet, and
+        are drawn together, stick until they do."""
+        nowhere = ~np.isfinite(origin.gap)
+        before = np.where(nowhere | (origin.gap < MET_AT * self.design.size), 0.0, origin.gap)
+        left = np.where(first, place.gap, 0.0)
+        closing = before - left
+        theta = np.where(closing > 0.0, before / np.where(closing > 0.0, closing, 1.0), 1.0)
+        theta = np.where(before > 0.0, np.minimum(theta, 1.0), 0.0)
+        theta = np.where(first, np.where(nowhere, 1.0, theta), 0.0)
+        rows = (diags(1.0 - theta) @ origin.rows + diags(theta) @ place.N).tocsr()
+        met = left <= ALMOST * before
+        met |= before == 0.0
+        return replace(origin, rows=rows, touched=origin.touched | (first & met))
 
     def _law(
         self, place: NormalPlace, q: np.ndarray, origin: Origin, at: np.ndarray
@@ -163,13 +179,3 @@ class FrictionContact(NormalContact):
         slip = np.zeros((n, gdim))
         slip[closed] = in_plane(normal, sigma)
         return law, pick @ by_z, pick @ by_lambda, slip
-
-
-def _begun(origin: Origin, place: NormalPlace, first: np.ndarray) -> csr_matrix:
-    """(n, m) rows from which slip counts, with those of pairs that touch for the first time."""
-    nothing = ~np.isfinite(origin.gap)
-    before = np.where(nothing, 0.0, np.maximum(origin.gap, 0.0))
-    closing = before - np.where(first, place.gap, 0.0)
-    theta = np.clip(before / np.where(closing > 0.0, closing, np.inf), 0.0, 1.0)
-    theta = np.where(first, np.where(nothing, 1.0, theta), 0.0)
-    return (diags(1.0 - theta) @ origin.rows + diags(theta) @ place.N).tocsr()

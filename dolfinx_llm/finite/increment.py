@@ -2,40 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.finite.system import NewtonSystem, Part, mean_diagonal
+from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
+from dolfinx_llm.finite.settling import foreseen, slide
+from dolfinx_llm.finite.system import Part
 from dolfinx_llm.finite.terms import Held, MovingContact
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
-from dolfinx_llm.operators.numbering import BodyDofs
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
+ROUNDED = 4e-15  # residual over stiffness times length: stresses near 1 + grad u = 1 are rounded
 NO_GAP = 1e-11  # gap over facet size that is none
 DOUBTS = 1e-3  # pull over the largest force, below the residual, that parts no pair
 NEARLY = 1e-6  # the same, over the smallest, where nothing touches at first
+STUCK = 0.9  # part of the last residual above which an iteration has brought nothing
 SLIDES = 0.5  # of a facet, in an iteration, up to which derivatives of rows and areas hold
+SETTLINGS = 6  # solves for the pairs in contact of the linear model, where nodes slide far
 CUTS = 8  # of a change that turns elements inside out
-
-
-class Bodies(Protocol):
-    """Nonlinear bodies without their contact."""
-
-    dofs: BodyDofs
-
-    def residual(self, u: np.ndarray) -> np.ndarray:
-        """This rank's residual of all dofs at u (n_local,)."""
-
-    def tangent(self, u: np.ndarray) -> PETSc.Mat:
-        """Its derivative, without conditions."""
 
 
 class StepFailed(ContactError):
@@ -51,60 +42,20 @@ def _failing() -> Iterator[None]:
         raise StepFailed(str(error)) from None
 
 
-@dataclass(frozen=True, eq=False)
-class Placed:
-    """Contact or a follower load, and where its coordinates stand."""
-
-    what: Any  # MovingContact or Follower
-    numbers: np.ndarray  # (width,) dofs in the vector of all bodies
-    drawn: np.ndarray  # (width,) coordinates as drawn [length]
-    free: np.ndarray  # (width,) not prescribed
-
-    def at(self, dofs: BodyDofs, u: np.ndarray) -> np.ndarray:
-        """(width,) coordinates at this rank's u; collective."""
-        return self.drawn + dofs.values(self.numbers, u)
+def _inside_out(comm: MPI.Comm, body: np.ndarray, du: np.ndarray) -> StepFailed:
+    """For a residual (n_local,) that is not finite after the smallest change tried; collective."""
+    numbers = float((~np.isfinite(body)).sum()), float(np.abs(du).max(initial=0.0))
+    every = np.array(comm.allgather(numbers))
+    return StepFailed(
+        f"elements turn inside out: {every[:, 0].sum():.0f} entries of the residual are no finite "
+        f"numbers after a change of u by up to {every[:, 1].max():.3g}"
+    )
 
 
-@dataclass(frozen=True, eq=False)
-class NewtonState:
-    """An equilibrium."""
-
-    u: np.ndarray  # (n_local,) this rank's displacement [length]
-    own: tuple[np.ndarray, ...]  # unknowns of each interface
-    status: tuple[np.ndarray | None, ...]  # of the pairs of each interface; None: not known yet
-    pressures: np.ndarray  # of the follower loads [force / area]
-    poses: tuple[np.ndarray, ...]  # per interface what places a rigid obstacle; empty without one
-    pushed: np.ndarray  # (n_local,) forces of contact and follower loads on the bodies [force]
-
-
-@dataclass(frozen=True, eq=False)
-class LoadStep:
-    """A load step from one state to what is prescribed now."""
-
-    start: NewtonState
-    values: np.ndarray  # (n_local,) prescribed displacements at its end [length]
-    pressures: np.ndarray  # at its end [force / area]
-    poses: tuple[np.ndarray, ...]  # of rigid obstacles at its end
-    unbalanced: np.ndarray  # (n_local,) residual of the start under the loads of its end [force]
-
-
-@dataclass(eq=False)
-class Equations:
-    """All that a load step is solved of."""
-
-    bodies: Bodies  # without their contact
-    interfaces: Sequence[Placed]  # in contact
-    followers: Sequence[Placed]  # follower loads
-    system: NewtonSystem  # of the unknowns
-    size: float  # of the facets in contact [length]
-    options: tuple[str, dict | None]  # prefix, and PETSc options
-    times: StageTimes  # to which seconds are added
-    scale: float = 0.0  # stiffness of the bodies, known with the first tangent [force / length]
-
-    def measure(self, K: PETSc.Mat) -> None:
-        """Find the bodies' stiffness, once; collective."""
-        if self.scale == 0.0:
-            self.scale = mean_diagonal(K)
+def _push(total: np.ndarray, at: np.ndarray, force: np.ndarray) -> None:
+    """Add forces known to every rank to those on this rank's dofs (n_local,)."""
+    mine = (at >= 0) & (at < len(total))
+    np.add.at(total, at[mine], force[mine])
 
 
 class Increment:
@@ -140,7 +91,7 @@ class Increment:
             ]
             self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
         self.status: list[Any] = list(good.status)
-        self.changes, self.doubt = 0, 0.0
+        self.changes, self.doubt, self.stuck, self.error = 0, 0.0, False, np.inf
         self._body = self._residual(self.u)
         self.evaluate()
 
@@ -153,6 +104,11 @@ class Increment:
         steps = self.steps
         with steps.times.timed("contact"), _failing():
             self._contact()
+        self._balance()
+
+    def _balance(self) -> None:
+        """Residual for the forces of contact and loads as they are."""
+        steps = self.steps
         r = self._body - self.unbalanced
         largest = 0.0
         self.loads = []
@@ -162,20 +118,22 @@ class Increment:
             with _failing():
                 force, K = placed.what.terms(z, p, faces, self.lagged)
             self.loads.append(Part(K, placed.numbers, placed.numbers))
-            self._push(placed.numbers, force)
+            _push(self.pushed, placed.numbers - self.dofs.first, force)
             largest = max(largest, np.abs(force).max(initial=0.0))
         for placed, t in zip(steps.interfaces, self.terms, strict=True):
-            self._push(placed.numbers, t.force)
+            _push(self.pushed, placed.numbers - self.dofs.first, t.force)
             largest = max(largest, np.abs(t.force).max(initial=0.0))
         r -= self.pushed
-        parts = r[self.fixed], self.unbalanced, r[~self.fixed]
+        parts = r[self.fixed], self.unbalanced, r[~self.fixed], self.u
         mine = [float(np.abs(part).max(initial=0.0)) for part in parts]
-        reaction, load, rest = np.max(self.dofs.comm.allgather(mine), axis=0)
+        reaction, load, rest, moved = np.max(self.dofs.comm.allgather(mine), axis=0)
         nothing = 1e-12 * steps.scale * steps.size
         rest = max([rest, *(t.miss for t in self.terms)])
         largest = max(largest, reaction, load, nothing, 1e-300)
-        self.r, self.error = r, float(rest / largest)
-        self.doubt = min(self.error, DOUBTS) * largest
+        rounding = ROUNDED * steps.scale * (steps.size + moved)
+        error = float(rest / max(largest, rounding / CONVERGED))
+        self.stuck, self.r, self.error = error > STUCK * self.error, r, error
+        self.doubt = min(rest, DOUBTS * largest)
         self.rest = max([np.abs(t.rest).max(initial=0.0) for t in self.terms], default=0.0)
 
     def _contact(self) -> None:
@@ -189,7 +147,8 @@ class Increment:
             start = np.full(len(place.gap), OPEN) if before is None else before
             reach = np.where(start == OPEN, NO_GAP * size, max(NO_GAP * size, self.doubt / scale))
             now, found = contact.touching(place, q, start, held, scale, reach)
-            if before is None and not now.any() and place.pairs.any():  # the nearest touch
+            fallen = self.stuck and not (start != OPEN).any()  # bodies that contact alone supports
+            if (before is None or fallen) and not now.any() and place.pairs.any():  # nearest touch
                 reach = np.full(len(start), place.gap.min() + NEARLY * size)
                 now, found = contact.touching(place, q, start, held, scale, reach)
             self.changes += int(((now != OPEN) != (start != OPEN)).sum())
@@ -197,22 +156,10 @@ class Increment:
             self.held[i] = replace(found, pairs=place.pairs)
             self.terms.append(contact.terms(place, q, now, self.held[i], placed.free))
 
-    def _push(self, numbers: np.ndarray, force: np.ndarray) -> None:
-        """Add forces known to every rank to those on this rank's dofs."""
-        at = numbers - self.dofs.first
-        mine = (at >= 0) & (at < len(self.pushed))
-        np.add.at(self.pushed, at[mine], force[mine])
-
     def _slid(self, du: np.ndarray) -> float:
         """How far nodes in contact slide over the other side for a change of u [length]."""
-        found = 0.0
-        for placed, t, status in zip(self.steps.interfaces, self.terms, self.status, strict=True):
-            dx, dy = placed.what.sides.split(self.dofs.values(placed.numbers, du))
-            on, n = status != OPEN, t.place.normal
-            jump = dx - t.place.N @ dy
-            jump -= np.einsum("ni,ni->n", jump, n)[:, None] * n
-            found = max(found, np.linalg.norm(jump[on], axis=1).max(initial=0.0))
-        return found
+        every = zip(self.steps.interfaces, self.terms, strict=True)
+        return max((slide(p.what, t, self.dofs.values(p.numbers, du)) for p, t in every), default=0)
 
     def iterate(self) -> None:
         """Solve for changes, and apply them as far as elements do not turn inside out."""
@@ -220,24 +167,53 @@ class Increment:
         with steps.times.timed("assembly of J"):
             K = steps.bodies.tangent(self.u)
         steps.measure(K)
-        r = np.where(self.fixed, self.u - self.target, self.r)
-        with steps.times.timed("factorisation"), _failing():
-            du, dq = steps.system.solve(K, self.terms, self.loads, r, steps.options)
-        finite = np.isfinite(du).all() and np.isfinite(dq).all()
-        if not self.dofs.comm.allreduce(bool(finite), op=MPI.LAND):
-            raise StepFailed("the linear solver gives no finite numbers")
-        ends = np.cumsum([len(q) for q in self.own])
-        changes = np.split(dq, ends[:-1]) if len(ends) else []
+        try:
+            du, changes = self._solve(K)
+            for _ in range(SETTLINGS if self.lagged else 0):
+                if not self._foresee(du, changes):
+                    break
+                self._balance()
+                du, changes = self._solve(K)
+        finally:
+            K.destroy()
         for cut in 0.5 ** np.arange(CUTS):
             body = self._residual(self.u + cut * du)
             if self.dofs.comm.allreduce(bool(np.isfinite(body).all()), op=MPI.LAND):
                 break
         else:
-            raise StepFailed("elements turn inside out (the residual is not finite)")
+            raise _inside_out(self.dofs.comm, body, cut * du)
         self.lagged = self._slid(cut * du) > SLIDES * steps.size
         self.u, self._body = self.u + cut * du, body
         self.own = [q + cut * d for q, d in zip(self.own, changes, strict=True)]
         self.evaluate()
+
+    def _solve(self, K: PETSc.Mat) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Changes of this rank's u and of each interface's own unknowns."""
+        steps, r = self.steps, np.where(self.fixed, self.u - self.target, self.r)
+        with steps.times.timed("factorisation"), _failing():
+            du, dq = steps.system.solve(K.copy(), self.terms, self.loads, r, steps.options)
+        finite = np.isfinite(du).all() and np.isfinite(dq).all()
+        if not self.dofs.comm.allreduce(bool(finite), op=MPI.LAND):
+            raise StepFailed("the linear solver gives no finite numbers")
+        ends = np.cumsum([len(q) for q in self.own])
+        return du, np.split(dq, ends[:-1]) if len(ends) else []
+
+    def _foresee(self, du: np.ndarray, changes: list[np.ndarray]) -> bool:
+        """Whether the linear model has other pairs in contact than were put in; these are then.
+
+        A body that comes down on a few nodes alone would bear all of its load on them.
+        """
+        found, scale = False, self.steps.scale
+        for i, (placed, dq) in enumerate(zip(self.steps.interfaces, changes, strict=True)):
+            if not placed.what.settles:
+                continue
+            q, held = self.own[i], self.held[i]
+            z, place = self.dofs.values(placed.numbers, du), self.terms[i].place
+            now = foreseen(placed.what, place, (z, q + dq), held, scale, NO_GAP * self.steps.size)
+            if (now != self.status[i]).any():
+                self.status[i], found = now, True
+                self.terms[i] = placed.what.terms(place, q, now, held, placed.free)
+        return found
 
     def converged(self) -> bool:
         """Whether this is an equilibrium; facets that have met meanwhile are taken in."""

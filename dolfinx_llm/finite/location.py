@@ -14,9 +14,10 @@ from scipy.spatial import cKDTree
 
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
 from dolfinx_llm.finite.normals import NodalNormals
-from dolfinx_llm.geometry.cells import cell_sizes, shape_functions
+from dolfinx_llm.geometry.cells import joined_lists, repeated_for, shape_functions
 
 TRIED = {2: 6, 3: 12}  # facets next to a node that it may meet
+AROUND = 1.5  # radii of the largest facet, within which all are tried for the rest
 MET = 1e-10  # distance over facet size that is left where a node has met a facet
 INSIDE = 1e-9  # shape functions above minus this: within a facet
 MISSED = 1e3  # reference coordinates of what does not meet a facet
@@ -63,19 +64,44 @@ def find_on_frame(x: np.ndarray, y: np.ndarray, facets: np.ndarray, normals: np.
         normals: (m, gdim) of its nodes.
     """
     n, gdim = x.shape
-    tried = min(TRIED[gdim], len(facets))
-    near = cKDTree(y[facets].mean(axis=1)).query(x, k=tried)[1].reshape(n, tried)
-    which = np.repeat(np.arange(n), tried)
-    facet = near.ravel()
-    xi, height, met = _meet(x[which], y[facets[facet]], normals[facets[facet]])
+    p, tried = y[facets], min(TRIED[gdim], len(facets))
+    tree = cKDTree(p.mean(axis=1))
+    near = tree.query(x, k=tried)[1].reshape(n, tried)
+    found, away = _nearest(x, y, facets, normals, np.repeat(np.arange(n), tried), near.ravel())
+    rest = np.flatnonzero(away > 0.0)  # beyond all of them: over a long facet, or over none
+    if len(rest) and tried < len(facets):
+        radius = np.linalg.norm(p - p.mean(axis=1)[:, None], axis=2).max()
+        around = tree.query_ball_point(x[rest], AROUND * radius)
+        which = np.concatenate([np.arange(len(rest)), repeated_for(np.arange(len(rest)), around)])
+        facet = np.concatenate([found.facet[rest], joined_lists(around)])
+        again, _ = _nearest(x[rest], y, facets, normals, which, facet)
+        fields = {name: np.array(getattr(found, name)) for name in found.__dataclass_fields__}
+        for name, value in fields.items():
+            value[rest] = getattr(again, name)
+        return OnFrame(**fields)
+    return found
+
+
+def _nearest(
+    x: np.ndarray,
+    y: np.ndarray,
+    facets: np.ndarray,
+    normals: np.ndarray,
+    which: np.ndarray,
+    facet: np.ndarray,
+) -> tuple[OnFrame, np.ndarray]:
+    """The best of the facets (k,) that are tried for nodes ``which`` (k,), each at least once, and
+    how far (n,) nodes lie beyond it [length]."""
+    p = y[facets[facet]]
+    xi, height, met = _meet(x[which], p, normals[facets[facet]])
     N = shape_functions(facets.shape[1], xi)[0]
-    beyond = np.maximum(-N.min(axis=1), N.max(axis=1) - 1.0)
-    outside = np.where(beyond <= INSIDE, 0.0, beyond)
-    size = cell_sizes(y, facets)[facet]
-    away = np.where(met, outside * size, np.inf)
+    within = np.where(N > INSIDE, N, 0.0)
+    within /= within.sum(axis=1)[:, None]
+    away = np.linalg.norm(_sums(N - within, p), axis=1)
+    away = np.where(met, np.where(N.min(axis=1) < -INSIDE, away, 0.0), np.inf)
     order = np.lexsort((facet, np.abs(height), away, which))
     best = order[np.unique(which[order], return_index=True)[1]]
-    return _on_frame(facet[best], xi[best], height[best], met[best], facets, normals)
+    return _on_frame(facet[best], xi[best], height[best], met[best], facets, normals), away[best]
 
 
 def _on_frame(

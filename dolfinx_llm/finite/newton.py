@@ -9,13 +9,8 @@ import numpy as np
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress, tell_iteration
-from dolfinx_llm.finite.increment import (
-    Equations,
-    Increment,
-    LoadStep,
-    NewtonState,
-    StepFailed,
-)
+from dolfinx_llm.finite.increment import Increment, StepFailed
+from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.terms import ContactTerms
 
 log = logging.getLogger("dolfinx_llm")

@@ -14,6 +14,7 @@ derivative does not; it stands in ``gap_z`` and ``gap_mu``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags
@@ -55,6 +56,8 @@ class NormalPlace(Place):
 @dataclass(frozen=True, eq=False)
 class NormalContact:
     """Unknowns: a force per node of the moving side, mu per frame node, kappa."""
+
+    settles: ClassVar[bool] = True
 
     sides: Sides
     design: Design

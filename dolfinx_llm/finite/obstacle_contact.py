@@ -12,6 +12,7 @@ is moved back, n moved on, by its displacement and the finite rotation about its
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags
@@ -62,6 +63,8 @@ class ObstaclePlace(Place):
 @dataclass(frozen=True, eq=False)
 class ObstacleContact:
     """Unknowns: a force per node."""
+
+    settles: ClassVar[bool] = True
 
     sides: OneSide
     obstacle: Obstacle

@@ -56,7 +56,25 @@ class MovingInterfaceResult(InterfaceForces):
     frame_friction: np.ndarray  # (m, gdim) tangential force of side 0 there [force]
     frame_status: np.ndarray  # (m,) 0 open, 1 stick, 2 slip, 3 closed without friction
     correction: float  # largest change of a row by the design
-    presses: bool = False  # pressures at the rim of contact are shown as they are
+    frame_pressure: np.ndarray  # (m,) mean pressure of the pairs about each node [force / area]
+    frame_traction: np.ndarray  # (m, gdim) the same of the tangential force of side 0
+    presses: bool = False  # pressures are those of pairs
+
+    @property
+    def pressure(self) -> np.ndarray:
+        """(m,) contact pressure at the frame's nodes [force / area].
+
+        That of the pairs about a node, force over covered area, weighted by the positive entries
+        of their rows. ``frame_force`` over ``frame_area`` is the same where pressure is constant,
+        but at the rim of contact, where little of a node's surroundings is covered, it says
+        nothing.
+        """
+        return self.frame_pressure
+
+    @property
+    def traction(self) -> np.ndarray:
+        """(m, gdim) tangential traction of side 0 on the frame at its nodes [force / area]."""
+        return self.frame_traction
 
     @property
     def frame_drawn(self) -> np.ndarray:
@@ -113,7 +131,10 @@ def moving_results(
     if terms.friction is not None:
         friction = -sign * sides.split(terms.friction)[1]
         force = np.einsum("mi,mi->m", total - friction, normal)
-    cells = sides.facets(False)
+    cells, moving = sides.facets(False), (first, second)[sides.moving]
+    tangential = moving.force - moving.normal_force[:, None] * moving.normal
+    weights = place.N.maximum(0.0).T
+    pressed = _over(weights @ moving.normal_force[:, None], weights @ place.areas[0])
     drawn = sides.surfaces[sides.frame].x
     return MovingInterfaceResult(
         frame=Frame(y, cells if sides.frame == 0 else cells[:, ::-1], v=y - drawn),
@@ -123,6 +144,8 @@ def moving_results(
         frame_friction=friction,
         frame_status=at_frame,
         correction=terms.delta,
+        frame_pressure=pressed[:, 0],
+        frame_traction=-sign * _over(weights @ tangential, weights @ place.areas[0]),
     )
 
 
@@ -153,7 +176,14 @@ def _against_obstacle(
         frame_friction=tangential,
         frame_status=status,
         correction=0.0,
+        frame_pressure=_over(side.normal_force[:, None], side.area)[:, 0],
+        frame_traction=_over(tangential, side.area),
     )
+
+
+def _over(force: np.ndarray, area: np.ndarray) -> np.ndarray:
+    """(m, k) forces over areas (m,), 0 where nothing is covered [force / area]."""
+    return force / np.where(area > 0.0, area, np.inf)[:, None]
 
 
 def _at_frame(N: csr_matrix, slip: np.ndarray, active: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -75,6 +75,8 @@ class ContactTerms:
 
 class MovingContact(Protocol):
     """An interface with a law, at finite deformation."""
+
+    settles: ClassVar[bool]  # its pairs close and open by themselves: nothing else depends on it
 
     @property
     def sides(self) -> Sides:

@@ -7,6 +7,7 @@ a constant pressure passes in every homogeneous deformation, since it passes in 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags
@@ -24,6 +25,8 @@ DRAWN = 1e-9  # gap over facet size that is none
 @dataclass(frozen=True, eq=False)
 class TiedContact:
     """Unknowns: a force of gdim components per node of the moving side."""
+
+    settles: ClassVar[bool] = False
 
     sides: Sides
     A: csr_matrix  # (n gdim, width) x_p - sum_J N_pJ y_J

@@ -11,7 +11,8 @@ from dolfinx_llm.operators.prescribed import column_space
 from dolfinx_llm.operators.system import ContactOperators
 
 TOUCHING = 1e-9  # gaps up to this part of motions are none
-PULL = 1e-12  # part of the largest force below which a pull is rounding
+VANISHES = 1e-12  # what is left of a sum of 1 where no forces press
+PULL = 1e-10  # part of the largest force below which a pull is rounding
 
 
 def with_reactions(
@@ -64,12 +65,12 @@ def with_reactions(
         chosen[place.rows] = own
     at = np.flatnonzero(chosen & (operators.held | (operators.interfaces_at > 1)))
     fixed = hstack([block_diag(felt, format="csr")[at], _nodal(operators, at)]).tocsr()
-    multiplier = multiplier.copy()
+    multiplier, rounding = multiplier.copy(), PULL * np.abs(multiplier).max(initial=0.0)
     _, piece = connected_components(fixed @ fixed.T, directed=False)
     for k in range(piece.max(initial=-1) + 1):
         own = np.flatnonzero(piece == k)
         to = at[own]
-        multiplier[to] = _nearest(fixed[own], multiplier[to], wanted[to], presses[to])
+        multiplier[to] = _nearest(fixed[own], multiplier[to], wanted[to], presses[to], rounding)
     return multiplier
 
 
@@ -83,21 +84,25 @@ def _nodal(operators: ContactOperators, rows: np.ndarray) -> csr_matrix:
 
 
 def _nearest(
-    fixed: csr_matrix, forces: np.ndarray, wanted: np.ndarray, presses: np.ndarray
+    fixed: csr_matrix,
+    forces: np.ndarray,
+    wanted: np.ndarray,
+    presses: np.ndarray,
+    rounding: float,
 ) -> np.ndarray:
     """The forces (k,) nearest to those wanted that have the same effect fixedᵀ λ (q,) as others,
-    not negative where they press."""
+    where they press not negative beyond rounding [force]."""
     basis = column_space(fixed)
 
     def free(values: np.ndarray) -> np.ndarray:
         return values - basis @ (basis.T @ values)
 
-    forces = forces + free(wanted - forces)
+    found, forces = forces, forces + free(wanted - forces)
     size = np.abs(forces).max(initial=0.0)
-    if not (forces[presses] < -PULL * size).any():
+    if not (forces[presses] < -rounding).any():
         return forces
     # Least distance, Lawson and Hanson, Solving Least Squares Problems (1974), chapter 23.
     P = free(np.eye(len(forces)))[presses]
     x, _ = nnls(np.vstack([P.T, -forces[presses] / size]), np.append(np.zeros(len(forces)), 1.0))
     left = 1.0 + x @ forces[presses] / size
-    return forces + size * (P.T @ x) / left
+    return forces + size * (P.T @ x) / left if left > VANISHES else found

@@ -15,7 +15,7 @@ from dolfinx_llm.base.disposable import free_garbage
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.finite.increment import Equations, LoadStep, NewtonState
+from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.newton import NewtonSteps
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.finite.results import MovingInterfaceResult, moving_results

@@ -11,7 +11,7 @@ from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction_contact import FrictionContact
-from dolfinx_llm.finite.increment import Placed
+from dolfinx_llm.finite.load_step import Placed
 from dolfinx_llm.finite.location import find_on_frame
 from dolfinx_llm.finite.normal_contact import NormalContact
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact

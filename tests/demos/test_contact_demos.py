@@ -9,6 +9,8 @@ import hertz3d
 import lift_off
 import numpy as np
 import pytest
+import ring_on_block
+import rubber_seal
 from conftest import run_mpi_json
 from sampling import longer
 
@@ -239,3 +241,23 @@ def test_rigid_sphere():
     row = hertz3d.figures(problem, "sphere")["frame"]
     assert abs(row["radius"] - 1) <= 0.02
     assert abs(row["load"] - 1) <= 0.03
+
+
+# Finite deformation
+
+
+def test_ring_on_block():
+    """Nothing holds the ring back, and steps of half a facet need no halving."""
+    found = ring_on_block.main(["--travel", "0.3"])
+    assert max(found["ripple"]) < 0.003 and found["drag"] < 0.003
+    assert found["halved"] == 0 and found["iterations"][1] <= 9
+    assert abs(found["work"]) < 0.01
+
+
+def test_rubber_seal():
+    """Linear theory at a small squeeze; both plates bear the same; few iterations."""
+    rows = rubber_seal.main(["--squeeze", "0.24"])
+    assert abs(rows[0]["ratio"] - 1.0) < 0.03 and abs(rows[0]["peak"] - 1.0) < 0.03
+    assert max(row["balance"] for row in rows) < 1e-9
+    assert max(row["parts"] for row in rows) == 1
+    assert max(row["iterations"] for row in rows) <= 8

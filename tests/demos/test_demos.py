@@ -127,7 +127,8 @@ def test_turned_strips(monkeypatch, capsys):
     import turned_strips
 
     monkeypatch.setattr(turned_strips, "LAWS", (llm.Coulomb(0.1),))
-    monkeypatch.setattr(turned_strips, "to_and_fro", partial(turned_strips.to_and_fro, steps=2))
+    a_little = partial(turned_strips.to_and_fro, steps=2, degrees=20.0)
+    monkeypatch.setattr(turned_strips, "to_and_fro", a_little)
     report = turned_strips.main(["--turn", "20"])
     (found,) = (report[key] for key in report if key != "to and fro")
     assert found["change"] < 1e-10 and found["slip"] < 1e-10 and min(found["pairs"]) > 0

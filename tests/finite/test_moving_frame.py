@@ -10,6 +10,7 @@ from dolfinx_llm.finite.areas import everything, surface_integrals
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction_contact import FrictionContact
 from dolfinx_llm.finite.friction_law import in_plane
+from dolfinx_llm.finite.location import find_on_frame
 from dolfinx_llm.finite.normal_contact import NormalContact
 from dolfinx_llm.finite.pressure import Follower
 from dolfinx_llm.finite.sides import Sides
@@ -154,7 +155,7 @@ def test_forces_and_moments_of_both_sides_cancel(name):
     z, _, _, terms = pressed(name)
     t = terms(z)
     gdim = len(SCENES[name][0]) if len(SCENES[name]) == 3 else 3
-    x, f = z.reshape(-1, gdim), t.force.reshape(-1, gdim)
+    x, f = (np.pad(a.reshape(-1, gdim), ((0, 0), (0, 3 - gdim))) for a in (z, t.force))
     assert np.abs(f.sum(axis=0)).max() < 1e-13 * np.abs(f).sum()
     assert np.abs(np.cross(x, f).sum(axis=0)).max() < 1e-13 * np.abs(f).sum()
 
@@ -186,6 +187,21 @@ def test_free_and_covered_parts_are_all():
         assert abs(np.abs(force).sum() - length) < 1e-14
     whole = surface_integrals(low.x, low.facets, everything(low.x, low.facets, 0, low.x.size), 0)[0]
     assert np.allclose(whole.sum(axis=0), [0.0, 1.0], rtol=0, atol=1e-14)
+
+
+def test_places_on_long_facets():
+    """A frame of strips, 40 times as long as wide: their centres tell little of what is near."""
+    s, t = np.meshgrid(np.linspace(0.0, 2.0, 3), np.linspace(0.0, 1.0, 41), indexing="ij")
+    y = np.column_stack([s.ravel(), t.ravel(), 0.0 * s.ravel()])
+    at = np.arange(len(y)).reshape(3, 41)
+    facets = np.stack([at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]], axis=2).reshape(-1, 4)
+    x = np.random.default_rng(9).uniform([0.0, 0.0, -0.01], [2.0, 1.0, 0.01], (200, 3))
+    for cells in (facets, np.concatenate([facets[:, :3], facets[:, [0, 2, 3]]])):
+        found = find_on_frame(x, y, cells, np.tile([0.0, 0.0, 1.0], (len(y), 1)))
+        place = np.einsum("nk,nki->ni", found.N, y[cells[found.facet]])
+        assert found.met.all() and found.N.min() > -1e-9
+        assert np.abs(place[:, :2] - x[:, :2]).max() < 1e-12
+        assert np.abs(found.gap - x[:, 2]).max() < 1e-12
 
 
 def test_pressure_around_a_body():

@@ -25,7 +25,7 @@ def test_chance_does_not_matter(seed):
     none = np.linalg.svd(fixed.toarray().T)[2][4:]
     others = forces + 10.0 * none.T @ np.ones(len(none))
     presses = np.zeros(9, dtype=bool)
-    found = [_nearest(fixed, a, wanted, presses) for a in (forces, others)]
+    found = [_nearest(fixed, a, wanted, presses, 1e-10) for a in (forces, others)]
     np.testing.assert_allclose(found[0], found[1], atol=1e-13)
     np.testing.assert_allclose(fixed.T @ found[0], fixed.T @ forces, atol=1e-13)
     np.testing.assert_allclose(none @ (found[0] - wanted), 0.0, atol=1e-13)
@@ -37,7 +37,7 @@ def test_none_pulls(seed):
     fixed, forces, wanted = drawn(seed, 9, 5)
     presses = np.arange(9) < 7
     wanted = wanted - 3.0 * presses
-    found = _nearest(fixed, forces, wanted, presses)
+    found = _nearest(fixed, forces, wanted, presses, 1e-10)
     known = minimize(
         lambda x: np.sum((x - wanted) ** 2), forces, jac=lambda x: 2.0 * (x - wanted),
         method="SLSQP", bounds=[(0.0, None) if p else (None, None) for p in presses],
@@ -47,3 +47,11 @@ def test_none_pulls(seed):
     assert found[presses].min() > -1e-13 and (found[presses] < 1e-12).any()
     np.testing.assert_allclose(fixed.T @ found, fixed.T @ forces, atol=1e-12)
     np.testing.assert_allclose(found, known.x, atol=1e-6)
+
+
+def test_rounding_stays():
+    """Forces that their effect tells stay as they are, also a pull that is rounding."""
+    fixed, presses = csr_matrix(np.eye(3)), np.ones(3, dtype=bool)
+    for forces, rounding in (([1.0, 2.0, -1e-12], 1e-10), ([0.0, 0.0, -1e-25], 0.0)):
+        found = _nearest(fixed, np.array(forces), np.ones(3), presses, rounding)
+        np.testing.assert_allclose(found, forces, atol=1e-15)

@@ -107,6 +107,43 @@ def test_finite_patch(scene):
     assert max(np.abs(forces).max(), np.abs(moments).max()) < 1e-10 * q
 
 
+@pytest.mark.parametrize(
+    "laws", [(llm.Tied(), llm.Frictionless()), (llm.Frictionless(), llm.Frictionless())], ids=str
+)
+def test_three_bodies(laws):
+    """Two interfaces at once, each between meshes that do not match: the exact state."""
+    parts, cells, ends = [], [], [0]
+    for k, n in enumerate((5, 7, 4)):
+        x, quads = grid(n, 2, (0.0, float(k)), (1.0, k + 1.0), 0.2, 11 + k)
+        parts.append(x)
+        cells.append(quads[:, [0, 1, 3, 2]] + ends[-1])
+        ends.append(ends[-1] + len(x))
+    where = [(10 * k + tag, k, on(1, float(k + tag))) for k in range(3) for tag in (0, 1)]
+    where += [(10 * k + 2, k, on(0, 0.0)) for k in range(3)]
+    domain, tags = bodies_mesh(COMM, parts, cells, "quadrilateral", ends, where)
+    V, u, F = bodies_of(domain)
+    bcs = []
+    for k, marks in ((1, [0]), (0, [2, 12, 22])):
+        dofs = fem.locate_dofs_topological(V.sub(k), 1, tags.indices[np.isin(tags.values, marks)])
+        bcs.append(fem.dirichletbc(0.0, dofs, V.sub(k)))
+    problem = llm.NonlinearContactProblem(
+        F,
+        u,
+        bcs=bcs,
+        interfaces=[
+            llm.Interface(tags, (10 * k + 1, 10 * k + 10), law=law) for k, law in enumerate(laws)
+        ],
+        loads=[llm.FreeSurfacePressure(tags, 21, 300.0)],
+    )
+    problem.solve(increments=2)
+    known = np.array(STRETCHES[1000.0, 0.4, 300.0])
+    x = V.tabulate_dof_coordinates()[:, :2]
+    assert np.abs(u.x.array.reshape(x.shape) - x * (known - 1.0)).max() < 1e-10
+    for result in problem.results:
+        assert np.allclose(result.resultant, [0.0, 300.0 * known[0]], rtol=0.0, atol=1e-8)
+    assert max(h["iteration"] for h in problem.history) <= 6
+
+
 def test_fine_meshes_take_no_more_iterations():
     """A step in which nodes slide over several facets, by 0.4 times the stretch."""
     problem = pressed((97, 61), widths=(1.0, 0.5), shift=0.4)
@@ -206,6 +243,22 @@ def test_a_step_that_fails_leaves_the_last_state(monkeypatch):
     problem.solve(increments=4)
     assert np.allclose(problem.results[0].resultant, before, rtol=1e-8, atol=1e-8 * abs(before[1]))
     assert "frame on tag 2" in str(problem)
+
+
+def test_elements_that_turn_inside_out_are_counted(monkeypatch):
+    monkeypatch.setattr(newton, "HALVINGS", 0)
+    domain, tags = blocks((3, 4))
+    V, u, F = bodies_of(domain)
+    interface = llm.Interface(tags, (LOW, HIGH), law=llm.Tied())
+    g = fem.Constant(domain, (0.0, -1e4))
+    bcs = [
+        fem.dirichletbc(c, fem.locate_dofs_topological(V, 1, tags.indices[tags.values == tag]), V)
+        for c, tag in ((fem.Constant(domain, (0.0, 0.0)), BOTTOM), (g, TOP))
+    ]
+    problem = llm.NonlinearContactProblem(F, u, bcs=bcs, interfaces=[interface])
+    with pytest.raises(llm.ContactError, match=r"[1-9]\d* entries of the residual .* up to [1-9]"):
+        problem.solve()
+    assert not u.x.array.any()
 
 
 def test_refused():

@@ -81,6 +81,9 @@ def test_objective(kind, law):
     still, forces = turned(kind, law)
     residuals = [h["residual"] for h in still.history]
     assert residuals[-1] < 1e-11 < residuals[-2]
+    pairs, pressure = still.results[0].sides[1], still.results[0].pressure  # of the punch's nodes
+    own = pairs.normal_force[pairs.area > 0.0] / pairs.area[pairs.area > 0.0]
+    assert own.min() - 1e-9 < pressure[pressure != 0.0].min() <= pressure.max() < own.max() + 1e-9
     for a, b in zip(forces, turned(kind, law, 130.0)[1], strict=True):
         assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
     for a, b in zip(forces[::-1], turned(kind, law, swapped=True)[1], strict=True):

@@ -135,10 +135,9 @@ class FrameElimination:
             X = coo_matrix(X)
             Z = csr_matrix((X.data, (self.dependent[X.row], others[X.col])), shape=(m, m))
             if soft is not None:
-                row, col = np.indices((r, r)).reshape(2, -1)
-                give = -solve_triangular(self.R, self.Q.T @ (soft @ self.Q))[row, col]
-                at = self.dependent[row], self.dependent[col]
-                Z = Z + csr_matrix((give, at), shape=(m, m))
+                give = coo_matrix(-solve_triangular(self.R, self.Q.T @ (soft @ self.Q)))
+                at = self.dependent[give.row], self.dependent[give.col]
+                Z = Z + csr_matrix((give.data, at), shape=(m, m))
             kept[self.dependent] = 0.0
         self.Z = diags(kept).tocsr() if Z is None else (diags(kept) + Z).tocsr()
 

@@ -1,0 +1,82 @@
+"""What a load step is solved of, and where it starts and ends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.finite.system import NewtonSystem, mean_diagonal
+from dolfinx_llm.operators.numbering import BodyDofs
+
+
+class Bodies(Protocol):
+    """Nonlinear bodies without their contact."""
+
+    dofs: BodyDofs
+
+    def residual(self, u: np.ndarray) -> np.ndarray:
+        """This rank's residual of all dofs at u (n_local,)."""
+
+    def tangent(self, u: np.ndarray) -> PETSc.Mat:
+        """Its derivative, without conditions."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """Contact or a follower load, and where its coordinates stand."""
+
+    what: Any  # MovingContact or Follower
+    numbers: np.ndarray  # (width,) dofs in the vector of all bodies
+    drawn: np.ndarray  # (width,) coordinates as drawn [length]
+    free: np.ndarray  # (width,) not prescribed
+
+    def at(self, dofs: BodyDofs, u: np.ndarray) -> np.ndarray:
+        """(width,) coordinates at this rank's u; collective."""
+        return self.drawn + dofs.values(self.numbers, u)
+
+
+@dataclass(frozen=True, eq=False)
+class NewtonState:
+    """An equilibrium."""
+
+    u: np.ndarray  # (n_local,) this rank's displacement [length]
+    own: tuple[np.ndarray, ...]  # unknowns of each interface
+    status: tuple[np.ndarray | None, ...]  # of the pairs of each interface; None: not known yet
+    pressures: np.ndarray  # of the follower loads [force / area]
+    poses: tuple[np.ndarray, ...]  # per interface what places a rigid obstacle; empty without one
+    pushed: np.ndarray  # (n_local,) forces of contact and follower loads on the bodies [force]
+
+
+@dataclass(frozen=True, eq=False)
+class LoadStep:
+    """A load step from one state to what is prescribed now."""
+
+    start: NewtonState
+    values: np.ndarray  # (n_local,) prescribed displacements at its end [length]
+    pressures: np.ndarray  # at its end [force / area]
+    poses: tuple[np.ndarray, ...]  # of rigid obstacles at its end
+    unbalanced: np.ndarray  # (n_local,) residual of the start under the loads of its end [force]
+
+
+@dataclass(eq=False)
+class Equations:
+    """All that a load step is solved of."""
+
+    bodies: Bodies  # without their contact
+    interfaces: Sequence[Placed]  # in contact
+    followers: Sequence[Placed]  # follower loads
+    system: NewtonSystem  # of the unknowns
+    size: float  # of the facets in contact [length]
+    options: tuple[str, dict | None]  # prefix, and PETSc options
+    times: StageTimes  # to which seconds are added
+    scale: float = 0.0  # stiffness of the bodies, known with the first tangent [force / length]
+
+    def measure(self, K: PETSc.Mat) -> None:
+        """Find the bodies' stiffness, once; collective."""
+        if self.scale == 0.0:
+            self.scale = mean_diagonal(K)
