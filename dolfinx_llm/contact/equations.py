@@ -40,8 +40,9 @@ class Equations:
         states: per interface its ``InterfaceState``.
         L: (n, m) motion of frames and slips as the rows see it.
         compliance: (n,) by how much rows give way [length / force].
+        soft: (n,) rows that give way to changes alone, by ``SOFT``: supports leave forces open.
         start: (n,) λ at the start of the load step: friction at rest keeps it [force].
-        about: (n,) λ about which rows give way, which at a solution is the solution's [force].
+        about: (n,) λ about which these do, at a solution the solution's [force].
         normal: (n,) rows that may open.
         drifts: (m,) normal motion of frames.
         loads: (n_v,) on the frame unknowns, forces on obstacles, at the part of the load step that
@@ -55,7 +56,7 @@ class Equations:
         self.n = sum(nodes.rows.size for nodes in places)
         # Of ties no row that repeats others is left.
         loose = np.concatenate([np.full(nodes.rows.size, not nodes.law.ties) for nodes in places])
-        self.compliance = np.where(operators.soft & loose, SOFT / self.scale, 0.0)
+        self.soft, self.compliance = operators.soft & loose, np.zeros(self.n)
         L = block_diag([nodes.L for nodes in places], format="csr")
         L_kappa = block_diag([nodes.L_kappa for nodes in places], format="csr")
         kept = diags(np.concatenate([nodes.kept for nodes in places]).astype(float))
@@ -125,6 +126,7 @@ class Equations:
             return replace(self._ties, g=g)
         active = self.closed_rows()
         kept = np.where(active, self.about, 0.0)
+        compliance = np.where(self.soft, SOFT / self.scale, self.compliance)
         P = proximal_term(self.states, self.m, self._epsilon * self.scale)
         gather = self._frame_gather()
         own = gather @ P[: self.n_v]
@@ -145,7 +147,7 @@ class Equations:
                 rhs.append(own @ centre + rows.rhs.ravel() + before)
         (anchor, spring), floating = held, self._operators.floating
         return LinearStep(
-            active, self.may_open(), self.L, g + self.compliance * kept, self.compliance,
+            active, self.may_open(), self.L, g + self.soft * compliance * kept, compliance,
             stack(E, format="csr"), stack(D, format="csr"), np.concatenate(rhs),
             anchor, spring, floating.pins, spring * floating.at_pins(anchor), kept,
         )  # fmt: skip
@@ -228,7 +230,7 @@ class Equations:
 
 def given_way(equations: Equations, multiplier: np.ndarray) -> float:
     """By how much forces (n,) of rows differ from those about which these give way [force]."""
-    soft = (equations.compliance > 0.0) & equations.closed_rows()
+    soft = equations.soft & equations.closed_rows()
     return float(np.abs(multiplier - equations.about)[soft].max(initial=0.0))
 
 

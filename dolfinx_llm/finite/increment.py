@@ -23,6 +23,7 @@ ROUNDED = 4e-15  # residual over stiffness times length: stresses near 1 + grad 
 NO_GAP = 1e-11  # gap over facet size that is none
 DOUBTS = 1e-3  # pull over the largest force, below the residual, that parts no pair
 NEARLY = 1e-6  # the same, over the smallest, where nothing touches at first
+STUCK = 0.9  # part of the last residual above which an iteration has brought nothing
 SLIDES = 0.5  # of a facet, in an iteration, up to which derivatives of rows and areas hold
 SETTLINGS = 6  # solves for the pairs in contact of the linear model, where nodes slide far
 CUTS = 8  # of a change that turns elements inside out
@@ -90,7 +91,7 @@ class Increment:
             ]
             self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
         self.status: list[Any] = list(good.status)
-        self.changes, self.doubt = 0, 0.0
+        self.changes, self.doubt, self.stuck, self.error = 0, 0.0, False, np.inf
         self._body = self._residual(self.u)
         self.evaluate()
 
@@ -130,7 +131,8 @@ class Increment:
         rest = max([rest, *(t.miss for t in self.terms)])
         largest = max(largest, reaction, load, nothing, 1e-300)
         rounding = ROUNDED * steps.scale * (steps.size + moved)
-        self.r, self.error = r, float(rest / max(largest, rounding / CONVERGED))
+        error = float(rest / max(largest, rounding / CONVERGED))
+        self.stuck, self.r, self.error = error > STUCK * self.error, r, error
         self.doubt = min(rest, DOUBTS * largest)
         self.rest = max([np.abs(t.rest).max(initial=0.0) for t in self.terms], default=0.0)
 
@@ -145,7 +147,8 @@ class Increment:
             start = np.full(len(place.gap), OPEN) if before is None else before
             reach = np.where(start == OPEN, NO_GAP * size, max(NO_GAP * size, self.doubt / scale))
             now, found = contact.touching(place, q, start, held, scale, reach)
-            if before is None and not now.any() and place.pairs.any():  # the nearest touch
+            fallen = self.stuck and not (start != OPEN).any()  # bodies that contact alone supports
+            if (before is None or fallen) and not now.any() and place.pairs.any():  # nearest touch
                 reach = np.full(len(start), place.gap.min() + NEARLY * size)
                 now, found = contact.touching(place, q, start, held, scale, reach)
             self.changes += int(((now != OPEN) != (start != OPEN)).sum())
