@@ -68,10 +68,11 @@ def smooth_rows(
     surface = SmoothSurface.through(frame)
     ring = adjacency(frame.cells, len(frame.x))
     edges = outline_edges(frame.cells)
-    sides = []
+    area, sides = vector_areas(frame.x, frame.cells), []
+    normals = area / np.linalg.norm(area, axis=1)[:, None]
     for p in pairs:
-        clamped = _at_outline(frame, p, edges, surface.base[:, -1])
-        W = _weights(frame, clamped, edges, surface.base[:, -1], ring)
+        clamped = _at_outline(frame, p, edges, normals)
+        W = _weights(frame, clamped, edges, normals, ring)
         sides.append(_smooth_side(frame, surface, p, clamped, W, close_gap, along_normals))
     out, stencils, start, move = (list(parts) for parts in zip(*sides, strict=True))
     return SmoothRows(out, stencils, start, move, surface)
@@ -196,7 +197,7 @@ def _smooth_side(
 ) -> tuple[ContactPairs, RowStencils, csr_matrix, csr_matrix]:
     """A side on the smooth surface: pairs, stencils, rows and what moves them there."""
     place = clamped.N @ frame.x
-    point, normal = surface.at(clamped.N)
+    point, normal = surface.at(clamped.N, pairs.x)
     # Along the normal: what a row at the outline misses across it would be closed with the gap.
     above = np.einsum("ni,ni->n", pairs.x - point, normal)[:, None] * normal
     target = pairs.x - above if close_gap else pairs.x

@@ -15,10 +15,11 @@ import numpy as np
 from scipy.sparse import csr_matrix, identity
 
 from dolfinx_llm.design.stencils import inner_part, spread, sums
-from dolfinx_llm.geometry.cells import bases
+from dolfinx_llm.geometry.cells import bases, vector_areas
 from dolfinx_llm.geometry.frame import Frame
 
 FIT = 60  # steps of the fit
+STEPS = 2  # towards the point of the surface along the normal
 RIDGE = 0.1  # by which terms of third order fade that the nodes hardly tell
 
 
@@ -28,7 +29,7 @@ class SmoothSurface:
 
     x: np.ndarray  # (m, gdim) nodes of the frame [length]
     centre: np.ndarray  # (n_cells, gdim) origin of a cell's axes [length]
-    base: np.ndarray  # (n_cells, gdim, gdim) tangents and normal of the cell
+    base: np.ndarray  # (n_cells, gdim, gdim) tangents and normal, the mean of the cells around
     size: np.ndarray  # (n_cells,) half-width of the cells that were fitted [length]
     height: np.ndarray  # (n_cells, 4 or 10) q of the fitted surface z = q(s) + bend z²
     bend: np.ndarray  # (n_cells,)
@@ -43,8 +44,7 @@ class SmoothSurface:
         n, k = cells.shape
         nodes, mask = _nodes_around(cells)
         centre = frame.x[cells].mean(axis=1)
-        middle = np.full((n, min(k - 1, 2)), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
-        base = bases(frame.evaluate(np.arange(n), middle)[2])
+        base = _mean_bases(frame)
         local = np.einsum("gai,gwi->gwa", base, frame.x[nodes] - centre[:, None, :])
         local *= mask[..., None]
         size = np.abs(local).max(axis=(1, 2))
@@ -53,7 +53,7 @@ class SmoothSurface:
         share.data /= spread(sums(share.data, share.indptr), share.indptr)
         none = np.zeros_like(frame.x)
         raw = SmoothSurface(frame.x, centre, base, size, height, bend, share, none, none)
-        point, normals = raw.at(identity(m, format="csr"))
+        point, normals = raw.at(identity(m, format="csr"), frame.x)
         return replace(raw, miss=point - frame.x, normals=normals)
 
     @property
@@ -62,19 +62,21 @@ class SmoothSurface:
         [length]."""
         return 2.0 * float(np.linalg.norm(self.miss, axis=1).max())
 
-    def at(self, N: csr_matrix) -> tuple[np.ndarray, np.ndarray]:
-        """Points (n, gdim) of the surface above the places N x, and unit normals there. Beyond the
-        outline the quadrics of the cells next to it go on."""
+    def at(self, N: csr_matrix, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points (n, gdim) of the surface along whose normals positions x lie, and unit normals
+        there; rows N say which cells are near. Beyond the outline the quadrics next to it go on."""
         blend = (inner_part(N) @ self.share).tocsr()
-        point, weight = N @ self.x, blend.data[:, None]
-        # Again from there: the cells' normals differ, and the mean of what lies along them from
-        # afar is below a curved surface.
-        for _ in range(2):
-            found = self._quadrics(blend.indices, spread(point, blend.indptr))
+        start, weight = x, blend.data[:, None]
+        # Again from what lies along the normal there: the cells' axes differ from it, and the mean
+        # of what lies along them from afar is below a curved surface.
+        for _ in range(STEPS):
+            found = self._quadrics(blend.indices, spread(start, blend.indptr))
             point, normal = (
                 np.column_stack([sums(c, blend.indptr) for c in (weight * a).T]) for a in found
             )
-        return point - N @ self.miss, normal / np.linalg.norm(normal, axis=1)[:, None]
+            normal /= np.linalg.norm(normal, axis=1)[:, None]
+            start = x + np.einsum("ni,ni->n", point - x, normal)[:, None] * normal
+        return point - N @ self.miss, normal
 
     def _quadrics(self, cell: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points and unit normals of cells' quadrics above or below places x (n, gdim)."""
@@ -102,6 +104,20 @@ class SmoothSurface:
             self.centre[cell] + np.einsum("nai,na->ni", base, local),
             np.einsum("nai,na->ni", base, normal),
         )
+
+
+def _mean_bases(frame: Frame) -> np.ndarray:
+    """(n_cells, gdim, gdim) bases whose normals are the means of the cells around each: what is
+    fitted slopes least there, and a surface that bends is nearest to one of third order."""
+    n, k = frame.cells.shape
+    of = csr_matrix((np.ones(n * k), frame.cells.ravel(), np.arange(0, n * k + 1, k)))
+    around = of @ of.T
+    around.data[:] = 1.0
+    normal = around @ vector_areas(frame.x, frame.cells)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    middle = np.full((n, min(k - 1, 2)), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
+    t = frame.evaluate(np.arange(n), middle)[2]
+    return bases(t - np.einsum("nai,ni->na", t, normal)[..., None] * normal[:, None, :])
 
 
 def _monomials(s: np.ndarray) -> np.ndarray:

@@ -257,7 +257,8 @@ def test_ring_on_block():
 def test_rubber_seal():
     """Linear theory at a small squeeze; both plates bear the same; few iterations."""
     rows = rubber_seal.main(["--squeeze", "0.24"])
-    assert abs(rows[0]["ratio"] - 1.0) < 0.03 and abs(rows[0]["peak"] - 1.0) < 0.03
+    assert abs(rows[0]["ratio"] - 1.0) < 0.03
+    assert abs(rows[0]["peak"] - 1.0) < 0.05
     assert max(row["balance"] for row in rows) < 1e-9
     assert max(row["parts"] for row in rows) == 1
     assert max(row["iterations"] for row in rows) <= 8
