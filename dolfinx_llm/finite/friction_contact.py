@@ -29,7 +29,7 @@ from scipy.sparse import bmat, csr_matrix, diags
 from dolfinx_llm.finite.friction_law import FrictionRows, friction_rows, in_plane, sticks
 from dolfinx_llm.finite.jacobians import coordinates, per_item, summing
 from dolfinx_llm.finite.normal_contact import NormalContact, NormalPlace
-from dolfinx_llm.finite.terms import FAST, ContactTerms, Held, Origin
+from dolfinx_llm.finite.terms import FAST, ContactTerms, Held, Origin, yields
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
 MET_AT = 1e-9  # gap over facet size at the start that is none
@@ -63,21 +63,20 @@ class FrictionContact(NormalContact):
         q: np.ndarray,
         before: np.ndarray,
         held: Held,
-        scale: float,
         reach: np.ndarray,
     ) -> tuple[np.ndarray, Held]:
         """(n,) status, open, stick or slip, and what is held; arguments as without friction."""
-        status, held = super().touching(place, q, before, held, scale, reach)
-        origin = held.origin or self._started(place, before != OPEN, scale)
+        status, held = super().touching(place, q, before, held, reach)
+        origin = held.origin or self._started(place, before != OPEN)
         first = (status == CLOSED) & ~origin.touched
-        origin = replace(self._begun(origin, place, first) if first.any() else origin, scale=scale)
+        origin = self._begun(origin, place, first) if first.any() else origin
         closed = np.flatnonzero(status == CLOSED)
         tau, sigma, bound = self._law(place, q, origin, closed)
-        stick = sticks(place.normal[closed], tau, sigma, bound, scale, before[closed] == SLIP)
+        stick = sticks(place.normal[closed], tau, sigma, bound, held.scale, before[closed] == SLIP)
         status[closed] = np.where(stick | first[closed], STICK, SLIP)
         return status, replace(held, origin=origin)
 
-    def _started(self, place: NormalPlace, closed: np.ndarray, scale: float) -> Origin:
+    def _started(self, place: NormalPlace, closed: np.ndarray) -> Origin:
         """Where slip counts from, at the start of an increment; nodes beyond the frame's rim lie on
         its continuation, so that one that comes in knows from where."""
         at, (n, m, _) = place.at, self.counts
@@ -88,7 +87,7 @@ class FrictionContact(NormalContact):
         continued = csr_matrix(
             (at.N[outside].ravel(), (np.repeat(outside, k), cells.ravel())), (n, m)
         )
-        return Origin((place.N + continued).tocsr(), gap, closed, scale)
+        return Origin((place.N + continued).tocsr(), gap, closed)
 
     def _begun(self, origin: Origin, place: NormalPlace, first: np.ndarray) -> Origin:
         """The same with pairs that are closed for the first time; those that have not met yet, and
@@ -134,10 +133,10 @@ class FrictionContact(NormalContact):
         by_place, by_mu = place.entries
         no = csr_matrix((self.sides.width, n)), csr_matrix((self.sides.width, c))
         top = t.top - bmat([[no[0], spread @ by_mu, no[1]]])
-        law, by_z, by_lambda, slip = self._equations(place, q, status, held.origin, free)
+        law, by_z, by_lambda, slip = self._equations(place, q, status, held, free)
         by_q = bmat([[by_lambda, csr_matrix((n * gdim, m + c))]])
-        by_tau = np.broadcast_to(np.eye(gdim) / held.origin.scale, (n, gdim, gdim)).copy()
-        rest = q[-n * gdim :].reshape(n, gdim) / held.origin.scale
+        by_tau = np.broadcast_to(np.eye(gdim) / held.scale, (n, gdim, gdim)).copy()
+        rest = q[-n * gdim :].reshape(n, gdim) / held.scale
         by_tau[status != OPEN], rest[status != OPEN] = law.by_force, law.rest
         return replace(
             t,
@@ -149,7 +148,7 @@ class FrictionContact(NormalContact):
             rest=np.concatenate([t.rest, rest.ravel()]),
             friction=-(on_tau.T @ tau),
             slip=slip,
-            miss=float(np.abs(rest[status == SLIP]).max(initial=0.0) * held.origin.scale),
+            miss=float(np.abs(rest[status == SLIP]).max(initial=0.0) * held.scale),
         )
 
     def _equations(
@@ -157,20 +156,22 @@ class FrictionContact(NormalContact):
         place: NormalPlace,
         q: np.ndarray,
         status: np.ndarray,
-        origin: Origin,
+        held: Held,
         free: np.ndarray,
     ) -> tuple[FrictionRows, csr_matrix, csr_matrix, np.ndarray]:
         """The law at closed pairs, its derivatives (n gdim, width) and (n gdim, n) by coordinates
         and lambda, and the slip (n, gdim)."""
-        n, gdim = self.counts[0], self.sides.gdim
+        n, gdim, origin = self.counts[0], self.sides.gdim, held.origin
+        assert origin is not None
         closed = np.flatnonzero(status != OPEN)
         pick = summing(coordinates(closed[:, None], gdim).ravel(), n * gdim)
         normal, (tau, sigma, bound) = place.normal[closed], self._law(place, q, origin, closed)
         way = pick.T @ self.sides.jumps(origin.rows)
         moves = np.asarray(way.multiply(way) @ free.astype(float)).reshape(-1, gdim)
         stick = status[closed] == STICK
-        held = moves < FAST**2, ~self.sides.split(free)[0][closed]
-        law = friction_rows(normal, tau, sigma, bound, origin.scale, stick, *held)
+        axes = np.broadcast_to(np.eye(gdim), (len(closed), gdim, gdim))
+        supports = moves < FAST**2, yields(axes, self.sides.split(free)[0][closed], held)
+        law = friction_rows(normal, tau, sigma, bound, held.scale, stick, *supports)
         among = coordinates(np.flatnonzero(status[place.on] != OPEN)[:, None], gdim).ravel()
         pressed = (q[closed] > 0.0).astype(float)
         by_bound = per_item(law.by_bound[:, :, None] * pressed[:, None, None])

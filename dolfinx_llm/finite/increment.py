@@ -93,6 +93,8 @@ class Increment:
         self.status: list[Any] = list(good.status)
         self.changes, self.doubt, self.stuck, self.error = 0, 0.0, False, np.inf
         self._body = self._residual(self.u)
+        if steps.scale == 0.0:
+            steps.measure(steps.bodies.tangent(self.u))
         self.evaluate()
 
     def _residual(self, u: np.ndarray) -> np.ndarray:
@@ -139,18 +141,19 @@ class Increment:
     def _contact(self) -> None:
         """Terms of the interfaces, with the status that their pairs have now."""
         self.terms, self.changes = [], 0
-        scale, size = self.steps.scale or 1.0, self.steps.size
+        scale, size = self.steps.scale, self.steps.size
         for i, placed in enumerate(self.steps.interfaces):
             contact: MovingContact = placed.what
-            before, q, held = self.status[i], self.own[i], replace(self.held[i], lagged=self.lagged)
+            before, q, held = self.status[i], self.own[i], self.held[i]
+            held = replace(held, lagged=self.lagged, scale=scale)
             place = contact.place(placed.at(self.dofs, self.u), held)
             start = np.full(len(place.gap), OPEN) if before is None else before
             reach = np.where(start == OPEN, NO_GAP * size, max(NO_GAP * size, self.doubt / scale))
-            now, found = contact.touching(place, q, start, held, scale, reach)
+            now, found = contact.touching(place, q, start, held, reach)
             fallen = self.stuck and not (start != OPEN).any()  # bodies that contact alone supports
             if (before is None or fallen) and not now.any() and place.pairs.any():  # nearest touch
                 reach = np.full(len(start), place.gap.min() + NEARLY * size)
-                now, found = contact.touching(place, q, start, held, scale, reach)
+                now, found = contact.touching(place, q, start, held, reach)
             self.changes += int(((now != OPEN) != (start != OPEN)).sum())
             self.status[i] = now
             self.held[i] = replace(found, pairs=place.pairs)
@@ -166,7 +169,6 @@ class Increment:
         steps = self.steps
         with steps.times.timed("assembly of J"):
             K = steps.bodies.tangent(self.u)
-        steps.measure(K)
         try:
             du, changes = self._solve(K)
             for _ in range(SETTLINGS if self.lagged else 0):
@@ -203,13 +205,13 @@ class Increment:
 
         A body that comes down on a few nodes alone would bear all of its load on them.
         """
-        found, scale = False, self.steps.scale
+        found = False
         for i, (placed, dq) in enumerate(zip(self.steps.interfaces, changes, strict=True)):
             if not placed.what.settles:
                 continue
             q, held = self.own[i], self.held[i]
             z, place = self.dofs.values(placed.numbers, du), self.terms[i].place
-            now = foreseen(placed.what, place, (z, q + dq), held, scale, NO_GAP * self.steps.size)
+            now = foreseen(placed.what, place, (z, q + dq), held, NO_GAP * self.steps.size)
             if (now != self.status[i]).any():
                 self.status[i], found = now, True
                 self.terms[i] = placed.what.terms(place, q, now, held, placed.free)

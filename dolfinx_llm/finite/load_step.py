@@ -77,6 +77,6 @@ class Equations:
     scale: float = 0.0  # stiffness of the bodies, known with the first tangent [force / length]
 
     def measure(self, K: PETSc.Mat) -> None:
-        """Find the bodies' stiffness, once; collective."""
-        if self.scale == 0.0:
-            self.scale = mean_diagonal(K)
+        """Find the bodies' stiffness of their tangent, which is destroyed; collective."""
+        self.scale = mean_diagonal(K)
+        K.destroy()

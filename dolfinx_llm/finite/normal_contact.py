@@ -23,7 +23,7 @@ from dolfinx_llm.finite.design import Design, DesignedRows
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item, summing
 from dolfinx_llm.finite.location import OnFrame
 from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.terms import ContactTerms, Held, Place, held_fast
+from dolfinx_llm.finite.terms import ContactTerms, Held, Place, held_fast, yields
 from dolfinx_llm.laws.rows import CLOSED, OPEN
 
 
@@ -86,7 +86,6 @@ class NormalContact:
         q: np.ndarray,
         before: np.ndarray,
         held: Held,
-        scale: float,
         reach: np.ndarray,
     ) -> tuple[np.ndarray, Held]:
         """(n,) status of the pairs, and what is held from now on: closed where lambda - scale gap
@@ -97,12 +96,11 @@ class NormalContact:
             q: own unknowns.
             before: (n,) status in the last iterate.
             held: from the start of the step.
-            scale: stiffness [force / length].
             reach: (n,) pairs closer than that touch [length].
         """
         force = q[: len(place.pairs)]
         gap = np.where(place.pairs, place.gap, 0.0)
-        closed = place.pairs & (force / scale - gap > -reach)
+        closed = place.pairs & (force / held.scale - gap > -reach)
         return np.where(closed, CLOSED, OPEN), held
 
     def hold(self, z: np.ndarray) -> Held:
@@ -213,9 +211,10 @@ class NormalContact:
         closed = active[on] & ~held_fast(A, free)
         by_closed = summing(on, n) @ diags(closed.astype(float))
         idle = np.ones(n)
-        idle[on[closed]] = 0.0
+        own = yields(normal[closed][:, None], self.sides.split(free)[0][on[closed]], held)
+        idle[on[closed]] = own.ravel()
         G = csr_matrix(rows.G)
-        rest = np.where(idle > 0.0, force, place.gap)
+        rest = np.where(idle == 1.0, force, place.gap)
         none = csr_matrix((width, c))
         return ContactTerms(
             force=A.T @ lam,

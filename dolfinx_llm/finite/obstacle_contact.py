@@ -163,12 +163,11 @@ class ObstacleContact:
         q: np.ndarray,
         before: np.ndarray,
         held: Held,
-        scale: float,
         reach: np.ndarray,
     ) -> tuple[np.ndarray, Held]:
         """(n,) status of the nodes, and what is held; see ``NormalContact.touching``."""
         gap = np.where(place.pairs, place.gap, 0.0)
-        closed = place.pairs & (q / scale - gap > -reach)
+        closed = place.pairs & (q / held.scale - gap > -reach)
         return np.where(closed, CLOSED, OPEN), held
 
     def terms(

@@ -24,7 +24,6 @@ def foreseen(
     place: Place,
     changed: tuple[np.ndarray, np.ndarray],
     held: Held,
-    scale: float,
     reach: float,
 ) -> np.ndarray:
     """(n,) status of the pairs in the linear model.
@@ -34,7 +33,6 @@ def foreseen(
         place: as it is.
         changed: (width,) changes of the coordinates, and own unknowns after them.
         held: from the start of the step.
-        scale: stiffness [force / length].
         reach: gap that is none [length].
     """
     dz, q = changed
@@ -42,4 +40,4 @@ def foreseen(
     every = np.where(pairs, CLOSED, OPEN)
     rows = contact.terms(place, np.zeros(len(q)), every, held, np.ones(len(dz), dtype=bool)).left
     gap = np.where(pairs, place.gap, 0.0) + (rows @ dz)[:n]
-    return np.where(pairs & (q[:n] / scale - gap > -reach), CLOSED, OPEN)
+    return np.where(pairs & (q[:n] / held.scale - gap > -reach), CLOSED, OPEN)

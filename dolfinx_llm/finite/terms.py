@@ -11,6 +11,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.finite.sides import Sides
 
 FAST = 1e-9  # part of a row at free dofs, below which supports hold the pair
+YIELDS = 1e-6  # over the stiffness: by which a row yields to its force where supports hold the node
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +21,6 @@ class Origin:
     rows: csr_matrix  # (n, m) frozen rows of these places
     gap: np.ndarray  # (n,) at the start of the increment; inf where there was none [length]
     touched: np.ndarray  # (n,) pairs that have been in contact since
-    scale: float  # stiffness that the law weighs slip with [force / length]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +37,7 @@ class Held:
     lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
     origin: Origin | None = None  # of slip, where there is friction
     pose: np.ndarray | None = None  # pivot, displacement and rotation of a rigid obstacle
+    scale: float = 1.0  # stiffness of the bodies, which weighs lengths [force / length]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +106,6 @@ class MovingContact(Protocol):
         q: np.ndarray,
         before: np.ndarray,
         held: Held,
-        scale: float,
         reach: np.ndarray,
     ) -> tuple[np.ndarray, Held]:
         """(n,) status of the pairs, and what is held from now on."""
@@ -114,6 +114,23 @@ class MovingContact(Protocol):
         self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
     ) -> ContactTerms:
         """All that Newton's iteration asks for."""
+
+
+def yields(directions: np.ndarray, free: np.ndarray, held: Held) -> np.ndarray:
+    """(k, r, r) by how much rows yield to changes of their forces, in the derivative alone.
+
+    Nodes that supports hold on a free frame, more than the frame has free coordinates, make rows
+    that depend on each other: their forces are not unique, and those of a solver are noise. With
+    this it finds of all the nearest to the last ones, and what is left of the equations is no other
+    [length / force].
+
+    Args:
+        directions: (k, r, gdim) of the rows at their nodes.
+        free: (k, gdim) which components of the nodes' positions are not prescribed.
+        held: with the stiffness.
+    """
+    supported = directions * ~free[:, None, :]
+    return YIELDS / held.scale * supported @ np.swapaxes(directions, 1, 2)
 
 
 def held_fast(A: csr_matrix, free: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.jacobians import summing
 from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.terms import ContactTerms, Held, Place, held_fast
+from dolfinx_llm.finite.terms import ContactTerms, Held, Place, held_fast, yields
 from dolfinx_llm.laws.rows import OPEN, STICK
 
 DRAWN = 1e-9  # gap over facet size that is none
@@ -92,7 +92,6 @@ class TiedContact:
         q: np.ndarray,
         before: np.ndarray,
         held: Held,
-        scale: float,
         reach: np.ndarray,
     ) -> tuple[np.ndarray, Held]:
         """(n,) all pairs stick."""
@@ -116,13 +115,16 @@ class TiedContact:
         """See ``NormalContact.terms``; q (n gdim,) are the forces on the moving side [force]."""
         gdim, width = self.sides.gdim, self.sides.width
         closed = np.repeat(self.pairs, gdim) & ~held_fast(self.A, free)
+        supported = yields(
+            np.ones((len(closed), 1, 1)), self.sides.split(free)[0].reshape(-1, 1), held
+        )
         A = (diags(closed.astype(float)) @ self.A).tocsr()
         return ContactTerms(
             force=A.T @ np.where(closed, q, 0.0),
             K=csr_matrix((width, width)),
             top=-A.T.tocsr(),
             left=A,
-            own=diags((~closed).astype(float)).tocsr(),
+            own=diags(np.where(closed, supported.ravel(), 1.0)).tocsr(),
             rest=np.where(closed, self.A @ place.z, q),
             place=place,
             delta=self.delta,

@@ -94,7 +94,7 @@ def pressed(name, law=None, mu=0.3):
     q[:n] = force
     if law is not None:  # it has gone along from elsewhere, and carries some friction
         start = contact.place(z + 0.02 * rng.standard_normal(len(z)), held)
-        held = replace(held, origin=Origin(start.N, start.gap, np.ones(n, dtype=bool), 5.0))
+        held = replace(held, origin=Origin(start.N, start.gap, np.ones(n, dtype=bool)), scale=5.0)
         tau, place = 0.2 * rng.standard_normal((n, sides.gdim)), contact.place(z, held)
         if law == SLIP:  # where the law holds the derivative is exact
             x, y = sides.split(z)
