@@ -97,9 +97,8 @@ def test_finite_patch(scene):
     assert np.abs(off).max() < 1e-10
     result, q = problem.results[0], material[2]
     pressed_on = result.frame_area > 1e-9 * result.frame_area.max()
-    if not isinstance(scene.get("law"), llm.Tied):
-        assert np.abs(result.pressure[pressed_on] / q - 1.0).max() < 1e-9
-        assert np.abs(result.frame_friction).max() < 1e-9 * q
+    assert np.abs(result.pressure[pressed_on] / q - 1.0).max() < 1e-9
+    assert np.abs(result.frame_friction).max() < 1e-9 * q
     assert max(h["iteration"] for h in problem.history) <= 6
     assert len({h["part"] for h in problem.history}) == 2
     forces = sum(side.force.sum(axis=0) for side in result.sides)
@@ -189,12 +188,19 @@ def turned(law, angle, order=(LOW, HIGH), shift=0.05):
 
 @pytest.mark.parametrize("law", [llm.Frictionless(), llm.Tied(), llm.Coulomb(0.2)], ids=str)
 def test_objective(law):
-    """The scene turned by 30, 90 and 180 degrees: the same forces in the turned base."""
-    _, still = turned(law, 0.0)
+    """The scene turned by 30, 90 and 180 degrees: the same forces in the turned base, the same
+    pressure and normal forces."""
+    problem, still = turned(law, 0.0)
+    known = problem.results[0]
     for degrees in (30.0, 90.0, 180.0):
-        _, forces = turned(law, np.deg2rad(degrees))
+        problem, forces = turned(law, np.deg2rad(degrees))
+        result, size = problem.results[0], np.abs(known.pressure).max()
         for a, b in zip(still, forces, strict=True):
             assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
+        for a, b in zip(known.sides, result.sides, strict=True):
+            largest = np.abs(a.normal_force).max()
+            assert np.abs(a.normal_force - b.normal_force).max() < 1e-9 * largest
+        assert np.abs(result.pressure - known.pressure).max() < 1e-9 * size
 
 
 @pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.2)], ids=str)
