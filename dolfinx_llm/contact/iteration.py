@@ -29,7 +29,7 @@ MAXIMUM = 60  # iterations
 MANY = 0.2  # of the pairs: where more change, friction is not yet what it will be
 FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
 CONSTANT = 1e-8  # part of the largest force by which those at supports may still change
-STEADY = 1e-6  # the same where they have stopped changing by less: rounding over ``SOFT``
+ROUGH = 1e-6  # the same where that does not fall: it is rounding over ``SOFT``
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
 FRICTIONLESS = 1e-2  # of the normal force that may be without friction: less than meshes cost
@@ -179,9 +179,8 @@ class ContactIteration:
             stalled = calm > CALM and miss > 0.5 * before
             enough = max(ENOUGH, spread(equations) * self.form.noise / largest)
             settled = miss <= self.form.accuracy or (stalled and miss <= enough)
-            given, last = given_way(equations, multiplier), given
-            rounded = calm > CALM and given > 0.5 * last and given <= STEADY * largest
-            settled &= given <= CONSTANT * largest or rounded
+            given, last = given_way(equations, multiplier) / largest, given
+            settled &= given <= (CONSTANT if given < 0.5 * last else ROUGH)
             rests = settled and calm > corrections and pull.rests
             released = (rests or calm > 1) and equations.release(multiplier, ENOUGH * largest)
             if rests and not released:

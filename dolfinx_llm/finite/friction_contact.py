@@ -169,7 +169,8 @@ class FrictionContact(NormalContact):
         way = pick.T @ self.sides.jumps(origin.rows)
         moves = np.asarray(way.multiply(way) @ free.astype(float)).reshape(-1, gdim)
         stick = status[closed] == STICK
-        law = friction_rows(normal, tau, sigma, bound, origin.scale, stick, moves < FAST**2)
+        held = moves < FAST**2, ~self.sides.split(free)[0][closed]
+        law = friction_rows(normal, tau, sigma, bound, origin.scale, stick, *held)
         among = coordinates(np.flatnonzero(status[place.on] != OPEN)[:, None], gdim).ravel()
         pressed = (q[closed] > 0.0).astype(float)
         by_bound = per_item(law.by_bound[:, :, None] * pressed[:, None, None])

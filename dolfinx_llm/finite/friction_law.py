@@ -20,6 +20,7 @@ import numpy as np
 
 SHORT = 1e-10  # part of the bound by which a slipping pair may fall short of it
 LEVEL = 1e-6  # part of a prescribed direction in the tangent plane that is none
+YIELDS = 1e-6  # part of 1 / c by which stick yields to changes of tau where supports hold the node
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,16 +64,21 @@ def friction_rows(
     c: float,
     stick: np.ndarray,
     prescribed: np.ndarray,
+    supported: np.ndarray,
 ) -> FrictionRows:
     """The law and its derivatives.
 
     Where supports prescribe a component of sigma, friction in stick would be what supports take as
-    well: there is none in that direction.
+    well: there is none in that direction. Nodes that supports hold on a free frame, more than the
+    frame has free coordinates, make rows of stick that depend on each other, and tau is not unique.
+    There the derivative yields a little to changes of tau: of all tau that which is closest to the
+    last one is found, and what is left is no other.
 
     Args:
         normal, tau, sigma, bound, c: as of ``sticks``.
         stick: (k,) which pairs stick.
         prescribed: (k, gdim) which components of sigma no free coordinate changes.
+        supported: (k, gdim) which components of the node's position are prescribed.
     """
     unit, nn = np.eye(normal.shape[1]), normal[:, :, None] * normal[:, None, :]
     P, stick = unit - nn, stick[:, None, None]
@@ -80,6 +86,7 @@ def friction_rows(
     Q = P - _span(P, prescribed)
     rest = np.einsum("kij,kj->ki", Q, sigma - tau / c) + tau / c
     by_normal = _turned(normal, sigma - tau / c)
+    yields = YIELDS * (Q * supported[:, None, :].astype(float)) @ Q
     # Slip: (tau - b d) / c, d = z / |z|.
     w = tau + c * sigma
     z = in_plane(normal, w)
@@ -88,7 +95,7 @@ def friction_rows(
     slid = (tau - bound[:, None] * d) / c
     return FrictionRows(
         rest=np.where(stick[:, 0], rest, slid),
-        by_force=np.where(stick, (unit - Q) / c, (unit - M @ P) / c),
+        by_force=np.where(stick, (unit - Q - yields) / c, (unit - M @ P) / c),
         by_slip=np.where(stick, Q, -M @ P),
         by_normal=np.where(stick, by_normal, -M @ _turned(normal, w) / c),
         by_bound=np.where(stick[:, 0], 0.0, -d / c),

@@ -31,8 +31,10 @@ def boxes(low, high, corner=(0.4, 0.2), size=(0.8, 0.6), width=1.6):
         {"kind": "hex", "boxes": boxes((2, 2), (6, 5), (0.0, 0.0), (1.0, 1.0), 1.0)},
         {"kind": "hex", "boxes": boxes((4, 3), (3, 4), (0.0, 0.0), (1.6, 1.0)), "law": llm.Tied()},
         {"kind": "tet", "boxes": boxes((4, 3), (3, 3), (1.1, 0.2)), "beyond": True},
+        # Supports hold more nodes of the punch along y than the frame has free ones.
+        {"kind": "tet", "boxes": boxes((3, 3), (4, 3), (0.0, 0.2)), "law": llm.Coulomb(0.3)},
     ],
-    ids=["hex", "tet", "tet on hex", "hex, fine on coarse", "tied", "tet beyond the edge"],
+    ids=["hex", "tet", "tet on hex", "hex, fine on coarse", "tied", "tet beyond the edge", "stick"],
 )
 def test_finite_patch(scene):
     """A homogeneous state stands in both bodies, whatever the cells and what they cover."""
@@ -46,6 +48,7 @@ def test_finite_patch(scene):
     assert max(h["iteration"] for h in problem.history) <= 6
     assert len({h["part"] for h in problem.history}) == 2
     result = problem.results[0]
+    assert tied or np.abs(result.frame_friction).max() < 1e-8 * 300.0
     forces = sum(side.force.sum(axis=0) for side in result.sides)
     moments = result.moment(side=0) + result.moment(side=1)
     assert max(np.abs(forces).max(), np.abs(moments).max()) < 1e-10 * 300.0
