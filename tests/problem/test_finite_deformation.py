@@ -246,8 +246,12 @@ def test_a_step_that_fails_leaves_the_last_state(monkeypatch):
     down = -u.x.array.reshape(-1, 2)[:, 1].min()
     assert 0.1 - 1e-9 <= down < 2.0
     g.value[1] = -0.1
-    problem.solve(increments=4)
+    with problem:  # frees the factorisation; the next solve makes it anew
+        problem.solve(increments=4)
+    problem.destroy()
     assert np.allclose(problem.results[0].resultant, before, rtol=1e-8, atol=1e-8 * abs(before[1]))
+    with pytest.raises(llm.ContactInputError, match="side=2"):
+        problem.results[0].moment(side=2)
     assert "frame on tag 2" in str(problem)
 
 
@@ -269,12 +273,16 @@ def test_elements_that_turn_inside_out_are_counted(monkeypatch):
 
 def test_refused():
     domain, tags = blocks((3, 4))
-    _, u, F = bodies_of(domain)
+    V, u, F = bodies_of(domain)
 
     def make(F=F, u=u, **arguments):
         arguments.setdefault("interfaces", [llm.Interface(tags, (LOW, HIGH))])
         return llm.NonlinearContactProblem(F, u, **arguments)
 
+    class Glued(llm.Coulomb):
+        """A law of one's own, whose rows would not be asked."""
+
+    switch = llm.Coulomb(0.2, method="switch")
     for kwargs, text in [
         ({"u": "u"}, "give the Function u"),
         ({"F": 3}, "give a residual form"),
@@ -282,6 +290,8 @@ def test_refused():
         ({"loads": llm.FreeSurfacePressure(blocks((5, 7))[1], TOP, 1.0)}, "none of the meshes"),
         ({"solver": "condensed"}, "choose one of"),
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=llm.Law())]}, "Frictionless"),
+        ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=Glued(0.2))]}, "Frictionless"),
+        ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=switch)]}, "method='newton'"),
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), design="positions")]}, "frame moves"),
     ]:
         with pytest.raises(llm.ContactInputError, match=text):
@@ -290,6 +300,10 @@ def test_refused():
         make().solve(increments=0)
     with pytest.raises(llm.ContactInputError, match="finite number"):
         llm.FreeSurfacePressure(tags, TOP, np.nan)
+    for value in (np.nan, -2.0 * V.tabulate_dof_coordinates()[:, 1]):  # nowhere, and inside out
+        u.x.array[1::2] = value
+        with pytest.raises(llm.ContactInputError, match=r"[1-9]\d* entries that are NaN"):
+            make().solve()
 
 
 def test_demo(capsys):
