@@ -132,7 +132,8 @@ class ContactIteration:
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
         equations.start, self._calmed = about[0], False  # whether the state has come to rest once
         calm, before, w_last = 0, np.inf, w  # iterations without change; last residual and motion
-        changes, many = 0, MANY * sum(len(s.nodes.rows) for s in self.states)
+        starts = not known and not floating.count  # else friction holds bodies, perhaps
+        changes, many = 0, MANY * sum(len(s.nodes.rows) for s in self.states) if starts else np.inf
         runs = 0  # iterations in which contact did not balance the force on an obstacle
         given = np.inf  # by how much forces at supports changed last
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
@@ -140,7 +141,7 @@ class ContactIteration:
         pull = Pull(floating, spring, f, self.forces, alpha)
         for s in self.states:
             s.begin()
-        glides, rest = glide(equations, False), [s.own.copy() for s in self.states]
+        glides, rest = glide(equations, False), self.snapshot()[0]
         for iteration in range(1, MAXIMUM + 1):
             equations.lags = changes > many
             equations.about = about[0] if calm else equations.start
@@ -161,9 +162,8 @@ class ContactIteration:
             if runs > RUNS:
                 raise FinalError(lost)
             counts = {**_count(self.states), "changes": changes, "residual": miss}
-            entry = {"iteration": iteration, **counts}
-            self.history.append(entry)
-            tell_iteration(entry, self.bar)
+            self.history.append({"iteration": iteration, **counts})
+            tell_iteration(self.history[-1], self.bar)
             if self.operators.tied:  # one linear step is all
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
                 return found

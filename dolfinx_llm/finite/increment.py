@@ -82,19 +82,18 @@ class Increment:
         self.unbalanced = (1.0 - end) * step.unbalanced
         self.poses = [a + end * (b - a) for a, b in zip(start.poses, step.poses, strict=True)]
         self.lagged = True
+        steps.measure(self.u)
         z = [i.at(self.dofs, self.u) for i in steps.interfaces]
         faces = [f.at(self.dofs, self.u) for f in steps.followers]
         with _failing():
             self.held: list[Held] = [
-                replace(i.what.hold(z_i), pose=pose)
+                replace(i.what.hold(z_i), pose=pose, scale=steps.scale)
                 for i, z_i, pose in zip(steps.interfaces, z, self.poses, strict=True)
             ]
             self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
         self.status: list[Any] = list(good.status)
         self.changes, self.doubt, self.stuck, self.error = 0, 0.0, False, np.inf
         self._body = self._residual(self.u)
-        if steps.scale == 0.0:
-            steps.measure(steps.bodies.tangent(self.u))
         self.evaluate()
 
     def _residual(self, u: np.ndarray) -> np.ndarray:
@@ -144,8 +143,7 @@ class Increment:
         scale, size = self.steps.scale, self.steps.size
         for i, placed in enumerate(self.steps.interfaces):
             contact: MovingContact = placed.what
-            before, q, held = self.status[i], self.own[i], self.held[i]
-            held = replace(held, lagged=self.lagged, scale=scale)
+            before, q, held = self.status[i], self.own[i], replace(self.held[i], lagged=self.lagged)
             place = contact.place(placed.at(self.dofs, self.u), held)
             start = np.full(len(place.gap), OPEN) if before is None else before
             reach = np.where(start == OPEN, NO_GAP * size, max(NO_GAP * size, self.doubt / scale))

@@ -76,7 +76,9 @@ class Equations:
     times: StageTimes  # to which seconds are added
     scale: float = 0.0  # stiffness of the bodies, known with the first tangent [force / length]
 
-    def measure(self, K: PETSc.Mat) -> None:
-        """Find the bodies' stiffness of their tangent, which is destroyed; collective."""
-        self.scale = mean_diagonal(K)
-        K.destroy()
+    def measure(self, u: np.ndarray) -> None:
+        """Find the bodies' stiffness at this rank's u, once; collective."""
+        if self.scale == 0.0:
+            K = self.bodies.tangent(u)
+            self.scale = mean_diagonal(K)
+            K.destroy()

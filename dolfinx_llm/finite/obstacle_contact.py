@@ -29,9 +29,7 @@ from dolfinx_llm.laws.rows import CLOSED, OPEN
 
 DIFFERENCE = 1e-5  # over the surface's size: of points between which clearances are compared
 KINK = 0.05  # change of the direction between them that is an edge of the obstacle
-TURNED_AWAY = (
-    -0.5
-)  # cosine between a node's normal and the direction into the obstacle: it faces away
+TURNED_AWAY = -0.5  # cosine between a node's normal and the way into the obstacle: it faces away
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +75,9 @@ class ObstacleContact:
             ContactInputError: the obstacle is of another dimension, its clearance is no clearance,
                 or it is pressed by a force.
         """
-        gdim, kind = surface.x.shape[1], type(obstacle).__name__
-        if obstacle.gdim not in (None, gdim):
-            raise ContactInputError(f"the {kind} lies in {obstacle.gdim}D, the body in {gdim}D")
+        checked_clearance(obstacle, surface.x)
         found = cls(OneSide((surface,)), obstacle)
         found.pose()
-        checked_clearance(obstacle, surface.x)
         return found
 
     @property

@@ -58,7 +58,6 @@ class MovingInterfaceResult(InterfaceForces):
     correction: float  # largest change of a row by the design
     frame_pressure: np.ndarray  # (m,) mean pressure of the pairs about each node [force / area]
     frame_traction: np.ndarray  # (m, gdim) the same of the tangential force of side 0
-    presses: bool = False  # pressures are those of pairs
 
     @property
     def pressure(self) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.finite.terms import ContactTerms
 from dolfinx_llm.forms.direct import DirectSolver
@@ -168,11 +169,21 @@ class NewtonSystem:
             if alike:
                 matrix.copy(old.matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
                 matrix.destroy()
-                old.refactorise()
+                try:
+                    old.refactorise()
+                except ContactError:
+                    old.destroy()
+                    raise
                 self.solver = old
                 return
             old.destroy()
         self.solver = DirectSolver(matrix, options[0], ONCE | (options[1] or {}), own=True)
+
+    def destroy(self) -> None:
+        """Free the factorisation; collective. The next solve factorises anew."""
+        old, self.solver = self.solver, None
+        if old is not None:
+            old.destroy()
 
 
 def mean_diagonal(K: PETSc.Mat) -> float:

@@ -1,21 +1,23 @@
 """Ties at finite deformation: rows of the drawing, which bind x_p to sum_J N_pJ y_J for good.
 
 These equations are linear: their forces have no derivative by positions, turn with the bodies, and
-a constant pressure passes in every homogeneous deformation, since it passes in the drawing.
+a constant pressure passes in every homogeneous deformation, since it passes in the drawing. Normals
+and areas, by which forces are reported, are those of now, of the parts that were covered as drawn.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.finite.areas import Covered
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.jacobians import summing
-from dolfinx_llm.finite.sides import Sides
+from dolfinx_llm.finite.sides import Meeting, Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, Place, held_fast, yields
 from dolfinx_llm.laws.rows import OPEN, STICK
 
@@ -32,8 +34,7 @@ class TiedContact:
     A: csr_matrix  # (n gdim, width) x_p - sum_J N_pJ y_J
     N: csr_matrix  # (n, m)
     pairs: np.ndarray  # (n,) nodes that are tied
-    areas: tuple[np.ndarray, np.ndarray]  # (n,), (m,) of unit pressure as drawn [area]
-    normal: np.ndarray  # (n, gdim) as drawn
+    drawn: Meeting  # where nodes lie and what is covered, for good
     delta: float
 
     @classmethod
@@ -74,7 +75,8 @@ class TiedContact:
         pairs = np.zeros(n, dtype=bool)
         pairs[on] = True
         A = diags(np.repeat(pairs, sides.gdim).astype(float)) @ sides.jumps(N)
-        return cls(sides, A, N, pairs, (f, fy), meeting.at.normal, delta)
+        own, other = (Covered(c.share, csr_matrix(c.derivative.shape)) for c in meeting.covered)
+        return cls(sides, A, N, pairs, replace(meeting, covered=(own, other)), delta)
 
     @property
     def size(self) -> int:
@@ -106,8 +108,12 @@ class TiedContact:
         return None
 
     def place(self, z: np.ndarray, held: Held) -> Place:
-        """Rows as drawn."""
-        return Place(z, np.where(self.pairs, 0.0, np.inf), self.normal, self.N, self.areas)
+        """Rows as drawn, normals and areas as they are now."""
+        sides, at = self.sides, self.drawn.at
+        normal = np.einsum("nk,nki->ni", at.N, sides.outward(z)[sides.facets(False)[at.facet]])
+        normal = normal / np.linalg.norm(normal, axis=1)[:, None]
+        own, frame = (sides.forces(self.drawn, z, moving)[0] for moving in (True, False))
+        return Place(z, np.where(self.pairs, 0.0, np.inf), normal, self.N, (own, frame))
 
     def terms(
         self, place: Place, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
@@ -130,5 +136,5 @@ class TiedContact:
             delta=self.delta,
             status=status,
             friction=None,
-            slip=np.zeros_like(self.normal),
+            slip=np.zeros_like(place.normal),
         )

@@ -73,7 +73,10 @@ class DirectSolver:
         """Factorise anew where entries of the matrix have changed, but not which there are."""
         self.ksp.setOperators(self.matrix)
         factor = self.ksp.getPC().getFactorMatrix()
-        self.ksp.setUp()
+        try:
+            self.ksp.setUp()
+        except PETSc.Error as error:
+            raise refused(error, self._options, "set up the solver") from None
         if self.ksp.getPC().getFactorSolverType() == "mumps" and factor.getMumpsInfog(1) < 0:
             self.ksp.destroy()
             self.ksp = self._factorise(*self._given)

@@ -32,8 +32,6 @@ def against_obstacle(
         ContactInputError: the obstacle is of another dimension, or its clearance is no clearance.
     """
     gdim, kind = side.x.shape[1], type(obstacle).__name__
-    if obstacle.gdim not in (None, gdim):
-        raise ContactInputError(f"the {kind} lies in {obstacle.gdim}D, the body in {gdim}D")
     distance, normal = checked_clearance(obstacle, side.x)
     facets = _facing_facets(side, distance, normal)
     if not len(facets):
@@ -76,7 +74,9 @@ def against_obstacle(
 
 def checked_clearance(obstacle: Obstacle, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What the obstacle says of points, checked: own obstacles may say anything."""
-    kind = type(obstacle).__name__
+    gdim, kind = x.shape[1], type(obstacle).__name__
+    if obstacle.gdim not in (None, gdim):
+        raise ContactInputError(f"the {kind} lies in {obstacle.gdim}D, the body in {gdim}D")
     try:
         distance, normal = obstacle.clearance(x)
         distance, normal = np.array(distance, float), np.array(normal, float)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dolfinx_llm.base import checks
+
 if TYPE_CHECKING:
     from dolfinx_llm.geometry.frame import Frame
 
@@ -75,8 +77,14 @@ class InterfaceForces:
 
         Args:
             about: (gdim,) point; the origin by default [length].
-            side: whose forces on the frame.
+            side: whose forces on the frame: 0 or 1; 0 against an obstacle.
+
+        Raises:
+            ContactInputError: no such side.
         """
+        accepted = "give the number of a side, 0 or 1; 0 against an obstacle"
+        if checks.integer("side", side, accepted, low=0) >= len(self.sides):
+            checks.refuse("side", side, accepted)
         of = self.sides[side]
         arm = of.x - (0.0 if about is None else np.asarray(about, dtype=float))
         if arm.shape[1] == 2:  # NumPy 2 has no cross product in the plane

@@ -74,8 +74,8 @@ def block_diagonal(blocks: Sequence[PETSc.Mat]) -> PETSc.Mat:
 
 def same_entries(K: PETSc.Mat, M: PETSc.Mat) -> bool:
     """Whether two AIJ matrices of the same sizes store the same entries; collective."""
-    pairs = zip(K.getValuesCSR()[:2], M.getValuesCSR()[:2], strict=True)
-    return bool(K.comm.tompi4py().allreduce(all(map(np.array_equal, *zip(*pairs))), op=MPI.LAND))
+    alike = all(map(np.array_equal, K.getValuesCSR()[:2], M.getValuesCSR()[:2]))
+    return bool(K.comm.tompi4py().allreduce(alike, op=MPI.LAND))
 
 
 def is_symmetric(K: PETSc.Mat) -> bool:

@@ -103,6 +103,9 @@ def _nearest(
         return forces
     # Least distance, Lawson and Hanson, Solving Least Squares Problems (1974), chapter 23.
     P = free(np.eye(len(forces)))[presses]
-    x, _ = nnls(np.vstack([P.T, -forces[presses] / size]), np.append(np.zeros(len(forces)), 1.0))
+    try:
+        x, _ = nnls(np.vstack([P.T, -forces[presses] / size]), np.eye(len(forces) + 1)[-1])
+    except RuntimeError:  # too many iterations: then the forces stay as they were found
+        return found
     left = 1.0 + x @ forces[presses] / size
     return forces + size * (P.T @ x) / left if left > VANISHES else found

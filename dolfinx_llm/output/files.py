@@ -128,7 +128,8 @@ def interface_fields(
 ) -> dict[str, tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]]:
     """Points, cells and fields of the frame ("frame") and of each side ("side_0", "side_1").
 
-    Against a rigid obstacle there is no frame; pressure and traction then stand with the side.
+    Against a rigid obstacle there is no frame; pressure and traction then stand with the side. A
+    gap where there is nothing beyond, inf, is the largest of the others and the side's extent.
 
     Args:
         result: of a solve, ``problem.results[i]``.
@@ -149,11 +150,13 @@ def interface_fields(
         parts["frame"] = result.frame_drawn, frame.cells, fields
     for k, side in enumerate(result.sides):
         own_gap = {"frame_gap": side.frame_gap} if hasattr(side, "frame_gap") else {}
+        there = np.isfinite(side.gap)  # inf cannot be written
+        far = side.gap[there].max(initial=np.ptp(side.x, axis=0).sum())
         parts[f"side_{k}"] = side.drawn, side.facets, {
             "displacement": side.u,
             "force": side.force,
             "normal_force": side.normal_force,
-            "gap": np.minimum(side.gap, np.ptp(side.x, axis=0).sum()),  # inf cannot be written
+            "gap": np.where(there, side.gap, far),
             **own_gap,
             "slip": side.slip,
             "status": side.status.astype(float),

@@ -11,9 +11,9 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_llm.base import checks
-from dolfinx_llm.base.disposable import free_garbage
-from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.base.parallel import agree, collective
+from dolfinx_llm.base.disposable import Disposable, free_garbage
+from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.parallel import agree, check, collective
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.newton import NewtonSteps
@@ -26,7 +26,7 @@ from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_argument
 from dolfinx_llm.problem.nonlinear_parts import contact_of, follower_of, numbered, pose_of
 
 
-class NonlinearContactProblem:
+class NonlinearContactProblem(Disposable):
     """Bodies F(u; v) = 0 that touch along interfaces, at finite deformation and large sliding.
 
     The frame's nodes are those of the coarser surface of each interface; the other one's nodes are
@@ -42,7 +42,8 @@ class NonlinearContactProblem:
         bcs: Dirichlet conditions on the displacement; values may change between steps.
         interfaces: ``Interface`` objects with the law ``Tied()``, ``Frictionless()`` or
             ``Coulomb(...)``, which holds at the nodes of the finer side; an array of its mu has a
-            value for each of these.
+            value for each of these. Against rigid obstacles, which move and turn by any amount:
+            ``Frictionless()``.
         loads: ``FreeSurfacePressure`` objects.
         nodal_loads: Functions of nodal forces.
         solver: "auto" or "saddle": Newton's system factorised by MUMPS.
@@ -130,7 +131,8 @@ class NonlinearContactProblem:
             The displacement u, which is updated in place.
 
         Raises:
-            ContactInputError: increments below 1, values that are not finite.
+            ContactInputError: increments below 1, values that are not finite, also those of F at
+                the displacement where the step starts.
             ContactError: Newton's iteration fails however small increments are; u is then the
                 last state that was found, and ``solve`` may be called again.
         """
@@ -143,6 +145,14 @@ class NonlinearContactProblem:
         values = self.bulk.values()
         start = self._state
         unbalanced = self._newton.unbalanced(start)
+        wrong = int((~np.isfinite(unbalanced)).sum())
+        check(
+            self.comm,
+            wrong > 0,
+            f"the residual F has {wrong} entries that are NaN or infinite where the step starts: "
+            "check that u turns no element inside out, and coefficients",
+            ContactInputError,
+        )
         values = np.where(self.bulk.dofs.fixed, values, start.u)
         step = LoadStep(start, values, pressures, poses, unbalanced)
         try:
@@ -174,6 +184,11 @@ class NonlinearContactProblem:
         if not self.results:
             raise ContactError("there is nothing to draw yet: call solve() first")
         plot.pictures(self.comm, self.bulk.u, self.results, folder, field, scale=1.0)
+
+    def destroy(self) -> None:
+        """Free the factorisation, which the next ``solve`` makes anew; collective. On one rank the
+        garbage collector does it, too."""
+        self._newton.equations.system.destroy()
 
     def __str__(self) -> str:
         """Sizes, and which side of each interface carries the frame."""

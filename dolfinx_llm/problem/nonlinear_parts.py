@@ -41,7 +41,7 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
         ContactInputError: choices that are not there at finite deformation.
     """
     if interface.obstacle is not None:
-        if not isinstance(interface.law, Frictionless):
+        if type(interface.law) is not Frictionless:
             raise ContactInputError(
                 f"law={checks.shown(interface.law)}: against a rigid obstacle at finite "
                 "deformation choose Frictionless()"
@@ -54,10 +54,14 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
             "at finite deformation the frame's nodes are those of the coarser surface: leave "
             "frame=None"
         )
-    if not isinstance(interface.law, (Tied, Frictionless, Coulomb)):
+    if type(interface.law) not in (Tied, Frictionless, Coulomb):  # others have rows of their own
         raise ContactInputError(
             f"law={checks.shown(interface.law)}: at finite deformation choose Tied(), "
             "Frictionless() or Coulomb(...)"
+        )
+    if isinstance(interface.law, Coulomb) and interface.law.method != "newton":
+        raise ContactInputError(
+            f"law={checks.shown(interface.law)}: at finite deformation choose method='newton'"
         )
     if interface.design == "positions":
         raise ContactInputError(

@@ -1049,7 +1049,7 @@ differ(
 )
 differ("the loads must be", lambda s: s.nonlinear(loads=pick(s, (), s.pressure())))
 differ(
-    "increments and pressures must be the same",
+    "increments, pressures and obstacles must be the same",
     lambda s: s.nonlinear().solve(pick(s, 1, 2)),
     lambda s: s.nonlinear(loads=s.pressure(pick(s, 1.0, 2.0))).solve(),
 )

@@ -2,6 +2,7 @@
 
 import logging
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 
 import finite_patch
 import numpy as np
@@ -257,6 +258,10 @@ def test_finite_deformation(obstacle, tmp_path):
         assert np.abs(x + fields["displacement"] - now).max() < 1e-14
         assert np.isfinite(fields["status" if name == "frame" else "gap"]).all()
     assert np.abs(result.deformed - result.x).max() < 1e-14
+    # A gap may be larger than the body; where there is none a number stands for it.
+    gaps = np.where(np.arange(len(result.sides[0].gap)) == 1, np.inf, 1e3)
+    afar = replace(result, sides=(replace(result.sides[0], gap=gaps), *result.sides[1:]))
+    assert (post.interface_fields(afar)["side_0"][2]["gap"] == 1e3).all()
     problem.plot(tmp_path / "pictures")
     assert (tmp_path / "pictures" / "interface_0.png").exists()
 

@@ -44,8 +44,7 @@ def test_finite_patch(scene):
     problem = finite_patch.problem(bodies, **scene)
     problem.solve(increments=2)
     stretch, pressure = finite_patch.errors(problem, known, scene["boxes"])
-    tied = isinstance(scene.get("law"), llm.Tied)
-    assert stretch < 1e-10 and (pressure < 1e-9 or tied)  # ties: areas as drawn
+    assert stretch < 1e-10 and pressure < 1e-9
     assert max(h["iteration"] for h in problem.history) <= 6
     assert len({h["part"] for h in problem.history}) == 2
     result = problem.results[0]
