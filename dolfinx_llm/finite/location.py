@@ -21,6 +21,7 @@ AROUND = 1.5  # radii of the largest facet, within which all are tried for the r
 MET = 1e-10  # distance over facet size that is left where a node has met a facet
 INSIDE = 1e-9  # shape functions above minus this: within a facet
 MISSED = 1e3  # reference coordinates of what does not meet a facet
+VAGUE = 0.1  # length of the mean of unit normals below which a facet's nodes tell no direction
 ITERATIONS_TO_MEET = 15
 SETTLED = 1e-9  # last change of Newton's iteration: its square is rounding
 
@@ -139,7 +140,7 @@ def _meet(x: np.ndarray, y: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.n
         rest = x - _sums(N, y + height[:, None, None] * n)
         size = np.linalg.norm(y - y.mean(axis=1)[:, None], axis=2).max(axis=1)
         met = np.linalg.norm(rest, axis=1) < MET * size
-        met &= np.linalg.norm(_sums(N, n), axis=1) > 0.1
+        met &= np.linalg.norm(_sums(N, n), axis=1) > VAGUE
     xi[~met], height[~met] = 0.0, 0.0
     return xi, height, met
 

@@ -21,9 +21,11 @@ class MovingSideResult:
     X: np.ndarray  # (n, gdim) as drawn [length]
     x: np.ndarray  # (n, gdim) now [length]
     force: np.ndarray  # (n, gdim) forces that the body exerts on the frame [force]
-    normal: np.ndarray  # (n, gdim) frame normal, out of this side; 0 away from contact
+    normal: np.ndarray  # (n, gdim) frame normal, out of this side; 0 where it has no place
     normal_force: np.ndarray  # (n,) positive in compression [force]
-    gap: np.ndarray  # (n,) to the other body along the normal; inf where there is none [length]
+    # (n,) to the other body along the normal; inf where there is none, and at nodes that carry the
+    # frame where nothing presses [length]
+    gap: np.ndarray
     slip: np.ndarray  # (n, gdim) tangential motion on the other body in the last increment [length]
     status: np.ndarray  # (n,) 0 open, 1 stick, 2 slip, 3 closed without friction
     area: np.ndarray  # (n,) tributary area of what both surfaces cover [area]

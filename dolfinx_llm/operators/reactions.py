@@ -67,8 +67,8 @@ def with_reactions(
     fixed = hstack([block_diag(felt, format="csr")[at], _nodal(operators, at)]).tocsr()
     multiplier, rounding = multiplier.copy(), PULL * np.abs(multiplier).max(initial=0.0)
     _, piece = connected_components(fixed @ fixed.T, directed=False)
-    for k in range(piece.max(initial=-1) + 1):
-        own = np.flatnonzero(piece == k)
+    ends = np.cumsum(np.bincount(piece))[:-1]
+    for own in np.split(np.argsort(piece, kind="stable"), ends) if len(at) else []:
         to = at[own]
         multiplier[to] = _nearest(fixed[own], multiplier[to], wanted[to], presses[to], rounding)
     return multiplier
