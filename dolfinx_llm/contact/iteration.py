@@ -180,7 +180,7 @@ class ContactIteration:
             enough = max(ENOUGH, spread(equations) * self.form.noise / largest)
             settled = miss <= self.form.accuracy or (stalled and miss <= enough)
             given, last = given_way(equations, multiplier) / largest, given
-            settled &= given <= (CONSTANT if given < 0.5 * last else ROUGH)
+            settled &= given <= (ROUGH if calm > CALM and given > 0.5 * last else CONSTANT)
             rests = settled and calm > corrections and pull.rests
             released = (rests or calm > 1) and equations.release(multiplier, ENOUGH * largest)
             if rests and not released:
