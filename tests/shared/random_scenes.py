@@ -479,7 +479,7 @@ def pose(scene, variant=None, comm=MPI.COMM_SELF):
             x, cells = x[:0], cells[:0]
         domain = compat.create_mesh(comm, cells, x, scene.bodies[group[0]].kind)
         V = compat.function_space(domain, shape=(gdim,))
-        given = number[np.asarray(domain.geometry.input_global_indices)]
+        given = number[np.asarray(domain.geometry.input_global_indices, dtype=np.int64)]
         dofs, nodes = compat.cell_dofs(V), compat.cell_dofs(domain.geometry)
         of_dof = np.zeros(V.dofmap.index_map.size_local + V.dofmap.index_map.num_ghosts, int)
         of_dof[dofs.ravel()] = given[nodes.ravel()]
