@@ -39,7 +39,7 @@ class Equations:
     Attributes:
         states: per interface its ``InterfaceState``.
         L, whole: (n, m) motion of frames and slips as the rows see it, now and with friction.
-        compliance: (n,) by how much rows give way [length / force].
+        L_t: (n_v, n) what forces of the rows are to the frames now.
         lags: normal forces that bound friction are those of the last iterate.
         soft: (n,) rows that give way to changes alone, by ``SOFT``: supports leave forces open.
         start: (n,) λ at the start of the load step: friction at rest keeps it [force].
@@ -57,21 +57,21 @@ class Equations:
         self.n = sum(nodes.rows.size for nodes in places)
         # Of ties no row that repeats others is left.
         loose = np.concatenate([np.full(nodes.rows.size, not nodes.law.ties) for nodes in places])
-        self.soft, self.compliance = operators.soft & loose, np.zeros(self.n)
+        self.soft = operators.soft & loose
         L = block_diag([nodes.L for nodes in places], format="csr")
         L_kappa = block_diag([nodes.L_kappa for nodes in places], format="csr")
         kept = diags(np.concatenate([nodes.kept for nodes in places]).astype(float))
-        self.whole = self.L = (kept @ hstack([L, L_kappa])).tocsr()
-        self.n_v, self.m = L.shape[1], self.L.shape[1]
+        self.whole, self.n_v = (kept @ hstack([L, L_kappa])).tocsr(), L.shape[1]
+        self.m = self.whole.shape[1]
+        self.L, self.L_t = seen_by(self.whole, self.n_v)
         self._operators, self.loads = operators, np.zeros(self.n_v)
         self.start = self.about = np.zeros(self.n)
         self._rigid = np.zeros(self.m)  # 1: translations of obstacles, the others nodal motions
-        for s in self.states:
-            self._rigid[s.nodes.v] = s.nodes.model.frame is None
         self.normal = np.zeros(self.n, dtype=bool)
         self.drifts = np.zeros(self.m, dtype=bool)
         for nodes in places:
             self.normal[nodes.rows[:, -1]] = nodes.law.opens
+            self._rigid[nodes.v] = nodes.model.frame is None
             if nodes.model.frame is not None:
                 v = nodes.v.reshape(-1, nodes.model.directions.shape[1])
                 self.drifts[v[:, -1]] = True
@@ -126,13 +126,13 @@ class Equations:
             return replace(self._ties, g=g)
         active = self.closed_rows()
         kept = np.where(active, self.about, 0.0)
-        compliance = np.where(self.soft, SOFT / self.scale, self.compliance)
+        compliance = np.where(self.soft, SOFT / self.scale, 0.0)
         P = proximal_term(self.states, self.m, self._epsilon * self.scale)
         gather = self._frame_gather()
         own = gather @ P[: self.n_v]
         relative = block_diag([s.others.frame_relative for s in self.states], format="csr")
         relative.resize(own.shape)
-        E, rhs = [gather @ _to_frame(self)], [own @ centre + self.loads]
+        E, rhs = [gather @ self.L_t], [own @ centre + self.loads]
         D = [own + self.scale * relative]
         for s in self.states:
             nodes = s.nodes
@@ -148,7 +148,7 @@ class Equations:
                 rhs.append(own @ centre + rows.rhs.ravel() + before)
         (anchor, spring), floating = held, self._operators.floating
         return LinearStep(
-            active, self.may_open(), self.L, g + self.soft * compliance * kept, compliance,
+            active, self.may_open(), self.L, g + compliance * kept, compliance,
             stack(E, format="csr"), stack(D, format="csr"), np.concatenate(rhs),
             anchor, spring, floating.pins, spring * floating.at_pins(anchor), kept,
         )  # fmt: skip
@@ -197,20 +197,20 @@ class Equations:
     def imbalance(self, multiplier: np.ndarray) -> float:
         """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
         with theirs."""
-        forces = _to_frame(self) @ multiplier
+        forces = self.L_t @ multiplier
         left = (forces if self._operators.tied else self._frame_gather() @ forces) - self.loads
         return float(np.abs(left).max(initial=0.0))
 
     def release(self, multiplier: np.ndarray, allowed: float) -> bool:
         """Whether frame nodes that have balanced in sums miss it by more than is allowed [force];
         from then on each balances on its own."""
-        missed = np.abs(_to_frame(self) @ multiplier - self.loads).max(initial=0.0)
+        missed = np.abs(self.L_t @ multiplier - self.loads).max(initial=0.0)
         return bool(missed > allowed) and any([s.release() for s in self.states])
 
     def runaway(self, multiplier: np.ndarray) -> str:
         """What is said of an obstacle whose force contact does not balance: all but the proximal
         term gives way to it. Empty where there is none."""
-        left = self.loads - _to_frame(self) @ multiplier
+        left = self.loads - self.L_t @ multiplier
         for s in self.states:
             model = s.nodes.model
             obstacle = model.interface.obstacle
@@ -229,6 +229,11 @@ class Equations:
     def _frame_gather(self) -> csr_matrix:
         """(n_v, n_v) forces at the frame's nodes, summed up where equilibrium is asked for."""
         return block_diag([s.others.frame_gather for s in self.states], format="csr")
+
+
+def seen_by(L: csr_matrix, n_v: int) -> tuple[csr_matrix, csr_matrix]:
+    """L (n, m) by which rows see motion, and (n_v, n) what their forces are to the frames."""
+    return L, L[:, :n_v].T.tocsr()
 
 
 def given_way(equations: Equations, multiplier: np.ndarray) -> float:
@@ -251,11 +256,6 @@ def _law_miss(equations: Equations, multiplier: np.ndarray, w: np.ndarray) -> fl
             miss = s.law.miss(replace(s.at(multiplier, w, c), jump=rests.jump))
             worst = max(worst, float(miss.max(initial=0.0)))
     return worst
-
-
-def _to_frame(equations: Equations) -> csr_matrix:
-    """(n_v, n) what forces of the rows are to the frame."""
-    return equations.L[:, : equations.n_v].T.tocsr()
 
 
 def _on_forces(s: InterfaceState, rows: LawRows, C_T: csr_matrix) -> csr_matrix:

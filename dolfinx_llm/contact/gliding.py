@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import diags
 
-from dolfinx_llm.contact.equations import Equations
+from dolfinx_llm.contact.equations import Equations, seen_by
 
 
 def glide(equations: Equations, glides: bool) -> bool:
@@ -26,7 +26,9 @@ def glide(equations: Equations, glides: bool) -> bool:
             v = s.nodes.v.reshape(s.nodes.model.directions.shape[:2])
             seen[v[:, :-1]] = seen[s.nodes.kappa] = 0.0
     found = not seen.all()
-    equations.L = (equations.whole @ diags(seen)).tocsr() if found else equations.whole
+    if found or equations.L is not equations.whole:
+        L = (equations.whole @ diags(seen)).tocsr() if found else equations.whole
+        equations.L, equations.L_t = seen_by(L, equations.n_v)
     return found
 
 

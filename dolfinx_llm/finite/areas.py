@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from dolfinx_llm.finite.facet_planes import FacetPlanes
+from dolfinx_llm.finite.facet_planes import WHOLE, FacetPlanes
 from dolfinx_llm.finite.jacobians import coordinates, cross_matrix, jacobian, per_item, summing
 from dolfinx_llm.finite.normals import area_derivatives
-from dolfinx_llm.geometry.cells import CORNERS, facet_vectors, shape_functions, vector_areas
+from dolfinx_llm.geometry.cells import facet_vectors, shape_functions, vector_areas
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ def _across_warped(x: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.nd
     """(f, 4, 3) what int N_J n dA over a warped quad has across its mean normal, and (f, 4, 3, 12)
     derivatives; over a part of it the part of this is taken. It adds up to zero over the nodes, and
     makes the moment of a pressure around a body zero."""
-    xi = CORNERS[4] / np.sqrt(3.0)
+    xi, _ = WHOLE[4]
     N, dN = shape_functions(4, xi)
     t = np.einsum("gkd,fki->fgdi", dN, x[facets])
     # d(t_1 x t_2) = dx_K x (dN_K,1 t_2 - dN_K,2 t_1)

@@ -20,16 +20,16 @@ from dolfinx_llm.finite.areas import Covered
 from dolfinx_llm.finite.facet_planes import FacetPlanes, plane_integrals
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, summing
 from dolfinx_llm.finite.polygons import OWN, Polygons, cut
-from dolfinx_llm.geometry.cells import joined_lists, repeated_for, shape_functions
+from dolfinx_llm.geometry.cells import gauss, joined_lists, repeated_for, shape_functions
 from dolfinx_llm.geometry.overlap_flat import reference_coordinates
 
 OPPOSED = -0.3  # cosine between the normals of facets that lie across, at most
 LAYER = 2.0  # distance of facets that lie across, over their sizes, at most
 SLIVER = 1e-11  # part of a facet that is none
 # Along an edge: inverse maps of distorted quads are smooth, and integrated to rounding.
-_ON_EDGE = (lambda s, w: ((s + 1.0) / 2.0, w / 2.0))(*np.polynomial.legendre.leggauss(10))
+_ON_EDGE = gauss(10)
 # From a facet's origin to the edge: polynomials of degree 4, integrated exactly.
-_TO_EDGE = (lambda s, w: ((s + 1.0) / 2.0, w / 2.0))(*np.polynomial.legendre.leggauss(3))
+_TO_EDGE = gauss(3)
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,7 +59,7 @@ class FrictionContact(NormalContact):
 
     def touching(
         self,
-        place: NormalPlace,  # type: ignore[override]
+        place: NormalPlace,
         q: np.ndarray,
         before: np.ndarray,
         held: Held,

@@ -168,12 +168,12 @@ class Increment:
         with steps.times.timed("assembly of J"):
             K = steps.bodies.tangent(self.u)
         try:
-            du, changes = self._solve(K)
+            du, changes = self._solve(K.copy() if self.lagged else K)
             for _ in range(SETTLINGS if self.lagged else 0):
                 if not self._foresee(du, changes):
                     break
                 self._balance()
-                du, changes = self._solve(K)
+                du, changes = self._solve(K.copy())
         finally:
             K.destroy()
         for cut in 0.5 ** np.arange(CUTS):
@@ -188,10 +188,10 @@ class Increment:
         self.evaluate()
 
     def _solve(self, K: PETSc.Mat) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Changes of this rank's u and of each interface's own unknowns."""
+        """Changes of this rank's u and of each interface's own unknowns; K is used up."""
         steps, r = self.steps, np.where(self.fixed, self.u - self.target, self.r)
         with steps.times.timed("factorisation"), _failing():
-            du, dq = steps.system.solve(K.copy(), self.terms, self.loads, r, steps.options)
+            du, dq = steps.system.solve(K, self.terms, self.loads, r, steps.options)
         finite = np.isfinite(du).all() and np.isfinite(dq).all()
         if not self.dofs.comm.allreduce(bool(finite), op=MPI.LAND):
             raise StepFailed("the linear solver gives no finite numbers")

@@ -14,7 +14,6 @@ derivative does not; it stands in ``gap_z`` and ``gap_mu``.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags
@@ -23,8 +22,8 @@ from dolfinx_llm.finite.design import Design, DesignedRows
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item, summing
 from dolfinx_llm.finite.location import OnFrame
 from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.terms import ContactTerms, Held, Place, held_fast, yields
-from dolfinx_llm.laws.rows import CLOSED, OPEN
+from dolfinx_llm.finite.terms import ContactTerms, Held, Opening, Place, held_fast, yields
+from dolfinx_llm.laws.rows import OPEN
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +53,8 @@ class NormalPlace(Place):
 
 
 @dataclass(frozen=True, eq=False)
-class NormalContact:
+class NormalContact(Opening):
     """Unknowns: a force per node of the moving side, mu per frame node, kappa."""
-
-    settles: ClassVar[bool] = True
 
     sides: Sides
     design: Design
@@ -79,29 +76,6 @@ class NormalContact:
         surfaces, frame = self.sides.surfaces, self.sides.frame
         first = np.zeros(self.sides.gdim, dtype=np.int64)
         return np.concatenate([surfaces[1 - frame].owner, surfaces[frame].owner, first])
-
-    def touching(
-        self,
-        place: Place,
-        q: np.ndarray,
-        before: np.ndarray,
-        held: Held,
-        reach: np.ndarray,
-    ) -> tuple[np.ndarray, Held]:
-        """(n,) status of the pairs, and what is held from now on: closed where lambda - scale gap
-        > 0.
-
-        Args:
-            place: in this configuration.
-            q: own unknowns.
-            before: (n,) status in the last iterate.
-            held: from the start of the step.
-            reach: (n,) pairs closer than that touch [length].
-        """
-        force = q[: len(place.pairs)]
-        gap = np.where(place.pairs, place.gap, 0.0)
-        closed = place.pairs & (force / held.scale - gap > -reach)
-        return np.where(closed, CLOSED, OPEN), held
 
     def hold(self, z: np.ndarray) -> Held:
         """What is held in a load step that starts at coordinates z."""

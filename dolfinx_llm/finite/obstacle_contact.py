@@ -12,7 +12,6 @@ is moved back, n moved on, by its displacement and the finite rotation about its
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags
@@ -20,12 +19,12 @@ from scipy.spatial.transform import Rotation
 
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
-from dolfinx_llm.finite.terms import ContactTerms, Held, Place, held_fast
+from dolfinx_llm.finite.terms import ContactTerms, Held, Opening, Place, held_fast
 from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.against import checked_clearance
 from dolfinx_llm.interface.obstacle import Obstacle
-from dolfinx_llm.laws.rows import CLOSED, OPEN
+from dolfinx_llm.laws.rows import OPEN
 
 DIFFERENCE = 1e-5  # over the surface's size: of points between which clearances are compared
 KINK = 0.05  # change of the direction between them that is an edge of the obstacle
@@ -59,10 +58,8 @@ class ObstaclePlace(Place):
 
 
 @dataclass(frozen=True, eq=False)
-class ObstacleContact:
+class ObstacleContact(Opening):
     """Unknowns: a force per node."""
-
-    settles: ClassVar[bool] = True
 
     sides: OneSide
     obstacle: Obstacle
@@ -151,19 +148,6 @@ class ObstacleContact:
         R = Rotation.from_rotvec(vector).as_matrix()[:gdim, :gdim]
         gap, into = checked_clearance(self.obstacle, (x - pivot - shift) @ R + pivot)
         return gap, -into @ R.T
-
-    def touching(
-        self,
-        place: Place,
-        q: np.ndarray,
-        before: np.ndarray,
-        held: Held,
-        reach: np.ndarray,
-    ) -> tuple[np.ndarray, Held]:
-        """(n,) status of the nodes, and what is held; see ``NormalContact.touching``."""
-        gap = np.where(place.pairs, place.gap, 0.0)
-        closed = place.pairs & (q / held.scale - gap > -reach)
-        return np.where(closed, CLOSED, OPEN), held
 
     def terms(
         self, place: ObstaclePlace, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray

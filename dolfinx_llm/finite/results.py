@@ -10,7 +10,8 @@ from scipy.sparse import csr_matrix, diags
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact
 from dolfinx_llm.finite.terms import ContactTerms, MovingContact
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.interface.forces import InterfaceForces
+from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.interface.forces import InterfaceForces, per_area
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
 
@@ -110,21 +111,8 @@ def moving_results(
     slips = sides.in_order(terms.slip, _at_frame(place.N, terms.slip, active))
     gaps = sides.in_order(np.where(active, 0.0, place.gap), np.where(loaded, 0.0, np.inf))
     statuses, areas = sides.in_order(status, at_frame), sides.in_order(*place.areas)
-    first, second = (
-        MovingSideResult(
-            X=surface.x,
-            x=places[k],
-            force=forces[k],
-            normal=normals[k],
-            normal_force=np.einsum("ni,ni->n", forces[k], normals[k]),
-            gap=gaps[k],
-            status=statuses[k],
-            slip=slips[k],
-            area=areas[k],
-            facets=surface.facets,
-        )
-        for k, surface in enumerate(sides.surfaces)
-    )
+    of = zip(sides.surfaces, places, forces, normals, gaps, slips, statuses, areas, strict=True)
+    first, second = (_side(*own) for own in of)
     sign = 1.0 if sides.frame == 0 else -1.0
     total, normal = sign * forces[sides.frame], sign * outward
     force = np.einsum("mi,mi->m", total, normal)
@@ -135,7 +123,7 @@ def moving_results(
     cells, moving = sides.facets(False), (first, second)[sides.moving]
     tangential = moving.force - moving.normal_force[:, None] * moving.normal
     weights = place.N.maximum(0.0).T
-    pressed = _over(weights @ moving.normal_force[:, None], weights @ place.areas[0])
+    pressed = per_area(weights @ moving.normal_force[:, None], weights @ place.areas[0])
     drawn = sides.surfaces[sides.frame].x
     return MovingInterfaceResult(
         frame=Frame(y, cells if sides.frame == 0 else cells[:, ::-1], v=y - drawn),
@@ -146,7 +134,7 @@ def moving_results(
         frame_status=at_frame,
         correction=terms.delta,
         frame_pressure=pressed[:, 0],
-        frame_traction=-sign * _over(weights @ tangential, weights @ place.areas[0]),
+        frame_traction=-sign * per_area(weights @ tangential, weights @ place.areas[0]),
     )
 
 
@@ -156,18 +144,8 @@ def _against_obstacle(
     """The result of a body on a rigid obstacle."""
     surface, place, status = contact.sides.surfaces[0], terms.place, terms.status
     x, force = (contact.sides.split(values)[0] for values in (z, -terms.force))
-    side = MovingSideResult(
-        X=surface.x,
-        x=x,
-        force=force,
-        normal=-place.normal,
-        normal_force=np.einsum("ni,ni->n", force, -place.normal),
-        gap=np.where(status != OPEN, 0.0, place.gap),
-        slip=terms.slip,
-        status=status,
-        area=place.areas[0],
-        facets=surface.facets,
-    )
+    gap = np.where(status != OPEN, 0.0, place.gap)
+    side = _side(surface, x, force, -place.normal, gap, terms.slip, status, place.areas[0])
     tangential = force - side.normal_force[:, None] * side.normal
     return MovingInterfaceResult(
         frame=None,
@@ -177,14 +155,25 @@ def _against_obstacle(
         frame_friction=tangential,
         frame_status=status,
         correction=0.0,
-        frame_pressure=_over(side.normal_force[:, None], side.area)[:, 0],
-        frame_traction=_over(tangential, side.area),
+        frame_pressure=per_area(side.normal_force[:, None], side.area)[:, 0],
+        frame_traction=per_area(tangential, side.area),
     )
 
 
-def _over(force: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """(m, k) forces over areas (m,), 0 where nothing is covered [force / area]."""
-    return force / np.where(area > 0.0, area, np.inf)[:, None]
+def _side(
+    surface: Surface,
+    x: np.ndarray,
+    force: np.ndarray,
+    normal: np.ndarray,
+    gap: np.ndarray,
+    slip: np.ndarray,
+    status: np.ndarray,
+    area: np.ndarray,
+) -> MovingSideResult:
+    """Of a surface; what else is given as of ``MovingSideResult``."""
+    pressed = np.einsum("ni,ni->n", force, normal)
+    facets = surface.facets
+    return MovingSideResult(surface.x, x, force, normal, pressed, gap, slip, status, area, facets)
 
 
 def _at_frame(N: csr_matrix, slip: np.ndarray, active: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place
+from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place, moved
 from dolfinx_llm.laws.rows import CLOSED, OPEN
 
 
@@ -39,5 +39,5 @@ def foreseen(
     n, pairs = len(place.gap), place.pairs
     every = np.where(pairs, CLOSED, OPEN)
     rows = contact.terms(place, np.zeros(len(q)), every, held, np.ones(len(dz), dtype=bool)).left
-    gap = np.where(pairs, place.gap, 0.0) + (rows @ dz)[:n]
-    return np.where(pairs & (q[:n] / held.scale - gap > -reach), CLOSED, OPEN)
+    then = moved(place, (rows @ dz)[:n])
+    return contact.touching(then, q, every, held, reach)[0]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.finite.sides import Sides
+from dolfinx_llm.laws.rows import CLOSED, OPEN
 
 FAST = 1e-9  # part of a row at free dofs, below which supports hold the pair
 YIELDS = 1e-6  # over the stiffness: by which a row yields to its force where supports hold the node
@@ -114,6 +115,40 @@ class MovingContact(Protocol):
         self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
     ) -> ContactTerms:
         """All that Newton's iteration asks for."""
+
+
+class Opening:
+    """Contact whose pairs close and open by themselves; the first (n,) of its unknowns q are their
+    normal forces lambda [force]."""
+
+    settles: ClassVar[bool] = True
+
+    def touching(
+        self,
+        place: Any,
+        q: np.ndarray,
+        before: np.ndarray,
+        held: Held,
+        reach: np.ndarray,
+    ) -> tuple[np.ndarray, Held]:
+        """(n,) status of the pairs, and what is held from now on: closed where lambda - scale gap
+        > 0.
+
+        Args:
+            place: in this configuration.
+            q: own unknowns.
+            before: (n,) status in the last iterate.
+            held: from the start of the step.
+            reach: (n,) pairs closer than that touch [length].
+        """
+        gap = np.where(place.pairs, place.gap, 0.0)
+        closed = place.pairs & (q[: len(gap)] / held.scale - gap > -reach)
+        return np.where(closed, CLOSED, OPEN), held
+
+
+def moved(place: Place, change: np.ndarray) -> Place:
+    """The same pairs where their gaps have changed (n,) [length]."""
+    return replace(place, gap=place.gap + change)
 
 
 def yields(directions: np.ndarray, free: np.ndarray, held: Held) -> np.ndarray:

@@ -38,6 +38,12 @@ def closest_on_sides(p: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.stack([[t, 0.0 * t], [1.0 - t, t], [0.0 * t, 1.0 - t]])[best, :, n]
 
 
+def gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n,) and weights (n,) on [0, 1], exact for polynomials of degree 2 n - 1."""
+    s, w = np.polynomial.legendre.leggauss(n)
+    return (s + 1.0) / 2.0, w / 2.0
+
+
 def joined_lists(found: Sequence[list[int]]) -> np.ndarray:
     """One array of many lists of numbers."""
     return np.fromiter(chain.from_iterable(found), np.int64)

@@ -11,12 +11,12 @@ import numpy as np
 import shapely
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.geometry.cells import facet_vectors, shape_functions
+from dolfinx_llm.geometry.cells import facet_vectors, gauss, shape_functions
 from dolfinx_llm.geometry.surface import Surface
 
 # Quadrature on [0, 1]: enough that the shape functions of a clipped, distorted quad (smooth but no
 # polynomials in the plane) are integrated to rounding.
-_GAUSS = (lambda s, w: ((s + 1.0) / 2.0, w / 2.0))(*np.polynomial.legendre.leggauss(10))
+_GAUSS = gauss(10)
 
 # Positions in a cell of k corners as coefficients of 1, r, s and r s: (4, k).
 _MONOMIALS = {

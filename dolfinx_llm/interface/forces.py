@@ -13,6 +13,11 @@ if TYPE_CHECKING:
     from dolfinx_llm.geometry.frame import Frame
 
 
+def per_area(force: np.ndarray, area: np.ndarray) -> np.ndarray:
+    """(m, k) forces over areas (m,), 0 where there is none [force / area]."""
+    return np.asarray(force / np.where(area > 0.0, area, np.inf)[:, None])
+
+
 class InterfaceForces:
     """Forces at the nodes of a frame, or of the body against a rigid obstacle, and what follows of
     them; ``sides`` have ``x``, where their ``force`` acts, ``drawn`` and ``u``."""
@@ -53,15 +58,13 @@ class InterfaceForces:
         row may leave a frame node a slightly negative share of forces that all press, which
         ``frame_force`` shows and the pressure does not.
         """
-        area = self.frame_area
-        pressure = np.where(area > 0.0, self.frame_force / np.where(area > 0.0, area, 1.0), 0.0)
+        pressure = per_area(self.frame_force[:, None], self.frame_area)[:, 0]
         return np.maximum(pressure, 0.0) if self.presses else pressure
 
     @property
     def traction(self) -> np.ndarray:
         """(m, gdim) tangential traction of side 0 on the frame at its nodes [force / area]."""
-        area = np.where(self.frame_area > 0.0, self.frame_area, np.inf)
-        return self.frame_friction / area[:, None]
+        return per_area(self.frame_friction, self.frame_area)
 
     @property
     def resultant(self) -> np.ndarray:
