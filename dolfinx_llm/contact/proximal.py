@@ -32,8 +32,8 @@ def proximal_term(states: Sequence[InterfaceState], m: int, stiffness: float) ->
         if not s.law.opens:
             continue
         nodes, tied, every = s.nodes, s.support(tied=True), s.support(tied=False)
-        obstacle = nodes.model.frame is None
-        v = nodes.v.reshape(-1, max(nodes.model.directions.shape[1], 1))
+        obstacle = nodes.geometry.frame is None
+        v = nodes.v.reshape(-1, max(nodes.geometry.directions.shape[1], 1))
         kappa = nodes.kappa if nodes.kappa.size else nodes.kappa[:, :0]
         if obstacle:
             add(nodes.v, nodes.v, np.full(len(nodes.v), float(len(nodes.rows))))

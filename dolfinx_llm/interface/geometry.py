@@ -72,17 +72,17 @@ class InterfaceGeometry:
         return tuple(q.interpolation(p.x) for p, q in zip(self.pairs, others))
 
 
-def describe(model: InterfaceGeometry) -> list[str]:
+def describe(geometry: InterfaceGeometry) -> list[str]:
     """Lines for ``print(problem)``: what an interface consists of, what it leaves out and why."""
-    law, nodes = model.interface.law, " + ".join(str(len(p.nodes)) for p in model.pairs)
+    law, nodes = geometry.interface.law, " + ".join(str(len(p.nodes)) for p in geometry.pairs)
     kind = "that may touch" if law.opens else "in contact"
-    frame = "no frame" if model.frame is None else f"frame of {len(model.frame.x)} nodes"
+    frame = "no frame" if geometry.frame is None else f"frame of {len(geometry.frame.x)} nodes"
     lines = [
-        f"  interface {model.interface.name}, {law}: {nodes} nodes {kind}, {frame}, "
-        f"area {model.area:.9g}"
+        f"  interface {geometry.interface.name}, {law}: {nodes} nodes {kind}, {frame}, "
+        f"area {geometry.area:.9g}"
     ]
-    if model.frame is not None and model.certificate is not None:
-        c, q = model.certificate, model.frame.quality
+    if geometry.frame is not None and geometry.certificate is not None:
+        c, q = geometry.certificate, geometry.frame.quality
         lines += [
             f"    patch residual {c.residual:.1e} (before design {c.residual_before:.1e}), "
             f"singular values of L_b {c.singular_values[0]:.3g} to "
@@ -90,11 +90,13 @@ def describe(model: InterfaceGeometry) -> list[str]:
             f"    frame: angles {q.min_angle:.1f}° to {q.max_angle:.1f}°, shortest side "
             f"{q.min_side:.3g}",
         ]
-    lines += [f"    {note}" for note in model.notes]
-    if any(model.forced):
-        lines.append(f"    the obstacle moves in {model.directions.shape[1]} way(s) under a force")
+    lines += [f"    {note}" for note in geometry.notes]
+    if any(geometry.forced):
+        lines.append(
+            f"    the obstacle moves in {geometry.directions.shape[1]} way(s) under a force"
+        )
     out = []
-    if model.frame is None:
+    if geometry.frame is None:
         out.append("frame, second side and proximal term (rigid obstacle)")
     if law.ties:
         out.append("active set and local bases (tied)")

@@ -50,10 +50,10 @@ def with_reactions(
     closed = opening <= TOUCHING * max(np.abs(motion).max(), np.abs(gaps).max())
     wanted = np.where(operators.held, passed / operators.interfaces_at, 0.0)
     chosen, presses, felt = *np.zeros((2, len(motion)), dtype=bool), []
-    for i, (model, place) in enumerate(zip(operators.models, operators.places, strict=True)):
-        law, c, L = model.interface.law, model.pairs[0].base.shape[1], operators.blocks[i]
+    for i, (geometry, place) in enumerate(zip(operators.geometries, operators.places, strict=True)):
+        law, c, L = geometry.interface.law, geometry.pairs[0].base.shape[1], operators.blocks[i]
         felt.append(L)
-        if model.frame is None or law.gives:  # where the law gives way it tells the forces
+        if geometry.frame is None or law.gives:  # where the law gives way it tells the forces
             continue
         own = np.ones(L.shape[0], dtype=bool)
         if not law.ties:
