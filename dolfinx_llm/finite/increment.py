@@ -102,8 +102,7 @@ class Increment:
 
     def evaluate(self) -> None:
         """Contact, loads and residual at the displacement as it is."""
-        steps = self.steps
-        with steps.times.timed("contact"), _failing():
+        with self.steps.times.timed("contact"), _failing():
             self._contact()
         self._balance()
 
@@ -191,7 +190,9 @@ class Increment:
         """Changes of this rank's u and of each interface's own unknowns; K is used up."""
         steps, r = self.steps, np.where(self.fixed, self.u - self.target, self.r)
         with steps.times.timed("factorisation"), _failing():
-            du, dq = steps.system.solve(K, self.terms, self.loads, r, steps.options)
+            du, dq = steps.system.solve(
+                K, self.terms, self.loads, r, steps.options, self.u, self.error
+            )
         finite = np.isfinite(du).all() and np.isfinite(dq).all()
         if not self.dofs.comm.allreduce(bool(finite), op=MPI.LAND):
             raise StepFailed("the linear solver gives no finite numbers")
@@ -246,6 +247,7 @@ class Increment:
             "slip": int(counts[SLIP]),
             "changes": self.changes,
             "residual": self.error,
+            "linear": self.steps.system.taken(),
         }
 
     def state(self) -> NewtonState:

@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import gather_rows
+from dolfinx_llm.finite.condensed import CondensedSystem, positions
+from dolfinx_llm.finite.coupling import Coupling
 from dolfinx_llm.finite.terms import ContactTerms
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
-from dolfinx_llm.operators.petsc import create_aij, is_symmetric, join_blocks, same_entries
+from dolfinx_llm.operators.petsc import (
+    create_aij,
+    is_symmetric,
+    join_blocks,
+    same_entries,
+    times,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,68 +38,31 @@ class Part:
 
 
 ONCE = {"ksp_max_it": 1}  # Newton's next iteration is the refinement
+IN_VAIN = 3  # failures of GMRES in a row, after which it is not tried any more
 GROWN = 10  # entries that are stored over those that are there, from which they are forgotten
 
 
 @dataclass(eq=False)
-class NewtonSystem:
-    """Newton's system for changes of u and of the interfaces' own unknowns q.
-
-        [K + sum of K_i   top] [du]   [-r   ]
-        [left             own] [dq] = [-rest]
-
-    Contact that may part makes it unsymmetric: averaged normals and designed rows have forces that
-    are no gradient. Blocks of ties are symmetric. Entries that contact has once had stay stored, as
-    zeros: while nodes slide within their facets the factorisation's analysis serves again.
-    """
+class Parts:
+    """Where unknowns stand, and matrices between them of what every rank knows of interfaces."""
 
     dofs: BodyDofs
     numbers: Sequence[np.ndarray]  # per interface (width,) dofs of its coordinates
     own: Numbering  # of all interfaces' own unknowns, one after the other
     sizes: Sequence[int]  # per interface
     stored: dict[str, csr_matrix] = field(default_factory=dict)  # entries of contact
-    solver: DirectSolver | None = None  # of the last iteration
 
-    def solve(
-        self,
-        K: PETSc.Mat,
-        terms: Sequence[ContactTerms],
-        followers: Sequence[Part],
-        r: np.ndarray,
-        options: tuple[str, dict | None],
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Changes of this rank's u and of all q; collective. K is used up.
-
-        Args:
-            K: of the bodies, without conditions.
-            terms: of the interfaces.
-            followers: minus the derivatives of follower loads.
-            r: (n_local,) residual; at prescribed dofs minus their change.
-            options: prefix, and PETSc options.
-
-        Raises:
-            ContactError: MUMPS could not factorise.
-        """
+    def add(
+        self, K: PETSc.Mat, name: str, parts: Sequence[Part], without: np.ndarray | None = None
+    ) -> None:
+        """Add parts to K, but for rows (n_local,); arguments as of ``rows``."""
         sizes = self.dofs.sizes
-        first, n = self.dofs.first, sizes[0]
-        bodies = [Part(t.K, at, at) for t, at in zip(terms, self.numbers, strict=True)]
-        local = self._rows("bodies", [*bodies, *followers], first, n, sizes[1], self.dofs.fixed)
+        local = self.rows(name, parts, self.dofs.first, *sizes, without)
         added = create_aij(self.dofs.comm, sizes, sizes, local)
         K.axpy(1.0, added, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         added.destroy()
-        fixed = np.flatnonzero(self.dofs.fixed)
-        diagonal = mean_diagonal(K)  # for the rows of prescribed dofs
-        K.zeroRows((first + fixed).astype(PETSc.IntType), diag=diagonal)
-        b = -r
-        b[fixed] *= diagonal
-        if not terms:
-            return self._solved([[K]], [b], options)[0], np.zeros(0)
-        blocks = self._blocks(terms, sizes)
-        rest = np.concatenate([t.rest for t in terms])[self.own.mine]
-        parts = self._solved([[K, blocks[0]], blocks[1:]], [b, -rest], options)
-        return parts[0], gather_rows(self.dofs.comm, parts[1])[self.own.number]
 
-    def _blocks(self, terms: Sequence[ContactTerms], sizes: tuple[int, int]) -> list[PETSc.Mat]:
+    def blocks(self, terms: Sequence[ContactTerms], sizes: tuple[int, int]) -> list[PETSc.Mat]:
         """Blocks top, left and own."""
         ends = np.cumsum([0, *self.sizes])
         places = [self.own.number[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
@@ -98,9 +72,9 @@ class NewtonSystem:
         start = sum(self.own.owner < self.own.rank)
         fixed = self.dofs.fixed
         tops = [Part(t.top, u, q) for t, u, q in both]
-        top = self._rows("top", tops, first, n, count, fixed)
+        top = self.rows("top", tops, first, n, count, fixed)
         lefts = [Part(t.left, q, u) for t, u, q in both]
-        left = self._rows("left", lefts, start, mine, total)
+        left = self.rows("left", lefts, start, mine, total)
         own = [Part(t.own, q, q) for t, _, q in both]
         zero = csr_matrix((np.zeros(count), (np.arange(count), np.arange(count))), (count, count))
         own.append(Part(zero, np.arange(count), np.arange(count)))  # a stored diagonal
@@ -108,11 +82,11 @@ class NewtonSystem:
             create_aij(comm, sizes, self.own.sizes, top),
             create_aij(comm, self.own.sizes, sizes, left),
             create_aij(
-                comm, self.own.sizes, self.own.sizes, self._rows("own", own, start, mine, count)
+                comm, self.own.sizes, self.own.sizes, self.rows("own", own, start, mine, count)
             ),
         ]
 
-    def _rows(
+    def rows(
         self,
         name: str,
         parts: Sequence[Part],
@@ -143,6 +117,124 @@ class NewtonSystem:
         found = csr_matrix((np.concatenate(values), index), (n, width))
         self.stored[name] = found
         return found
+
+
+@dataclass(eq=False)
+class NewtonSystem(Parts):
+    """Newton's system for changes of u and of the interfaces' own unknowns q.
+
+        [K + sum of K_i   top] [du]   [-r   ]
+        [left             own] [dq] = [-rest]
+
+    Contact that may part makes it unsymmetric: averaged normals and designed rows have forces that
+    are no gradient. Blocks of ties are symmetric. Entries that contact has once had stay stored, as
+    zeros: while nodes slide within their facets the factorisation's analysis serves again.
+
+    It is factorised, or solved by GMRES (see ``condensed``); where that fails, factorised as well.
+    """
+
+    sides: Sequence[Any] = ()  # surfaces of each interface
+    iterates: bool = False  # whether GMRES is to solve it
+    iterations: int = 0  # of GMRES, since they were asked for
+    failures: int = 0  # of GMRES in a row
+    solver: DirectSolver | None = None  # of the last iteration
+
+    def solve(
+        self,
+        K: PETSc.Mat,
+        terms: Sequence[ContactTerms],
+        followers: Sequence[Part],
+        r: np.ndarray,
+        options: tuple[str, dict | None],
+        u: np.ndarray,
+        error: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Changes of this rank's u and of all q; collective. K is used up.
+
+        Args:
+            K: of the bodies, without conditions.
+            terms: of the interfaces.
+            followers: minus the derivatives of follower loads.
+            r: (n_local,) residual; at prescribed dofs minus their change.
+            options: prefix, and PETSc options.
+            u: (n_local,) where they are made.
+            error: Newton's residual there, relative.
+
+        Raises:
+            ContactInputError: options that PETSc does not know, or refuses.
+            ContactError: MUMPS could not factorise.
+        """
+        if self.iterates:
+            return self._iterate(K, terms, followers, r, options, u, error)
+        bodies = [Part(t.K, at, at) for t, at in zip(terms, self.numbers, strict=True)]
+        self.add(K, "bodies", [*bodies, *followers], self.dofs.fixed)
+        fixed = np.flatnonzero(self.dofs.fixed)
+        diagonal = mean_diagonal(K)  # for the rows of prescribed dofs
+        K.zeroRows((self.dofs.first + fixed).astype(PETSc.IntType), diag=diagonal)
+        b = -r
+        b[fixed] *= diagonal
+        return self._factorised(K, terms, b, [t.rest for t in terms], options)
+
+    def _iterate(
+        self,
+        K: PETSc.Mat,
+        terms: Sequence[ContactTerms],
+        followers: Sequence[Part],
+        r: np.ndarray,
+        options: tuple[str, dict | None],
+        u: np.ndarray,
+        error: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The same by GMRES, else by MUMPS; K becomes the preconditioner's."""
+        dofs, d = self.dofs, mean_diagonal(K)
+        places = [*self.numbers, *(f.rows for f in followers)]
+        loads = [f.matrix for f in followers]
+        coupling = Coupling(dofs, terms, self.sides, places, loads, d)
+        pairs = [Part(C, n, n) for C, n in zip(coupling.stiffness, self.numbers, strict=True)]
+        self.add(K, "pairs", pairs)
+        moved = np.where(dofs.fixed, -r, 0.0)
+        pushed, left = coupling.prescribed(moved)
+        forces = np.where(dofs.fixed, 0.0, -r - times(K, moved) - pushed)
+        rest = np.concatenate([np.zeros(0), *(t.rest for t in terms)])
+        s = -coupling.scaling @ rest - left
+        fixed = dofs.first + np.flatnonzero(dofs.fixed)
+        K.zeroRowsColumns(fixed.astype(PETSc.IntType), diag=d)
+        K.setBlockSize(dofs.gdim)
+        system = CondensedSystem(dofs, self.own, K, coupling)
+        x = positions(dofs, u)
+        found = system.solve(forces, s, x, error, (options[0], options[1] or {}))
+        self.iterations += system.iterations
+        self.failures = self.failures + 1 if found is None else 0
+        if found is None:
+            self.iterates = self.failures < IN_VAIN
+            log.log(
+                logging.WARNING if dofs.comm.rank == 0 else logging.DEBUG,
+                f"GMRES + GAMG gave no answer ({system.ended}): Newton's system is factorised by "
+                "MUMPS instead" + ("" if self.iterates else ", from now on"),
+            )
+            every = np.concatenate(places)
+            self.add(K, "others", [Part(coupling.K, every, every)])
+            rests = np.split(-s / coupling.scaling.diagonal(), np.cumsum(self.sizes)[:-1])
+            found = self._factorised(K, terms, forces, rests, (options[0], None))
+        else:
+            K.destroy()
+        return found[0] + moved, found[1]
+
+    def _factorised(
+        self,
+        K: PETSc.Mat,
+        terms: Sequence[ContactTerms],
+        b: np.ndarray,
+        rest: Sequence[np.ndarray],
+        options: tuple[str, dict | None],
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The solution by MUMPS for forces b (n_local,) and what the own equations leave."""
+        if not terms:
+            return self._solved([[K]], [b], options)[0], np.zeros(0)
+        blocks = self.blocks(terms, self.dofs.sizes)
+        own = np.concatenate(rest)[self.own.mine]
+        parts = self._solved([[K, blocks[0]], blocks[1:]], [b, -own], options)
+        return parts[0], gather_rows(self.dofs.comm, parts[1])[self.own.number]
 
     def _solved(
         self,
@@ -178,6 +270,11 @@ class NewtonSystem:
                 return
             old.destroy()
         self.solver = DirectSolver(matrix, options[0], ONCE | (options[1] or {}), own=True)
+
+    def taken(self) -> int:
+        """Iterations of GMRES since this was asked last."""
+        taken, self.iterations = self.iterations, 0
+        return taken
 
     def destroy(self) -> None:
         """Free the factorisation; collective. The next solve factorises anew."""

@@ -46,15 +46,18 @@ class NonlinearContactProblem(Disposable):
             ``Frictionless()`` and ``Coulomb(...)``.
         loads: ``FreeSurfacePressure`` objects.
         nodal_loads: Functions of nodal forces.
-        solver: "auto" or "saddle": Newton's system factorised by MUMPS.
+        solver: "saddle": Newton's systems factorised by MUMPS; "condensed": by GMRES, with GAMG on
+            the bodies, onto which contact is condensed, else by MUMPS, of which a warning tells;
+            "auto": by size.
         petsc_options_prefix: of the options of the linear solver.
         petsc_options: PETSc options on top of the solver's own.
 
     Attributes:
+        method: "saddle" or "condensed", by ``solver`` and size.
         results: after ``solve``, a ``MovingInterfaceResult`` per interface, the same on every rank.
         history: of the last ``solve``, a dict per iteration: "part" (of the load step), "iteration"
             of the increment, "active" (pairs in contact), "stick", "slip", "changes", "residual"
-            (relative).
+            (relative), "linear" (iterations of GMRES; 0: factorised).
         unknowns: global numbers of displacements u and of the interfaces' own unknowns.
         times: seconds per stage, summed over all calls.
 
@@ -89,7 +92,7 @@ class NonlinearContactProblem(Disposable):
         with self.times.timed("interfaces"):
             contacts = [contact_of(interface, dofs) for interface in self.interfaces]
             followers = [follower_of(load, dofs) for load in self.loads]
-        system = numbered(contacts, dofs)
+        system, self.method, self._why = numbered(contacts, dofs, solver)
         surfaces = [s for c in contacts for s in c.what.sides.surfaces]
         size = float(max([cell_sizes(s.x, s.facets).max() for s in surfaces] or [1.0]))
         self._newton = NewtonSteps(
@@ -197,6 +200,7 @@ class NonlinearContactProblem(Disposable):
             f"NonlinearContactProblem: {len(self.spaces)} mesh(es), {len(self.interfaces)} "
             f"interface(s), {len(self.loads)} follower load(s), {self.comm.size} rank(s)",
             f"  unknowns: {n_u + n_q} = {n_u} u + {n_q} of the interfaces",
+            f"  solver: {self.method} ({self._why})",
         ]
         for interface, placed in zip(
             self.interfaces, self._newton.equations.interfaces, strict=True

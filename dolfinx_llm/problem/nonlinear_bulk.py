@@ -15,6 +15,7 @@ from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
+from dolfinx_llm.forms.choice import SOLVERS
 from dolfinx_llm.geometry.surface import check_space
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.operators.numbering import BodyDofs
@@ -108,7 +109,7 @@ def nonlinear_arguments(
             if not (len(form.arguments()) == 2 and _belong(form, V)):
                 checks.refuse("J", form, DERIVATIVE)
         check_petsc_options(options[1], options[0])
-        checks.one_of("solver", solver, ("auto", "saddle"))
+        checks.one_of("solver", solver, SOLVERS)
     for V in spaces:
         check_space(V)
     with collective(comm):

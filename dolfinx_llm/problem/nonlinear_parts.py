@@ -30,6 +30,9 @@ from dolfinx_llm.laws.rows import LawNodes, at_positions
 from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
 
+# Unknowns from which on GMRES + GAMG solves Newton's systems faster than a factorisation.
+FROM_UNKNOWNS = {2: 500_000, 3: 30_000}
+
 
 def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
     """An interface with its law, on its surfaces as drawn; collective.
@@ -171,12 +174,33 @@ def _placed(
     return Placed(what, at, drawn, dofs.values(at, dofs.fixed.astype(float)) == 0.0)
 
 
-def numbered(contacts: Sequence[Placed], dofs: BodyDofs) -> NewtonSystem:
-    """The unknowns of bodies and interfaces."""
+def numbered(
+    contacts: Sequence[Placed], dofs: BodyDofs, solver: str
+) -> tuple[NewtonSystem, str, str]:
+    """The unknowns of bodies and interfaces; how Newton's systems are solved, and why.
+
+    Args:
+        contacts: the interfaces.
+        dofs: of the bodies.
+        solver: as the user asks.
+    """
     owners = [np.empty(0, dtype=np.int64), *(c.what.owner for c in contacts)]
-    return NewtonSystem(
+    own = Numbering(np.concatenate(owners), dofs.comm.rank)
+    limit, why = FROM_UNKNOWNS[dofs.gdim], "as asked"
+    if solver == "auto":
+        large = dofs.sizes[1] + own.sizes[1] >= limit
+        solver = "condensed" if large else "saddle"
+        why = "chosen: " + (
+            f"from {limit} unknowns on GMRES + GAMG is quicker"
+            if large
+            else f"fewer than {limit} unknowns, where factorising is quickest"
+        )
+    system = NewtonSystem(
         dofs,
         [c.numbers for c in contacts],
-        Numbering(np.concatenate(owners), dofs.comm.rank),
+        own,
         [c.what.size for c in contacts],
+        sides=[c.what.sides for c in contacts],
+        iterates=solver == "condensed",
     )
+    return system, solver, why

@@ -9,7 +9,10 @@ import turned_strips
 from mpi4py import MPI
 
 import dolfinx_llm as llm
+from dolfinx_llm.problem import nonlinear_parts
 
+if "condensed" in sys.argv:
+    nonlinear_parts.FROM_UNKNOWNS = {2: 0, 3: 0}
 comm = MPI.COMM_WORLD
 kind = sys.argv[1] if len(sys.argv) > 1 else "quad"
 boxes = finite_patch.BOXES[2 if kind == "quad" else 3]

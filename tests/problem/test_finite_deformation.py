@@ -288,7 +288,7 @@ def test_refused():
         ({"F": 3}, "give a residual form"),
         ({"loads": [3]}, "give FreeSurfacePressure"),
         ({"loads": llm.FreeSurfacePressure(blocks((5, 7))[1], TOP, 1.0)}, "none of the meshes"),
-        ({"solver": "condensed"}, "choose one of"),
+        ({"solver": "magic"}, "choose one of"),
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=llm.Law())]}, "Frictionless"),
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=Glued(0.2))]}, "Frictionless"),
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=switch)]}, "method='newton'"),

@@ -1,0 +1,152 @@
+"""Newton's system by GMRES with GAMG on the bodies, onto which contact is condensed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.parallel import gather_rows
+from dolfinx_llm.finite.coupling import Coupling
+from dolfinx_llm.forms.condensed.krylov import GAMG
+from dolfinx_llm.forms.direct import set_up_ksp
+from dolfinx_llm.operators.bodies import rigid_modes
+from dolfinx_llm.operators.numbering import BodyDofs, Numbering
+
+FIRST = 1e-5  # relative residual that a linear solve is to reach, at most
+NEXT = 1e-2  # the same over Newton's residual, so that it converges quadratically
+NEEDLESS = 1e-14  # of Newton's residual, which no solve need fall below
+GMRES = {
+    "ksp_type": "gmres",
+    "ksp_max_it": 150,
+    "ksp_gmres_restart": 75,
+    "pc_factor_mat_solver_type": "mumps",
+}
+
+
+def tolerance(error: float) -> float:
+    """Relative residual to be reached where Newton's is ``error``."""
+    return float(min(FIRST, max(NEXT * error, NEEDLESS / max(error, 1e-300))))
+
+
+@dataclass(eq=False)
+class CondensedSystem:
+    """The system for changes that leave prescribed dofs as they are.
+
+    Vectors hold this rank's dofs of the bodies, then its own unknowns of the interfaces.
+    """
+
+    dofs: BodyDofs
+    own: Numbering
+    P: PETSc.Mat  # of the bodies and of the pairs' stiffness: the preconditioner's
+    coupling: Coupling
+    iterations: int = 0  # of the last solve
+    ended: str = ""  # how the last solve ended, where it gave no answer
+
+    def solve(
+        self, r: np.ndarray, s: np.ndarray, x: np.ndarray, error: float, options: tuple[str, dict]
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Changes of this rank's u and of all q; None where GMRES does not get there; collective.
+
+        Args:
+            r: (n_local,) forces, zero at prescribed dofs.
+            s: (q,) right-hand side of the own equations.
+            x: (n_local,) positions of this rank's dofs, as of ``positions``.
+            error: Newton's residual, relative.
+            options: prefix, and PETSc options.
+
+        Raises:
+            ContactInputError: options that PETSc does not know, or refuses.
+        """
+        self.ended = self.coupling.wrong
+        if self.ended:
+            return None
+        near_rigid(self.P, x, self.dofs)
+        self._x, self._y = self.P.createVecs()
+        chosen = GMRES | GAMG | {"ksp_rtol": tolerance(error)}
+        try:
+            self._inner = set_up_ksp(self.P, options[0], chosen | options[1], options[1])
+        except ContactInputError:
+            raise
+        except ContactError as error:
+            self.ended = str(error)
+            return None
+        n, N = self.P.getSizes()[0]
+        size = n + self.own.sizes[0], N + self.own.sizes[1]
+        A = PETSc.Mat().createPython((size, size), self, comm=self.P.comm)
+        A.setUp()
+        ksp = PETSc.KSP().create(self.P.comm)
+        ksp.setOperators(A)
+        ksp.setType(self._inner.getType())
+        ksp.setPCSide(PETSc.PC.Side.RIGHT)
+        ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        ksp.setTolerances(*self._inner.getTolerances())
+        if ksp.getType() == "gmres":
+            ksp.setGMRESRestart(GMRES["ksp_gmres_restart"])
+        ksp.getPC().setType("python")
+        ksp.getPC().setPythonContext(self)
+        solution, rhs = A.createVecs()
+        rhs.array_w[:] = self._joined(r, s)
+        ksp.solve(rhs, solution)
+        self.iterations, reason = ksp.getIterationNumber(), ksp.getConvergedReason()
+        found = self._split(solution.array_r.copy())
+        for item in (ksp, self._inner, A, solution, rhs, self._x, self._y):
+            item.destroy()
+        if reason > 0:
+            return found
+        self.ended = f"{self.iterations} iterations, PETSc's reason {reason}"
+        return None
+
+    def _split(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """This rank's u and all q of a vector."""
+        n = len(self.dofs.fixed)
+        return v[:n], gather_rows(self.dofs.comm, v[n:])[self.own.number]
+
+    def _joined(self, u: np.ndarray, q: np.ndarray) -> np.ndarray:
+        return np.concatenate([u, q[self.own.mine]])
+
+    def mult(self, _: Any, v: PETSc.Vec, result: PETSc.Vec) -> None:
+        """The system times a vector, for PETSc."""
+        u, q = self._split(v.array_r)
+        self._x.array_w[:] = u
+        self.P.mult(self._x, self._y)
+        forces, equations = self.coupling.times(u, q)
+        result.array_w[:] = self._joined(self._y.array_r + forces, equations)
+
+    def apply(self, _: Any, v: PETSc.Vec, result: PETSc.Vec) -> None:
+        """The preconditioner times a vector, for PETSc."""
+        r, s = self._split(v.array_r)
+        self._y.array_w[:] = r - self.coupling.forces(s)[1]
+        self._inner.getPC().apply(self._y, self._x)
+        u = self._x.array_r.copy()
+        result.array_w[:] = self._joined(u, self.coupling.after(s, u))
+
+
+def positions(dofs: BodyDofs, u: np.ndarray) -> np.ndarray:
+    """(n, gdim) where this rank's nodes are at a displacement (n_local,)."""
+    counts = zip(dofs.spaces, dofs.counts, strict=True)
+    x = [V.tabulate_dof_coordinates()[: n // dofs.gdim, : dofs.gdim] for V, n in counts]
+    return np.concatenate(x) + u.reshape(-1, dofs.gdim)
+
+
+def near_rigid(P: PETSc.Mat, x: np.ndarray, dofs: BodyDofs) -> None:
+    """Give a matrix rigid motions of nodes x (n, gdim) as near-null space; collective."""
+    comm = dofs.comm
+    low = np.min(comm.allgather(x.min(axis=0, initial=np.inf)), axis=0)
+    high = np.max(comm.allgather(x.max(axis=0, initial=-np.inf)), axis=0)
+    modes = rigid_modes((x - 0.5 * (low + high)) / np.linalg.norm(high - low))
+    modes = np.where(dofs.fixed[:, None], 0.0, modes.reshape(len(dofs.fixed), -1))
+    size, vectors = np.linalg.eigh(comm.allreduce(modes.T @ modes))
+    kept = size > 1e-12 * size[-1]
+    found = []
+    for mode in (modes @ (vectors[:, kept] / np.sqrt(size[kept]))).T:
+        found.append(P.createVecRight())
+        found[-1].array_w[:] = mode
+    if found:
+        space = PETSc.NullSpace().create(vectors=found, comm=P.comm)
+        P.setNearNullSpace(space)
+        for item in (space, *found):
+            item.destroy()

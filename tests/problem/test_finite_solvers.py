@@ -1,0 +1,85 @@
+"""Newton's systems by GMRES with GAMG, against their factorisation."""
+
+import finite_patch
+import numpy as np
+import patch2d
+import pytest
+from conftest import run_mpi_json
+from mpi4py import MPI
+from test_finite_deformation_3d import turned
+from turned_strips import Strips
+
+import dolfinx_llm as llm
+from dolfinx_llm.finite import condensed
+from dolfinx_llm.problem import nonlinear_parts
+
+COMM = MPI.COMM_SELF
+
+
+def strips(law):
+    """Strips in the plane, pressed and sheared."""
+    scene = Strips(law, COMM)
+    scene.step(0.0)
+    scene.step(0.03)
+    return scene.problem
+
+
+def patch(cells, law, refine=1):
+    """The finite patch test in space."""
+    bodies = patch2d.bodies(COMM, cells, refine, True, boxes=finite_patch.BOXES[3], rough=0.2)
+    problem = finite_patch.problem(bodies, law=law)
+    problem.solve()
+    return problem
+
+
+SCENES = {
+    "strips, slip and stick": lambda: strips(llm.Coulomb(0.2)),
+    "strips, tied": lambda: strips(llm.Tied()),
+    "hexahedra, friction, turned": lambda: turned("hex", llm.Coulomb(0.2), 40.0)[0],
+    "held side": lambda: turned("tet", llm.Frictionless(), held=True, cells=(4, 3))[0],
+    "follower pressure": lambda: patch("tet", llm.Frictionless()),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_same_answers(name, monkeypatch):
+    """Both ways, displacements and forces are the same; so are Newton's iterations."""
+    found = []
+    for method, limit in (("saddle", 10**9), ("condensed", 0)):
+        monkeypatch.setattr(nonlinear_parts, "FROM_UNKNOWNS", {2: limit, 3: limit})
+        problem = SCENES[name]()
+        assert problem.method == method and f"solver: {method} (chosen" in str(problem)
+        assert all((h["linear"] > 0) == (method == "condensed") for h in problem.history)
+        found.append(problem)
+    one, other = found
+    assert len(other.history) <= len(one.history) + 1
+    for u, w in zip(one.bulk.u, other.bulk.u, strict=True):
+        assert np.abs(u.x.array - w.x.array).max() < 1e-9 * np.abs(u.x.array).max()
+    for a, b in zip(one.results[0].sides, other.results[0].sides, strict=True):
+        assert np.abs(a.force - b.force).max() < 1e-9 * np.abs(a.force).max()
+
+
+def test_iterations_do_not_grow(monkeypatch):
+    """Eight times as many unknowns take as many iterations."""
+    monkeypatch.setattr(nonlinear_parts, "FROM_UNKNOWNS", {3: 0})
+    coarse, fine = (patch("hex", llm.Frictionless(), refine) for refine in (1, 2))
+    assert fine.unknowns["u"] > 5 * coarse.unknowns["u"]
+    counts = [[h["linear"] for h in problem.history] for problem in (coarse, fine)]
+    assert max(counts[1]) < 1.5 * max(counts[0]) and max(counts[1]) < 40
+
+
+def test_mumps_takes_over(monkeypatch, caplog):
+    """Where GMRES gives no answer a factorisation does, and a warning says so."""
+    monkeypatch.setattr(nonlinear_parts, "FROM_UNKNOWNS", {2: 0})
+    monkeypatch.setitem(condensed.GMRES, "ksp_max_it", 2)
+    bodies = patch2d.bodies(COMM, "quad", separate=True)
+    problem = finite_patch.problem(bodies)
+    problem.solve()
+    assert max(finite_patch.errors(problem, finite_patch.stretches(300.0))) < 1e-9
+    assert "MUMPS instead" in caplog.text and "from now on" in caplog.text
+
+
+def test_two_ranks():
+    one, two = (run_mpi_json("finite_ranks.py", n, "tet", "condensed") for n in (1, 2))
+    assert one["stretch"] < 1e-10 and one["pressure"] < 1e-9
+    assert np.allclose(one["force"], two["force"], rtol=1e-9, atol=1e-9 * 300.0)
