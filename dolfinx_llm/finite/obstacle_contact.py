@@ -104,7 +104,7 @@ class ObstacleContact(Opening):
         """Nothing but the pose, which the increment knows."""
         return Held(np.zeros(0, dtype=bool), np.ones(self.size, dtype=bool), 0.0)
 
-    def missed(self, z: np.ndarray, held: Held) -> np.ndarray | None:
+    def missed(self, place: Place, held: Held) -> Held | None:
         """None: all nodes are asked in every iteration."""
         return None
 

@@ -95,8 +95,8 @@ class MovingContact(Protocol):
     def hold(self, z: np.ndarray) -> Held:
         """What is held in a load step that starts at coordinates z."""
 
-    def missed(self, z: np.ndarray, held: Held) -> np.ndarray | None:
-        """(f,) candidates with those that have passed the frame, if there are any."""
+    def missed(self, place: Any, held: Held) -> Held | None:
+        """What is held where the equilibrium there asks for other pairs; None: it does not."""
 
     def place(self, z: np.ndarray, held: Held) -> Any:
         """How the pairs stand at coordinates z: a ``Place`` of its own kind."""

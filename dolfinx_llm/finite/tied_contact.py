@@ -103,7 +103,7 @@ class TiedContact:
         """Nothing is chosen anew."""
         return Held(np.zeros(0, dtype=bool), self.pairs, 0.0)
 
-    def missed(self, z: np.ndarray, held: Held) -> np.ndarray | None:
+    def missed(self, place: Place, held: Held) -> Held | None:
         """None: ties stay as drawn."""
         return None
 
