@@ -144,7 +144,7 @@ class Increment:
         for i, placed in enumerate(self.steps.interfaces):
             contact: MovingContact = placed.what
             before, q, held = self.status[i], self.own[i], replace(self.held[i], lagged=self.lagged)
-            place = contact.place(placed.at(self.dofs, self.u), held)
+            place = contact.place(placed.at(self.dofs, self.u), q, held)
             start = np.full(len(place.gap), OPEN) if before is None else before
             reach = np.where(start == OPEN, NO_GAP * size, max(NO_GAP * size, self.doubt / scale))
             now, found = contact.touching(place, q, start, held, reach)

@@ -102,11 +102,12 @@ class NormalContact(Opening):
             return None
         return now | held.candidates
 
-    def place(self, z: np.ndarray, held: Held) -> NormalPlace:
+    def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> NormalPlace:
         """Pairs, rows and gaps with derivatives: what does not depend on forces.
 
         Args:
             z: (width,) coordinates [length].
+            q: own unknowns.
             held: from the start of the step.
         """
         sides, gdim = self.sides, self.sides.gdim
