@@ -138,7 +138,7 @@ def table(scene, contact):
         rows[str(design).lower()] = found | {"residual": result.certificate.residual}
     for slave, name in enumerate(("foundation", "punch")):
         classical = llm.classical.NodeToSegment(contact, slave=slave)
-        u, pairs = classical.solve(), contact.models[0].pairs[slave]
+        u, pairs = classical.solve(), contact.geometries[0].pairs[slave]
         force = np.zeros(len(pairs.x))  # slave nodes beyond the master's ends carry none
         at = np.linalg.norm(pairs.x[:, None] - classical.x, axis=2).argmin(axis=0)
         force[at] = classical.force[:, 1] * (1 if slave else -1)

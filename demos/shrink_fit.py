@@ -126,7 +126,7 @@ def pressures(contact):
     """Pressure at the frame's nodes, (L_bᵀ λ)_J / a_J, and at the nodes of both sides."""
     found = {}
     for k, (side, pairs) in enumerate(
-        zip(contact.results[0].sides, contact.models[0].pairs, strict=True)
+        zip(contact.results[0].sides, contact.geometries[0].pairs, strict=True)
     ):
         found[f"frame, from side {k}"] = (pairs.N.T @ side.normal_force) / (pairs.N.T @ side.area)
         found[f"nodes of side {k}"] = side.normal_force / side.area
@@ -154,7 +154,7 @@ def main(arguments=None):
 
         path = args.plot / "shrink_fit.png"
         plot.bodies(u, von_mises(u), path, label="von Mises", scale=1.0)
-    return {"exact": exact, "pressures": found, "certificate": contact.models[0].certificate}
+    return {"exact": exact, "pressures": found, "certificate": contact.geometries[0].certificate}
 
 
 if __name__ == "__main__":

@@ -85,7 +85,7 @@ def node_to_segment(scene, V, tags, slave):
         "set-up": first - second, "solve": second - load,
         "unknowns": problem.unknowns["u"] + ties.multiplier.size, "iterations": 0,
     }  # fmt: skip
-    row |= scene.errors(u, pressure=slave_pressure(ties, problem.models[0].pairs[slave], slave))
+    row |= scene.errors(u, pressure=slave_pressure(ties, problem.geometries[0].pairs[slave], slave))
     ties.destroy()
     problem.destroy()
     return row

@@ -20,7 +20,7 @@ NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close
 
 
 def doubts(
-    models: Sequence[InterfaceGeometry], results: Sequence[InterfaceResult], states: Any = None
+    geometries: Sequence[InterfaceGeometry], results: Sequence[InterfaceResult], states: Any = None
 ) -> list[str]:
     """What in a solution lies outside of what the method allows for: contact at the rim of what may
     touch, sliding farther than a facet, pairs that lost their friction, bodies that come nearer and
@@ -30,60 +30,60 @@ def doubts(
         share = state.loose_share([side.normal_force for side in result.sides])
         if share > LOOSE_SHARE:
             out.append(
-                f"interface {state.nodes.model.interface.name}: pairs that opened and closed by "
+                f"interface {state.nodes.geometry.interface.name}: pairs that opened and closed by "
                 f"turns have been left without friction of their own, and carry {share:.1%} of the "
                 "normal force. Apply the load in more increments"
             )
-    for model, result in zip(models, results, strict=True):
-        out += _apart(model, result)
-        out += _uncertain_gaps(model, result)
-        for pairs, side, rim in zip(model.pairs, result.sides, model.rims, strict=True):
+    for geometry, result in zip(geometries, results, strict=True):
+        out += _apart(geometry, result)
+        out += _uncertain_gaps(geometry, result)
+        for pairs, side, rim in zip(geometry.pairs, result.sides, geometry.rims, strict=True):
             reached, total = side.normal_force[rim].sum(), side.normal_force.sum()
             count = int((rim & (side.status != OPEN)).sum())
             if reached > RIM_SHARE * total > 0.0:
                 out.append(
-                    f"interface {model.interface.name}: contact reaches the rim of what "
+                    f"interface {geometry.interface.name}: contact reaches the rim of what "
                     f"{pairs.surface.name} may touch with: {count} node(s) "
                     f"there carry {reached / total:.1%} of the normal force; facets beyond "
                     "are too steep to face the other side. Check the tags, or split the surface "
                     "into several interfaces"
                 )
             closed = side.status != OPEN
-            spun, tilted = _turned(model)
+            spun, tilted = _turned(geometry)
             slip = np.linalg.norm((side.slip + spun)[closed], axis=1).max(initial=0.0)
             size = np.abs(pairs.forces).max() ** (1.0 / (side.x.shape[1] - 1))
-            if model.interface.law.opens and slip > size:
+            if geometry.interface.law.opens and slip > size:
                 out.append(
-                    f"interface {model.interface.name}: nodes of {pairs.surface.name} slide by "
+                    f"interface {geometry.interface.name}: nodes of {pairs.surface.name} slide by "
                     f"{slip:.3g}, more than a facet's size, {size:.3g}: contact is found for the "
                     "drawn positions (small sliding). Move the bodies in the drawing instead"
                 )
             if tilted > TILT:
                 out.append(
-                    f"interface {model.interface.name}: the obstacle is turned by {tilted:.3g} "
+                    f"interface {geometry.interface.name}: the obstacle is turned by {tilted:.3g} "
                     f"rad, which counts as small: its points are off by about "
                     f"{0.5 * tilted**2:.1%} of their distance from the pivot. Draw it turned"
                 )
     return out
 
 
-def _uncertain_gaps(model: InterfaceGeometry, result: InterfaceResult) -> list[str]:
+def _uncertain_gaps(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
     """Gaps of coarse curved surfaces that are known no better than the bodies move."""
-    known = model.certificate.place if model.certificate else 0.0
+    known = geometry.certificate.place if geometry.certificate else 0.0
     moved = max(np.linalg.norm(side.u, axis=1).max() for side in result.sides)
-    if not (model.interface.law.closes_gap and known > UNCERTAIN * moved > 0.0):
+    if not (geometry.interface.law.closes_gap and known > UNCERTAIN * moved > 0.0):
         return []
     return [
-        f"interface {model.interface.name}: the meshes tell the gap between the curved surfaces to "
-        f"about {known:.2g}, and the bodies move by {moved:.2g}: contact forces are off by as much "
-        "of themselves. Refine both meshes along the interface, or tie the bodies as drawn"
+        f"interface {geometry.interface.name}: the meshes tell the gap between the curved surfaces "
+        f"to about {known:.2g}, and the bodies move by {moved:.2g}: contact forces are off by as "
+        "much of themselves. Refine both meshes along the interface, or tie the bodies as drawn"
     ]
 
 
-def _turned(model: InterfaceGeometry) -> tuple[np.ndarray | float, float]:
+def _turned(geometry: InterfaceGeometry) -> tuple[np.ndarray | float, float]:
     """By how much an obstacle has turned: the motion (n, gdim) of its points where that leaves its
     surface where it is, else the angle [rad]."""
-    obstacle, pairs = model.interface.obstacle, model.pairs[0]
+    obstacle, pairs = geometry.interface.obstacle, geometry.pairs[0]
     if obstacle is None:
         return 0.0, 0.0
     motion = obstacle.turning(pairs.x - pairs.gap)
@@ -93,32 +93,30 @@ def _turned(model: InterfaceGeometry) -> tuple[np.ndarray | float, float]:
     return motion, 0.0
 
 
-def _apart(model: InterfaceGeometry, result: InterfaceResult) -> list[str]:
+def _apart(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
     """Bodies that have come nearer to each other than in the drawing, and touch nowhere."""
-    law, sides = model.interface.law, result.sides
+    law, sides = geometry.interface.law, result.sides
     if not law.opens or any((side.status != OPEN).any() for side in sides):
         return []
-    drawn = [-np.einsum("ni,ni->n", p.gap, p.normal) for p in model.pairs]
-    before = _gaps(model, drawn).min()
+    drawn = [-np.einsum("ni,ni->n", p.gap, p.normal) for p in geometry.pairs]
+    before = _gaps(geometry, drawn).min()
     side = min(sides, key=lambda side: float(side.gap.min()))
     near = int(side.gap.argmin())
-    if not side.gap[near] < before - NEARER * model.sides[0].diameter:
+    if not side.gap[near] < before - NEARER * geometry.sides[0].diameter:
         return []
     return [
-        f"interface {model.interface.name}: nothing touches: the load brings both sides nearer to "
-        f"each other, from {before:.2g} as drawn to about {side.gap[near]:.2g} at "
+        f"interface {geometry.interface.name}: nothing touches: the load brings both sides nearer "
+        f"to each other, from {before:.2g} as drawn to about {side.gap[near]:.2g} at "
         f"{side.x[near].round(6).tolist()}, and no contact force arises. Check positions, units "
         "and the load, or draw the bodies nearer"
     ]
 
 
-def _gaps(model: InterfaceGeometry, gaps: Sequence[np.ndarray]) -> np.ndarray:
+def _gaps(geometry: InterfaceGeometry, gaps: Sequence[np.ndarray]) -> np.ndarray:
     """Distance between both sides at the frame's nodes, or of the nodes from the obstacle."""
-    if model.frame is None:
-        return gaps[0]
-    total = np.zeros(len(model.frame.x))
-    for pairs, gap in zip(model.pairs, gaps, strict=True):
-        area = pairs.N.T @ pairs.forces
-        at = pairs.N.T @ (gap * pairs.forces)
+    total = np.zeros(len(geometry.law_nodes[0]))
+    for pairs, N, gap in zip(geometry.pairs, geometry.law_shapes, gaps, strict=True):
+        area = N.T @ pairs.forces
+        at = N.T @ (gap * pairs.forces)
         total += np.where(area > 0.0, at / np.where(area > 0.0, area, 1.0), np.inf)
     return total

@@ -71,9 +71,9 @@ class Equations:
         self.drifts = np.zeros(self.m, dtype=bool)
         for nodes in places:
             self.normal[nodes.rows[:, -1]] = nodes.law.opens
-            self._rigid[nodes.v] = nodes.model.frame is None
-            if nodes.model.frame is not None:
-                v = nodes.v.reshape(-1, nodes.model.directions.shape[1])
+            self._rigid[nodes.v] = nodes.geometry.rigid
+            if not nodes.geometry.rigid:
+                v = nodes.v.reshape(-1, nodes.geometry.directions.shape[1])
                 self.drifts[v[:, -1]] = True
 
     def closed_rows(self) -> np.ndarray:
@@ -212,14 +212,14 @@ class Equations:
         term gives way to it. Empty where there is none."""
         left = self.loads - self.L_t @ multiplier
         for s in self.states:
-            model = s.nodes.model
-            obstacle = model.interface.obstacle
+            geometry = s.nodes.geometry
+            obstacle, gdim = geometry.interface.obstacle, geometry.directions.shape[2]
             force = np.abs(self.loads[s.nodes.v]).max(initial=0.0)
             missed = np.abs(left[s.nodes.v]).max(initial=0.0)
             if obstacle is not None and missed > CARRIED * force > 0.0:
                 return (
-                    f"interface {model.interface.name}: contact does not balance the force on the "
-                    f"{type(obstacle).__name__}, {obstacle.pose(model.directions.shape[2])[-1]}: "
+                    f"interface {geometry.interface.name}: contact does not balance the force on "
+                    f"the {type(obstacle).__name__}, {obstacle.pose(gdim)[-1]}: "
                     f"at least {missed / force:.2g} of it is left. It is pulled off, or slides "
                     "without end: give None where its displacement is to be prescribed, or change "
                     "the force"

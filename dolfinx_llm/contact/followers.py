@@ -51,7 +51,7 @@ class Followers:
         relative = (identity(k * t) - diags(weak) @ alike).tocsr()
         held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
         leader = np.where(held < adrift, speaker, np.arange(k))
-        carried = _carried(leader, nodes.model.directions)
+        carried = _carried(leader, nodes.geometry.directions)
         return Followers(speaker, unheld(follows, speaker), alike.T.tocsr(), relative, *carried)
 
     def share(self, friction: np.ndarray, bears: np.ndarray, tangents: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, identity, vstack
+from scipy.sparse import csr_matrix, diags, vstack
 
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactInputError
@@ -33,7 +33,7 @@ class FrictionNodes:
     """Of one interface: its places in the vectors of all, and the operators of its law; n pairs
     with c multipliers each, k nodes with jumps of q components, none where the law has no jumps."""
 
-    model: InterfaceGeometry
+    geometry: InterfaceGeometry
     rows: np.ndarray  # (n, c) its multiplier rows
     v: np.ndarray  # (m d,) its frame unknowns
     kappa: np.ndarray  # (k, q) its jump unknowns
@@ -50,19 +50,17 @@ class FrictionNodes:
     @property
     def law(self) -> Law:
         """Of the interface."""
-        return self.model.interface.law
+        return self.geometry.interface.law
 
     @property
     def tangents(self) -> np.ndarray:
         """(k, t, gdim) at the frame's nodes, where there is a frame."""
-        return self.model.directions[:, :-1]
+        return self.geometry.directions[:, :-1]
 
-    @cached_property
-    def N(self) -> list[csr_matrix]:
-        """Per side (n_i, k) shape functions of the pairs; the pairs' own against an obstacle."""
-        if self.model.frame is None:
-            return [identity(len(self.rows), format="csr")]
-        return [p.N for p in self.model.pairs]
+    @property
+    def N(self) -> tuple[csr_matrix, ...]:
+        """Per side (n_i, k) shape functions of the pairs."""
+        return self.geometry.law_shapes
 
     @cached_property
     def nearest(self) -> np.ndarray:
@@ -121,20 +119,20 @@ class FrictionNodes:
 
 def friction_nodes(operators: ContactOperators) -> list[FrictionNodes]:
     """Of all interfaces."""
-    of = zip(operators.models, operators.places, operators.blocks, strict=True)
+    of = zip(operators.geometries, operators.places, operators.blocks, strict=True)
     return [_friction_nodes(operators, *each) for each in of]
 
 
 def _friction_nodes(
-    operators: ContactOperators, model: InterfaceGeometry, place: Place, L: csr_matrix
+    operators: ContactOperators, geometry: InterfaceGeometry, place: Place, L: csr_matrix
 ) -> FrictionNodes:
-    n, c, gdim = sum(len(p.nodes) for p in model.pairs), *model.pairs[0].base.shape[1:]
+    n, c, gdim = sum(len(p.nodes) for p in geometry.pairs), *geometry.pairs[0].base.shape[1:]
     rows, jumps = (np.arange(at.start, at.stop) for at in (place.rows, place.slips))
-    q = model.interface.law.jumps(gdim)
-    x, area = (a if q else a[:0] for a in model.law_nodes)
-    L_kappa, L_normal, theta = _jump_operators(model, n, c, gdim)
+    q = geometry.interface.law.jumps(gdim)
+    x, area = (a if q else a[:0] for a in geometry.law_nodes)
+    L_kappa, L_normal, theta = _jump_operators(geometry, n, c, gdim)
     return FrictionNodes(
-        model,
+        geometry,
         rows=rows.reshape(n, c),
         v=np.arange(place.frame.start, place.frame.stop),
         kappa=jumps.reshape(-1, max(q, 1)),
@@ -146,37 +144,40 @@ def _friction_nodes(
         theta=theta,
         x=x,
         area=area,
-        sample=lambda value: _sampled(operators, model, place, x, value),
+        sample=lambda value: _sampled(operators, geometry, place, x, value),
     )
 
 
 def _jump_operators(
-    model: InterfaceGeometry, n: int, c: int, gdim: int
+    geometry: InterfaceGeometry, n: int, c: int, gdim: int
 ) -> tuple[csr_matrix, csr_matrix, float]:
     """L_kappa (n c, k q), N (k, n c) of the multipliers, and θ."""
-    law = model.interface.law
+    law = geometry.interface.law
     if not law.jumps(gdim):
         return csr_matrix((n * c, 0)), csr_matrix((0, n * c)), 1.0
-    part = law.components_of_jumps(c)
-    if model.frame is None:
-        every, component = identity(n * c, format="csr"), np.arange(n * c) % c
-        jumps = (component >= part.start) & (component < part.stop)
-        return every[:, jumps], every[component == c - 1], 1.0
     # Both sides jump by κ in their own base, (13).
-    sides = [replace(p, base=sign * p.base) for p, sign in zip(model.pairs, (1.0, -1.0))]
-    across = interface_operator(sides, model.directions[:, -1:], model.normals_alone)
-    jumps = interface_operator(sides, model.directions[:, part], model.normals_alone)
-    return jumps, 0.5 * across.T.tocsr(), 0.5
+    shapes = zip(geometry.pairs, geometry.law_shapes, (1.0, -1.0))
+    sides = [replace(p, N=N, base=sign * p.base) for p, N, sign in shapes]
+    normals, theta = geometry.law_directions[:, -1:], 1.0 / len(sides)
+    across = interface_operator(sides, normals, geometry.normals_alone)
+    jumps = interface_operator(sides, geometry.jump_directions, geometry.normals_alone)
+    return jumps, theta * across.T.tocsr(), theta
 
 
 def _sampled(
-    operators: ContactOperators, model: InterfaceGeometry, place: Place, x: np.ndarray, value: Any
+    operators: ContactOperators,
+    geometry: InterfaceGeometry,
+    place: Place,
+    x: np.ndarray,
+    value: Any,
 ) -> np.ndarray:
     """(k,) of what a user gives for a law at x (k, gdim), see ``LawNodes``; collective."""
     if not compat.is_function(value):
         return at_positions(value, x)
     found = []
-    for side, space in zip(range(place.sides.start, place.sides.stop), model.spaces, strict=True):
+    for side, space in zip(
+        range(place.sides.start, place.sides.stop), geometry.spaces, strict=True
+    ):
         V = operators.dofs.spaces[space]
         if value.function_space.mesh is V.mesh:
             local = np.concatenate([
@@ -186,10 +187,10 @@ def _sampled(
             gdim = operators.dofs.gdim
             nodal = operators.dofs.values(operators.side_dofs[side][:, 0], np.repeat(local, gdim))
             pairs = operators.pairs[side]
-            found.append(nodal if model.frame is None else pairs.interpolation(x) @ nodal)
+            found.append(nodal if geometry.rigid else pairs.interpolation(x) @ nodal)
     if not found:
         raise ContactInputError(
-            f"interface {model.interface.name}: a Function that a law varies by lives on the mesh "
-            "of neither side. Give one of a side's mesh, or a function of positions"
+            f"interface {geometry.interface.name}: a Function that a law varies by lives on the "
+            "mesh of neither side. Give one of a side's mesh, or a function of positions"
         )
     return np.mean(found, axis=0)

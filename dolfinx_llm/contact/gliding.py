@@ -23,7 +23,7 @@ def glide(equations: Equations, glides: bool) -> bool:
         s.glides = glides and s.shares
         s.touch(s.own.active)
         if s.glides:
-            v = s.nodes.v.reshape(s.nodes.model.directions.shape[:2])
+            v = s.nodes.v.reshape(s.nodes.geometry.directions.shape[:2])
             seen[v[:, :-1]] = seen[s.nodes.kappa] = 0.0
     found = not seen.all()
     if found or equations.L is not equations.whole:

@@ -265,7 +265,7 @@ def _require_friction(states: list[InterfaceState], multiplier: np.ndarray) -> N
         share = s.loose_share([multiplier[s.nodes.rows[:, -1]]])
         if share > FRICTIONLESS:
             raise ContactError(
-                f"interface {s.nodes.model.interface.name}: pairs that opened and closed by "
+                f"interface {s.nodes.geometry.interface.name}: pairs that opened and closed by "
                 f"turns were left without friction, and carry {share:.1%} of the normal force "
                 f"(allowed {FRICTIONLESS:.0%}). Apply the load in smaller steps "
                 "(solve(increments=...)), or use a finer mesh where contact ends"

@@ -98,37 +98,35 @@ def collect_results(
     motions = [operators.motion(side, u) for side in range(len(operators.pairs))]
     gaps, results = operators.side_gaps(), []
     prescribed = operators.obstacle_motions()
-    for i, (model, place) in enumerate(zip(operators.models, operators.places, strict=True)):
-        m, d, gdim = model.directions.shape
+    for i, (geometry, place) in enumerate(zip(operators.geometries, operators.places, strict=True)):
+        m, d, gdim = geometry.directions.shape
         moved = motions[place.sides]
-        v = np.einsum("md,mdi->mi", w[place.frame].reshape(m, d), model.directions)
-        if d == 1 and model.frame is not None:
+        v = np.einsum("md,mdi->mi", w[place.frame].reshape(m, d), geometry.directions)
+        if geometry.normals_alone:
             # Without tangential unknowns the frame follows both bodies.
-            v = v + _tangential_average(model, moved)
-        state, c = states and states[i], model.pairs[0].base.shape[1]
+            v = v + _tangential_average(geometry, moved)
+        state, c = states and states[i], geometry.pairs[0].base.shape[1]
         forces = multiplier[place.rows].reshape(-1, c)
         status = state.pair_status() if state else np.full(len(forces), STICK)
         sides, first = [], 0
-        for p, motion, gap in zip(model.pairs, moved, gaps[place.sides], strict=True):
+        for p, motion, gap in zip(geometry.pairs, moved, gaps[place.sides], strict=True):
             own = slice(first, first + len(p.nodes))
-            follows = p.N @ v
-            if model.frame is None:
-                follows = follows + prescribed[i]
-            elif model.normals_alone:  # across the mean of the nodes' normals, as the law has it
+            follows = p.N @ v + prescribed[i]
+            if geometry.normals_alone:  # across the mean of the nodes' normals, as the law has it
                 across = operators.blocks[i][own] @ w[place.frame]
                 across -= np.einsum("ni,ni->n", follows, p.normal)
                 follows = follows + across[:, None] * p.normal
             sides.append(_side_result(p, forces[own], motion, follows, gap, status[own]))
             first = own.stop
-        if model.interface.law.components != "cartesian":
+        if geometry.interface.law.components != "cartesian":
             held = state.held if state else np.zeros(len(forces), dtype=bool)
-            sides = _between_bodies(model, sides, operators.scale, held)
-        results.append(_interface_result(model, sides, v, state))
+            sides = _between_bodies(geometry, sides, operators.scale, held)
+        results.append(_interface_result(geometry, sides, v, state))
     return results
 
 
 def _between_bodies(
-    model: InterfaceGeometry, sides: list[SideResult], scale: float, held: np.ndarray
+    geometry: InterfaceGeometry, sides: list[SideResult], scale: float, held: np.ndarray
 ) -> list[SideResult]:
     """The sides with gaps between the bodies, and open where these are apart and none of the pairs
     held (n,), which may pull.
@@ -138,12 +136,12 @@ def _between_bodies(
     """
     gaps = [side.frame_gap for side in sides]
     positions = [side.x + side.u for side in sides]
-    for k, N in enumerate(model.opposite):
+    for k, N in enumerate(geometry.opposite):
         across = N @ positions[1 - k] - positions[k]
         gaps[k] = np.einsum("ni,ni->n", across, sides[k].normal)
     force = max(np.abs(side.normal_force).max(initial=0.0) for side in sides)
     size = max(np.abs(a).max(initial=0.0) for side in sides for a in (side.u, side.frame_gap))
-    nothing, law = IDLE * scale * size, model.interface.law
+    nothing, law = IDLE * scale * size, geometry.interface.law
     out, ends = [], np.cumsum([len(side.x) for side in sides])
     for side, gap, pulls in zip(sides, gaps, np.split(held, ends[:-1]), strict=True):
         pressed = side.normal_force > max(FELT * force, nothing)
@@ -164,16 +162,16 @@ def _between_bodies(
     return out
 
 
-def _tangential_average(model: InterfaceGeometry, moved: Sequence[np.ndarray]) -> np.ndarray:
+def _tangential_average(geometry: InterfaceGeometry, moved: Sequence[np.ndarray]) -> np.ndarray:
     """(m, gdim) mean of the tangential motions of both sides, fitted to the frame's nodes."""
-    total = np.zeros((len(model.directions), moved[0].shape[1]))
-    for p, motion in zip(model.pairs, moved, strict=True):
+    total = np.zeros((len(geometry.directions), moved[0].shape[1]))
+    for p, motion in zip(geometry.pairs, moved, strict=True):
         A = p.N.T @ p.N
         # Frame nodes that hardly any pair of this side reaches move as the side does on average.
         weak = DRAW * A.diagonal().mean() * identity(A.shape[0])
         mean = motion.mean(axis=0)
         total += 0.5 * (mean + splu((A + weak).tocsc()).solve(p.N.T @ (motion - mean)))
-    normal = model.directions[:, -1]
+    normal = geometry.directions[:, -1]
     return total - np.einsum("mi,mi->m", total, normal)[:, None] * normal
 
 
@@ -206,23 +204,24 @@ def _side_result(
 
 
 def _interface_result(
-    model: InterfaceGeometry, sides: list[SideResult], v: np.ndarray, state: Any
+    geometry: InterfaceGeometry, sides: list[SideResult], v: np.ndarray, state: Any
 ) -> InterfaceResult:
-    side, pairs, law = sides[0], model.pairs[0], model.interface.law
+    side, pairs, law = sides[0], geometry.pairs[0], geometry.interface.law
     presses = law.opens and not (state and state.held.any())
-    if model.interface.obstacle is not None:
+    obstacle, frame = geometry.interface.obstacle, geometry.frame
+    if obstacle is not None:
         own = side.normal_force, side.area, side.tangential_force
-        shift = np.array(model.interface.obstacle.pose(v.shape[1])[0]) + v.sum(axis=0)
+        shift = np.array(obstacle.pose(v.shape[1])[0]) + v.sum(axis=0)
         return InterfaceResult(None, tuple(sides), None, *own, side.status, presses, shift)
-    assert model.frame is not None
+    assert frame is not None
     cartesian = law.components == "cartesian"
-    normal = nodal_normals(model.frame) if cartesian else model.directions[:, -1]
+    normal = nodal_normals(frame) if cartesian else geometry.directions[:, -1]
     total = pairs.N.T @ side.force
     if law.slips:  # what friction holds for
-        total = 0.5 * (total - model.pairs[1].N.T @ sides[1].force)
+        total = 0.5 * (total - geometry.pairs[1].N.T @ sides[1].force)
     force, area = np.einsum("mi,mi->m", total, normal), pairs.N.T @ side.area
     friction = total - force[:, None] * normal
-    if model.normals_alone:
+    if geometry.normals_alone:
         force = pairs.N.T @ (side.normal_force / np.linalg.norm(pairs.N @ normal, axis=1))
     status = np.full(len(force), STICK)
     if not cartesian:
@@ -236,7 +235,5 @@ def _interface_result(
             friction = state.share_out(friction, force)
         elif law.components == "normal":
             friction = np.zeros_like(friction)
-    frame = replace(model.frame, v=v)
-    return InterfaceResult(
-        frame, tuple(sides), model.certificate, force, area, friction, status, presses
-    )
+    frame, known = replace(frame, v=v), geometry.certificate
+    return InterfaceResult(frame, tuple(sides), known, force, area, friction, status, presses)

@@ -87,8 +87,8 @@ class Increment:
         faces = [f.at(self.dofs, self.u) for f in steps.followers]
         with _failing():
             self.held: list[Held] = [
-                replace(i.what.hold(z_i), pose=pose, scale=steps.scale)
-                for i, z_i, pose in zip(steps.interfaces, z, self.poses, strict=True)
+                replace(i.what.hold(z_i), pose=pose, pose_before=old, scale=steps.scale)
+                for i, z_i, pose, old in zip(steps.interfaces, z, self.poses, good.poses)
             ]
             self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
         self.status: list[Any] = list(good.status)

@@ -63,7 +63,8 @@ def _choose_steps(asked: str, symmetric: bool, operators: ContactOperators) -> t
         return "flexibility", f"{first}with up to {FLEXIBLE} multipliers the bodies are asked once"
     if asked == "saddle":
         return "saddle", "as asked"
-    friction = any(law.slips or law.gives for law in (m.interface.law for m in operators.models))
+    laws = [geometry.interface.law for geometry in operators.geometries]
+    friction = any(law.slips or law.gives for law in laws)
     limit = CROSSOVER[operators.dofs.gdim]
     nodes = widest(operators.L, operators.dofs.gdim)
     if not symmetric or friction or unknowns < limit or nodes > WIDEST:

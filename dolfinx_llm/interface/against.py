@@ -175,28 +175,29 @@ def under_force(
     return replace(pairs, N=csr_matrix(np.ones((len(pairs.nodes), 1)))), axes[None]
 
 
-def prescribed_loads(model: InterfaceGeometry) -> np.ndarray:
+def prescribed_loads(geometry: InterfaceGeometry) -> np.ndarray:
     """(m d,) loads on the frame unknowns of an interface, L_bᵀ λ = loads, as they are now: zeros at
     a frame, minus the force at an obstacle [force]."""
-    obstacle, axes = model.interface.obstacle, model.directions
+    obstacle, axes = geometry.interface.obstacle, geometry.directions
     loads = np.zeros(axes.shape[0] * axes.shape[1])
     if obstacle is None:
         return loads
     force = obstacle.pose(axes.shape[2])[-1]
-    if forced(obstacle, axes.shape[2]) != model.forced:
+    if forced(obstacle, axes.shape[2]) != geometry.forced:
         raise ContactInputError(
             f"force={force} of the {type(obstacle).__name__}: when the problem was made, force was "
-            f"prescribed by component as {model.forced}. Make the problem anew to change that"
+            f"prescribed by component as {geometry.forced}. Make the problem anew to change that"
         )
-    if not any(model.forced):
+    if not any(geometry.forced):
         return loads
     values = np.array([0.0 if f is None else f for f in force])
     along = axes[0] @ values
     left = values - along @ axes[0]
     if np.abs(left).max() > REST * np.abs(values).max():
         raise ContactError(
-            f"interface {model.interface.name}: nothing resists the part {left.round(9).tolist()} "
-            f"of the force {values.tolist()} on the {type(obstacle).__name__}. Give None for "
-            "components whose displacement is prescribed, or take a law with friction"
+            f"interface {geometry.interface.name}: nothing resists the part "
+            f"{left.round(9).tolist()} of the force {values.tolist()} on the "
+            f"{type(obstacle).__name__}. Give None for components whose displacement is "
+            "prescribed, or take a law with friction"
         )
     return -along

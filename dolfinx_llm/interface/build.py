@@ -100,15 +100,15 @@ def assembled(
         given = forced(interface.obstacle, gdim)
         own, base = under_force(interface.obstacle, pairs[0], law.opens)
         pairs = [own]
-    model = InterfaceGeometry(
+    geometry = InterfaceGeometry(
         interface, tuple(p.surface for p in pairs), site.spaces, tuple(pairs), frame, base,
         float(pairs[0].forces.sum()), certificate, tuple(rims), tuple(notes), clock.times,
         site, tuple(parts), given,
     )  # fmt: skip
     if log.isEnabledFor(logging.INFO):
         stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())
-        log.info("%s\n    %s", "\n".join(describe(model)).strip(), stages)
-    return model
+        log.info("%s\n    %s", "\n".join(describe(geometry)).strip(), stages)
+    return geometry
 
 
 def build_piece(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, identity
 
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
@@ -37,6 +37,11 @@ class InterfaceGeometry:
     forced: tuple[bool, ...] = ()  # per component whether a force on the obstacle is prescribed
 
     @property
+    def rigid(self) -> bool:
+        """Whether an obstacle takes the frame's place: it moves as a whole, or as prescribed."""
+        return self.frame is None
+
+    @property
     def normals_alone(self) -> bool:
         """Whether the frame's nodes move along their normals only."""
         return self.frame is not None and self.interface.law.components == "normal"
@@ -54,14 +59,25 @@ class InterfaceGeometry:
         """Positions (k, gdim) and tributary areas (k,) of the nodes at which the law holds: the
         frame's, or the pairs' own against a rigid obstacle."""
         pairs = self.pairs[0]
+        x = pairs.x if self.frame is None else self.frame.x
+        return x, self.law_shapes[0].T @ pairs.forces
+
+    @cached_property
+    def law_shapes(self) -> tuple[csr_matrix, ...]:
+        """Per side (n, k) shape functions of these nodes at the pairs."""
         if self.frame is None:
-            return pairs.x, pairs.forces
-        return self.frame.x, pairs.N.T @ pairs.forces
+            return (identity(len(self.pairs[0].nodes), format="csr"),)
+        return tuple(pairs.N for pairs in self.pairs)
+
+    @property
+    def law_directions(self) -> np.ndarray:
+        """(k, d, gdim) local base at these nodes, the normal last."""
+        return self.pairs[0].base if self.frame is None else self.directions
 
     @property
     def jump_directions(self) -> np.ndarray:
         """(k, q, gdim) directions of jumps at these nodes."""
-        directions = self.pairs[0].base if self.frame is None else self.directions
+        directions = self.law_directions
         return directions[:, self.interface.law.components_of_jumps(directions.shape[1])]
 
     @cached_property
@@ -72,17 +88,17 @@ class InterfaceGeometry:
         return tuple(q.interpolation(p.x) for p, q in zip(self.pairs, others))
 
 
-def describe(model: InterfaceGeometry) -> list[str]:
+def describe(geometry: InterfaceGeometry) -> list[str]:
     """Lines for ``print(problem)``: what an interface consists of, what it leaves out and why."""
-    law, nodes = model.interface.law, " + ".join(str(len(p.nodes)) for p in model.pairs)
+    law, nodes = geometry.interface.law, " + ".join(str(len(p.nodes)) for p in geometry.pairs)
     kind = "that may touch" if law.opens else "in contact"
-    frame = "no frame" if model.frame is None else f"frame of {len(model.frame.x)} nodes"
+    frame = "no frame" if geometry.frame is None else f"frame of {len(geometry.frame.x)} nodes"
     lines = [
-        f"  interface {model.interface.name}, {law}: {nodes} nodes {kind}, {frame}, "
-        f"area {model.area:.9g}"
+        f"  interface {geometry.interface.name}, {law}: {nodes} nodes {kind}, {frame}, "
+        f"area {geometry.area:.9g}"
     ]
-    if model.frame is not None and model.certificate is not None:
-        c, q = model.certificate, model.frame.quality
+    if geometry.frame is not None and geometry.certificate is not None:
+        c, q = geometry.certificate, geometry.frame.quality
         lines += [
             f"    patch residual {c.residual:.1e} (before design {c.residual_before:.1e}), "
             f"singular values of L_b {c.singular_values[0]:.3g} to "
@@ -90,11 +106,13 @@ def describe(model: InterfaceGeometry) -> list[str]:
             f"    frame: angles {q.min_angle:.1f}° to {q.max_angle:.1f}°, shortest side "
             f"{q.min_side:.3g}",
         ]
-    lines += [f"    {note}" for note in model.notes]
-    if any(model.forced):
-        lines.append(f"    the obstacle moves in {model.directions.shape[1]} way(s) under a force")
+    lines += [f"    {note}" for note in geometry.notes]
+    if any(geometry.forced):
+        lines.append(
+            f"    the obstacle moves in {geometry.directions.shape[1]} way(s) under a force"
+        )
     out = []
-    if model.frame is None:
+    if geometry.frame is None:
         out.append("frame, second side and proximal term (rigid obstacle)")
     if law.ties:
         out.append("active set and local bases (tied)")

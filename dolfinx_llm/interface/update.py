@@ -45,39 +45,39 @@ class Transfer:
 
 
 def relocated(
-    model: InterfaceGeometry, motions: Sequence[np.ndarray], v: np.ndarray | None = None
+    geometry: InterfaceGeometry, motions: Sequence[np.ndarray], v: np.ndarray | None = None
 ) -> InterfaceGeometry:
     """The same facets, frame cells and nodes, where bodies and frame are now. Shape functions,
     normals, gaps, forces and the design are made anew; all sizes stay.
 
     Args:
-        model: the interface before.
+        geometry: the interface before.
         motions: per side (n, gdim) displacement of the tagged surface since the drawing [length].
-        v: (m, gdim) motion of the frame's nodes since ``model`` [length]; None without a frame.
+        v: (m, gdim) motion of the frame's nodes since ``geometry`` [length]; None without a frame.
     """
-    site, clock, notes = model.site.moved(motions), Clock(), list[str]()
-    if model.frame is None:
-        return build_against(site, notes, clock, model.pairs[0].nodes)
+    site, clock, notes = geometry.site.moved(motions), Clock(), list[str]()
+    if geometry.frame is None:
+        return build_against(site, notes, clock, geometry.pairs[0].nodes)
     if v is None:
         raise ContactInputError("v=None: give the motion (m, gdim) of the frame's nodes")
     parts, first = [], 0
-    for part in model.parts:
+    for part in geometry.parts:
         last = replace(part, frame=part.frame.moved(v[first : first + len(part.frame.x)]))
         first += len(part.frame.x)
         parts.append(build_piece(site, part.piece.moved(site.whole), notes, clock, last=last))
     rims = [np.zeros(len(side.x), dtype=bool) for side in site.whole]
-    for rim, side, own, pairs in zip(rims, site.whole, model.rims, model.pairs, strict=True):
+    for rim, side, own, pairs in zip(rims, site.whole, geometry.rims, geometry.pairs, strict=True):
         rim[np.isin(side.dofs, pairs.dofs[own])] = True
     return assembled(site, parts, rims, notes, clock)
 
 
 def rebuilt(
-    model: InterfaceGeometry, motions: Sequence[np.ndarray], v: np.ndarray | None = None
+    geometry: InterfaceGeometry, motions: Sequence[np.ndarray], v: np.ndarray | None = None
 ) -> tuple[InterfaceGeometry, Transfer]:
     """All anew where bodies are now, and how to carry over what was remembered; arguments as of
     ``relocated``, v tells where the old frame is now."""
-    new = build(model.site.moved(motions))
-    return new, transfer(model, new, v)
+    new = build(geometry.site.moved(motions))
+    return new, transfer(geometry, new, v)
 
 
 def transfer(

@@ -71,15 +71,15 @@ class Place:
     slips: slice  # of w: slip unknowns κ, which follow all v
 
 
-def places(models: Sequence[InterfaceGeometry]) -> list[Place]:
+def places(geometries: Sequence[InterfaceGeometry]) -> list[Place]:
     """Places of the interfaces, one after the other in every vector."""
-    frames = [model.directions.shape[0] * model.directions.shape[1] for model in models]
+    frames = [g.directions.shape[0] * g.directions.shape[1] for g in geometries]
     ends, found = [0, 0, 0, 0, sum(frames)], []
-    for model, frame in zip(models, frames, strict=True):
-        n = sum(len(side.nodes) for side in model.pairs)
-        _, c, gdim = model.pairs[0].base.shape
-        slips = len(model.law_nodes[0]) * model.interface.law.jumps(gdim)
-        starts, sizes = ends, (len(model.pairs), n, n * c, frame, slips)
+    for geometry, frame in zip(geometries, frames, strict=True):
+        n = sum(len(side.nodes) for side in geometry.pairs)
+        _, c, gdim = geometry.pairs[0].base.shape
+        slips = len(geometry.law_nodes[0]) * geometry.interface.law.jumps(gdim)
+        starts, sizes = ends, (len(geometry.pairs), n, n * c, frame, slips)
         ends = [start + size for start, size in zip(starts, sizes, strict=True)]
         found.append(Place(*map(slice, starts, ends)))
     return found
@@ -131,29 +131,25 @@ class Rows:
         )
 
 
-def frame_numbering(models: Sequence[InterfaceGeometry], comm: MPI.Comm) -> Numbering:
+def frame_numbering(geometries: Sequence[InterfaceGeometry], comm: MPI.Comm) -> Numbering:
     """Numbers of the frame unknowns, d per node; they live with the nearest surface node."""
     owners = [np.empty(0, dtype=np.int64)]
-    for model in models:
-        if len(model.places):
-            x = np.concatenate([side.x for side in model.pairs])
-            owner = np.concatenate([side.owner for side in model.pairs])
-            nearest = owner[cKDTree(x).query(model.places)[1]]
-            owners.append(np.repeat(nearest, model.directions.shape[1]))
+    for geometry in geometries:
+        owners.append(np.repeat(_owners(geometry, geometry.places), geometry.directions.shape[1]))
     return Numbering(np.concatenate(owners), comm.rank)
 
 
-def slip_numbering(
-    models: Sequence[InterfaceGeometry], places: Sequence[Place], frames: Numbering
-) -> Numbering:
-    """Numbers of frame unknowns followed by slip unknowns κ, which live with their frame node (with
-    their surface node against a rigid obstacle)."""
+def slip_numbering(geometries: Sequence[InterfaceGeometry], frames: Numbering) -> Numbering:
+    """Numbers of frame unknowns followed by slip unknowns κ, which live with their law's node."""
     owners = [frames.owner]
-    for model, place in zip(models, places, strict=True):
-        _, d, gdim = model.directions.shape
-        jumps = model.interface.law.jumps(gdim)
-        if jumps:
-            at = frames.owner[place.frame][:: max(d, 1)]
-            at = model.pairs[0].owner if model.frame is None else at
-            owners.append(np.repeat(at, jumps))
+    for geometry in geometries:
+        jumps = geometry.interface.law.jumps(geometry.directions.shape[2])
+        owners.append(np.repeat(_owners(geometry, geometry.law_nodes[0]), jumps))
     return Numbering(np.concatenate(owners), frames.rank)
+
+
+def _owners(geometry: InterfaceGeometry, x: np.ndarray) -> np.ndarray:
+    """(k,) ranks that own the surface nodes next to some positions (k, gdim)."""
+    owner = np.concatenate([side.owner for side in geometry.pairs])
+    nodes = np.concatenate([side.x for side in geometry.pairs])
+    return owner[cKDTree(nodes).query(x)[1]]

@@ -46,7 +46,7 @@ def check_support(
     )
 
 
-def check_loops(models: Sequence[Any], labels: Sequence[np.ndarray]) -> None:
+def check_loops(geometries: Sequence[Any], labels: Sequence[np.ndarray]) -> None:
     """Refuse interfaces that share nodes and close a loop of bodies (per side (n,) label of each
     node).
 
@@ -54,11 +54,11 @@ def check_loops(models: Sequence[Any], labels: Sequence[np.ndarray]) -> None:
     Round a loop (two interfaces between the same two bodies, three bodies that meet in an edge) the
     constraints repeat each other and the contact forces there are not unique.
     """
-    n, gdim = len(models), models[0].sides[0].x.shape[1]
-    first = np.cumsum([0, *(len(model.pairs) for model in models)])
+    n, gdim = len(geometries), geometries[0].sides[0].x.shape[1]
+    first = np.cumsum([0, *(len(geometry.pairs) for geometry in geometries)])
     touched = [labels[a:b] for a, b in zip(first, first[1:])]
-    for i, model in enumerate(models):
-        if model.frame is None:  # a rigid obstacle counts as a body of its own
+    for i, geometry in enumerate(geometries):
+        if geometry.rigid:  # the obstacle counts as a body of its own
             touched[i] = [*touched[i], np.array([-1 - i])]
     group = np.arange(n)
     example = {}
@@ -66,8 +66,8 @@ def check_loops(models: Sequence[Any], labels: Sequence[np.ndarray]) -> None:
         for j in range(i):
             shared = [
                 side.x[np.isin(side.dofs, other.dofs)]
-                for side, a in zip(models[i].pairs, models[i].spaces, strict=True)
-                for other, b in zip(models[j].pairs, models[j].spaces, strict=True)
+                for side, a in zip(geometries[i].pairs, geometries[i].spaces, strict=True)
+                for other, b in zip(geometries[j].pairs, geometries[j].spaces, strict=True)
                 if a == b
             ]
             shared = np.concatenate([np.empty((0, gdim)), *shared])
@@ -78,7 +78,7 @@ def check_loops(models: Sequence[Any], labels: Sequence[np.ndarray]) -> None:
         members = np.flatnonzero(group == g)
         bodies = np.unique(np.concatenate([label for i in members for label in touched[i]]))
         if len(members) > 1 and len(members) >= len(bodies):
-            names = ", ".join(models[i].interface.name for i in members)
+            names = ", ".join(geometries[i].interface.name for i in members)
             count, at = example[members[-1]]
             raise ContactError(
                 f"{count} node(s), e.g. at {at}, take part in two interfaces, and the "

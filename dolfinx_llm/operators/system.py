@@ -35,7 +35,7 @@ class ContactOperators:
     Collective. Arrays named by rows or unknowns hold those of all ranks, on every rank.
 
     Attributes:
-        comm, models, dofs, tied: as given; whether ties are all there is.
+        comm, geometries, dofs, tied: as given; whether ties are all there is.
         pairs: ``ContactPairs`` of every side.
         side_dofs: per side (n, gdim) numbers of its nodes' dofs in the vector of all bodies.
         places: per interface its ``Place`` in all vectors.
@@ -60,11 +60,15 @@ class ContactOperators:
     """
 
     def __init__(
-        self, models: Sequence[InterfaceGeometry], dofs: BodyDofs, K: PETSc.Mat, times: StageTimes
+        self,
+        geometries: Sequence[InterfaceGeometry],
+        dofs: BodyDofs,
+        K: PETSc.Mat,
+        times: StageTimes,
     ) -> None:
-        self.comm, self.models, self.dofs = dofs.comm, list(models), dofs
-        for model in models:
-            times.add(model.times)
+        self.comm, self.geometries, self.dofs = dofs.comm, list(geometries), dofs
+        for geometry in geometries:
+            times.add(geometry.times)
         with times.timed("operators"):
             self._number()
             self._find_prescribed()
@@ -97,18 +101,16 @@ class ContactOperators:
 
     def _number(self) -> None:
         """Places, rows, unknowns, and L_b of each interface."""
-        models = self.models
-        self.tied = all(model.interface.law.ties for model in models)
-        self.pairs = [pairs for model in models for pairs in model.pairs]
-        spaces = [space for model in models for space in model.spaces]
+        self.tied = all(g.interface.law.ties for g in self.geometries)
+        self.pairs = [pairs for g in self.geometries for pairs in g.pairs]
+        spaces = [space for g in self.geometries for space in g.spaces]
         self.side_dofs = [self.dofs.of(*side) for side in zip(spaces, self.pairs, strict=True)]
-        self.places = places(models)
+        self.places = places(self.geometries)
         self.rows = Rows.of(self.comm, self.pairs, self.side_dofs)
-        self.frames = frame_numbering(models, self.comm)
-        self.unknowns = slip_numbering(models, self.places, self.frames)
+        self.frames = frame_numbering(self.geometries, self.comm)
+        self.unknowns = slip_numbering(self.geometries, self.frames)
         self.blocks = [
-            interface_operator(model.pairs, model.directions, model.normals_alone)
-            for model in models
+            interface_operator(g.pairs, g.directions, g.normals_alone) for g in self.geometries
         ]
 
     def _find_prescribed(self) -> None:
@@ -121,15 +123,13 @@ class ContactOperators:
         nodes = [np.unique(self.rows.dofs[place.rows, 0]) for place in self.places]
         known, count = np.unique(np.concatenate(nodes), return_counts=True)
         self.interfaces_at = count[np.searchsorted(known, self.rows.dofs[:, 0])]
-        own = [
-            free_parts(free[place.rows], model.pairs[0].base.shape[1])
-            for model, place in zip(self.models, self.places, strict=True)
-        ]
+        sides = zip(self.geometries, self.places, strict=True)
+        own = [free_parts(free[place.rows], g.pairs[0].base.shape[1]) for g, place in sides]
         self.soft = np.concatenate(own) < NEARLY_FIXED
         self.redundant = np.zeros(len(self.held), dtype=bool)
         self.prescribed = []
-        for model, place, L in zip(self.models, self.places, self.blocks, strict=True):
-            if model.interface.law.ties:
+        for geometry, place, L in zip(self.geometries, self.places, self.blocks, strict=True):
+            if geometry.interface.law.ties:
                 rows, basis, redundant = prescribed_rows(L, self.held[place.rows])
                 self.prescribed.append((place.rows.start + rows, basis))
                 self.redundant[place.rows.start + redundant] = True
@@ -142,7 +142,7 @@ class ContactOperators:
             labels.append(label.astype(np.int64))
             move = np.einsum("nci,nibm->ncbm", side.base, bodies.modes(labels[-1], side.x))
             moves.append(move.reshape(-1, *move.shape[2:]))
-        check_loops(self.models, labels)
+        check_loops(self.geometries, labels)
         constraints = [
             (L if L.shape[1] else None, np.concatenate(moves[place.sides]))
             for place, L in zip(self.places, self.blocks, strict=True)
@@ -175,36 +175,34 @@ class ContactOperators:
 
     def obstacle_motions(self) -> list[np.ndarray]:
         """Per interface (n, gdim) prescribed motion of an obstacle at the points that its pairs
-        touch; without an obstacle empty [length]."""
+        touch; one row of zeros for a frame, which moves by v [length]."""
         found = []
-        for model in self.models:
-            obstacle, pairs = model.interface.obstacle, model.pairs[0]
-            x = (pairs.x - pairs.gap)[: len(pairs.x) if obstacle else 0]
-            found.append(x if obstacle is None else obstacle.motion(x))
+        for geometry in self.geometries:
+            obstacle, pairs = geometry.interface.obstacle, geometry.pairs[0]
+            x = pairs.x - pairs.gap
+            found.append(np.zeros_like(x[:1]) if obstacle is None else obstacle.motion(x))
         return found
 
     def frame_loads(self) -> np.ndarray:
         """(n_v,) loads on the frame unknowns: zero but for forces on obstacles [force]."""
         loads = np.zeros(self.frames.sizes[1])
-        for model, place in zip(self.models, self.places, strict=True):
-            loads[place.frame] = prescribed_loads(model)
+        for geometry, place in zip(self.geometries, self.places, strict=True):
+            loads[place.frame] = prescribed_loads(geometry)
         return loads
 
     def side_gaps(self, motions: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
         """Per side (n, gdim) the gaps that the law sees: along the normal where bodies may part;
         with obstacles moved as of ``obstacle_motions``, or as drawn."""
         gaps = []
-        for i, model in enumerate(self.models):
-            for side in model.pairs:
-                law, gap = model.interface.law, side.gap
+        for i, geometry in enumerate(self.geometries):
+            for side in geometry.pairs:
+                law, gap = geometry.interface.law, side.gap
                 gap = np.where(np.abs(gap) > FLUSH * np.abs(side.x).max(initial=0.0), gap, 0.0)
                 if not law.closes_gap:
                     gap = np.zeros_like(gap)
                 elif law.components != "cartesian":
                     gap = np.einsum("ni,ni->n", gap, side.normal)[:, None] * side.normal
-                if motions is not None and model.interface.obstacle is not None:
-                    gap = gap - motions[i]
-                gaps.append(gap)
+                gaps.append(gap if motions is None else gap - motions[i])
         return gaps
 
     def row_gaps(self, motions: Sequence[np.ndarray] | None = None) -> np.ndarray:

@@ -48,7 +48,7 @@ class ContactProblem(Disposable):
         form: "saddle", "condensed", "flexibility", by ``solver``, laws and size; or of your own.
         unknowns: global number of displacements u, multipliers lambda and frame unknowns v.
         times: seconds per stage, summed over all calls.
-        models: a ``InterfaceGeometry`` per interface: surfaces, frame, pairs and certificate.
+        geometries: an ``InterfaceGeometry`` per interface: surfaces, frame, pairs and certificate.
         spaces: function space of each mesh.
         K, B, L_b: PETSc matrices of (31).
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
@@ -89,9 +89,9 @@ class ContactProblem(Disposable):
 
     def _build_operators(self) -> None:
         """Pairs, frames and operators, from positions and conditions as they are now."""
-        models = [build_interface(i, self.spaces, self.bulk.fixed) for i in self.interfaces]
-        self.operators = ContactOperators(models, self.bulk.dofs, self.K, self.times)
-        self.models, self.bodies = self.operators.models, self.operators.bodies
+        geometries = [build_interface(i, self.spaces, self.bulk.fixed) for i in self.interfaces]
+        self.operators = ContactOperators(geometries, self.bulk.dofs, self.K, self.times)
+        self.geometries, self.bodies = self.operators.geometries, self.operators.bodies
         self.B, self.L_b = self.operators.B, self.operators.L_b
 
     def _setting(self) -> Setting:
@@ -172,7 +172,7 @@ class ContactProblem(Disposable):
         with self.times.timed("results"):
             states = self.method.states
             self.results = collect_results(self.operators, u, multiplier, w, states)
-        self._doubts = doubts(self.models, self.results, states)  # on all ranks: it may raise
+        self._doubts = doubts(self.geometries, self.results, states)  # on all ranks: it may raise
         for warning in self._doubts:
             if self.comm.rank == 0:
                 log.warning(warning)
@@ -208,11 +208,11 @@ class ContactProblem(Disposable):
         n_u, n_l, n_v = self.unknowns.values()
         lines = [
             f"ContactProblem: {len(self.spaces)} mesh(es), {self.bodies.count} bodies, "
-            f"{len(self.models)} interface(s), {self.comm.size} rank(s)",
+            f"{len(self.geometries)} interface(s), {self.comm.size} rank(s)",
             f"  unknowns: {n_u + n_l + n_v} = {n_u} u + {n_l} λ + {n_v} v",
             f"  solver: {self.method.describe()}",
         ]
-        lines += [line for model in self.models for line in describe(model)]
+        lines += [line for geometry in self.geometries for line in describe(geometry)]
         lines += [f"  after the last solve: {text}" for text in self._doubts]
         return "\n".join(lines)
 

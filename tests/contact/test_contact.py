@@ -407,8 +407,8 @@ def test_history_and_anatomy():
     assert last["active"] > 0 and last["stick"] == last["slip"] == last["changes"] == 0
     text = str(scene.problem)
     assert "tangential multipliers" in text and "Frictionless()" in text
-    n = sum(len(p.nodes) for p in scene.problem.models[0].pairs)
-    m = len(scene.problem.models[0].frame.x)
+    n = sum(len(p.nodes) for p in scene.problem.geometries[0].pairs)
+    m = len(scene.problem.geometries[0].frame.x)
     assert scene.problem.unknowns["lambda"] == n and scene.problem.unknowns["v"] == m
     json.dumps(scene.problem.history)
 
@@ -482,7 +482,7 @@ def test_doubts_are_logged(caplog):
     scene = Pressed(
         [low, high], llm.Frictionless(), lambda p: p[1] > 2.0 - 1e-9, lambda p: p[1] < 1e-9
     )
-    assert any("do not face" in note for note in scene.problem.models[0].notes)
+    assert any("do not face" in note for note in scene.problem.geometries[0].notes)
     scene.move(down(0.01))
     assert not caplog.records
     scene.move(down(0.8))

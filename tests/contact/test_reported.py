@@ -105,7 +105,7 @@ def test_belt_round_a_drum(mu, counts, swap):
         alone = np.bincount(speaker, minlength=len(N))[speaker] == 1
         slips = (result.frame_status == SLIP) & alone
         assert np.abs(T - mu * N)[slips].max(initial=0.0) <= 1e-9 * largest
-        totals = [p.N.T @ s.force for p, s in zip(problem.models[0].pairs, result.sides)]
+        totals = [p.N.T @ s.force for p, s in zip(problem.geometries[0].pairs, result.sides)]
         assert np.abs(totals[0] + totals[1]).max() <= 1e-9 * largest
         motion = max(np.abs(side.u).max() for side in result.sides)
         assert max(np.abs(side.slip).max() for side in result.sides) <= 2.0 * motion

@@ -3,7 +3,7 @@
 import numpy as np
 import own_law
 import pytest
-from moved_scenes import at_rest, flat, model_of, obstacle
+from moved_scenes import at_rest, flat, geometry_of, obstacle
 
 import dolfinx_llm as llm
 from dolfinx_llm.contact.state import ContactState
@@ -12,13 +12,13 @@ from dolfinx_llm.interface.update import rebuilt, transfer
 LAWS = [llm.Frictionless(), llm.Coulomb(0.3), own_law.Glue()]
 
 
-def state_of(model, field):
+def state_of(geometry, field):
     """Pairs by turns in contact; jumps and damage as a field of positions (k, gdim) -> (k,)."""
-    n, (x, _) = sum(len(p.nodes) for p in model.pairs), model.law_nodes
-    k, q = model.jump_directions.shape[:2]
+    n, (x, _) = sum(len(p.nodes) for p in geometry.pairs), geometry.law_nodes
+    k, q = geometry.jump_directions.shape[:2]
     x, k = (x, k) if q else (x[:0], 0)
     vectors = field(x)[:, None] * np.arange(1.0, x.shape[1] + 1.0)
-    directions = model.jump_directions[:k]
+    directions = geometry.jump_directions[:k]
     return ContactState(
         active=np.arange(n) % 3 > 0,
         closings=np.arange(n),
@@ -29,9 +29,9 @@ def state_of(model, field):
     )
 
 
-def rest(model):
+def rest(geometry):
     """A state at rest, in which all is in contact."""
-    state = state_of(model, lambda x: 0.0 * x[:, 0])
+    state = state_of(geometry, lambda x: 0.0 * x[:, 0])
     state.active[:], state.closings[:], state.status[:] = True, 0, 1
     return state
 
@@ -51,9 +51,9 @@ def linear(x):
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
 @pytest.mark.parametrize("scene", [flat, obstacle])
 def test_nothing_moved(scene, law):
-    model = model_of(scene, law)
-    new, change = rebuilt(model, *at_rest(model))
-    state = state_of(model, linear)
+    geometry = geometry_of(scene, law)
+    new, change = rebuilt(geometry, *at_rest(geometry))
+    state = state_of(geometry, linear)
     found = state.carried(change, rest(new))
     for name in ("active", "closings", "status", "holds"):
         assert (getattr(found, name) == getattr(state, name)).all(), name
@@ -66,20 +66,20 @@ def test_nothing_moved(scene, law):
 def test_there_and_back(scene, law):
     """The upper body slides: what pairs and nodes that are still there have kept returns; jumps and
     damage that are linear in position return at every node of the frame that lies in the other."""
-    model = model_of(scene, law)
-    sides, v = at_rest(model)
+    geometry = geometry_of(scene, law)
+    sides, v = at_rest(geometry)
     sides[-1] = sides[-1] + 0.03 * np.eye(sides[0].shape[1])[0]
-    new, there = rebuilt(model, sides, v)
-    back = transfer(new, model)
-    state = state_of(model, linear)
-    found = state.carried(there, rest(new)).carried(back, rest(model))
+    new, there = rebuilt(geometry, sides, v)
+    back = transfer(new, geometry)
+    state = state_of(geometry, linear)
+    found = state.carried(there, rest(new)).carried(back, rest(geometry))
     kept = there.old_pairs[np.maximum(back.old_pairs, 0)] == np.arange(len(state.active))
     kept &= back.old_pairs >= 0
     assert kept.mean() > 0.7
     assert (found.active == state.active)[kept].all()
     assert (found.closings == state.closings)[kept].all()
-    x, _ = model.law_nodes
-    if model.frame is None:
+    x, _ = geometry.law_nodes
+    if geometry.frame is None:
         inside = kept
     else:
         passed = back.frame @ (there.frame @ np.column_stack([np.ones(len(x)), x]))

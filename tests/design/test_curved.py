@@ -178,7 +178,7 @@ def test_shrink_fit_of_full_rings(sides):
     for found in shrink_fit.pressures(contact).values():
         assert abs(found.mean() / p - 1) < 0.005
         assert np.abs(found / p - 1).max() < 0.05
-    assert contact.models[0].certificate.residual < 0.02
+    assert contact.geometries[0].certificate.residual < 0.02
 
 
 @pytest.mark.parametrize("dim, mean, most", [(2, 0.004, 0.03), (3, 0.006, 0.06)])
@@ -241,12 +241,12 @@ def test_errors(size):
 def test_a_design_is_never_worse_than_none(counts, law):
     """The vector residual does not grow, rows sum to 1, and a coarse mesh is said to be one."""
     V, tags = cs.rings(MPI.COMM_SELF, [(n, 1) for n in counts])
-    model = build_interface(llm.Interface(tags, (cs.FACE_0, cs.FACE_1), law=law), [V])
-    certificate = model.certificate
+    geometry = build_interface(llm.Interface(tags, (cs.FACE_0, cs.FACE_1), law=law), [V])
+    certificate = geometry.certificate
     assert certificate.residual <= certificate.residual_before
-    for p in model.pairs:
+    for p in geometry.pairs:
         assert np.abs(p.N.sum(axis=1) - 1.0).max() < 1e-9
-    said = any("are coarse" in note for note in model.notes)
+    said = any("are coarse" in note for note in geometry.notes)
     assert said == (certificate.residual > 0.1)
 
 

@@ -131,23 +131,23 @@ CASES = [
 def test_design_is_never_worse_than_none(name, n, law):
     """In the residual that is printed, in stress and in displacement, on coarse meshes."""
     (none, before), (auto, after) = (solved(name, n, d, law=law) for d in (None, "auto"))
-    residuals = [p.models[0].certificate.residual for p in (before, after)]
+    residuals = [p.geometries[0].certificate.residual for p in (before, after)]
     assert residuals[1] < 0.7 * residuals[0]
     assert (auto < (0.75 if law == llm.Tied() else 0.3) * none).all()
     for problem in (before, after):
         cs.check_translations(problem)
     if law == llm.Frictionless():
         cs.check_moments(after, 1e-14 if name == "ball in shell" else 3e-5)
-    notes = " ".join(after.models[0].notes)
+    notes = " ".join(after.geometries[0].notes)
     assert ("are coarse" in notes) == (residuals[1] > 0.1)
-    for p in after.models[0].pairs:
+    for p in after.geometries[0].pairs:
         assert np.abs(p.N.sum(axis=1) - 1.0).max() < 1e-9
 
 
 def test_constant_stress_passes_on_facets_that_lie_on_the_surface():
     """Bilinear facets of z = x y / 2 cover the same surface: stress to a part in a thousand."""
     error, problem = solved("twisted", (4, 3), "auto", jitter=0.0)
-    assert error[0] < 1e-3 and problem.models[0].certificate.residual < 1e-2
+    assert error[0] < 1e-3 and problem.geometries[0].certificate.residual < 1e-2
 
 
 @pytest.mark.parametrize(

@@ -201,17 +201,17 @@ def test_pieces_are_joined(law):
     assert apart([u], [v]) < 1e-11
     forces = [sum(r.sides[0].normal_force.sum() for r in p.results) for p, _ in found]
     assert forces[0] == pytest.approx(forces[1], rel=1e-10) and forces[0] > 1.0
-    model = one.models[0]
-    assert len(model.frame.x) == sum(len(m.frame.x) for m in two.models)
-    assert (np.diff(model.pairs[0].nodes) > 0).all()
-    assert model.certificate.residual < 1e-13
+    geometry = one.geometries[0]
+    assert len(geometry.frame.x) == sum(len(m.frame.x) for m in two.geometries)
+    assert (np.diff(geometry.pairs[0].nodes) > 0).all()
+    assert geometry.certificate.residual < 1e-13
 
 
 def test_more_than_what_touches_changes_little():
     """The lower part of the circle, ± 24°, against all of it: other facets beyond what touches."""
     few, u, _ = fs.on_block(COMM, llm.Frictionless(), whole=0.42, n=192)
     whole, v, _ = fs.on_block(COMM, llm.Frictionless(), n=192)
-    assert len(few.models[0].pairs[0].nodes) < 0.6 * len(whole.models[0].pairs[0].nodes)
+    assert len(few.geometries[0].pairs[0].nodes) < 0.6 * len(whole.geometries[0].pairs[0].nodes)
     forces = [p.results[0].resultant[1] for p in (few, whole)]
     assert forces[0] == pytest.approx(forces[1], rel=5e-3) and apart(u, v) < 2e-2
 
@@ -233,9 +233,9 @@ def in_bore(comm, law, seed=None):
 def test_pin_in_bore(law):
     """Contact turns with the bore: local normals, forces from all around the lower half."""
     problem, _, _ = in_bore(COMM, law)
-    model, result = problem.models[0], problem.results[0]
-    assert [len(side.facets) for side in model.sides] == [44, 32]
-    for p in model.pairs:
+    geometry, result = problem.geometries[0], problem.results[0]
+    assert [len(side.facets) for side in geometry.sides] == [44, 32]
+    for p in geometry.pairs:
         out = p.x / np.linalg.norm(p.x, axis=1)[:, None]
         assert np.abs(np.einsum("ni,ni->n", p.normal, out)).min() > 0.99
     side = result.sides[0]
@@ -264,7 +264,7 @@ def blocks_at(lift, law=None, motion=-0.0, tops=(cs.ABOVE, cs.BELOW), **options)
 def test_overlap_is_said(depth, said, caplog):
     """Less than a facet is noted, more is said, with numbers; bodies are pushed apart."""
     problem, _, _ = blocks_at(-depth)
-    texts = [note for note in problem.models[0].notes if f"by {depth:g}" in note]
+    texts = [note for note in problem.geometries[0].notes if f"by {depth:g}" in note]
     assert texts and "inside of the body" in texts[0]
     assert any(f"by {depth:g}" in r.message for r in caplog.records) == said
     assert problem.results[0].resultant[1] > 1.0
@@ -296,10 +296,10 @@ def test_few_facets_around_a_quarter_are_curved(n):
     )
     faces = curved_scenes.FACE_0, curved_scenes.FACE_1
     for sides in (faces, faces[::-1]):
-        model = build_interface(llm.Interface(tags, sides, law=llm.Frictionless()), [V])
+        geometry = build_interface(llm.Interface(tags, sides, law=llm.Frictionless()), [V])
         sagitta = 1.5 * (1.0 - np.cos(0.25 * np.pi / min(n)))
-        assert max(np.abs(p.gap).max() for p in model.pairs) <= delta + sagitta
-        assert np.ptp(np.linalg.norm(model.frame.x, axis=1)) <= delta + sagitta
+        assert max(np.abs(p.gap).max() for p in geometry.pairs) <= delta + sagitta
+        assert np.ptp(np.linalg.norm(geometry.frame.x, axis=1)) <= delta + sagitta
 
 
 def test_bodies_that_never_touch_are_said(caplog):

@@ -43,7 +43,7 @@ def test_outlines(name, kind, n):
     problem, error = pairs.stack([lower, upper], low, high)
     assert error <= 1e-11
     fraction = {"L": 0.75, "annulus": 0.75, "two pieces": 0.5}[name]
-    assert abs(problem.models[0].area - fraction * 1.6 * 1.7) < 1e-12
+    assert abs(problem.geometries[0].area - fraction * 1.6 * 1.7) < 1e-12
 
 
 def test_three_blocks():
@@ -57,7 +57,7 @@ def test_three_blocks():
     problem, error = pairs.stack(blocks, low, high)
     assert error <= 1e-11
     assert len(problem.results) == 2
-    areas = [problem.models[k].area for k in (0, 1)]
+    areas = [problem.geometries[k].area for k in (0, 1)]
     assert np.allclose(areas, [0.8, 0.8 * 0.8], rtol=1e-12)
     for result, area in zip(problem.results, areas, strict=True):
         assert np.allclose(result.resultant, [0, 0, pairs.PRESSURE * area], atol=1e-9)
@@ -83,7 +83,7 @@ def side_by_side(lateral):
 def test_nodes_in_two_interfaces():
     """Nodes of the base under the joint of two blocks take part in both interfaces."""
     problem, error = side_by_side(lateral=False)
-    shared = np.intersect1d(*(model.pairs[0].dofs for model in problem.models))
+    shared = np.intersect1d(*(geometry.pairs[0].dofs for geometry in problem.geometries))
     assert len(shared) > 0
     assert error <= 1e-11
     for result in problem.results:

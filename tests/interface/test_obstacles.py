@@ -78,7 +78,7 @@ def test_whole_boundary_against_a_plane(kind, law):
         assert fs.apart(u, v) < 1e-10
         forces = [p.results[0].sides[0].normal_force for p in (one, other)]
         assert np.sort(forces[0]) == pytest.approx(np.sort(forces[1]), abs=1e-9 * forces[0].max())
-        areas = [p.models[0].area for p in (one, other)]
+        areas = [p.geometries[0].area for p in (one, other)]
         assert areas[0] == pytest.approx(areas[1], rel=1e-12)
 
 
@@ -108,7 +108,7 @@ def test_pressed_lifted_and_pressed_again(law, caplog):
     side = problem.results[0].sides[0]
     assert not side.force.any() and (side.status == 0).all()
     assert any(
-        "not touching as drawn" in note and "0.05" in note for note in problem.models[0].notes
+        "not touching as drawn" in note and "0.05" in note for note in problem.geometries[0].notes
     )
     assert any("nothing touches" in r.message and "0.04" in r.message for r in caplog.records)
     assert "nothing touches" in str(problem)
@@ -163,7 +163,7 @@ def test_deeper_than_a_facet_is_said(caplog):
         problem, *_ = pressed("quadrilateral", plane, llm.Frictionless(), lift=-depth, depth=0.0)
         text = f"deepest at .* by {depth:g}"
 
-        assert any(re.search(text, note) for note in problem.models[0].notes)
+        assert any(re.search(text, note) for note in problem.geometries[0].notes)
         assert any(re.search(text, r.message) for r in caplog.records) == said
         # Pushed out by as much.
         side = problem.results[0].sides[0]

@@ -78,7 +78,7 @@ def test_prescribed_components(law, components, sides, gdim):
     """Uniaxial strain is exact whatever is prescribed, and so is what presses."""
     problem, error = solved(gdim, LAWS[law], components, sides)
     assert error < 1e-11
-    assert problem.models[0].certificate.residual < 1e-13
+    assert problem.geometries[0].certificate.residual < 1e-13
     pressure = problem.results[0].pressure
     assert np.ptp(pressure) < 1e-10 * pressure.max() > 0.0
     problem.destroy()
@@ -89,23 +89,23 @@ def test_weights_in_2d(law):
     for components, sides in (((0,), (0, 1)), ((0,), (1,)), ((1,), (0,)), ((0, 1), (1,))):
         problem, error = solved(2, LAWS[law], components, sides, design="weights")
         assert error < 1e-11
-        assert problem.models[0].certificate.residual < 1e-13
+        assert problem.geometries[0].certificate.residual < 1e-13
 
 
 def test_normal_laws_ask_for_normal_motions_alone():
     """Lateral supports all over the interface leave a frictionless design as it is without."""
     one, _ = solved(3, llm.Frictionless(), (), ())
     two, _ = solved(3, llm.Frictionless(), (0, 1), (0, 1))
-    for a, b in zip(one.models[0].pairs, two.models[0].pairs, strict=True):
+    for a, b in zip(one.geometries[0].pairs, two.geometries[0].pairs, strict=True):
         assert abs(a.N - b.N).max() < 1e-14
 
 
 def test_rows_that_are_all_kept_are_said():
     """With nothing to correct the design cannot balance: a sentence, with the frame's nodes."""
     problem, _ = solved(3, llm.Tied(), (), (), design=None)
-    model = problem.models[0]
-    keep = [np.ones(len(p.nodes), dtype=bool) for p in model.pairs]
-    N, forces = [p.N for p in model.pairs], [p.forces for p in model.pairs]
-    cells = [p.cell for p in model.pairs]
+    geometry = problem.geometries[0]
+    keep = [np.ones(len(p.nodes), dtype=bool) for p in geometry.pairs]
+    N, forces = [p.N for p in geometry.pairs], [p.forces for p in geometry.pairs]
+    cells = [p.cell for p in geometry.pairs]
     with pytest.raises(llm.ContactError, match="too little freedom"):
-        llm.design_weights(model.frame, model.frame.x[:, :2], N, cells, forces, keep)
+        llm.design_weights(geometry.frame, geometry.frame.x[:, :2], N, cells, forces, keep)

@@ -38,7 +38,7 @@ def errors(comm, conditions) -> dict:
     V = contact.spaces[0]
     K, B, L = (dense(comm, M) for M in (contact.K, contact.B, contact.L_b))
     x, body = nodes_by_body(V)
-    pairs, frame = contact.models[0].pairs, contact.models[0].frame
+    pairs, frame = contact.geometries[0].pairs, contact.geometries[0].frame
     fixed = np.zeros(len(x) * 3, dtype=bool)
     for k, where in conditions:
         fixed[3 * np.flatnonzero(where(x.T)) + k] = True

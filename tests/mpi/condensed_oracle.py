@@ -41,7 +41,7 @@ def normals_only(problem, rng):
 
 def some_components(problem, rng, turned=True):
     """A random set of components, of turned or of Cartesian bases; some nodes are open."""
-    pairs, frame = problem.operators.pairs, problem.models[0].frame
+    pairs, frame = problem.operators.pairs, problem.geometries[0].frame
     n, gdim = sum(len(p.nodes) for p in pairs), 3
     base = rotations(rng, n) if turned else np.concatenate([p.base for p in pairs])
     slaved = rng.random((n, gdim)) < 0.6

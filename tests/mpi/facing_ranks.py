@@ -13,10 +13,10 @@ import dolfinx_llm as llm
 
 def outcome(problem):
     out = {f"u {k}": sorted_nodes(f)[1].tolist() for k, f in enumerate(problem.u)}
-    for k, (model, result) in enumerate(zip(problem.models, problem.results, strict=True)):
+    for k, (geometry, result) in enumerate(zip(problem.geometries, problem.results, strict=True)):
         out[f"force {k}"] = np.concatenate([s.force for s in result.sides]).tolist()
-        out[f"notes {k}"] = [len(note) for note in model.notes]
-        out[f"facets {k}"] = [len(side.facets) for side in model.sides]
+        out[f"notes {k}"] = [len(note) for note in geometry.notes]
+        out[f"facets {k}"] = [len(side.facets) for side in geometry.sides]
     problem.destroy()
     return out
 

@@ -33,7 +33,7 @@ def problem():
 
 def test_slices_tile_every_vector(problem):
     """Each vector is covered once, in the interfaces' order; v of all, then κ of all."""
-    operators, found = problem.operators, places(problem.models)
+    operators, found = problem.operators, places(problem.geometries)
     sizes = {
         "sides": len(operators.pairs),
         "pairs": sum(len(side.nodes) for side in operators.pairs),
@@ -47,16 +47,21 @@ def test_slices_tile_every_vector(problem):
     n_v, n_w = sizes["frame"], operators.unknowns.sizes[1]
     assert np.array_equal(slips, np.arange(n_v, n_w))
     # Two tangents at the frame's nodes, at the pairs against an obstacle, none without friction.
-    friction, obstacle = len(problem.models[1].frame.x), len(problem.models[3].pairs[0].nodes)
+    friction, obstacle = (
+        len(problem.geometries[1].frame.x),
+        len(problem.geometries[3].pairs[0].nodes),
+    )
     counts = [place.slips.stop - place.slips.start for place in found]
     assert counts == [0, 2 * friction, 0, 2 * obstacle]
 
 
 def test_places_belong_to_their_interface(problem):
     operators = problem.operators
-    for model, place, L in zip(problem.models, operators.places, operators.blocks, strict=True):
-        assert all(map(operator.is_, operators.pairs[place.sides], model.pairs))
-        base = np.concatenate([side.base.reshape(-1, 3) for side in model.pairs])
+    for geometry, place, L in zip(
+        problem.geometries, operators.places, operators.blocks, strict=True
+    ):
+        assert all(map(operator.is_, operators.pairs[place.sides], geometry.pairs))
+        base = np.concatenate([side.base.reshape(-1, 3) for side in geometry.pairs])
         assert np.array_equal(operators.rows.base[place.rows], base)
         other = np.delete(np.arange(operators.L.shape[1]), np.r_[place.frame])
         assert abs(operators.L[place.rows][:, other]).nnz == 0

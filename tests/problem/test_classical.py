@@ -129,7 +129,7 @@ def test_classical_form_fails_the_patch_test(contact_and_u, slave):
     assert error > 0.01
     assert von_mises_error(u) < 1e-12
     # The resultant passes all the same: pressure on the punch, upwards on the punch.
-    area = contact.models[0].area
+    area = contact.geometries[0].area
     up = PRESSURE * area * (1.0 if slave else -1.0)
     assert np.allclose(form.force.sum(axis=0), [0.0, 0.0, up], atol=1e-9 * abs(up))
 

@@ -54,7 +54,7 @@ def test_figures(kind, refine):
     assert certificate.residual <= 1e-13
     assert certificate.singular_values[0] > 0.05  # corrections take little of a frame's hold
     # (28) again, from the rows that were assembled.
-    pairs = contact.models[0].pairs
+    pairs = contact.geometries[0].pairs
     r = design.patch_residual([p.N for p in pairs], [p.forces for p in pairs])
     assert np.abs(r).max() <= 1e-13
 
@@ -90,7 +90,7 @@ def test_optimised_frame():
 def test_rank_of_the_papers_frame():
     """Rank 42 of 42, singular values 0.0924 to 1.695 (on Table 2 as printed)."""
     contact, _ = solve("paper", 1)
-    N = np.vstack([p.N.toarray() for p in contact.models[0].pairs])
+    N = np.vstack([p.N.toarray() for p in contact.geometries[0].pairs])
     values = np.linalg.svd(N, compute_uv=False)
     assert values[-1] == pytest.approx(0.0924, abs=5e-5)
     assert values[0] == pytest.approx(1.695, abs=5e-4)

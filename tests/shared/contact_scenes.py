@@ -167,8 +167,8 @@ def violations(problem) -> dict:
     def note(name, value):
         worst[name] = max(worst[name], float(np.max(value, initial=0.0)))
 
-    for model, result in zip(problem.models, problem.results, strict=True):
-        mu = getattr(model.interface.law, "mu", 0.0)
+    for geometry, result in zip(problem.geometries, problem.results, strict=True):
+        mu = getattr(geometry.interface.law, "mu", 0.0)
         for side in result.sides:
             note("pull", -side.normal_force / force)
             note("overlap", -side.frame_gap / size)

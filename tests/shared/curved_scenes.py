@@ -83,10 +83,10 @@ def ring_problem(V, tags, conditions, value=None, loads=None, law=None, sides=(F
 
 def check_translations(problem):
     """Rigid translations of bodies and frame pass, and both sides' forces cancel."""
-    model, result, L = problem.models[0], problem.results[0], problem.operators.blocks[0]
-    gdim = model.frame.gdim
-    base = np.concatenate([p.base.reshape(-1, gdim) for p in model.pairs])
-    moved = model.directions.reshape(-1, gdim)
+    geometry, result, L = problem.geometries[0], problem.results[0], problem.operators.blocks[0]
+    gdim = geometry.frame.gdim
+    base = np.concatenate([p.base.reshape(-1, gdim) for p in geometry.pairs])
+    moved = geometry.directions.reshape(-1, gdim)
     assert np.abs(base - L @ moved).max() < 1e-9
     forces = [side.force for side in result.sides]
     largest = max(np.abs(f).max() for f in forces)

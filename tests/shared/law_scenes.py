@@ -62,9 +62,9 @@ class Checked:
         free = [np.ones(len(x), dtype=bool) for x, _, _ in bodies]
         for (x, _, _), where, at in zip(bodies, self.held, free, strict=True):
             at[where(np.column_stack([x, np.zeros((len(x), 3 - self.gdim))]).T)] = False
-        for model, result in zip(self.problem.models, self.problem.results, strict=True):
+        for geometry, result in zip(self.problem.geometries, self.problem.results, strict=True):
             found = []
-            for space, side in zip(model.spaces, result.sides, strict=True):
+            for space, side in zip(geometry.spaces, result.sides, strict=True):
                 x, u, r = bodies[space]
                 distance, at = cKDTree(x).query(side.x)
                 assert distance.max() < 1e-12
@@ -72,9 +72,13 @@ class Checked:
                 note("result force", np.abs(side.force + r[at]), force)
                 free[space][at] = False
                 found.append((x[at], u[at], -r[at]))
-            check = self._rigid if model.frame is None else self._frame
+            check = self._rigid if geometry.frame is None else self._frame
             check(
-                model, result, found, lambda n, v: note(n, v, force), lambda n, v: note(n, v, size)
+                geometry,
+                result,
+                found,
+                lambda n, v: note(n, v, force),
+                lambda n, v: note(n, v, size),
             )
         for (_, _, r), at in zip(bodies, free, strict=True):
             note("free nodes", np.abs(r[at]), force)
@@ -89,15 +93,15 @@ class Checked:
         lengths("overlap", -gap)
         forces("across a gap", np.where(gap > 1e-6, np.abs(F), 0.0))
 
-    def _rigid(self, model, result, found, forces, lengths):
+    def _rigid(self, geometry, result, found, forces, lengths):
         """Each node against the plane; friction over the last load step is told by the result's
         own slip, which must be the node's."""
-        (x, u, F), law, side = found[0], model.interface.law, result.sides[0]
-        n, motion = side.normal, model.interface.obstacle.motion(found[0][0])
+        (x, u, F), law, side = found[0], geometry.interface.law, result.sides[0]
+        n, motion = side.normal, geometry.interface.obstacle.motion(found[0][0])
         normal = np.einsum("ni,ni->n", F, n)
         T = F - normal[:, None] * n
         relative = u - motion
-        gap = model.interface.obstacle.clearance(x + relative)[0]
+        gap = geometry.interface.obstacle.clearance(x + relative)[0]
         self._normal_law(law, normal, gap, forces, lengths)
         if not law.opens:
             lengths("tied", np.abs(relative))
@@ -108,12 +112,12 @@ class Checked:
         mu = getattr(law, "mu", 0.0)
         forces("cone", np.linalg.norm(T, axis=1) - mu * np.maximum(N, 0.0))
 
-    def _frame(self, model, result, found, forces, lengths):
+    def _frame(self, geometry, result, found, forces, lengths):
         """Forces of both sides cancel at the frame's nodes, which lie between the bodies."""
-        law, v = model.interface.law, result.frame.v
+        law, v = geometry.interface.law, result.frame.v
         y = result.frame.x + v
         balance, normals = 0.0, []
-        for p, (x, u, F), side in zip(model.pairs, found, result.sides, strict=True):
+        for p, (x, u, F), side in zip(geometry.pairs, found, result.sides, strict=True):
             n = side.normal
             normal = np.einsum("ni,ni->n", F, n)
             if law.opens and not getattr(law, "mu", 0.0):

@@ -26,12 +26,12 @@ def obstacle(law):
     return domain, llm.Interface(tags, (1, llm.RigidPlane((0, 0, 0), (0, 0, 1))), law=law)
 
 
-def model_of(scene, law):
+def geometry_of(scene, law):
     domain, interface = scene(law)
     gdim = domain.geometry.dim
     return build_interface(interface, [compat.function_space(domain, shape=(gdim,))])
 
 
-def at_rest(model):
-    v = None if model.frame is None else np.zeros_like(model.frame.x)
-    return [np.zeros_like(side.x) for side in model.site.whole], v
+def at_rest(geometry):
+    v = None if geometry.frame is None else np.zeros_like(geometry.frame.x)
+    return [np.zeros_like(side.x) for side in geometry.site.whole], v

@@ -111,14 +111,14 @@ class Oracle:
             self.obstacle(contact, sides[0], answer)
             return
         Y, v = (a @ posed.Q / posed.length for a in (result.frame.x, result.frame.v))
-        model = posed.problem.models[i]
-        N = [p.N for p in model.pairs]
+        geometry = posed.problem.geometries[i]
+        N = [p.N for p in geometry.pairs]
         normals = np.concatenate([sides[0].normal, -sides[1].normal])
         flat = not self.scene.radius and np.ptp(normals, axis=0).max() < 1e-9
-        across = model.directions[:, -1] @ posed.Q if model.normals_alone else None
+        across = geometry.directions[:, -1] @ posed.Q if geometry.normals_alone else None
         self.balance(N, sides, Y, flat, across)
         law, opens = contact.law, not isinstance(contact.law, llm.Tied)
-        for M, side, p in zip(N, sides, model.pairs, strict=True):
+        for M, side, p in zip(N, sides, geometry.pairs, strict=True):
             self.rows(M, side, Y, flat)
             jump = answer.u[side.nodes] - M @ v
             if law.closes_gap and np.ptp(normals, axis=0).max() > 1e-9:  # of smooth surfaces

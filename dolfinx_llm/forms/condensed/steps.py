@@ -234,7 +234,7 @@ def _holds(step: LinearStep) -> bool:
 
 def _block_size(operators: ContactOperators) -> int:
     """Frame unknowns per node where all frames have as many, else 1."""
-    sizes = {model.directions.shape[1] for model in operators.models if len(model.directions)}
+    sizes = {g.directions.shape[1] for g in operators.geometries if len(g.directions)}
     return sizes.pop() if len(sizes) == 1 else 1
 
 
@@ -246,8 +246,8 @@ def _rigid_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray
     centre, size = 0.5 * (low + high), np.linalg.norm(high - low)
     body = rigid_modes((bodies.points - centre) / size)
     frame = [
-        np.einsum("mdi,mik->mdk", model.directions, rigid_modes((model.places - centre) / size))
-        for model in operators.models
+        np.einsum("mdi,mik->mdk", g.directions, rigid_modes((g.places - centre) / size))
+        for g in operators.geometries
     ]
     k = body.shape[2]
     return body.reshape(-1, k), np.concatenate(

@@ -49,7 +49,7 @@ class Elimination(ClassicalForm):
         with collective(checked_problem(problem).comm):
             check_petsc_options(petsc_options)
         agree(problem.comm, "PETSc options", petsc_options)
-        laws = [model.interface.law for model in problem.models]
+        laws = [geometry.interface.law for geometry in problem.geometries]
         if not all(law.ties for law in laws):
             raise ContactInputError(f"laws {laws}: the classical form is there for Tied() only")
         n, m = problem.L_b.getSize()
@@ -109,7 +109,7 @@ class Elimination(ClassicalForm):
             multiplier = with_reactions(operators, multiplier, v, u, force)
         self.multiplier = multiplier.reshape(self._base.shape[:2])
         self.force = np.einsum("nc,nci->ni", self.multiplier, self._base)
-        directions = np.concatenate([model.directions for model in problem.models])
+        directions = np.concatenate([geometry.directions for geometry in problem.geometries])
         self.v = np.einsum("md,mdi->mi", v.reshape(directions.shape[:2]), directions)
         return self._functions(u)
 

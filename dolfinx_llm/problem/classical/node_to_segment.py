@@ -80,13 +80,13 @@ class NodeToSegment(ClassicalForm):
         agree(
             problem.comm, "slave, components and PETSc options", (slave, components, petsc_options)
         )
-        rigid = [model.interface.name for model in problem.models if model.frame is None]
+        rigid = [g.interface.name for g in problem.geometries if g.rigid]
         if rigid:
             raise ContactInputError(f"interfaces {rigid}: node-to-segment needs two bodies")
-        laws = [model.interface.law for model in problem.models]
+        laws = [geometry.interface.law for geometry in problem.geometries]
         if not all(law.ties for law in laws):
             raise ContactInputError(f"laws {laws}: node-to-segment is there for Tied() only")
-        ties = [_tie(problem, model, slave, components) for model in problem.models]
+        ties = [_tie(problem, geometry, slave, components) for geometry in problem.geometries]
         self.x = np.concatenate([t.x for t in ties])
         self._base = np.concatenate([t.base for t in ties])
         self._ties, self._surface_dofs = ties, np.concatenate([t.dofs for t in ties])
@@ -129,8 +129,8 @@ class NodeToSegment(ClassicalForm):
         problem = self.problem
         f = self._load()
         gaps = [
-            np.einsum("nci,ni->nc", t.base, t.gap * model.interface.law.closes_gap).ravel()
-            for t, model in zip(self._ties, problem.models, strict=True)
+            np.einsum("nci,ni->nc", t.base, t.gap * geometry.interface.law.closes_gap).ravel()
+            for t, geometry in zip(self._ties, problem.geometries, strict=True)
         ]
         prescribed = problem.bulk.dofs.values(self._surface_dofs[self._fixed], f)
         g = (np.concatenate(gaps) + self._prescribed @ prescribed)[self._kept]
@@ -142,10 +142,12 @@ class NodeToSegment(ClassicalForm):
         return self._functions(u)
 
 
-def _tie(problem: ContactProblem, model: InterfaceGeometry, slave: int, components: str) -> _Ties:
+def _tie(
+    problem: ContactProblem, geometry: InterfaceGeometry, slave: int, components: str
+) -> _Ties:
     """Locate the slave nodes of an interface on the master's facets, and the rows of (2)."""
-    sides = model.sides[slave], model.sides[1 - slave]
-    spaces = model.spaces[slave], model.spaces[1 - slave]
+    sides = geometry.sides[slave], geometry.sides[1 - slave]
+    spaces = geometry.spaces[slave], geometry.spaces[1 - slave]
     frame = Frame(sides[1].x, sides[1].facets)  # facets turn outwards, and so does its normal
     at = frame.locate(sides[0].x)
     on = np.flatnonzero(at.outside <= _ON_OUTLINE)
