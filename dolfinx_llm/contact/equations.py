@@ -71,8 +71,8 @@ class Equations:
         self.drifts = np.zeros(self.m, dtype=bool)
         for nodes in places:
             self.normal[nodes.rows[:, -1]] = nodes.law.opens
-            self._rigid[nodes.v] = nodes.geometry.frame is None
-            if nodes.geometry.frame is not None:
+            self._rigid[nodes.v] = nodes.geometry.rigid
+            if not nodes.geometry.rigid:
                 v = nodes.v.reshape(-1, nodes.geometry.directions.shape[1])
                 self.drifts[v[:, -1]] = True
 

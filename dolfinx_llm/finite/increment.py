@@ -87,8 +87,8 @@ class Increment:
         faces = [f.at(self.dofs, self.u) for f in steps.followers]
         with failing():
             self.held: list[Held] = [
-                replace(i.what.hold(z_i), pose=pose, scale=steps.scale)
-                for i, z_i, pose in zip(steps.interfaces, z, self.poses, strict=True)
+                replace(i.what.hold(z_i), pose=pose, pose_before=old, scale=steps.scale)
+                for i, z_i, pose, old in zip(steps.interfaces, z, self.poses, good.poses)
             ]
             self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
         self.status: list[Any] = list(good.status)
@@ -144,7 +144,7 @@ class Increment:
         for i, placed in enumerate(self.steps.interfaces):
             contact: MovingContact = placed.what
             before, q, held = self.status[i], self.own[i], replace(self.held[i], lagged=self.lagged)
-            place = contact.place(placed.at(self.dofs, self.u), held)
+            place = contact.place(placed.at(self.dofs, self.u), q, held)
             start = np.full(len(place.gap), OPEN) if before is None else before
             reach = np.where(start == OPEN, NO_GAP * size, max(NO_GAP * size, self.doubt / scale))
             now, found = contact.touching(place, q, start, held, reach)

@@ -108,11 +108,12 @@ class NormalContact(Opening):
             return None
         return replace(held, candidates=held.candidates | added, pairs=held.pairs & ~left)
 
-    def place(self, z: np.ndarray, held: Held) -> NormalPlace:
+    def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> NormalPlace:
         """Pairs, rows and gaps with derivatives: what does not depend on forces.
 
         Args:
             z: (width,) coordinates [length].
+            q: own unknowns.
             held: from the start of the step.
         """
         sides, gdim = self.sides, self.sides.gdim

@@ -1,4 +1,4 @@
-"""Frictionless contact with a rigid obstacle at finite deformation: no frame, no design.
+"""Contact with a rigid obstacle at finite deformation: no frame, no design.
 
 Every node p has its own point of the obstacle. With n out of the obstacle there and lambda_p the
 force that p carries,
@@ -11,18 +11,17 @@ is moved back, n moved on, by its displacement and the finite rotation about its
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csr_matrix, diags, identity
 from scipy.spatial.transform import Rotation
 
-from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
 from dolfinx_llm.finite.terms import ContactTerms, Held, Opening, Place, held_fast
 from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.surface import Surface
-from dolfinx_llm.interface.against import checked_clearance
+from dolfinx_llm.interface.against import checked_clearance, forced, forces_on
 from dolfinx_llm.interface.obstacle import Obstacle
 from dolfinx_llm.laws.rows import OPEN
 
@@ -48,6 +47,34 @@ class OneSide:
         """Positions (n, gdim) of the nodes, and those of no frame."""
         return z.reshape(-1, self.gdim), np.zeros((0, self.gdim))
 
+    def jumps(self, N: csr_matrix) -> csr_matrix:
+        """(n gdim, n gdim) motion of the nodes against what stands still."""
+        return identity(N.shape[0] * self.gdim, format="csr")
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where an obstacle is: what was drawn at X is at pivot + shift + R (X - pivot)."""
+
+    pivot: np.ndarray  # (gdim,) as drawn [length]
+    shift: np.ndarray  # (gdim,) [length]
+    R: np.ndarray  # (gdim, gdim)
+
+    @classmethod
+    def of(cls, numbers: np.ndarray, gdim: int) -> Pose:
+        """Of pivot, displacement, rotation and force."""
+        pivot, shift, turn, _ = np.split(numbers, [gdim, 2 * gdim, len(numbers) - gdim])
+        vector = [0.0, 0.0, turn[0]] if gdim == 2 else turn
+        return cls(pivot, shift, Rotation.from_rotvec(vector).as_matrix()[:gdim, :gdim])
+
+    def back(self, x: np.ndarray) -> np.ndarray:
+        """(n, gdim) where points x were drawn."""
+        return (x - self.pivot - self.shift) @ self.R + self.pivot
+
+    def on(self, X: np.ndarray) -> np.ndarray:
+        """(n, gdim) where points drawn at X are."""
+        return (X - self.pivot) @ self.R.T + self.pivot + self.shift
+
 
 @dataclass(frozen=True, eq=False)
 class ObstaclePlace(Place):
@@ -55,6 +82,7 @@ class ObstaclePlace(Place):
 
     by_x: np.ndarray  # (n, gdim) of the gap
     turned: np.ndarray  # (n, gdim, gdim) of the normal [1 / length]
+    pose: Pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,19 +91,20 @@ class ObstacleContact(Opening):
 
     sides: OneSide
     obstacle: Obstacle
+    forced: tuple[bool, ...]  # which components of a force on the obstacle are prescribed
 
     @classmethod
-    def of(cls, surface: Surface, obstacle: Obstacle) -> ObstacleContact:
+    def of(cls, surface: Surface, obstacle: Obstacle, *friction: np.ndarray) -> ObstacleContact:
         """Contact of a surface, as drawn.
 
+        Args:
+            surface, obstacle: what touches.
+            friction: coefficients and cohesion, of a class with friction.
+
         Raises:
-            ContactInputError: the obstacle is of another dimension, its clearance is no clearance,
-                or it is pressed by a force.
+            ContactInputError: what places the obstacle does not fit.
         """
-        checked_clearance(obstacle, surface.x)
-        found = cls(OneSide((surface,)), obstacle)
-        found.pose()
-        return found
+        return cls(OneSide((surface,)), obstacle, forced(obstacle, surface.x.shape[1]), *friction)
 
     @property
     def size(self) -> int:
@@ -88,17 +117,13 @@ class ObstacleContact(Opening):
         return self.sides.surfaces[0].owner
 
     def pose(self) -> np.ndarray:
-        """Displacement, rotation and pivot as they are now.
+        """Pivot, displacement, rotation and force as they are now; no force is 0.
 
         Raises:
-            ContactInputError: they do not fit, or a force is prescribed.
+            ContactInputError: they do not fit, or a force is prescribed for other components.
         """
-        shift, turn, pivot, force = self.obstacle.pose(self.sides.gdim)
-        if any(f is not None for f in force):
-            raise ContactInputError(
-                f"force={force}: at finite deformation prescribe the obstacle's displacement"
-            )
-        return np.array([*pivot, *shift, *turn])
+        shift, turn, pivot, _ = self.obstacle.pose(self.sides.gdim)
+        return np.array([*pivot, *shift, *turn, *forces_on(self.obstacle, self.forced)])
 
     def hold(self, z: np.ndarray) -> Held:
         """Nothing but the pose, which the increment knows."""
@@ -108,11 +133,29 @@ class ObstacleContact(Opening):
         """None: all nodes are asked in every iteration."""
         return None
 
-    def place(self, z: np.ndarray, held: Held) -> ObstaclePlace:
+    def touching(
+        self,
+        place: ObstaclePlace,
+        q: np.ndarray,
+        before: np.ndarray,
+        held: Held,
+        reach: np.ndarray,
+    ) -> tuple[np.ndarray, Held]:
+        """(n,) status of the pairs, and what is held; at first those touch as well that did so
+        before the obstacle moved: nodes have not followed it yet."""
+        if held.pose_before is not None:
+            X = self.posed(held.pose_before).back(self.sides.split(place.z)[0])
+            came = checked_clearance(self.obstacle, X)[0]
+            gap = np.where(place.pairs, np.minimum(came, place.gap), np.inf)
+            place, held = replace(place, gap=gap), replace(held, pose_before=None)
+        return super().touching(place, q, before, held, reach)
+
+    def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> ObstaclePlace:
         """Gaps and directions with their derivatives, by central differences of the clearance.
 
         Args:
             z: (width,) coordinates [length].
+            q: own unknowns.
             held: with the pose of the obstacle.
         """
         surface, gdim = self.sides.surfaces[0], self.sides.gdim
@@ -120,7 +163,9 @@ class ObstacleContact(Opening):
         h = DIFFERENCE * surface.diameter
         steps = h * np.concatenate([np.zeros((1, gdim)), np.eye(gdim), -np.eye(gdim)])
         points = (x + steps[:, None]).reshape(-1, gdim)
-        gaps, normals = self._asked(points, held.pose)
+        pose = self.posed(held.pose)
+        gaps, into = checked_clearance(self.obstacle, pose.back(points))
+        normals = -into @ pose.R.T
         gaps, normals = gaps.reshape(-1, len(x)), normals.reshape(-1, len(x), gdim)
         with np.errstate(invalid="ignore"):
             by_x = (gaps[1 : gdim + 1] - gaps[gdim + 1 :]).T / (2.0 * h)
@@ -138,16 +183,12 @@ class ObstacleContact(Opening):
             areas=(areas, np.zeros(0)),
             by_x=np.where(smooth[:, None], by_x, normals[0]),
             turned=np.where(smooth[:, None, None], turned / (2.0 * h), 0.0),
+            pose=pose,
         )
 
-    def _asked(self, x: np.ndarray, pose: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Gaps (n,) and normals (n, gdim) out of the obstacle in a pose, at points now."""
-        gdim = x.shape[1]
-        pivot, shift, turn = np.split(self.pose() if pose is None else pose, [gdim, 2 * gdim])
-        vector = [0.0, 0.0, turn[0]] if gdim == 2 else turn
-        R = Rotation.from_rotvec(vector).as_matrix()[:gdim, :gdim]
-        gap, into = checked_clearance(self.obstacle, (x - pivot - shift) @ R + pivot)
-        return gap, -into @ R.T
+    def posed(self, pose: np.ndarray | None) -> Pose:
+        """A pose that is held; None: as it is now."""
+        return Pose.of(self.pose() if pose is None else pose, self.sides.gdim)
 
     def terms(
         self, place: ObstaclePlace, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
@@ -158,6 +199,7 @@ class ObstacleContact(Opening):
         A = jacobian(place.normal[:, None], own, width)
         closed = (status != OPEN) & ~held_fast(A, free)
         on = diags(closed.astype(float))
+        q = q[:n]
         force = np.where(status != OPEN, q, 0.0)
         return ContactTerms(
             force=A.T @ force,

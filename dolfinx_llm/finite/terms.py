@@ -19,7 +19,7 @@ YIELDS = 1e-6  # over the stiffness: by which a row yields to its force where su
 class Origin:
     """From where slip counts in an increment."""
 
-    rows: csr_matrix  # (n, m) frozen rows of these places
+    points: Any  # (n, ...) what nodes touched then: rows on a frame, points of an obstacle as drawn
     gap: np.ndarray  # (n,) at the start of the increment; inf where there was none [length]
     touched: np.ndarray  # (n,) pairs that have been in contact since
 
@@ -37,7 +37,8 @@ class Held:
     limit: float  # k of the design
     lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
     origin: Origin | None = None  # of slip, where there is friction
-    pose: np.ndarray | None = None  # pivot, displacement and rotation of a rigid obstacle
+    pose: np.ndarray | None = None  # pivot, displacement, rotation, force of a rigid obstacle
+    pose_before: np.ndarray | None = None  # the same at the start of the increment
     scale: float = 1.0  # stiffness of the bodies, which weighs lengths [force / length]
 
 
@@ -98,8 +99,8 @@ class MovingContact(Protocol):
     def missed(self, place: Any, held: Held) -> Held | None:
         """What is held where the equilibrium there asks for other pairs; None: it does not."""
 
-    def place(self, z: np.ndarray, held: Held) -> Any:
-        """How the pairs stand at coordinates z: a ``Place`` of its own kind."""
+    def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> Any:
+        """How the pairs stand at coordinates z and own unknowns q: a ``Place`` of its own kind."""
 
     def touching(
         self,
@@ -122,6 +123,24 @@ class Opening:
     normal forces lambda [force]."""
 
     settles: ClassVar[bool] = True
+
+    sides: Any  # ``Sides``, or ``OneSide``
+
+    @property
+    def size(self) -> int:
+        """Number of own unknowns q."""
+        raise NotImplementedError
+
+    @property
+    def owner(self) -> np.ndarray:
+        """(size,) ranks that own the unknowns."""
+        raise NotImplementedError
+
+    def terms(
+        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
+    ) -> ContactTerms:
+        """All that Newton's iteration asks for."""
+        raise NotImplementedError
 
     def touching(
         self,

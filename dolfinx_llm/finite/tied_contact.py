@@ -107,7 +107,7 @@ class TiedContact:
         """None: ties stay as drawn."""
         return None
 
-    def place(self, z: np.ndarray, held: Held) -> Place:
+    def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> Place:
         """Rows as drawn, normals and areas as they are now."""
         sides, at = self.sides, self.drawn.at
         normal = np.einsum("nk,nki->ni", at.N, sides.outward(z)[sides.facets(False)[at.facet]])

@@ -42,8 +42,8 @@ class NonlinearContactProblem(Disposable):
         bcs: Dirichlet conditions on the displacement; values may change between steps.
         interfaces: ``Interface`` objects with the law ``Tied()``, ``Frictionless()`` or
             ``Coulomb(...)``, which holds at the nodes of the finer side; an array of its mu has a
-            value for each of these. Against rigid obstacles, which move and turn by any amount:
-            ``Frictionless()``.
+            value for each of these. Rigid obstacles, which move and turn by any amount or are
+            pressed by forces, take ``Frictionless()`` and ``Coulomb(...)``.
         loads: ``FreeSurfacePressure`` objects.
         nodal_loads: Functions of nodal forces.
         solver: "auto" or "saddle": Newton's system factorised by MUMPS.

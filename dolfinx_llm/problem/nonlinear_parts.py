@@ -14,13 +14,16 @@ from dolfinx_llm.finite.friction_contact import FrictionContact
 from dolfinx_llm.finite.load_step import Placed
 from dolfinx_llm.finite.location import find_on_frame
 from dolfinx_llm.finite.normal_contact import NormalContact
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact
+from dolfinx_llm.finite.obstacle_contact import ObstacleContact, OneSide
+from dolfinx_llm.finite.obstacle_friction import ObstacleFriction
+from dolfinx_llm.finite.pressed_obstacle import Pressed, PressedFriction
 from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.system import NewtonSystem
 from dolfinx_llm.finite.terms import MovingContact
 from dolfinx_llm.finite.tied_contact import TiedContact
 from dolfinx_llm.geometry.surface import Surface, extract_surface
+from dolfinx_llm.interface.against import checked_clearance, forced
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.site import Site, find_site, space_of
 from dolfinx_llm.laws.coulomb import Coulomb
@@ -28,6 +31,13 @@ from dolfinx_llm.laws.frictionless import Frictionless
 from dolfinx_llm.laws.rows import LawNodes, at_positions
 from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
+
+AGAINST: dict[tuple[bool, bool], type[ObstacleContact]] = {  # with friction; under a force
+    (False, False): ObstacleContact,
+    (True, False): ObstacleFriction,
+    (False, True): Pressed,
+    (True, True): PressedFriction,
+}
 
 
 def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
@@ -40,15 +50,6 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
     Raises:
         ContactInputError: choices that are not there at finite deformation.
     """
-    if interface.obstacle is not None:
-        if type(interface.law) is not Frictionless:
-            raise ContactInputError(
-                f"law={checks.shown(interface.law)}: against a rigid obstacle at finite "
-                "deformation choose Frictionless()"
-            )
-        site = find_site(interface, dofs.spaces)
-        against = ObstacleContact.of(site.whole[0], interface.obstacle)
-        return _placed(against, site.whole, site.spaces, dofs)
     if interface.frame is not None:
         raise ContactInputError(
             "at finite deformation the frame's nodes are those of the coarser surface: leave "
@@ -63,6 +64,8 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
         raise ContactInputError(
             f"law={checks.shown(interface.law)}: at finite deformation choose method='newton'"
         )
+    if interface.obstacle is not None:
+        return _against(interface, dofs)
     if interface.design == "positions":
         raise ContactInputError(
             'design="positions": the frame moves with the bodies, choose "auto", "weights" or None'
@@ -83,6 +86,28 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
     return _placed(contact, site.whole, site.spaces, dofs)
 
 
+def _against(interface: Interface, dofs: BodyDofs) -> Placed:
+    """An interface with a rigid obstacle; as of ``contact_of``."""
+    law, obstacle = interface.law, interface.obstacle
+    assert obstacle is not None
+    if isinstance(law, Tied):
+        raise ContactInputError(
+            f"law={checks.shown(law)}: against a rigid obstacle at finite deformation choose "
+            "Frictionless() or Coulomb(...), or prescribe the body's displacement"
+        )
+    site = find_site(interface, dofs.spaces)
+    surface = site.whole[0]
+    checked_clearance(obstacle, surface.x)
+    friction: list[np.ndarray] = []
+    if law.slips:
+        side = OneSide((surface,))
+        bears = law.start(_nodes(interface, side, site, surface.x.ravel(), dofs))
+        friction = [bears["mu"], bears["cohesive"]]
+    kind = AGAINST[law.slips, any(forced(obstacle, surface.x.shape[1]))]
+    contact = kind.of(surface, obstacle, *friction)
+    return _placed(contact, site.whole, site.spaces, dofs)
+
+
 def pose_of(placed: Placed, moved: bool = True) -> np.ndarray:
     """What places an interface's rigid obstacle: as it is now, or as drawn; empty without one."""
     if not isinstance(placed.what, ObstacleContact):
@@ -92,7 +117,7 @@ def pose_of(placed: Placed, moved: bool = True) -> np.ndarray:
 
 
 def _nodes(
-    interface: Interface, sides: Sides, site: Site, drawn: np.ndarray, dofs: BodyDofs
+    interface: Interface, sides: Sides | OneSide, site: Site, drawn: np.ndarray, dofs: BodyDofs
 ) -> LawNodes:
     """The moving side's nodes as a law is told of them, with unit areas."""
     x = sides.surfaces[sides.moving].x
@@ -102,6 +127,8 @@ def _nodes(
         if not compat.is_function(value):
             return at_positions(value, x)
         for side in (sides.moving, sides.frame):
+            if side is None:  # rigid
+                continue
             V = dofs.spaces[site.spaces[side]]
             if value.function_space.mesh is not V.mesh:
                 continue
@@ -113,6 +140,7 @@ def _nodes(
             nodal = dofs.values(at, np.repeat(local, dofs.gdim))
             if side == sides.moving:
                 return nodal
+            assert isinstance(sides, Sides)
             frame = sides.surfaces[side]
             found = find_on_frame(x, frame.x, frame.facets, sides.outward(drawn))
             N = np.maximum(found.N, 0.0)

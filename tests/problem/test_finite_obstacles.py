@@ -1,16 +1,23 @@
 """Rigid obstacles at finite deformation: exact states, motions, obstacles of one's own."""
 
+from dataclasses import replace
+
 import finite_patch
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
+from scipy.sparse import bmat
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
 from dolfinx_llm.finite import obstacle_contact
+from dolfinx_llm.finite.friction_law import in_plane
+from dolfinx_llm.finite.terms import Origin
 from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.laws.rows import CLOSED, SLIP, STICK
+from dolfinx_llm.problem.nonlinear_parts import AGAINST
 
 COMM = MPI.COMM_SELF
 FOOT, TOP = 1, 2
@@ -84,13 +91,13 @@ def test_patch(obstacle):
     assert max(h["iteration"] for h in problem.history) <= 5
 
 
-def test_moved_and_turned_in_3d():
-    """A plane that comes from afar, presses and turns by 90° with the block's top: the same forces
-    in the turned base as without turning."""
+@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.3, cohesion=5.0)], ids=str)
+def test_moved_and_turned_in_3d(law):
+    """A plane that comes from afar, presses and turns by 40° with the block's top: the same forces
+    in the turned base as without turning, and no slip."""
     found = []
-    for degrees in (0.0, 90.0):
+    for turn in ((0.0,), (20.0, 40.0)):
         domain, tags, V, u, F = block("tet", 3)
-        R = obstacle_contact.Rotation.from_rotvec([np.deg2rad(degrees), 0.0, 0.0]).as_matrix()
         plane = llm.RigidPlane((0.0, 0.0, -0.2), (0.0, 0.0, 1.0), pivot=(0.5, 0.5, 1.0))
         g = fem.Function(V)
         top = fem.locate_dofs_topological(V, 2, tags.indices[tags.values == TOP])
@@ -98,52 +105,217 @@ def test_moved_and_turned_in_3d():
             F,
             u,
             bcs=[fem.dirichletbc(g, top)],
-            interfaces=[llm.Interface(tags, (FOOT, plane), law=llm.Frictionless())],
+            interfaces=[llm.Interface(tags, (FOOT, plane), law=law)],
         )
         plane.displacement = (0.0, 0.0, 0.3)
         problem.solve()
         x = V.tabulate_dof_coordinates()
-        g.x.array[:] = ((x - [0.5, 0.5, 1.0]) @ (R.T - np.eye(3))).ravel()
-        plane.rotation = (np.deg2rad(degrees), 0.0, 0.0)
-        plane.displacement = R @ (0.0, 0.0, 0.3)
-        problem.solve(increments=3)
-        found.append(problem.results[0].sides[0].force @ R)
+        for angle in np.deg2rad(turn):
+            R = obstacle_contact.Rotation.from_rotvec([angle, 0.0, 0.0]).as_matrix()
+            g.x.array[:] = ((x - [0.5, 0.5, 1.0]) @ (R.T - np.eye(3))).ravel()
+            plane.rotation, plane.displacement = (angle, 0.0, 0.0), R @ (0.0, 0.0, 0.3)
+            problem.solve()
+            side = problem.results[0].sides[0]
+            assert np.abs(side.slip).max() < 1e-9
+        found.append(side.force @ R)
     assert found[0][:, 2].max() < -1.0
     assert np.abs(found[0] - found[1]).max() < 1e-9 * np.abs(found[0]).max()
 
 
-@pytest.mark.parametrize("gdim", [2, 3])
-def test_tangent_is_the_derivative(gdim, monkeypatch):
-    """Differences of the clearance against those of force and gap, on a turned sphere."""
+@pytest.mark.parametrize(("kind", "mu"), [("quad", 0.1), ("quad", 0.3), ("tet", 0.3)])
+def test_slope(kind, mu):
+    """A block under its weight on a slope, pushed along x: F / G = (tan + mu) / (1 - mu tan)."""
+    domain, tags, V, u, F = block(kind, 3)
+    gdim, tan = V.mesh.geometry.dim, 0.1
+    bcs = rolled(V, range(gdim - 1))
+    weight = fem.Constant(domain, np.eye(gdim)[-1])
+    ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)
+    F += ufl.inner(weight, ufl.TestFunction(V)) * ds(TOP)
+    along, normal = (
+        np.eye(gdim)[0] + tan * np.eye(gdim)[-1],
+        np.eye(gdim)[-1] - tan * np.eye(gdim)[0],
+    )
+    x = domain.geometry.x
+    turned = x[:, [0]] * along + x[:, [gdim - 1]] * normal
+    turned[:, 1 : gdim - 1] = x[:, 1 : gdim - 1]
+    x[:, :gdim] = turned
+    slope = llm.RigidPlane(np.zeros(gdim), normal)
+    problem = llm.NonlinearContactProblem(
+        F, u, bcs=bcs, interfaces=[llm.Interface(tags, (FOOT, slope), law=llm.Coulomb(mu))]
+    )
+    for distance in (0.7, 1.4):
+        bcs[0].g.x.array[:] = distance
+        problem.solve()
+        side = problem.results[0].sides[0]
+        force = side.force.sum(axis=0)
+        assert abs(-force[0] / force[-1] * (1.0 - mu * tan) / (tan + mu) - 1.0) < 1e-6
+        assert set(side.status) == {2}
+        last = 0.7 * (
+            1.0 - max([h["part"] for h in problem.history if h["part"] < 1.0], default=0.0)
+        )
+        assert np.abs(side.slip - last * along).max() < 1e-2
+
+
+def test_carried():
+    """A block that only friction and a pressure hold on a plane moves and turns with it, and the
+    plane's own points count: it slips by nothing."""
+    domain, tags, V, u, F = block("quad", 3)
+    plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0), pivot=(0.3, -1.0))
+    problem = llm.NonlinearContactProblem(
+        F,
+        u,
+        interfaces=[llm.Interface(tags, (FOOT, plane), law=llm.Coulomb(1.0))],
+        loads=[llm.FreeSurfacePressure(tags, TOP, 30.0)],
+    )
+    problem.solve()
+    before = problem.results[0].sides[0]
+    plane.rotation, plane.displacement = 1.2, (0.4, 0.2)
+    problem.solve(increments=6)
+    after = problem.results[0].sides[0]
+    Q = obstacle_contact.Rotation.from_rotvec([0.0, 0.0, 1.2]).as_matrix()[:2, :2]
+    assert (
+        np.abs(after.x - ((before.x - plane.pivot) @ Q.T + plane.pivot + (0.4, 0.2))).max() < 1e-9
+    )
+    assert np.abs(after.force - before.force @ Q.T).max() < 1e-9 * np.abs(before.force).max()
+    assert np.abs(after.slip).max() < 1e-10 and set(after.status) == {1}
+
+
+def test_as_a_body_that_does_not_yield():
+    """Partial slip of a block that is dragged over the plane, and over a coarser body of which all
+    is prescribed: the same forces, pair by pair."""
+    found = []
+    for rigid in (True, False):
+        domain, tags, V, u, F = block("quad", 6)
+        g = fem.Function(V)
+        facets = tags.indices[tags.values == TOP]
+        bcs = [fem.dirichletbc(g, fem.locate_dofs_topological(V, 1, facets))]
+        below, marks, W, w, G = block("quad", 2)
+        below.geometry.x[:, :2] = (below.geometry.x[:, :2] - [0.3, 1.0]) * [2.0, 1.0]
+        every = np.arange(W.dofmap.index_map.size_local, dtype=np.int32)
+        bcs.append(fem.dirichletbc(fem.Function(W), every))
+        plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
+        sides = (tags, FOOT), (plane if rigid else (marks, TOP))
+        interface = llm.Interface(None, sides, law=llm.Coulomb(0.3, cohesion=3.0))
+        problem = llm.NonlinearContactProblem(
+            F if rigid else [F, G],
+            u if rigid else [u, w],
+            bcs=bcs[:1] if rigid else bcs,
+            interfaces=[interface],
+        )
+        for moved in ((0.0, -0.05), (0.012, -0.05), (0.02, -0.06)):
+            g.x.array[:] = np.tile(moved, len(g.x.array) // 2)
+            problem.solve()
+        found.append(problem.results[0].sides[0])
+    assert set(found[0].status) == {1, 2}
+    assert np.abs(found[0].force - found[1].force).max() < 1e-9 * np.abs(found[0].force).max()
+    assert np.abs(found[0].slip - found[1].slip).max() < 1e-11
+
+
+@pytest.mark.parametrize("status", [CLOSED, STICK, SLIP])
+@pytest.mark.parametrize(
+    ("gdim", "force"), [(2, None), (2, (None, 2.0)), (3, None), (3, (None, 3.0, 2.0))], ids=str
+)
+def test_tangent_is_the_derivative(gdim, status, force, monkeypatch):
+    """Differences of the clearance against those of force, gap, law and balance, on a turned
+    sphere."""
     monkeypatch.setattr(obstacle_contact, "TURNED_AWAY", -2.0)  # all nodes take part
     rng = np.random.default_rng(5)
     x = rng.uniform(-0.4, 0.4, (6, gdim))
     x[:, -1] = -1.0 + 0.01 * x[:, 0]
     facets = np.arange(6).reshape(-1, gdim)[:, ::-1]
     surface = Surface(x, facets, np.arange(6), np.zeros(6, dtype=int), "patch")
-    ball = llm.RigidSphere(np.eye(gdim)[-1] * -3.0, 2.0, rotation=0.3 if gdim == 2 else (0.3, 0, 0))
-    contact = obstacle_contact.ObstacleContact.of(surface, ball)
-    held, q = contact.hold(x.ravel()), rng.uniform(0.5, 1.5, 6)
-    on, free = np.full(6, 3), np.ones(x.size, dtype=bool)
+    ball = llm.RigidSphere(
+        np.eye(gdim)[-1] * -3.0, 2.0, rotation=0.3 if gdim == 2 else (0.3, 0, 0), force=force
+    )
+    rubs = [] if status == CLOSED else [np.full(6, 0.3), rng.uniform(0.0, 2.0, 6)]
+    contact = AGAINST[bool(rubs), force is not None].of(surface, ball, *rubs)
+    q, held = np.zeros(contact.size), replace(contact.hold(x.ravel()), scale=5.0)
+    on, free = np.full(6, status), np.ones(x.size, dtype=bool)
+    q[:6], q[6 + x.size * bool(rubs) :] = rng.uniform(0.5, 1.5, 6), 0.03
+    if rubs:
+        place = contact.place(x.ravel(), q, held)
+        points = contact.here(place) + 0.05 * rng.standard_normal(x.shape)
+        held = replace(held, origin=Origin(points, place.gap, on > 0))
+        tau = 0.2 * rng.standard_normal(x.shape)
+        if status == SLIP:  # where the law holds the derivative is exact
+            way = in_plane(place.normal, contact.way(place, held.origin)[0])
+            bound = 0.3 * q[:6] + rubs[1] * place.areas[0]
+            tau = way * (bound / np.linalg.norm(way, axis=1))[:, None]
+        q[6 : 6 + x.size] = tau.ravel()
 
-    def terms(z):
-        return contact.terms(contact.place(z, held), q, on, held, free)
+    def values(both):
+        z, q = np.split(both, [x.size])
+        t = contact.terms(contact.place(z, q, held), q, on, held, free)
+        return np.concatenate([-t.force, t.rest]), t
 
-    t, h = terms(x.ravel()), 1e-6
-    for e in np.eye(x.size):
-        a, b = (terms(x.ravel() + s * h * e) for s in (1.0, -1.0))
-        assert np.abs(t.K @ e + (a.force - b.force) / (2 * h)).max() < 1e-8
-        assert np.abs(t.left @ e - (a.rest - b.rest) / (2 * h)).max() < 1e-8
+    both, h = np.concatenate([x.ravel(), q]), 1e-6
+    t = values(both)[1]
+    whole = bmat([[t.K, t.top], [t.left, t.own]]).toarray()
+    for e in rng.standard_normal((4, len(both))):
+        difference = (values(both + h * e)[0] - values(both - h * e)[0]) / (2 * h)
+        assert np.abs(whole @ e - difference).max() < 1e-8
+
+
+@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.3)], ids=str)
+@pytest.mark.parametrize("kind", KINDS)
+def test_pressed_by_a_force(kind, law):
+    """A ball drawn above a block, or under friction a plane, pressed onto it, and the plane along
+    it, by forces: the block answers with them, and where the obstacle is moved to the same places
+    the same forces arise. (Slip of pairs that close counts from where iterates meet.)"""
+    places, found = [], []
+    for moved in (False, True):
+        _, tags, V, u, F = block(kind, 6)
+        gdim = V.mesh.geometry.dim
+        high = np.eye(gdim)[-1]
+        press = (
+            llm.RigidPlane(high, -high) if law.slips else llm.RigidSphere(0.5 + 2.05 * high, 1.5)
+        )
+        if not moved:
+            press.force = (0.0 if law.slips else None,) * (gdim - 1) + (0.0,)
+        foot = fem.locate_dofs_topological(V, gdim - 1, tags.indices[tags.values == FOOT])
+        problem = llm.NonlinearContactProblem(
+            F,
+            u,
+            bcs=[fem.dirichletbc(fem.Function(V), foot)],
+            interfaces=[llm.Interface(tags, (TOP, press), law=law)],
+        )
+        for k, (down, along) in enumerate(((-40.0, 0.0), (-60.0, 8.0))):
+            force = np.array([along * law.slips] + [0.0] * (gdim - 2) + [down])
+            if moved:
+                press.displacement = places[k]
+            else:
+                press.force = tuple(np.where([f is None for f in press.force], None, force))
+            problem.solve()
+            result = problem.results[0]
+            places.append(result.displacement)
+            assert np.abs(result.resultant + force)[-1 if not law.slips else 0 :].max() < 1e-8
+        found.append(result.sides[0])
+    assert set(found[0].status) == ({1, 2} if law.slips else {0, 3})
+    assert np.abs(found[0].u - found[1].u).max() < 1e-10
+    assert np.abs(found[0].force - found[1].force).max() < 1e-8
 
 
 def test_refused():
     domain, tags, V, u, F = block("quad")
     plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
     for law, floor, text in [
-        (llm.Coulomb(0.2), plane, "choose Frictionless"),
+        (llm.Tied(), plane, "choose Frictionless"),
+        (llm.Coulomb(np.full(3, 0.2)), plane, "for each of 5 nodes"),
         (llm.Frictionless(), llm.RigidPlane((0, 0, 0), (0, 0, 1)), "lies in 3D"),
-        (llm.Frictionless(), llm.RigidPlane((0, 0), (0, 1), force=(None, -1.0)), "displacement"),
     ]:
         interface = llm.Interface(tags, (FOOT, floor), law=law)
         with pytest.raises(llm.ContactInputError, match=text):
             llm.NonlinearContactProblem(F, u, interfaces=[interface])
+    pressed = llm.RigidPlane((0.0, 0.0), (0.0, 1.0), force=(1.0, 20.0))
+    top = fem.locate_dofs_topological(V, 1, tags.indices[tags.values == TOP])
+    problem = llm.NonlinearContactProblem(
+        F,
+        u,
+        bcs=[fem.dirichletbc(fem.Function(V), top)],
+        interfaces=[llm.Interface(tags, (FOOT, pressed), law=llm.Frictionless())],
+    )
+    with pytest.raises(llm.ContactError, match="nothing resists the part"):
+        problem.solve()
+    pressed.force = (None, 20.0)
+    with pytest.raises(llm.ContactInputError, match="prescribed by component as"):
+        problem.solve()

@@ -1,0 +1,177 @@
+"""Coulomb's law at the nodes of a surface, beside whatever presses them: a frame, an obstacle.
+
+Beside lambda_p n, node p exerts the tangential force tau_p on what it touches,
+
+    force on p: -tau_p,   |tau_p| <= mu lambda_p + k f_p,
+
+k a cohesion and f_p its area now. Slip is objective: sigma_p = x_p - c_p, with c_p the point that p
+touched at the start of the increment, carried with what it belongs to, and what counts of it lies
+in the tangent plane of p now. A chord it is, not a way along the surface: the law asks for its
+direction, and whether there is any, so that this matters no more than the increment's length does.
+
+A pair that was open at the start, and is closed by an iterate for the first time, sticks in that
+iterate, since lambda is not known there; its slip counts from where the straight way from the start
+to that iterate meets the surface, c⁰ + theta (c - c⁰) with theta = gap⁰ / (gap⁰ - gap). A pair that
+is drawn together before it has met anything, so that no body falls, sticks until it has.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.sparse import bmat, csr_matrix, diags
+
+from dolfinx_llm.finite.friction_law import FrictionRows, friction_rows, in_plane, sticks
+from dolfinx_llm.finite.jacobians import coordinates, per_item, summing
+from dolfinx_llm.finite.terms import FAST, ContactTerms, Held, Opening, Origin, yields
+from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
+
+MET_AT = 1e-9  # gap over facet size at the start that is none
+ALMOST = 1e-3  # part of the gap at the start at which a pair has met
+
+
+@dataclass(frozen=True, eq=False)
+class Friction(Opening):
+    """Unknowns: those without friction, then a force tau of gdim components per node.
+
+    Put before the contact without friction in the list of bases.
+    """
+
+    settles: ClassVar[bool] = False
+
+    mu: np.ndarray  # (n,) coefficient of friction at the moving side's nodes
+    cohesion: np.ndarray  # (n,) [force / area]
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return super().size + self.sides.surfaces[self.sides.moving].x.size
+
+    @property
+    def owner(self) -> np.ndarray:
+        """(size,) ranks that own the unknowns."""
+        nodes = self.sides.surfaces[self.sides.moving].owner
+        return np.concatenate([super().owner, np.repeat(nodes, self.sides.gdim)])
+
+    def started(self, place: Any, held: Held, closed: np.ndarray) -> Origin:
+        """Where slip counts from, at the start of an increment.
+
+        Args:
+            place: of the pairs then.
+            held: from the start.
+            closed: (n,) pairs that are in contact.
+        """
+        raise NotImplementedError
+
+    def here(self, place: Any) -> Any:
+        """(n, ...) the points that nodes touch now, as ``Origin.points`` are written."""
+        raise NotImplementedError
+
+    def way(self, place: Any, origin: Origin) -> tuple[np.ndarray, csr_matrix]:
+        """(n, gdim) sigma, and its derivative (n gdim, width) [length]."""
+        raise NotImplementedError
+
+    def turned(self, place: Any, nodes: np.ndarray) -> csr_matrix:
+        """(k gdim, width) derivatives of the normals of nodes (k,) in contact [1 / length]."""
+        raise NotImplementedError
+
+    def growth(self, place: Any, nodes: np.ndarray) -> csr_matrix:
+        """(k, width) derivatives of the areas of nodes (k,) [area / length]."""
+        raise NotImplementedError
+
+    def touching(
+        self,
+        place: Any,
+        q: np.ndarray,
+        before: np.ndarray,
+        held: Held,
+        reach: np.ndarray,
+    ) -> tuple[np.ndarray, Held]:
+        """(n,) status, open, stick or slip, and what is held; arguments as without friction."""
+        origin = held.origin or self.started(place, held, before != OPEN)
+        status, held = super().touching(place, q, before, held, reach)
+        first = (status == CLOSED) & ~origin.touched
+        origin = self._begun(origin, place, first) if first.any() else origin
+        closed = np.flatnonzero(status == CLOSED)
+        tau, bound = (values[closed] for values in self._forces(place, q))
+        sigma = self.way(place, origin)[0][closed]
+        stick = sticks(place.normal[closed], tau, sigma, bound, held.scale, before[closed] == SLIP)
+        status[closed] = np.where(stick | first[closed], STICK, SLIP)
+        return status, replace(held, origin=origin)
+
+    def _begun(self, origin: Origin, place: Any, first: np.ndarray) -> Origin:
+        """The same with pairs that are closed for the first time; those that have not met yet, and
+        are drawn together, stick until they do."""
+        nowhere = ~np.isfinite(origin.gap)
+        before = np.where(nowhere, 0.0, origin.gap)
+        left = np.where(first, place.gap, 0.0)
+        closing = before - left
+        theta = np.where(closing > 0.0, before / np.where(closing > 0.0, closing, 1.0), 1.0)
+        theta = np.where(before > 0.0, np.minimum(theta, 1.0), 0.0)
+        theta = np.where(first, np.where(nowhere, 1.0, theta), 0.0)
+        points = diags(1.0 - theta) @ origin.points + diags(theta) @ self.here(place)
+        met = left <= ALMOST * before
+        met |= before == 0.0
+        return replace(origin, points=points, touched=origin.touched | (first & met))
+
+    def _forces(self, place: Any, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n, gdim) tau, and (n,) what it may reach; nothing where nothing presses [force]."""
+        n, gdim = place.normal.shape
+        bears = self.mu * q[:n] + self.cohesion * place.areas[0]
+        return q[-n * gdim :].reshape(n, gdim), np.where(q[:n] > 0.0, bears, 0.0)
+
+    def terms(
+        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
+    ) -> ContactTerms:
+        """All that Newton's iteration asks for; arguments as without friction."""
+        assert held.origin is not None  # ``touching`` comes first
+        t = super().terms(place, q, status, held, free)
+        n, gdim = place.normal.shape
+        closed = np.repeat(status != OPEN, gdim)
+        tau = np.where(closed, q[-n * gdim :], 0.0)
+        on_tau = diags(closed.astype(float)) @ self.sides.jumps(place.N)
+        law, by_z, by_lambda, slip = self._equations(place, q, status, held, free)
+        by_q = bmat([[by_lambda, csr_matrix((n * gdim, t.own.shape[1] - n))]])
+        by_tau = np.broadcast_to(np.eye(gdim) / held.scale, (n, gdim, gdim)).copy()
+        rest = q[-n * gdim :].reshape(n, gdim) / held.scale
+        by_tau[status != OPEN], rest[status != OPEN] = law.by_force, law.rest
+        return replace(
+            t,
+            force=t.force - on_tau.T @ tau,
+            top=bmat([[t.top, on_tau.T]], format="csr"),
+            left=bmat([[t.left], [by_z]], format="csr"),
+            own=bmat([[t.own, None], [by_q, per_item(by_tau)]], format="csr"),
+            rest=np.concatenate([t.rest, rest.ravel()]),
+            friction=-(on_tau.T @ tau),
+            slip=slip,
+            miss=float(np.abs(rest[status == SLIP]).max(initial=0.0) * held.scale),
+        )
+
+    def _equations(
+        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
+    ) -> tuple[FrictionRows, csr_matrix, csr_matrix, np.ndarray]:
+        """The law at closed pairs, its derivatives (n gdim, width) and (n gdim, n) by coordinates
+        and lambda, and the slip (n, gdim)."""
+        n, gdim = place.normal.shape
+        assert held.origin is not None
+        closed = np.flatnonzero(status != OPEN)
+        pick = summing(coordinates(closed[:, None], gdim).ravel(), n * gdim)
+        tau, bound = (values[closed] for values in self._forces(place, q))
+        sigma, way = self.way(place, held.origin)
+        normal, sigma, way = place.normal[closed], sigma[closed], pick.T @ way
+        moves = np.asarray(way.multiply(way) @ free.astype(float)).reshape(-1, gdim)
+        stick = status[closed] == STICK
+        axes = np.broadcast_to(np.eye(gdim), (len(closed), gdim, gdim))
+        supports = moves < FAST**2, yields(axes, self.sides.split(free)[0][closed], held)
+        law = friction_rows(normal, tau, sigma, bound, held.scale, stick, *supports)
+        pressed = (q[closed] > 0.0).astype(float)
+        by_bound = per_item(law.by_bound[:, :, None] * pressed[:, None, None])
+        by_z = per_item(law.by_slip) @ way + per_item(law.by_normal) @ self.turned(place, closed)
+        if self.cohesion.any():
+            by_z = by_z + by_bound @ (diags(self.cohesion[closed]) @ self.growth(place, closed))
+        by_lambda = by_bound @ diags(self.mu[closed]) @ summing(closed, n).T
+        slip = np.zeros((n, gdim))
+        slip[closed] = in_plane(normal, sigma)
+        return law, pick @ by_z, pick @ by_lambda, slip
