@@ -87,8 +87,10 @@ class Increment:
         faces = [f.at(self.dofs, self.u) for f in steps.followers]
         with failing():
             self.held: list[Held] = [
-                replace(i.what.hold(z_i), pose=pose, pose_before=old, scale=steps.scale)
-                for i, z_i, pose, old in zip(steps.interfaces, z, self.poses, good.poses)
+                replace(i.what.hold(z_i), pose=now, pose_before=old, kept=kept, scale=steps.scale)
+                for i, z_i, now, old, kept in zip(
+                    steps.interfaces, z, self.poses, good.poses, good.kept
+                )
             ]
             self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
         self.status: list[Any] = list(good.status)
@@ -255,5 +257,6 @@ class Increment:
             tuple(self.status),
             self.pressures,
             tuple(self.poses),
+            tuple(t.kept() if t.kept else None for t in self.terms),
             self.pushed,
         )
