@@ -102,7 +102,7 @@ def _judged(
     )
     iteration.forces = max(iteration.forces, *forces)
     follows = equations.L @ found.w
-    gap = found.active * (found.y - follows + g)
+    gap = found.active * (found.y - follows - equations.compliance * multiplier + g)
     apart, *motions = (operators.scale * size(a) for a in (gap, found.y, follows, g))
     left = max(left, beyond(apart, max(motions)), equations.imbalance(multiplier))
     verdict = Verdict(0.0, 0.0)  # where free dofs carry no force
