@@ -22,7 +22,7 @@ from dolfinx_llm.finite.terms import ContactTerms, Held, Place
 from dolfinx_llm.laws.rows import OPEN, STICK
 
 DRAWN = 1e-9  # gap over facet size that is none
-SMALLEST = 1e-6  # of the largest area, below which nodes count alike
+LITTLE_AREA = 1e-6  # of the largest area, below which nodes count alike
 TELLS = 1e-2  # singular value of rows of prescribed nodes, below which they tell nothing
 
 
@@ -159,7 +159,7 @@ class TiedContact:
         gdim = self.sides.gdim
         own, frame = self.sides.split(free)
         f = self.sides.forces(self.drawn, self.z, True)[0]
-        f = np.sqrt(np.maximum(f / f.max(), SMALLEST))
+        f = np.sqrt(np.maximum(f / f.max(), LITTLE_AREA))
         tied = np.repeat(self.pairs, gdim)
         P, D = diags(tied.astype(float)).tolil(), diags((~tied).astype(float)).tolil()
         for c in range(gdim):
