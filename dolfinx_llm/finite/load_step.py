@@ -25,6 +25,9 @@ class Bodies(Protocol):
     def tangent(self, u: np.ndarray) -> PETSc.Mat:
         """Its derivative, without conditions."""
 
+    def inside_out(self, u: np.ndarray) -> tuple[int, list[float]]:
+        """How many cells are inside out at u, and where one is drawn; collective."""
+
 
 @dataclass(frozen=True, eq=False)
 class Placed:

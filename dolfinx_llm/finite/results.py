@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix, diags
 
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact
+from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
 from dolfinx_llm.finite.terms import ContactTerms, MovingContact
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.surface import Surface
@@ -61,6 +61,8 @@ class MovingInterfaceResult(InterfaceForces):
     correction: float  # largest change of a row by the design
     frame_pressure: np.ndarray  # (m,) mean pressure of the pairs about each node [force / area]
     frame_traction: np.ndarray  # (m, gdim) the same of the tangential force of side 0
+    # (gdim,) of an obstacle, prescribed or where a force brings it [length]; None with a frame
+    displacement: np.ndarray | None = None
 
     @property
     def pressure(self) -> np.ndarray:
@@ -143,6 +145,7 @@ def _against_obstacle(
 ) -> MovingInterfaceResult:
     """The result of a body on a rigid obstacle."""
     surface, place, status = contact.sides.surfaces[0], terms.place, terms.status
+    assert isinstance(place, ObstaclePlace)
     x, force = (contact.sides.split(values)[0] for values in (z, -terms.force))
     gap = np.where(status != OPEN, 0.0, place.gap)
     side = _side(surface, x, force, -place.normal, gap, terms.slip, status, place.areas[0])
@@ -157,6 +160,7 @@ def _against_obstacle(
         correction=0.0,
         frame_pressure=per_area(side.normal_force[:, None], side.area)[:, 0],
         frame_traction=per_area(tangential, side.area),
+        displacement=place.pose.shift,
     )
 
 

@@ -15,6 +15,7 @@ from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
+from dolfinx_llm.geometry.cells import middle_jacobians
 from dolfinx_llm.geometry.surface import check_space
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.operators.numbering import BodyDofs
@@ -213,3 +214,18 @@ class NonlinearBulk:
         """PETSc AIJ of the derivative of F at u, without conditions; collective."""
         self.put(u)
         return block_diagonal([compat.assemble_matrix(J, [], 1.0) for J in self._J])
+
+    def inside_out(self, u: np.ndarray) -> tuple[int, list[float]]:
+        """How many cells are inside out, in the middle, at this rank's u (n_local,), and where the
+        first of them is drawn; collective."""
+        self.put(u)
+        found = []
+        for V, w in zip(self.spaces, self.u, strict=True):
+            topology = V.mesh.topology
+            cells = compat.cell_dofs(V)[: topology.index_map(topology.dim).size_local]
+            X = V.tabulate_dof_coordinates()[:, : self.dofs.gdim]
+            x = X + w.x.array.reshape(X.shape)
+            turned = middle_jacobians(X, cells) * middle_jacobians(x, cells) <= 0.0
+            found += X[cells[turned]].mean(axis=1).round(6).tolist()
+        every = [place for places in self.comm.allgather(found) for place in places]
+        return len(every), sorted(every)[0] if every else []

@@ -16,12 +16,14 @@ from dolfinx_llm.finite.location import find_on_frame
 from dolfinx_llm.finite.normal_contact import NormalContact
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact, OneSide
 from dolfinx_llm.finite.obstacle_friction import ObstacleFriction
+from dolfinx_llm.finite.pressed_obstacle import Pressed, PressedFriction
 from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.system import NewtonSystem
 from dolfinx_llm.finite.terms import MovingContact
 from dolfinx_llm.finite.tied_contact import TiedContact
 from dolfinx_llm.geometry.surface import Surface, extract_surface
+from dolfinx_llm.interface.against import checked_clearance, forced
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.site import Site, find_site, space_of
 from dolfinx_llm.laws.coulomb import Coulomb
@@ -29,6 +31,13 @@ from dolfinx_llm.laws.frictionless import Frictionless
 from dolfinx_llm.laws.rows import LawNodes, at_positions
 from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
+
+AGAINST: dict[tuple[bool, bool], type[ObstacleContact]] = {  # with friction; under a force
+    (False, False): ObstacleContact,
+    (True, False): ObstacleFriction,
+    (False, True): Pressed,
+    (True, True): PressedFriction,
+}
 
 
 def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
@@ -88,12 +97,14 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
         )
     site = find_site(interface, dofs.spaces)
     surface = site.whole[0]
+    checked_clearance(obstacle, surface.x)
+    friction: list[np.ndarray] = []
     if law.slips:
         side = OneSide((surface,))
         bears = law.start(_nodes(interface, side, site, surface.x.ravel(), dofs))
-        contact = ObstacleFriction.of(surface, obstacle, bears["mu"], bears["cohesive"])
-    else:
-        contact = ObstacleContact.of(surface, obstacle)
+        friction = [bears["mu"], bears["cohesive"]]
+    kind = AGAINST[law.slips, any(forced(obstacle, surface.x.shape[1]))]
+    contact = kind.of(surface, obstacle, *friction)
     return _placed(contact, site.whole, site.spaces, dofs)
 
 

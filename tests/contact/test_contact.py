@@ -263,13 +263,13 @@ def test_random_scenes(seed, monkeypatch):
 
 
 def test_lost_friction_is_an_error(monkeypatch):
-    """Where pairs lose their friction at once, those under force make the result worthless."""
+    """Pairs under force that have lost their friction make the result worthless. Here all have
+    from the start: which open and close by turns on the way is a matter of rounding."""
     monkeypatch.setattr(load_steps, "SMALLEST", 1.0)
-    monkeypatch.setattr(state, "LOOSE", 1)
-    scene, motions = random_pressed(COMM, 569)
-    with pytest.raises(llm.ContactError, match="without friction, and carry .*allowed 1%"):
-        for motion in motions:
-            scene.move(motion)
+    monkeypatch.setattr(state, "LOOSE", 0)
+    scene, motions = random_pressed(COMM, 300)
+    with pytest.raises(llm.ContactError, match="without friction, and carry 100.0%.*allowed 1%"):
+        scene.move(motions[0])
 
 
 @pytest.mark.parametrize(

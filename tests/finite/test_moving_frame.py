@@ -93,9 +93,9 @@ def pressed(name, law=None, mu=0.3):
     status, free = np.full(n, CLOSED if law is None else law), np.ones(len(z), dtype=bool)
     q[:n] = force
     if law is not None:  # it has gone along from elsewhere, and carries some friction
-        start = contact.place(z + 0.02 * rng.standard_normal(len(z)), held)
+        start = contact.place(z + 0.02 * rng.standard_normal(len(z)), q, held)
         held = replace(held, origin=Origin(start.N, start.gap, np.ones(n, dtype=bool)), scale=5.0)
-        tau, place = 0.2 * rng.standard_normal((n, sides.gdim)), contact.place(z, held)
+        tau, place = 0.2 * rng.standard_normal((n, sides.gdim)), contact.place(z, q, held)
         if law == SLIP:  # where the law holds the derivative is exact
             x, y = sides.split(z)
             way = in_plane(place.normal, x - start.N @ y)
@@ -104,7 +104,7 @@ def pressed(name, law=None, mu=0.3):
         q[-n * sides.gdim :] = tau.ravel()
 
     def terms(z, q=q):
-        place = contact.place(z, held)
+        place = contact.place(z, q, held)
         return contact.terms(place, q, np.where(place.pairs, status, OPEN), held, free)
 
     return z, n, q, terms
