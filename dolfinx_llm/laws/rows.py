@@ -13,10 +13,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.laws.speakers import sums
 
 OPEN, STICK, SLIP = 0, 1, 2
 CLOSED = 3  # in contact, without friction
@@ -55,10 +53,15 @@ class LawNodes:
         """(k, q) jump of this load step [length]."""
         return self.jump - self.before
 
-    @property
-    def sums(self) -> csr_matrix:
-        """(k, k) sums over the nodes for which a node speaks."""
-        return sums(np.arange(len(self.x)) if self.speaker is None else self.speaker)
+    def sums(self, values: np.ndarray) -> np.ndarray:
+        """(k,) sums over the nodes for which a node speaks.
+
+        Args:
+            values: (k,) at the nodes.
+        """
+        if self.speaker is None:
+            return values
+        return np.bincount(self.speaker, values, minlength=len(values))
 
     def values(self, value: Any) -> np.ndarray:
         """(k,) at the nodes of what a user gives for a law; collective.
@@ -151,7 +154,7 @@ class LawRows:
         Args:
             nodes: with normal forces.
         """
-        S = nodes.sums @ (nodes.N if self.weight is None else self.weight * nodes.N)
+        S = nodes.sums(nodes.N if self.weight is None else self.weight * nodes.N)
         return replace(self, C_N=np.zeros_like(self.C_N), rhs=self.rhs - self.C_N * S[:, None])
 
     def scaled(self, c: np.ndarray) -> LawRows:

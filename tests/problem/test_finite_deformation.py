@@ -106,6 +106,35 @@ def test_finite_patch(scene):
     assert max(np.abs(forces).max(), np.abs(moments).max()) < 1e-10 * q
 
 
+def test_ties_to_a_prescribed_side():
+    """All of the upper body is prescribed; its side has more nodes than the frame. Where its motion
+    is homogeneous the lower body follows, where it is not it does so in the mean."""
+    domain, tags = blocks((5, 9))
+    V, u, F = bodies_of(domain)
+    x = V.tabulate_dof_coordinates()[:, :2]
+    known, g = np.array(STRETCHES[1000.0, 0.4, 300.0]), fem.Function(V)
+    cells = compat.cell_dofs(V)
+    upper = np.unique(cells[x[cells, 1].mean(axis=1) > 1.0]).astype(np.int32)
+    bcs = [fem.dirichletbc(g, upper)]
+    for k, tag in ((1, BOTTOM), (0, LEFT_0)):
+        dofs = fem.locate_dofs_topological(V.sub(k), 1, tags.indices[tags.values == tag])
+        bcs.append(fem.dirichletbc(0.0, dofs, V.sub(k)))
+    interface = llm.Interface(tags, (LOW, HIGH), law=llm.Tied())
+    problem = llm.NonlinearContactProblem(F, u, bcs=bcs, interfaces=[interface])
+    g.x.array[:] = (x * (known - 1.0)).ravel()
+    problem.solve()
+    assert np.abs(u.x.array.reshape(x.shape) - x * (known - 1.0)).max() < 1e-10
+    result = problem.results[0]
+    assert np.abs(result.pressure / 300.0 - 1.0).max() < 1e-9
+    assert len(problem.history) <= 6
+    g.x.array[1::2] -= 0.03 * x[:, 0] ** 2  # no polygon of the frame can follow
+    problem.solve()
+    low, high = problem.results[0].sides
+    assert len(problem.history) <= 5 and np.abs(high.force).max() < 2.0 * np.abs(low.force).max()
+    off = np.interp(high.x[:, 0], low.x[:, 0], low.x[:, 1]) - high.x[:, 1]
+    assert 1e-5 < np.abs(off).max() < 0.03 / 25 and abs(off @ high.area) < 0.3 * abs(off).max()
+
+
 @pytest.mark.parametrize(
     "laws", [(llm.Tied(), llm.Frictionless()), (llm.Frictionless(), llm.Frictionless())], ids=str
 )
