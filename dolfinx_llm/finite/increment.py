@@ -132,7 +132,7 @@ class Increment:
         nothing = 1e-12 * steps.scale * steps.size
         rest = max([rest, *(t.miss for t in self.terms)])
         largest = max(largest, reaction, load, nothing, 1e-300)
-        rounding = ROUNDED * steps.scale * (steps.size + moved)
+        rounding = ROUNDED * steps.scale * (steps.bodies.size + moved)
         error = float(rest / max(largest, rounding / CONVERGED))
         self.stuck, self.r, self.error = error > STUCK * self.error, r, error
         self.doubt = min(rest, DOUBTS * largest)

@@ -18,6 +18,7 @@ class Bodies(Protocol):
     """Nonlinear bodies without their contact."""
 
     dofs: BodyDofs
+    size: float  # of the largest cell [length]
 
     def residual(self, u: np.ndarray) -> np.ndarray:
         """This rank's residual of all dofs at u (n_local,)."""
