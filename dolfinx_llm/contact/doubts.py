@@ -114,11 +114,9 @@ def _apart(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
 
 def _gaps(geometry: InterfaceGeometry, gaps: Sequence[np.ndarray]) -> np.ndarray:
     """Distance between both sides at the frame's nodes, or of the nodes from the obstacle."""
-    if geometry.frame is None:
-        return gaps[0]
-    total = np.zeros(len(geometry.frame.x))
-    for pairs, gap in zip(geometry.pairs, gaps, strict=True):
-        area = pairs.N.T @ pairs.forces
-        at = pairs.N.T @ (gap * pairs.forces)
+    total = np.zeros(len(geometry.law_nodes[0]))
+    for pairs, N, gap in zip(geometry.pairs, geometry.law_shapes, gaps, strict=True):
+        area = N.T @ pairs.forces
+        at = N.T @ (gap * pairs.forces)
         total += np.where(area > 0.0, at / np.where(area > 0.0, area, 1.0), np.inf)
     return total

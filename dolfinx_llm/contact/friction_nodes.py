@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, identity, vstack
+from scipy.sparse import csr_matrix, diags, vstack
 
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactInputError
@@ -57,17 +57,20 @@ class FrictionNodes:
         """(k, t, gdim) at the frame's nodes, where there is a frame."""
         return self.geometry.directions[:, :-1]
 
-    @cached_property
-    def N(self) -> list[csr_matrix]:
-        """Per side (n_i, k) shape functions of the pairs; the pairs' own against an obstacle."""
-        if self.geometry.frame is None:
-            return [identity(len(self.rows), format="csr")]
-        return [p.N for p in self.geometry.pairs]
+    @property
+    def N(self) -> tuple[csr_matrix, ...]:
+        """Per side (n_i, k) shape functions of the pairs."""
+        return self.geometry.law_shapes
 
     @cached_property
     def nearest(self) -> np.ndarray:
         """(n,) node next to each pair."""
         return np.asarray(vstack(self.N).tocsr().argmax(axis=1)).ravel()
+
+    @cached_property
+    def _parts(self) -> csr_matrix:
+        """(n, k) the part that pairs have in nodes."""
+        return abs(vstack(self.N)).tocsr()
 
     @cached_property
     def _squares(self) -> list[csr_matrix]:
@@ -88,15 +91,13 @@ class FrictionNodes:
         """(n,) pairs that some nodes (k,) have a part in."""
         if not nodes.any():
             return np.zeros(len(self.rows), dtype=bool)
-        N = abs(vstack(self.N)).tocsr()
-        return np.asarray(N @ nodes.astype(float)).ravel() > TOUCHED
+        return np.asarray(self._parts @ nodes.astype(float)).ravel() > TOUCHED
 
     def reached(self, pairs: np.ndarray) -> np.ndarray:
         """(k,) nodes that have a part in some pairs (n,)."""
         if not pairs.any():
             return np.zeros(len(self.kappa), dtype=bool)
-        N = abs(vstack(self.N)).tocsr()
-        return np.asarray(N.T @ pairs.astype(float)).ravel() > TOUCHED
+        return np.asarray(self._parts.T @ pairs.astype(float)).ravel() > TOUCHED
 
     def support(self, weight: np.ndarray) -> list[np.ndarray]:
         """Per side (k,) how firmly pairs of a weight (n,) hold the motion of nodes: sums of N²."""
@@ -157,16 +158,13 @@ def _jump_operators(
     law = geometry.interface.law
     if not law.jumps(gdim):
         return csr_matrix((n * c, 0)), csr_matrix((0, n * c)), 1.0
-    part = law.components_of_jumps(c)
-    if geometry.frame is None:
-        every, component = identity(n * c, format="csr"), np.arange(n * c) % c
-        jumps = (component >= part.start) & (component < part.stop)
-        return every[:, jumps], every[component == c - 1], 1.0
     # Both sides jump by κ in their own base, (13).
-    sides = [replace(p, base=sign * p.base) for p, sign in zip(geometry.pairs, (1.0, -1.0))]
-    across = interface_operator(sides, geometry.directions[:, -1:], geometry.normals_alone)
-    jumps = interface_operator(sides, geometry.directions[:, part], geometry.normals_alone)
-    return jumps, 0.5 * across.T.tocsr(), 0.5
+    shapes = zip(geometry.pairs, geometry.law_shapes, (1.0, -1.0))
+    sides = [replace(p, N=N, base=sign * p.base) for p, N, sign in shapes]
+    normals, theta = geometry.law_directions[:, -1:], 1.0 / len(sides)
+    across = interface_operator(sides, normals, geometry.normals_alone)
+    jumps = interface_operator(sides, geometry.jump_directions, geometry.normals_alone)
+    return jumps, theta * across.T.tocsr(), theta
 
 
 def _sampled(
@@ -192,7 +190,7 @@ def _sampled(
             gdim = operators.dofs.gdim
             nodal = operators.dofs.values(operators.side_dofs[side][:, 0], np.repeat(local, gdim))
             pairs = operators.pairs[side]
-            found.append(nodal if geometry.frame is None else pairs.interpolation(x) @ nodal)
+            found.append(nodal if geometry.rigid else pairs.interpolation(x) @ nodal)
     if not found:
         raise ContactInputError(
             f"interface {geometry.interface.name}: a Function that a law varies by lives on the "

@@ -101,9 +101,10 @@ def _judged(
         free * pushed,
     )
     iteration.forces = max(iteration.forces, *forces)
-    follows = equations.L @ found.w
-    gap = found.active * (found.y - follows + g)
-    apart, *motions = (operators.scale * size(a) for a in (gap, found.y, follows, g))
+    follows = equations.L @ found.w + equations.compliance * multiplier
+    # Of rows in contact: where it is open gaps of any size carry no force.
+    y, follows, g = (found.active * a for a in (found.y, follows, g))
+    apart, *motions = (operators.scale * size(a) for a in (y - follows + g, y, follows, g))
     left = max(left, beyond(apart, max(motions)), equations.imbalance(multiplier))
     verdict = Verdict(0.0, 0.0)  # where free dofs carry no force
     if beyond(max(left, iteration.forces), stiffness * max(moved, size(g))):

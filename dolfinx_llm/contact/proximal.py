@@ -32,10 +32,9 @@ def proximal_term(states: Sequence[InterfaceState], m: int, stiffness: float) ->
         if not s.law.opens:
             continue
         nodes, tied, every = s.nodes, s.support(tied=True), s.support(tied=False)
-        obstacle = nodes.geometry.frame is None
         v = nodes.v.reshape(-1, max(nodes.geometry.directions.shape[1], 1))
         kappa = nodes.kappa if nodes.kappa.size else nodes.kappa[:, :0]
-        if obstacle:
+        if nodes.geometry.rigid:
             add(nodes.v, nodes.v, np.full(len(nodes.v), float(len(nodes.rows))))
         else:
             add(v[:, -1], v[:, -1], sum(every))
@@ -44,7 +43,7 @@ def proximal_term(states: Sequence[InterfaceState], m: int, stiffness: float) ->
         at = range(v.shape[1])[s.law.components_of_jumps(v.shape[1])]
         for i, jump in enumerate(kappa.T):
             held = every if s.law.gives and i == kappa.shape[1] - 1 else tied
-            if not obstacle:
+            if not nodes.geometry.rigid:
                 add(v[:, at[i]], jump, held[0] - held[1])
                 add(jump, v[:, at[i]], held[0] - held[1])
             add(jump, jump, sum(held))

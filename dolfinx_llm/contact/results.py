@@ -102,7 +102,7 @@ def collect_results(
         m, d, gdim = geometry.directions.shape
         moved = motions[place.sides]
         v = np.einsum("md,mdi->mi", w[place.frame].reshape(m, d), geometry.directions)
-        if d == 1 and geometry.frame is not None:
+        if geometry.normals_alone:
             # Without tangential unknowns the frame follows both bodies.
             v = v + _tangential_average(geometry, moved)
         state, c = states and states[i], geometry.pairs[0].base.shape[1]
@@ -111,10 +111,8 @@ def collect_results(
         sides, first = [], 0
         for p, motion, gap in zip(geometry.pairs, moved, gaps[place.sides], strict=True):
             own = slice(first, first + len(p.nodes))
-            follows = p.N @ v
-            if geometry.frame is None:
-                follows = follows + prescribed[i]
-            elif geometry.normals_alone:  # across the mean of the nodes' normals, as the law has it
+            follows = p.N @ v + prescribed[i]
+            if geometry.normals_alone:  # across the mean of the nodes' normals, as the law has it
                 across = operators.blocks[i][own] @ w[place.frame]
                 across -= np.einsum("ni,ni->n", follows, p.normal)
                 follows = follows + across[:, None] * p.normal
@@ -210,13 +208,14 @@ def _interface_result(
 ) -> InterfaceResult:
     side, pairs, law = sides[0], geometry.pairs[0], geometry.interface.law
     presses = law.opens and not (state and state.held.any())
-    if geometry.interface.obstacle is not None:
+    obstacle, frame = geometry.interface.obstacle, geometry.frame
+    if obstacle is not None:
         own = side.normal_force, side.area, side.tangential_force
-        shift = np.array(geometry.interface.obstacle.pose(v.shape[1])[0]) + v.sum(axis=0)
+        shift = np.array(obstacle.pose(v.shape[1])[0]) + v.sum(axis=0)
         return InterfaceResult(None, tuple(sides), None, *own, side.status, presses, shift)
-    assert geometry.frame is not None
+    assert frame is not None
     cartesian = law.components == "cartesian"
-    normal = nodal_normals(geometry.frame) if cartesian else geometry.directions[:, -1]
+    normal = nodal_normals(frame) if cartesian else geometry.directions[:, -1]
     total = pairs.N.T @ side.force
     if law.slips:  # what friction holds for
         total = 0.5 * (total - geometry.pairs[1].N.T @ sides[1].force)
@@ -236,7 +235,5 @@ def _interface_result(
             friction = state.share_out(friction, force)
         elif law.components == "normal":
             friction = np.zeros_like(friction)
-    frame = replace(geometry.frame, v=v)
-    return InterfaceResult(
-        frame, tuple(sides), geometry.certificate, force, area, friction, status, presses
-    )
+    frame, known = replace(frame, v=v), geometry.certificate
+    return InterfaceResult(frame, tuple(sides), known, force, area, friction, status, presses)

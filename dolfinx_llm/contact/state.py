@@ -88,7 +88,7 @@ class InterfaceState:
     def __init__(self, nodes: FrictionNodes) -> None:
         self.nodes = nodes
         shares = nodes.law.shares and nodes.law.slips and not nodes.law.gives
-        self.shares = shares and nodes.geometry.frame is not None
+        self.shares = shares and not nodes.geometry.rigid
         self.glides = False  # no pair follows the frame tangentially
         self.forget()
 

@@ -58,10 +58,14 @@ class Condensed:
         scaling = _scaling(t, free, d)
         left, own = (scaling @ t.left).tocsr(), (scaling @ t.own).tocsr()
         keep, kept = diags(free.astype(float)), diags(free[x].astype(float))
-        # Unknowns q of a pair p: forces on its node.
-        on, top = t.top[x].tocoo(), t.top[x].tocsr()
+        # Unknowns q of a pair p: forces on its node alone.
+        top = t.top[x].tocsr()
+        top.eliminate_zeros()
+        on, several = top.tocoo(), np.zeros(len(t.rest), dtype=bool)
         pair = np.full(len(t.rest), -1)
         pair[on.col] = on.row // gdim
+        several[on.col[pair[on.col] != on.row // gdim]] = True
+        pair[several] = -1
         near = left[:, x].tocoo()
         within = pair[near.row] == near.col // gdim
         near = csr_matrix((near.data[within], (near.row[within], near.col[within])), near.shape)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, identity
 
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
@@ -37,6 +37,11 @@ class InterfaceGeometry:
     forced: tuple[bool, ...] = ()  # per component whether a force on the obstacle is prescribed
 
     @property
+    def rigid(self) -> bool:
+        """Whether an obstacle takes the frame's place: it moves as a whole, or as prescribed."""
+        return self.frame is None
+
+    @property
     def normals_alone(self) -> bool:
         """Whether the frame's nodes move along their normals only."""
         return self.frame is not None and self.interface.law.components == "normal"
@@ -54,14 +59,25 @@ class InterfaceGeometry:
         """Positions (k, gdim) and tributary areas (k,) of the nodes at which the law holds: the
         frame's, or the pairs' own against a rigid obstacle."""
         pairs = self.pairs[0]
+        x = pairs.x if self.frame is None else self.frame.x
+        return x, self.law_shapes[0].T @ pairs.forces
+
+    @cached_property
+    def law_shapes(self) -> tuple[csr_matrix, ...]:
+        """Per side (n, k) shape functions of these nodes at the pairs."""
         if self.frame is None:
-            return pairs.x, pairs.forces
-        return self.frame.x, pairs.N.T @ pairs.forces
+            return (identity(len(self.pairs[0].nodes), format="csr"),)
+        return tuple(pairs.N for pairs in self.pairs)
+
+    @property
+    def law_directions(self) -> np.ndarray:
+        """(k, d, gdim) local base at these nodes, the normal last."""
+        return self.pairs[0].base if self.frame is None else self.directions
 
     @property
     def jump_directions(self) -> np.ndarray:
         """(k, q, gdim) directions of jumps at these nodes."""
-        directions = self.pairs[0].base if self.frame is None else self.directions
+        directions = self.law_directions
         return directions[:, self.interface.law.components_of_jumps(directions.shape[1])]
 
     @cached_property

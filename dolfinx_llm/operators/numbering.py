@@ -135,25 +135,21 @@ def frame_numbering(geometries: Sequence[InterfaceGeometry], comm: MPI.Comm) -> 
     """Numbers of the frame unknowns, d per node; they live with the nearest surface node."""
     owners = [np.empty(0, dtype=np.int64)]
     for geometry in geometries:
-        if len(geometry.places):
-            x = np.concatenate([side.x for side in geometry.pairs])
-            owner = np.concatenate([side.owner for side in geometry.pairs])
-            nearest = owner[cKDTree(x).query(geometry.places)[1]]
-            owners.append(np.repeat(nearest, geometry.directions.shape[1]))
+        owners.append(np.repeat(_owners(geometry, geometry.places), geometry.directions.shape[1]))
     return Numbering(np.concatenate(owners), comm.rank)
 
 
-def slip_numbering(
-    geometries: Sequence[InterfaceGeometry], places: Sequence[Place], frames: Numbering
-) -> Numbering:
-    """Numbers of frame unknowns followed by slip unknowns κ, which live with their frame node (with
-    their surface node against a rigid obstacle)."""
+def slip_numbering(geometries: Sequence[InterfaceGeometry], frames: Numbering) -> Numbering:
+    """Numbers of frame unknowns followed by slip unknowns κ, which live with their law's node."""
     owners = [frames.owner]
-    for geometry, place in zip(geometries, places, strict=True):
-        _, d, gdim = geometry.directions.shape
-        jumps = geometry.interface.law.jumps(gdim)
-        if jumps:
-            at = frames.owner[place.frame][:: max(d, 1)]
-            at = geometry.pairs[0].owner if geometry.frame is None else at
-            owners.append(np.repeat(at, jumps))
+    for geometry in geometries:
+        jumps = geometry.interface.law.jumps(geometry.directions.shape[2])
+        owners.append(np.repeat(_owners(geometry, geometry.law_nodes[0]), jumps))
     return Numbering(np.concatenate(owners), frames.rank)
+
+
+def _owners(geometry: InterfaceGeometry, x: np.ndarray) -> np.ndarray:
+    """(k,) ranks that own the surface nodes next to some positions (k, gdim)."""
+    owner = np.concatenate([side.owner for side in geometry.pairs])
+    nodes = np.concatenate([side.x for side in geometry.pairs])
+    return owner[cKDTree(nodes).query(x)[1]]

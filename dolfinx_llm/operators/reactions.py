@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import nnls
 from scipy.sparse import block_diag, csr_matrix, hstack
 from scipy.sparse.csgraph import connected_components
 
@@ -53,7 +52,7 @@ def with_reactions(
     for i, (geometry, place) in enumerate(zip(operators.geometries, operators.places, strict=True)):
         law, c, L = geometry.interface.law, geometry.pairs[0].base.shape[1], operators.blocks[i]
         felt.append(L)
-        if geometry.frame is None or law.gives:  # where the law gives way it tells the forces
+        if geometry.rigid or law.gives:  # where the law gives way it tells the forces
             continue
         own = np.ones(L.shape[0], dtype=bool)
         if not law.ties:
@@ -101,6 +100,8 @@ def _nearest(
     size = np.abs(forces).max(initial=0.0)
     if not (forces[presses] < -rounding).any():
         return forces
+    from scipy.optimize import nnls  # rarely needed, and a tenth of the time of all imports
+
     # Least distance, Lawson and Hanson, Solving Least Squares Problems (1974), chapter 23.
     P = free(np.eye(len(forces)))[presses]
     try:

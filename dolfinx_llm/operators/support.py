@@ -58,7 +58,7 @@ def check_loops(geometries: Sequence[Any], labels: Sequence[np.ndarray]) -> None
     first = np.cumsum([0, *(len(geometry.pairs) for geometry in geometries)])
     touched = [labels[a:b] for a, b in zip(first, first[1:])]
     for i, geometry in enumerate(geometries):
-        if geometry.frame is None:  # a rigid obstacle counts as a body of its own
+        if geometry.rigid:  # the obstacle counts as a body of its own
             touched[i] = [*touched[i], np.array([-1 - i])]
     group = np.arange(n)
     example = {}

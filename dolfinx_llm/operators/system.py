@@ -108,7 +108,7 @@ class ContactOperators:
         self.places = places(self.geometries)
         self.rows = Rows.of(self.comm, self.pairs, self.side_dofs)
         self.frames = frame_numbering(self.geometries, self.comm)
-        self.unknowns = slip_numbering(self.geometries, self.places, self.frames)
+        self.unknowns = slip_numbering(self.geometries, self.frames)
         self.blocks = [
             interface_operator(g.pairs, g.directions, g.normals_alone) for g in self.geometries
         ]
@@ -175,12 +175,12 @@ class ContactOperators:
 
     def obstacle_motions(self) -> list[np.ndarray]:
         """Per interface (n, gdim) prescribed motion of an obstacle at the points that its pairs
-        touch; without an obstacle empty [length]."""
+        touch; one row of zeros for a frame, which moves by v [length]."""
         found = []
         for geometry in self.geometries:
             obstacle, pairs = geometry.interface.obstacle, geometry.pairs[0]
-            x = (pairs.x - pairs.gap)[: len(pairs.x) if obstacle else 0]
-            found.append(x if obstacle is None else obstacle.motion(x))
+            x = pairs.x - pairs.gap
+            found.append(np.zeros_like(x[:1]) if obstacle is None else obstacle.motion(x))
         return found
 
     def frame_loads(self) -> np.ndarray:
@@ -202,9 +202,7 @@ class ContactOperators:
                     gap = np.zeros_like(gap)
                 elif law.components != "cartesian":
                     gap = np.einsum("ni,ni->n", gap, side.normal)[:, None] * side.normal
-                if motions is not None and geometry.interface.obstacle is not None:
-                    gap = gap - motions[i]
-                gaps.append(gap)
+                gaps.append(gap if motions is None else gap - motions[i])
         return gaps
 
     def row_gaps(self, motions: Sequence[np.ndarray] | None = None) -> np.ndarray:

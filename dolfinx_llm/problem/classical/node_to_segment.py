@@ -80,7 +80,7 @@ class NodeToSegment(ClassicalForm):
         agree(
             problem.comm, "slave, components and PETSc options", (slave, components, petsc_options)
         )
-        rigid = [g.interface.name for g in problem.geometries if g.frame is None]
+        rigid = [g.interface.name for g in problem.geometries if g.rigid]
         if rigid:
             raise ContactInputError(f"interfaces {rigid}: node-to-segment needs two bodies")
         laws = [geometry.interface.law for geometry in problem.geometries]
