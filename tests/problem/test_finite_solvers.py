@@ -24,10 +24,10 @@ def strips(law):
     return scene.problem
 
 
-def patch(cells, law, refine=1):
+def patch(cells, law, refine=1, pressure=300.0):
     """The finite patch test in space."""
     bodies = patch2d.bodies(COMM, cells, refine, True, boxes=finite_patch.BOXES[3], rough=0.2)
-    problem = finite_patch.problem(bodies, law=law)
+    problem = finite_patch.problem(bodies, law=law, pressure=pressure)
     problem.solve()
     return problem
 
@@ -60,12 +60,12 @@ def test_same_answers(name, monkeypatch):
 
 
 def test_iterations_do_not_grow(monkeypatch):
-    """Eight times as many unknowns take as many iterations."""
+    """Three times as many unknowns take about as many iterations."""
     monkeypatch.setattr(nonlinear_parts, "FROM_UNKNOWNS", {3: 0})
-    coarse, fine = (patch("hex", llm.Frictionless(), refine) for refine in (1, 2))
-    assert fine.unknowns["u"] > 5 * coarse.unknowns["u"]
-    counts = [[h["linear"] for h in problem.history] for problem in (coarse, fine)]
-    assert max(counts[1]) < 1.5 * max(counts[0]) and max(counts[1]) < 40
+    coarse, fine = (patch("hex", llm.Frictionless(), refine, 3.0) for refine in (2, 3))
+    assert fine.unknowns["u"] > 2.5 * coarse.unknowns["u"]
+    one, other = (max(h["linear"] for h in problem.history) for problem in (coarse, fine))
+    assert other <= 1.2 * one and other < 40
 
 
 def test_mumps_takes_over(monkeypatch, caplog):
@@ -80,6 +80,10 @@ def test_mumps_takes_over(monkeypatch, caplog):
 
 
 def test_two_ranks():
-    one, two = (run_mpi_json("finite_ranks.py", n, "tet", "condensed") for n in (1, 2))
-    assert one["stretch"] < 1e-10 and one["pressure"] < 1e-9
-    assert np.allclose(one["force"], two["force"], rtol=1e-9, atol=1e-9 * 300.0)
+    """The same as the factorised system on one."""
+    two = run_mpi_json("finite_ranks.py", 2, "tet", "condensed")
+    assert two["stretch"] < 1e-10 and two["pressure"] < 1e-9
+    one = finite_patch.problem(patch2d.bodies(COMM, "tet", boxes=finite_patch.BOXES[3]))
+    one.solve()
+    force = np.concatenate([side.force.ravel() for side in one.results[0].sides])
+    assert np.allclose(two["force"], force, rtol=1e-9, atol=1e-9 * 300.0)
