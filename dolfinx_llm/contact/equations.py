@@ -40,6 +40,7 @@ class Equations:
         states: per interface its ``InterfaceState``.
         L, whole: (n, m) motion of frames and slips as the rows see it, now and with friction.
         L_t: (n_v, n) what forces of the rows are to the frames now.
+        compliance: (n,) by how much rows give way, as springs do [length / force].
         lags: normal forces that bound friction are those of the last iterate.
         soft: (n,) rows that give way to changes alone, by ``SOFT``: supports leave forces open.
         start: (n,) λ at the start of the load step: friction at rest keeps it [force].
@@ -57,7 +58,7 @@ class Equations:
         self.n = sum(nodes.rows.size for nodes in places)
         # Of ties no row that repeats others is left.
         loose = np.concatenate([np.full(nodes.rows.size, not nodes.law.ties) for nodes in places])
-        self.soft = operators.soft & loose
+        self.soft, self.compliance = operators.soft & loose, np.zeros(self.n)
         L = block_diag([nodes.L for nodes in places], format="csr")
         L_kappa = block_diag([nodes.L_kappa for nodes in places], format="csr")
         kept = diags(np.concatenate([nodes.kept for nodes in places]).astype(float))
@@ -88,11 +89,7 @@ class Equations:
         return may_open
 
     def frame_loads(self) -> np.ndarray:
-        """(n_v,) loads on the frame unknowns that are prescribed now [force].
-
-        Raises:
-            ContactError, ContactInputError: see ``ContactOperators``.
-        """
+        """(n_v,) loads on the frame unknowns that are prescribed now [force], or an error."""
         return self._operators.frame_loads()
 
     def middle(self, position: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -126,7 +123,7 @@ class Equations:
             return replace(self._ties, g=g)
         active = self.closed_rows()
         kept = np.where(active, self.about, 0.0)
-        compliance = np.where(self.soft, SOFT / self.scale, 0.0)
+        compliance = np.where(self.soft, SOFT / self.scale, self.compliance)
         P = proximal_term(self.states, self.m, self._epsilon * self.scale)
         gather = self._frame_gather()
         own = gather @ P[: self.n_v]
@@ -148,7 +145,7 @@ class Equations:
                 rhs.append(own @ centre + rows.rhs.ravel() + before)
         (anchor, spring), floating = held, self._operators.floating
         return LinearStep(
-            active, self.may_open(), self.L, g + compliance * kept, compliance,
+            active, self.may_open(), self.L, g + self.soft * compliance * kept, compliance,
             stack(E, format="csr"), stack(D, format="csr"), np.concatenate(rhs),
             anchor, spring, floating.pins, spring * floating.at_pins(anchor), kept,
         )  # fmt: skip

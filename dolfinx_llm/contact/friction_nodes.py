@@ -68,6 +68,11 @@ class FrictionNodes:
         return np.asarray(vstack(self.N).tocsr().argmax(axis=1)).ravel()
 
     @cached_property
+    def _parts(self) -> csr_matrix:
+        """(n, k) the part that pairs have in nodes."""
+        return abs(vstack(self.N)).tocsr()
+
+    @cached_property
     def _squares(self) -> list[csr_matrix]:
         return [N.power(2).T.tocsr() for N in self.N]
 
@@ -86,15 +91,13 @@ class FrictionNodes:
         """(n,) pairs that some nodes (k,) have a part in."""
         if not nodes.any():
             return np.zeros(len(self.rows), dtype=bool)
-        N = abs(vstack(self.N)).tocsr()
-        return np.asarray(N @ nodes.astype(float)).ravel() > TOUCHED
+        return np.asarray(self._parts @ nodes.astype(float)).ravel() > TOUCHED
 
     def reached(self, pairs: np.ndarray) -> np.ndarray:
         """(k,) nodes that have a part in some pairs (n,)."""
         if not pairs.any():
             return np.zeros(len(self.kappa), dtype=bool)
-        N = abs(vstack(self.N)).tocsr()
-        return np.asarray(N.T @ pairs.astype(float)).ravel() > TOUCHED
+        return np.asarray(self._parts.T @ pairs.astype(float)).ravel() > TOUCHED
 
     def support(self, weight: np.ndarray) -> list[np.ndarray]:
         """Per side (k,) how firmly pairs of a weight (n,) hold the motion of nodes: sums of N²."""

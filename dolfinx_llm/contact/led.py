@@ -47,7 +47,7 @@ def rows_of(
     at, rests = told(s, multiplier, start, w, c)
     firm = np.where(s.nodes.led & ~rests, FIRM, 1.0)
     rows = s.rows_at(replace(at, c=at.c * firm)).scaled(at.c)
-    if not s.law.slips or s.law.gives:
+    if not s.law.slips or s.law.gives or not s.nodes.led.any():
         return rows
     # Nothing in contact reaches them: no force would tell their slip.
     reached = s.nodes.reached(s.own.active).astype(float)

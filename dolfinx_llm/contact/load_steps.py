@@ -101,8 +101,9 @@ def _judged(
         free * pushed,
     )
     iteration.forces = max(iteration.forces, *forces)
+    follows = equations.L @ found.w + equations.compliance * multiplier
     # Of rows in contact: where it is open gaps of any size carry no force.
-    y, follows, g = (found.active * a for a in (found.y, equations.L @ found.w, g))
+    y, follows, g = (found.active * a for a in (found.y, follows, g))
     apart, *motions = (operators.scale * size(a) for a in (y - follows + g, y, follows, g))
     left = max(left, beyond(apart, max(motions)), equations.imbalance(multiplier))
     verdict = Verdict(0.0, 0.0)  # where free dofs carry no force

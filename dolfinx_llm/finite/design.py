@@ -154,8 +154,9 @@ class Design:
         M = csr_matrix(
             ((forces[0][:, None, None] * P).ravel(), (rows.ravel(), cols.ravel())), (m, m)
         )
-        M, G = self._held(M, limit), self.chart * forces[1][:, None]
-        r = np.bincount(nodes.ravel(), (forces[0][:, None] * N0).ravel(), m) - forces[1]
+        fy = forces[1]
+        M, G = self._held(M, limit), self.chart * (fy if fy.any() else np.ones(m))[:, None]
+        r = np.bincount(nodes.ravel(), (forces[0][:, None] * N0).ravel(), m) - fy
         mu, kappa = _bordered(M, G, r)
         t = np.einsum("nsa,ns->na", lift, mu[nodes])  # S⁻¹ C W mu
         v = mu[nodes] - np.einsum("nas,na->ns", C, t)
@@ -169,7 +170,7 @@ class Design:
     def _held(self, M: csr_matrix, limit: float) -> csr_matrix:
         """M with the limit on its diagonal, and pins at nodes that no row reaches."""
         diagonal = M.diagonal()
-        largest = max(float(diagonal.max(initial=0.0)), 1e-300)
+        largest = float(diagonal.max(initial=0.0)) or 1.0  # nothing is covered: mu is 0
         reached = diagonal > UNREACHED * largest
         return (M + diags(np.where(reached, limit + FAINT * largest, largest))).tocsr()
 

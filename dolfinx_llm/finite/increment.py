@@ -34,7 +34,7 @@ class StepFailed(ContactError):
 
 
 @contextmanager
-def _failing() -> Iterator[None]:
+def failing() -> Iterator[None]:
     """What cannot be evaluated or solved ends the iteration, not the load step."""
     try:
         yield
@@ -85,10 +85,11 @@ class Increment:
         steps.measure(self.u)
         z = [i.at(self.dofs, self.u) for i in steps.interfaces]
         faces = [f.at(self.dofs, self.u) for f in steps.followers]
-        with _failing():
+        starts = zip(steps.interfaces, z, self.poses, good.poses, good.kept)
+        with failing():
             self.held: list[Held] = [
-                replace(i.what.hold(z_i), pose=pose, pose_before=old, scale=steps.scale)
-                for i, z_i, pose, old in zip(steps.interfaces, z, self.poses, good.poses)
+                replace(i.what.hold(z_i), pose=now, pose_before=old, kept=kept, scale=steps.scale)
+                for i, z_i, now, old, kept in starts
             ]
             self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
         self.status: list[Any] = list(good.status)
@@ -103,7 +104,7 @@ class Increment:
     def evaluate(self) -> None:
         """Contact, loads and residual at the displacement as it is."""
         steps = self.steps
-        with steps.times.timed("contact"), _failing():
+        with steps.times.timed("contact"), failing():
             self._contact()
         self._balance()
 
@@ -116,7 +117,7 @@ class Increment:
         self.pushed = np.zeros_like(r)
         for placed, p, faces in zip(steps.followers, self.pressures, self.faces, strict=True):
             z = placed.at(self.dofs, self.u)
-            with _failing():
+            with failing():
                 force, K = placed.what.terms(z, p, faces, self.lagged)
             self.loads.append(Part(K, placed.numbers, placed.numbers))
             _push(self.pushed, placed.numbers - self.dofs.first, force)
@@ -131,7 +132,7 @@ class Increment:
         nothing = 1e-12 * steps.scale * steps.size
         rest = max([rest, *(t.miss for t in self.terms)])
         largest = max(largest, reaction, load, nothing, 1e-300)
-        rounding = ROUNDED * steps.scale * (steps.size + moved)
+        rounding = ROUNDED * steps.scale * (steps.bodies.size + moved)
         error = float(rest / max(largest, rounding / CONVERGED))
         self.stuck, self.r, self.error = error > STUCK * self.error, r, error
         self.doubt = min(rest, DOUBTS * largest)
@@ -144,7 +145,7 @@ class Increment:
         for i, placed in enumerate(self.steps.interfaces):
             contact: MovingContact = placed.what
             before, q, held = self.status[i], self.own[i], replace(self.held[i], lagged=self.lagged)
-            place = contact.place(placed.at(self.dofs, self.u), held)
+            place = contact.place(placed.at(self.dofs, self.u), q, held)
             start = np.full(len(place.gap), OPEN) if before is None else before
             reach = np.where(start == OPEN, NO_GAP * size, max(NO_GAP * size, self.doubt / scale))
             now, found = contact.touching(place, q, start, held, reach)
@@ -190,7 +191,7 @@ class Increment:
     def _solve(self, K: PETSc.Mat) -> tuple[np.ndarray, list[np.ndarray]]:
         """Changes of this rank's u and of each interface's own unknowns; K is used up."""
         steps, r = self.steps, np.where(self.fixed, self.u - self.target, self.r)
-        with steps.times.timed("factorisation"), _failing():
+        with steps.times.timed("factorisation"), failing():
             du, dq = steps.system.solve(K, self.terms, self.loads, r, steps.options)
         finite = np.isfinite(du).all() and np.isfinite(dq).all()
         if not self.dofs.comm.allreduce(bool(finite), op=MPI.LAND):
@@ -216,7 +217,7 @@ class Increment:
         return found
 
     def converged(self) -> bool:
-        """Whether this is an equilibrium; facets that have met meanwhile are taken in."""
+        """Whether this is an equilibrium; its pairs are those that can touch."""
         arrived = np.abs(self.u - self.target)[self.fixed].max(initial=0.0)
         arrived = self.dofs.comm.allreduce(float(arrived), op=MPI.MAX)
         size = self.steps.size
@@ -225,15 +226,14 @@ class Increment:
         return not self._missed()
 
     def _missed(self) -> bool:
-        """Take in facets that were far at the start and have passed the frame."""
-        found = False
-        for i, placed in enumerate(self.steps.interfaces):
-            now = placed.what.missed(placed.at(self.dofs, self.u), self.held[i])
-            if now is not None:
-                self.held[i], found = replace(self.held[i], candidates=now), True
-        if found:
+        """Take in facets that were far at the start and have passed the frame, and leave out nodes
+        that have left it."""
+        of = zip(self.steps.interfaces, self.terms, self.held, strict=True)
+        now = [placed.what.missed(t.place, held) for placed, t, held in of]
+        self.held = [new or held for new, held in zip(now, self.held, strict=True)]
+        if any(now):
             self.evaluate()
-        return found
+        return any(now)
 
     def entry(self, iteration: int) -> dict:
         """For the history."""
@@ -250,11 +250,6 @@ class Increment:
 
     def state(self) -> NewtonState:
         """The state as it is."""
-        return NewtonState(
-            self.u,
-            tuple(self.own),
-            tuple(self.status),
-            self.pressures,
-            tuple(self.poses),
-            self.pushed,
-        )
+        kept = tuple(t.kept() if t.kept else None for t in self.terms)
+        of_each = tuple(self.own), tuple(self.status), self.pressures, tuple(self.poses), kept
+        return NewtonState(self.u, *of_each, self.pushed)

@@ -9,9 +9,10 @@ import numpy as np
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress, tell_iteration
-from dolfinx_llm.finite.increment import Increment, StepFailed
+from dolfinx_llm.finite.increment import Increment, StepFailed, failing
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
-from dolfinx_llm.finite.terms import ContactTerms
+from dolfinx_llm.finite.passage import check_passage, left_over_edge, say_left
+from dolfinx_llm.finite.terms import ContactTerms, Place
 
 log = logging.getLogger("dolfinx_llm")
 
@@ -45,6 +46,7 @@ class NewtonSteps:
                 the last state that was found.
         """
         self.history, self.reached = [], step.start
+        self._left = [np.zeros(1, dtype=bool)] * len(self.equations.interfaces)
         done, part, smallest = 0.0, 1.0 / increments, 2.0**-HALVINGS / increments
         with progress(None, "load step") as bar:
             while done < 1.0 - 1e-12:
@@ -63,6 +65,7 @@ class NewtonSteps:
                         ) from None
                 else:
                     done, part = end, min(2.0 * part, 1.0 / increments)
+        self._say_left()
         return self.reached
 
     def unbalanced(self, start: NewtonState) -> np.ndarray:
@@ -73,15 +76,40 @@ class NewtonSteps:
 
     def _increment(self, step: LoadStep, end: float, bar: Any) -> NewtonState:
         """Newton's iteration from the last state to the part ``end`` of a load step."""
-        run = Increment(self.equations, self.reached or step.start, step, end)
+        start = self.reached or step.start
+        run = Increment(self.equations, start, step, end)
+        before = [t.place for t in run.terms]
         for iteration in range(1, NEWTON_ITERATIONS + 1):
             run.iterate()
             entry = run.entry(iteration)
             self.history.append(entry)
             tell_iteration(entry, bar)
             if run.converged():
+                self._check(run, before, start)
                 self.terms = run.terms
                 return run.state()
         raise StepFailed(
             f"no convergence in {NEWTON_ITERATIONS} iterations, residual {run.error:.1e}"
         )
+
+    def _check(self, run: Increment, before: list[Place], start: NewtonState) -> None:
+        """Require an equilibrium that the bodies can have come to; collective.
+
+        Raises:
+            StepFailed: cells are inside out, or bodies have passed each other.
+        """
+        count, first = self.equations.bodies.inside_out(run.u)
+        if count:
+            raise StepFailed(f"elements turn inside out: {count}, the first drawn at {first}")
+        of = zip(self.equations.interfaces, before, start.own, run.terms, strict=True)
+        for i, (placed, place, q, t) in enumerate(of):
+            with failing():
+                check_passage(placed.what, place, t.place)
+            self._left[i] = self._left[i] | left_over_edge(place, q, t.place)
+
+    def _say_left(self) -> None:
+        """Warn of nodes that have left a frame over its edge."""
+        of = zip(self.equations.interfaces, self._left, self.terms, strict=True)
+        for placed, left, t in of:
+            if left.any() and self.equations.bodies.dofs.comm.rank == 0:
+                log.warning(say_left(placed.what.sides, left, t.place))

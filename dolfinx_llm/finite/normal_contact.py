@@ -13,7 +13,7 @@ derivative does not; it stands in ``gap_z`` and ``gap_mu``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags
@@ -24,6 +24,8 @@ from dolfinx_llm.finite.location import OnFrame
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, Opening, Place, held_fast, yields
 from dolfinx_llm.laws.rows import OPEN
+
+OVER = 0.05  # of a facet beyond the frame's edge, at which a node has left it
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,24 +91,29 @@ class NormalContact(Opening):
         limit = self.design.smallest_limit(meeting.at.part(on), x[on], y, (f[0][on], f[1]))
         return Held(candidates, f[0] > 0.0, limit)
 
-    def missed(self, z: np.ndarray, held: Held) -> np.ndarray | None:
-        """(f,) candidates with those that have passed the frame since the start, if there are any.
+    def missed(self, place: NormalPlace, held: Held) -> Held | None:
+        """The same with facets that have passed the frame since the start, and without pairs that
+        have left it over its edge; None: there are none.
 
         Args:
-            z: coordinates of an equilibrium [length].
+            place: at an equilibrium.
             held: from the start of the step.
         """
-        now = self.sides.candidates(z)
-        added = now & ~held.candidates
-        if not added.any() or not (self.sides.gaps(z)[self.sides.facets(True)[added]] < 0.0).any():
+        now = self.sides.candidates(place.z)
+        added, at = now & ~held.candidates, place.at
+        left = held.pairs & (place.areas[0] <= 0.0) & (at.beyond > OVER)
+        if not (added.any() and (at.gap[self.sides.facets(True)[added]] < 0.0).any()):
+            added[:] = False
+        if not (added.any() or left.any()):
             return None
-        return now | held.candidates
+        return replace(held, candidates=held.candidates | added, pairs=held.pairs & ~left)
 
-    def place(self, z: np.ndarray, held: Held) -> NormalPlace:
+    def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> NormalPlace:
         """Pairs, rows and gaps with derivatives: what does not depend on forces.
 
         Args:
             z: (width,) coordinates [length].
+            q: own unknowns.
             held: from the start of the step.
         """
         sides, gdim = self.sides, self.sides.gdim
@@ -164,7 +171,8 @@ class NormalContact(Opening):
         k, s = rows.nodes.shape
         gdim, width, force = self.sides.gdim, self.sides.width, q[:n]
         along = np.concatenate(
-            [normal[:, None], -(rows.N[:, :, None] * normal[:, None]).reshape(k, 1, -1)], axis=2
+            [normal[:, None], -(rows.N[:, :, None] * normal[:, None]).reshape(k, 1, s * gdim)],
+            axis=2,
         )
         lean = per_item(-place.height[:, None])  # (k, k s)
         A = jacobian(along, place.coordinates, width)  # (k, width): the force row

@@ -17,12 +17,11 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags, identity
 from scipy.spatial.transform import Rotation
 
-from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
 from dolfinx_llm.finite.terms import ContactTerms, Held, Opening, Place, held_fast
 from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.surface import Surface
-from dolfinx_llm.interface.against import checked_clearance
+from dolfinx_llm.interface.against import checked_clearance, forced, forces_on
 from dolfinx_llm.interface.obstacle import Obstacle
 from dolfinx_llm.laws.rows import OPEN
 
@@ -63,8 +62,8 @@ class Pose:
 
     @classmethod
     def of(cls, numbers: np.ndarray, gdim: int) -> Pose:
-        """Of pivot, displacement and rotation."""
-        pivot, shift, turn = np.split(numbers, [gdim, 2 * gdim])
+        """Of pivot, displacement, rotation and force."""
+        pivot, shift, turn, _ = np.split(numbers, [gdim, 2 * gdim, len(numbers) - gdim])
         vector = [0.0, 0.0, turn[0]] if gdim == 2 else turn
         return cls(pivot, shift, Rotation.from_rotvec(vector).as_matrix()[:gdim, :gdim])
 
@@ -92,6 +91,7 @@ class ObstacleContact(Opening):
 
     sides: OneSide
     obstacle: Obstacle
+    forced: tuple[bool, ...]  # which components of a force on the obstacle are prescribed
 
     @classmethod
     def of(cls, surface: Surface, obstacle: Obstacle, *friction: np.ndarray) -> ObstacleContact:
@@ -102,13 +102,9 @@ class ObstacleContact(Opening):
             friction: coefficients and cohesion, of a class with friction.
 
         Raises:
-            ContactInputError: the obstacle is of another dimension, its clearance is no clearance,
-                or it is pressed by a force.
+            ContactInputError: what places the obstacle does not fit.
         """
-        checked_clearance(obstacle, surface.x)
-        found = cls(OneSide((surface,)), obstacle, *friction)
-        found.pose()
-        return found
+        return cls(OneSide((surface,)), obstacle, forced(obstacle, surface.x.shape[1]), *friction)
 
     @property
     def size(self) -> int:
@@ -121,23 +117,19 @@ class ObstacleContact(Opening):
         return self.sides.surfaces[0].owner
 
     def pose(self) -> np.ndarray:
-        """Displacement, rotation and pivot as they are now.
+        """Pivot, displacement, rotation and force as they are now; no force is 0.
 
         Raises:
-            ContactInputError: they do not fit, or a force is prescribed.
+            ContactInputError: they do not fit, or a force is prescribed for other components.
         """
-        shift, turn, pivot, force = self.obstacle.pose(self.sides.gdim)
-        if any(f is not None for f in force):
-            raise ContactInputError(
-                f"force={force}: at finite deformation prescribe the obstacle's displacement"
-            )
-        return np.array([*pivot, *shift, *turn])
+        shift, turn, pivot, _ = self.obstacle.pose(self.sides.gdim)
+        return np.array([*pivot, *shift, *turn, *forces_on(self.obstacle, self.forced)])
 
     def hold(self, z: np.ndarray) -> Held:
         """Nothing but the pose, which the increment knows."""
         return Held(np.zeros(0, dtype=bool), np.ones(self.size, dtype=bool), 0.0)
 
-    def missed(self, z: np.ndarray, held: Held) -> np.ndarray | None:
+    def missed(self, place: Place, held: Held) -> Held | None:
         """None: all nodes are asked in every iteration."""
         return None
 
@@ -158,11 +150,12 @@ class ObstacleContact(Opening):
             place, held = replace(place, gap=gap), replace(held, pose_before=None)
         return super().touching(place, q, before, held, reach)
 
-    def place(self, z: np.ndarray, held: Held) -> ObstaclePlace:
+    def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> ObstaclePlace:
         """Gaps and directions with their derivatives, by central differences of the clearance.
 
         Args:
             z: (width,) coordinates [length].
+            q: own unknowns.
             held: with the pose of the obstacle.
         """
         surface, gdim = self.sides.surfaces[0], self.sides.gdim

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix, diags
 
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact
+from dolfinx_llm.finite.law_contact import LawContact
+from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
 from dolfinx_llm.finite.terms import ContactTerms, MovingContact
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.surface import Surface
@@ -61,6 +62,8 @@ class MovingInterfaceResult(InterfaceForces):
     correction: float  # largest change of a row by the design
     frame_pressure: np.ndarray  # (m,) mean pressure of the pairs about each node [force / area]
     frame_traction: np.ndarray  # (m, gdim) the same of the tangential force of side 0
+    # (gdim,) of an obstacle, prescribed or where a force brings it [length]; None with a frame
+    displacement: np.ndarray | None = None
 
     @property
     def pressure(self) -> np.ndarray:
@@ -109,7 +112,9 @@ def moving_results(
     for kind in (STICK, SLIP, CLOSED):
         at_frame[np.asarray(abs(place.N).T @ (status == kind)).ravel() > 0.0] = kind
     slips = sides.in_order(terms.slip, _at_frame(place.N, terms.slip, active))
-    gaps = sides.in_order(np.where(active, 0.0, place.gap), np.where(loaded, 0.0, np.inf))
+    gives = isinstance(contact, LawContact) and contact.law.gives
+    own_gap = place.gap if gives else np.where(active, 0.0, place.gap)
+    gaps = sides.in_order(own_gap, np.where(loaded, 0.0, np.inf))
     statuses, areas = sides.in_order(status, at_frame), sides.in_order(*place.areas)
     of = zip(sides.surfaces, places, forces, normals, gaps, slips, statuses, areas, strict=True)
     first, second = (_side(*own) for own in of)
@@ -143,6 +148,7 @@ def _against_obstacle(
 ) -> MovingInterfaceResult:
     """The result of a body on a rigid obstacle."""
     surface, place, status = contact.sides.surfaces[0], terms.place, terms.status
+    assert isinstance(place, ObstaclePlace)
     x, force = (contact.sides.split(values)[0] for values in (z, -terms.force))
     gap = np.where(status != OPEN, 0.0, place.gap)
     side = _side(surface, x, force, -place.normal, gap, terms.slip, status, place.areas[0])
@@ -157,6 +163,7 @@ def _against_obstacle(
         correction=0.0,
         frame_pressure=per_area(side.normal_force[:, None], side.area)[:, 0],
         frame_traction=per_area(tangential, side.area),
+        displacement=place.pose.shift,
     )
 
 

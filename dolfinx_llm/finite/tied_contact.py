@@ -7,7 +7,7 @@ and areas, by which forces are reported, are those of now, of the parts that wer
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -18,10 +18,12 @@ from dolfinx_llm.finite.areas import Covered
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.jacobians import summing
 from dolfinx_llm.finite.sides import Meeting, Sides
-from dolfinx_llm.finite.terms import ContactTerms, Held, Place, held_fast, yields
+from dolfinx_llm.finite.terms import ContactTerms, Held, Place
 from dolfinx_llm.laws.rows import OPEN, STICK
 
 DRAWN = 1e-9  # gap over facet size that is none
+LITTLE_AREA = 1e-6  # of the largest area, below which nodes count alike
+TELLS = 1e-2  # singular value of rows of prescribed nodes, below which they tell nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,8 @@ class TiedContact:
     pairs: np.ndarray  # (n,) nodes that are tied
     drawn: Meeting  # where nodes lie and what is covered, for good
     delta: float
+    z: np.ndarray  # (width,) coordinates as drawn [length]
+    found: list = field(default_factory=list, repr=False)  # what ``_determined`` has found
 
     @classmethod
     def of(cls, sides: Sides, z: np.ndarray, design: Design, close_gap: bool) -> TiedContact:
@@ -76,7 +80,7 @@ class TiedContact:
         pairs[on] = True
         A = diags(np.repeat(pairs, sides.gdim).astype(float)) @ sides.jumps(N)
         own, other = (Covered(c.share, csr_matrix(c.derivative.shape)) for c in meeting.covered)
-        return cls(sides, A, N, pairs, replace(meeting, covered=(own, other)), delta)
+        return cls(sides, A, N, pairs, replace(meeting, covered=(own, other)), delta, z)
 
     @property
     def size(self) -> int:
@@ -103,11 +107,11 @@ class TiedContact:
         """Nothing is chosen anew."""
         return Held(np.zeros(0, dtype=bool), self.pairs, 0.0)
 
-    def missed(self, z: np.ndarray, held: Held) -> np.ndarray | None:
+    def missed(self, place: Place, held: Held) -> Held | None:
         """None: ties stay as drawn."""
         return None
 
-    def place(self, z: np.ndarray, held: Held) -> Place:
+    def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> Place:
         """Rows as drawn, normals and areas as they are now."""
         sides, at = self.sides, self.drawn.at
         normal = np.einsum("nk,nki->ni", at.N, sides.outward(z)[sides.facets(False)[at.facet]])
@@ -119,22 +123,57 @@ class TiedContact:
         self, place: Place, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
     ) -> ContactTerms:
         """See ``NormalContact.terms``; q (n gdim,) are the forces on the moving side [force]."""
-        gdim, width = self.sides.gdim, self.sides.width
-        closed = np.repeat(self.pairs, gdim) & ~held_fast(self.A, free)
-        supported = yields(
-            np.ones((len(closed), 1, 1)), self.sides.split(free)[0].reshape(-1, 1), held
-        )
-        A = (diags(closed.astype(float)) @ self.A).tocsr()
+        width = self.sides.width
+        P, rest = self._determined(free)
+        A, own = (P.T @ self.A).tocsr(), rest / held.scale
         return ContactTerms(
-            force=A.T @ np.where(closed, q, 0.0),
+            force=A.T @ q,
             K=csr_matrix((width, width)),
             top=-A.T.tocsr(),
             left=A,
-            own=diags(np.where(closed, supported.ravel(), 1.0)).tocsr(),
-            rest=np.where(closed, self.A @ place.z, q),
+            own=own,
+            rest=A @ place.z + own @ q,
             place=place,
             delta=self.delta,
             status=status,
             friction=None,
             slip=np.zeros_like(place.normal),
         )
+
+    def _determined(self, free: np.ndarray) -> tuple[csr_matrix, csr_matrix]:
+        """P (n gdim, n gdim) and D: P q are the forces that equilibrium determines, and D q = 0
+        rules out all others.
+
+        Where the moving side is prescribed, and has more nodes than the frame has free ones, rows
+        depend on each other, or tell of frame nodes by tiny entries alone: such forces are not
+        unique, or without sense. With f the nodes' areas and the singular vectors U of the rows
+        f^1/2 N of prescribed nodes, at free ones of the frame, P = f^1/2 U Uᵀ f^-1/2 and D = f^-1/2
+        (1 - U Uᵀ) f^-1/2. Pᵀ A z = 0 ties the prescribed nodes in the mean, and all of them where
+        the frame can follow.
+
+        Args:
+            free: (width,) coordinates that are not prescribed.
+        """
+        if self.found:
+            return self.found[0]
+        gdim = self.sides.gdim
+        own, frame = self.sides.split(free)
+        f = self.sides.forces(self.drawn, self.z, True)[0]
+        f = np.sqrt(np.maximum(f / f.max(), LITTLE_AREA))
+        tied = np.repeat(self.pairs, gdim)
+        P, D = diags(tied.astype(float)).tolil(), diags((~tied).astype(float)).tolil()
+        for c in range(gdim):
+            on = np.flatnonzero(self.pairs & (own[:, c] == 0.0))
+            if not len(on):
+                continue
+            for weights in (np.ones(len(on)), f[on]):  # as they are, where they are independent
+                rows = self.N[on][:, np.flatnonzero(frame[:, c])].toarray() * weights[:, None]
+                U, size, _ = np.linalg.svd(rows, full_matrices=False)
+                U = U[:, size > TELLS]
+                if U.shape[1] == len(on):
+                    break
+            at, UU = np.ix_(on * gdim + c, on * gdim + c), U @ U.T
+            P[at] = weights[:, None] * UU / weights
+            D[at] = (np.eye(len(on)) - UU) / np.outer(weights, weights)
+        self.found.append((P.tocsr(), D.tocsr()))
+        return self.found[0]

@@ -120,3 +120,13 @@ def bases(tangents: np.ndarray) -> np.ndarray:
     n = np.cross(tangents[:, 0], tangents[:, 1])
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     return np.stack([t1, np.cross(n, t1), n], axis=1)
+
+
+def middle_jacobians(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """(n_cells,) determinants of bodies' cells (n_cells, k) in the middle, in dolfinx's order of
+    nodes x (n, gdim): positive or negative with their orientation [volume]."""
+    p, gdim = x[cells], x.shape[1]
+    if cells.shape[1] == gdim + 1:
+        return np.linalg.det(p[:, 1:] - p[:, :1])
+    end = np.arange(cells.shape[1])[None, :] >> np.arange(gdim)[:, None] & 1  # along each axis
+    return np.linalg.det(np.einsum("ak,cki->cai", (2.0 * end - 1.0) / 2 ** (gdim - 1), p))

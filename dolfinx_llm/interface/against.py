@@ -153,6 +153,21 @@ def forced(obstacle: Obstacle, gdim: int) -> tuple[bool, ...]:
     return tuple(f is not None for f in obstacle.pose(gdim)[-1])
 
 
+def forces_on(obstacle: Obstacle, before: tuple[bool, ...]) -> np.ndarray:
+    """(gdim,) the force on an obstacle now, 0 where none is prescribed [force].
+
+    Raises:
+        ContactInputError: it is prescribed for other components than it was ``before``.
+    """
+    force = obstacle.pose(len(before))[-1]
+    if tuple(f is not None for f in force) != before:
+        raise ContactInputError(
+            f"force={force} of the {type(obstacle).__name__}: when the problem was made, force was "
+            f"prescribed by component as {before}. Make the problem anew to change that"
+        )
+    return np.array([0.0 if f is None else f for f in force])
+
+
 def under_force(
     obstacle: Obstacle, pairs: ContactPairs, unilateral: bool
 ) -> tuple[ContactPairs, np.ndarray]:
@@ -182,15 +197,9 @@ def prescribed_loads(geometry: InterfaceGeometry) -> np.ndarray:
     loads = np.zeros(axes.shape[0] * axes.shape[1])
     if obstacle is None:
         return loads
-    force = obstacle.pose(axes.shape[2])[-1]
-    if forced(obstacle, axes.shape[2]) != geometry.forced:
-        raise ContactInputError(
-            f"force={force} of the {type(obstacle).__name__}: when the problem was made, force was "
-            f"prescribed by component as {geometry.forced}. Make the problem anew to change that"
-        )
+    values = forces_on(obstacle, geometry.forced)
     if not any(geometry.forced):
         return loads
-    values = np.array([0.0 if f is None else f for f in force])
     along = axes[0] @ values
     left = values - along @ axes[0]
     if np.abs(left).max() > REST * np.abs(values).max():

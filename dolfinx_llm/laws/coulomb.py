@@ -106,19 +106,19 @@ class Coulomb(Law):
         return np.where(nodes.N > 0.0, bears, 0.0)
 
     def rows(self, nodes: LawNodes) -> LawRows:
-        T, s, delta = nodes.force, nodes.sums @ self._bound(nodes), nodes.slip
+        T, s, delta = nodes.force, nodes.sums(self._bound(nodes)), nodes.slip
         if self.method == "switch":
             rows = switch_rows(T, s, delta, nodes.c, nodes.status)
         else:
             rows = newton_rows(T, s, delta, nodes.c)
         # N of the next iterate stands in the rows, cohesion does not depend on it.
         pressed = nodes.N > 0.0
-        cohesion = nodes.sums @ np.where(pressed, nodes.history["cohesive"], 0.0)
+        cohesion = nodes.sums(np.where(pressed, nodes.history["cohesive"], 0.0))
         rhs = rows.rhs - rows.C_N * cohesion[:, None]
         return replace(rows, rhs=rhs, weight=np.where(pressed, nodes.history["mu"], 0.0))
 
     def miss(self, nodes: LawNodes) -> np.ndarray:
-        s = nodes.sums @ self._bound(nodes)
+        s = nodes.sums(self._bound(nodes))
         return projection_miss(nodes.force, s, nodes.slip, nodes.c)
 
     def strength(self, nodes: LawNodes) -> np.ndarray:
@@ -127,7 +127,7 @@ class Coulomb(Law):
     def at_stake(self, nodes: LawNodes) -> np.ndarray:
         # At the limit and without slip a node sticks and slips alike.
         z = nodes.force + nodes.c[:, None] * nodes.slip
-        apart = np.abs(_length(z) - nodes.sums @ self._bound(nodes))
+        apart = np.abs(_length(z) - nodes.sums(self._bound(nodes)))
         return np.minimum(super().at_stake(nodes), apart)
 
 

@@ -149,5 +149,5 @@ class Law:
         Args:
             nodes: what is known at the last iterate.
         """
-        size = np.abs(nodes.sums @ self.strength(nodes))
+        size = np.abs(nodes.sums(self.strength(nodes)))
         return np.maximum(np.linalg.norm(nodes.force, axis=1), size)

@@ -1,8 +1,9 @@
 """What a law is told of the nodes at which it holds, and its linearised rows there.
 
-A law holds at k nodes: those of the frame, or the surface's own against a rigid obstacle. It is
-told forces and jumps there, both of q components: along the tangents where the law ``slips``, then
-along the normal where it ``gives``. Plain NumPy, so that a few nodes suffice to test it.
+A law holds at k nodes: those of the frame, or the surface's own against a rigid obstacle; at finite
+deformation those of the finer side. It is told forces and jumps there, both of q components: along
+the tangents where the law ``slips``, then along the normal where it ``gives``. Plain NumPy, so that
+a few nodes suffice to test it.
 """
 
 from __future__ import annotations
@@ -12,10 +13,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.laws.speakers import sums
 
 OPEN, STICK, SLIP = 0, 1, 2
 CLOSED = 3  # in contact, without friction
@@ -38,7 +37,7 @@ class LawNodes:
     """
 
     x: np.ndarray  # (k, gdim) positions, as drawn [length]
-    area: np.ndarray  # (k,) tributary area, in 2D per unit of depth [area]
+    area: np.ndarray  # (k,) tributary area, in 2D per unit of depth; as it is now [area]
     force: np.ndarray  # (k, q) [force]
     N: np.ndarray  # (k,) normal force, positive in compression [force]
     jump: np.ndarray  # (k, q) [length]
@@ -54,10 +53,15 @@ class LawNodes:
         """(k, q) jump of this load step [length]."""
         return self.jump - self.before
 
-    @property
-    def sums(self) -> csr_matrix:
-        """(k, k) sums over the nodes for which a node speaks."""
-        return sums(np.arange(len(self.x)) if self.speaker is None else self.speaker)
+    def sums(self, values: np.ndarray) -> np.ndarray:
+        """(k,) sums over the nodes for which a node speaks.
+
+        Args:
+            values: (k,) at the nodes.
+        """
+        if self.speaker is None:
+            return values
+        return np.bincount(self.speaker, values, minlength=len(values))
 
     def values(self, value: Any) -> np.ndarray:
         """(k,) at the nodes of what a user gives for a law; collective.
@@ -150,7 +154,7 @@ class LawRows:
         Args:
             nodes: with normal forces.
         """
-        S = nodes.sums @ (nodes.N if self.weight is None else self.weight * nodes.N)
+        S = nodes.sums(nodes.N if self.weight is None else self.weight * nodes.N)
         return replace(self, C_N=np.zeros_like(self.C_N), rhs=self.rhs - self.C_N * S[:, None])
 
     def scaled(self, c: np.ndarray) -> LawRows:

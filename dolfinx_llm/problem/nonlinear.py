@@ -40,10 +40,11 @@ class NonlinearContactProblem(Disposable):
             updated in place; what it holds at first is where the first step starts.
         J: derivative of F, or a sequence; None: ``ufl.derivative(F, u)``.
         bcs: Dirichlet conditions on the displacement; values may change between steps.
-        interfaces: ``Interface`` objects with the law ``Tied()``, ``Frictionless()`` or
-            ``Coulomb(...)``, which holds at the nodes of the finer side; an array of its mu has a
-            value for each of these. Rigid obstacles, which move and turn by any amount, take
-            ``Frictionless()`` and ``Coulomb(...)``.
+        interfaces: ``Interface`` objects with the law ``Tied()``, ``Frictionless()``,
+            ``Coulomb(...)`` or one of your own, which hold at the nodes of the finer side; an array
+            of mu has a value for each of these, areas are those covered now. Rigid obstacles, which
+            move and turn by any amount or are pressed by forces, take ``Frictionless()`` and
+            ``Coulomb(...)``.
         loads: ``FreeSurfacePressure`` objects.
         nodal_loads: Functions of nodal forces.
         solver: "auto" or "saddle": Newton's system factorised by MUMPS.
@@ -118,6 +119,7 @@ class NonlinearContactProblem(Disposable):
             (None,) * len(contacts),
             np.zeros(len(self.loads)),
             tuple(pose_of(c, moved=False) for c in contacts),
+            (None,) * len(contacts),
             np.zeros(len(self.bulk.dofs.fixed)),
         )
 
@@ -156,18 +158,23 @@ class NonlinearContactProblem(Disposable):
         values = np.where(self.bulk.dofs.fixed, values, start.u)
         step = LoadStep(start, values, pressures, poses, unbalanced)
         try:
-            self._state = self._newton.step(step, increments)
-        except ContactError:
-            self._state = self._newton.reached or start
-            raise
-        finally:
-            self.bulk.put(self._state.u)
-        with self.times.timed("results"):
-            self.results = [
-                moving_results(c.what, c.at(self.bulk.dofs, self._state.u), t)
-                for c, t in zip(self._newton.equations.interfaces, self._newton.terms, strict=True)
-            ]
+            self._newton.step(step, increments)
+        finally:  # what has been reached is kept where the rest fails
+            reached = self._newton.reached or start
+            self.bulk.put(reached.u)
+            if reached is not start:
+                self._state = reached
+                with self.times.timed("results"):
+                    self.results = self._found()
         return self.u
+
+    def _found(self) -> list[MovingInterfaceResult]:
+        """Results of the interfaces in the last state."""
+        placed, terms = self._newton.equations.interfaces, self._newton.terms
+        return [
+            moving_results(c.what, c.at(self.bulk.dofs, self._state.u), t)
+            for c, t in zip(placed, terms, strict=True)
+        ]
 
     def plot(self, folder: str | Path, field: str = "pressure") -> None:
         """Pictures of the last solve as PNG, as of ``ContactProblem.plot``, on the deformed bodies.

@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import ufl
 from dolfinx import fem
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
+from dolfinx_llm.geometry.cells import middle_jacobians
 from dolfinx_llm.geometry.surface import check_space
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.operators.numbering import BodyDofs
@@ -153,6 +155,7 @@ class NonlinearBulk:
     Attributes:
         spaces: function space of each mesh.
         dofs: their numbers in the vector of all bodies, and which are prescribed.
+        size: of the largest cell along an axis [length].
 
     Raises:
         ContactInputError: a form that cannot be compiled.
@@ -169,6 +172,9 @@ class NonlinearBulk:
         self._bcs = by_mesh(self.comm, self._given, self.spaces)
         fixed = [compat.fixed_dofs(V, bcs) for V, bcs in zip(self.spaces, self._bcs)]
         self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(fixed))
+        places = [V.tabulate_dof_coordinates()[compat.cell_dofs(V)] for V in self.spaces]
+        mine = max(float(np.ptp(x, axis=1).max(initial=0.0)) for x in places)
+        self.size = self.comm.allreduce(mine, op=MPI.MAX)
 
     def values(self) -> np.ndarray:
         """(n_local,) prescribed displacements, 0 where a dof is free.
@@ -213,3 +219,18 @@ class NonlinearBulk:
         """PETSc AIJ of the derivative of F at u, without conditions; collective."""
         self.put(u)
         return block_diagonal([compat.assemble_matrix(J, [], 1.0) for J in self._J])
+
+    def inside_out(self, u: np.ndarray) -> tuple[int, list[float]]:
+        """How many cells are inside out, in the middle, at this rank's u (n_local,), and where the
+        first of them is drawn; collective."""
+        self.put(u)
+        found = []
+        for V, w in zip(self.spaces, self.u, strict=True):
+            topology = V.mesh.topology
+            cells = compat.cell_dofs(V)[: topology.index_map(topology.dim).size_local]
+            X = V.tabulate_dof_coordinates()[:, : self.dofs.gdim]
+            x = X + w.x.array.reshape(X.shape)
+            turned = middle_jacobians(X, cells) * middle_jacobians(x, cells) <= 0.0
+            found += X[cells[turned]].mean(axis=1).round(6).tolist()
+        every = [place for places in self.comm.allgather(found) for place in places]
+        return len(every), sorted(every)[0] if every else []

@@ -11,17 +11,20 @@ from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction_contact import FrictionContact
+from dolfinx_llm.finite.law_contact import LawContact
 from dolfinx_llm.finite.load_step import Placed
 from dolfinx_llm.finite.location import find_on_frame
 from dolfinx_llm.finite.normal_contact import NormalContact
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact, OneSide
 from dolfinx_llm.finite.obstacle_friction import ObstacleFriction
+from dolfinx_llm.finite.pressed_obstacle import Pressed, PressedFriction
 from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.system import NewtonSystem
 from dolfinx_llm.finite.terms import MovingContact
 from dolfinx_llm.finite.tied_contact import TiedContact
 from dolfinx_llm.geometry.surface import Surface, extract_surface
+from dolfinx_llm.interface.against import checked_clearance, forced
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.site import Site, find_site, space_of
 from dolfinx_llm.laws.coulomb import Coulomb
@@ -29,6 +32,14 @@ from dolfinx_llm.laws.frictionless import Frictionless
 from dolfinx_llm.laws.rows import LawNodes, at_positions
 from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
+
+BUILT_IN = (Tied, Frictionless, Coulomb)
+AGAINST: dict[tuple[bool, bool], type[ObstacleContact]] = {  # with friction; under a force
+    (False, False): ObstacleContact,
+    (True, False): ObstacleFriction,
+    (False, True): Pressed,
+    (True, True): PressedFriction,
+}
 
 
 def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
@@ -46,11 +57,6 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
             "at finite deformation the frame's nodes are those of the coarser surface: leave "
             "frame=None"
         )
-    if type(interface.law) not in (Tied, Frictionless, Coulomb):  # others have rows of their own
-        raise ContactInputError(
-            f"law={checks.shown(interface.law)}: at finite deformation choose Tied(), "
-            "Frictionless() or Coulomb(...)"
-        )
     if isinstance(interface.law, Coulomb) and interface.law.method != "newton":
         raise ContactInputError(
             f"law={checks.shown(interface.law)}: at finite deformation choose method='newton'"
@@ -67,7 +73,10 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
     design = Design.of(frame.x, frame.facets, interface.design is not None)
     drawn = np.concatenate([s.x.ravel() for s in site.whole])
     contact: MovingContact
-    if isinstance(interface.law, Tied):
+    if type(interface.law) not in BUILT_IN:
+        nodes = _nodes(interface, sides, site, drawn, dofs)
+        contact = LawContact.of(sides, design, interface.law, nodes, drawn)
+    elif isinstance(interface.law, Tied):
         contact = TiedContact.of(sides, drawn, design, interface.law.close_gap)
     elif interface.law.slips:
         law = interface.law.start(_nodes(interface, sides, site, drawn, dofs))
@@ -81,19 +90,21 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     """An interface with a rigid obstacle; as of ``contact_of``."""
     law, obstacle = interface.law, interface.obstacle
     assert obstacle is not None
-    if isinstance(law, Tied):
+    if type(law) not in (Frictionless, Coulomb):
         raise ContactInputError(
             f"law={checks.shown(law)}: against a rigid obstacle at finite deformation choose "
             "Frictionless() or Coulomb(...), or prescribe the body's displacement"
         )
     site = find_site(interface, dofs.spaces)
     surface = site.whole[0]
+    checked_clearance(obstacle, surface.x)
+    friction: list[np.ndarray] = []
     if law.slips:
         side = OneSide((surface,))
         bears = law.start(_nodes(interface, side, site, surface.x.ravel(), dofs))
-        contact = ObstacleFriction.of(surface, obstacle, bears["mu"], bears["cohesive"])
-    else:
-        contact = ObstacleContact.of(surface, obstacle)
+        friction = [bears["mu"], bears["cohesive"]]
+    kind = AGAINST[law.slips, any(forced(obstacle, surface.x.shape[1]))]
+    contact = kind.of(surface, obstacle, *friction)
     return _placed(contact, site.whole, site.spaces, dofs)
 
 

@@ -9,6 +9,7 @@ import termios
 
 import pytest
 from conftest import TESTS, clean_environment
+from sampling import longer
 
 TOLD = TESTS / "mpi" / "told.py"
 
@@ -37,7 +38,7 @@ def test_quiet_without_terminal():
     assert done.stdout.endswith("iterations\n") and done.stderr == ""
 
 
-@pytest.mark.parametrize("n", [1, 2])
+@pytest.mark.parametrize("n", [longer(1), 2])
 def test_stages_and_iterations_are_told_by_rank_0(n):
     done = run(["mpirun", "-n", n, sys.executable, TOLD, "INFO"])
     lines = re.findall(r"^rank=(\d) (?:\[rank \d\] )?(.*)$", done.stderr, re.MULTILINE)

@@ -15,7 +15,7 @@ from conftest import run_mpi_json
 from contact_scenes import Pressed, random_pressed, rectangle, violations
 from dolfinx import fem
 from mpi4py import MPI
-from sampling import some_of
+from sampling import longer, some_of
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -358,10 +358,10 @@ def test_solvers_agree(seed, solver, monkeypatch):
         assert np.abs(one - other).max() < 1e-10 * np.abs(one).max()
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
-def test_ranks(ranks):
+@pytest.mark.parametrize(("ranks", "part"), [(2, 0), longer(2, 1), (3, 2)])
+def test_ranks(ranks, part):
     """On several ranks as on one: displacements, forces, states; each scene on two or on three."""
-    found = [run_mpi_json("contact_ranks.py", n, ranks) for n in (1, ranks)]
+    found = [run_mpi_json("contact_ranks.py", n, part) for n in (1, ranks)]
     assert found[0].keys() == found[1].keys()
     for key, one in found[0].items():
         size = np.abs(found[0][key.replace("gap", "u")]).max()

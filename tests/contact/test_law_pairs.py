@@ -7,17 +7,17 @@ import pytest
 from conftest import run_mpi_json
 from law_scenes import Lifted
 from mpi4py import MPI
-from sampling import drawn
+from sampling import drawn, longer
 
 from dolfinx_llm.forms import choice
 
 FORMS = law_pairs.FORMS
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
-def test_every_pair(ranks):
-    found = run_mpi_json("law_pairs.py", ranks)
-    assert len(found) == len(law_pairs.cases(ranks)) > 5
+@pytest.mark.parametrize(("ranks", "part"), [(1, "first"), (2, "first"), longer(1, "others")])
+def test_every_pair(ranks, part):
+    found = run_mpi_json("law_pairs.py", ranks, part)
+    assert len(found) == len(law_pairs.cases(ranks, part)) > 5
     wrong = [
         (pair, name, value)
         for pair, worst in found.items()

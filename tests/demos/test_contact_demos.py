@@ -205,9 +205,12 @@ def test_bending_of_a_tower():
 # Ranks, files
 
 
-def test_ranks():
+@pytest.mark.parametrize(
+    "demos", [("hertz3d", "dragged"), longer(("hertz2d", "cattaneo", "tower"))], ids=" ".join
+)
+def test_ranks(demos):
     """Two ranks find what one finds."""
-    one, two = (run_mpi_json("contact_demo_ranks.py", n) for n in (1, 2))
+    one, two = (run_mpi_json("contact_demo_ranks.py", n, *demos) for n in (1, 2))
     for scene, values in one.items():
         for name, value in values.items():
             off = np.abs(np.array(value) - np.array(two[scene][name])).max()

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import both_forms
 import condensed_reuse
+import friction_bound
 import numpy as np
 import patch3d
 import pytest
@@ -14,7 +15,7 @@ from conftest import run_mpi_json
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
-from sampling import some_of
+from sampling import longer, some_of
 
 import dolfinx_llm as llm
 from dolfinx_llm.forms import choice as solvers
@@ -27,7 +28,7 @@ DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky"}
 # Against the saddle form
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("n", [1, longer(2), 3])
 def test_forms_agree(n):
     """u, λ, v by Cholesky and by CG + GAMG at the default tolerance; half of the scenes on one
     rank, a quarter each on two and on three."""
@@ -239,7 +240,12 @@ def test_steps_reuse_a_factorisation(monkeypatch):
     problem.destroy()
 
 
-@pytest.mark.parametrize(("n", "names"), [(1, ()), (2, ("line", "lower clamped, plane"))])
+HALF, OTHERS = (tuple(list(friction_bound.SCENES)[k::2]) for k in (0, 1))
+
+
+@pytest.mark.parametrize(
+    ("n", "names"), [(1, HALF), longer(1, OTHERS), (2, ("line", "lower clamped, plane"))]
+)
 def test_friction_where_supports_bind_the_frame(n, names):
     """Symmetry planes and clamped nodes through the contact, in all three forms."""
     states = []
@@ -248,7 +254,7 @@ def test_friction_where_supports_bind_the_frame(n, names):
         worst = {form: max(errors) for form, errors in forms.items()}
         assert len(worst) == 3 and max(worst.values()) <= 1e-10, (name, worst)
     assert sum(stick > 0 for _, stick, _ in states) == len(states)
-    assert sum(slip > 0 for _, _, slip in states) >= min(4, len(states))
+    assert sum(slip > 0 for _, _, slip in states) >= min(2, len(states))
 
 
 def test_worn_preconditioner_is_renewed(monkeypatch):

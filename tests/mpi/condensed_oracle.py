@@ -1,4 +1,4 @@
-"""CondensedSystem with parts of the components slaved, against a dense solution of (31)."""
+"""CondensedSystem with parts of the components eliminated, against a dense solution of (31)."""
 
 import json
 
@@ -32,11 +32,11 @@ def normals_only(problem, rng):
     base[:, 0] -= np.einsum("ni,ni->n", base[:, 0], normal)[:, None] * normal
     base[:, 0] /= np.linalg.norm(base[:, 0], axis=1)[:, None]
     base[:, 1] = np.cross(normal, base[:, 0])
-    slaved = np.zeros((len(base), 3), dtype=bool)
-    slaved[:, 2] = True
+    eliminated = np.zeros((len(base), 3), dtype=bool)
+    eliminated[:, 2] = True
     signs = [1.0, -1.0]  # the frame's unknown is its motion out of side 0
     L = vstack([s * p.N for s, p in zip(signs, pairs, strict=True)], format="csr")
-    return base, slaved, L, 1
+    return base, eliminated, L, 1
 
 
 def some_components(problem, rng, turned=True):
@@ -44,17 +44,17 @@ def some_components(problem, rng, turned=True):
     pairs, frame = problem.operators.pairs, problem.geometries[0].frame
     n, gdim = sum(len(p.nodes) for p in pairs), 3
     base = rotations(rng, n) if turned else np.concatenate([p.base for p in pairs])
-    slaved = rng.random((n, gdim)) < 0.6
-    slaved[rng.random(n) < 0.2] = False
+    eliminated = rng.random((n, gdim)) < 0.6
+    eliminated[rng.random(n) < 0.2] = False
     N = vstack([p.N for p in pairs]).toarray()
     full = np.einsum("nm,nci->ncmi", N, base).reshape(n * gdim, len(frame.x) * gdim)
-    return base, slaved, csr_matrix(full[slaved.ravel()]), gdim
+    return base, eliminated, csr_matrix(full[eliminated.ravel()]), gdim
 
 
-def system(problem, base, slaved, L, bs, proximal, options):
+def system(problem, base, eliminated, L, bs, proximal, options):
     owner = np.concatenate([p.owner for p in problem.operators.pairs])
     rank = problem.comm.rank
-    node, component = np.nonzero(slaved)
+    node, component = np.nonzero(eliminated)
     frame_owner = problem.operators.frames.owner[::3]
     rows = EliminatedRows(
         np.concatenate(problem.operators.side_dofs)[node],
@@ -105,15 +105,15 @@ def differences(problem, kind, seed, options) -> dict:
     """Largest errors of u, λ, v over their largest values."""
     comm, rng = problem.comm, np.random.default_rng(seed)
     if kind == "normals":
-        base, slaved, L, bs = normals_only(problem, rng)
+        base, eliminated, L, bs = normals_only(problem, rng)
         proximal = np.zeros(L.shape[1])
     else:
-        base, slaved, L, bs = some_components(problem, rng, kind == "turned")
+        base, eliminated, L, bs = some_components(problem, rng, kind == "turned")
         proximal = problem.scale * 10.0 ** rng.uniform(-4.0, 0.0, L.shape[1])
-    rows, made = system(problem, base, slaved, L, bs, proximal, options)
+    rows, made = system(problem, base, eliminated, L, bs, proximal, options)
     f, centre = problem.bulk.load(), rng.standard_normal(L.shape[1])
     # Gaps that the prescribed dofs can follow: the rows may say the same thing twice.
-    node, component = np.nonzero(slaved)
+    node, component = np.nonzero(eliminated)
     held = np.zeros(problem.K.getSize()[0])
     held[:] = everywhere(comm, problem.bulk.dofs.fixed)
     shift = rng.standard_normal((len(base), 3))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from conftest import run_mpi_json
 from mpi4py import MPI
-from sampling import some_of
+from sampling import longer, some_of
 
 import dolfinx_llm as llm
 from dolfinx_llm.base import compat
@@ -28,8 +28,9 @@ def test_like_a_problem_made_afterwards(law, form):
     assert_followed(changed.compare(COMM, law, form, changes), [changes])
 
 
-def test_like_a_problem_made_afterwards_on_two_ranks():
-    assert_followed(run_mpi_json("changed.py", 2), changed.cases(2).values())
+@pytest.mark.parametrize("part", [0, longer(1)])
+def test_like_a_problem_made_afterwards_on_two_ranks(part):
+    assert_followed(run_mpi_json("changed.py", 2, part), changed.cases(2, part).values())
 
 
 @pytest.fixture

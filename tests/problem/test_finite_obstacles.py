@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import finite_patch
+import hertz2d
 import numpy as np
 import pytest
 import ufl
@@ -14,10 +15,10 @@ import dolfinx_llm as llm
 from dolfinx_llm import compat
 from dolfinx_llm.finite import obstacle_contact
 from dolfinx_llm.finite.friction_law import in_plane
-from dolfinx_llm.finite.obstacle_friction import ObstacleFriction
 from dolfinx_llm.finite.terms import Origin
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.laws.rows import CLOSED, SLIP, STICK
+from dolfinx_llm.problem.nonlinear_parts import AGAINST
 
 COMM = MPI.COMM_SELF
 FOOT, TOP = 1, 2
@@ -212,36 +213,40 @@ def test_as_a_body_that_does_not_yield():
 
 
 @pytest.mark.parametrize("status", [CLOSED, STICK, SLIP])
-@pytest.mark.parametrize("gdim", [2, 3])
-def test_tangent_is_the_derivative(gdim, status, monkeypatch):
-    """Differences of the clearance against those of force, gap and law, on a turned sphere."""
+@pytest.mark.parametrize(
+    ("gdim", "force"), [(2, None), (2, (None, 2.0)), (3, None), (3, (None, 3.0, 2.0))], ids=str
+)
+def test_tangent_is_the_derivative(gdim, status, force, monkeypatch):
+    """Differences of the clearance against those of force, gap, law and balance, on a turned
+    sphere."""
     monkeypatch.setattr(obstacle_contact, "TURNED_AWAY", -2.0)  # all nodes take part
     rng = np.random.default_rng(5)
     x = rng.uniform(-0.4, 0.4, (6, gdim))
     x[:, -1] = -1.0 + 0.01 * x[:, 0]
     facets = np.arange(6).reshape(-1, gdim)[:, ::-1]
     surface = Surface(x, facets, np.arange(6), np.zeros(6, dtype=int), "patch")
-    ball = llm.RigidSphere(np.eye(gdim)[-1] * -3.0, 2.0, rotation=0.3 if gdim == 2 else (0.3, 0, 0))
-    kind, friction = obstacle_contact.ObstacleContact, []
-    if status != CLOSED:
-        kind, friction = ObstacleFriction, [np.full(6, 0.3), rng.uniform(0.0, 2.0, 6)]
-    contact = kind.of(surface, ball, *friction)
+    ball = llm.RigidSphere(
+        np.eye(gdim)[-1] * -3.0, 2.0, rotation=0.3 if gdim == 2 else (0.3, 0, 0), force=force
+    )
+    rubs = [] if status == CLOSED else [np.full(6, 0.3), rng.uniform(0.0, 2.0, 6)]
+    contact = AGAINST[bool(rubs), force is not None].of(surface, ball, *rubs)
     q, held = np.zeros(contact.size), replace(contact.hold(x.ravel()), scale=5.0)
     on, free = np.full(6, status), np.ones(x.size, dtype=bool)
-    q[:6] = rng.uniform(0.5, 1.5, 6)
-    if friction:
-        place = contact.place(x.ravel(), held)
+    q[:6], q[6 + x.size * bool(rubs) :] = rng.uniform(0.5, 1.5, 6), 0.03
+    if rubs:
+        place = contact.place(x.ravel(), q, held)
         points = contact.here(place) + 0.05 * rng.standard_normal(x.shape)
         held = replace(held, origin=Origin(points, place.gap, on > 0))
-        q[6:] = 0.2 * rng.standard_normal(x.size)
+        tau = 0.2 * rng.standard_normal(x.shape)
         if status == SLIP:  # where the law holds the derivative is exact
             way = in_plane(place.normal, contact.way(place, held.origin)[0])
-            bound = 0.3 * q[:6] + friction[1] * place.areas[0]
-            q[6:] = (way * (bound / np.linalg.norm(way, axis=1))[:, None]).ravel()
+            bound = 0.3 * q[:6] + rubs[1] * place.areas[0]
+            tau = way * (bound / np.linalg.norm(way, axis=1))[:, None]
+        q[6 : 6 + x.size] = tau.ravel()
 
     def values(both):
         z, q = np.split(both, [x.size])
-        t = contact.terms(contact.place(z, held), q, on, held, free)
+        t = contact.terms(contact.place(z, q, held), q, on, held, free)
         return np.concatenate([-t.force, t.rest]), t
 
     both, h = np.concatenate([x.ravel(), q]), 1e-6
@@ -252,6 +257,45 @@ def test_tangent_is_the_derivative(gdim, status, monkeypatch):
         assert np.abs(whole @ e - difference).max() < 1e-8
 
 
+@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.3)], ids=str)
+@pytest.mark.parametrize("kind", KINDS)
+def test_pressed_by_a_force(kind, law):
+    """A ball drawn above a block, or under friction a plane, pressed onto it, and the plane along
+    it, by forces: the block answers with them, and where the obstacle is moved to the same places
+    the same forces arise. (Slip of pairs that close counts from where iterates meet.)"""
+    places, found = [], []
+    for moved in (False, True):
+        _, tags, V, u, F = block(kind, 6)
+        gdim = V.mesh.geometry.dim
+        high = np.eye(gdim)[-1]
+        press = (
+            llm.RigidPlane(high, -high) if law.slips else llm.RigidSphere(0.5 + 2.05 * high, 1.5)
+        )
+        if not moved:
+            press.force = (0.0 if law.slips else None,) * (gdim - 1) + (0.0,)
+        foot = fem.locate_dofs_topological(V, gdim - 1, tags.indices[tags.values == FOOT])
+        problem = llm.NonlinearContactProblem(
+            F,
+            u,
+            bcs=[fem.dirichletbc(fem.Function(V), foot)],
+            interfaces=[llm.Interface(tags, (TOP, press), law=law)],
+        )
+        for k, (down, along) in enumerate(((-40.0, 0.0), (-60.0, 8.0))):
+            force = np.array([along * law.slips] + [0.0] * (gdim - 2) + [down])
+            if moved:
+                press.displacement = places[k]
+            else:
+                press.force = tuple(np.where([f is None for f in press.force], None, force))
+            problem.solve()
+            result = problem.results[0]
+            places.append(result.displacement)
+            assert np.abs(result.resultant + force)[-1 if not law.slips else 0 :].max() < 1e-8
+        found.append(result.sides[0])
+    assert set(found[0].status) == ({1, 2} if law.slips else {0, 3})
+    assert np.abs(found[0].u - found[1].u).max() < 1e-10
+    assert np.abs(found[0].force - found[1].force).max() < 1e-8
+
+
 def test_refused():
     domain, tags, V, u, F = block("quad")
     plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
@@ -259,8 +303,55 @@ def test_refused():
         (llm.Tied(), plane, "choose Frictionless"),
         (llm.Coulomb(np.full(3, 0.2)), plane, "for each of 5 nodes"),
         (llm.Frictionless(), llm.RigidPlane((0, 0, 0), (0, 0, 1)), "lies in 3D"),
-        (llm.Frictionless(), llm.RigidPlane((0, 0), (0, 1), force=(None, -1.0)), "displacement"),
     ]:
         interface = llm.Interface(tags, (FOOT, floor), law=law)
         with pytest.raises(llm.ContactInputError, match=text):
             llm.NonlinearContactProblem(F, u, interfaces=[interface])
+    pressed = llm.RigidPlane((0.0, 0.0), (0.0, 1.0), force=(1.0, 20.0))
+    top = fem.locate_dofs_topological(V, 1, tags.indices[tags.values == TOP])
+    problem = llm.NonlinearContactProblem(
+        F,
+        u,
+        bcs=[fem.dirichletbc(fem.Function(V), top)],
+        interfaces=[llm.Interface(tags, (FOOT, pressed), law=llm.Frictionless())],
+    )
+    with pytest.raises(llm.ContactError, match="nothing resists the part"):
+        problem.solve()
+    pressed.force = (None, 20.0)
+    with pytest.raises(llm.ContactInputError, match="prescribed by component as"):
+        problem.solve()
+
+
+def pressed_disc(a, n=8):
+    """Forces on a half disc whose diameter is pressed down by a²/R onto a plane, with n elements
+    over the half-width a: of the linear and of the nonlinear problem."""
+    domain, tags = hertz2d.half_disc(COMM, a, n, 1, growth=0.3)
+    V = compat.function_space(domain, shape=(2,))
+    u, trial, w = fem.Function(V), ufl.TrialFunction(V), ufl.TestFunction(V)
+    mu, lam = (fem.Constant(domain, c) for c in finite_patch.lame(hertz2d.E, hertz2d.NU))
+    F = ufl.derivative(finite_patch.energy(u, mu, lam) * ufl.dx, u, w)
+    top = tags.indices[tags.values == hertz2d.DIAMETER]
+    down = fem.Constant(domain, -a * a / hertz2d.R)
+    held = fem.locate_dofs_topological(V.sub(1), 1, top)
+    bcs = [hertz2d.hold(V, 0, lambda x: np.isclose(x[0], 0.0))]
+    bcs.append(fem.dirichletbc(down, held, V.sub(1)))
+    plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
+    interface = llm.Interface(None, ((tags, hertz2d.CONTACT), plane), law=llm.Frictionless())
+    stiffness = ufl.inner(hertz2d.stress(trial), ufl.grad(w)) * ufl.dx
+    nothing = ufl.inner(fem.Constant(domain, (0.0, 0.0)), w) * ufl.dx
+    linear = llm.ContactProblem(stiffness, nothing, bcs=bcs, interfaces=[interface])
+    finite = llm.NonlinearContactProblem(F, u, bcs=bcs, interfaces=[interface])
+    for problem in (linear, finite):
+        problem.solve()
+    pairs = [p.results[0].sides[0].status > 0 for p in (linear, finite)]
+    assert (pairs[0] == pairs[1]).all()
+    return [abs(p.results[0].resultant[1]) for p in (linear, finite)]
+
+
+def test_hertz_at_small_load():
+    """The difference from the linear problem falls with the strain p0 / E ~ a / R under the disc,
+    that is with the square root of the load."""
+    found = [(*pressed_disc(a), a) for a in (0.2, 0.1, 0.05)]
+    differences = np.array([abs(finite / linear - 1.0) for linear, finite, _ in found])
+    slopes = np.log2(differences[:-1] / differences[1:])
+    assert differences[-1] < 1e-4 and np.abs(slopes - 1.0).max() < 0.25

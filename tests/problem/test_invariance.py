@@ -52,8 +52,9 @@ def same(found, known, bound=1e-12):
 
 @pytest.mark.parametrize(
     ("n", "names"),
-    [(2, ["predicted", "symmetric", "two meshes"]), (3, ["paper", "symmetric"]), (4, ["clamped"])],
-)
+    [(2, ["predicted", "symmetric", "two meshes"]), (3, ["paper", "symmetric"]),
+     longer(4, ["clamped"])],
+)  # fmt: skip
 def test_number_of_ranks(n, names, one_rank):
     found = run_mpi_json("solve_scenes.py", n, *names)
     assert list(found) == names
@@ -61,7 +62,7 @@ def test_number_of_ranks(n, names, one_rank):
         same(found[name], one_rank(name))
 
 
-@pytest.mark.long  # on two ranks it is sought in test_demos.test_patch3d_on_two_ranks
+@pytest.mark.long
 def test_optimised_frame_on_two_ranks(one_rank):
     """The search for positions ends at the same frame."""
     same(run_mpi_json("solve_scenes.py", 2, "optimised")["optimised"], one_rank("optimised"))

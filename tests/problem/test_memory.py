@@ -28,7 +28,8 @@ def growth(work):
 
 
 @pytest.mark.parametrize(
-    ("law", "form"), [longer("tied", "saddle"), ("tied", "condensed"), ("friction", "flexibility")]
+    ("law", "form"),
+    [longer("tied", "saddle"), longer("tied", "condensed"), ("friction", "flexibility")],
 )
 def test_problems_that_are_dropped(law, form):
     data = changed.Data(COMM)

@@ -1,0 +1,139 @@
+"""Rigid obstacles under a prescribed force: their displacement is found.
+
+Contact knows nodes relative to the obstacle alone: a displacement s of it is one of all nodes by
+-s. With S that motion of the nodes, f(z, q) the forces on them and F that on the obstacle,
+
+    Sᵀ f + F = 0,   d/ds = (d/dz) S.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import block_diag, bmat, csr_matrix, diags
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.finite.jacobians import per_item
+from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
+from dolfinx_llm.finite.obstacle_friction import ObstacleFriction
+from dolfinx_llm.finite.terms import ContactTerms, Held, yields
+from dolfinx_llm.interface.against import RESISTED, REST
+from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
+
+FALLS = 1e-9  # over the stiffness: by which an obstacle in contact yields to a force, at most
+
+
+@dataclass(frozen=True, eq=False)
+class Pressed(ObstacleContact):
+    """Unknowns: those of an obstacle that is moved, then s, per component with a force.
+
+    Put before a contact with an obstacle in the list of bases.
+    """
+
+    @property
+    def axes(self) -> np.ndarray:
+        """(f,) components with a force."""
+        return np.flatnonzero(self.forced)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return super().size + len(self.axes)
+
+    @property
+    def owner(self) -> np.ndarray:
+        """(size,) ranks that own the unknowns."""
+        return np.concatenate([super().owner, 0 * self.axes])
+
+    def _pose(self, pose: np.ndarray | None, q: np.ndarray) -> np.ndarray:
+        """A pose that is held, with the displacement found."""
+        found = (self.pose() if pose is None else pose).copy()
+        found[self.sides.gdim + self.axes] += q[len(q) - len(self.axes) :]
+        return found
+
+    def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> ObstaclePlace:
+        """Gaps and directions with their derivatives."""
+        return super().place(z, q, replace(held, pose=self._pose(held.pose, q)))
+
+    def touching(
+        self,
+        place: ObstaclePlace,
+        q: np.ndarray,
+        before: np.ndarray,
+        held: Held,
+        reach: np.ndarray,
+    ) -> tuple[np.ndarray, Held]:
+        """(n,) status of the pairs, and what is held; q may have moved on from the place."""
+        s = self._pose(held.pose, q)[self.sides.gdim :][: self.sides.gdim]
+        place = replace(place, gap=place.gap - place.by_x @ (s - place.pose.shift))
+        if held.pose_before is not None:
+            held = replace(held, pose_before=self._pose(held.pose_before, q))
+        return super().touching(place, q[: super().size], before, held, reach)
+
+    def terms(
+        self, place: ObstaclePlace, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
+    ) -> ContactTerms:
+        """All that Newton's iteration asks for; arguments as for an obstacle that is moved."""
+        n, gdim = place.normal.shape
+        k, c = super().size, held.scale
+        moves = free | np.isin(np.arange(len(free)) % gdim, self.axes)  # against the obstacle
+        t = super().terms(place, q[:k], status, held, moves)
+        at = np.arange(len(free)).reshape(n, gdim)[:, self.axes]
+        S = csr_matrix(
+            (np.full(at.size, -1.0), (at.ravel(), np.tile(np.arange(len(self.axes)), n))),
+            (len(free), len(self.axes)),
+        )
+        force = (self.pose() if held.pose is None else held.pose)[-gdim:][self.axes]
+        self._resists(place, status, force)
+        rest = (S.T @ t.force + force) / c
+        alone = 1.0 if not (status != OPEN).any() else FALLS
+        own = [
+            [t.own + self._supported(place, status, held, free, k), t.left @ S],
+            [-S.T @ t.top / c, -S.T @ t.K @ S / c - diags(np.full(len(force), alone))],
+        ]
+        return replace(
+            t,
+            top=bmat([[t.top, t.K @ S]], format="csr"),
+            left=bmat([[t.left], [-S.T @ t.K / c]], format="csr"),
+            own=bmat(own, format="csr"),
+            rest=np.concatenate([t.rest, rest]),
+            miss=max(t.miss, float(np.abs(rest).max()) * c),
+        )
+
+    def _supported(
+        self, place: ObstaclePlace, status: np.ndarray, held: Held, free: np.ndarray, k: int
+    ) -> csr_matrix:
+        """(k, k) by how much rows of nodes that supports hold yield: there are more of them than
+        displacements of the obstacle."""
+        n, gdim = place.normal.shape
+        free = free.reshape(n, gdim)
+        parts = [diags(yields(place.normal[:, None], free, held).ravel() * (status != OPEN))]
+        if k > n:
+            P = np.eye(gdim) - place.normal[:, :, None] * place.normal[:, None, :]
+            parts.append(per_item(yields(P, free, held) * -1.0 * (status == STICK)[:, None, None]))
+        return block_diag(parts)
+
+    def _resists(self, place: ObstaclePlace, status: np.ndarray, force: np.ndarray) -> None:
+        """Require contact that can resist the force (f,) on the obstacle."""
+        closed = status == CLOSED
+        if not closed.any():  # friction resists as well
+            return
+        bent = place.turned[closed][:, :, self.axes]
+        bent = bent / max(np.abs(bent).max(), RESISTED / self.sides.surfaces[0].diameter)
+        felt = np.concatenate([place.normal[closed][:, self.axes], bent.reshape(-1, len(force))])
+        size, vectors = np.linalg.eigh(felt.T @ felt)
+        free = vectors[:, size <= RESISTED**2 * size[-1]]
+        left = free @ (free.T @ force)
+        if np.abs(left).max() > REST * np.abs(force).max():
+            raise ContactError(
+                f"nothing resists the part {left.round(9).tolist()} of the force "
+                f"{force.tolist()} on the {type(self.obstacle).__name__}, components "
+                f"{self.axes.tolist()}. Give None for components whose displacement is prescribed, "
+                "or take a law with friction"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class PressedFriction(Pressed, ObstacleFriction):
+    """With friction, which resists forces along the obstacle."""

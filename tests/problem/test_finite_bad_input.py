@@ -1,0 +1,89 @@
+"""Steps that cannot be taken at finite deformation, and nodes that leave the frame."""
+
+import logging
+import re
+
+import numpy as np
+import pytest
+from conftest import run_mpi_json
+from pressed_scenes import Punch, small_strains
+
+import dolfinx_llm as llm
+from dolfinx_llm.finite import newton
+
+THROUGH = r"pass through each other: [1-9]\d* node.* by 1.5 where facets have the size 0"
+INSIDE_OUT = r"elements turn inside out: [1-9]\d*, the first drawn at \["
+
+
+@pytest.mark.parametrize("kind", ["quad", "tet"])
+def test_bodies_pass_through_each_other(kind, monkeypatch):
+    """A punch is moved by three of its heights, from where it is far, in one step: not accepted;
+    smaller steps find contact."""
+    monkeypatch.setattr(newton, "HALVINGS", 0)
+    punch = Punch(kind, lift=0.8)
+    with pytest.raises(llm.ContactError, match=THROUGH):
+        punch.to(down=1.5)
+    assert all(np.allclose(u.x.array[punch.dim - 1 :: punch.dim], up)
+               for u, up in zip(punch.u, (0.0, 0.8), strict=True))  # fmt: skip
+    found = punch.to(down=0.05, increments=4)
+    assert len({h["part"] for h in punch.problem.history}) == 4
+    once = Punch(kind).to(down=0.05)
+    assert np.allclose(found.resultant, once.resultant, rtol=1e-8, atol=1e-8)
+
+
+def test_halving_finds_what_a_step_has_passed():
+    punch = Punch("quad", lift=0.45)
+    found = punch.to(down=0.45)
+    parts = {h["part"] for h in punch.problem.history}
+    assert len(parts) > 1
+    assert np.allclose(found.resultant, Punch("quad").to(down=0.45).resultant, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["tri", "hex"])
+def test_elements_inside_out(kind, monkeypatch):
+    """Bodies whose residual is a finite number all the same."""
+    monkeypatch.setattr(newton, "HALVINGS", 0)
+    punch = Punch(kind, llm.Tied(), energy=small_strains)
+    with pytest.raises(llm.ContactError, match=INSIDE_OUT):
+        punch.to(down=2.0)
+    assert not any(u.x.array.any() for u in punch.u)
+    assert punch.to(down=0.1).resultant[-1] > 0.0
+
+
+@pytest.mark.parametrize("kind", ["quad", "hex"])
+def test_nodes_leave_the_frame(kind, caplog):
+    """They bear nothing beyond its edge, which is said once; the way back is open."""
+    punch = Punch(kind)
+    known = punch.to(down=0.05).resultant
+    with caplog.at_level(logging.WARNING, "dolfinx_llm"):
+        assert not caplog.messages
+        found = punch.to(down=0.05, along=2.0)
+    (said,) = caplog.messages
+    count = 5 if kind == "quad" else 16
+    assert f"{count} node(s) of tag 2" in said and "left tag 1 over its edge" in said
+    assert not found.resultant.any() and not (found.sides[1].status > 0).any()
+    again = punch.to(down=0.05)
+    assert np.allclose(again.resultant, known, rtol=1e-8, atol=1e-8 * abs(known[-1]))
+
+
+def test_what_was_reached_is_kept(monkeypatch):
+    """The displacement, the results and the start of the next step are those of one state."""
+    monkeypatch.setattr(newton, "HALVINGS", 0)
+    monkeypatch.setattr(newton, "NEWTON_ITERATIONS", 12)
+    punch = Punch("tri", lift=0.2)
+    with pytest.raises(llm.ContactError, match="Newton's iteration fails at") as told:
+        punch.to(down=2.0, increments=5)
+    part = float(str(told.value).split("The state at ")[1].split()[0])
+    (result,) = punch.problem.results
+    down = punch.u[1].x.array[1::2].min()
+    assert 0.0 < part < 1.0 and down == pytest.approx(0.2 - 2.2 * part, abs=1e-3)
+    assert result.sides[1].u[:, 1].min() >= down and (result.sides[1].status > 0).any()
+
+
+def test_two_ranks():
+    """The same errors and warnings; all ranks raise together, one warns."""
+    said = run_mpi_json("finite_bad_input.py", 2)
+    for text, pattern in zip(said["errors"], (THROUGH, INSIDE_OUT), strict=True):
+        assert re.search(pattern, text)
+    (warning,) = said["warnings"]
+    assert warning.startswith("5 node(s) of tag 2 that carried force have left tag 1")
