@@ -14,7 +14,7 @@ SMALL = 200  # rows or columns up to which dense algebra is as fast
 DAMPED = 1e-14  # added to squares of singular values, of the largest column's
 PROJECTIONS, GAIN = 30, 0.9  # of iteration against it, and what each must leave at most
 CONDITION = 1e3  # of independent rows that are chosen one for each column
-EXCHANGES, POWER = 100, 4  # of these rows for others; steps of inverse iteration in each
+EXCHANGES, TURNS = 100, 4  # of these rows for others; steps of inverse iteration in each
 
 
 def prescribed_rows(
@@ -119,7 +119,7 @@ def _matched_rows(D: csr_matrix) -> np.ndarray:
         rows, _ = min_weight_full_bipartite_matching(size)
         for _ in range(EXCHANGES):
             factor = splu(D[rows].tocsc())
-            for _ in range(POWER):  # towards the smallest singular value
+            for _ in range(TURNS):  # towards the smallest singular value
                 v = factor.solve(factor.solve(v / np.linalg.norm(v), "T"))
             told = np.abs(D @ (v / np.linalg.norm(v)))
             if np.linalg.norm(told[rows]) * CONDITION >= largest:
