@@ -18,6 +18,7 @@ class Bodies(Protocol):
     """Nonlinear bodies without their contact."""
 
     dofs: BodyDofs
+    size: float  # of the largest cell [length]
 
     def residual(self, u: np.ndarray) -> np.ndarray:
         """This rank's residual of all dofs at u (n_local,)."""
@@ -52,6 +53,7 @@ class NewtonState:
     status: tuple[np.ndarray | None, ...]  # of the pairs of each interface; None: not known yet
     pressures: np.ndarray  # of the follower loads [force / area]
     poses: tuple[np.ndarray, ...]  # per interface what places a rigid obstacle; empty without one
+    kept: tuple[Any, ...]  # per interface what its own law keeps; None without one
     pushed: np.ndarray  # (n_local,) forces of contact and follower loads on the bodies [force]
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import ufl
 from dolfinx import fem
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base import checks, compat
@@ -154,6 +155,7 @@ class NonlinearBulk:
     Attributes:
         spaces: function space of each mesh.
         dofs: their numbers in the vector of all bodies, and which are prescribed.
+        size: of the largest cell along an axis [length].
 
     Raises:
         ContactInputError: a form that cannot be compiled.
@@ -170,6 +172,9 @@ class NonlinearBulk:
         self._bcs = by_mesh(self.comm, self._given, self.spaces)
         fixed = [compat.fixed_dofs(V, bcs) for V, bcs in zip(self.spaces, self._bcs)]
         self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(fixed))
+        places = [V.tabulate_dof_coordinates()[compat.cell_dofs(V)] for V in self.spaces]
+        mine = max(float(np.ptp(x, axis=1).max(initial=0.0)) for x in places)
+        self.size = self.comm.allreduce(mine, op=MPI.MAX)
 
     def values(self) -> np.ndarray:
         """(n_local,) prescribed displacements, 0 where a dof is free.

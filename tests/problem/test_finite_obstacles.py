@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import finite_patch
+import hertz2d
 import numpy as np
 import pytest
 import ufl
@@ -319,3 +320,38 @@ def test_refused():
     pressed.force = (None, 20.0)
     with pytest.raises(llm.ContactInputError, match="prescribed by component as"):
         problem.solve()
+
+
+def pressed_disc(a, n=8):
+    """Forces on a half disc whose diameter is pressed down by a²/R onto a plane, with n elements
+    over the half-width a: of the linear and of the nonlinear problem."""
+    domain, tags = hertz2d.half_disc(COMM, a, n, 1, growth=0.3)
+    V = compat.function_space(domain, shape=(2,))
+    u, trial, w = fem.Function(V), ufl.TrialFunction(V), ufl.TestFunction(V)
+    mu, lam = (fem.Constant(domain, c) for c in finite_patch.lame(hertz2d.E, hertz2d.NU))
+    F = ufl.derivative(finite_patch.energy(u, mu, lam) * ufl.dx, u, w)
+    top = tags.indices[tags.values == hertz2d.DIAMETER]
+    down = fem.Constant(domain, -a * a / hertz2d.R)
+    held = fem.locate_dofs_topological(V.sub(1), 1, top)
+    bcs = [hertz2d.hold(V, 0, lambda x: np.isclose(x[0], 0.0))]
+    bcs.append(fem.dirichletbc(down, held, V.sub(1)))
+    plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
+    interface = llm.Interface(None, ((tags, hertz2d.CONTACT), plane), law=llm.Frictionless())
+    stiffness = ufl.inner(hertz2d.stress(trial), ufl.grad(w)) * ufl.dx
+    nothing = ufl.inner(fem.Constant(domain, (0.0, 0.0)), w) * ufl.dx
+    linear = llm.ContactProblem(stiffness, nothing, bcs=bcs, interfaces=[interface])
+    finite = llm.NonlinearContactProblem(F, u, bcs=bcs, interfaces=[interface])
+    for problem in (linear, finite):
+        problem.solve()
+    pairs = [p.results[0].sides[0].status > 0 for p in (linear, finite)]
+    assert (pairs[0] == pairs[1]).all()
+    return [abs(p.results[0].resultant[1]) for p in (linear, finite)]
+
+
+def test_hertz_at_small_load():
+    """The difference from the linear problem falls with the strain p0 / E ~ a / R under the disc,
+    that is with the square root of the load."""
+    found = [(*pressed_disc(a), a) for a in (0.2, 0.1, 0.05)]
+    differences = np.array([abs(finite / linear - 1.0) for linear, finite, _ in found])
+    slopes = np.log2(differences[:-1] / differences[1:])
+    assert differences[-1] < 1e-4 and np.abs(slopes - 1.0).max() < 0.25
