@@ -122,16 +122,24 @@ class Friction(Opening):
         bears = self.mu * q[:n] + self.cohesion * place.areas[0]
         return q[-n * gdim :].reshape(n, gdim), np.where(q[:n] > 0.0, bears, 0.0)
 
+    def dragged(self, t: ContactTerms, place: Any, tau: np.ndarray) -> ContactTerms:
+        """Terms of what presses, with tau (n, gdim), 0 at open pairs, as well: forces on the
+        coordinates and their derivatives."""
+        gdim = tau.shape[1]
+        closed = np.repeat(t.status != OPEN, gdim)
+        on_tau = diags(closed.astype(float)) @ self.sides.jumps(place.N)
+        force = -(on_tau.T @ tau.ravel())
+        top = bmat([[t.top, on_tau.T]], format="csr")
+        return replace(t, force=t.force + force, top=top, friction=force)
+
     def terms(
         self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
     ) -> ContactTerms:
         """All that Newton's iteration asks for; arguments as without friction."""
         assert held.origin is not None  # ``touching`` comes first
-        t = super().terms(place, q, status, held, free)
         n, gdim = place.normal.shape
-        closed = np.repeat(status != OPEN, gdim)
-        tau = np.where(closed, q[-n * gdim :], 0.0)
-        on_tau = diags(closed.astype(float)) @ self.sides.jumps(place.N)
+        tau = np.where((status != OPEN)[:, None], q[-n * gdim :].reshape(n, gdim), 0.0)
+        t = self.dragged(super().terms(place, q, status, held, free), place, tau)
         law, by_z, by_lambda, slip = self._equations(place, q, status, held, free)
         by_q = bmat([[by_lambda, csr_matrix((n * gdim, t.own.shape[1] - n))]])
         by_tau = np.broadcast_to(np.eye(gdim) / held.scale, (n, gdim, gdim)).copy()
@@ -139,12 +147,9 @@ class Friction(Opening):
         by_tau[status != OPEN], rest[status != OPEN] = law.by_force, law.rest
         return replace(
             t,
-            force=t.force - on_tau.T @ tau,
-            top=bmat([[t.top, on_tau.T]], format="csr"),
             left=bmat([[t.left], [by_z]], format="csr"),
             own=bmat([[t.own, None], [by_q, per_item(by_tau)]], format="csr"),
             rest=np.concatenate([t.rest, rest.ravel()]),
-            friction=-(on_tau.T @ tau),
             slip=slip,
             miss=float(np.abs(rest[status == SLIP]).max(initial=0.0) * held.scale),
         )

@@ -17,7 +17,6 @@ from dolfinx_llm.finite.friction import MET_AT, Friction
 from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.normal_contact import NormalContact, NormalPlace
 from dolfinx_llm.finite.terms import ContactTerms, Held, Origin
-from dolfinx_llm.laws.rows import OPEN
 
 COMES_IN = 3.0  # facets beyond the rim from where nodes may come in within an increment
 
@@ -58,14 +57,11 @@ class FrictionContact(Friction, NormalContact):
         """(k, width) derivatives of the areas of nodes (k,) [area / length]."""
         return place.by_z[0][nodes]
 
-    def terms(
-        self, place: NormalPlace, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
-    ) -> ContactTerms:
-        """All that Newton's iteration asks for; arguments as without friction."""
-        t = super().terms(place, q, status, held, free)
-        (n, _, c), gdim = self.counts, self.sides.gdim
-        tau = np.where((status != OPEN)[:, None], q[-n * gdim :].reshape(n, gdim), 0.0)
+    def dragged(self, t: ContactTerms, place: NormalPlace, tau: np.ndarray) -> ContactTerms:
+        """Terms of what presses, with tau (n, gdim) as well, also as rows spread it."""
+        t = super().dragged(t, place, tau)
+        (n, _, c), width = self.counts, self.sides.width
         spread, (by_place, by_mu) = place.spread(-tau[place.on]), place.entries
-        no = [csr_matrix((self.sides.width, k)) for k in (n, c + n * gdim)]
+        no = [csr_matrix((width, k)) for k in (n, c + tau.size)]
         top = t.top - bmat([[no[0], spread @ by_mu, no[1]]])
         return replace(t, K=(t.K - spread @ by_place).tocsr(), top=top.tocsr())

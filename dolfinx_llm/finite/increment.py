@@ -85,10 +85,11 @@ class Increment:
         steps.measure(self.u)
         z = [i.at(self.dofs, self.u) for i in steps.interfaces]
         faces = [f.at(self.dofs, self.u) for f in steps.followers]
+        starts = zip(steps.interfaces, z, self.poses, good.poses, good.kept)
         with failing():
             self.held: list[Held] = [
-                replace(i.what.hold(z_i), pose=pose, pose_before=old, scale=steps.scale)
-                for i, z_i, pose, old in zip(steps.interfaces, z, self.poses, good.poses)
+                replace(i.what.hold(z_i), pose=now, pose_before=old, kept=kept, scale=steps.scale)
+                for i, z_i, now, old, kept in starts
             ]
             self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
         self.status: list[Any] = list(good.status)
@@ -249,11 +250,6 @@ class Increment:
 
     def state(self) -> NewtonState:
         """The state as it is."""
-        return NewtonState(
-            self.u,
-            tuple(self.own),
-            tuple(self.status),
-            self.pressures,
-            tuple(self.poses),
-            self.pushed,
-        )
+        kept = tuple(t.kept() if t.kept else None for t in self.terms)
+        of_each = tuple(self.own), tuple(self.status), self.pressures, tuple(self.poses), kept
+        return NewtonState(self.u, *of_each, self.pushed)

@@ -53,6 +53,7 @@ class NewtonState:
     status: tuple[np.ndarray | None, ...]  # of the pairs of each interface; None: not known yet
     pressures: np.ndarray  # of the follower loads [force / area]
     poses: tuple[np.ndarray, ...]  # per interface what places a rigid obstacle; empty without one
+    kept: tuple[Any, ...]  # per interface what its own law keeps; None without one
     pushed: np.ndarray  # (n_local,) forces of contact and follower loads on the bodies [force]
 
 

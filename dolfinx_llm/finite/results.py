@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix, diags
 
+from dolfinx_llm.finite.law_contact import LawContact
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
 from dolfinx_llm.finite.terms import ContactTerms, MovingContact
 from dolfinx_llm.geometry.frame import Frame
@@ -111,7 +112,9 @@ def moving_results(
     for kind in (STICK, SLIP, CLOSED):
         at_frame[np.asarray(abs(place.N).T @ (status == kind)).ravel() > 0.0] = kind
     slips = sides.in_order(terms.slip, _at_frame(place.N, terms.slip, active))
-    gaps = sides.in_order(np.where(active, 0.0, place.gap), np.where(loaded, 0.0, np.inf))
+    gives = isinstance(contact, LawContact) and contact.law.gives
+    own_gap = place.gap if gives else np.where(active, 0.0, place.gap)
+    gaps = sides.in_order(own_gap, np.where(loaded, 0.0, np.inf))
     statuses, areas = sides.in_order(status, at_frame), sides.in_order(*place.areas)
     of = zip(sides.surfaces, places, forces, normals, gaps, slips, statuses, areas, strict=True)
     first, second = (_side(*own) for own in of)

@@ -54,6 +54,7 @@ class Sides:
     surfaces: tuple[Surface, Surface]
     frame: int  # which of them carries the frame
     chains: Chains | None  # of the frame's facets, in the plane
+    within: float = WITHIN
 
     @classmethod
     def of(cls, surfaces: Sequence[Surface]) -> Sides:
@@ -119,7 +120,7 @@ class Sides:
         x, y = self.split(z)
         facets, at = self.facets(True), self._places(z)
         size = cell_sizes(y, self.facets(False))[at.facet]
-        near = at.met & (np.abs(at.gap) <= WITHIN * size)
+        near = at.met & (np.abs(at.gap) <= self.within * size)
         area = vector_areas(x, facets)
         across = at.normal[facets].sum(axis=1)
         cosine = np.einsum("fi,fi->f", area, across)

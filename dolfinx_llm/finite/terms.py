@@ -37,6 +37,7 @@ class Held:
     limit: float  # k of the design
     lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
     origin: Origin | None = None  # of slip, where there is friction
+    kept: Any = None  # what an own law has kept from the last increment
     pose: np.ndarray | None = None  # pivot, displacement, rotation, force of a rigid obstacle
     pose_before: np.ndarray | None = None  # the same at the start of the increment
     scale: float = 1.0  # stiffness of the bodies, which weighs lengths [force / length]
@@ -73,6 +74,7 @@ class ContactTerms:
     status: np.ndarray  # (n,) of the pairs: 0 open, 1 stick, 2 slip, 3 closed without friction
     friction: np.ndarray | None  # (width,) part of the force; None: all that is not normal
     slip: np.ndarray  # (n, gdim) tangential motion on the frame in the increment [length]
+    kept: Any = None  # () -> what an own law keeps if this is the end of the increment
     miss: float = 0.0  # largest distance of forces from the law where pairs slip [force]
 
 

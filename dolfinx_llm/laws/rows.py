@@ -1,8 +1,9 @@
 """What a law is told of the nodes at which it holds, and its linearised rows there.
 
-A law holds at k nodes: those of the frame, or the surface's own against a rigid obstacle. It is
-told forces and jumps there, both of q components: along the tangents where the law ``slips``, then
-along the normal where it ``gives``. Plain NumPy, so that a few nodes suffice to test it.
+A law holds at k nodes: those of the frame, or the surface's own against a rigid obstacle; at finite
+deformation those of the finer side. It is told forces and jumps there, both of q components: along
+the tangents where the law ``slips``, then along the normal where it ``gives``. Plain NumPy, so that
+a few nodes suffice to test it.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class LawNodes:
     """
 
     x: np.ndarray  # (k, gdim) positions, as drawn [length]
-    area: np.ndarray  # (k,) tributary area, in 2D per unit of depth [area]
+    area: np.ndarray  # (k,) tributary area, in 2D per unit of depth; as it is now [area]
     force: np.ndarray  # (k, q) [force]
     N: np.ndarray  # (k,) normal force, positive in compression [force]
     jump: np.ndarray  # (k, q) [length]

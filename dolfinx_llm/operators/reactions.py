@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.sparse import block_diag, csr_matrix, hstack
-from scipy.sparse.csgraph import connected_components
 
-from dolfinx_llm.operators.prescribed import column_space
+from dolfinx_llm.operators.prescribed import ColumnSpace, pieces
 from dolfinx_llm.operators.system import ContactOperators
 
 TOUCHING = 1e-9  # gaps up to this part of motions are none
@@ -65,9 +64,10 @@ def with_reactions(
     at = np.flatnonzero(chosen & (operators.held | (operators.interfaces_at > 1)))
     fixed = hstack([block_diag(felt, format="csr")[at], _nodal(operators, at)]).tocsr()
     multiplier, rounding = multiplier.copy(), PULL * np.abs(multiplier).max(initial=0.0)
-    _, piece = connected_components(fixed @ fixed.T, directed=False)
-    ends = np.cumsum(np.bincount(piece))[:-1]
-    for own in np.split(np.argsort(piece, kind="stable"), ends) if len(at) else []:
+    told = np.diff(fixed.indptr) > 0
+    for own in pieces(fixed):
+        if len(own) == 1 and told[own[0]]:  # its effect tells the force
+            continue
         to = at[own]
         multiplier[to] = _nearest(fixed[own], multiplier[to], wanted[to], presses[to], rounding)
     return multiplier
@@ -91,11 +91,7 @@ def _nearest(
 ) -> np.ndarray:
     """The forces (k,) nearest to those wanted that have the same effect fixedᵀ λ (q,) as others,
     where they press not negative beyond rounding [force]."""
-    basis = column_space(fixed)
-
-    def free(values: np.ndarray) -> np.ndarray:
-        return values - basis @ (basis.T @ values)
-
+    free = ColumnSpace(fixed).without
     found, forces = forces, forces + free(wanted - forces)
     size = np.abs(forces).max(initial=0.0)
     if not (forces[presses] < -rounding).any():

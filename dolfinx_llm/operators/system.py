@@ -49,7 +49,7 @@ class ContactOperators:
         free: (n, gdim) base vectors at dofs that are not.
         interfaces_at: (n,) to how many interfaces each row's node belongs.
         redundant: (n,) rows of ties at prescribed dofs that say nothing new.
-        prescribed: per tie (rows, basis) at prescribed dofs, as of ``prescribed_rows``.
+        prescribed: per tie (rows, columns) at prescribed dofs, as of ``prescribed_rows``.
         bodies: connected bodies and their rigid motions.
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
         diagonal: (n_local,) of K [force / length].
@@ -130,8 +130,8 @@ class ContactOperators:
         self.prescribed = []
         for geometry, place, L in zip(self.geometries, self.places, self.blocks, strict=True):
             if geometry.interface.law.ties:
-                rows, basis, redundant = prescribed_rows(L, self.held[place.rows])
-                self.prescribed.append((place.rows.start + rows, basis))
+                rows, columns, redundant = prescribed_rows(L, self.held[place.rows])
+                self.prescribed.append((place.rows.start + rows, columns))
                 self.redundant[place.rows.start + redundant] = True
 
     def _check_support(self, K: PETSc.Mat) -> None:
@@ -165,8 +165,8 @@ class ContactOperators:
     def least(self, multiplier: np.ndarray) -> np.ndarray:
         """(n,) multipliers, at prescribed dofs the smallest that have the same effect."""
         multiplier = multiplier.copy()
-        for rows, basis in self.prescribed:
-            multiplier[rows] = basis @ (basis.T @ multiplier[rows])
+        for rows, columns in self.prescribed:
+            multiplier[rows] -= columns.without(multiplier[rows])
         return multiplier
 
     def motion(self, side: int, u: np.ndarray) -> np.ndarray:

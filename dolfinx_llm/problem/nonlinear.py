@@ -40,10 +40,11 @@ class NonlinearContactProblem(Disposable):
             updated in place; what it holds at first is where the first step starts.
         J: derivative of F, or a sequence; None: ``ufl.derivative(F, u)``.
         bcs: Dirichlet conditions on the displacement; values may change between steps.
-        interfaces: ``Interface`` objects with the law ``Tied()``, ``Frictionless()`` or
-            ``Coulomb(...)``, which holds at the nodes of the finer side; an array of its mu has a
-            value for each of these. Rigid obstacles, which move and turn by any amount or are
-            pressed by forces, take ``Frictionless()`` and ``Coulomb(...)``.
+        interfaces: ``Interface`` objects with the law ``Tied()``, ``Frictionless()``,
+            ``Coulomb(...)`` or one of your own, which hold at the nodes of the finer side; an array
+            of mu has a value for each of these, areas are those covered now. Rigid obstacles, which
+            move and turn by any amount or are pressed by forces, take ``Frictionless()`` and
+            ``Coulomb(...)``.
         loads: ``FreeSurfacePressure`` objects.
         nodal_loads: Functions of nodal forces.
         solver: "auto" or "saddle": Newton's system factorised by MUMPS.
@@ -118,6 +119,7 @@ class NonlinearContactProblem(Disposable):
             (None,) * len(contacts),
             np.zeros(len(self.loads)),
             tuple(pose_of(c, moved=False) for c in contacts),
+            (None,) * len(contacts),
             np.zeros(len(self.bulk.dofs.fixed)),
         )
 

@@ -11,6 +11,7 @@ from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction_contact import FrictionContact
+from dolfinx_llm.finite.law_contact import LawContact
 from dolfinx_llm.finite.load_step import Placed
 from dolfinx_llm.finite.location import find_on_frame
 from dolfinx_llm.finite.normal_contact import NormalContact
@@ -32,6 +33,7 @@ from dolfinx_llm.laws.rows import LawNodes, at_positions
 from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
 
+BUILT_IN = (Tied, Frictionless, Coulomb)
 AGAINST: dict[tuple[bool, bool], type[ObstacleContact]] = {  # with friction; under a force
     (False, False): ObstacleContact,
     (True, False): ObstacleFriction,
@@ -55,11 +57,6 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
             "at finite deformation the frame's nodes are those of the coarser surface: leave "
             "frame=None"
         )
-    if type(interface.law) not in (Tied, Frictionless, Coulomb):  # others have rows of their own
-        raise ContactInputError(
-            f"law={checks.shown(interface.law)}: at finite deformation choose Tied(), "
-            "Frictionless() or Coulomb(...)"
-        )
     if isinstance(interface.law, Coulomb) and interface.law.method != "newton":
         raise ContactInputError(
             f"law={checks.shown(interface.law)}: at finite deformation choose method='newton'"
@@ -76,7 +73,10 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
     design = Design.of(frame.x, frame.facets, interface.design is not None)
     drawn = np.concatenate([s.x.ravel() for s in site.whole])
     contact: MovingContact
-    if isinstance(interface.law, Tied):
+    if type(interface.law) not in BUILT_IN:
+        nodes = _nodes(interface, sides, site, drawn, dofs)
+        contact = LawContact.of(sides, design, interface.law, nodes, drawn)
+    elif isinstance(interface.law, Tied):
         contact = TiedContact.of(sides, drawn, design, interface.law.close_gap)
     elif interface.law.slips:
         law = interface.law.start(_nodes(interface, sides, site, drawn, dofs))
@@ -90,7 +90,7 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     """An interface with a rigid obstacle; as of ``contact_of``."""
     law, obstacle = interface.law, interface.obstacle
     assert obstacle is not None
-    if isinstance(law, Tied):
+    if type(law) not in (Frictionless, Coulomb):
         raise ContactInputError(
             f"law={checks.shown(law)}: against a rigid obstacle at finite deformation choose "
             "Frictionless() or Coulomb(...), or prescribe the body's displacement"

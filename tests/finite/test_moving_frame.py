@@ -10,15 +10,40 @@ from dolfinx_llm.finite.areas import everything, surface_integrals
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction_contact import FrictionContact
 from dolfinx_llm.finite.friction_law import in_plane
+from dolfinx_llm.finite.law_contact import LawContact
 from dolfinx_llm.finite.location import find_on_frame
 from dolfinx_llm.finite.normal_contact import NormalContact
 from dolfinx_llm.finite.pressure import Follower
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import Origin
 from dolfinx_llm.geometry.surface import Surface
-from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
+from dolfinx_llm.laws.law import Law
+from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK, LawNodes, LawRows
 
 pytestmark = pytest.mark.quick
+
+
+class Bond(Law):
+    """Forces for all components of jumps, which stiffen, and are not the same in all directions."""
+
+    opens, slips, gives = False, True, True
+
+    def force(self, nodes):
+        d, q = nodes.jump, nodes.jump.shape[1]
+        A, size = 5.0 * np.eye(q) + np.tri(q), (d**2).sum(axis=1)[:, None]
+        K = A + 40.0 * (size[:, :, None] * np.eye(q) + 2.0 * d[:, :, None] * d[:, None])
+        return nodes.area[:, None] * (d @ A.T + 40.0 * size * d), nodes.area[:, None, None] * K
+
+
+class Layer(Law):
+    """Pressure for an overlap, pull for a gap."""
+
+    components, gives = "normal", True
+
+    def rows(self, nodes):
+        d, area = nodes.jump, nodes.area[:, None]
+        force, stiffness = area * (5.0 * d + 40.0 * d**3), area * (5.0 + 120.0 * d**2)
+        return LawRows.springs(nodes, force, stiffness, holds=np.ones(len(d), dtype=bool))
 
 
 def line(rng, ends, n, height, up, bend=0.1):
@@ -79,15 +104,18 @@ def pressed(name, law=None, mu=0.3):
     """Coordinates of a scene, number of pairs, and its terms where all are pressed.
 
     Args:
-        law: status of all pairs under friction, or None without.
+        law: status of all pairs under friction, a law of one's own, or None without.
         mu: coefficient of friction.
     """
     sides, z, force = scene(name)
     frame, moving = sides.surfaces[sides.frame], sides.surfaces[sides.moving]
     design, n = Design.of(frame.x, frame.facets), len(moving.x)
     contact = NormalContact(sides, design)
-    if law is not None:
-        rng = np.random.default_rng(13)
+    rng = np.random.default_rng(13)
+    if isinstance(law, Law):
+        told = LawNodes(moving.x, *(np.ones(n),) * 7)
+        contact, law = LawContact.of(sides, design, law, told, z), STICK
+    elif law is not None:
         contact = FrictionContact(sides, design, np.full(n, mu), rng.uniform(0.0, 2.0, n))
     q, held = np.zeros(contact.size), contact.hold(z)
     status, free = np.full(n, CLOSED if law is None else law), np.ones(len(z), dtype=bool)
@@ -101,7 +129,8 @@ def pressed(name, law=None, mu=0.3):
             way = in_plane(place.normal, x - start.N @ y)
             bound = mu * force + contact.cohesion * place.areas[0]
             tau = way * (bound / np.linalg.norm(way, axis=1))[:, None]
-        q[-n * sides.gdim :] = tau.ravel()
+        if law == SLIP or contact.size == n + sum(contact.counts[1:]) + tau.size:
+            q[-tau.size :] = tau.ravel()
 
     def terms(z, q=q):
         place = contact.place(z, q, held)
@@ -117,11 +146,11 @@ def differences(function, z, h=1e-6):
     return E.T, np.array(columns).T
 
 
-@pytest.mark.parametrize("law", [None, STICK, SLIP])
+@pytest.mark.parametrize("law", [None, STICK, SLIP, Bond(), Layer()], ids=str)
 @pytest.mark.parametrize("name", SCENES)
 def test_tangent_is_the_derivative(name, law):
     """Forces and gaps, through places, normals, clipped areas and the design's global equations;
-    slip and the law of friction."""
+    slip, the law of friction, and laws of one's own."""
     z, n, q, terms = pressed(name, law)
     t = terms(z)
     d = slice(

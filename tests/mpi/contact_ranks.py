@@ -69,7 +69,7 @@ def varying_outcome(comm):
     return out
 
 
-SEEDS = [[(104, 10**6), (113, 0)], [(113, 10**6), CONDENSED], [(103, 10**6), (104, 0)]]
+SEEDS = [[(104, 10**6)], [(113, 0), (113, 10**6), CONDENSED], [(103, 10**6), (104, 0)]]
 OBSTACLES = [("hexahedron", "flexibility"), ("triangle", "condensed"), ("triangle", "saddle")]
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ ranks, rank 0 prints what every rank got. ``s`` is a scene that is made once, se
 
 import json
 import re
+import sys
 import tempfile
 from functools import cached_property
 from pathlib import Path
@@ -1056,13 +1057,14 @@ differ(
 differ("numbers of Dirichlet conditions", lambda s: s.problem(bcs=pick(s, s.bcs, s.bcs[:2])))
 
 
-def entries(size):
-    """What is asked on a number of ranks: all on one; on two three quarters of that, on three the
-    others, beside what only several get."""
+def entries(size, part):
+    """What is asked on a number of ranks: all on one; on two (in two parts) three quarters of that,
+    on three the others, beside what only several get."""
     every = [*TABLE, *ONE_RANK]
     if size == 1:
         return every
-    return [e for k, e in enumerate(every) if (k % 4 == 1) == (size == 3)] + DIFFERENT
+    asked = {(2, 0): (0,), (2, 1): (2, 3), (3, 0): (1,)}[size, part]
+    return [e for k, e in enumerate(every) if k % 4 in asked] + (DIFFERENT if part == 0 else [])
 
 
 def outcome(scene, entry):
@@ -1082,7 +1084,7 @@ def outcome(scene, entry):
 if __name__ == "__main__":
     comm = MPI.COMM_WORLD
     scene, found = Scene(comm), {}
-    for entry in entries(comm.size):
+    for entry in entries(comm.size, int(sys.argv[1])):
         found[entry[0]] = comm.gather(outcome(scene, entry))
     if comm.rank == 0:
         print(json.dumps(found))

@@ -336,9 +336,6 @@ def test_refused():
         arguments.setdefault("interfaces", [llm.Interface(tags, (LOW, HIGH))])
         return llm.NonlinearContactProblem(F, u, **arguments)
 
-    class Glued(llm.Coulomb):
-        """A law of one's own, whose rows would not be asked."""
-
     switch = llm.Coulomb(0.2, method="switch")
     for kwargs, text in [
         ({"u": "u"}, "give the Function u"),
@@ -346,8 +343,7 @@ def test_refused():
         ({"loads": [3]}, "give FreeSurfacePressure"),
         ({"loads": llm.FreeSurfacePressure(blocks((5, 7))[1], TOP, 1.0)}, "none of the meshes"),
         ({"solver": "condensed"}, "choose one of"),
-        ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=llm.Law())]}, "Frictionless"),
-        ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=Glued(0.2))]}, "Frictionless"),
+        ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=llm.Law())]}, "ties along"),
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=switch)]}, "method='newton'"),
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), design="positions")]}, "frame moves"),
     ]:

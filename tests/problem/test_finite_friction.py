@@ -79,6 +79,19 @@ def test_block_on_a_slope(mu, cells, slope, step, gap):
     assert not mu or abs(slid / (step * (1.0 - before) * np.hypot(1.0, TAN)) - 1.0) < 1e-2
 
 
+class Ours(llm.Coulomb):
+    """A law of one's own that is asked for its rows."""
+
+    def rows(self, nodes):
+        Ours.asked = True
+        return super().rows(nodes)
+
+
+def test_law_derived_from_friction():
+    found = Pushed(Ours(0.2)).to(0.3)[0]
+    assert abs(found * (1.0 - 0.2 * TAN) / (TAN + 0.2) - 1.0) < 1e-4 and Ours.asked
+
+
 def test_friction_may_vary_and_cohere():
     """A function of positions, an array, a Function of a body; a cohesion times the area."""
     x = 0.3

@@ -13,8 +13,7 @@ from scipy.linalg import qr, solve_triangular
 from scipy.sparse import coo_matrix, csr_matrix, diags
 
 from dolfinx_llm.operators.numbering import Numbering
-
-RANK = 1e-8  # of rows that bind the frame alone, as in ``operators.prescribed_rows``
+from dolfinx_llm.operators.prescribed import RANK
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,106 @@
+"""Laws of one's own on the moving frame, at the nodes of the moving side: see ``law_told``. Their
+rows take the place of the gap's, where they give, and of friction's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import bmat, csr_matrix, diags, vstack
+
+from dolfinx_llm.finite.friction_law import in_plane
+from dolfinx_llm.finite.jacobians import coordinates, summing
+from dolfinx_llm.finite.law_system import LawSystem
+from dolfinx_llm.finite.law_told import ToldContact, tau
+from dolfinx_llm.finite.normal_contact import NormalContact, NormalPlace
+from dolfinx_llm.finite.terms import ContactTerms, Held, moved
+from dolfinx_llm.laws.rows import CLOSED, OPEN
+
+BARE = 1e-9  # area over the largest below which a law is not asked
+
+
+@dataclass(frozen=True, eq=False)
+class LawContact(ToldContact):
+    """Contact under a law of one's own."""
+
+    def touching(
+        self,
+        place: NormalPlace,
+        q: np.ndarray,
+        before: np.ndarray,
+        held: Held,
+        reach: np.ndarray,
+    ) -> tuple[np.ndarray, Held]:
+        """(n,) status as the law says, and what is held; arguments as without a law."""
+        origin = held.origin or self.started(place, held, before != OPEN)
+        apart = moved(place, -self.gap_drawn)
+        status, _ = NormalContact.touching(self, apart, q, before, held, reach)
+        areas = place.areas[0]
+        asked = np.flatnonzero(place.pairs & (areas > BARE * areas.max(initial=0.0)))
+        status[areas <= BARE * areas.max(initial=0.0)] = OPEN
+        if held.origin is None:
+            self.check_reach(held, asked)
+        if not len(asked):
+            return status, replace(held, origin=origin)
+        begun = replace(held, origin=origin)
+        said = self.said(place, q, before, begun, asked)[0]
+        pulls = asked[said.holds | (not self.law.opens)]
+        status[pulls] = CLOSED
+        first = (status != OPEN) & ~origin.touched
+        if first.any():
+            begun = replace(begun, origin=self._begun(origin, place, first))
+        closed = status[asked] != OPEN
+        status[asked[closed]] = np.where(said.status == OPEN, CLOSED, said.status)[closed]
+        return status, begun
+
+    def terms(
+        self, place: NormalPlace, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
+    ) -> ContactTerms:
+        """All that Newton's iteration asks for; arguments as without a law."""
+        (n, gdim), c, gives = place.normal.shape, held.scale, self.law.gives
+        t = NormalContact.terms(self, place, q, status, held, np.ones_like(free) if gives else free)
+        at, size = np.flatnonzero(status != OPEN), t.own.shape[0]
+        every = bmat([[t.left, t.own]], format="csr")
+        if self.law.slips:
+            every = bmat([[every, csr_matrix((size, n * gdim))]], format="csr")
+        said, tangents = self.said(place, q, status, held, at)
+        pull, slip = np.zeros((n, gdim)), np.zeros((n, gdim))
+        turned, sigma, way = self.turned(place, at), np.zeros((0, gdim)), csr_matrix((0, len(free)))
+        if tangents is not None:
+            assert held.origin is not None
+            pull[at] = tau(q, n, gdim)[at]
+            t = self.dragged(t, place, pull)
+            sigma, way = self.way(place, held.origin)
+            sigma, way = sigma[at], way[coordinates(at[:, None], gdim).ravel()]
+            slip[at] = in_plane(place.normal[at], sigma)
+        normal = place.normal[at]
+        system = LawSystem(
+            every.shape[1], len(free), n, at, said, tangents, normal, turned, pull[at]
+        )
+        change = system.change(every[at], self.growth(place, at), (sigma, way), self.sign)
+        rows, rest, miss = [every[:n], every[n:]], [t.rest.copy()], 0.0
+        if gives:
+            shut = diags((status == OPEN).astype(float)) @ every[:n]
+            p = said.left.shape[1]
+            rows[0] = shut + summing(at, n) @ change[p - 1 :: p] / c
+            rest[0][at] = said.left[:, -1] / c
+            miss = float(np.abs(said.left[:, -1]).max(initial=0.0))
+        if tangents is not None:
+            by, left = system.along(change)
+            vectors = np.where((status == OPEN)[:, None], tau(q, n, gdim), 0.0)
+            vectors[at] = left
+            idle = diags(np.repeat((status == OPEN).astype(float), gdim))
+            none = csr_matrix((n * gdim, every.shape[1] - n * gdim))
+            rows.append((summing(system.own, n * gdim) @ by + bmat([[none, idle]])) / c)
+            rest.append(vectors.ravel() / c)
+            miss = max(miss, float(np.abs(left).max(initial=0.0)))
+        found = vstack(rows, format="csr")
+        return replace(
+            t,
+            left=found[:, : len(free)],
+            own=found[:, len(free) :],
+            rest=np.concatenate(rest),
+            slip=slip,
+            miss=miss,
+            kept=self.keeps(place, q, status, held),
+        )

@@ -1,0 +1,216 @@
+"""What a law of one's own is told of the moving side's nodes, and what it keeps.
+
+The law of ``laws.law`` is told of these nodes what it is told of frame nodes at small sliding: the
+area of each that is covered now, by which it should make forces of tractions, the force of side 0
+on side 1, and the jump: along the normal the overlap now, or its growth since the drawing where the
+gap as drawn does not count; along the surface the sum of what increments slipped, each measured as
+under friction, in a base that is carried along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.finite.design import Design
+from dolfinx_llm.finite.friction_contact import FrictionContact
+from dolfinx_llm.finite.law_rows import Linear, Tangents, linear
+from dolfinx_llm.finite.normal_contact import NormalPlace
+from dolfinx_llm.finite.sides import Sides
+from dolfinx_llm.finite.terms import Held
+from dolfinx_llm.laws.law import Law
+from dolfinx_llm.laws.rows import OPEN, LawNodes
+
+PULLS = 1e-9  # force over stiffness times facet size below which it is none
+REACHES = 4.0  # gap over the frame's facet up to which laws can pull
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """What a law keeps from increment to increment."""
+
+    history: dict[str, np.ndarray]  # (n, ...)
+    jump: np.ndarray  # (n, q) at the end of the last one [length]
+    pulled: np.ndarray  # (n,) nodes at which the law pulled then
+
+
+@dataclass(frozen=True, eq=False)
+class ToldContact(FrictionContact):
+    """Unknowns: a normal force per node, mu, kappa, and where the law slips tau as under friction,
+    whose own coefficients are 0."""
+
+    law: Law
+    nodes: LawNodes  # all n as drawn, with the law's history at the start
+    gap_drawn: np.ndarray  # (n,) that does not count [length]
+    neighbours: np.ndarray  # (n,) of each node, on the surface
+
+    @classmethod
+    def of(
+        cls, sides: Sides, design: Design, law: Law, nodes: LawNodes, z: np.ndarray
+    ) -> ToldContact:
+        """Contact of surfaces drawn at coordinates z.
+
+        Args:
+            sides, design: of the surfaces.
+            law: of one's own.
+            nodes: of the moving side, with what users give sampled there.
+            z: (width,) [length].
+
+        Raises:
+            ContactInputError: a law that ties along the surface.
+        """
+        if not law.slips and law.components != "normal":
+            raise ContactInputError(
+                f"law={law!r} ties along the surface: at finite deformation laws of your own slip, "
+                "or have components 'normal'"
+            )
+        n = len(nodes.x)
+        meeting = sides.meet(z, sides.candidates(z))
+        gap = np.where(meeting.at.met, meeting.at.gap, 0.0)
+        nothing = np.zeros((n, law.jumps(sides.gdim)))
+        nodes = replace(
+            nodes,
+            area=sides.forces(meeting, z, True)[0],
+            force=nothing,
+            jump=nothing,
+            before=nothing,
+            status=np.full(n, OPEN),
+        )
+        return cls(
+            replace(sides, within=REACHES),
+            design,
+            np.zeros(n),
+            np.zeros(n),
+            law,
+            replace(nodes, history=law.start(nodes)),
+            np.zeros(n) if law.closes_gap else gap,
+            neighbours(sides.facets(True), n),
+        )
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        nodes = self.sides.surfaces[self.sides.moving]
+        return super().size - (0 if self.law.slips else nodes.x.size)
+
+    @property
+    def owner(self) -> np.ndarray:
+        """(size,) ranks that own the unknowns."""
+        return super().owner[: self.size]
+
+    def check_reach(self, held: Held, asked: np.ndarray) -> None:
+        """Require that nodes where the law pulled in the last increment are among those asked (k,).
+
+        Raises:
+            ContactError: they lie far from the frame, or beyond its edge.
+        """
+        lost = self._kept(held).pulled.copy()
+        lost[asked] = False
+        if lost.any():
+            raise ContactError(
+                f"the law {self.law!r} pulls at {int(lost.sum())} nodes that lie farther than "
+                f"{REACHES:g} facets from the other side now, or beyond its edge. Take coarser "
+                "facets there, or a law that ends before"
+            )
+
+    def _jump(
+        self, place: NormalPlace, held: Held, at: np.ndarray
+    ) -> tuple[np.ndarray, Tangents | None]:
+        """(k, q) jumps of nodes (k,), and the base of their components along the surface."""
+        parts, tangents = [], None
+        if self.law.slips:
+            assert held.origin is not None
+            tangents = self._tangents(place, at)
+            sigma = self.way(place, held.origin)[0][at]
+            slip = self.sign * tangents.components(sigma)
+            parts.append(self._kept(held).jump[at][:, : slip.shape[1]] + slip)
+        if self.law.gives:
+            parts.append((self.gap_drawn - place.gap)[at][:, None])
+        return np.concatenate(parts, axis=1), tangents
+
+    def _tangents(self, place: NormalPlace, at: np.ndarray) -> Tangents:
+        ends = at, self.neighbours[at]
+        first = self.sides.first[0]
+        x = self.sides.split(place.z)[0]
+        return Tangents.of(x, ends, place.normal[at], self.turned(place, at), first)
+
+    @property
+    def sign(self) -> float:
+        """Of forces and motions of the moving side against the frame, as those of side 0."""
+        return 1.0 if self.sides.moving == 0 else -1.0
+
+    def _kept(self, held: Held) -> Kept:
+        jump = self.nodes.jump
+        return held.kept or Kept(self.nodes.history, 0.0 * jump, np.zeros(len(jump), dtype=bool))
+
+    def _told(
+        self, place: NormalPlace, q: np.ndarray, status: np.ndarray, held: Held, at: np.ndarray
+    ) -> tuple[LawNodes, Tangents | None]:
+        """What the law is told of nodes (k,), with their jump as it is."""
+        n, gdim = place.normal.shape
+        kept = self._kept(held)
+        jump, tangents = self._jump(place, held, at)
+        force = [q[:n][at][:, None]] if self.law.gives else []
+        if tangents is not None:
+            force.insert(0, self.sign * tangents.components(tau(q, n, gdim)[at]))
+        sample = self.nodes.sample
+        return LawNodes(
+            self.nodes.x[at],
+            place.areas[0][at],
+            force=np.concatenate(force, axis=1),
+            N=q[:n][at],
+            jump=jump,
+            before=kept.jump[at],
+            c=np.full(len(at), held.scale),
+            status=status[at],
+            history={name: value[at] for name, value in kept.history.items()},
+            sample=None if sample is None else lambda value: sample(value)[at],
+        ), tangents
+
+    def said(
+        self, place: NormalPlace, q: np.ndarray, status: np.ndarray, held: Held, at: np.ndarray
+    ) -> tuple[Linear, Tangents | None]:
+        """The law about this iterate, at nodes (k,)."""
+        nodes, tangents = self._told(place, q, status, held, at)
+        jump = nodes.jump
+        said = linear(self.law, nodes, jump)
+        if self.law.opens and self.law.gives and (jump[:, -1] < 0.0).any():
+            shut = jump.copy()
+            shut[~said.holds, -1] = np.maximum(jump[~said.holds, -1], 0.0)
+            said = linear(self.law, replace(nodes, jump=shut), jump)
+        return said, tangents
+
+    def keeps(
+        self, place: NormalPlace, q: np.ndarray, status: np.ndarray, held: Held
+    ) -> Callable[[], Kept]:
+        """What is kept if this is the end of the increment."""
+
+        def ended() -> Kept:
+            at, kept = np.flatnonzero(status != OPEN), self._kept(held)
+            nodes = self._told(place, q, status, held, at)[0]
+            kept_now = self.law.end_step(nodes)
+            history = {name: value.copy() for name, value in kept.history.items()}
+            for name, value in kept_now.items():
+                every = np.zeros((len(kept.jump), *np.shape(value)[1:]), np.asarray(value).dtype)
+                history.setdefault(name, every)[at] = value
+            jump = kept.jump.copy()
+            jump[at] = nodes.jump
+            least = PULLS * held.scale * self.design.size
+            return Kept(history, jump, q[: len(jump)] < -least)
+
+        return ended
+
+
+def tau(q: np.ndarray, n: int, gdim: int) -> np.ndarray:
+    """(n, gdim) forces along the surface, the last of the unknowns [force]."""
+    return q[-n * gdim :].reshape(n, gdim)
+
+
+def neighbours(facets: np.ndarray, n: int) -> np.ndarray:
+    """(n,) a node that shares an edge with each of n nodes, of facets (f, k)."""
+    found = np.zeros(n, dtype=np.int64)
+    found[facets] = np.roll(facets, -1, axis=1)
+    return found

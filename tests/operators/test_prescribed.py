@@ -1,0 +1,65 @@
+"""Column spaces and independent rows of sparse matrices, against dense algebra."""
+
+import numpy as np
+import pytest
+import scenes
+from scipy.sparse import csr_matrix, vstack
+
+import dolfinx_llm as llm
+from dolfinx_llm.operators import prescribed
+from dolfinx_llm.operators.prescribed import ColumnSpace, independent_rows
+
+
+def interpolation(n, m):
+    """Shape functions of m x m quads at the nodes of n x n others."""
+    x, cells = scenes.grid(m, m, seed=11)
+    frame = llm.Frame(np.column_stack([x, 0.0 * x[:, 0]]), cells)
+    at, _ = scenes.grid(n, n, seed=12)
+    return frame.interpolation(frame.locate(np.column_stack([at, 0.0 * at[:, 0]])))
+
+
+def graded(rng):
+    """Singular values from 1 to 1e-6."""
+    Q = np.linalg.qr(rng.normal(size=(60, 12)))[0]
+    return csr_matrix(
+        Q @ np.diag(np.logspace(0, -6, 12)) @ np.linalg.qr(rng.normal(size=(12, 12)))[0]
+    )
+
+
+MATRICES = {
+    "finer rows": lambda rng: interpolation(17, 15),
+    "coarser rows": lambda rng: interpolation(9, 15),
+    "rows twice": lambda rng: vstack([interpolation(15, 15)] * 2).tocsr(),
+    "large": lambda rng: 1e9 * interpolation(5, 4),
+    "rank 1": lambda rng: csr_matrix(np.outer(rng.normal(size=40), rng.normal(size=10))),
+    "graded": graded,
+    "zero": lambda rng: csr_matrix((5, 4)),
+}
+
+
+@pytest.mark.parametrize("name", MATRICES)
+def test_column_space(name):
+    rng = np.random.default_rng(2001)
+    D = MATRICES[name](rng)
+    U, size, _ = np.linalg.svd(D.toarray(), full_matrices=False)
+    U = U[:, size > 1e-8 * max(size[0], 1e-300)]
+    x = rng.normal(size=(len(U), 2))
+    found = ColumnSpace(D).without(x)
+    assert np.abs(found - (x - U @ (U.T @ x))).max() <= (1e-9 if name == "graded" else 1e-12)
+    rows = independent_rows(D)
+    assert len(np.unique(rows)) == U.shape[1]
+    if len(rows):
+        kept = np.linalg.svd(D[rows].toarray(), compute_uv=False)
+        assert kept[-1] >= 1e-2 * size[U.shape[1] - 1]
+
+
+def test_nearly_dependent_rows_are_exchanged(monkeypatch):
+    """Of rows that match columns best, one pair that is next to parallel."""
+    D = interpolation(17, 15).tolil()
+    D[:, 0], D[:, 1] = 0.0, 0.0
+    D[:3, :2] = np.array([[1.0, 0.9], [0.9, 0.81 + 1e-7], [0.5, 0.1]])
+    D = D.tocsr()
+    size = np.linalg.svd(D.toarray(), compute_uv=False)
+    monkeypatch.setattr(prescribed, "qr", None)  # no dense algebra
+    kept = np.linalg.svd(D[independent_rows(D)].toarray(), compute_uv=False)
+    assert len(kept) == D.shape[1] and kept[-1] >= 1e-2 * size[-1]

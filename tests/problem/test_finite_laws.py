@@ -1,0 +1,147 @@
+"""Laws of one's own at finite deformation, as of the demo: exact states, history, turned scenes."""
+
+import finite_patch
+import numpy as np
+import pytest
+from dolfinx import fem
+from own_law import Glue, Soft
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+from test_finite_obstacles import FOOT, TOP, block, rolled
+
+import dolfinx_llm as llm
+
+MU, LAM = finite_patch.lame(1000.0, 0.4)  # of ``block``
+
+
+def stretched(b, dim):
+    """Cauchy stress of a column whose height is b times the drawn one, free at its sides."""
+
+    def pull(a, other):
+        return MU * (a - 1.0 / a) + LAM * np.log(b * other ** (dim - 1)) / a
+
+    a = brentq(lambda a: pull(a, a), 0.3, 3.0, xtol=1e-15)
+    return pull(b, a) / a ** (dim - 1)
+
+
+def height(traction, U, dim):
+    """b of two columns, drawn 1 high, whose ends are moved apart by U: they are pulled at by
+    traction(opening) [force / area now]."""
+    return brentq(lambda b: traction(U - 2.0 * (b - 1.0)) - stretched(b, dim), 0.4, 2.5, xtol=1e-15)
+
+
+def soft(law, opening, worst):
+    return -law.p0 * np.expm1(max(-opening, 0.0) / law.h)
+
+
+def glue(law, opening, worst):
+    if opening < 0.0:
+        return law.k * opening
+    felt = np.clip(max(opening, worst), law.first, law.last)
+    return law.k * opening * law.first * (law.last - felt) / felt / (law.last - law.first)
+
+
+class Columns:
+    """Two blocks upon each other; ``move`` takes both ends' or all nodes' displacements."""
+
+    def __init__(self, kind, law, cells=(2, 3), order=(0, 1), rigid=False):
+        bodies = [block(kind, n) for n in cells]
+        self.spaces = [V for _, _, V, _, _ in bodies]
+        dim = self.spaces[0].mesh.geometry.dim
+        bodies[1][0].geometry.x[:, dim - 1] += 1.0
+        bcs, self.u = [], [u for _, _, _, u, _ in bodies]
+        self.g = [fem.Function(V) for V in self.spaces]
+        for z, V, g in zip((0.0, 2.0), self.spaces, self.g, strict=True):
+            if rigid:
+                every = np.arange(V.dofmap.index_map.size_local, dtype=np.int32)
+                bcs.append(fem.dirichletbc(g, every))
+                continue
+            bcs += rolled(V, range(dim - 1))
+            W = V.sub(dim - 1).collapse()[0]
+            end = fem.locate_dofs_geometrical(
+                (V.sub(dim - 1), W), lambda x, z=z: np.isclose(x[dim - 1], z)
+            )
+            self.end = fem.Function(W)
+            bcs.append(fem.dirichletbc(self.end, end, V.sub(dim - 1)))
+        sides = (bodies[0][1], TOP), (bodies[1][1], FOOT)
+        interface = llm.Interface(None, tuple(sides[i] for i in order), law=law)
+        self.problem = llm.NonlinearContactProblem(
+            [F for *_, F in bodies], self.u, bcs=bcs, interfaces=[interface]
+        )
+
+    def solve(self):
+        self.problem.solve()
+        return self.problem.results[0]
+
+
+@pytest.mark.parametrize(
+    ("law", "known", "pulls"),
+    [  # the last of which opens or breaks
+        (Soft(30.0, 0.05), soft, (-0.05, -0.4, 0.02)),
+        (Glue(4000.0, first=0.05, last=0.6), glue, (0.3, 0.55, 0.2, -0.1, 0.8)),
+    ],
+    ids=["soft", "glue"],
+)
+@pytest.mark.parametrize(("kind", "order"), [("quad", (1, 0)), ("tet", (0, 1))])
+def test_closed_forms(law, known, pulls, kind, order):
+    """Pressed by half of its height, pulled until it breaks, and unloaded on the way: uniform
+    tractions on the area now, as the law says of the largest opening so far."""
+    columns, worst = Columns(kind, law, order=order), 0.0
+    dim = columns.spaces[0].mesh.geometry.dim
+    for U in pulls:
+        columns.end.x.array[:] = U
+        result = columns.solve()
+        b = height(lambda d, at=worst: known(law, d, at), U, dim)
+        worst, stress = max(worst, U - 2.0 * (b - 1.0)), stretched(b, dim)
+        assert np.abs(result.pressure + stress).max() < 1e-9 * max(abs(stress), 1.0)
+        assert np.abs(result.traction).max() < 1e-9
+        if abs(stress) > 1e-6:
+            gap = result.sides[order.index(1)].gap  # of the finer side
+            assert np.abs(gap - (U - 2.0 * (b - 1.0))).max() < 1e-10
+            moved = columns.u[0].x.array.reshape(-1, dim)[:, -1]
+            assert abs(moved[np.abs(moved).argmax()] - (b - 1.0)) < 1e-11
+    assert abs(stress) < 1e-6
+
+
+@pytest.mark.parametrize("kind", ["quad", "tet"])
+def test_slips_as_told_in_any_pose(kind):
+    """A glued body that is moved along and off the other one in steps, and turned with it: the
+    traction belongs to the whole jump, along the surface as well, and turns with the bodies."""
+    law = Glue(400.0, ratio=0.5, first=0.05, last=0.6)
+    columns = Columns(kind, law, cells=(2, 2), rigid=True)
+    dim = columns.spaces[0].mesh.geometry.dim
+    jump, R = np.zeros(dim), np.eye(dim)
+    axis = np.eye(3)[2] if dim == 2 else np.array([0.48, 0.6, 0.64])
+    for turn, slide in ((0.0, 0.02), (0.0, 0.03), (0.5, 0.0), (1.0, 0.0), (1.0, 0.02)):
+        jump = jump + slide * np.array([1.0, -0.5, 0.4])[[0, -1] if dim == 2 else [0, 1, 2]]
+        R = Rotation.from_rotvec(turn * axis).as_matrix()[:dim, :dim]
+        for k, (V, g) in enumerate(zip(columns.spaces, columns.g, strict=True)):
+            X = V.tabulate_dof_coordinates()[:, :dim]
+            g.x.array[:] = ((X + k * jump) @ R.T - X).ravel()
+        result = columns.solve()
+        weight = np.full(dim, law.ratio)
+        weight[-1] = 1.0
+        opening = np.sqrt(weight @ jump**2)
+        felt = max(opening, law.first)
+        share = law.first * (law.last - felt) / felt / (law.last - law.first)
+        force = law.k * share * weight * jump  # on the upper body, minus
+        area = result.frame_area.sum()
+        assert np.abs(result.resultant + area * (R @ force)).max() < 1e-9
+        assert np.abs(result.pressure + force[-1]).max() < 1e-9
+    assert opening > law.first
+
+
+def test_refused():
+    class Bound(llm.Law):
+        gives = True
+
+    with pytest.raises(llm.ContactInputError, match="ties along the surface"):
+        Columns("quad", Bound())
+    columns = Columns("quad", Glue(400.0, first=0.05, last=9.0), cells=(2, 3), rigid=True)
+    columns.g[1].x.array[1::2] = 1.5
+    columns.solve()
+    columns.g[1].x.array[1::2] = 3.0
+    columns.solve()
+    columns.g[1].x.array[1::2] = 3.1
+    with pytest.raises(llm.ContactError, match="farther than 4 facets"):
+        columns.solve()
