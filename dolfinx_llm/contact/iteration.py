@@ -17,7 +17,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.contact.equations import Equations, given_way, spread
 from dolfinx_llm.contact.gliding import glide, slips
-from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.contact.state import ContactState, InterfaceState
 from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import GRAZING, SIGN, StepForm, StepResult, force_level
 from dolfinx_llm.forms.verdict import FinalError, Verdict
@@ -31,6 +31,7 @@ FEW = 0.02  # of the pairs: where no more change, those that close do so for rea
 CONSTANT = 1e-8  # part of the largest force by which those at supports may still change
 ROUGH = 1e-6  # the same where that does not fall: it is rounding over ``SOFT``
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
+FLOATS = 1e-6  # of the forces, that springs carry where contact without friction holds no body
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
 FRICTIONLESS = 1e-2  # of the normal force that may be without friction: less than meshes cost
 CALM = 2  # iterations without a change after which a residual may have stopped falling
@@ -91,8 +92,7 @@ class ContactIteration:
         """
         if other.multiplier is None:
             return
-        for state, kept in zip(self.states, other.states, strict=True):
-            state.restore(kept.own)
+        _take_back(self.states, [s.own for s in other.states])
         self.multiplier, self.w = other.multiplier, other.w
         self.alpha = self.operators.floating.amounts(u)  # of other modes, perhaps
         self.forces, self.pressed = other.forces, other.pressed
@@ -107,8 +107,7 @@ class ContactIteration:
     def restore(self, snapshot: tuple) -> None:
         """Back to what ``snapshot`` returned."""
         states, self.multiplier, self.w, self.alpha, self.equations.loads = snapshot
-        for state, kept in zip(self.states, states, strict=True):
-            state.restore(kept)
+        _take_back(self.states, states)
 
     def accept(self, found: StepResult, g: np.ndarray) -> None:
         """End a load step: what has slipped is the reference of the next."""
@@ -132,10 +131,8 @@ class ContactIteration:
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
         equations.start, self._calmed = about[0], False  # whether the state has come to rest once
         calm, before, w_last = 0, np.inf, w  # iterations without change; last residual and motion
-        starts = not known and not floating.count  # else friction holds bodies, perhaps
-        changes, many = 0, MANY * sum(len(s.nodes.rows) for s in self.states) if starts else np.inf
-        runs = 0  # iterations in which contact did not balance the force on an obstacle
-        given = np.inf  # by how much forces at supports changed last
+        changes, many = 0, np.inf if known else MANY * sum(len(s.nodes.rows) for s in self.states)
+        runs, given = 0, np.inf  # see RUNS; by how much forces at supports changed last
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         spring = floating.spring(self.scale)
         pull = Pull(floating, spring, f, self.forces, alpha)
@@ -169,13 +166,17 @@ class ContactIteration:
                 return found
             if not known and iteration == 1 and glide(equations, changes > many):
                 glides = True  # contact is sought anew, without friction
-                for s, kept in zip(self.states, rest, strict=True):
-                    s.restore(kept)
+                stuck = self.snapshot()[0], (multiplier, w), equations.middle(y + g, w)
+                _take_back(self.states, rest)
                 continue
             # That all stick or glide at first is a state that changes.
             supposed = glides or (not known and iteration == 1 and miss > self.form.accuracy)
             calm = 0 if changes or supposed else calm + 1
             pull.watch(found.floating, multiplier, calm, self.form.noise)
+            if glides and pull.share > FLOATS:  # friction alone holds bodies: on from what stuck
+                glides, many, (_, about, centre) = False, np.inf, stuck
+                _take_back(self.states, stuck[0])
+                continue
             stalled = calm > CALM and miss > 0.5 * before
             enough = max(ENOUGH, spread(equations) * self.form.noise / largest)
             settled = miss <= self.form.accuracy or (stalled and miss <= enough)
@@ -236,6 +237,11 @@ class ContactIteration:
             changes += int(differs.sum())
             s.take(told)
         return changes
+
+
+def _take_back(states: list[InterfaceState], to: list[ContactState]) -> None:
+    for state, kept in zip(states, to, strict=True):
+        state.restore(kept)
 
 
 def _count(states: list[InterfaceState]) -> dict:

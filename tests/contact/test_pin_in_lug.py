@@ -1,5 +1,7 @@
 """A pin pulled in the hole of a plate, with friction: a curved fit, in 2D and 3D."""
 
+import itertools
+
 import gmsh
 import numpy as np
 import pytest
@@ -50,8 +52,9 @@ def draw(dim, h, clearance, seed):
     gmsh.model.mesh.generate(dim)
 
 
-def pulled(dim, mu, h, clearance, seed=3, comm=MPI.COMM_WORLD):
-    """The problem, and the load per volume (2D) or area of the pin's ends as a Constant."""
+def pulled(dim, mu, h, clearance, seed=3, comm=MPI.COMM_WORLD, along=0.0):
+    """The problem, and the load per volume (2D) or area of the pin's ends as a Constant; a part of
+    it ``along`` the pin, which friction alone then holds there."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     if comm.rank == 0:
@@ -66,7 +69,8 @@ def pulled(dim, mu, h, clearance, seed=3, comm=MPI.COMM_WORLD):
     where = ds(ENDS) if dim == 3 else dx(PIN)
     area = fem.assemble_scalar(fem.form(fem.Constant(mesh, 1.0) * where))
     load, zero = fem.Constant(mesh, 0.0), fem.Constant(mesh, 0.0)
-    held = [(EDGE, k) for k in range(dim)] + [(ENDS, k) for k in range(1, dim) if dim == 3]
+    ends = range(1, 2 if along else dim) if dim == 3 else ()
+    held = [(EDGE, k) for k in range(dim)] + [(ENDS, k) for k in ends]
     bcs = [
         fem.dirichletbc(
             zero, fem.locate_dofs_topological(V.sub(k), dim - 1, tags.find(tag)), V.sub(k)
@@ -81,18 +85,25 @@ def pulled(dim, mu, h, clearance, seed=3, comm=MPI.COMM_WORLD):
         bcs.append(fem.dirichletbc(fem.Function(W), at, V.sub(1)))
     a = ufl.inner(stress, ufl.grad(w)) * (dx(PLATE) + dx(PIN))
     contact = llm.Interface(tags, (SHAFT, BORE), law=llm.Coulomb(mu))
-    problem = llm.ContactProblem(a, load * w[0] * where, bcs=bcs, interfaces=[contact])
+    L = load * (w[0] + along * w[dim - 1]) * where
+    problem = llm.ContactProblem(a, L, bcs=bcs, interfaces=[contact])
     return problem, load, comm.allreduce(area)
 
 
 PLANE = (2, 2.0, 0.0, 0.2), (2, 2.0, 0.02, 0.05), (2, 2.0, 0.02, 0.5)
+
+# The pin floats until it touches, where contact without friction holds it; a clearance of 0.1 with
+# a coefficient of 1 does not converge yet.
+SOLID = [(3, 4.0, 0.1, 0.2), *((3, 4.0, *case) for case in
+         itertools.product((0.0, 0.02, 0.05), (0.05, 0.2, 0.5, 1.0)))]  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("form", "dim", "h", "clearance", "mu"),
     [*some_of([("saddle", *case) for case in PLANE], [("saddle", *PLANE[2])]),
      *some_of([("flexibility", *case) for case in PLANE], [("flexibility", *PLANE[0])]),
-     ("flexibility", 3, 3.0, 0.02, 0.5)],
+     ("flexibility", 3, 3.0, 0.02, 0.5),
+     *some_of([("flexibility", *case) for case in SOLID], [("flexibility", *SOLID[0])])],
 )  # fmt: skip
 def test_converges(form, dim, h, clearance, mu, monkeypatch):
     """In a few iterations, on the load's resultant, without tension, within Coulomb's cone."""
@@ -109,4 +120,14 @@ def test_converges(form, dim, h, clearance, mu, monkeypatch):
         assert side.normal_force.min() >= -1e-10 * largest
     friction = np.linalg.norm(result.frame_friction, axis=1)
     assert (friction - mu * np.maximum(result.frame_force, 0.0)).max() <= 1e-9 * largest
+    problem.destroy()
+
+
+@pytest.mark.long
+def test_friction_alone_holds():
+    """Along the pin: contact is sought without friction, in vain, and then with it."""
+    problem, load, area = pulled(3, 0.5, 4.0, 0.02, along=0.02)
+    load.value = -PULL / area
+    problem.solve()
+    assert problem.results[0].resultant[::2] == pytest.approx([-PULL, -0.02 * PULL], abs=1e-6)
     problem.destroy()

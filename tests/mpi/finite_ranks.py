@@ -1,4 +1,4 @@
-"""The finite patch test of the demo, and strips with friction; rank 0 prints errors and forces."""
+"""The finite patch test of the demo, and bodies with friction; rank 0 prints errors and forces."""
 
 import json
 import sys
@@ -7,6 +7,7 @@ import finite_patch
 import patch2d
 import turned_strips
 from mpi4py import MPI
+from pressed_scenes import Punch
 
 import dolfinx_llm as llm
 from dolfinx_llm.problem import nonlinear_parts
@@ -28,5 +29,10 @@ if kind == "quad":  # strips that stick and slip under friction
     sheared = strips.step(turned_strips.SHIFT)[0]
     assert min(strips.counts()[:2]) > 0
     force += sheared.ravel().tolist()
+else:
+    punch = Punch(kind, llm.Coulomb(0.3), comm=comm)
+    side = punch.to(down=0.05, along=0.01).sides[1]
+    assert {1, 2} <= set(side.status)
+    force += side.force.ravel().tolist()
 if comm.rank == 0:
     print(json.dumps({"stretch": stretch, "pressure": pressure, "force": force}))

@@ -1,12 +1,15 @@
 """Coulomb friction at finite deformation: a slope, what varies, bodies that come into contact."""
 
+import finite_patch
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
 from friction_block import BOTTOM, LEFT, TOP, body
 from mpi4py import MPI
-from test_finite_deformation import bodies_of
+from scipy.integrate import simpson
+from test_finite_deformation import HIGH, LOW, blocks, bodies_of
+from test_finite_deformation import TOP as HIGHEST
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -105,3 +108,42 @@ def test_friction_may_vary_and_cohere():
     tangent = np.array([1.0, TAN]) / np.hypot(1.0, TAN)
     along = found[1].force.sum(axis=0) @ tangent
     assert abs(abs(along) / (0.5 * found[1].area.sum()) - 1.0) < 1e-3
+
+
+@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.2)], ids=str)
+def test_balance_of_energy(law):
+    """A block slides on a flat foundation while it is pressed: work of its top is stored energy and
+    what friction takes, sum of tau·s, along a path whose rules of integration are of fourth order.
+    """
+    domain, tags = blocks((5, 7), (2.0, 1.0), "triangle", shift=0.3)
+    V, u, F = bodies_of(domain, poisson=0.3)
+    lame = (fem.Constant(domain, c) for c in finite_patch.lame(1000.0, 0.3))
+    energy = fem.form(finite_patch.energy(u, *lame) * ufl.dx)
+    x, cells = V.tabulate_dof_coordinates(), compat.cell_dofs(V)
+    below = np.unique(cells[x[cells, 1].mean(axis=1) < 1.0]).astype(np.int32)
+    zero, g = (fem.Constant(domain, (0.0, 0.0)) for _ in range(2))
+    top = fem.locate_dofs_topological(V, 1, tags.indices[tags.values == HIGHEST])
+    bcs = [fem.dirichletbc(zero, below, V), fem.dirichletbc(g, top, V)]
+    interface = llm.Interface(tags, (LOW, HIGH), law=law)
+    problem = llm.NonlinearContactProblem(F, u, bcs=bcs, interfaces=[interface])
+
+    def to(along, down):
+        """Stored energy, force on the top, friction on the frame and slip of the block's nodes."""
+        g.value[:] = along, -down
+        problem.solve()
+        side = problem.results[0].sides[1]
+        tau = side.force - side.normal_force[:, None] * side.normal
+        reaction = compat.assemble_force((fem.form(F),), (1.0,), V).reshape(-1, 2)
+        return fem.assemble_scalar(energy), reaction[top].sum(axis=0), tau, side.slip
+
+    to(0.0, 0.05)
+    way = np.linspace(0.1, 0.2, 5)  # two pairs of steps
+    stored, force, tau, slip = zip(*(to(s, 0.05 + 0.5 * (s - 0.1)) for s in way), strict=True)
+    work = simpson(np.array(force) @ [1.0, -0.5], x=way)
+    lost = 0.0
+    for k in (0, 2):  # speeds of a motion that is quadratic over a pair of steps
+        first, second = slip[k + 1], slip[k + 2]
+        speeds = (3 * first - second) / 2, (first + second) / 2, (3 * second - first) / 2
+        lost += sum(w / 3 * (t * v).sum() for w, t, v in zip((1, 4, 1), tau[k:], speeds))
+    assert abs(stored[-1] - stored[0] + lost - work) < 1e-6 * work
+    assert lost > 0.1 * work if law.slips else lost == 0.0
