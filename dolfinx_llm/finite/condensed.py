@@ -138,7 +138,7 @@ def near_rigid(P: PETSc.Mat, x: np.ndarray, dofs: BodyDofs) -> None:
     low = np.min(comm.allgather(x.min(axis=0, initial=np.inf)), axis=0)
     high = np.max(comm.allgather(x.max(axis=0, initial=-np.inf)), axis=0)
     modes = rigid_modes((x - 0.5 * (low + high)) / np.linalg.norm(high - low))
-    modes = np.where(dofs.fixed[:, None], 0.0, modes.reshape(len(dofs.fixed), -1))
+    modes = np.where(dofs.fixed[:, None], 0.0, modes.reshape(len(dofs.fixed), modes.shape[2]))
     size, vectors = np.linalg.eigh(comm.allreduce(modes.T @ modes))
     kept = size > 1e-12 * size[-1]
     found = []

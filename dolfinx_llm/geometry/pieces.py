@@ -133,8 +133,9 @@ class _Found:
         radius = min(
             np.linalg.norm(self.centre[o] - self.centre[o].mean(axis=0), axis=1).max() for o in of
         )
-        off = [(self.distance[o] - near) / max(VICINITY * radius, 1e-300) for o in of]
-        return 1.0 / (1.0 + off[0] ** 2) ** 2, 1.0 / (1.0 + off[1] ** 2) ** 2
+        reach = max((VICINITY * radius) ** 2, 1e-300)  # one facet alone has no radius
+        first, second = (reach / (reach + (self.distance[o] - near) ** 2) for o in of)
+        return first**2, second**2
 
     def smooth_parts(self) -> int:
         """Number of connected parts without a sharp edge inside."""

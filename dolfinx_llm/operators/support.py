@@ -31,7 +31,7 @@ def check_support(
     moves = moves.reshape(-1, rigid.free)
     rows = [np.zeros((1, rigid.free))]
     for L, BtR in interfaces:
-        BtR = BtR.reshape(len(BtR), -1) @ moves
+        BtR = BtR.reshape(len(BtR), len(moves)) @ moves
         rows.append(BtR if L is None else BtR - L @ _least_squares(L, BtR))
     _, values, vectors = np.linalg.svd(np.concatenate(rows), full_matrices=True)
     held = np.count_nonzero(values >= UNHELD * max(values[0], 1.0))

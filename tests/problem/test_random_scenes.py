@@ -88,9 +88,12 @@ def test_the_same_again(seed):
         np.testing.assert_allclose(a, b, atol=BOUND * size)
 
 
-@pytest.mark.parametrize("seeds", [(1003, 1077), longer((1001, 1008))])
-def test_ranks(seeds):
-    ranks = run_mpi_json("random_ranks.py", 2, *seeds)
+@pytest.mark.parametrize(
+    ("n", "seeds"),
+    [(2, (1003, 1077)), pytest.param(3, (1034,), id="one without a cell"), longer(2, (1001, 1008))],
+)
+def test_ranks(n, seeds):
+    ranks = run_mpi_json("random_ranks.py", n, *seeds)
     for seed in seeds:
         scene = scenes.draw(seed)
         found = [

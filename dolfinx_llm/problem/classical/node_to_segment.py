@@ -112,7 +112,8 @@ class NodeToSegment(ClassicalForm):
         """Require that supports and constraints hold every body, for which Q is applied to rigid
         motions."""
         bodies, fixed = self.problem.bodies, self.problem.bulk.dofs.fixed
-        modes = bodies.modes(bodies.label, bodies.points).reshape(len(fixed), -1)
+        modes = bodies.modes(bodies.label, bodies.points)
+        modes = modes.reshape(len(fixed), modes.shape[2] * modes.shape[3])
         moved = np.column_stack([times(self.Q, mode) for mode in modes.T])
         change = gather_rows(self.problem.comm, moved)
         check_support(rigid_motions(bodies, self.problem.K, fixed), [(None, change)])
