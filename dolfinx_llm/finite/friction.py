@@ -120,7 +120,7 @@ class Friction(Opening):
         """(n, gdim) tau, and (n,) what it may reach; nothing where nothing presses [force]."""
         n, gdim = place.normal.shape
         bears = self.mu * q[:n] + self.cohesion * place.areas[0]
-        return q[-n * gdim :].reshape(n, gdim), np.where(q[:n] > 0.0, bears, 0.0)
+        return tangential(q, n, gdim), np.where(q[:n] > 0.0, bears, 0.0)
 
     def dragged(self, t: ContactTerms, place: Any, tau: np.ndarray) -> ContactTerms:
         """Terms of what presses, with tau (n, gdim), 0 at open pairs, as well: forces on the
@@ -138,12 +138,12 @@ class Friction(Opening):
         """All that Newton's iteration asks for; arguments as without friction."""
         assert held.origin is not None  # ``touching`` comes first
         n, gdim = place.normal.shape
-        tau = np.where((status != OPEN)[:, None], q[-n * gdim :].reshape(n, gdim), 0.0)
+        tau = np.where((status != OPEN)[:, None], tangential(q, n, gdim), 0.0)
         t = self.dragged(super().terms(place, q, status, held, free), place, tau)
         law, by_z, by_lambda, slip = self._equations(place, q, status, held, free)
         by_q = bmat([[by_lambda, csr_matrix((n * gdim, t.own.shape[1] - n))]])
         by_tau = np.broadcast_to(np.eye(gdim) / held.scale, (n, gdim, gdim)).copy()
-        rest = q[-n * gdim :].reshape(n, gdim) / held.scale
+        rest = tangential(q, n, gdim) / held.scale
         by_tau[status != OPEN], rest[status != OPEN] = law.by_force, law.rest
         return replace(
             t,
@@ -180,3 +180,8 @@ class Friction(Opening):
         slip = np.zeros((n, gdim))
         slip[closed] = in_plane(normal, sigma)
         return law, pick @ by_z, pick @ by_lambda, slip
+
+
+def tangential(q: np.ndarray, n: int, gdim: int) -> np.ndarray:
+    """(n, gdim) forces tau along the surface, the last of the unknowns [force]."""
+    return q[-n * gdim :].reshape(n, gdim)

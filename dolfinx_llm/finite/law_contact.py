@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags, vstack
 
+from dolfinx_llm.finite.friction import tangential
 from dolfinx_llm.finite.friction_law import in_plane
 from dolfinx_llm.finite.jacobians import coordinates, summing
 from dolfinx_llm.finite.law_system import LawSystem
-from dolfinx_llm.finite.law_told import ToldContact, tau
+from dolfinx_llm.finite.law_told import ToldContact
 from dolfinx_llm.finite.normal_contact import NormalContact, NormalPlace
 from dolfinx_llm.finite.terms import ContactTerms, Held, moved
 from dolfinx_llm.laws.rows import CLOSED, OPEN
@@ -68,7 +69,7 @@ class LawContact(ToldContact):
         turned, sigma, way = self.turned(place, at), np.zeros((0, gdim)), csr_matrix((0, len(free)))
         if tangents is not None:
             assert held.origin is not None
-            pull[at] = tau(q, n, gdim)[at]
+            pull[at] = tangential(q, n, gdim)[at]
             t = self.dragged(t, place, pull)
             sigma, way = self.way(place, held.origin)
             sigma, way = sigma[at], way[coordinates(at[:, None], gdim).ravel()]
@@ -87,7 +88,7 @@ class LawContact(ToldContact):
             miss = float(np.abs(said.left[:, -1]).max(initial=0.0))
         if tangents is not None:
             by, left = system.along(change)
-            vectors = np.where((status == OPEN)[:, None], tau(q, n, gdim), 0.0)
+            vectors = np.where((status == OPEN)[:, None], tangential(q, n, gdim), 0.0)
             vectors[at] = left
             idle = diags(np.repeat((status == OPEN).astype(float), gdim))
             none = csr_matrix((n * gdim, every.shape[1] - n * gdim))

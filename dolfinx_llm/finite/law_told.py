@@ -16,6 +16,7 @@ import numpy as np
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.finite.design import Design
+from dolfinx_llm.finite.friction import tangential
 from dolfinx_llm.finite.friction_contact import FrictionContact
 from dolfinx_llm.finite.law_rows import Linear, Tangents, linear
 from dolfinx_llm.finite.normal_contact import NormalPlace
@@ -155,7 +156,7 @@ class ToldContact(FrictionContact):
         jump, tangents = self._jump(place, held, at)
         force = [q[:n][at][:, None]] if self.law.gives else []
         if tangents is not None:
-            force.insert(0, self.sign * tangents.components(tau(q, n, gdim)[at]))
+            force.insert(0, self.sign * tangents.components(tangential(q, n, gdim)[at]))
         sample = self.nodes.sample
         return LawNodes(
             self.nodes.x[at],
@@ -202,11 +203,6 @@ class ToldContact(FrictionContact):
             return Kept(history, jump, q[: len(jump)] < -least)
 
         return ended
-
-
-def tau(q: np.ndarray, n: int, gdim: int) -> np.ndarray:
-    """(n, gdim) forces along the surface, the last of the unknowns [force]."""
-    return q[-n * gdim :].reshape(n, gdim)
 
 
 def neighbours(facets: np.ndarray, n: int) -> np.ndarray:

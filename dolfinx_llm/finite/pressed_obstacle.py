@@ -13,12 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import block_diag, bmat, csr_matrix, diags
 
-from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.jacobians import per_item
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
 from dolfinx_llm.finite.obstacle_friction import ObstacleFriction
 from dolfinx_llm.finite.terms import ContactTerms, Held, yields
-from dolfinx_llm.interface.against import RESISTED, REST
+from dolfinx_llm.interface.against import RESISTED, check_resisted
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 
 FALLS = 1e-9  # over the stiffness: by which an obstacle in contact yields to a force, at most
@@ -125,13 +124,7 @@ class Pressed(ObstacleContact):
         size, vectors = np.linalg.eigh(felt.T @ felt)
         free = vectors[:, size <= RESISTED**2 * size[-1]]
         left = free @ (free.T @ force)
-        if np.abs(left).max() > REST * np.abs(force).max():
-            raise ContactError(
-                f"nothing resists the part {left.round(9).tolist()} of the force "
-                f"{force.tolist()} on the {type(self.obstacle).__name__}, components "
-                f"{self.axes.tolist()}. Give None for components whose displacement is prescribed, "
-                "or take a law with friction"
-            )
+        check_resisted(left, force, self.obstacle, after=f", components {self.axes.tolist()}")
 
 
 @dataclass(frozen=True, eq=False)

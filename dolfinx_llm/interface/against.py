@@ -202,11 +202,27 @@ def prescribed_loads(geometry: InterfaceGeometry) -> np.ndarray:
         return loads
     along = axes[0] @ values
     left = values - along @ axes[0]
-    if np.abs(left).max() > REST * np.abs(values).max():
-        raise ContactError(
-            f"interface {geometry.interface.name}: nothing resists the part "
-            f"{left.round(9).tolist()} of the force {values.tolist()} on the "
-            f"{type(obstacle).__name__}. Give None for components whose displacement is "
-            "prescribed, or take a law with friction"
-        )
+    check_resisted(left, values, obstacle, before=f"interface {geometry.interface.name}: ")
     return -along
+
+
+def check_resisted(
+    left: np.ndarray, force: np.ndarray, obstacle: Obstacle, before: str = "", after: str = ""
+) -> None:
+    """Require that contact resists a force on an obstacle but for rounding.
+
+    Args:
+        left: (k,) part of the force across what contact resists [force].
+        force: (k,) [force].
+        obstacle: on which it acts.
+        before, after: words about the place and the components.
+
+    Raises:
+        ContactError: it does not.
+    """
+    if np.abs(left).max() > REST * np.abs(force).max():
+        raise ContactError(
+            f"{before}nothing resists the part {left.round(9).tolist()} of the force "
+            f"{force.tolist()} on the {type(obstacle).__name__}{after}. Give None for components "
+            "whose displacement is prescribed, or take a law with friction"
+        )
