@@ -14,6 +14,7 @@ from dolfinx_llm.laws.rows import OPEN
 SPIN = 1e-9  # part of an obstacle's rotation along its normals, up to which it does not tilt
 TILT = 0.1  # [rad] angle by which an obstacle may turn: half its square of the motion is left out
 LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
+UNBALANCED = 1e-3  # of the largest force, of friction at a frame node with its neighbours alone
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
 UNCERTAIN = 0.2  # part of the bodies' motion to which gaps must be known
 NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close
@@ -34,6 +35,8 @@ def doubts(
                 f"turns have been left without friction of their own, and carry {share:.1%} of the "
                 "normal force. Apply the load in more increments"
             )
+        if state.curved:
+            out += _unbalanced(state.nodes.geometry, result)
     for geometry, result in zip(geometries, results, strict=True):
         out += _apart(geometry, result)
         out += _uncertain_gaps(geometry, result)
@@ -65,6 +68,20 @@ def doubts(
                     f"{0.5 * tilted**2:.1%} of their distance from the pivot. Draw it turned"
                 )
     return out
+
+
+def _unbalanced(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
+    """Friction of both sides that cancels in sums over frame nodes at the rim of contact only."""
+    forces = [side.force for side in result.sides]
+    left = sum(p.N.T @ force for p, force in zip(geometry.pairs, forces, strict=True))
+    left = np.abs(left).max() / max(np.abs(np.concatenate(forces)).max(), 1e-300)
+    if left <= UNBALANCED:
+        return []
+    return [
+        f"interface {geometry.interface.name}: at the rim of contact friction balances with that "
+        f"of the frame node next to it, not node by node: up to {left:.1%} of the largest force is "
+        "left at a node, nothing in sum. Refine the meshes where contact ends"
+    ]
 
 
 def _uncertain_gaps(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:

@@ -12,6 +12,7 @@ from sampling import some_of
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
+from dolfinx_llm.contact import load_steps
 from dolfinx_llm.forms import choice
 
 E, NU, RADIUS, PULL = 210000.0, 0.3, 10.0, 5000.0
@@ -118,6 +119,28 @@ def test_converges(form, dim, h, clearance, mu, monkeypatch):
     largest = max(side.normal_force.max() for side in result.sides)
     for side in result.sides:
         assert side.normal_force.min() >= -1e-10 * largest
+    friction = np.linalg.norm(result.frame_friction, axis=1)
+    assert (friction - mu * np.maximum(result.frame_force, 0.0)).max() <= 1e-9 * largest
+    problem.destroy()
+
+
+# From one load step to the next, contact and slip change at the rim of the pressed zone.
+STEPS = [(4, 0.05, 0.2), *((10, *case) for case in
+         itertools.product((0.0, 0.02, 0.05), (0.05, 0.2, 0.5, 1.0)))]  # fmt: skip
+
+
+@pytest.mark.parametrize(("steps", "clearance", "mu"), some_of(STEPS, STEPS[:1]))
+def test_converges_in_load_steps(steps, clearance, mu, monkeypatch):
+    """Each in a few iterations, none of them halved; friction cancels in sum."""
+    monkeypatch.setattr(load_steps, "SMALLEST", 1.0)
+    problem, load, area = pulled(3, mu, 4.0, clearance)
+    load.value = -PULL / area
+    problem.solve(increments=steps)
+    assert max(entry["iteration"] for entry in problem.history) <= 30
+    result = problem.results[0]
+    largest = max(side.normal_force.max() for side in result.sides)
+    total = sum(side.force.sum(axis=0) for side in result.sides)
+    assert np.abs(total).max() <= 1e-9 * largest
     friction = np.linalg.norm(result.frame_friction, axis=1)
     assert (friction - mu * np.maximum(result.frame_force, 0.0)).max() <= 1e-9 * largest
     problem.destroy()
