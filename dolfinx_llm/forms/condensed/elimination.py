@@ -193,9 +193,7 @@ def _gathered(D: csr_matrix) -> list[np.ndarray]:
     return np.split(np.concatenate(found), cuts) if found else []
 
 
-def _bound(
-    D: csr_matrix, rows: np.ndarray, size: float, soft: csr_matrix | None
-) -> BoundUnknowns:
+def _bound(D: csr_matrix, rows: np.ndarray, size: float, soft: csr_matrix | None) -> BoundUnknowns:
     """What some rows of D determine; its largest column has this size."""
     touched = np.unique(D[rows].indices)
     A = D[rows][:, touched]
