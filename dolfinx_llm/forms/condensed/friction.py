@@ -26,12 +26,12 @@ from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.step import LinearStep
 from dolfinx_llm.operators.petsc import diagonal_of, times
 
-GAIN = 1e-2  # part of the residual about the last iterate that a linear solve leaves
-NEAR = 1e-6  # of the load: residuals from which on a solve goes to ``FINAL``
+LEAVES = 1e-2  # part of the residual about the last iterate that a linear solve leaves
+CLOSE_BY = 1e-6  # of the load: residuals from which on a solve goes to ``FINAL``
 FINAL = 1e-13  # of the load: nothing less is asked for
-SETTLED = 1e-12  # of the load: what is solved as far may be the end of an iteration
-PATIENCE = 150  # iterations with a multigrid of the same step, then a factorisation takes over
-WORN = 2.0  # times the iterations per digit of a new multigrid, from which on it is made anew
+SOLVED = 1e-12  # of the load: what is solved as far may be the end of an iteration
+HOPELESS = 150  # iterations with a multigrid of the same step, then a factorisation takes over
+OUTWORN = 2.0  # times the iterations per digit of a new multigrid, from which on it is made anew
 SPARE = 8  # iterations more that an old one may take
 
 
@@ -176,12 +176,12 @@ class FrictionStep:
         size = self._norm(b - self._times(q))
         if not size <= load:
             q, size = 0.0 * q, load
-        goal = max(GAIN * size, FINAL * load)
-        if not main or size < max(NEAR * load, 2.0 * of.left):  # nothing else has changed
+        goal = max(LEAVES * size, FINAL * load)
+        if not main or size < max(CLOSE_BY * load, 2.0 * of.left):  # nothing else has changed
             goal = FINAL * load
         while size > goal and load > 0.0:
             before, digits = size, float(np.log10(size / goal))
-            limit = PATIENCE if fresh else int(WORN * of.usual * digits) + SPARE
+            limit = HOPELESS if fresh else int(OUTWORN * of.usual * digits) + SPARE
             change, took, reason = self._gmres(b - self._times(q), goal / size, limit)
             q = q + change
             size = self._norm(b - self._times(q))
@@ -192,7 +192,7 @@ class FrictionStep:
                 fresh = True
                 self._serve(True)
             elif not size < 0.1 * before:
-                if size <= SETTLED * load:
+                if size <= SOLVED * load:
                     break
                 left = f"{size / load:.0e} of the load left"
                 raise ContactError(f"{took} iterations, PETSc's reason {reason}, {left}")

@@ -15,7 +15,7 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
-from dolfinx_llm.forms.condensed.friction import SETTLED, FrictionStep
+from dolfinx_llm.forms.condensed.friction import SOLVED, FrictionStep
 from dolfinx_llm.forms.condensed.kept import FrictionSystem
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import items_of
@@ -77,7 +77,7 @@ class CondensedForm(WholeSteps):
             noise = 0.5 * self.noise / level
             self.accuracy = min(max(noise, WholeSteps.accuracy), CondensedForm.accuracy)
         else:  # an inexact solve ends no iteration
-            exact = self.friction.residual <= SETTLED
+            exact = self.friction.residual <= SOLVED
             self.accuracy = CondensedForm.accuracy if exact else -1.0
 
     def left(self, f: np.ndarray, u: np.ndarray, multiplier: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from scipy.sparse.linalg import splu
 from dolfinx_llm.forms.step import LinearStep
 from dolfinx_llm.operators.system import ContactOperators
 
-DAMPED = 1e-3  # of a law's forces, added to them where it does not depend on them
+REGULAR = 1e-3  # of a law's forces, added to them where it does not depend on them
 EXACT = 1e-14  # of a product's factors, below which it is zero
 
 
@@ -91,7 +91,7 @@ class Reduced:
             least = 1e-12 * size.max(initial=1e-300) * unit
             self._support[kappa] = np.einsum("nii->ni", size)
             X = own @ np.linalg.inv(size + least)
-            blocks.append(np.linalg.inv(X + DAMPED * unit))
+            blocks.append(np.linalg.inv(X + REGULAR * unit))
             at.append(kappa)
         return _with_blocks(m, blocks, at, at)
 
