@@ -43,22 +43,28 @@ def build_interfaces(
     built again where other interfaces have some of their nodes, which then keep theirs."""
     found = [build_interface(interface, spaces, fixed) for interface in interfaces]
     for i, shared in enumerate(shared_nodes(found)):
-        geometry = found[i]
-        own = geometry.interface.law.ties and geometry.certificate is not None
-        if own and geometry.certificate.largest_correction and any(s.any() for s in shared):
-            found[i] = build(replace(geometry.site, shared=shared))
+        ties, certificate = found[i].interface.law.ties, found[i].certificate
+        corrected = certificate is not None and certificate.largest_correction > 0.0
+        if ties and corrected and any(nodes.any() for nodes in shared):
+            found[i] = build(replace(found[i].site, shared=shared))
     return found
 
 
 def shared_nodes(geometries: Sequence[InterfaceGeometry]) -> list[tuple[np.ndarray, ...]]:
-    """Per interface and side (n,) nodes of the tagged surface that others have pairs of, too."""
-    sides = [(g, k) for g in geometries for k in range(len(g.pairs))]
-    nodes = [np.column_stack([np.full(len(g.pairs[k].dofs), g.spaces[k]), g.pairs[k].dofs]) for g, k in sides]
+    """Per interface and side (n,) nodes of the tagged surface that several interfaces have."""
+    nodes = [
+        np.column_stack([np.full(len(pairs.dofs), space), pairs.dofs])
+        for geometry in geometries
+        for pairs, space in zip(geometry.pairs, geometry.spaces, strict=True)
+    ]
     known, count = np.unique(np.concatenate(nodes), axis=0, return_counts=True)
     several = known[count > 1]
     return [
-        tuple(np.isin(whole.dofs, several[several[:, 0] == space, 1]) for whole, space in zip(g.site.whole, g.spaces))
-        for g in geometries
+        tuple(
+            np.isin(whole.dofs, several[several[:, 0] == space, 1])
+            for whole, space in zip(geometry.site.whole, geometry.spaces, strict=True)
+        )
+        for geometry in geometries
     ]
 
 

@@ -24,7 +24,6 @@ from dolfinx_llm.design.weights import TOLERANCE, design_weights, patch_residual
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.pairs import ContactPairs, rank_certificate, with_weights
-from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.site import Site

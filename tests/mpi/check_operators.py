@@ -81,9 +81,7 @@ def errors(comm, conditions) -> dict:
         "multipliers": abs(B.shape[1] - 3 * int(lower.sum())),
         "rank": int(np.linalg.matrix_rank(np.hstack([B[:, free].T, -L[free]]))) - int(free.sum()),
         "redundant": int(redundant.sum()),
-        "rank of L_b lost": int(
-            np.linalg.matrix_rank(L) - np.linalg.matrix_rank(L[~redundant])
-        ),
+        "rank of L_b lost": int(np.linalg.matrix_rank(L) - np.linalg.matrix_rank(L[~redundant])),
         "rank of L_b free": int(L.shape[1] - np.linalg.matrix_rank(L)),
         "left dependent": int(
             (~free & ~redundant).sum() - np.linalg.matrix_rank(L[~free & ~redundant])

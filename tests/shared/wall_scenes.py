@@ -1,11 +1,9 @@
 """Walls: blocks on one mesh that share no node, and touch at beds, head joints and crosses."""
 
-from itertools import combinations
-
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
-from dolfinx.fem import petsc as _  # noqa: F401
+from petsc4py import PETSc
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -115,8 +113,9 @@ class Wall:
         for axis in range(gdim):
             for end in (0, 1):
                 levels = self.blocks[:, end, axis]
+                unique = np.unique(levels.round(9))
 
-                def at(p, axis=axis, levels=np.unique(levels.round(9))):
+                def at(p, axis=axis, levels=unique):
                     return np.abs(p[axis][:, None] - levels).min(axis=1) < 1e-9
 
                 found = mesh.locate_entities_boundary(domain, gdim - 1, at)
@@ -160,8 +159,8 @@ class Wall:
         return llm.ContactProblem(a, L, bcs=bcs, interfaces=self.interfaces(law), **options)
 
     def supports(self):
-        """As few as hold it: at corners of the first block."""
-        low, high = self.blocks[0, 0], self.blocks[0, 1]
+        """As few as hold it, far apart."""
+        low, high = self.blocks[:, 0].min(axis=0), self.blocks[:, 1].max(axis=0)
         at = [low.copy() for _ in range(3)]
         at[1][0] = high[0]
         at[2][1] = high[1]
@@ -175,10 +174,6 @@ class Wall:
             dofs = fem.locate_dofs_geometrical(
                 self.V, lambda x, p=p: np.abs(x - p[:, None]).max(axis=0) < 1e-9
             )
-            n = self.V.dofmap.index_map.size_local + self.V.dofmap.index_map.num_ghosts
-            own = np.zeros(n, dtype=bool)
-            own[compat.cell_dofs(self.V)[self.body == 0].ravel()] = True
-            dofs = dofs[own[dofs]]
             for k in components:
                 bcs.append(
                     fem.dirichletbc(np.float64(0.0), _component(self.V, k, dofs), self.V.sub(k))
@@ -194,8 +189,16 @@ class Wall:
     def alone(self, **loads):
         """Displacement of a single block, without any interface."""
         a, L = self.forms(**loads)
-        solver = fem.petsc.LinearProblem(a, L, bcs=self.base())
-        return solver.solve()
+        a, bcs, ksp = fem.form(a), self.base(), PETSc.KSP().create(self.domain.comm)
+        ksp.setOperators(compat.assemble_matrix(a, bcs, 1.0))
+        ksp.setType("preonly")
+        ksp.getPC().setType("lu")
+        u, b = fem.Function(self.V), ksp.getOperators()[0].createVecLeft()
+        b.array_w[:] = compat.assemble_load(fem.form(L), a, bcs, self.V, [])
+        x = b.duplicate()
+        ksp.solve(b, x)
+        u.x.array[: len(x.array_r)] = x.array_r
+        return u
 
     def work(self, u):
         """Of a weight of 1 [force length]."""
