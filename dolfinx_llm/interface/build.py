@@ -10,17 +10,18 @@ import numpy as np
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.timing import Clock
+from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.overlap_curved import vector_areas_in_contact
-from dolfinx_llm.geometry.overlap_flat import common_area, local_bases, nodal_forces
+from dolfinx_llm.geometry.overlap_flat import common_area, local_bases
 from dolfinx_llm.geometry.pairs import ContactPairs, locate_pairs
 from dolfinx_llm.geometry.pieces import Piece
 from dolfinx_llm.interface.against import against_obstacle, forced, under_force
 from dolfinx_llm.interface.choices import Interface
-from dolfinx_llm.interface.frames import REACH, choose_frame, move_nodes
+from dolfinx_llm.interface.frames import REACH, choose_frame, common_order, move_nodes
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.interface.join import Part, joined, whole_piece
 from dolfinx_llm.interface.rows import balanced, designed, kept_nodes
-from dolfinx_llm.interface.site import Site, find_site
+from dolfinx_llm.interface.site import Site, check_order, find_site
 from dolfinx_llm.interface.touching import check_flat, find_pieces
 
 
@@ -73,6 +74,7 @@ def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
     clock = clock or Clock()
     interface, whole = site.interface, site.whole
     notes: list[str] = []
+    check_order(interface, whole)
     if interface.obstacle is not None:
         return build_against(site, notes, clock)
     pieces, rims = find_pieces(whole, interface.law.opens, interface.name, notes)
@@ -158,30 +160,33 @@ def build_piece(
     sides = piece.parts(site.whole)
     area: Any = None
     if plane is None:  # curved: vector areas, smooth rows, balance in least squares
+        check_order(interface, sides, flat=False)
         if interface.design == "positions":
             raise ContactInputError("design='positions' needs flat sides; use 'weights' or 'auto'")
         vectors = vector_areas_in_contact(sides[0], sides[1], law.opens)
-        forces = [np.linalg.norm(a, axis=1) for a in vectors]
+        loads = [NodalLoads.of_forces(np.linalg.norm(a, axis=1)) for a in vectors]
     else:
         if not law.opens:
             check_flat(sides, plane)
         area = common_area(sides[0], sides[1], plane)
-        forces = [nodal_forces(side, plane.project(side.x), area) for side in sides]
+        order = common_order(sides)
+        loads = [NodalLoads.on(side, plane.project(side.x), area, order) for side in sides]
     clock.stop("patch forces")
     if last is None:
-        frame, note, reach = choose_frame(interface, sides, forces, plane, area, corners)
+        touched = [load.touched for load in loads]
+        frame, note, reach = choose_frame(interface, sides, touched, plane, area, corners)
     else:
         frame, note, reach = last.frame, "frame: moved with the bodies", REACH
     notes.append(note)
     clock.stop("frame")
     if interface.design == "positions" and frame.gdim == 3 and last is None:
-        frame = move_nodes(frame, sides, forces, site.comm)
+        frame = move_nodes(frame, sides, [load.forces for load in loads], site.comm)
         notes.append("design: frame nodes moved (positions)")
         clock.stop("design")
     nodes = [None, None] if last is None else [p.nodes for p in last.pairs]
     pairs = [
-        locate_pairs(side, f, frame, sign, reach, plane, nodes=taking_part)
-        for side, f, sign, taking_part in zip(sides, forces, (1.0, -1.0), nodes, strict=True)
+        locate_pairs(side, load, frame, sign, reach, plane, nodes=taking_part)
+        for side, load, sign, taking_part in zip(sides, loads, (1.0, -1.0), nodes, strict=True)
     ]
     clock.stop("location")
     if plane is None:

@@ -20,7 +20,7 @@ from dolfinx_llm.design.curved import (
 )
 from dolfinx_llm.design.line import check_closed_form
 from dolfinx_llm.design.quadric import SmoothSurface
-from dolfinx_llm.design.weights import TOLERANCE, design_weights, patch_residual
+from dolfinx_llm.design.weights import TOLERANCE, balanced_rows, load_residual
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.pairs import ContactPairs, rank_certificate, with_weights
@@ -156,24 +156,22 @@ def designed(
     keep: Sequence[np.ndarray] | None,
 ) -> tuple[list[ContactPairs], Certificate]:
     """Pairs after design by weights where it is asked for or needed, and their certificate."""
-    forces = [p.forces for p in pairs]
+    loads, s = [p.loads for p in pairs], plane.project(frame.x)
     plain = [p.N for p in pairs]
-    before = float(np.abs(patch_residual(plain, forces)).max())
+    before = float(np.abs(load_residual(frame, s, plain, loads)).max())
     N: Sequence[csr_matrix] = plain
     if interface.design == "weights" or (interface.design == "auto" and before > TOLERANCE):
-        s = plane.project(frame.x)
-        cells = [p.cell for p in pairs]
         try:  # rows at supports bind the frame's edge: better left alone, where that is enough
-            N = design_weights(frame, s, plain, cells, forces, keep)
+            N = balanced_rows(frame, s, plain, loads, keep)
         except ContactError:
-            N = design_weights(frame, s, plain, cells, forces)
+            N = balanced_rows(frame, s, plain, loads)
         pairs = [with_weights(p, M, frame) for p, M in zip(pairs, N)]
         notes.append("design: rows of L_b corrected (weights)")
     elif interface.design == "auto":
         notes.append("design: left out, the frame passes as it is")
     elif interface.design is None:
         notes.append(f"design: none, as asked; patch residual {before:.1e}")
-    residual = float(np.abs(patch_residual(N, forces)).max())
+    residual = float(np.abs(load_residual(frame, s, N, loads)).max())
     if interface.design == "positions" and frame.gdim == 2:
         check_closed_form(residual, pairs, frame)
     singular = rank_certificate(frame, N)

@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_llm.base import compat
+from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.surface import Surface, check_sides, extract_surface
 from dolfinx_llm.interface.choices import Interface
 
@@ -48,6 +49,30 @@ def find_site(
     if fixed is not None:
         held = tuple(_held(side, spaces[i], fixed[i]) for side, i in zip(whole, owners))
     return Site(interface, whole, owners, held, spaces[0].mesh.comm)
+
+
+def check_order(interface: Interface, sides: Sequence[Surface], flat: bool = True) -> None:
+    """Require, of second-order bodies, ties on flat surfaces.
+
+    Raises:
+        ContactInputError: what is not there for them is asked for.
+    """
+    missing = ""
+    if all(side.element.order == 1 for side in sides):
+        return
+    if interface.obstacle is not None:
+        missing = "rigid obstacles"
+    elif not interface.law.ties:
+        missing = f"the law {interface.law}"
+    elif interface.design == "positions":
+        missing = "design='positions' (use 'weights' or 'auto')"
+    elif not flat:
+        missing = "curved surfaces"
+    if missing:
+        raise ContactInputError(
+            f"interface {interface.name}: {missing} need(s) first-order bodies; of second-order "
+            "ones flat surfaces can be tied. Use ('Lagrange', 1, ...) here"
+        )
 
 
 def space_of(tags: Any, spaces: Sequence[Any]) -> int:
