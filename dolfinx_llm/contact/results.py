@@ -14,7 +14,7 @@ from dolfinx_llm.design.curved import nodal_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.certificate import Certificate
-from dolfinx_llm.interface.forces import InterfaceForces
+from dolfinx_llm.interface.forces import InterfaceForces, per_mass
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 from dolfinx_llm.operators.system import ContactOperators
@@ -44,7 +44,9 @@ class SideResult:
     slip: np.ndarray  # (n, gdim) tangential motion relative to the frame, 0 where open [length]
     status: np.ndarray  # (n,) 0 open, 1 stick, 2 slip, 3 closed without friction
     area: np.ndarray  # (n,) tributary area: the force of unit pressure [area]
-    facets: np.ndarray  # (m, k) facets of the surface that lie between these nodes
+    facets: np.ndarray  # (m, c) corners of the facets that lie between these nodes
+    density: np.ndarray | None = None  # (n, gdim) of the forces on the surface, by the integrals of
+    # its shape functions' products; None at first order, where the frame's are [force / area]
 
     @property
     def drawn(self) -> np.ndarray:
@@ -78,6 +80,7 @@ class InterfaceResult(InterfaceForces):
     presses: bool = True  # the law lets bodies part: no force pulls
     # (gdim,) of an obstacle, prescribed or where a force brings it [length]; None with a frame
     displacement: np.ndarray | None = None
+    frame_density: np.ndarray | None = None  # (m, 1 + gdim) see ``InterfaceForces``
 
 
 def collect_results(
@@ -200,6 +203,7 @@ def _side_result(
         status=status,
         area=pairs.forces,
         facets=pairs.facets,
+        density=per_mass(force, pairs.loads.mass),
     )
 
 
@@ -236,4 +240,21 @@ def _interface_result(
         elif law.components == "normal":
             friction = np.zeros_like(friction)
     frame, known = replace(frame, v=v), geometry.certificate
-    return InterfaceResult(frame, tuple(sides), known, force, area, friction, status, presses)
+    density = _frame_density(geometry, sides, normal)
+    return InterfaceResult(
+        frame, tuple(sides), known, force, area, friction, status, presses, frame_density=density
+    )
+
+
+def _frame_density(
+    geometry: InterfaceGeometry, sides: Sequence[SideResult], normal: np.ndarray
+) -> np.ndarray | None:
+    """``InterfaceResult.frame_density``, where the frame's nodes have normals (m, gdim)."""
+    k = int(len(sides[1].x) < len(sides[0].x))
+    density = sides[k].density
+    if density is None or sides[1 - k].density is None:
+        return None
+    assert geometry.frame is not None
+    vector = (1.0 - 2.0 * k) * (geometry.pairs[k].interpolation(geometry.frame.x) @ density)
+    pressure = np.einsum("mi,mi->m", vector, normal)[:, None]
+    return np.column_stack([pressure, vector - pressure * normal])

@@ -816,7 +816,7 @@ add(
     lambda s: plot.bodies(s.V, s.size, s.path("u.png")),
 )
 add(
-    "vector space of first order",
+    "vector space of first or second order",
     lambda s: post.write_bodies(s.path("u.xdmf"), fem.Function(s.scalar)),
 )
 add(
