@@ -37,7 +37,7 @@ class FrictionNodes:
     rows: np.ndarray  # (n, c) its multiplier rows
     v: np.ndarray  # (m d,) its frame unknowns
     kappa: np.ndarray  # (k, q) its jump unknowns
-    kept: np.ndarray  # (n c,) rows that are not redundant (prescribed on both sides)
+    kept: np.ndarray  # (n c,) rows that are not redundant
     yields: np.ndarray  # (n,) pairs that supports leave free to move tangentially
     L: csr_matrix  # (n c, m d)
     L_kappa: csr_matrix  # (n c, k q)

@@ -20,7 +20,7 @@ from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.frames import REACH, choose_frame, common_order, move_nodes
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.interface.join import Part, joined, whole_piece
-from dolfinx_llm.interface.rows import balanced, designed, fixed_nodes
+from dolfinx_llm.interface.rows import balanced, designed, kept_nodes
 from dolfinx_llm.interface.site import Site, check_order, find_site
 from dolfinx_llm.interface.touching import check_flat, find_pieces
 
@@ -35,6 +35,38 @@ def build_interface(
     site = find_site(interface, spaces, fixed)
     clock.stop("surfaces")
     return build(site, clock)
+
+
+def build_interfaces(
+    interfaces: Sequence[Interface], spaces: Sequence[Any], fixed: Sequence[np.ndarray]
+) -> list[InterfaceGeometry]:
+    """All interfaces of a problem; as of ``build_interface``. Ties whose rows are corrected are
+    built again where other interfaces have some of their nodes, which then keep theirs."""
+    found = [build_interface(interface, spaces, fixed) for interface in interfaces]
+    for i, shared in enumerate(shared_nodes(found)):
+        ties, certificate = found[i].interface.law.ties, found[i].certificate
+        corrected = certificate is not None and certificate.largest_correction > 0.0
+        if ties and corrected and any(nodes.any() for nodes in shared):
+            found[i] = build(replace(found[i].site, shared=shared))
+    return found
+
+
+def shared_nodes(geometries: Sequence[InterfaceGeometry]) -> list[tuple[np.ndarray, ...]]:
+    """Per interface and side (n,) nodes of the tagged surface that several interfaces have."""
+    nodes = [
+        np.column_stack([np.full(len(pairs.dofs), space), pairs.dofs])
+        for geometry in geometries
+        for pairs, space in zip(geometry.pairs, geometry.spaces, strict=True)
+    ]
+    known, count = np.unique(np.concatenate(nodes), axis=0, return_counts=True)
+    several = known[count > 1]
+    return [
+        tuple(
+            np.isin(whole.dofs, several[several[:, 0] == space, 1])
+            for whole, space in zip(geometry.site.whole, geometry.spaces, strict=True)
+        )
+        for geometry in geometries
+    ]
 
 
 def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
@@ -161,11 +193,7 @@ def build_piece(
         pairs, certificate, normals = balanced(interface, frame, pairs, vectors, notes)
         base = local_bases(normals)
     else:
-        normal_only = law.components == "normal"
-        keep = site.held and [
-            fixed_nodes(p, side, held, normal_only)
-            for p, side, held in zip(pairs, site.whole, site.held, strict=True)
-        ]
+        keep = kept_nodes(site, pairs)
         pairs, certificate = designed(interface, frame, plane, pairs, notes, keep)
         base = np.broadcast_to(plane.base, (len(frame.x), *plane.base.shape))
     clock.stop("design")
