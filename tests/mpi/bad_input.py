@@ -124,14 +124,6 @@ def tags_of_another_mesh(comm):
     llm.ContactProblem(a, L, interfaces=[llm.Interface(made[2][1], (2, 3))])
 
 
-@case(r"node\(s\), e.g. at .*, take part in two interfaces")
-def one_surface_in_two_interfaces(comm):
-    V, tags = scenes.two_blocks(comm)
-    a, L = scenes.forms(V)
-    both = [llm.Interface(tags, (2, 3)), llm.Interface(tags, (3, 2))]
-    llm.ContactProblem(a, L, bcs=scenes.hold(V, scenes.SYMMETRY), interfaces=both)
-
-
 # Frames
 
 
