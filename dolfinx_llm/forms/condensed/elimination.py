@@ -33,7 +33,7 @@ class EliminatedRows:
     L: csr_matrix  # (rows, m) L_b
     multipliers: Numbering  # of the rows
     frames: Numbering  # of the columns
-    block: int  # frame unknowns per node
+    items: np.ndarray  # (m,) node of each frame unknown, ascending: they share a block
 
     def __post_init__(self) -> None:
         rows, m = len(self.dofs), self.frames.sizes[1]
