@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_matrix, triu
 
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
@@ -21,7 +22,7 @@ from dolfinx_llm.interface.control import in_control_values
 from dolfinx_llm.interface.frames import REACH, choose_frame, common_order, move_nodes
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.interface.join import Part, joined, whole_piece
-from dolfinx_llm.interface.rows import balanced, designed, fixed_nodes
+from dolfinx_llm.interface.rows import balanced, designed, kept_nodes
 from dolfinx_llm.interface.site import Site, check_order, find_site
 from dolfinx_llm.interface.touching import check_flat, find_pieces
 
@@ -36,6 +37,71 @@ def build_interface(
     site = find_site(interface, spaces, fixed)
     clock.stop("surfaces")
     return build(site, clock)
+
+
+def build_interfaces(
+    interfaces: Sequence[Interface], spaces: Sequence[Any], fixed: Sequence[np.ndarray]
+) -> list[InterfaceGeometry]:
+    """All interfaces of a problem; as of ``build_interface``. Ties whose rows are corrected are
+    built again where other interfaces have some of their nodes, which then keep theirs."""
+    found = [build_interface(interface, spaces, fixed) for interface in interfaces]
+    check_pairs(found)
+    for i, shared in enumerate(shared_nodes(found)):
+        ties, certificate = found[i].interface.law.ties, found[i].certificate
+        corrected = certificate is not None and certificate.largest_correction > 0.0
+        if ties and corrected and any(nodes.any() for nodes in shared):
+            found[i] = build(replace(found[i].site, shared=shared))
+    return found
+
+
+def check_pairs(geometries: Sequence[InterfaceGeometry]) -> None:
+    """Require that no two interfaces have the same facets on both of their sides."""
+    pairs = [(i, k) for i, g in enumerate(geometries) if len(g.pairs) == 2 for k in (0, 1)]
+    if len(pairs) < 4:
+        return
+    facets = []
+    for i, k in pairs:
+        surface = geometries[i].pairs[k].surface
+        nodes = np.sort(surface.dofs[surface.facets], axis=1)
+        known = np.full((len(nodes), 7), -1)
+        known[:, 0], known[:, 1] = i, k
+        known[:, 2], known[:, 3 : 3 + nodes.shape[1]] = geometries[i].spaces[k], nodes
+        facets.append(known)
+    rows = np.concatenate(facets)
+    _, number = np.unique(rows[:, 2:], axis=0, return_inverse=True)
+    shape, number = (len(geometries), len(rows)), number.ravel()
+    own = [
+        csr_matrix((np.ones(side.sum()), (rows[side, 0], number[side])), shape)
+        for side in (rows[:, 1] == 0, rows[:, 1] == 1)
+    ]
+    common = [triu(M @ (own[0] + own[1]).T, 1, format="csr") for M in own]
+    twice = common[0].multiply(common[1]).tocoo()
+    if twice.nnz:
+        i, j = int(twice.row[0]), int(twice.col[0])
+        counts = [int(M[i, j]) for M in common]
+        names = " and ".join(geometries[k].interface.name for k in (i, j))
+        raise ContactInputError(
+            f"the interfaces {names} have {counts[0]} and {counts[1]} facets of both sides in "
+            "common: give each pair of surfaces once"
+        )
+
+
+def shared_nodes(geometries: Sequence[InterfaceGeometry]) -> list[tuple[np.ndarray, ...]]:
+    """Per interface and side (n,) nodes of the tagged surface that several interfaces have."""
+    nodes = [
+        np.column_stack([np.full(len(pairs.dofs), space), pairs.dofs])
+        for geometry in geometries
+        for pairs, space in zip(geometry.pairs, geometry.spaces, strict=True)
+    ]
+    known, count = np.unique(np.concatenate(nodes), axis=0, return_counts=True)
+    several = known[count > 1]
+    return [
+        tuple(
+            np.isin(whole.dofs, several[several[:, 0] == space, 1])
+            for whole, space in zip(geometry.site.whole, geometry.spaces, strict=True)
+        )
+        for geometry in geometries
+    ]
 
 
 def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
@@ -164,11 +230,7 @@ def build_piece(
         pairs, certificate, normals = balanced(interface, frame, pairs, vectors, notes)
         base = local_bases(normals)
     else:
-        normal_only = law.components == "normal"
-        keep = site.held and [
-            fixed_nodes(p, side, held, normal_only)
-            for p, side, held in zip(pairs, site.whole, site.held, strict=True)
-        ]
+        keep = kept_nodes(site, pairs)
         pairs, certificate = designed(interface, frame, plane, pairs, notes, keep)
         base = np.broadcast_to(plane.base, (len(frame.x), *plane.base.shape))
     clock.stop("design")

@@ -24,9 +24,9 @@ from dolfinx_llm.design.weights import TOLERANCE, balanced_rows, load_residual
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.pairs import ContactPairs, rank_certificate, with_weights
-from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.site import Site
 
 log = logging.getLogger("dolfinx_llm")
 
@@ -181,16 +181,20 @@ def designed(
     return pairs, Certificate(residual, before, singular, float(linear / size), float(change))
 
 
-def fixed_nodes(
-    pairs: ContactPairs, whole: Surface, held: np.ndarray, normal_only: bool
-) -> np.ndarray:
-    """(n,) whether a Dirichlet condition prescribes a motion that the law ties.
-
-    Args:
-        whole: the surface as tagged.
-        held: (n_whole, gdim) whether its nodes' dofs are prescribed.
-        normal_only: the law ties the normal motion alone: what is prescribed across it is free.
-    """
-    used = np.abs(pairs.normal) > ACROSS if normal_only else True
-    at = held[np.isin(whole.dofs, pairs.surface.dofs)][pairs.nodes]
-    return (at & used).any(axis=1)
+def kept_nodes(site: Site, pairs: Sequence[ContactPairs]) -> list[np.ndarray] | None:
+    """Per side (n,) pairs whose rows had better stay: Dirichlet conditions prescribe a motion that
+    the law ties, or other interfaces have the node, too: round a joint where interfaces meet rows
+    repeat each other exactly, or not at all. None: there are none."""
+    normal_only = site.interface.law.components == "normal"
+    keep = []
+    for i, (p, whole) in enumerate(zip(pairs, site.whole, strict=True)):
+        # What is prescribed across the normal is free without friction.
+        used = np.abs(p.normal) > ACROSS if normal_only else np.ones(p.normal.shape, dtype=bool)
+        at = np.isin(whole.dofs, p.surface.dofs)
+        found = np.zeros(len(p.nodes), dtype=bool)
+        if site.held:
+            found |= (site.held[i][at][p.nodes] & used).any(axis=1)
+        if site.shared:
+            found |= site.shared[i][at][p.nodes]
+        keep.append(found)
+    return keep if any(k.any() for k in keep) else None

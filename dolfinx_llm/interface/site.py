@@ -24,6 +24,7 @@ class Site:
     spaces: tuple[int, ...]  # index of the function space of each
     held: tuple[np.ndarray, ...] | None  # per side (n, gdim) prescribed dofs of its nodes
     comm: MPI.Comm
+    shared: tuple[np.ndarray, ...] = ()  # per side (n,) nodes that other interfaces have, too
 
     def moved(self, motions: Sequence[np.ndarray]) -> Site:
         """The same with the surfaces at x = X + u, (n, gdim) per side since the drawing; nothing is

@@ -5,7 +5,6 @@ import pytest
 from scipy.sparse import block_diag, csr_matrix, diags, identity, random, vstack
 
 from dolfinx_llm.forms.condensed import elimination
-from dolfinx_llm.operators.prescribed import SMALL
 
 pytestmark = pytest.mark.quick
 
@@ -15,7 +14,7 @@ def test_unknowns_that_rows_bind(soft, monkeypatch):
     """Many rows that determine what they touch, dependent ones, and one that binds nothing; where
     rows are rigid, no dense algebra sees the many."""
     rng = np.random.default_rng(2001)
-    n = (40 if soft else SMALL + 100), 40
+    n = (40 if soft else elimination.SMALL + 100), 40
     many = vstack([identity(n[0]), random(n[1], n[0], 0.05, random_state=rng)])
     few = csr_matrix([[1.0, -1.0, 0.0], [2.0, -2.0, 0.0], [0.0, 1e-13, 0.0]])
     D = block_diag([many, few, few.T, csr_matrix((1, 2))], format="csr")
@@ -24,7 +23,7 @@ def test_unknowns_that_rows_bind(soft, monkeypatch):
     k, m = dense.shape
 
     def small(A, *args, qr=elimination.qr, **kwargs):
-        assert soft or min(A.shape) <= SMALL
+        assert soft or min(A.shape) <= elimination.SMALL
         return qr(A, *args, **kwargs)
 
     monkeypatch.setattr(elimination, "qr", small)

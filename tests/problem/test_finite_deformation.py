@@ -263,6 +263,7 @@ def test_objective(law, degrees):
     assert np.abs(result.pressure - known.pressure).max() < 1e-9 * size
 
 
+@pytest.mark.long
 def test_two_ranks():
     """One mesh of both bodies, on one rank and on two."""
     one = run_mpi_json("finite_ranks.py", 1)

@@ -17,8 +17,10 @@ from scipy.sparse import coo_matrix, csr_matrix, diags, hstack
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.operators.numbering import Numbering
-from dolfinx_llm.operators.prescribed import RANK, SMALL, TURNS, pieces
+from dolfinx_llm.operators.prescribed import RANK, pieces
 
+SMALL = 200  # rows or columns up to which dense algebra is as fast
+TURNS = 4  # steps of inverse iteration
 CLEAR = 1e-3  # of the largest column: smallest singular value with which squares are solved
 
 
@@ -31,7 +33,7 @@ class EliminatedRows:
     L: csr_matrix  # (rows, m) L_b
     multipliers: Numbering  # of the rows
     frames: Numbering  # of the columns
-    block: int  # frame unknowns per node
+    items: np.ndarray  # (m,) node of each frame unknown, ascending: they share a block
 
     def __post_init__(self) -> None:
         rows, m = len(self.dofs), self.frames.sizes[1]
