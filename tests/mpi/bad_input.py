@@ -124,6 +124,14 @@ def tags_of_another_mesh(comm):
     llm.ContactProblem(a, L, interfaces=[llm.Interface(made[2][1], (2, 3))])
 
 
+@case(r"interfaces 2 . 3 and 3 . 2 have 16 and 9 facets of both sides in common", INPUT)
+def one_surface_in_two_interfaces(comm):
+    V, tags = scenes.two_blocks(comm)
+    a, L = scenes.forms(V)
+    both = [llm.Interface(tags, (2, 3)), llm.Interface(tags, (3, 2))]
+    llm.ContactProblem(a, L, bcs=scenes.hold(V, scenes.SYMMETRY), interfaces=both)
+
+
 # Frames
 
 

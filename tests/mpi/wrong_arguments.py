@@ -59,6 +59,19 @@ class Scene:
         a, L = self.a if a is None else a, self.L if L is None else L
         return llm.ContactProblem(a, L, **chosen)
 
+    @cached_property
+    def cells(self):
+        """Cell tags that differ in every body."""
+        index_map = self.mesh.topology.index_map(3)
+        cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+        first = self.mesh.geometry.x[compat.cell_dofs(self.mesh.geometry)[:, 0]]
+        return mesh.meshtags(self.mesh, 3, cells, np.where(first[:, 0] < 0.4, 1, 2).astype("i4"))
+
+    def tags_of(self, tag):
+        """The facets of one tag."""
+        facets = self.tags.find(tag)
+        return mesh.meshtags(self.mesh, 2, facets, np.full(len(facets), tag, dtype=np.int32))
+
     def law(self, law, sides=(2, 3)):
         held = ((2, scenes.on(2, 0.0)), *((k, scenes.on(2, z)) for k in (0, 1) for z in (0.0, 2.0)))
         interface = llm.Interface(self.tags, sides, law=law)
@@ -300,6 +313,52 @@ add(
     lambda s: llm.Interface(s.tags, (s.tags, s.tags)),
     lambda s: llm.Interface(s.tags, ((s.tags, "2"), (s.tags, 3))),
 )  # fmt: skip
+add(
+    "V=|function space",
+    lambda s: llm.find_interfaces(None, []),
+    lambda s: llm.find_interfaces(None, s.mesh),
+    lambda s: llm.find_interfaces(None, [s.V, None]),
+)
+add(
+    "(facet|cell)_tags=.*(give one for each|give dolfinx mesh tags)",
+    lambda s: llm.find_interfaces(s.mesh, s.V),
+    lambda s: llm.find_interfaces([s.tags, s.tags], s.V),
+    lambda s: llm.find_interfaces(None, s.V, cell_tags="cells"),
+)
+add(
+    "cell_tags of dimension 2: they must have 3",
+    lambda s: llm.find_interfaces(None, s.V, cell_tags=s.tags),
+)
+add(
+    "facet_tags: they belong to another mesh",
+    lambda s: llm.find_interfaces(s.other[1], s.V),
+)
+add(
+    "law.*=.*(choose Tied|give a dict of laws)",
+    lambda s: llm.find_interfaces(None, s.V, law="tied"),
+    lambda s: llm.find_interfaces(None, s.V, laws=llm.Tied()),
+    lambda s: llm.find_interfaces(None, s.V, laws={}),
+    lambda s: llm.find_interfaces(None, s.V, laws={3: llm.Tied()}, cell_tags=s.cells),
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, "a"): llm.Tied()}, cell_tags=s.cells),
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, 2): "tied"}, cell_tags=s.cells),
+)
+add(
+    "give cell_tags|the cells of body 0 have the values .1, 2.",
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, 2): llm.Tied()}),
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, 2): llm.Tied()}, cell_tags=s.cells),
+)
+add(
+    "(distance|angle)=.*give (a positive length|an angle)",
+    lambda s: llm.find_interfaces(None, s.V, distance=0.0),
+    lambda s: llm.find_interfaces(None, s.V, distance=NAN),
+    lambda s: llm.find_interfaces(None, s.V, angle=-0.1),
+    lambda s: llm.find_interfaces(None, s.V, angle=2.0),
+)
+add(
+    "no two of the 2 bodies have facets",
+    lambda s: llm.find_interfaces(s.tags_of(4), s.V),
+    kind=ERROR,
+)
 add(
     "facet tags=.*give dolfinx mesh tags",
     *(lambda s, x=x: llm.Interface(x, (2, 3)) for x in (None, "tags", np.array([2, 3]))),
@@ -584,6 +643,52 @@ add(
     lambda s: llm.free_surface_load(s.mesh, s.tags, 4, 1.0),
     lambda s: llm.free_surface_load(None, s.tags, 4, 1.0),
     lambda s: llm.free_surface_load(s.tags, s.V, 4, 1.0),
+)
+add(
+    "V=|function space",
+    lambda s: llm.find_interfaces(None, []),
+    lambda s: llm.find_interfaces(None, s.mesh),
+    lambda s: llm.find_interfaces(None, [s.V, None]),
+)
+add(
+    "(facet|cell)_tags=.*(give one for each|give dolfinx mesh tags)",
+    lambda s: llm.find_interfaces(s.mesh, s.V),
+    lambda s: llm.find_interfaces([s.tags, s.tags], s.V),
+    lambda s: llm.find_interfaces(None, s.V, cell_tags="cells"),
+)
+add(
+    "cell_tags of dimension 2: they must have 3",
+    lambda s: llm.find_interfaces(None, s.V, cell_tags=s.tags),
+)
+add(
+    "facet_tags: they belong to another mesh",
+    lambda s: llm.find_interfaces(s.other[1], s.V),
+)
+add(
+    "law.*=.*(choose Tied|give a dict of laws)",
+    lambda s: llm.find_interfaces(None, s.V, law="tied"),
+    lambda s: llm.find_interfaces(None, s.V, laws=llm.Tied()),
+    lambda s: llm.find_interfaces(None, s.V, laws={}),
+    lambda s: llm.find_interfaces(None, s.V, laws={3: llm.Tied()}, cell_tags=s.cells),
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, "a"): llm.Tied()}, cell_tags=s.cells),
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, 2): "tied"}, cell_tags=s.cells),
+)
+add(
+    "give cell_tags|the cells of body 0 have the values .1, 2.",
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, 2): llm.Tied()}),
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, 2): llm.Tied()}, cell_tags=s.cells),
+)
+add(
+    "(distance|angle)=.*give (a positive length|an angle)",
+    lambda s: llm.find_interfaces(None, s.V, distance=0.0),
+    lambda s: llm.find_interfaces(None, s.V, distance=NAN),
+    lambda s: llm.find_interfaces(None, s.V, angle=-0.1),
+    lambda s: llm.find_interfaces(None, s.V, angle=2.0),
+)
+add(
+    "no two of the 2 bodies have facets",
+    lambda s: llm.find_interfaces(s.tags_of(4), s.V),
+    kind=ERROR,
 )
 add(
     "facet tags=.*give dolfinx mesh tags",
