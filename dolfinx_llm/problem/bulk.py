@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base import compat
