@@ -25,6 +25,8 @@ DOUBTS = 1e-3  # pull over the largest force, below the residual, that parts no 
 NEARLY = 1e-6  # the same, over the smallest, where nothing touches at first
 STUCK = 0.9  # part of the last residual above which an iteration has brought nothing
 SLIDES = 0.5  # of a facet, in an iteration, up to which derivatives of rows and areas hold
+NEAR = 0.03  # residual, relative, below which slip has its exact derivative
+HELPED, LESS = 0.5, 0.1  # where it has not brought the residual down by as much: only below a tenth
 SETTLINGS = 6  # solves for the pairs in contact of the linear model, where nodes slide far
 CUTS = 8  # of a change that turns elements inside out
 
@@ -81,7 +83,7 @@ class Increment:
         self.pressures = start.pressures + end * (step.pressures - start.pressures)
         self.unbalanced = (1.0 - end) * step.unbalanced
         self.poses = [a + end * (b - a) for a, b in zip(start.poses, step.poses, strict=True)]
-        self.lagged = True
+        self.lagged, self.trusted = True, NEAR
         steps.measure(self.u)
         z = [i.at(self.dofs, self.u) for i in steps.interfaces]
         faces = [f.at(self.dofs, self.u) for f in steps.followers]
@@ -143,7 +145,8 @@ class Increment:
         scale, size = self.steps.scale, self.steps.size
         for i, placed in enumerate(self.steps.interfaces):
             contact: MovingContact = placed.what
-            before, q, held = self.status[i], self.own[i], replace(self.held[i], lagged=self.lagged)
+            before, q, near = self.status[i], self.own[i], self.error < self.trusted
+            held = replace(self.held[i], lagged=self.lagged, near=near)
             place = contact.place(placed.at(self.dofs, self.u), q, held)
             start = np.full(len(place.gap), OPEN) if before is None else before
             reach = np.where(start == OPEN, NO_GAP * size, max(NO_GAP * size, self.doubt / scale))
@@ -185,7 +188,10 @@ class Increment:
         self.lagged = self._slid(cut * du) > SLIDES * steps.size
         self.u, self._body = self.u + cut * du, body
         self.own = [q + cut * d for q, d in zip(self.own, changes, strict=True)]
+        exact, before = any(held.exact for held in self.held), self.error
         self.evaluate()
+        if exact and self.error > HELPED * before:  # slip has turned round: it was too early
+            self.trusted *= LESS
 
     def _solve(self, K: PETSc.Mat) -> tuple[np.ndarray, list[np.ndarray]]:
         """Changes of this rank's u and of each interface's own unknowns; K is used up."""
