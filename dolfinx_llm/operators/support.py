@@ -46,48 +46,6 @@ def check_support(
     )
 
 
-def check_loops(geometries: Sequence[Any], labels: Sequence[np.ndarray]) -> None:
-    """Refuse interfaces that share nodes and close a loop of bodies (per side (n,) label of each
-    node).
-
-    A node may take part in several interfaces: each adds a constraint with a frame of its own.
-    Round a loop (two interfaces between the same two bodies, three bodies that meet in an edge) the
-    constraints repeat each other and the contact forces there are not unique.
-    """
-    n, gdim = len(geometries), geometries[0].sides[0].x.shape[1]
-    first = np.cumsum([0, *(len(geometry.pairs) for geometry in geometries)])
-    touched = [labels[a:b] for a, b in zip(first, first[1:])]
-    for i, geometry in enumerate(geometries):
-        if geometry.rigid:  # the obstacle counts as a body of its own
-            touched[i] = [*touched[i], np.array([-1 - i])]
-    group = np.arange(n)
-    example = {}
-    for i in range(n):
-        for j in range(i):
-            shared = [
-                side.x[np.isin(side.dofs, other.dofs)]
-                for side, a in zip(geometries[i].pairs, geometries[i].spaces, strict=True)
-                for other, b in zip(geometries[j].pairs, geometries[j].spaces, strict=True)
-                if a == b
-            ]
-            shared = np.concatenate([np.empty((0, gdim)), *shared])
-            if len(shared):
-                example[i] = len(shared), shared[0].tolist()
-                group[group == group[i]] = group[j]
-    for g in np.unique(group):
-        members = np.flatnonzero(group == g)
-        bodies = np.unique(np.concatenate([label for i in members for label in touched[i]]))
-        if len(members) > 1 and len(members) >= len(bodies):
-            names = ", ".join(geometries[i].interface.name for i in members)
-            count, at = example[members[-1]]
-            raise ContactError(
-                f"{count} node(s), e.g. at {at}, take part in two interfaces, and the "
-                f"interfaces {names} close a loop of {len(bodies)} bodies: the contact forces "
-                "where they meet are not unique. Leave the facets next to the common edge out "
-                "of one interface's tag"
-            )
-
-
 def _least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:
     """Solution of min |L v - b| for every column of b (n, k), by a factorisation of LᵀL. It is like
     a mass matrix, so that large frames are iterated on by conjugate gradients; with small singular

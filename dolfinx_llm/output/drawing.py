@@ -42,7 +42,7 @@ def on_root() -> bool:
 
 def mean_plane(frame: Frame) -> Plane:
     """The plane that a flat frame lies in, or nearly."""
-    normal = vector_areas(frame.x, frame.cells).sum(axis=0)
+    normal = vector_areas(frame.x, frame.corners).sum(axis=0)
     normal /= np.linalg.norm(normal)
     return Plane(frame.x.mean(axis=0), orthonormal_base(normal))
 

@@ -8,6 +8,7 @@ import ufl
 from dolfinx import fem
 from friction_block import BOTTOM, LEFT, TOP, body
 from mpi4py import MPI
+from sampling import longer
 from scipy.integrate import simpson
 from test_finite_deformation import BOTTOM as BELOW
 from test_finite_deformation import HIGH, LOW, blocks, bodies_of
@@ -62,8 +63,8 @@ class Pushed:
 @pytest.mark.parametrize(
     ("mu", "cells", "slope", "step", "gap"),
     [
-        (0.0, (3, 2), SLOPE, 0.45, 0.0),
-        pytest.param(0.1, (4, 2), SLOPE, 0.45, 0.0, marks=pytest.mark.long),
+        longer(0.0, (3, 2), SLOPE, 0.45, 0.0),
+        longer(0.1, (4, 2), SLOPE, 0.45, 0.0),
         (0.2, (2, 2), ((0.0, 0.0), (3.0, 0.5), (13, 2)), 0.3, 0.0),  # the frame is the block's
         (0.3, (5, 3), SLOPE, 0.3, 0.01),
     ],
@@ -72,7 +73,7 @@ def test_block_on_a_slope(mu, cells, slope, step, gap):
     """F / G = (tan + mu) / (1 - mu tan) over lengths of the block, which may fall on it first."""
     pushed = Pushed(llm.Coulomb(mu), cells, slope, gap=gap)
     exact = (TAN + mu) / (1.0 - TAN * mu)
-    for x in step * np.arange(1, 5):
+    for x in step * np.arange(1, 4):
         found, side = pushed.to(x)
         assert abs(found / exact - 1.0) < 1e-4
         assert set(side.status[side.status > 0]) == {2 if mu else 3}
@@ -112,7 +113,7 @@ def test_friction_may_vary_and_cohere():
     assert abs(abs(along) / (0.5 * found[1].area.sum()) - 1.0) < 1e-3
 
 
-@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.2)], ids=str)
+@pytest.mark.parametrize("law", [longer(llm.Frictionless()), llm.Coulomb(0.2)], ids=str)
 def test_balance_of_energy(law):
     """A block slides on a flat foundation while it is pressed: work of its top is stored energy and
     what friction takes, sum of tau·s, along a path whose rules of integration are of fourth order.
