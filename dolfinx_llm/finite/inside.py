@@ -14,7 +14,7 @@ from dolfinx_llm.geometry.overlap_flat import outline_edges
 
 STRIDE = 0.5  # of a facet, at most, by which nodes move between the states looked at
 LOOKED_AT = 100  # states, at most: bodies that go farther are looked at more seldom
-AT_ONCE = 1_000_000  # pairs of points and facets
+ANGLES = 1_000_000  # pairs of points and facets that are looked at together
 
 
 def winding(x: np.ndarray, y: np.ndarray, facets: np.ndarray) -> np.ndarray:
@@ -28,7 +28,7 @@ def winding(x: np.ndarray, y: np.ndarray, facets: np.ndarray) -> np.ndarray:
     found = np.zeros(len(x))
     if facets.shape[1] == 4:
         facets = np.concatenate([facets[:, [0, 1, 2]], facets[:, [0, 2, 3]]])
-    for points in np.array_split(np.arange(len(x)), len(x) * len(facets) // AT_ONCE + 1):
+    for points in np.array_split(np.arange(len(x)), len(x) * len(facets) // ANGLES + 1):
         a = y[facets] - x[points][:, None, None]  # (p, f, k, gdim)
         if facets.shape[1] == 2:
             (ax, ay), (bx, by) = np.moveaxis(a[:, :, 0], 2, 0), np.moveaxis(a[:, :, 1], 2, 0)
