@@ -189,8 +189,9 @@ def test_messages_of_the_page_are_the_codes():
 
 @pytest.mark.parametrize(
     "name",
-    ["Interface", "ContactProblem", "ContactProblem.solve", "ContactProblem.plot", "Tied",
-     "Coulomb", "RigidPlane", "RigidSphere", "RigidCylinder", "RigidSurface"],
+    ["Interface", "find_interfaces", "ContactProblem", "ContactProblem.solve",
+     "ContactProblem.plot", "Tied", "Coulomb",
+     "RigidPlane", "RigidSphere", "RigidCylinder", "RigidSurface"],
 )  # fmt: skip
 def test_options_of_the_page_are_complete(name):
     item = dolfinx_llm

@@ -14,6 +14,7 @@ from dolfinx_llm.design.curved import nodal_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.certificate import Certificate
+from dolfinx_llm.interface.control import at_nodes, nodal_values
 from dolfinx_llm.interface.forces import InterfaceForces, per_mass
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
@@ -124,8 +125,32 @@ def collect_results(
         if geometry.interface.law.components != "cartesian":
             held = state.held if state else np.zeros(len(forces), dtype=bool)
             sides = _between_bodies(geometry, sides, operators.scale, held)
-        results.append(_interface_result(geometry, sides, v, state))
+        result = _interface_result(geometry, sides, v, state)
+        results.append(_at_nodes(geometry, result))
     return results
+
+
+def _at_nodes(geometry: InterfaceGeometry, result: InterfaceResult) -> InterfaceResult:
+    """The result with values at nodes, where those of second-order bodies are control values."""
+    if result.frame is None or all(p.control is None for p in geometry.pairs):
+        return result
+    sides = []
+    for p, side in zip(geometry.pairs, result.sides, strict=True):
+        if p.control is not None:
+            force = at_nodes(p, side.force)
+            side = replace(
+                side,
+                u=p.control @ side.u,
+                force=force,
+                normal_force=np.einsum("ni,ni->n", force, side.normal),
+                frame_gap=p.control @ side.frame_gap,
+                slip=p.control @ side.slip,
+                area=at_nodes(p, side.area),
+            )
+        sides.append(side)
+    assert result.frame.v is not None
+    frame = replace(result.frame, v=nodal_values(geometry, result.frame.v))
+    return replace(result, sides=tuple(sides), frame=frame)
 
 
 def _between_bodies(
@@ -138,7 +163,10 @@ def _between_bodies(
     is rounding then, of the surfaces' stiffness ``scale`` times their motion.
     """
     gaps = [side.frame_gap for side in sides]
-    positions = [side.x + side.u for side in sides]
+    positions = [
+        side.x + (side.u if p.control is None else p.control @ side.u)
+        for p, side in zip(geometry.pairs, sides, strict=True)
+    ]
     for k, N in enumerate(geometry.opposite):
         across = N @ positions[1 - k] - positions[k]
         gaps[k] = np.einsum("ni,ni->n", across, sides[k].normal)
@@ -203,7 +231,7 @@ def _side_result(
         status=status,
         area=pairs.forces,
         facets=pairs.facets,
-        density=per_mass(force, pairs.loads.mass),
+        density=per_mass(at_nodes(pairs, force), pairs.loads.mass),
     )
 
 

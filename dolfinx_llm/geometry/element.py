@@ -65,6 +65,17 @@ class Element:
         return out
 
     @cached_property
+    def bernstein(self) -> np.ndarray:
+        """(k, k) E: nodal values from control values, by which shape functions are Bernstein's."""
+        c, e = self.corners, len(self.edges)
+        out = np.eye(self.nodes)
+        if self.order == 2:
+            out[c : c + e, :c] = 0.5 * self.linear[c : c + e]
+            out[c : c + e, c : c + e] *= 0.5
+            out[c + e :] = [1 / 16] * c + [1 / 8] * e + [1 / 4] * (self.nodes - c - e)
+        return out
+
+    @cached_property
     def quadrature(self) -> tuple[np.ndarray, np.ndarray]:
         """Points (g, d) and weights (g,) on the reference cell, exact for products of three shape
         functions and the Jacobian of straight cells."""

@@ -18,6 +18,26 @@ from dolfinx_llm.geometry.surface import Surface
 BOUND = 1e-3  # of the singular values' ratio
 
 
+def control_matrices(surface: Surface) -> tuple[csr_matrix, csr_matrix]:
+    """E and E^-1 (n, n) of ``Element.bernstein``: values at a surface's nodes from control values,
+    and these from values at nodes."""
+    E = surface.element.bernstein
+    inverse = np.round(16.0 * np.linalg.inv(E)) / 16.0  # they are multiples of a quarter
+    n = len(surface.x)
+    return nodal_rows(surface.cells, E, n), nodal_rows(surface.cells, inverse, n)
+
+
+def nodal_rows(cells: np.ndarray, table: np.ndarray, n: int) -> csr_matrix:
+    """(n, n) matrix whose row of a node is that of its place in a cell (m, k), in a table (k, k)
+    which says the same of it in each of its cells."""
+    nodes, first = np.unique(cells, return_index=True)
+    cell, place = np.divmod(first, cells.shape[1])
+    index = np.repeat(nodes, cells.shape[1]), cells[cell].ravel()
+    matrix = csr_matrix((table[place].ravel(), index), (n, n))
+    matrix.eliminate_zeros()
+    return matrix
+
+
 @dataclass(frozen=True, eq=False)
 class ContactPairs:
     """The pairs of one side; n of them, on a frame of m nodes."""
@@ -30,6 +50,8 @@ class ContactPairs:
     normal: np.ndarray  # (n, gdim) frame normal, out of this side
     base: np.ndarray  # (n, c, gdim) local base vectors of the multipliers
     gap: np.ndarray  # (n, gdim) X_p - sum_J N_J Y_J [length]
+    control: csr_matrix | None = None  # (n, n) E where rows, gaps and forces are those of control
+    # values (``Element.bernstein``): nodal values from them; None: they are of the nodes
 
     @property
     def forces(self) -> np.ndarray:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_matrix, triu
 
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
@@ -17,6 +18,7 @@ from dolfinx_llm.geometry.pairs import ContactPairs, locate_pairs
 from dolfinx_llm.geometry.pieces import Piece
 from dolfinx_llm.interface.against import against_obstacle, forced, under_force
 from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.control import in_control_values
 from dolfinx_llm.interface.frames import REACH, choose_frame, common_order, move_nodes
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.interface.join import Part, joined, whole_piece
@@ -43,12 +45,45 @@ def build_interfaces(
     """All interfaces of a problem; as of ``build_interface``. Ties whose rows are corrected are
     built again where other interfaces have some of their nodes, which then keep theirs."""
     found = [build_interface(interface, spaces, fixed) for interface in interfaces]
+    check_pairs(found)
     for i, shared in enumerate(shared_nodes(found)):
         ties, certificate = found[i].interface.law.ties, found[i].certificate
         corrected = certificate is not None and certificate.largest_correction > 0.0
         if ties and corrected and any(nodes.any() for nodes in shared):
             found[i] = build(replace(found[i].site, shared=shared))
     return found
+
+
+def check_pairs(geometries: Sequence[InterfaceGeometry]) -> None:
+    """Require that no two interfaces have the same facets on both of their sides."""
+    pairs = [(i, k) for i, g in enumerate(geometries) if len(g.pairs) == 2 for k in (0, 1)]
+    if len(pairs) < 4:
+        return
+    facets = []
+    for i, k in pairs:
+        surface = geometries[i].pairs[k].surface
+        nodes = np.sort(surface.dofs[surface.facets], axis=1)
+        known = np.full((len(nodes), 7), -1)
+        known[:, 0], known[:, 1] = i, k
+        known[:, 2], known[:, 3 : 3 + nodes.shape[1]] = geometries[i].spaces[k], nodes
+        facets.append(known)
+    rows = np.concatenate(facets)
+    _, number = np.unique(rows[:, 2:], axis=0, return_inverse=True)
+    shape, number = (len(geometries), len(rows)), number.ravel()
+    own = [
+        csr_matrix((np.ones(side.sum()), (rows[side, 0], number[side])), shape)
+        for side in (rows[:, 1] == 0, rows[:, 1] == 1)
+    ]
+    common = [triu(M @ (own[0] + own[1]).T, 1, format="csr") for M in own]
+    twice = common[0].multiply(common[1]).tocoo()
+    if twice.nnz:
+        i, j = int(twice.row[0]), int(twice.col[0])
+        counts = [int(M[i, j]) for M in common]
+        names = " and ".join(geometries[k].interface.name for k in (i, j))
+        raise ContactInputError(
+            f"the interfaces {names} have {counts[0]} and {counts[1]} facets of both sides in "
+            "common: give each pair of surfaces once"
+        )
 
 
 def shared_nodes(geometries: Sequence[InterfaceGeometry]) -> list[tuple[np.ndarray, ...]]:
@@ -115,6 +150,8 @@ def assembled(
     frame, base, certificate = None, np.empty((0, gdim, gdim)), None
     if alone is None:
         pairs, frame, base, certificate = joined(site.whole, parts)
+        if not law.ties:
+            pairs = [in_control_values(p, frame) for p in pairs]
     rims = [
         rim[np.isin(side.dofs, p.surface.dofs)][p.nodes]
         for rim, side, p in zip(whole_rims, site.whole, pairs, strict=True)

@@ -78,8 +78,9 @@ class InterfaceForces:
         forces per area say nothing, it is that of ``SideResult.density`` of the coarser side.
         """
         if self.frame_density is not None:
-            return self.frame_density[:, 0]
-        pressure = per_area(self.frame_force[:, None], self.frame_area)[:, 0]
+            pressure = self.frame_density[:, 0]
+        else:
+            pressure = per_area(self.frame_force[:, None], self.frame_area)[:, 0]
         return np.maximum(pressure, 0.0) if self.presses else pressure
 
     @property

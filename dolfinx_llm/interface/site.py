@@ -52,7 +52,7 @@ def find_site(
 
 
 def check_order(interface: Interface, sides: Sequence[Surface], flat: bool = True) -> None:
-    """Require, of second-order bodies, ties on flat surfaces.
+    """Require, of second-order bodies, ties on flat surfaces, or laws that let them part.
 
     Raises:
         ContactInputError: what is not there for them is asked for.
@@ -62,7 +62,7 @@ def check_order(interface: Interface, sides: Sequence[Surface], flat: bool = Tru
         return
     if interface.obstacle is not None:
         missing = "rigid obstacles"
-    elif not interface.law.ties:
+    elif interface.law.gives or not (interface.law.ties or interface.law.opens):
         missing = f"the law {interface.law}"
     elif interface.design == "positions":
         missing = "design='positions' (use 'weights' or 'auto')"
@@ -71,7 +71,8 @@ def check_order(interface: Interface, sides: Sequence[Surface], flat: bool = Tru
     if missing:
         raise ContactInputError(
             f"interface {interface.name}: {missing} need(s) first-order bodies; of second-order "
-            "ones flat surfaces can be tied. Use ('Lagrange', 1, ...) here"
+            "ones flat surfaces can be tied, and surfaces without sharp turns part and slide. Use "
+            "('Lagrange', 1, ...) here"
         )
 
 

@@ -18,6 +18,7 @@ from dolfinx_llm.forms.choice import choose_solver
 from dolfinx_llm.forms.step import StepForm
 from dolfinx_llm.interface.build import build_interfaces
 from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.control import controlled
 from dolfinx_llm.operators.system import ContactOperators, anatomy
 from dolfinx_llm.output import plot
 from dolfinx_llm.problem.arguments import problem_arguments, step_arguments
@@ -89,9 +90,9 @@ class ContactProblem(Disposable):
     def _build_operators(self) -> None:
         """Pairs, frames and operators, from positions and conditions as they are now."""
         geometries = build_interfaces(self.interfaces, self.spaces, self.bulk.fixed)
-        self.operators = ContactOperators(geometries, self.bulk.dofs, self.K, self.times)
-        self.geometries, self.bodies = self.operators.geometries, self.operators.bodies
-        self.B, self.L_b = self.operators.B, self.operators.L_b
+        self.bulk.use_control(controlled(geometries))
+        o = self.operators = ContactOperators(geometries, self.bulk.dofs, self.K, self.times)
+        self.geometries, self.bodies, self.B, self.L_b = o.geometries, o.bodies, o.B, o.L_b
 
     def _setting(self) -> Setting:
         """What the method works with, in the form that suits."""

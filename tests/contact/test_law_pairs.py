@@ -1,15 +1,13 @@
 """Every pair of laws as two interfaces of one problem, pressed, dragged, lifted and pressed again;
 every law in 2D and 3D, in every form, on one rank and on two."""
 
-import itertools
-
 import law_pairs
 import numpy as np
 import pytest
 from conftest import run_mpi_json
 from law_scenes import Lifted
 from mpi4py import MPI
-from sampling import covering, longer, some_of
+from sampling import drawn, longer
 
 from dolfinx_llm.forms import choice
 
@@ -37,12 +35,7 @@ def scene(gdim, name, form, monkeypatch):
 NAMES = ["smooth", "rough", "rigid smooth", "rigid rough", "rigid zero"]
 
 
-PRODUCT = NAMES, (2, 3), FORMS
-
-
-@pytest.mark.parametrize(
-    ("name", "gdim", "form"), some_of(itertools.product(*PRODUCT), covering(*PRODUCT)[::2])
-)
+@pytest.mark.parametrize(("name", "gdim", "form"), drawn(NAMES, (2, 3), FORMS, every=2))
 def test_press_lift_and_press_again(name, gdim, form, monkeypatch):
     """A body that is not yet there, or is lifted off, is free of stress; pressed again it is where
     it was: straight down there is no other way to slip."""

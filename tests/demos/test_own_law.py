@@ -1,14 +1,12 @@
 """Laws of one's own against closed forms: in 2D and 3D, all forms, one and two ranks."""
 
-import itertools
-
 import numpy as np
 import own_law
 import pytest
 from conftest import run_mpi_json
 from hertz2d import hold
 from mpi4py import MPI
-from sampling import covering, longer, some_of
+from sampling import drawn, longer
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -33,12 +31,7 @@ def assert_known(rows):
 FORMS = ("flexibility", "saddle", "condensed")
 
 
-PRODUCT = SCENES, (2, 3), FORMS
-
-
-@pytest.mark.parametrize(
-    "scene, dim, form", some_of(itertools.product(*PRODUCT), covering(*PRODUCT)[::2])
-)
+@pytest.mark.parametrize("scene, dim, form", drawn(SCENES, (2, 3), FORMS, every=2))
 def test_closed_form(scene, dim, form, monkeypatch):
     law, angle = SCENES[scene]
     monkeypatch.setattr(choice, "FLEXIBLE", 10**6 if form == "flexibility" else 0)

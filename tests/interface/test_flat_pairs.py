@@ -28,7 +28,8 @@ OUTLINES = {
 
 
 @pytest.mark.parametrize(
-    ("name", "kind", "n"), drawn(OUTLINES, ["hexahedron", "tetrahedron"], [(4, 6), (8, 5)])
+    ("name", "kind", "n"),
+    drawn(OUTLINES, ["hexahedron", "tetrahedron"], [(4, 6), (8, 5)], every=2),
 )
 def test_outlines(name, kind, n):
     """Contact area with a corner, a hole or in two pieces: the upper block stands on feet."""

@@ -124,7 +124,7 @@ def tags_of_another_mesh(comm):
     llm.ContactProblem(a, L, interfaces=[llm.Interface(made[2][1], (2, 3))])
 
 
-@case(r"node\(s\), e.g. at .*, take part in two interfaces")
+@case(r"interfaces 2 . 3 and 3 . 2 have 16 and 9 facets of both sides in common", INPUT)
 def one_surface_in_two_interfaces(comm):
     V, tags = scenes.two_blocks(comm)
     a, L = scenes.forms(V)

@@ -7,6 +7,9 @@ import numpy as np
 import wall_scenes as walls
 from mpi4py import MPI
 
+import dolfinx_llm as llm
+from dolfinx_llm.geometry.surface import extract_surface
+
 
 def forces(comm, gdim):
     """By both forms, and how many rows repeat others."""
@@ -20,6 +23,10 @@ def forces(comm, gdim):
         sides = [side for result in problem.results for side in result.sides]
         out[solver] = np.concatenate([side.force for side in sides]).tolist()
         out["redundant"] = int(problem.operators.redundant.sum())
+    found = llm.find_interfaces(None, wall.V)
+    out["found"] = [interface.name for interface in found]
+    sides = [(space, *side) for i in found for space, side in zip((wall.V,) * 2, i.tagged_sides())]
+    out["facets"] = [len(extract_surface(*side).facets) for side in sides]
     return out
 
 

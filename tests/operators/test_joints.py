@@ -87,6 +87,7 @@ def test_least_forces(blocks, kind):
 def test_ranks(gdim, n):
     one, several = joints.forces(COMM, gdim), run_mpi_json("joints.py", n, str(gdim))
     assert one["redundant"] == several["redundant"] > 0
+    assert one["found"] == several["found"] and one["facets"] == several["facets"]
     for name in ("saddle", "condensed"):
         size = np.abs(one[name]).max()
         assert np.abs(np.subtract(one[name], several[name])).max() <= 1e-9 * size

@@ -223,6 +223,14 @@ def errors(u, field):
     return np.sqrt(sums[0] / sums[1]), np.sqrt(sums[2] / sums[3])
 
 
+class Pressed(Polynomial):
+    """Uniform stress along the last axis."""
+
+    def __init__(self, gdim):
+        self.linear = 1e-3 * np.diag([0.3] * (gdim - 1) + [-1.0])
+        self.square = np.zeros((gdim,) * 3)
+
+
 class Waves:
     """A smooth vector field that is no polynomial."""
 
