@@ -16,7 +16,7 @@ test: setup ## run the tests, WORKERS at once; ARGS="-k word" is passed on to py
 	$(ACTIVATE) && pytest $(PARALLEL) $(ARGS)
 
 quick: setup ## run those that take no more than a moment, on one rank
-	$(ACTIVATE) && pytest $(PARALLEL) -m "quick and not mpi" $(ARGS)
+	$(ACTIVATE) && pytest $(PARALLEL) -m "quick and not mpi and not long" $(ARGS)
 
 long: setup ## run what `make test` has only a sample of: campaigns, products, large meshes
 	$(ACTIVATE) && pytest $(PARALLEL) -m long $(ARGS)

@@ -84,6 +84,7 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--refine", type=int, default=1, metavar="N")
     parser.add_argument("--squeeze", type=float, default=0.3, metavar="C")
+    parser.add_argument("--steps", type=int, default=6, metavar="N")
     parser.add_argument("--plot", type=Path, metavar="DIR")
     args = parser.parse_args(arguments)
     contact, plate = problem(*seal(MPI.COMM_WORLD, args.refine))
@@ -91,8 +92,8 @@ def main(arguments=None):
     if root:
         print(contact)
         print("squeeze   force  over linear    width  pressure  over linear  iterations")
-    rows, steps = [], 6
-    for C in args.squeeze * np.arange(1, steps + 1) / steps:
+    rows = []
+    for C in args.squeeze * np.arange(1, args.steps + 1) / args.steps:
         plate.displacement = (0.0, -C * DIAMETER)
         contact.solve()
         low, high = (result.sides[0] for result in contact.results)

@@ -24,6 +24,7 @@ from dolfinx_llm.laws.rows import LawNodes, LawRows
 from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.output import plot, post
 from dolfinx_llm.problem import classical
+from dolfinx_llm.problem.find import find_interfaces
 from dolfinx_llm.problem.loads import free_surface_load
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
@@ -59,6 +60,7 @@ __all__ = [
     "classical",
     "design_positions",
     "design_weights",
+    "find_interfaces",
     "free_surface_load",
     "plot",
     "post",

@@ -81,6 +81,14 @@ def cell_dofs(space_or_geometry: Any) -> np.ndarray:
     return dofs.array.reshape(n, width if n else (width.num_dofs if width else 1))
 
 
+def has_nodes(V: Any) -> bool:
+    """Whether a function space's unknowns are values at nodes: Lagrange elements."""
+    element = V.ufl_element()
+    family = getattr(element, "element_family", None)  # of Basix
+    name = element.family() if family is None else family.name
+    return name in ("Lagrange", "P", "Q")
+
+
 def is_function(value: Any) -> bool:
     """Whether this is a dolfinx Function."""
     return isinstance(value, dolfinx.fem.Function)

@@ -56,13 +56,12 @@ class Equations:
         self.states = [InterfaceState(nodes) for nodes in friction_nodes(operators)]
         places = [state.nodes for state in self.states]
         self.n = sum(nodes.rows.size for nodes in places)
-        # Of ties no row that repeats others is left.
+        # Of ties no row that repeats others is in contact.
         loose = np.concatenate([np.full(nodes.rows.size, not nodes.law.ties) for nodes in places])
         self.soft, self.compliance = operators.soft & loose, np.zeros(self.n)
         L = block_diag([nodes.L for nodes in places], format="csr")
         L_kappa = block_diag([nodes.L_kappa for nodes in places], format="csr")
-        kept = diags(np.concatenate([nodes.kept for nodes in places]).astype(float))
-        self.whole, self.n_v = (kept @ hstack([L, L_kappa])).tocsr(), L.shape[1]
+        self.whole, self.n_v = hstack([L, L_kappa], format="csr"), L.shape[1]
         self.m = self.whole.shape[1]
         self.L, self.L_t = seen_by(self.whole, self.n_v)
         self._operators, self.loads = operators, np.zeros(self.n_v)

@@ -37,7 +37,7 @@ class FrictionNodes:
     rows: np.ndarray  # (n, c) its multiplier rows
     v: np.ndarray  # (m d,) its frame unknowns
     kappa: np.ndarray  # (k, q) its jump unknowns
-    kept: np.ndarray  # (n c,) rows that are not redundant (prescribed on both sides)
+    kept: np.ndarray  # (n c,) rows that are not redundant
     yields: np.ndarray  # (n,) pairs that supports leave free to move tangentially
     L: csr_matrix  # (n c, m d)
     L_kappa: csr_matrix  # (n c, k q)
@@ -73,8 +73,10 @@ class FrictionNodes:
         return abs(vstack(self.N)).tocsr()
 
     @cached_property
-    def _squares(self) -> list[csr_matrix]:
-        return [N.power(2).T.tocsr() for N in self.N]
+    def _squares(self) -> list[tuple[csr_matrix, float]]:
+        """Per side N² (k, n_i), and the least that counts as held."""
+        squares = [N.power(2).T.tocsr() for N in self.N]
+        return [(s, FLOOR * s.sum() / s.shape[0]) for s in squares]
 
     @cached_property
     def led(self) -> np.ndarray:
@@ -102,9 +104,8 @@ class FrictionNodes:
     def support(self, weight: np.ndarray) -> list[np.ndarray]:
         """Per side (k,) how firmly pairs of a weight (n,) hold the motion of nodes: sums of N²."""
         first, out = 0, []
-        for squares in self._squares:
+        for squares, least in self._squares:
             n = squares.shape[1]
-            least = FLOOR * squares.sum() / squares.shape[0]
             out.append(np.maximum(squares @ weight[first : first + n], least))
             first += n
         return out

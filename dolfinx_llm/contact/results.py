@@ -14,7 +14,8 @@ from dolfinx_llm.design.curved import nodal_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.certificate import Certificate
-from dolfinx_llm.interface.forces import InterfaceForces
+from dolfinx_llm.interface.control import at_nodes, nodal_values
+from dolfinx_llm.interface.forces import InterfaceForces, per_mass
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 from dolfinx_llm.operators.system import ContactOperators
@@ -44,7 +45,9 @@ class SideResult:
     slip: np.ndarray  # (n, gdim) tangential motion relative to the frame, 0 where open [length]
     status: np.ndarray  # (n,) 0 open, 1 stick, 2 slip, 3 closed without friction
     area: np.ndarray  # (n,) tributary area: the force of unit pressure [area]
-    facets: np.ndarray  # (m, k) facets of the surface that lie between these nodes
+    facets: np.ndarray  # (m, c) corners of the facets that lie between these nodes
+    density: np.ndarray | None = None  # (n, gdim) of the forces on the surface, by the integrals of
+    # its shape functions' products; None at first order, where the frame's are [force / area]
 
     @property
     def drawn(self) -> np.ndarray:
@@ -78,6 +81,7 @@ class InterfaceResult(InterfaceForces):
     presses: bool = True  # the law lets bodies part: no force pulls
     # (gdim,) of an obstacle, prescribed or where a force brings it [length]; None with a frame
     displacement: np.ndarray | None = None
+    frame_density: np.ndarray | None = None  # (m, 1 + gdim) see ``InterfaceForces``
 
 
 def collect_results(
@@ -121,8 +125,32 @@ def collect_results(
         if geometry.interface.law.components != "cartesian":
             held = state.held if state else np.zeros(len(forces), dtype=bool)
             sides = _between_bodies(geometry, sides, operators.scale, held)
-        results.append(_interface_result(geometry, sides, v, state))
+        result = _interface_result(geometry, sides, v, state)
+        results.append(_at_nodes(geometry, result))
     return results
+
+
+def _at_nodes(geometry: InterfaceGeometry, result: InterfaceResult) -> InterfaceResult:
+    """The result with values at nodes, where those of second-order bodies are control values."""
+    if result.frame is None or all(p.control is None for p in geometry.pairs):
+        return result
+    sides = []
+    for p, side in zip(geometry.pairs, result.sides, strict=True):
+        if p.control is not None:
+            force = at_nodes(p, side.force)
+            side = replace(
+                side,
+                u=p.control @ side.u,
+                force=force,
+                normal_force=np.einsum("ni,ni->n", force, side.normal),
+                frame_gap=p.control @ side.frame_gap,
+                slip=p.control @ side.slip,
+                area=at_nodes(p, side.area),
+            )
+        sides.append(side)
+    assert result.frame.v is not None
+    frame = replace(result.frame, v=nodal_values(geometry, result.frame.v))
+    return replace(result, sides=tuple(sides), frame=frame)
 
 
 def _between_bodies(
@@ -135,7 +163,10 @@ def _between_bodies(
     is rounding then, of the surfaces' stiffness ``scale`` times their motion.
     """
     gaps = [side.frame_gap for side in sides]
-    positions = [side.x + side.u for side in sides]
+    positions = [
+        side.x + (side.u if p.control is None else p.control @ side.u)
+        for p, side in zip(geometry.pairs, sides, strict=True)
+    ]
     for k, N in enumerate(geometry.opposite):
         across = N @ positions[1 - k] - positions[k]
         gaps[k] = np.einsum("ni,ni->n", across, sides[k].normal)
@@ -200,6 +231,7 @@ def _side_result(
         status=status,
         area=pairs.forces,
         facets=pairs.facets,
+        density=per_mass(at_nodes(pairs, force), pairs.loads.mass),
     )
 
 
@@ -236,4 +268,21 @@ def _interface_result(
         elif law.components == "normal":
             friction = np.zeros_like(friction)
     frame, known = replace(frame, v=v), geometry.certificate
-    return InterfaceResult(frame, tuple(sides), known, force, area, friction, status, presses)
+    density = _frame_density(geometry, sides, normal)
+    return InterfaceResult(
+        frame, tuple(sides), known, force, area, friction, status, presses, frame_density=density
+    )
+
+
+def _frame_density(
+    geometry: InterfaceGeometry, sides: Sequence[SideResult], normal: np.ndarray
+) -> np.ndarray | None:
+    """``InterfaceResult.frame_density``, where the frame's nodes have normals (m, gdim)."""
+    k = int(len(sides[1].x) < len(sides[0].x))
+    density = sides[k].density
+    if density is None or sides[1 - k].density is None:
+        return None
+    assert geometry.frame is not None
+    vector = (1.0 - 2.0 * k) * (geometry.pairs[k].interpolation(geometry.frame.x) @ density)
+    pressure = np.einsum("mi,mi->m", vector, normal)[:, None]
+    return np.column_stack([pressure, vector - pressure * normal])

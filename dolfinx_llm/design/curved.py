@@ -291,7 +291,7 @@ def with_mean_normals(pairs: Sequence[ContactPairs], normals: np.ndarray) -> lis
 
 def nodal_normals(frame: Frame) -> np.ndarray:
     """(m, gdim) unit normals, the mean of the cells around each node by area."""
-    area = vector_areas(frame.x, frame.cells)
+    area = vector_areas(frame.x, frame.corners)
     normal = np.zeros_like(frame.x)
     np.add.at(normal, frame.cells, area[:, None, :])
     return normal / np.linalg.norm(normal, axis=1)[:, None]

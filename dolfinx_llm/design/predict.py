@@ -19,69 +19,73 @@ from dolfinx_llm.geometry.surface import Surface
 
 def predict_frame(
     sides: Sequence[Surface],
-    forces: Sequence[np.ndarray],
+    touched: Sequence[np.ndarray],
     plane: Plane | None = None,
     by_nodes: bool = False,
     corners: int | None = None,
+    order: int = 1,
 ) -> tuple[Frame, str]:
     """Frame for two surfaces: the facets in contact of the coarser side.
 
     Args:
         sides: the two surfaces.
-        forces: pair of (n_i,) forces of unit pressure; 0 at nodes that are not in contact.
+        touched: pair of (n_i,) whether nodes belong to facets in contact.
         plane: contact plane of flat surfaces, halfway between which the frame lies; None: the
             facets stay where they are.
         by_nodes: of ``coarser_facets``.
         corners: of the frame's cells where only one kind will do; None: those of the coarser side.
+        order: of the cells, at most that of both sides.
 
     Returns:
         The frame and a sentence that says what it is.
     """
-    k, facets = coarser_facets(sides, forces, by_nodes)
-    if corners not in (None, facets.shape[1]):
+    k, facets = coarser_facets(sides, touched, by_nodes)
+    if corners not in (None, sides[k].facets.shape[1]):
         k = 1 - k
-        facets = touched_facets(sides[k], forces[k])
-    nodes, cells = np.unique(facets, return_inverse=True)
-    cells = cells.reshape(facets.shape)
+        facets = touched_facets(sides[k], touched[k])
+    chosen = (sides[k].cells if order > 1 else sides[k].facets)[facets]
+    nodes, cells = np.unique(chosen, return_inverse=True)
+    cells = cells.reshape(chosen.shape)
     x = sides[k].x[nodes]
     if plane is not None:
         middle = np.mean([plane.height(side.x).mean() for side in sides])
         x = x + np.outer(middle - plane.height(x), plane.normal)
     note = f"frame: predicted, the {len(facets)} facets in contact of the coarser side "
-    return Frame(x, cells if k == 0 else cells[:, ::-1]), f"{note}({sides[k].name})"
+    frame = Frame(x, cells)
+    return frame if k == 0 else frame.flipped(), f"{note}({sides[k].name})"
 
 
 def coarser_facets(
-    sides: Sequence[Surface], forces: Sequence[np.ndarray], by_nodes: bool = False
+    sides: Sequence[Surface], touched: Sequence[np.ndarray], by_nodes: bool = False
 ) -> tuple[int, np.ndarray]:
-    """Which side is coarser, 0 or 1, and its facets (m, k) whose nodes all carry force.
+    """Which side is coarser, 0 or 1, and its facets (m,) that are in contact.
 
     By the size of the facets; or by the number of nodes: where contact may open no side may have
     fewer nodes than the frame, or pressures arise that it does not feel.
     """
-    touched = []
-    for side, f in zip(sides, forces):
-        facets = touched_facets(side, f)
-        size = np.linalg.norm(vector_areas(side.x, facets), axis=1).mean()
-        touched.append((facets, size))
-    counts = [len(np.unique(facets)) for facets, _ in touched]
-    (_, size0), (_, size1) = touched
+    own = [touched_facets(side, nodes) for side, nodes in zip(sides, touched, strict=True)]
+    corners = [side.facets[facets] for side, facets in zip(sides, own, strict=True)]
+    size0, size1 = (
+        np.linalg.norm(vector_areas(side.x, facets), axis=1).mean()
+        for side, facets in zip(sides, corners, strict=True)
+    )
+    counts = [len(np.unique(facets)) for facets in corners]
     if by_nodes and counts[0] != counts[1]:
         k = int(np.argmin(counts))
     elif abs(size0 - size1) > 1e-9 * max(size0, size1):
         k = int(size1 > size0)
     else:  # equally coarse: what depends neither on the order of the sides nor on the axes decides
-        shapes = [_shape(side.x, facets) for side, (facets, _) in zip(sides, touched)]
+        shapes = [_shape(side.x, facets) for side, facets in zip(sides, corners)]
         scale = np.maximum(np.abs(shapes[0]), np.abs(shapes[1]))
         apart = np.flatnonzero(np.abs(shapes[0] - shapes[1]) > 1e-9 * scale)
         k = int(shapes[0][apart[0]] > shapes[1][apart[0]]) if len(apart) else 0
-    return k, touched[k][0]
+    return k, own[k]
 
 
-def touched_facets(side: Surface, forces: np.ndarray) -> np.ndarray:
-    """(m, k) facets of a side whose nodes all carry force: those that the area merely borders do
+def touched_facets(side: Surface, touched: np.ndarray) -> np.ndarray:
+    """(m,) facets of a side whose nodes all take part (n,): those that the area merely borders do
     not count."""
-    return side.facets[(forces[side.facets] > 0.0).all(axis=1)]
+    return np.flatnonzero((touched > 0)[side.cells].all(axis=1))
 
 
 def _shape(x: np.ndarray, facets: np.ndarray) -> np.ndarray:

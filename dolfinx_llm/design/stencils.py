@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 ZERO = 1e-13  # shape functions below this are rounding: the node lies on an edge
+DEPENDENT = 1e-20  # part of a function's square that is left of it, below which it is none
 FADE = 1e-4  # of the largest singular value: where constraints fade that hardly differ from others
 
 
@@ -87,24 +88,63 @@ def row_weights(N: csr_matrix, around: csr_matrix) -> csr_matrix:
     return (inner_part(N) @ around).tocsr()
 
 
-def flat_stencils(W: csr_matrix, s: np.ndarray) -> RowStencils:
-    """Stencils of weights W whose corrections keep constants and linear fields of the plane.
+@dataclass(frozen=True, eq=False)
+class FlatStencils:
+    """Stencils on flat frames, and the least corrections that reproduce their polynomials."""
+
+    rows: RowStencils
+    missing: np.ndarray  # (z,) corrections of the entries, 0 where rows reproduce them already
+
+
+def flat_stencils(W: csr_matrix, s: np.ndarray, N: csr_matrix, degree: int = 1) -> FlatStencils:
+    """Stencils of weights W whose corrections keep polynomials of the plane.
 
     Args:
         s: (m, d) frame nodes in coordinates of the plane [length].
+        N: (n, m) the rows, which reproduce linear fields.
+        degree: of the polynomials, 1 or 2.
     """
-    root, local = np.sqrt(W.data), s[W.indices]
-    total = sums(W.data, W.indptr)
-    mean = np.column_stack([sums(W.data * c, W.indptr) / total for c in local.T])
-    local = local - spread(mean, W.indptr)
+    root, total = np.sqrt(W.data), sums(W.data, W.indptr)
+    mean = np.column_stack([sums(W.data * c, W.indptr) / total for c in s[W.indices].T])
+    local = s[W.indices] - spread(mean, W.indptr)
     columns: list[np.ndarray] = []
-    for value in (np.ones(len(root)), *local.T):
+    targets: list[np.ndarray] = []
+    wanted = _deficits(N, s, mean) if degree > 1 else [np.zeros(len(total))] * (s.shape[1] + 1)
+    for value, target in zip(monomials(local, degree), wanted, strict=True):
         q = root * value
+        size = sums(q * q, W.indptr)
         for _ in range(2):  # again, against rounding
-            for other in columns:
-                q = q - other * spread(sums(other * q, W.indptr), W.indptr)
-        columns.append(q / np.sqrt(spread(sums(q * q, W.indptr), W.indptr)))
-    return RowStencils(W.indptr, W.indices, root, np.column_stack(columns))
+            for other, known in zip(columns, targets, strict=True):
+                part = sums(other * q, W.indptr)
+                q, target = q - other * spread(part, W.indptr), target - part * known
+        norm = sums(q * q, W.indptr)
+        # What does not differ from the functions before, for want of nodes, is no constraint.
+        norm = np.sqrt(np.where(norm > DEPENDENT * size, norm, np.inf))
+        columns.append(q / spread(norm, W.indptr))
+        targets.append(target / norm)
+    missing = np.zeros(len(root))
+    if degree > 1:
+        missing = root * sum(q * spread(t, W.indptr) for q, t in zip(columns, targets))
+    return FlatStencils(RowStencils(W.indptr, W.indices, root, np.column_stack(columns)), missing)
+
+
+def monomials(x: np.ndarray, degree: int) -> list[np.ndarray]:
+    """1, the coordinates (n, d) and, at degree 2, their products, each (n,)."""
+    out = [np.ones(len(x)), *x.T]
+    if degree > 1:
+        out += [x[:, i] * x[:, j] for i in range(x.shape[1]) for j in range(i + 1)]
+    return out
+
+
+def _deficits(N: csr_matrix, s: np.ndarray, mean: np.ndarray) -> list[np.ndarray]:
+    """By how much rows (n, m) miss the polynomials of degree 2 about a point (n, d) each."""
+    own = monomials(N @ s - mean, 2)
+    at_nodes = monomials(s[N.indices] - spread(mean, N.indptr), 2)
+    linear = s.shape[1] + 1  # which they reproduce
+    return [
+        np.zeros(len(mean)) if i < linear else f - sums(N.data * g, N.indptr)
+        for i, (f, g) in enumerate(zip(own, at_nodes, strict=True))
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,51 +10,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import reduce
 from operator import matmul
-from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, identity, vstack
-from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.arguments import weight_arguments
-from dolfinx_llm.design.stencils import (
-    RowStencils,
-    adjacency,
-    flat_stencils,
-    row_weights,
-    spread,
+from dolfinx_llm.design.multipliers import (
+    compatible,
+    equations,
+    factor,
+    pins,
+    without_compatible,
 )
+from dolfinx_llm.design.residual import FrameLoads
+from dolfinx_llm.design.residual import load_residual as load_residual
+from dolfinx_llm.design.residual import patch_residual as patch_residual
+from dolfinx_llm.design.stencils import adjacency, flat_stencils, inner_part, spread
 from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.loads import NodalLoads
 
 TOLERANCE = 1e-13  # a frame with max|r| / max f below this passes
 NARROW = 0.15  # largest correction up to which stencils of one ring of nodes are enough
 OUTER = 0.01  # weight of that ring: corrections far from a row's own nodes cost accuracy
 RINGS = 4  # rings in the stencils of a side much coarser than the frame
-SHIFT = 1e-13  # of the largest diagonal entry, on all of it
-
-
-_Parts = Sequence[tuple[np.ndarray, np.ndarray]]  # nodes (n,) and functions (n, c) of each part
-
-
-def patch_residual(N: Sequence[csr_matrix], forces: Sequence[np.ndarray]) -> np.ndarray:
-    """Residual (28) at the frame's nodes over the largest force.
-
-    Args:
-        N: pair of (n_i, m) sparse matrices, the scalar L_b of each side.
-        forces: pair of (n_i,) forces of unit pressure [area].
-
-    Returns:
-        (m,) residual; the frame passes where its largest value is at most 1e-13.
-    """
-    scale = max(f.max() for f in forces)
-    # Nᵀ f without the transpose: SciPy takes longer to make that than the product of small frames.
-    at_frame = [
-        np.bincount(M.indices, M.data * np.repeat(f / scale, np.diff(M.indptr)), M.shape[1])
-        for M, f in zip(N, forces, strict=True)
-    ]
-    return at_frame[0] - at_frame[1]
 
 
 def design_weights(
@@ -100,28 +79,45 @@ def design_weights(
     >>> designed = design_weights(frame, frame.x[:, :1], N, [a.cell for a in at], forces)
     >>> bool(np.abs(patch_residual(designed, forces)).max() < 1e-13)
     True
-    >>> (designed[0] @ frame.x[:, 0]).round(12)  # linear fields still pass
+    >>> (designed[0] @ frame.x[:, 0]).round(12) + 0.0  # linear fields still pass
     array([0. , 1.5, 3. ])
     """
     s, rows, _, forces, keep = weight_arguments(frame, s, N, cells, forces, keep)
+    return balanced_rows(frame, s, rows, [NodalLoads.of_forces(f) for f in forces], keep)
+
+
+def balanced_rows(
+    frame: Frame,
+    s: np.ndarray,
+    N: Sequence[csr_matrix],
+    loads: Sequence[NodalLoads],
+    keep: Sequence[np.ndarray] | None = None,
+) -> Sequence[csr_matrix]:
+    """``design_weights`` for loads of either order.
+
+    With moments, pressures linear along the surface pass as well, and rows reproduce polynomials
+    of degree 2. Per frame node there are then multipliers for the force, and for the moments about
+    it: delta_p = -+ P_p sum_a (c_pa mu_a) / w_p, c_p = (f_p, (m_p + (s_p - s_J) f_p) / h), w_p the
+    area that the row stands for, since f_p may vanish.
+    """
+    loading = FrameLoads.of(frame, s, N, loads)
     far = np.abs(frame.x).max() / np.ptp(frame.x, axis=0).max()
     allowed = max(TOLERANCE, 50.0 * np.finfo(float).eps * far)  # rounding of far coordinates
     ring = adjacency(frame.cells, len(s))
-    narrow = OUTER * ring + (1.0 - OUTER) * identity(len(s))
-    best: Sequence[csr_matrix] = rows
+    best: Sequence[csr_matrix] = N
     least = (np.inf, np.inf)
-    for widths in _widths(s, rows):
-        around = [reduce(matmul, [ring] * w) if w > 1 else narrow for w in widths]
-        found = _corrected(s, rows, forces, keep, around)
-        residual = np.abs(patch_residual(found, forces)).max()
-        change = max(abs(M - L).max() for M, L in zip(found, rows, strict=True))
+    for widths in _widths(s, N):
+        weights = [_weights(M, ring, frame, width) for M, width in zip(N, widths, strict=True)]
+        found = _corrected(loading, N, keep, weights)
+        residual = np.abs(loading.residual(found)).max()
+        change = max(abs(M - L).max() for M, L in zip(found, N, strict=True))
         # What passes with the smaller correction; else what is nearer to passing.
         rank = (max(residual, allowed), change if residual <= allowed else 0.0)
         if rank < least:
             best, least = found, rank
         if residual <= allowed and change <= NARROW:
             break
-    residual = np.abs(patch_residual(best, forces))
+    residual = np.abs(loading.residual(best)).max(axis=1)
     if not residual.max() <= allowed:
         worst = np.argsort(residual)[::-1][:5]
         raise ContactError(
@@ -144,107 +140,61 @@ def _widths(s: np.ndarray, N: Sequence[csr_matrix]) -> list[tuple[int, int]]:
     return list(dict.fromkeys([(1, 1), (coarse[0], coarse[1]), (2, 2)]))
 
 
+def _weights(N: csr_matrix, ring: csr_matrix, frame: Frame, width: int) -> csr_matrix:
+    """(n, m) weights of a row's stencil: the nodes of the cells around its own corners."""
+    own = inner_part(N)
+    corners = own if frame.element.order == 1 else inner_part((N @ _to_corners(frame)).tocsr())
+    if width > 1:
+        return (corners @ reduce(matmul, [ring] * width)).tocsr()
+    return (OUTER * (corners @ ring) + (1.0 - OUTER) * own).tocsr()
+
+
+def _to_corners(frame: Frame) -> csr_matrix:
+    """(m, m) shape functions of the corners alone, at all nodes."""
+    nodes, first = np.unique(frame.cells, return_index=True)
+    cell, place = np.divmod(first, frame.cells.shape[1])
+    value = frame.element.linear[place]
+    row = np.repeat(nodes, value.shape[1])
+    index = row, frame.corners[cell].ravel()
+    return csr_matrix((value.ravel(), index), (len(frame.x), len(frame.x)))
+
+
 def _corrected(
-    s: np.ndarray,
+    loading: FrameLoads,
     N: Sequence[csr_matrix],
-    forces: Sequence[np.ndarray],
     keep: Sequence[np.ndarray] | None,
-    around: Sequence[csr_matrix],
+    weights: Sequence[csr_matrix],
 ) -> Sequence[csr_matrix]:
-    """Rows with the smallest corrections on the nodes ``around``, which bring (28) near zero.
+    """Rows with the smallest corrections of these weights, which bring (28) near zero.
 
     Raises:
         ContactError: the equations of the corrections are singular.
     """
-    stencils = [flat_stencils(row_weights(M, A), s) for M, A in zip(N, around, strict=True)]
-    scale = max(f.max() for f in forces)
+    s, m, degree = loading.s, len(loading.s), 1 if loading.count == 1 else 2
+    found = [flat_stencils(W, s, M, degree) for W, M in zip(weights, N, strict=True)]
+    stencils = [f.rows for f in found]
+    areas = [load.shares / loading.scale for load in loading.loads]
     free = [np.ones(M.shape[0]) if keep is None else 1.0 - k for M, k in zip(N, keep or N)]
-    loads = [f * k / scale for f, k in zip(forces, free, strict=True)]
-    A = _equations(stencils, loads, len(s))
-    parts = _affine_functions(A, s)
-    factor = _factor(A + _pins(A, parts))
-    delta, designed, last = [np.zeros(len(st.nodes)) for st in stencils], N, np.inf
+    at = [
+        loading.at(i, st.indptr, st.nodes) * spread(k, st.indptr)[:, None]
+        for i, (st, k) in enumerate(zip(stencils, free, strict=True))
+    ]
+    A = equations(stencils, at, areas, m)
+    parts = compatible(A, s, loading)
+    solve = factor(A + pins(A, parts)).solve
+    delta, last = [f.missing for f in found], np.inf
+    designed: Sequence[csr_matrix] = N
+    if degree > 1:
+        designed = [M + st.matrix(d, m) for M, d, st in zip(N, delta, stencils, strict=True)]
     for _ in range(6):  # the first solve, then refinement against rounding
-        residual = patch_residual(designed, forces)
+        residual = loading.residual(designed)
         if not 0.01 * TOLERANCE < np.abs(residual).max() < 0.5 * last:
             break
         last = np.abs(residual).max()
-        mu = factor.solve(_without_affine(residual, parts))
+        mu = solve(without_compatible(residual.ravel(), parts)).reshape(m, -1)
         # Summed as corrections, not as multipliers: what rounding leaves the next round sees.
-        for d, st, sign, k in zip(delta, stencils, (-1.0, 1.0), free, strict=True):
-            d += sign * spread(k, st.indptr) * st.project(mu[st.nodes])
-        designed = [M + st.matrix(d, len(s)) for M, d, st in zip(N, delta, stencils, strict=True)]
+        for i, (st, sign) in enumerate(zip(stencils, (-1.0, 1.0), strict=True)):
+            value = np.einsum("za,za->z", at[i], mu[st.nodes]) / spread(areas[i], st.indptr)
+            delta[i] = delta[i] + sign * st.project(value)
+        designed = [M + st.matrix(d, m) for M, d, st in zip(N, delta, stencils, strict=True)]
     return designed
-
-
-def _equations(stencils: Sequence[RowStencils], loads: Sequence[np.ndarray], m: int) -> csr_matrix:
-    """(m, m) sum_p f_p P_p, by which the multipliers mu change the residual."""
-    diagonal, rows = np.zeros(m), []
-    for st, f in zip(stencils, loads, strict=True):
-        load = spread(f, st.indptr)
-        diagonal += np.bincount(st.nodes, load * st.root**2, m)
-        rows += [st.matrix(np.sqrt(load) * st.root * q, m) for q in st.Q.T]
-    B = vstack(rows, format="csr")
-    return (diags(diagonal) - B.T @ B).tocsr()
-
-
-def _factor(A: Any) -> Any:
-    """Factors of the equations.
-
-    Raises:
-        ContactError: they are singular: rows that may be corrected are missing.
-    """
-    try:
-        return splu(A.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-    except RuntimeError as error:  # SuperLU's "exactly singular"
-        raise ContactError(
-            "design by weights: the rows that may be corrected cannot balance the frame "
-            f"(SuperLU: {error}). Give a coarser frame, or frame=None for a predicted one"
-        ) from None
-
-
-def _affine_functions(A: csr_matrix, s: np.ndarray) -> _Parts:
-    """Orthonormal affine functions, which A cannot see, on each connected part of the frame.
-
-    Returns:
-        List of (nodes, functions (n, <= d + 1)) per part.
-    """
-    seen = abs(A) > 1e-14 * max(A.diagonal().max(), 1e-300)
-    _, part = connected_components(seen, directed=False)
-    order = np.argsort(part, kind="stable")
-    parts = []
-    for nodes in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
-        local = np.column_stack([np.ones(len(nodes)), s[nodes] - s[nodes].mean(axis=0)])
-        U, size, _ = np.linalg.svd(local / np.linalg.norm(local), full_matrices=False)
-        parts.append((nodes, U[:, size > 1e-10]))
-    return parts
-
-
-def _without_affine(r: np.ndarray, parts: _Parts) -> np.ndarray:
-    """r less its affine parts: they are rounding (both sides carry the same force with the same
-    centroid), and no correction of the rows can remove them."""
-    r = r.copy()
-    for nodes, U in parts:
-        r[nodes] -= U @ (U.T @ r[nodes])
-    return r
-
-
-def _pins(A: csr_matrix, parts: _Parts) -> Any:
-    """Diagonal that fixes the affine functions on each part, at the nodes that hold them best.
-
-    The right-hand side is free of them, so pinning changes no equation. SHIFT is for what else A
-    cannot see, as where rows that are kept leave strips of stencils; refinement makes up for it.
-    """
-    diagonal = A.diagonal()
-    largest = diagonal.max()
-    if not largest > 0.0:  # no row may be corrected
-        return diags(np.ones(len(diagonal)))
-    pins = np.where(diagonal <= 1e-14 * largest, largest, SHIFT * largest)
-    for nodes, U in parts:
-        rest = U.copy()
-        for _ in range(U.shape[1]):
-            size = np.einsum("ni,ni->n", rest, rest)
-            best = int(size.argmax())
-            pins[nodes[best]] = largest
-            rest = rest - np.outer(rest @ rest[best], rest[best]) / size[best]
-    return diags(pins)

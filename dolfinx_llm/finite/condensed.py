@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -11,6 +10,7 @@ from petsc4py import PETSc
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.finite.coupling import Coupling
+from dolfinx_llm.forms.condensed.gmres import solve_right
 from dolfinx_llm.forms.condensed.krylov import GAMG
 from dolfinx_llm.forms.direct import set_up_ksp
 from dolfinx_llm.operators.bodies import rigid_modes
@@ -22,7 +22,6 @@ NEEDLESS = 1e-14  # of Newton's residual, which no solve need fall below
 GMRES = {
     "ksp_type": "gmres",
     "ksp_max_it": 150,
-    "ksp_gmres_restart": 75,
     "pc_factor_mat_solver_type": "mumps",
 }
 
@@ -74,26 +73,13 @@ class CondensedSystem:
         except ContactError as error:
             self.ended = str(error)
             return None
-        n, N = self.P.getSizes()[0]
-        size = n + self.own.sizes[0], N + self.own.sizes[1]
-        A = PETSc.Mat().createPython((size, size), self, comm=self.P.comm)
-        A.setUp()
-        ksp = PETSc.KSP().create(self.P.comm)
-        ksp.setOperators(A)
-        ksp.setType(self._inner.getType())
-        ksp.setPCSide(PETSc.PC.Side.RIGHT)
-        ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        ksp.setTolerances(*self._inner.getTolerances())
-        if ksp.getType() == "gmres":
-            ksp.setGMRESRestart(GMRES["ksp_gmres_restart"])
-        ksp.getPC().setType("python")
-        ksp.getPC().setPythonContext(self)
-        solution, rhs = A.createVecs()
-        rhs.array_w[:] = self._joined(r, s)
-        ksp.solve(rhs, solution)
-        self.iterations, reason = ksp.getIterationNumber(), ksp.getConvergedReason()
-        found = self._split(solution.array_r.copy())
-        for item in (ksp, self._inner, A, solution, rhs, self._x, self._y):
+        inner = self._inner
+        x, self.iterations, reason = solve_right(
+            self.P.comm, self._times, self._precondition, self._joined(r, s), inner.getType(),
+            inner.getTolerances(),
+        )  # fmt: skip
+        found = self._split(x)
+        for item in (inner, self._x, self._y):
             item.destroy()
         if reason > 0:
             return found
@@ -108,21 +94,21 @@ class CondensedSystem:
     def _joined(self, u: np.ndarray, q: np.ndarray) -> np.ndarray:
         return np.concatenate([u, q[self.own.mine]])
 
-    def mult(self, _: Any, v: PETSc.Vec, result: PETSc.Vec) -> None:
-        """The system times a vector, for PETSc."""
-        u, q = self._split(v.array_r)
+    def _times(self, v: np.ndarray) -> np.ndarray:
+        """The system times a vector."""
+        u, q = self._split(v)
         self._x.array_w[:] = u
         self.P.mult(self._x, self._y)
         forces, equations = self.coupling.times(u, q)
-        result.array_w[:] = self._joined(self._y.array_r + forces, equations)
+        return self._joined(self._y.array_r + forces, equations)
 
-    def apply(self, _: Any, v: PETSc.Vec, result: PETSc.Vec) -> None:
-        """The preconditioner times a vector, for PETSc."""
-        r, s = self._split(v.array_r)
+    def _precondition(self, v: np.ndarray) -> np.ndarray:
+        """The preconditioner times a vector."""
+        r, s = self._split(v)
         self._y.array_w[:] = r - self.coupling.forces(s)[1]
         self._inner.getPC().apply(self._y, self._x)
         u = self._x.array_r.copy()
-        result.array_w[:] = self._joined(u, self.coupling.after(s, u))
+        return self._joined(u, self.coupling.after(s, u))
 
 
 def positions(dofs: BodyDofs, u: np.ndarray) -> np.ndarray:

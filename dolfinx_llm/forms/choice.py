@@ -19,6 +19,7 @@ SOLVERS = ("auto", "saddle", "condensed")
 # Unknowns from which on CG + GAMG on the condensed form is faster than a factorisation of (31), as
 # measured on two blocks and on two rings.
 CROSSOVER = {2: 500_000, 3: 20_000}
+ASKING = 3e4  # multipliers times the root of unknowns, to which that is quicker than multigrid
 FLEXIBLE = 1500  # multipliers up to which contact laws iterate on the surfaces' flexibility
 FORMS: dict[str, Callable[[str, dict | None, StageTimes], StepForm]] = {
     form.name: form for form in (SaddleForm, Flexibility, CondensedForm)
@@ -58,15 +59,23 @@ def _choose_steps(asked: str, symmetric: bool, operators: ContactOperators) -> t
     rows, unknowns = operators.counts["lambda"], sum(operators.counts.values())
     if asked == "condensed":
         return "condensed", "as asked"
-    if rows <= FLEXIBLE and symmetric:
+    limit, few = CROSSOVER[operators.dofs.gdim], rows <= FLEXIBLE and symmetric
+    cheap = operators.dofs.gdim == 2 or rows * unknowns ** (1 / 3) <= ASKING
+    condensed = asked == "auto" and unknowns >= limit and symmetric and _iterates(operators)
+    if few and (cheap or not condensed):
         first = "as asked, " if asked == "saddle" else ""
         return "flexibility", f"{first}with up to {FLEXIBLE} multipliers the bodies are asked once"
+    if condensed:
+        return "condensed", f"chosen: from {limit} unknowns on multigrid is quicker"
     if asked == "saddle":
         return "saddle", "as asked"
+    return "saddle", f"chosen: {rows} multipliers, factorised in each step"
+
+
+def _iterates(operators: ContactOperators) -> bool:
+    """Whether contact laws of any size are solved by multigrid in the condensed form."""
     laws = [geometry.interface.law for geometry in operators.geometries]
     friction = any(law.slips or law.gives for law in laws)
-    limit = CROSSOVER[operators.dofs.gdim]
-    nodes = widest(operators.L, operators.dofs.gdim)
-    if not symmetric or friction or unknowns < limit or nodes > WIDEST:
-        return "saddle", f"chosen: {rows} multipliers, factorised in each step"
-    return "condensed", f"chosen: from {limit} unknowns on CG + GAMG is quicker"
+    floats = operators.floating.rigid.modes.shape[1] > 0
+    narrow = widest(operators.L, operators.dofs.gdim) <= WIDEST
+    return narrow and not (friction and floats)

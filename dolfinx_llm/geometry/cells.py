@@ -5,25 +5,9 @@ from itertools import chain
 
 import numpy as np
 
-# Reference coordinates of the corners of segments, triangles and quads, these in cyclic order
-# (paper, (23)).
-CORNERS = {
-    2: np.array([[0.0], [1.0]]),
-    3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
-    4: np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]),
-}
-
-
-def shape_functions(k: int, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """N (n, k) and dN (n, k, d) of cells with k nodes at reference coordinates xi (n, d): segments
-    on [0, 1], triangles, quads on [-1, 1]² (23)."""
-    n = len(xi)
-    if k == 4:
-        a = 1.0 + xi[:, None, :] * CORNERS[4]
-        return 0.25 * a[..., 0] * a[..., 1], 0.25 * CORNERS[4] * a[..., ::-1]
-    N = np.column_stack([1.0 - xi.sum(axis=1), xi])
-    dN = np.vstack([-np.ones(k - 1), np.eye(k - 1)])
-    return N, np.broadcast_to(dN, (n, k, k - 1))
+from dolfinx_llm.geometry.element import CORNERS as CORNERS
+from dolfinx_llm.geometry.element import Element, element_of
+from dolfinx_llm.geometry.element import shape_functions as shape_functions
 
 
 def closest_on_sides(p: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -68,16 +52,28 @@ def vector_areas(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
 
 
-def facet_vectors(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """(m, k, gdim) integrals of N n dA over each facet, exact also on warped quads: of these 2 x 2
-    points integrate N det J, of degree 2 in each direction [area]."""
-    k = facets.shape[1]
-    if k < 4:
-        return np.repeat((vector_areas(x, facets) / k)[:, None, :], k, axis=1)
-    xi = np.array([[a, b] for a in (-1, 1) for b in (-1, 1)]) / np.sqrt(3.0)
-    N, dN = shape_functions(4, xi)
-    t = np.einsum("gkd,mki->mgdi", dN, x[facets])
-    return np.einsum("mgi,gk->mki", np.cross(t[:, :, 0], t[:, :, 1]), N)
+def facet_vectors(x: np.ndarray, facets: np.ndarray, element: Element | None = None) -> np.ndarray:
+    """(m, k, gdim) integrals of N n dA over each facet of corners (m, c), exact also on warped
+    quads [area].
+
+    Args:
+        x: (n, gdim) positions [length].
+        facets: (m, c) corners.
+        element: of the shape functions N; None: those of the corners.
+    """
+    c = facets.shape[1]
+    element = element or element_of(x.shape[1] - 1, c)
+    if element.nodes < 4 and element.order == 1:
+        return np.repeat((vector_areas(x, facets) / c)[:, None, :], c, axis=1)
+    xi, w = element.quadrature
+    if element.order == 1:  # 2 x 2 points integrate N det J, of degree 2 in each direction
+        xi, w = CORNERS[4] / np.sqrt(3.0), np.ones(4)
+    t = np.einsum("gkd,mki->mgdi", shape_functions(c, xi)[1], x[facets])
+    if x.shape[1] == 2:
+        normal = np.stack([-t[:, :, 0, 1], t[:, :, 0, 0]], axis=2)
+    else:
+        normal = np.cross(t[:, :, 0], t[:, :, 1])
+    return np.einsum("mgi,gk->mki", normal, w[:, None] * element.shape(xi)[0])
 
 
 def cell_sizes(x: np.ndarray, cells: np.ndarray) -> np.ndarray:

@@ -222,5 +222,5 @@ def facet_sizes(surface: Surface) -> np.ndarray:
     """(n,) size of the largest facet at each node [length]."""
     size = np.zeros(len(surface.x))
     of = cell_sizes(surface.x, surface.facets)
-    np.maximum.at(size, surface.facets, of[:, None])
+    np.maximum.at(size, surface.cells, of[:, None])
     return size

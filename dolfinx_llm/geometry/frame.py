@@ -1,8 +1,8 @@
 """The contact frame: a surface mesh with its own nodes between two bodies.
 
-Plain NumPy; knows neither dolfinx nor PETSc. Cells are segments (in the plane), linear triangles
-or bilinear quadrilaterals (paper, (23)). The surface bases of a cell follow its orientation: its
-normal points out of side 0 into side 1.
+Plain NumPy; knows neither dolfinx nor PETSc. Cells are segments (in the plane), triangles or
+quadrilaterals (paper, (23)), of first or second order, with straight edges. The surface bases of a
+cell follow its orientation: its normal points out of side 0 into side 1.
 """
 
 from __future__ import annotations
@@ -20,8 +20,11 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.geometry.cells import cell_sizes, corner_jacobians, points_of
+from dolfinx_llm.geometry.element import Element, element_of
+from dolfinx_llm.geometry.gmsh_group import read_gmsh
 from dolfinx_llm.geometry.location import ClosestPoints, Location
 
+MIDDLE = 1e-10  # of a cell's size and of coordinates: how far nodes may lie off the middle
 POSITIONS, NUMBERS = "give (m, gdim) node positions", "give (n, k) node numbers, integers"
 
 
@@ -41,13 +44,15 @@ class Frame:
 
     Args:
         x: (m, gdim) node positions [length].
-        cells: (n, 2), (n, 3) or (n, 4) node numbers; quads in cyclic order. Neighbouring cells
-            must be oriented alike; which of the two ways is found out from the bodies.
+        cells: (n, k) node numbers: k = 2, or 3 at second order, of segments in the plane; in space
+            3 or 6 of triangles, 4 or 9 of quads in cyclic order, nodes as of ``Element``.
+            Neighbouring cells must be oriented alike; which of the two ways is found out from the
+            bodies.
         v: (m, gdim) displacement of the nodes, in results [length].
 
     Raises:
         ContactInputError: for wrong shapes, node numbers out of range, unused nodes, NaN, cells
-            that are inverted, degenerate or turned against their neighbours.
+            that are inverted, degenerate, curved or turned against their neighbours.
 
     >>> frame = Frame([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
     >>> at = frame.locate([[0.5, 0.5, 0.0]])
@@ -70,7 +75,7 @@ class Frame:
         object.__setattr__(self, "cells", cells)
         if x.ndim != 2 or x.shape[1] not in (2, 3) or not len(x):
             raise ContactInputError(f"frame: x must be (m, 2) or (m, 3), is {x.shape}")
-        kinds = (2,) if x.shape[1] == 2 else (3, 4)
+        kinds = (2, 3) if x.shape[1] == 2 else (3, 4, 6, 9)
         if cells.ndim != 2 or cells.shape[1] not in kinds or len(cells) == 0:
             raise ContactInputError(
                 f"frame: cells must be (n, {' or '.join(map(str, kinds))}) node numbers with n > 0 "
@@ -93,26 +98,11 @@ class Frame:
                 f"most 1e-8 of the cell's mean); first: nodes {cells[bad[0]].tolist()} at "
                 f"{x[cells[bad[0]]].tolist()}"
             )
-        self._check_orientation()
+        _check_straight(self)
+        _check_orientation(self)
         if self.v is not None:
             v = checks.array("frame: v", self.v, x.shape, f"give {x.shape} displacements or None")
             object.__setattr__(self, "v", v)
-
-    def _check_orientation(self) -> None:
-        """An edge (a node in 2D) of two cells must be run through once each way."""
-        if self.cells.shape[1] == 2:
-            counts = [np.bincount(c, minlength=len(self.x)) for c in self.cells.T]
-            bad = np.flatnonzero(np.maximum(*counts) > 1)
-        else:
-            edges = self.cells * len(self.x) + np.roll(self.cells, -1, axis=1)  # one number each
-            _, first, count = np.unique(edges, return_index=True, return_counts=True)
-            bad = first[count > 1] // self.cells.shape[1]
-        if len(bad):
-            where = "nodes" if self.cells.shape[1] == 2 else "cells"
-            raise ContactInputError(
-                f"frame: neighbouring cells are turned against each other (inverted) or overlap "
-                f"at {where} {bad[:10].tolist()}"
-            )
 
     @classmethod
     def from_gmsh(
@@ -127,16 +117,16 @@ class Frame:
             gdim: dimension of the space.
 
         Raises:
-            ContactInputError: no first-order cells of one kind in the group; see ``Frame``.
+            ContactInputError: no cells of one kind in the group; see ``Frame``.
         """
         if comm is None:
-            return cls(*_read_gmsh(model, physical_group, gdim))
+            return cls(*read_gmsh(model, physical_group, gdim))
         if not isinstance(comm, MPI.Comm):
             checks.refuse("comm", comm, "give an MPI communicator of mpi4py, or None")
         frame = None
         with collective(comm):
             if comm.rank == 0:
-                frame = cls(*_read_gmsh(model, physical_group, gdim))
+                frame = cls(*read_gmsh(model, physical_group, gdim))
         return comm.bcast(frame, root=0)
 
     @property
@@ -144,15 +134,25 @@ class Frame:
         """Dimension of the space, 2 or 3."""
         return self.x.shape[1]
 
+    @property
+    def element(self) -> Element:
+        """Shape functions of the cells."""
+        return element_of(self.gdim - 1, self.cells.shape[1])
+
+    @property
+    def corners(self) -> np.ndarray:
+        """(n_cells, c) nodes at the corners of the cells."""
+        return self.cells[:, : self.element.corners]
+
     @cached_property
     def _corner_jacobians(self) -> np.ndarray:
-        return corner_jacobians(self.x, self.cells)
+        return corner_jacobians(self.x, self.corners)
 
     @cached_property
     def quality(self) -> Quality:
         """Corner angles, shortest side and Jacobian over all cells."""
-        p = self.x[self.cells]
-        if self.cells.shape[1] == 2:
+        p = self.x[self.corners]
+        if p.shape[1] == 2:
             side = np.linalg.norm(p[:, 1] - p[:, 0], axis=1)
             return Quality(180.0, 180.0, float(side.min()), 1.0)
         e = np.roll(p, -1, axis=1) - p
@@ -170,7 +170,7 @@ class Frame:
     @cached_property
     def cell_size(self) -> np.ndarray:
         """(n_cells,) square root of the area (length in 2D) [length]."""
-        return cell_sizes(self.x, self.cells)
+        return cell_sizes(self.x, self.corners)
 
     def moved(self, v: np.ndarray) -> Frame:
         """The frame where its nodes have moved to, y = Y + v of (8).
@@ -182,7 +182,8 @@ class Frame:
 
     def flipped(self) -> Frame:
         """The same frame with its normal turned round."""
-        return replace(self, cells=self.cells[:, ::-1])
+        corners = np.broadcast_to(np.arange(self.element.corners)[::-1], self.corners.shape)
+        return replace(self, cells=self.element.permuted(self.cells, corners))
 
     def evaluate(self, cell: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, ...]:
         """Shape functions, positions and tangents at points of the frame, (23).
@@ -195,7 +196,8 @@ class Frame:
             N (n, k), positions (n, gdim) [length] and derivatives of the position by the
             reference coordinates (n, d, gdim) [length].
         """
-        return points_of(self.x, self.cells[cell], xi)
+        N, y, tangents = points_of(self.x, self.corners[cell], xi)
+        return (N if self.element.order == 1 else self.element.shape(xi)[0]), y, tangents
 
     def locate(self, points: ArrayLike) -> Location:
         """Closest point of the frame for each given point (inverse isoparametric mapping).
@@ -215,7 +217,7 @@ class Frame:
 
     @cached_property
     def _places(self) -> ClosestPoints:
-        return ClosestPoints(self.x, self.cells)
+        return ClosestPoints(self.x, self.corners)
 
     def interpolation(self, location: Location) -> csr_matrix:
         """(n, m) matrix of the shape functions N_J(xi_p): the scalar L_b before any design. Beyond
@@ -225,7 +227,40 @@ class Frame:
         Args:
             location: of n points, as ``locate`` gives it.
         """
+        if self.element.order > 1:
+            return self._places.second_order(location, self.cells, self.element)
         return self._places.interpolation(location)
+
+
+def _check_straight(frame: Frame) -> None:
+    """Nodes of second order must lie in the middle of their edges and cells."""
+    between = np.einsum("kc,nci->nki", frame.element.linear, frame.x[frame.corners])
+    off = np.abs(frame.x[frame.cells] - between).max(axis=(1, 2))
+    bad = np.flatnonzero(off > MIDDLE * (frame.cell_size + np.abs(frame.x).max()))
+    if len(bad):
+        raise ContactInputError(
+            f"frame: cells {bad[:10].tolist()} of second order are curved, by up to "
+            f"{off.max():.3g}: made for nodes in the middle of straight edges. Give straight "
+            "cells, or cells of first order"
+        )
+
+
+def _check_orientation(frame: Frame) -> None:
+    """An edge (a node in 2D) of two cells must be run through once each way."""
+    cells = frame.corners
+    if cells.shape[1] == 2:
+        counts = [np.bincount(c, minlength=len(frame.x)) for c in cells.T]
+        bad = np.flatnonzero(np.maximum(*counts) > 1)
+    else:
+        edges = cells * len(frame.x) + np.roll(cells, -1, axis=1)  # one number each
+        _, first, count = np.unique(edges, return_index=True, return_counts=True)
+        bad = first[count > 1] // cells.shape[1]
+    if len(bad):
+        where = "nodes" if cells.shape[1] == 2 else "cells"
+        raise ContactInputError(
+            f"frame: neighbouring cells are turned against each other (inverted) or overlap "
+            f"at {where} {bad[:10].tolist()}"
+        )
 
 
 def _numbers(name: str, value: Any, accepted: str) -> np.ndarray:
@@ -238,45 +273,3 @@ def _numbers(name: str, value: Any, accepted: str) -> np.ndarray:
     if found.dtype.kind not in kinds:
         checks.refuse(f"frame: {name}", value, accepted)
     return found
-
-
-def _read_gmsh(model: Any, physical_group: int, gdim: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and cells of a physical group of first-order cells of one kind."""
-    checks.integer("gdim", gdim, "give 2 or 3")
-    if gdim not in (2, 3):
-        checks.refuse("gdim", gdim, "give 2 or 3")
-    checks.integer("physical_group", physical_group, "give the tag of a physical group, an integer")
-    if not hasattr(model, "getPhysicalGroups") or not hasattr(model, "mesh"):
-        checks.refuse("model", model, "give gmsh.model after gmsh.initialize()")
-    try:
-        return _read_group(model, physical_group, gdim)
-    except ContactInputError:
-        raise
-    except Exception as error:
-        raise ContactInputError(
-            f"gmsh cannot read the physical group {physical_group}: {error}. Call "
-            "gmsh.initialize(), then make or open a model and mesh it"
-        ) from error
-
-
-def _read_group(model: Any, physical_group: int, gdim: int) -> tuple[np.ndarray, np.ndarray]:
-    nodes = {1: 2, 2: 3, 3: 4}  # gmsh's lines, triangles, quads
-    kinds: set[int] = set()
-    parts = [np.empty(0, dtype=np.int64)]
-    groups = [(int(dim), int(tag)) for dim, tag in model.getPhysicalGroups()]
-    if (gdim - 1, physical_group) in groups:
-        for entity in model.getEntitiesForPhysicalGroup(gdim - 1, physical_group):
-            found = model.mesh.getElements(gdim - 1, entity)
-            kinds |= set(map(int, found[0]))
-            parts += [np.asarray(tags, dtype=np.int64) for tags in found[2]]
-    if len(kinds) != 1 or not kinds <= set(nodes):
-        raise ContactInputError(
-            f"physical group {physical_group} of dimension {gdim - 1}: cells must be first-order "
-            f"lines (gdim=2), triangles or quads (gdim=3) of one kind; gmsh's kinds there are "
-            f"{sorted(kinds)}, and the model has the groups (dimension, tag) {groups}"
-        )
-    tags, x, _ = model.mesh.getNodes()
-    used, cells = np.unique(np.concatenate(parts), return_inverse=True)
-    order = np.argsort(tags)
-    x = np.reshape(x, (-1, 3))[order[np.searchsorted(tags, used, sorter=order)], :gdim]
-    return x, cells.reshape(-1, nodes[kinds.pop()])

@@ -17,6 +17,9 @@ from dolfinx_llm.geometry.cells import (
     shape_functions,
     vector_areas,
 )
+from dolfinx_llm.geometry.element import Element
+
+UNFELT = 1e-15  # shape functions below this are zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +187,24 @@ class ClosestPoints:
         values /= np.bincount(row)[rows]  # all that are as close count for the same
         index = rows, np.append(cols[inside].ravel(), node)
         return csr_matrix((values, index), (n, len(self.x)))
+
+    def second_order(self, at: Location, cells: np.ndarray, element: Element) -> csr_matrix:
+        """(n, m) matrix of second-order shape functions of cells (n_cells, k) whose corners are
+        these; beyond the outline continued by their gradients."""
+        n = len(at.x)
+        point, cell, xi = at.equal
+        row, cell = np.append(np.arange(n), point), np.append(at.cell, cell)
+        xi = np.concatenate([at.xi, xi])
+        N, dN = element.shape(xi)
+        beyond = np.flatnonzero(at.outside[row] > 0.0)
+        step = self._step(at.x[row[beyond]], cell[beyond], xi[beyond])[0]
+        N[beyond] += np.einsum("nkd,nd->nk", dN[beyond], step)
+        N /= np.bincount(row)[row, None]  # all that are as close count for the same
+        index = np.repeat(row, N.shape[1]), cells[cell].ravel()
+        matrix = csr_matrix((N.ravel(), index), (n, len(self.x)))
+        matrix.data[np.abs(matrix.data) < UNFELT] = 0.0
+        matrix.eliminate_zeros()
+        return matrix
 
     def _continued(
         self, cell: np.ndarray, xi: np.ndarray, x: np.ndarray

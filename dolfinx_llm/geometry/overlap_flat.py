@@ -11,7 +11,8 @@ import numpy as np
 import shapely
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.geometry.cells import facet_vectors, gauss, shape_functions
+from dolfinx_llm.geometry.cells import facet_vectors, gauss
+from dolfinx_llm.geometry.element import element_of, shape_functions
 from dolfinx_llm.geometry.surface import Surface
 
 # Quadrature on [0, 1]: enough that the shape functions of a clipped, distorted quad (smooth but no
@@ -119,22 +120,64 @@ def covered_forces(s: np.ndarray, facets: np.ndarray, area: Any) -> np.ndarray:
     inside of a polygon; on a line, s (n, 1), inside of an interval."""
     if facets.shape[1] == 2:
         return _covered_segments(s[facets][..., 0], area)
-    p = s[facets]
-    shapes = shapely.polygons(p)
-    shapely.prepare(area)
     forces = np.zeros(facets.shape)
-    inside = shapely.covers(area, shapes)
+    inside, partial, pieces = _covered_parts(s, facets, area)
     forces[inside] = full_forces(s, facets[inside])
-    partial = np.flatnonzero(~inside & shapely.intersects(area, shapes))
     if len(partial):
-        pieces = shapely.intersection(shapes[partial], area)
-        # What rounding alone can cut off is no contact.
-        thickness = 1e-13 * np.abs(s).max()
-        real = shapely.area(pieces) > thickness * shapely.length(shapes[partial])
-        partial, pieces = partial[real], pieces[real]
-        if len(partial):
-            forces[partial] = _integrate_pieces(p[partial], pieces)
+        forces[partial] = _integrate_pieces(s[facets[partial]], pieces)
     return forces
+
+
+def covered_points(
+    s: np.ndarray, facets: np.ndarray, area: Any
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Quadrature over the part of facets inside of an area, exact for what second-order shape
+    functions need on straight facets.
+
+    Args:
+        s: (n, d) nodes in coordinates of the plane [length].
+        facets: (m, c) their corners.
+        area: a polygon; on a line an interval.
+
+    Returns:
+        Of facets wholly inside and of others: facets (e,), reference coordinates (e, g, d) and
+        weights (e, g) of points on them [area].
+    """
+    element = element_of(s.shape[1], facets.shape[1])
+    xi, w = element.quadrature
+    p = s[facets]
+    if s.shape[1] == 1:
+        part = _covered_segments(p[..., 0], area).sum(axis=1)
+        facet = np.flatnonzero(part > 0.0)
+        left, right = p[facet, 0], p[facet, 1]
+        a, b = ((np.clip(end, *area) - left) / (right - left) for end in (left, right))
+        return [(facet, (a + (b - a) * xi[:, 0])[..., None], part[facet, None] * w)]
+    inside, partial, pieces = _covered_parts(s, facets, area)
+    facet = np.flatnonzero(inside)
+    t = np.einsum("gkd,mki->mgdi", element.shape(xi)[1], p[facet])
+    weight = np.abs(_cross(t[:, :, 0], t[:, :, 1])) * w
+    found = [(facet, np.broadcast_to(xi, (len(facet), *xi.shape)), weight)]
+    if len(partial):
+        cut, x, weight = _piece_points(p[partial], pieces)
+        cut = partial[cut]
+        found.append((cut, reference_coordinates(p[cut], x), weight))
+    return found
+
+
+def _covered_parts(
+    s: np.ndarray, facets: np.ndarray, area: Any
+) -> tuple[np.ndarray, np.ndarray, Any]:
+    """(m,) whether facets (m, k) lie inside of a polygon; (e,) those that do in part, and these
+    parts."""
+    shapes = shapely.polygons(s[facets])
+    shapely.prepare(area)
+    inside = shapely.covers(area, shapes)
+    partial = np.flatnonzero(~inside & shapely.intersects(area, shapes))
+    pieces = shapely.intersection(shapes[partial], area)
+    # What rounding alone can cut off is no contact.
+    thickness = 1e-13 * np.abs(s).max()
+    real = shapely.area(pieces) > thickness * shapely.length(shapes[partial])
+    return inside, partial[real], pieces[real]
 
 
 def _covered_segments(p: np.ndarray, interval: tuple[float, float]) -> np.ndarray:
@@ -148,9 +191,20 @@ def _covered_segments(p: np.ndarray, interval: tuple[float, float]) -> np.ndarra
 
 
 def _integrate_pieces(p: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-    """Integrate shape functions of facets p (m, k, 2) over one piece (polygons) each. Every edge of
-    a piece spans a triangle with the facet's centre; summed with their signs these triangles make
-    up the piece, also when it is not convex or has holes."""
+    """Integrate shape functions of facets p (m, k, 2) over one piece (polygons) each."""
+    facet, x, weight = _piece_points(p, pieces)
+    N = _shape_at(p[facet], x)
+    value = np.einsum("eg,egk->ek", weight, N)
+    out = np.zeros(p.shape[:2])
+    np.add.at(out, facet, value)
+    return out
+
+
+def _piece_points(p: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Facets (e,), points (e, g, 2) and weights (e, g) that integrate over one piece (polygons) of
+    each of the facets p (m, k, 2). Every edge of a piece spans a triangle with the facet's centre;
+    summed with their signs these triangles make up the piece, also when it is not convex or has
+    holes."""
     polygons, owner = shapely.get_parts(pieces, return_index=True)
     keep = shapely.get_type_id(polygons) == 3
     # Exteriors one way round, holes the other.
@@ -165,13 +219,10 @@ def _integrate_pieces(p: np.ndarray, pieces: np.ndarray) -> np.ndarray:
     edge = a[:, None, :] + u[:, None] * (b - a)[:, None, :] - centre[:, None, :]
     x = centre[:, None, None, :] + u[:, None, None] * edge[:, None, :, :]
     weight = (w * u)[:, None] * w * _cross(a - centre, b - centre)[:, None, None]
-    k = p.shape[1]
-    N = _shape_at(p[facet], x.reshape(len(a), -1, 2))
-    value = np.einsum("eg,egk->ek", weight.reshape(len(a), -1), N)
-    out = np.zeros((len(p), k))
-    np.add.at(out, facet, value)
+    x, weight = x.reshape(len(a), -1, 2), weight.reshape(len(a), -1)
     # Shapely's exterior rings run clockwise after normalize(); the sign of the sum tells.
-    return np.where(out.sum(axis=1, keepdims=True) < 0.0, -out, out)
+    total = np.bincount(facet, weight.sum(axis=1), len(p))
+    return facet, x, np.where(total < 0.0, -1.0, 1.0)[facet, None] * weight
 
 
 def _shape_at(p: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -11,10 +11,31 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.surface import Surface
 
 BOUND = 1e-3  # of the singular values' ratio
+
+
+def control_matrices(surface: Surface) -> tuple[csr_matrix, csr_matrix]:
+    """E and E^-1 (n, n) of ``Element.bernstein``: values at a surface's nodes from control values,
+    and these from values at nodes."""
+    E = surface.element.bernstein
+    inverse = np.round(16.0 * np.linalg.inv(E)) / 16.0  # they are multiples of a quarter
+    n = len(surface.x)
+    return nodal_rows(surface.cells, E, n), nodal_rows(surface.cells, inverse, n)
+
+
+def nodal_rows(cells: np.ndarray, table: np.ndarray, n: int) -> csr_matrix:
+    """(n, n) matrix whose row of a node is that of its place in a cell (m, k), in a table (k, k)
+    which says the same of it in each of its cells."""
+    nodes, first = np.unique(cells, return_index=True)
+    cell, place = np.divmod(first, cells.shape[1])
+    index = np.repeat(nodes, cells.shape[1]), cells[cell].ravel()
+    matrix = csr_matrix((table[place].ravel(), index), (n, n))
+    matrix.eliminate_zeros()
+    return matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,12 +44,19 @@ class ContactPairs:
 
     surface: Surface  # the side's surface
     nodes: np.ndarray  # (n,) nodes of the surface that take part
-    forces: np.ndarray  # (n,) energy-equivalent force of unit pressure, the tributary area [area]
+    loads: NodalLoads  # what pressure on the area in contact exerts at them
     cell: np.ndarray  # (n,) frame cell of each node
     N: csr_matrix  # (n, m) N_J(xi_p), after design
     normal: np.ndarray  # (n, gdim) frame normal, out of this side
     base: np.ndarray  # (n, c, gdim) local base vectors of the multipliers
     gap: np.ndarray  # (n, gdim) X_p - sum_J N_J Y_J [length]
+    control: csr_matrix | None = None  # (n, n) E where rows, gaps and forces are those of control
+    # values (``Element.bernstein``): nodal values from them; None: they are of the nodes
+
+    @property
+    def forces(self) -> np.ndarray:
+        """(n,) energy-equivalent force of unit pressure, the tributary area [area]."""
+        return self.loads.forces
 
     @property
     def x(self) -> np.ndarray:
@@ -36,12 +64,17 @@ class ContactPairs:
         return self.surface.x[self.nodes]
 
     @property
-    def facets(self) -> np.ndarray:
-        """(m, k) facets of the surface between nodes that take part, by place in ``nodes``."""
+    def cells(self) -> np.ndarray:
+        """(m, k) all nodes of the facets between nodes that take part, by place in ``nodes``."""
         place = np.full(len(self.surface.x), -1)
         place[self.nodes] = np.arange(len(self.nodes))
-        facets = place[self.surface.facets]
-        return facets[(facets >= 0).all(axis=1)]
+        cells = place[self.surface.cells]
+        return cells[(cells >= 0).all(axis=1)]
+
+    @property
+    def facets(self) -> np.ndarray:
+        """(m, c) corners of the same."""
+        return self.cells[:, : self.surface.facets.shape[1]]
 
     def interpolation(self, x: np.ndarray) -> csr_matrix:
         """(k, n) values of the nodes at the point of the facets that is closest to each position.
@@ -51,9 +84,10 @@ class ContactPairs:
         """
         used, cells = np.unique(self.facets, return_inverse=True)
         at = Frame(self.x[used], cells.reshape(self.facets.shape)).locate(x)
-        N = np.maximum(at.N, 0.0)  # beyond the rim the nearest point of it counts
-        N /= N.sum(axis=1, keepdims=True)
-        nodes = self.facets[at.cell]
+        N, nodes = np.maximum(at.N, 0.0), self.cells[at.cell]
+        N /= N.sum(axis=1, keepdims=True)  # beyond the rim the nearest point of it counts
+        if self.surface.element.order > 1:
+            N = self.surface.element.shape(at.xi)[0]
         row = np.repeat(np.arange(len(x)), nodes.shape[1])
         return csr_matrix((N.ravel(), (row, nodes.ravel())), (len(x), len(self.nodes)))
 
@@ -70,7 +104,7 @@ class ContactPairs:
 
 def locate_pairs(
     surface: Surface,
-    forces: np.ndarray,
+    loads: NodalLoads,
     frame: Frame,
     sign: float,
     reach: float,
@@ -81,15 +115,15 @@ def locate_pairs(
 
     Args:
         surface: the side's surface.
-        forces: (n_surface,) forces of unit pressure.
+        loads: of the surface's nodes.
         frame: the frame, its normal out of side 0.
         sign: +1 for side 0, -1 for side 1, whose bases change sign (paper, after (9)).
         reach: how far, in cells, a node may lie beyond the frame's outline.
         plane: contact plane, along whose normal nodes meet a flat frame; None: they meet the
             closest point of the frame.
-        nodes: (n,) those that take part; None: those with force.
+        nodes: (n,) those that take part; None: those of facets in contact.
     """
-    nodes = np.flatnonzero(forces > 0.0) if nodes is None else nodes
+    nodes = np.flatnonzero(loads.touched) if nodes is None else nodes
     x = surface.x[nodes]
     points = x
     if plane is not None:
@@ -101,7 +135,7 @@ def locate_pairs(
         worst = beyond[at.outside[beyond].argmax()]
         raise ContactInputError(
             f"the frame does not cover the contact area: {len(beyond)} of {len(nodes)} nodes of "
-            f"{surface.name} that carry force lie outside it, the farthest at "
+            f"{surface.name} in contact lie outside it, the farthest at "
             f"{x[worst].round(6).tolist()} by {at.outside[worst]:.3g} cells. Extend the frame over "
             "all facets that the contact area touches, or use frame=None for a predicted one"
         )
@@ -112,7 +146,8 @@ def locate_pairs(
         normal = np.broadcast_to(sign * plane.normal, x.shape).copy()
     base = np.broadcast_to(sign * np.eye(gdim), (len(nodes), gdim, gdim)).copy()
     N = frame.interpolation(at)
-    return ContactPairs(surface, nodes, forces[nodes], at.cell, N, normal, base, x - N @ frame.x)
+    own = loads.of(nodes)
+    return ContactPairs(surface, nodes, own, at.cell, N, normal, base, x - N @ frame.x)
 
 
 def with_weights(pairs: ContactPairs, N: csr_matrix, frame: Frame) -> ContactPairs:

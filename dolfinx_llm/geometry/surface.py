@@ -15,6 +15,7 @@ from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import check, collective, gather_rows
 from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.element import Element, element_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,11 +23,23 @@ class Surface:
     """Tagged surface of one body."""
 
     x: np.ndarray  # (n, gdim) node positions now [length]
-    facets: np.ndarray  # (m, k) nodes of each facet; vector areas point out of the body
+    facets: np.ndarray  # (m, c) corners of each facet; vector areas point out of the body
     dofs: np.ndarray  # (n,) global number of each node's block of dofs in its function space
     owner: np.ndarray  # (n,) rank that owns the node
     name: str  # for messages: "tag 3"
     drawn: np.ndarray | None = None  # (n, gdim) node positions as drawn; None: x [length]
+    elements: np.ndarray | None = None  # (m, k) all nodes of each facet, corners first, see
+    # ``Element``; None: there are no others
+
+    @property
+    def cells(self) -> np.ndarray:
+        """(m, k) all nodes of each facet."""
+        return self.facets if self.elements is None else self.elements
+
+    @property
+    def element(self) -> Element:
+        """Shape functions of the facets."""
+        return element_of(self.x.shape[1] - 1, self.cells.shape[1])
 
     @property
     def X(self) -> np.ndarray:
@@ -35,12 +48,14 @@ class Surface:
 
     def part(self, facets: np.ndarray) -> Surface:
         """Some of the facets (numbers), and their nodes, in the same order."""
-        nodes, cells = np.unique(self.facets[facets], return_inverse=True)
+        nodes, cells = np.unique(self.cells[facets], return_inverse=True)
+        cells = cells.reshape(len(facets), -1)
         drawn = None if self.drawn is None else self.drawn[nodes]
         return replace(
             self,
             x=self.x[nodes],
-            facets=cells.reshape(len(facets), -1),
+            facets=cells[:, : self.facets.shape[1]],
+            elements=None if self.elements is None else cells,
             dofs=self.dofs[nodes],
             owner=self.owner[nodes],
             drawn=drawn,
@@ -61,7 +76,15 @@ class Surface:
         return float(np.linalg.norm(np.ptp(self.x, axis=0)))
 
 
-CELLS = ("triangle", "quadrilateral", "tetrahedron", "hexahedron")
+# Kinds of cells, and their nodes at first and second order.
+CELLS = {"triangle": (3, 6), "quadrilateral": (4, 9), "tetrahedron": (4, 10), "hexahedron": (8, 27)}
+# The same: numbers of vertices, edges and facets.
+ENTITIES = {
+    "triangle": (3, 3, 3),
+    "quadrilateral": (4, 4, 4),
+    "tetrahedron": (4, 6, 4),
+    "hexahedron": (8, 12, 6),
+}
 
 
 def check_facet_tags(name: str, tags: Any) -> None:
@@ -70,27 +93,33 @@ def check_facet_tags(name: str, tags: Any) -> None:
         checks.refuse(name, tags, "give dolfinx mesh tags of facets (dolfinx.mesh.meshtags)")
 
 
-def check_space(V: Any) -> None:
-    """Require, on all ranks, a vector space of first-order Lagrange elements with one dof per
-    direction, on a first-order mesh of triangles, quadrilaterals, tetrahedra or hexahedra."""
+def check_space(V: Any, highest: int = 1) -> None:
+    """Require, on all ranks, a vector space of Lagrange elements of first order, or up to the
+    ``highest``, with one dof per direction, on a first-order mesh of triangles, quadrilaterals,
+    tetrahedra or hexahedra."""
     if isinstance(V, type) or not all(hasattr(V, k) for k in ("mesh", "dofmap", "element")):
         checks.refuse("V", V, "give a dolfinx function space")
     _check_mesh(V.mesh)
-    layout, topology = V.dofmap.dof_layout, V.mesh.topology
-    offsets = topology.connectivity(topology.dim, 0).offsets
-    n_vertices = offsets[1] if len(offsets) > 1 else None  # None: this rank owns no cell
-    gdim, bs = V.mesh.geometry.dim, V.dofmap.index_map_bs
-    wrong = n_vertices is not None and (
-        bs != gdim or layout.num_dofs != n_vertices or len(layout.entity_dofs(0, 0)) != 1
-    )
+    layout, gdim, bs = V.dofmap.dof_layout, V.mesh.geometry.dim, V.dofmap.index_map_bs
+    nodes = CELLS[compat.cell_kinds(V.mesh)[0]]
+    wrong = bs != gdim or layout.num_dofs not in nodes[:highest]
+    wrong = wrong or len(layout.entity_dofs(0, 0)) != 1 or not compat.has_nodes(V)
+    orders = " or second" if highest > 1 else ""
     check(
         V.mesh.comm,
         bool(wrong),
-        f"the function space must be a vector space of first order (one node per vertex, {gdim} "
-        f"components); this one has {layout.num_dofs} nodes per cell of {n_vertices} vertices and "
-        f"{bs} component(s). Use functionspace(mesh, ('Lagrange', 1, ({gdim},)))",
+        f"the function space must be a vector space of first{orders} order (Lagrange elements with "
+        f"{' or '.join(map(str, nodes[:highest]))} nodes per cell, {gdim} components); this one "
+        f"has {layout.num_dofs} nodes per cell and {bs} component(s). Use "
+        f"functionspace(mesh, ('Lagrange', 1, ({gdim},)))",
         ContactInputError,
     )
+
+
+def order_of(V: Any) -> int:
+    """Order of a function space that ``check_space`` has passed."""
+    nodes = CELLS[compat.cell_kinds(V.mesh)[0]]
+    return 1 + nodes.index(V.dofmap.dof_layout.num_dofs)
 
 
 def _check_mesh(mesh: Any) -> None:
@@ -168,40 +197,57 @@ def extract_surface(V: Any, facet_tags: Any, tag: int) -> Surface:
         a[first] for a in (dofs, owners, source, points, centres)
     )
     gdim = points.shape[2]
-    _, first, facets = np.unique(dofs, return_index=True, return_inverse=True)
+    element = element_of(gdim - 1, dofs.shape[1])
+    c = element.corners
+    _, first, cells = np.unique(dofs, return_index=True, return_inverse=True)
     x, source = points.reshape(-1, gdim)[first], source.ravel()[first]
     order = np.lexsort((source, *x.T[::-1]))
     rank = np.empty(len(order), dtype=np.int64)
     rank[order] = np.arange(len(order))
-    facets = rank[facets.reshape(dofs.shape)]
+    cells = rank[cells.reshape(dofs.shape)]
     x = x[order]
-    outward = x[facets].mean(axis=1) - centres
-    turned = np.einsum("fi,fi->f", vector_areas(x, facets), outward) < 0.0
-    facets[turned] = facets[turned, ::-1]
-    k = facets.shape[1]
-    if k > 2:  # begin with the smallest node; a segment has no cycle to turn
-        turn = (facets.argmin(axis=1)[:, None] + np.arange(k)) % k
-        facets = np.take_along_axis(facets, turn, axis=1)
-    facets = facets[np.lexsort(facets.T[::-1])]
+    outward = x[cells[:, :c]].mean(axis=1) - centres
+    turned = np.einsum("fi,fi->f", vector_areas(x, cells[:, :c]), outward) < 0.0
+    corner = np.where(turned[:, None], np.arange(c)[::-1], np.arange(c))
+    cells = element.permuted(cells, corner)
+    if c > 2:  # begin with the smallest node; a segment has no cycle to turn
+        corner = (cells[:, :c].argmin(axis=1)[:, None] + np.arange(c)) % c
+        cells = element.permuted(cells, corner)
+    cells = cells[np.lexsort(cells[:, :c].T[::-1])]
     return Surface(
-        x, facets, dofs.ravel()[first][order], owners.ravel()[first][order], f"tag {tag}"
-    )
+        x, cells[:, :c], dofs.ravel()[first][order], owners.ravel()[first][order], f"tag {tag}",
+        elements=cells if element.order > 1 else None,
+    )  # fmt: skip
 
 
-def facet_corners(V: Any, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def facet_nodes(V: Any, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(m,) a cell of each local facet (m,), and (m, k) which of that cell's nodes are the facet's,
-    in a cycle; the mesh has the connectivities of facets and cells."""
+    as of ``Element``; the mesh has the connectivities of facets and cells."""
     topology, layout = V.mesh.topology, V.dofmap.dof_layout
-    tdim = topology.dim
+    tdim, kind = topology.dim, compat.cell_kinds(V.mesh)[0]
     to_cell = topology.connectivity(tdim - 1, tdim)
     to_facet = topology.connectivity(tdim, tdim - 1)
-    n_facets = {2: 3, 3: 4}[tdim] if layout.num_dofs == tdim + 1 else {2: 4, 3: 6}[tdim]
-    table = np.array([layout.entity_closure_dofs(tdim - 1, i) for i in range(n_facets)])
-    if table.shape[1] == 4:
-        table = table[:, [0, 1, 3, 2]]  # dolfinx counts a quad's nodes by rows; make it a cycle
+    n_vertices, n_edges, n_facets = ENTITIES[kind]
+    vertices = {layout.entity_dofs(0, i)[0] for i in range(n_vertices)}
+    edges = {}
+    if order_of(V) == 2:
+        for i in range(n_edges):
+            own = vertices.intersection(layout.entity_closure_dofs(1, i))
+            edges[frozenset(own)] = layout.entity_dofs(1, i)[0]
+    table = []
+    for i in range(n_facets):
+        nodes = [n for n in layout.entity_closure_dofs(tdim - 1, i) if n in vertices]
+        if len(nodes) == 4:
+            nodes = [nodes[j] for j in (0, 1, 3, 2)]  # dolfinx counts by rows; make it a cycle
+        if edges:
+            c = len(nodes)
+            ends = [(nodes[j], nodes[(j + 1) % c]) for j in range(c if c > 2 else 1)]
+            centre = list(layout.entity_dofs(2, i)) if tdim == 3 else []
+            nodes = nodes + [edges[frozenset(pair)] for pair in ends] + centre
+        table.append(nodes)
     cells = to_cell.array[to_cell.offsets[facets]]
     cell_facets = to_facet.array.reshape(-1, n_facets)[cells]
-    return cells, table[(cell_facets == facets[:, None]).argmax(axis=1)]
+    return cells, np.array(table)[(cell_facets == facets[:, None]).argmax(axis=1)]
 
 
 def _local_facets(V: Any, facets: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -209,10 +255,11 @@ def _local_facets(V: Any, facets: np.ndarray) -> tuple[np.ndarray, ...]:
     mesh, gdim = V.mesh, V.mesh.geometry.dim
     to_cell = mesh.topology.connectivity(mesh.topology.dim - 1, mesh.topology.dim)
     inside = (to_cell.offsets[facets + 1] - to_cell.offsets[facets]) > 1
-    cells, nodes = facet_corners(V, facets)
+    cells, nodes = facet_nodes(V, facets)
+    element = element_of(gdim - 1, nodes.shape[1])
     rows = np.arange(len(facets))[:, None]
     dofs = compat.cell_dofs(V)[cells]
-    geometry = compat.cell_dofs(mesh.geometry)[cells][:, : V.dofmap.dof_layout.num_dofs]
+    geometry = compat.cell_dofs(mesh.geometry)[cells]
     index_map = V.dofmap.index_map
     local = dofs[rows, nodes].astype(np.int32)
     dofs_global = index_map.local_to_global(local.ravel()).reshape(local.shape)
@@ -221,14 +268,13 @@ def _local_facets(V: Any, facets: np.ndarray) -> tuple[np.ndarray, ...]:
     owner = np.full(local.shape, mesh.comm.rank, dtype=np.int64)
     ghost = local >= n_owned
     owner[ghost] = np.asarray(index_map.owners)[local[ghost] - n_owned]
-    return (
-        dofs_global,
-        owner,
-        np.asarray(mesh.geometry.input_global_indices)[geometry[rows, nodes]],
-        inside,
-        points[geometry[rows, nodes]],
-        points[geometry].mean(axis=1),
-    )
+    corners = geometry[rows, nodes[:, : element.corners]]
+    source = np.asarray(mesh.geometry.input_global_indices)[corners]
+    x = points[corners]
+    if element.order > 1:  # an edge's node is told from others at its place by its ends
+        source = np.where(element.linear > 0.0, source[:, None], -1).max(axis=2)
+        x = np.einsum("kc,fci->fki", element.linear, x)
+    return dofs_global, owner, source, inside, x, points[geometry].mean(axis=1)
 
 
 def check_sides(side0: Surface, side1: Surface, same_mesh: bool) -> None:

@@ -11,6 +11,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.geometry.cells import facet_vectors, vector_areas
 from dolfinx_llm.geometry.facing import BEYOND, TURN, Facets, facet_sizes
+from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.geometry import InterfaceGeometry
@@ -51,7 +52,7 @@ def against_obstacle(
     pairs = ContactPairs(
         surface=side,
         nodes=nodes,
-        forces=np.linalg.norm(vectors[nodes], axis=1),
+        loads=NodalLoads.of_forces(np.linalg.norm(vectors[nodes], axis=1)),
         cell=np.zeros(len(nodes), dtype=np.int64),
         N=csr_matrix((len(nodes), 0)),
         normal=normal[nodes],

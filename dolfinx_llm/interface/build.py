@@ -6,21 +6,24 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_matrix, triu
 
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.timing import Clock
+from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.overlap_curved import vector_areas_in_contact
-from dolfinx_llm.geometry.overlap_flat import common_area, local_bases, nodal_forces
+from dolfinx_llm.geometry.overlap_flat import common_area, local_bases
 from dolfinx_llm.geometry.pairs import ContactPairs, locate_pairs
 from dolfinx_llm.geometry.pieces import Piece
 from dolfinx_llm.interface.against import against_obstacle, forced, under_force
 from dolfinx_llm.interface.choices import Interface
-from dolfinx_llm.interface.frames import REACH, choose_frame, move_nodes
+from dolfinx_llm.interface.control import in_control_values
+from dolfinx_llm.interface.frames import REACH, choose_frame, common_order, move_nodes
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.interface.join import Part, joined, whole_piece
-from dolfinx_llm.interface.rows import balanced, designed, fixed_nodes
-from dolfinx_llm.interface.site import Site, find_site
+from dolfinx_llm.interface.rows import balanced, designed, kept_nodes
+from dolfinx_llm.interface.site import Site, check_order, find_site
 from dolfinx_llm.interface.touching import check_flat, find_pieces
 
 
@@ -36,11 +39,77 @@ def build_interface(
     return build(site, clock)
 
 
+def build_interfaces(
+    interfaces: Sequence[Interface], spaces: Sequence[Any], fixed: Sequence[np.ndarray]
+) -> list[InterfaceGeometry]:
+    """All interfaces of a problem; as of ``build_interface``. Ties whose rows are corrected are
+    built again where other interfaces have some of their nodes, which then keep theirs."""
+    found = [build_interface(interface, spaces, fixed) for interface in interfaces]
+    check_pairs(found)
+    for i, shared in enumerate(shared_nodes(found)):
+        ties, certificate = found[i].interface.law.ties, found[i].certificate
+        corrected = certificate is not None and certificate.largest_correction > 0.0
+        if ties and corrected and any(nodes.any() for nodes in shared):
+            found[i] = build(replace(found[i].site, shared=shared))
+    return found
+
+
+def check_pairs(geometries: Sequence[InterfaceGeometry]) -> None:
+    """Require that no two interfaces have the same facets on both of their sides."""
+    pairs = [(i, k) for i, g in enumerate(geometries) if len(g.pairs) == 2 for k in (0, 1)]
+    if len(pairs) < 4:
+        return
+    facets = []
+    for i, k in pairs:
+        surface = geometries[i].pairs[k].surface
+        nodes = np.sort(surface.dofs[surface.facets], axis=1)
+        known = np.full((len(nodes), 7), -1)
+        known[:, 0], known[:, 1] = i, k
+        known[:, 2], known[:, 3 : 3 + nodes.shape[1]] = geometries[i].spaces[k], nodes
+        facets.append(known)
+    rows = np.concatenate(facets)
+    _, number = np.unique(rows[:, 2:], axis=0, return_inverse=True)
+    shape, number = (len(geometries), len(rows)), number.ravel()
+    own = [
+        csr_matrix((np.ones(side.sum()), (rows[side, 0], number[side])), shape)
+        for side in (rows[:, 1] == 0, rows[:, 1] == 1)
+    ]
+    common = [triu(M @ (own[0] + own[1]).T, 1, format="csr") for M in own]
+    twice = common[0].multiply(common[1]).tocoo()
+    if twice.nnz:
+        i, j = int(twice.row[0]), int(twice.col[0])
+        counts = [int(M[i, j]) for M in common]
+        names = " and ".join(geometries[k].interface.name for k in (i, j))
+        raise ContactInputError(
+            f"the interfaces {names} have {counts[0]} and {counts[1]} facets of both sides in "
+            "common: give each pair of surfaces once"
+        )
+
+
+def shared_nodes(geometries: Sequence[InterfaceGeometry]) -> list[tuple[np.ndarray, ...]]:
+    """Per interface and side (n,) nodes of the tagged surface that several interfaces have."""
+    nodes = [
+        np.column_stack([np.full(len(pairs.dofs), space), pairs.dofs])
+        for geometry in geometries
+        for pairs, space in zip(geometry.pairs, geometry.spaces, strict=True)
+    ]
+    known, count = np.unique(np.concatenate(nodes), axis=0, return_counts=True)
+    several = known[count > 1]
+    return [
+        tuple(
+            np.isin(whole.dofs, several[several[:, 0] == space, 1])
+            for whole, space in zip(geometry.site.whole, geometry.spaces, strict=True)
+        )
+        for geometry in geometries
+    ]
+
+
 def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
     """Common area, frame, design and pairs of surfaces where they are now."""
     clock = clock or Clock()
     interface, whole = site.interface, site.whole
     notes: list[str] = []
+    check_order(interface, whole)
     if interface.obstacle is not None:
         return build_against(site, notes, clock)
     pieces, rims = find_pieces(whole, interface.law.opens, interface.name, notes)
@@ -81,6 +150,8 @@ def assembled(
     frame, base, certificate = None, np.empty((0, gdim, gdim)), None
     if alone is None:
         pairs, frame, base, certificate = joined(site.whole, parts)
+        if not law.ties:
+            pairs = [in_control_values(p, frame) for p in pairs]
     rims = [
         rim[np.isin(side.dofs, p.surface.dofs)][p.nodes]
         for rim, side, p in zip(whole_rims, site.whole, pairs, strict=True)
@@ -126,41 +197,40 @@ def build_piece(
     sides = piece.parts(site.whole)
     area: Any = None
     if plane is None:  # curved: vector areas, smooth rows, balance in least squares
+        check_order(interface, sides, flat=False)
         if interface.design == "positions":
             raise ContactInputError("design='positions' needs flat sides; use 'weights' or 'auto'")
         vectors = vector_areas_in_contact(sides[0], sides[1], law.opens)
-        forces = [np.linalg.norm(a, axis=1) for a in vectors]
+        loads = [NodalLoads.of_forces(np.linalg.norm(a, axis=1)) for a in vectors]
     else:
         if not law.opens:
             check_flat(sides, plane)
         area = common_area(sides[0], sides[1], plane)
-        forces = [nodal_forces(side, plane.project(side.x), area) for side in sides]
+        order = common_order(sides)
+        loads = [NodalLoads.on(side, plane.project(side.x), area, order) for side in sides]
     clock.stop("patch forces")
     if last is None:
-        frame, note, reach = choose_frame(interface, sides, forces, plane, area, corners)
+        touched = [load.touched for load in loads]
+        frame, note, reach = choose_frame(interface, sides, touched, plane, area, corners)
     else:
         frame, note, reach = last.frame, "frame: moved with the bodies", REACH
     notes.append(note)
     clock.stop("frame")
     if interface.design == "positions" and frame.gdim == 3 and last is None:
-        frame = move_nodes(frame, sides, forces, site.comm)
+        frame = move_nodes(frame, sides, [load.forces for load in loads], site.comm)
         notes.append("design: frame nodes moved (positions)")
         clock.stop("design")
     nodes = [None, None] if last is None else [p.nodes for p in last.pairs]
     pairs = [
-        locate_pairs(side, f, frame, sign, reach, plane, nodes=taking_part)
-        for side, f, sign, taking_part in zip(sides, forces, (1.0, -1.0), nodes, strict=True)
+        locate_pairs(side, load, frame, sign, reach, plane, nodes=taking_part)
+        for side, load, sign, taking_part in zip(sides, loads, (1.0, -1.0), nodes, strict=True)
     ]
     clock.stop("location")
     if plane is None:
         pairs, certificate, normals = balanced(interface, frame, pairs, vectors, notes)
         base = local_bases(normals)
     else:
-        normal_only = law.components == "normal"
-        keep = site.held and [
-            fixed_nodes(p, side, held, normal_only)
-            for p, side, held in zip(pairs, site.whole, site.held, strict=True)
-        ]
+        keep = kept_nodes(site, pairs)
         pairs, certificate = designed(interface, frame, plane, pairs, notes, keep)
         base = np.broadcast_to(plane.base, (len(frame.x), *plane.base.shape))
     clock.stop("design")

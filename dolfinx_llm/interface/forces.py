@@ -6,16 +6,30 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.sparse import csr_matrix, diags, identity
+from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base import checks
 
 if TYPE_CHECKING:
     from dolfinx_llm.geometry.frame import Frame
 
+HARDLY = 1e-13  # of a node's own entry, added to it: where a facet is in contact by next to nothing
+
 
 def per_area(force: np.ndarray, area: np.ndarray) -> np.ndarray:
     """(m, k) forces over areas (m,), 0 where there is none [force / area]."""
     return np.asarray(force / np.where(area > 0.0, area, np.inf)[:, None])
+
+
+def per_mass(force: np.ndarray, mass: csr_matrix | None) -> np.ndarray | None:
+    """(n, gdim) field whose integrals with the shape functions of second-order facets are the
+    forces (n, gdim), from the integrals (n, n) of their products [force / area]."""
+    if mass is None:
+        return None
+    root = 1.0 / np.sqrt(np.maximum(mass.diagonal(), 1e-300))  # facets hardly in contact weigh less
+    scaled = diags(root) @ mass @ diags(root) + HARDLY * identity(len(root))
+    return np.asarray(root[:, None] * splu(scaled.tocsc()).solve(root[:, None] * force))
 
 
 class InterfaceForces:
@@ -30,6 +44,10 @@ class InterfaceForces:
         frame_friction: np.ndarray
         frame_status: np.ndarray
         presses: bool
+
+    # (m, 1 + gdim) pressure and tangential traction of side 0 there between second-order bodies, of
+    # the coarser side's density; None: force per area [force / area]
+    frame_density: np.ndarray | None = None
 
     @property
     def x(self) -> np.ndarray:
@@ -56,14 +74,20 @@ class InterfaceForces:
         Nodal force over tributary area misleads on the finer side; on the frame both sides carry
         the same force. Where bodies may part it is at least 0: at the rim of contact a corrected
         row may leave a frame node a slightly negative share of forces that all press, which
-        ``frame_force`` shows and the pressure does not.
+        ``frame_force`` shows and the pressure does not. Between second-order bodies, whose nodal
+        forces per area say nothing, it is that of ``SideResult.density`` of the coarser side.
         """
-        pressure = per_area(self.frame_force[:, None], self.frame_area)[:, 0]
+        if self.frame_density is not None:
+            pressure = self.frame_density[:, 0]
+        else:
+            pressure = per_area(self.frame_force[:, None], self.frame_area)[:, 0]
         return np.maximum(pressure, 0.0) if self.presses else pressure
 
     @property
     def traction(self) -> np.ndarray:
         """(m, gdim) tangential traction of side 0 on the frame at its nodes [force / area]."""
+        if self.frame_density is not None:
+            return self.frame_density[:, 1:]
         return per_area(self.frame_friction, self.frame_area)
 
     @property

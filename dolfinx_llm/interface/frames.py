@@ -23,7 +23,7 @@ COVERED, REACH = 1e-6, 3.0  # cells that a node may lie beyond a given, a predic
 def choose_frame(
     interface: Interface,
     sides: tuple[Surface, ...],
-    forces: Sequence[np.ndarray],
+    touched: Sequence[np.ndarray],
     plane: Plane | None,
     area: Any,
     corners: int | None = None,
@@ -34,7 +34,7 @@ def choose_frame(
     Args:
         interface: the user's choices.
         sides: the two surfaces.
-        forces: pair of (n_i,) forces of unit pressure.
+        touched: pair of (n_i,) whether nodes belong to facets in contact.
         plane: of flat surfaces; None: they are curved.
         area: what both cover, in the plane.
         corners: of a predicted frame's cells; None: those of the coarser side.
@@ -46,14 +46,25 @@ def choose_frame(
         if frame.gdim == 2 and interface.design == "positions":
             return *frame_at_roots(sides, plane, area, frame), COVERED
         return frame, "frame: given", COVERED
-    if plane and len(plane.origin) == 2 and interface.design in ("positions", "auto"):
+    order = common_order(sides)
+    if (
+        order == 1
+        and plane
+        and len(plane.origin) == 2
+        and interface.design in ("positions", "auto")
+    ):
         try:
             return *frame_at_roots(sides, plane, area), COVERED
         except ContactError as error:
             if interface.design == "positions":
                 raise
             log.info("closed form of the frame left out: %s", error)
-    return *predict_frame(sides, forces, plane, interface.law.opens, corners), REACH
+    return *predict_frame(sides, touched, plane, interface.law.opens, corners, order), REACH
+
+
+def common_order(sides: Sequence[Surface]) -> int:
+    """Order of the fields that pass: the lower one of both sides."""
+    return min(side.element.order for side in sides)
 
 
 def move_nodes(

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.sparse import block_diag, csr_matrix
 
 from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.geometry.pieces import Piece
 from dolfinx_llm.geometry.surface import Surface
@@ -66,12 +67,13 @@ def _joined_pairs(
     cells = np.cumsum([0] + [len(frame.cells) for frame in frames])
     both = {
         name: np.concatenate([getattr(p, name) for p in pairs])[order]
-        for name in ("forces", "normal", "base", "gap")
+        for name in ("normal", "base", "gap")
     }
     return replace(
         pairs[0],
         surface=surface,
         nodes=nodes[order],
+        loads=NodalLoads.joined([p.loads for p in pairs]).of(order),
         cell=np.concatenate([p.cell + first for p, first in zip(pairs, cells)])[order],
         N=csr_matrix(block_diag([p.N for p in pairs], format="csr")[order]),
         **both,

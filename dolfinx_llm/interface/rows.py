@@ -20,13 +20,13 @@ from dolfinx_llm.design.curved import (
 )
 from dolfinx_llm.design.line import check_closed_form
 from dolfinx_llm.design.quadric import SmoothSurface
-from dolfinx_llm.design.weights import TOLERANCE, design_weights, patch_residual
+from dolfinx_llm.design.weights import TOLERANCE, balanced_rows, load_residual
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.pairs import ContactPairs, rank_certificate, with_weights
-from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.site import Site
 
 log = logging.getLogger("dolfinx_llm")
 
@@ -156,24 +156,22 @@ def designed(
     keep: Sequence[np.ndarray] | None,
 ) -> tuple[list[ContactPairs], Certificate]:
     """Pairs after design by weights where it is asked for or needed, and their certificate."""
-    forces = [p.forces for p in pairs]
+    loads, s = [p.loads for p in pairs], plane.project(frame.x)
     plain = [p.N for p in pairs]
-    before = float(np.abs(patch_residual(plain, forces)).max())
+    before = float(np.abs(load_residual(frame, s, plain, loads)).max())
     N: Sequence[csr_matrix] = plain
     if interface.design == "weights" or (interface.design == "auto" and before > TOLERANCE):
-        s = plane.project(frame.x)
-        cells = [p.cell for p in pairs]
         try:  # rows at supports bind the frame's edge: better left alone, where that is enough
-            N = design_weights(frame, s, plain, cells, forces, keep)
+            N = balanced_rows(frame, s, plain, loads, keep)
         except ContactError:
-            N = design_weights(frame, s, plain, cells, forces)
+            N = balanced_rows(frame, s, plain, loads)
         pairs = [with_weights(p, M, frame) for p, M in zip(pairs, N)]
         notes.append("design: rows of L_b corrected (weights)")
     elif interface.design == "auto":
         notes.append("design: left out, the frame passes as it is")
     elif interface.design is None:
         notes.append(f"design: none, as asked; patch residual {before:.1e}")
-    residual = float(np.abs(patch_residual(N, forces)).max())
+    residual = float(np.abs(load_residual(frame, s, N, loads)).max())
     if interface.design == "positions" and frame.gdim == 2:
         check_closed_form(residual, pairs, frame)
     singular = rank_certificate(frame, N)
@@ -183,16 +181,20 @@ def designed(
     return pairs, Certificate(residual, before, singular, float(linear / size), float(change))
 
 
-def fixed_nodes(
-    pairs: ContactPairs, whole: Surface, held: np.ndarray, normal_only: bool
-) -> np.ndarray:
-    """(n,) whether a Dirichlet condition prescribes a motion that the law ties.
-
-    Args:
-        whole: the surface as tagged.
-        held: (n_whole, gdim) whether its nodes' dofs are prescribed.
-        normal_only: the law ties the normal motion alone: what is prescribed across it is free.
-    """
-    used = np.abs(pairs.normal) > ACROSS if normal_only else True
-    at = held[np.isin(whole.dofs, pairs.surface.dofs)][pairs.nodes]
-    return (at & used).any(axis=1)
+def kept_nodes(site: Site, pairs: Sequence[ContactPairs]) -> list[np.ndarray] | None:
+    """Per side (n,) pairs whose rows had better stay: Dirichlet conditions prescribe a motion that
+    the law ties, or other interfaces have the node, too: round a joint where interfaces meet rows
+    repeat each other exactly, or not at all. None: there are none."""
+    normal_only = site.interface.law.components == "normal"
+    keep = []
+    for i, (p, whole) in enumerate(zip(pairs, site.whole, strict=True)):
+        # What is prescribed across the normal is free without friction.
+        used = np.abs(p.normal) > ACROSS if normal_only else np.ones(p.normal.shape, dtype=bool)
+        at = np.isin(whole.dofs, p.surface.dofs)
+        found = np.zeros(len(p.nodes), dtype=bool)
+        if site.held:
+            found |= (site.held[i][at][p.nodes] & used).any(axis=1)
+        if site.shared:
+            found |= site.shared[i][at][p.nodes]
+        keep.append(found)
+    return keep if any(k.any() for k in keep) else None

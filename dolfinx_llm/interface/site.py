@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_llm.base import compat
+from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.surface import Surface, check_sides, extract_surface
 from dolfinx_llm.interface.choices import Interface
 
@@ -23,6 +24,7 @@ class Site:
     spaces: tuple[int, ...]  # index of the function space of each
     held: tuple[np.ndarray, ...] | None  # per side (n, gdim) prescribed dofs of its nodes
     comm: MPI.Comm
+    shared: tuple[np.ndarray, ...] = ()  # per side (n,) nodes that other interfaces have, too
 
     def moved(self, motions: Sequence[np.ndarray]) -> Site:
         """The same with the surfaces at x = X + u, (n, gdim) per side since the drawing; nothing is
@@ -47,6 +49,31 @@ def find_site(
     if fixed is not None:
         held = tuple(_held(side, spaces[i], fixed[i]) for side, i in zip(whole, owners))
     return Site(interface, whole, owners, held, spaces[0].mesh.comm)
+
+
+def check_order(interface: Interface, sides: Sequence[Surface], flat: bool = True) -> None:
+    """Require, of second-order bodies, ties on flat surfaces, or laws that let them part.
+
+    Raises:
+        ContactInputError: what is not there for them is asked for.
+    """
+    missing = ""
+    if all(side.element.order == 1 for side in sides):
+        return
+    if interface.obstacle is not None:
+        missing = "rigid obstacles"
+    elif interface.law.gives or not (interface.law.ties or interface.law.opens):
+        missing = f"the law {interface.law}"
+    elif interface.design == "positions":
+        missing = "design='positions' (use 'weights' or 'auto')"
+    elif not flat:
+        missing = "curved surfaces"
+    if missing:
+        raise ContactInputError(
+            f"interface {interface.name}: {missing} need(s) first-order bodies; of second-order "
+            "ones flat surfaces can be tied, and surfaces without sharp turns part and slide. Use "
+            "('Lagrange', 1, ...) here"
+        )
 
 
 def space_of(tags: Any, spaces: Sequence[Any]) -> int:

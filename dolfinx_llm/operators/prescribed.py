@@ -1,37 +1,18 @@
-"""Rows at prescribed dofs."""
+"""Rows that others repeat: at prescribed dofs, and at nodes of several interfaces."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import qr
+from scipy.linalg import qr, solve_triangular
 from scipy.sparse import csr_matrix, identity
-from scipy.sparse.csgraph import connected_components, min_weight_full_bipartite_matching
+from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 REPEATED = 1e-6  # part of base vectors at free dofs that counts as none
 RANK = 1e-8  # of the largest: singular values below are none
-SMALL = 200  # rows or columns up to which dense algebra is as fast
+INCOMING = 64  # rows that come in together
 DAMPED = 1e-14  # added to squares of singular values, of the largest column's
 PROJECTIONS, GAIN = 30, 0.9  # of iteration against it, and what each must leave at most
-CONDITION = 1e3  # of independent rows that are chosen one for each column
-EXCHANGES, TURNS = 100, 4  # of these rows for others; steps of inverse iteration in each
-
-
-def prescribed_rows(
-    L: csr_matrix, prescribed: np.ndarray
-) -> tuple[np.ndarray, ColumnSpace, np.ndarray]:
-    """Rows (k,) of a frame's L_b at prescribed dofs, their column space, on which the multipliers
-    of least size are the projections of others, and the redundant rows.
-
-    Where both bodies have prescribed dofs on the contact surface (a symmetry plane through it),
-    these rows bind the frame alone, and more of them than the frame has nodes there. Those that
-    follow from the others must go, or (31) is singular in λ.
-    """
-    rows = np.flatnonzero(prescribed)
-    D = L[rows]
-    kept = [own[independent_rows(D[own])] for own in pieces(D)]
-    redundant = np.delete(rows, np.concatenate(kept)) if kept else rows
-    return rows, ColumnSpace(D), redundant
 
 
 def free_parts(free: np.ndarray, c: int) -> np.ndarray:
@@ -89,43 +70,41 @@ class ColumnSpace:
         return values
 
 
-def independent_rows(D: csr_matrix) -> np.ndarray:
-    """Rows of D (k, m), as many as its rank, from which the others follow."""
-    if not D.count_nonzero() or D.shape[0] == 1:
-        return np.arange(D.count_nonzero() > 0)
-    D = D[:, np.unique(D.indices)]
-    if SMALL < D.shape[1] <= D.shape[0]:
-        rows = _matched_rows(D)
-        if len(rows):
-            return rows
-    R, order = qr(D.T.toarray(), mode="r", pivoting=True)
-    size = np.abs(np.diag(R))
-    return np.sort(order[: int((size > RANK * size[0]).sum())])
+def independent_rows(D: csr_matrix, least: float = RANK) -> np.ndarray:
+    """Rows of D (k, m), as many as its rank, from which the others follow; far from dependent.
 
-
-def _matched_rows(D: csr_matrix) -> np.ndarray:
-    """Rows of D (k, m), one for each column, that are far from dependent; none where the columns
-    are not.
-
-    Those of the largest product of entries to begin with. While these hardly tell a direction v,
-    the row that tells it best takes the place of the one that tells it best among them.
+    Rows come in, some at a time, in an order of small bandwidth. Columns of which no more rows
+    come are eliminated by the rows that tell them best, which are taken. Of the others, what these
+    do not explain waits for more columns; where nothing is left of a row, above ``least`` of the
+    largest entry, it follows from others.
     """
-    size = abs(D).tocsr()
-    size.eliminate_zeros()
-    largest = size.sum(axis=0).max()
-    size.data = 1.0 - np.log(size.data / size.data.max())
-    v = np.random.default_rng(2001).normal(size=D.shape[1])
-    try:
-        rows, _ = min_weight_full_bipartite_matching(size)
-        for _ in range(EXCHANGES):
-            factor = splu(D[rows].tocsc())
-            for _ in range(TURNS):  # towards the smallest singular value
-                v = factor.solve(factor.solve(v / np.linalg.norm(v), "T"))
-            told = np.abs(D @ (v / np.linalg.norm(v)))
-            if np.linalg.norm(told[rows]) * CONDITION >= largest:
-                return np.sort(rows)
-            others = np.delete(np.arange(len(told)), rows)
-            rows[told[rows].argmax()] = others[told[others].argmax()]
-    except (ValueError, RuntimeError):  # columns without a row of their own
-        pass
-    return np.zeros(0, dtype=np.int64)
+    scale = abs(D).max() if D.nnz else 0.0
+    if not scale:
+        return np.zeros(0, dtype=np.int64)
+    order = reverse_cuthill_mckee((D @ D.T).tocsr(), symmetric_mode=True)
+    D, none = (D[order] / scale).tocsc(), np.zeros(0, dtype=np.int64)
+    filled = np.flatnonzero(np.diff(D.indptr))
+    D = D[:, filled].tocsc()
+    D.sort_indices()
+    ends = D.indices[D.indptr[1:] - 1]  # last row of each column
+    D = D.tocsr()
+    rows, columns, left, taken = none, none, np.zeros((0, 0)), []
+    for first in range(0, len(order), INCOMING):
+        new = np.arange(first, min(first + INCOMING, len(order)))
+        seen = np.union1d(columns, D[new].indices)
+        front = np.zeros((len(rows) + len(new), len(seen)))
+        front[: len(rows), np.searchsorted(seen, columns)] = left
+        front[len(rows) :] = D[new][:, seen].toarray()
+        rows, done = np.concatenate([rows, new]), ends[seen] <= new[-1]
+        R, pivots = np.zeros((0, len(rows))), np.arange(len(rows))
+        if done.any():
+            R, pivots = qr(front[:, done].T, mode="r", pivoting=True)
+        r = int((np.abs(np.diag(R)) > least).sum())
+        own, others = pivots[:r], pivots[r:]
+        left = front[others][:, ~done]
+        if r:
+            left = left - solve_triangular(R[:r, :r], R[:r, r:]).T @ front[own][:, ~done]
+        taken.append(rows[own])
+        more = np.abs(left).max(axis=1, initial=0.0) > least
+        rows, columns, left = rows[others[more]], seen[~done], left[more]
+    return np.sort(order[np.concatenate(taken)])

@@ -62,7 +62,7 @@ def with_reactions(
             own, felt[i] = own | bears, hstack([L, of_friction])
         chosen[place.rows] = own
     at = np.flatnonzero(chosen & (operators.held | (operators.interfaces_at > 1)))
-    fixed = hstack([block_diag(felt, format="csr")[at], _nodal(operators, at)]).tocsr()
+    fixed = hstack([block_diag(felt, format="csr")[at], operators.at_free_dofs(at)]).tocsr()
     multiplier, rounding = multiplier.copy(), PULL * np.abs(multiplier).max(initial=0.0)
     told = np.diff(fixed.indptr) > 0
     for own in pieces(fixed):
@@ -71,15 +71,6 @@ def with_reactions(
         to = at[own]
         multiplier[to] = _nearest(fixed[own], multiplier[to], wanted[to], presses[to], rounding)
     return multiplier
-
-
-def _nodal(operators: ContactOperators, rows: np.ndarray) -> csr_matrix:
-    """(k, dofs) forces at the free dofs of nodes from those of some rows (k,)."""
-    at, value = operators.rows.dofs[rows], operators.free[rows]
-    row = np.broadcast_to(np.arange(len(rows))[:, None], at.shape)
-    kept = value != 0.0
-    _, col = np.unique(at[kept], return_inverse=True)
-    return csr_matrix((value[kept], (row[kept], col)), (len(rows), col.max(initial=-1) + 1))
 
 
 def _nearest(

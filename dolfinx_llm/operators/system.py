@@ -5,11 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.interface.against import prescribed_loads
-from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.operators.assemble import assemble_B, assemble_L_b, interface_operator
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.motions import Floating, no_motions, rigid_motions
@@ -22,8 +23,8 @@ from dolfinx_llm.operators.numbering import (
     slip_numbering,
 )
 from dolfinx_llm.operators.petsc import diagonal_of
-from dolfinx_llm.operators.prescribed import free_parts, prescribed_rows
-from dolfinx_llm.operators.support import check_loops, check_support
+from dolfinx_llm.operators.prescribed import free_parts, independent_rows
+from dolfinx_llm.operators.support import check_support
 
 FLUSH = 64.0 * float(np.finfo(float).eps)  # of positions, that rounding makes of no gap
 NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
@@ -42,21 +43,21 @@ class ContactOperators:
         rows: the multipliers: base vectors, dofs and numbers.
         frames, unknowns: ``Numbering`` of the frame unknowns v, and of w: v and the slips κ.
         blocks: per interface its L_b as csr (rows, frame unknowns).
-        L: csr of all, empty in redundant rows.
+        L: csr of all.
         B, L_b: PETSc AIJ of (31).
         soft: (n,) rows at dofs that are prescribed, or nearly so.
         held: (n,) rows at dofs that are prescribed.
         free: (n, gdim) base vectors at dofs that are not.
         interfaces_at: (n,) to how many interfaces each row's node belongs.
-        redundant: (n,) rows of ties at prescribed dofs that say nothing new.
-        prescribed: per tie (rows, columns) at prescribed dofs, as of ``prescribed_rows``.
+        redundant: (n,) rows of ties that follow from others, at prescribed dofs and where several
+            interfaces meet; they are left out of what is solved.
         bodies: connected bodies and their rigid motions.
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
         diagonal: (n_local,) of K [force / length].
         floating: rigid motions that need contact to be held; none where ties hold all.
 
     Raises:
-        ContactError: supports and ties leave a motion free, or ties close a loop.
+        ContactError: supports and ties leave a motion free.
     """
 
     def __init__(
@@ -71,11 +72,9 @@ class ContactOperators:
             times.add(geometry.times)
         with times.timed("operators"):
             self._number()
-            self._find_prescribed()
             self.B = assemble_B(self.rows, dofs)
-            kept = scipy.sparse.diags((~self.redundant).astype(float))
-            self.L = (kept @ scipy.sparse.block_diag(self.blocks, format="csr")).tocsr()
-            self.L.eliminate_zeros()
+            self.L = scipy.sparse.block_diag(self.blocks, format="csr")
+            self._find_repeated()
             self.L_b = assemble_L_b(self.comm, self.L, self.rows.numbering, self.frames)
         with times.timed("support check"):
             self.bodies = Bodies(dofs.spaces)
@@ -113,8 +112,9 @@ class ContactOperators:
             interface_operator(g.pairs, g.directions, g.normals_alone) for g in self.geometries
         ]
 
-    def _find_prescribed(self) -> None:
-        """Rows of L_b at prescribed dofs, and the redundant ones of ties, which (31) leaves out."""
+    def _find_repeated(self) -> None:
+        """Rows at prescribed dofs and at nodes of several interfaces, and those of ties among them
+        that follow from others, which what is solved leaves out."""
         mine = self.rows.numbering.mine
         fixed = self.dofs.fixed[self.rows.dofs[mine] - self.dofs.first]
         free = np.where(fixed, 0.0, self.rows.base[mine])
@@ -126,25 +126,35 @@ class ContactOperators:
         sides = zip(self.geometries, self.places, strict=True)
         own = [free_parts(free[place.rows], g.pairs[0].base.shape[1]) for g, place in sides]
         self.soft = np.concatenate(own) < NEARLY_FIXED
-        self.redundant = np.zeros(len(self.held), dtype=bool)
-        self.prescribed = []
-        for geometry, place, L in zip(self.geometries, self.places, self.blocks, strict=True):
-            if geometry.interface.law.ties:
-                rows, columns, redundant = prescribed_rows(L, self.held[place.rows])
-                self.prescribed.append((place.rows.start + rows, columns))
-                self.redundant[place.rows.start + redundant] = True
+        ties, self.redundant = np.zeros((2, len(self.held)), dtype=bool)
+        for geometry, place in zip(self.geometries, self.places, strict=True):
+            ties[place.rows] = geometry.interface.law.ties
+        rows = np.flatnonzero(ties & (self.held | (self.interfaces_at > 1)))
+        said = scipy.sparse.hstack([self.L[rows], self.at_free_dofs(rows)], format="csr")
+        self.redundant[np.delete(rows, independent_rows(said))] = True
+
+    def at_free_dofs(self, rows: np.ndarray) -> csr_matrix:
+        """(k, dofs) forces at the free dofs of nodes from those of some rows (k,)."""
+        at, value = self.rows.dofs[rows], self.free[rows]
+        row = np.broadcast_to(np.arange(len(rows))[:, None], at.shape)
+        kept = value != 0.0
+        _, col = np.unique(at[kept], return_inverse=True)
+        entries = value[kept], (row[kept], col)
+        return csr_matrix(entries, (len(rows), col.max(initial=-1) + 1))
 
     def _check_support(self, K: PETSc.Mat) -> None:
-        """Require that supports and ties hold every body, and that ties close no loop."""
-        bodies, labels, moves = self.bodies, [], []
+        """Require that supports and ties hold every body."""
+        bodies, moves = self.bodies, []
         for side, dofs in zip(self.pairs, self.side_dofs, strict=True):
             label = self.dofs.values(dofs[:, 0], np.repeat(bodies.label, self.dofs.gdim))
-            labels.append(label.astype(np.int64))
-            move = np.einsum("nci,nibm->ncbm", side.base, bodies.modes(labels[-1], side.x))
-            moves.append(move.reshape(-1, *move.shape[2:]))
-        check_loops(self.geometries, labels)
+            modes = bodies.own_modes(label.astype(np.int64), side.x)
+            move = np.einsum("nci,nim->ncm", side.base, modes)
+            n, c, m = move.shape
+            first = np.broadcast_to(m * label.astype(np.int64)[:, None, None], move.shape)
+            columns = (first + np.arange(m)).ravel(), m * np.arange(n * c + 1)
+            moves.append(csr_matrix((move.ravel(), *columns), (n * c, m * bodies.count)))
         constraints = [
-            (L if L.shape[1] else None, np.concatenate(moves[place.sides]))
+            (L if L.shape[1] else None, scipy.sparse.vstack(moves[place.sides], format="csr"))
             for place, L in zip(self.places, self.blocks, strict=True)
         ]
         rigid = rigid_motions(bodies, K, self.dofs.fixed)
@@ -161,13 +171,6 @@ class ContactOperators:
     def gather(self, numbering: Numbering, local: np.ndarray) -> np.ndarray:
         """Values of all ranks in the unknowns' own order, from this rank's (n_local, ...)."""
         return gather_rows(self.comm, local)[numbering.number]
-
-    def least(self, multiplier: np.ndarray) -> np.ndarray:
-        """(n,) multipliers, at prescribed dofs the smallest that have the same effect."""
-        multiplier = multiplier.copy()
-        for rows, columns in self.prescribed:
-            multiplier[rows] -= columns.without(multiplier[rows])
-        return multiplier
 
     def motion(self, side: int, u: np.ndarray) -> np.ndarray:
         """(n, gdim) displacement of a side's nodes, on every rank, from this rank's u."""
@@ -219,10 +222,20 @@ class ContactOperators:
         values = self.row_gaps(motions)[mine]
         at = self.rows.dofs[mine] - self.dofs.first
         known = np.where(self.dofs.fixed[at], prescribed[at], 0.0)
-        values += np.einsum("ni,ni->n", self.rows.base[mine], known)
-        return np.where(self.redundant[mine], 0.0, values)
+        return values + np.einsum("ni,ni->n", self.rows.base[mine], known)
 
     def destroy(self) -> None:
         """Free B and L_b; collective."""
         self.B.destroy()
         self.L_b.destroy()
+
+
+def anatomy(operators: ContactOperators) -> list[str]:
+    """Lines for ``print(problem)``: what is left out of (31), and the interfaces."""
+    repeated = int(operators.redundant.sum())
+    text = (
+        f"  left out: {repeated} multiplier(s) whose rows follow from others, at supports or where "
+        "several interfaces meet; of all forces with the same effect the least are given"
+    )
+    lines = [line for geometry in operators.geometries for line in describe(geometry)]
+    return [text] * bool(repeated) + lines

@@ -22,6 +22,7 @@ from dolfinx_llm.output.values import (
     check_displacement,
     check_expression,
     check_result,
+    vertex_function,
 )
 from dolfinx_llm.output.writing import writable_file, writable_folder, write_step, writing
 
@@ -85,7 +86,8 @@ class _BodyFile:
             if path.suffix == ".xdmf" and path.with_suffix(".h5").is_dir():
                 raise ContactInputError(f"{path} cannot be written: its .h5 is a folder")
         self._u, self._cell_fields = u, cell_fields
-        u.name = "displacement"
+        self._drawn = u if path.suffix == ".bp" else vertex_function(u)
+        self._drawn.name = "displacement"
         self._file: Any
         if path.suffix == ".xdmf":
             with writing(path):
@@ -105,7 +107,9 @@ class _BodyFile:
         if self._is_vtx:
             self._file.write(time)
             return
-        self._file.write_function(self._u, time)
+        if self._drawn is not self._u:
+            self._drawn.interpolate(self._u)
+        self._file.write_function(self._drawn, time)
         for name, expression in self._cell_fields.items():
             function = cell_maximum(expression, self._u.function_space.mesh)
             function.name = name
@@ -147,7 +151,7 @@ def interface_fields(
     if result.frame is not None:
         frame = result.frame
         fields = {"displacement": frame.v, **own, "status": result.frame_status.astype(float)}
-        parts["frame"] = result.frame_drawn, frame.cells, fields
+        parts["frame"] = result.frame_drawn, frame.corners, fields
     for k, side in enumerate(result.sides):
         own_gap = {"frame_gap": side.frame_gap} if hasattr(side, "frame_gap") else {}
         there = np.isfinite(side.gap)  # inf cannot be written

@@ -18,11 +18,20 @@ from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.element import element_of
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.geometry.surface import facet_corners
+from dolfinx_llm.geometry.surface import facet_nodes
 from dolfinx_llm.interface.forces import InterfaceForces
 from dolfinx_llm.output import render
-from dolfinx_llm.output.drawing import draw_cells, draw_scene, mean_plane, on_root, pyplot, save
+from dolfinx_llm.output.drawing import (
+    draw_cells,
+    draw_scene,
+    mean_plane,
+    on_root,
+    pyplot,
+    save,
+    ways,
+)
 from dolfinx_llm.output.render import Scene
 from dolfinx_llm.output.values import cell_maximum, check_displacement, check_result
 from dolfinx_llm.output.writing import writable_file, writable_folder
@@ -65,7 +74,7 @@ def frame_design(result: InterfaceForces, before: Frame | None, path: str | Path
     largest = max(side.normal_force.max() for side in result.sides)
     for axis, (title, frame) in zip(axes[0], frames):
         s = plane.project(frame.x)
-        draw_cells(axis, s, frame.cells)
+        draw_cells(axis, s, frame.corners)
         for k, side in enumerate(result.sides):
             p = plane.project(side.x)
             size = 120.0 * np.maximum(side.normal_force, 0.0) / largest
@@ -217,13 +226,14 @@ def _skin(u: Function, field: Function) -> tuple[np.ndarray, np.ndarray, np.ndar
     n_owned = mesh.topology.index_map(tdim).size_local
     layout = V.dofmap.dof_layout
     if tdim == 2:
-        order = [0, 1, 2] if layout.num_dofs == 3 else [0, 1, 3, 2]
+        order = [0, 1, 2] if layout.num_dofs in (3, 6) else [0, 1, 3, 2]
         nodes, cells = dofs[:n_owned][:, order], np.arange(n_owned)
     else:
         mesh.topology.create_connectivity(2, 3)
         mesh.topology.create_connectivity(3, 2)
         outer = exterior_facet_indices(mesh.topology)
-        cells, corners = facet_corners(V, outer)
+        cells, corners = facet_nodes(V, outer)
+        corners = corners[:, : element_of(2, corners.shape[1]).corners]
         nodes = dofs[cells[:, None], corners][cells < n_owned]
         cells = cells[cells < n_owned]
     x = V.tabulate_dof_coordinates()[:, :gdim]
@@ -263,26 +273,27 @@ def draw_interface(result: InterfaceForces, path: str | Path, field: str = "pres
         "traction": np.linalg.norm(result.traction, axis=1),
     }
     x, value, side = result.x, values[field], result.sides[0]
+    frame, moved = result.frame or Frame(x, side.facets), result.deformed
     if x.shape[1] == 3:
-        frame, moved = result.frame or Frame(x, side.facets), result.deformed
         label, low = f"{field} ({value.min():.6g} to {value.max():.6g})", min(value.min(), 0.0)
         limits = low, max(value.max(), low + 1e-300)
-        areas = vector_areas(moved, frame.cells)
+        areas = vector_areas(moved, frame.corners)
         flat = np.linalg.norm(areas.sum(axis=0)) > FLAT * np.linalg.norm(areas, axis=1).sum()
         view = mean_plane(frame).normal if flat else None
         if view is not None and view @ render.ABOVE < 0.0:
             view = -view
-        draw_scene(Scene(moved, frame.cells, value, limits, label, view, result.frame_status), path)
+        draw_scene(
+            Scene(moved, frame.corners, value, limits, label, view, result.frame_status), path
+        )
         return
     plt = pyplot()
     figure = plt.figure(figsize=(7, 5))
-    axis, order = figure.add_subplot(), np.lexsort(x.T)
-    along = x[order] - x[order[0]]
-    s = np.linalg.norm(along, axis=1)
-    axis.plot(s, value[order], "-", color="0.6")
+    axis, (pieces, s) = figure.add_subplot(), ways(x, frame.cells)
+    for order in pieces:
+        axis.plot(s[order], value[order], "-", color="0.6")
     for k, name in enumerate(render.STATUS):
-        at = result.frame_status[order] == k
-        axis.plot(s[at], value[order][at], f"C{k}o", mfc=None if k else "none", label=name)
+        at = result.frame_status == k
+        axis.plot(s[at], value[at], f"C{k}o", mfc=None if k else "none", label=name)
     axis.set(xlabel="distance along the contact", ylabel=field)
     axis.legend()
     save(plt, figure, path)

@@ -12,7 +12,7 @@ from ufl.core.expr import Expr
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.geometry.surface import check_space
+from dolfinx_llm.geometry.surface import check_space, order_of
 from dolfinx_llm.interface.forces import InterfaceForces
 
 EXPRESSION = "give a scalar UFL expression without test and trial functions"
@@ -83,8 +83,17 @@ def check_result(result: Any) -> None:
 def check_displacement(u: Any) -> Any:
     """Require a displacement; the communicator of its mesh. Collective."""
     accepted = "give the displacement, a dolfinx Function (of several meshes one after the other)"
-    check_space(checks.instance("u", u, dolfinx.fem.Function, accepted).function_space)
+    V = checks.instance("u", u, dolfinx.fem.Function, accepted).function_space
+    check_space(V, highest=2)
     return u.function_space.mesh.comm
+
+
+def vertex_function(u: dolfinx.fem.Function) -> dolfinx.fem.Function:
+    """A displacement itself at first order, else one of first order for its values at vertices."""
+    V = u.function_space
+    if order_of(V) == 1:
+        return u
+    return dolfinx.fem.Function(compat.function_space(V.mesh, shape=(V.mesh.geometry.dim,)))
 
 
 def cell_maximum(

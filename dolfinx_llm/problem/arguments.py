@@ -62,7 +62,7 @@ def problem_arguments(
         spaces = [form_space(form) for form in forms]
         check_meshes(spaces)
     for V in spaces:
-        check_space(V)
+        check_space(V, highest=2)
     with collective(comm):
         loads = in_order(forms, spaces, given_forms(1, L))
         given = Arguments(

@@ -2,39 +2,22 @@
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.operators.control import Control
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.operators.petsc import block_diagonal
 from dolfinx_llm.problem.arguments import Arguments, by_mesh, nodal_by_mesh
-
-
-class Bulk(Protocol):
-    """Bodies without their contact, K(u) u⁺ = f(u): linear ones, nonlinear ones, a time step."""
-
-    comm: MPI.Comm
-    spaces: list[Any]  # function space of each mesh
-    dofs: BodyDofs  # their numbers in the vector of all bodies, and which are prescribed
-    linear: bool  # K and f do not depend on u
-
-    def assemble(self, u: np.ndarray) -> tuple[PETSc.Mat, np.ndarray]:
-        """K(u), and this rank's f = K(u) u - F(u), with the values at prescribed dofs."""
-
-    def functions(self, u: np.ndarray) -> list[fem.Function]:
-        """This rank's u as a Function per mesh."""
-
-    def destroy(self) -> None:
-        """Free the PETSc objects; collective."""
 
 
 class Fingerprint:
@@ -75,8 +58,6 @@ class LinearBulk:
         ContactError: the stiffness is not finite.
     """
 
-    linear = True
-
     def __init__(self, given: Arguments, times: StageTimes) -> None:
         self.several, self.times = given.several, times
         comm = given.spaces[0].mesh.comm
@@ -94,6 +75,7 @@ class LinearBulk:
         self._fingerprint.changes(self.fixed)
         self._pending: set[str] = set()
         self.version = 0
+        self.control: Control | None = None  # of second-order surfaces that may part
 
     def _sort_conditions(self) -> None:
         """Conditions by mesh, and which dofs they prescribe."""
@@ -114,6 +96,11 @@ class LinearBulk:
             self.destroy()
         return self._pending
 
+    def use_control(self, surfaces: Sequence[tuple[int, Surface]]) -> None:
+        """Unknowns of the nodes of these second-order surfaces are control values from now on."""
+        self.destroy()
+        self.control = Control(self.dofs, surfaces) if surfaces else None
+
     def settle(self) -> None:
         """All that is made of K has been made anew."""
         self._pending = set()
@@ -124,8 +111,9 @@ class LinearBulk:
         when it was taken."""
         if self._K is None:
             with self.times.timed("assembly of K"):
-                blocks = [compat.assemble_matrix(a, b, 1.0) for a, b in zip(self._a, self._bcs)]
-                self._K = block_diagonal(blocks)
+                self._K = self._assembled()
+            if self.control is not None:
+                self._K = self.control.stiffness(self._K)
             if not np.isfinite(self._K.norm()):
                 self.destroy()
                 raise ContactError(
@@ -133,6 +121,11 @@ class LinearBulk:
                     "the forms a and the mesh for degenerate cells"
                 )
         return self._K
+
+    def _assembled(self) -> PETSc.Mat:
+        return block_diagonal(
+            [compat.assemble_matrix(a, bcs, 1.0) for a, bcs in zip(self._a, self._bcs)]
+        )
 
     def take_K(self) -> PETSc.Mat:
         """K, which the bulk no longer has then."""
@@ -152,6 +145,8 @@ class LinearBulk:
                 f"the load has {bad} entries that are NaN or infinite. Check L, nodal_loads, the "
                 "values of the Dirichlet conditions and the coefficients of the forms"
             )
+        if self.control is not None:
+            f = self.control.load(f, self._assembled)
         return f
 
     def force(self, u: np.ndarray) -> np.ndarray:
@@ -170,14 +165,12 @@ class LinearBulk:
             for load in self._nodal[i]:
                 part += load.x.array[: len(part)]
             parts.append(part)
-        return np.concatenate(parts)
-
-    def assemble(self, u: np.ndarray | None = None) -> tuple[PETSc.Mat, np.ndarray]:
-        """K and f, which do not depend on u."""
-        return self.K, self.load()
+        force = np.concatenate(parts)
+        return force if self.control is None else self.control.forces(force)
 
     def functions(self, u: np.ndarray) -> list[fem.Function]:
         """This rank's u (n_local,) as a Function per mesh."""
+        u = u if self.control is None else self.control.nodal(u)
         functions = [fem.Function(V, name="u") for V in self.spaces]
         fill(functions, u, self.dofs.counts)
         return functions

@@ -8,7 +8,8 @@ from dolfinx import fem
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.geometry.cells import facet_vectors
-from dolfinx_llm.geometry.overlap_flat import common_area, common_plane, covered_forces, full_forces
+from dolfinx_llm.geometry.loads import NodalLoads
+from dolfinx_llm.geometry.overlap_flat import common_area, common_plane
 from dolfinx_llm.geometry.surface import check_facet_tags, check_space, extract_surface
 
 
@@ -25,7 +26,7 @@ def free_surface_load(
     the shape functions integrated exactly over what is free.
 
     Args:
-        V: first-order vector function space.
+        V: vector function space of first or second order.
         facet_tags: mesh tags of facets.
         tag: the loaded surface.
         pressure: positive when it presses on the body [force / area].
@@ -39,26 +40,23 @@ def free_surface_load(
         ContactInputError: no such tag, a pressure that is not finite, arguments of other types.
         ContactError: the surfaces do not face each other or do not overlap.
     """
-    check_space(V)
+    check_space(V, highest=2)
     with collective(V.mesh.comm):
         checks.integer("facet tag", tag)
         pressure = checks.number("pressure", pressure, "must be a finite number")
         other_side = None if covered_by is None else _other(V, covered_by)
     agree(V.mesh.comm, "pressure and tags", (pressure, tag, other_side and other_side[2]))
     side = extract_surface(V, facet_tags, tag)
-    if other_side is None:
-        forces = facet_vectors(side.x, side.facets)
-    else:
+    nodal = np.zeros_like(side.x)
+    np.add.at(nodal, side.cells, -pressure * facet_vectors(side.x, side.facets, side.element))
+    if other_side is not None:
         if other_side[0] is not V:
-            check_space(other_side[0])
+            check_space(other_side[0], highest=2)
         other = extract_surface(*other_side)
         plane = common_plane(side, other)
         s = plane.project(side.x)
-        area = common_area(side, other, plane)
-        free = full_forces(s, side.facets) - covered_forces(s, side.facets, area)
-        forces = free[..., None] * plane.normal
-    nodal = np.zeros_like(side.x)
-    np.add.at(nodal, side.facets, -pressure * forces)
+        covered = NodalLoads.on(side, s, common_area(side, other, plane)).forces
+        nodal += pressure * np.outer(covered, plane.normal)
     load = fem.Function(V, name="load")
     mine = side.owner == V.mesh.comm.rank
     start = V.dofmap.index_map.local_range[0]

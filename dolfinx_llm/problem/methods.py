@@ -114,7 +114,6 @@ class ContactMethod:
             with nullcontext() if operators.tied else progress(None, stage) as self.iteration.bar:
                 u, multiplier, v = advance(self.iteration, f, g, increments)
         self._last = u, motions
-        multiplier = operators.least(multiplier)
         if operators.held.any() or (operators.interfaces_at > 1).any():
             friction = [(state.bearing_rows(), state.nodes.L_kappa) for state in self.states]
             force = self.setting.bulk.force(u)

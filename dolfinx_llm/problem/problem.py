@@ -16,10 +16,10 @@ from dolfinx_llm.contact.doubts import doubts
 from dolfinx_llm.contact.results import InterfaceResult, collect_results
 from dolfinx_llm.forms.choice import choose_solver
 from dolfinx_llm.forms.step import StepForm
-from dolfinx_llm.interface.build import build_interface
+from dolfinx_llm.interface.build import build_interfaces
 from dolfinx_llm.interface.choices import Interface
-from dolfinx_llm.interface.geometry import describe
-from dolfinx_llm.operators.system import ContactOperators
+from dolfinx_llm.interface.control import controlled
+from dolfinx_llm.operators.system import ContactOperators, anatomy
 from dolfinx_llm.output import plot
 from dolfinx_llm.problem.arguments import problem_arguments, step_arguments
 from dolfinx_llm.problem.bulk import LinearBulk
@@ -89,10 +89,10 @@ class ContactProblem(Disposable):
 
     def _build_operators(self) -> None:
         """Pairs, frames and operators, from positions and conditions as they are now."""
-        geometries = [build_interface(i, self.spaces, self.bulk.fixed) for i in self.interfaces]
-        self.operators = ContactOperators(geometries, self.bulk.dofs, self.K, self.times)
-        self.geometries, self.bodies = self.operators.geometries, self.operators.bodies
-        self.B, self.L_b = self.operators.B, self.operators.L_b
+        geometries = build_interfaces(self.interfaces, self.spaces, self.bulk.fixed)
+        self.bulk.use_control(controlled(geometries))
+        o = self.operators = ContactOperators(geometries, self.bulk.dofs, self.K, self.times)
+        self.geometries, self.bodies, self.B, self.L_b = o.geometries, o.bodies, o.B, o.L_b
 
     def _setting(self) -> Setting:
         """What the method works with, in the form that suits."""
@@ -212,7 +212,7 @@ class ContactProblem(Disposable):
             f"  unknowns: {n_u + n_l + n_v} = {n_u} u + {n_l} λ + {n_v} v",
             f"  solver: {self.method.describe()}",
         ]
-        lines += [line for geometry in self.geometries for line in describe(geometry)]
+        lines += anatomy(self.operators)
         lines += [f"  after the last solve: {text}" for text in self._doubts]
         return "\n".join(lines)
 

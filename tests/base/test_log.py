@@ -21,12 +21,6 @@ def run(command):
     )  # fmt: skip
 
 
-@pytest.fixture(scope="module", autouse=True)
-def compiled():
-    """Compiles the scene's forms, of which older dolfinx tells on stderr."""
-    run([sys.executable, TOLD])
-
-
 def test_import_prints_nothing():
     done = run([sys.executable, "-c", "import dolfinx_llm, dolfinx_llm.plot"])
     assert done.stdout == "" and done.stderr == ""
@@ -35,6 +29,8 @@ def test_import_prints_nothing():
 def test_quiet_without_terminal():
     """Neither lines of the log nor progress where stderr is a file."""
     done = run([sys.executable, TOLD])
+    if done.stderr:  # older dolfinx tells there of forms that it compiles
+        done = run([sys.executable, TOLD])
     assert done.stdout.endswith("iterations\n") and done.stderr == ""
 
 
@@ -57,7 +53,7 @@ def test_every_rank_tells_at_level_debug():
     assert "rank=1 [rank 1] contact law" not in done.stderr
 
 
-@pytest.mark.parametrize("level", ["WARNING", "INFO"])
+@pytest.mark.parametrize("level", ["WARNING", longer("INFO")])
 def test_progress_on_a_terminal(level):
     """One line that is rewritten; none where the log tells of the iterations already."""
     ours, theirs = pty.openpty()

@@ -251,7 +251,7 @@ def test_rigid_sphere_has_its_clearance():
 SEEDS = [*range(300, 312), 474, 525, 551, 569, 628, 631]
 
 
-@pytest.mark.parametrize("seed", some_of(SEEDS, SEEDS[::2]))
+@pytest.mark.parametrize("seed", some_of(SEEDS, SEEDS[::3]))
 def test_random_scenes(seed, monkeypatch):
     """Converged, without smaller load steps, and with all conditions met; some hard ones last."""
     monkeypatch.setattr(load_steps, "SMALLEST", 1.0)
@@ -338,9 +338,7 @@ FORMS = ("saddle", "condensed")
 
 @pytest.mark.parametrize(
     ("seed", "solver"),
-    some_of(
-        itertools.product((103, 104, 111, 113), FORMS), list(zip((103, 104, 111, 113), 2 * FORMS))
-    ),
+    some_of(itertools.product((103, 104, 111, 113), FORMS), list(zip((104, 113), FORMS))),
 )
 def test_solvers_agree(seed, solver, monkeypatch):
     """The whole system in each step, saddle or condensed, and the surfaces' flexibility."""
@@ -358,7 +356,7 @@ def test_solvers_agree(seed, solver, monkeypatch):
         assert np.abs(one - other).max() < 1e-10 * np.abs(one).max()
 
 
-@pytest.mark.parametrize(("ranks", "part"), [(2, 0), longer(2, 1), (3, 2)])
+@pytest.mark.parametrize(("ranks", "part"), [longer(3, 0), longer(2, 1), (2, 2)])
 def test_ranks(ranks, part):
     """On several ranks as on one: displacements, forces, states; each scene on two or on three."""
     found = [run_mpi_json("contact_ranks.py", n, part) for n in (1, ranks)]

@@ -35,7 +35,7 @@ def scene(gdim, name, form, monkeypatch):
 NAMES = ["smooth", "rough", "rigid smooth", "rigid rough", "rigid zero"]
 
 
-@pytest.mark.parametrize(("name", "gdim", "form"), drawn(NAMES, (2, 3), FORMS))
+@pytest.mark.parametrize(("name", "gdim", "form"), drawn(NAMES, (2, 3), FORMS, every=2))
 def test_press_lift_and_press_again(name, gdim, form, monkeypatch):
     """A body that is not yet there, or is lifted off, is free of stress; pressed again it is where
     it was: straight down there is no other way to slip."""

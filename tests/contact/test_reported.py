@@ -43,7 +43,7 @@ def test_gap_is_between_the_bodies(law):
     assert opened > 2 and sum((side.status != OPEN).sum() for side in sides) > 2
 
 
-@pytest.mark.parametrize("seed", [303, 307, 551])
+@pytest.mark.parametrize("seed", some_of((303, 307, 551), (551,)))
 def test_pressure_where_all_presses(seed):
     scene, motions = contact_scenes.random_pressed(MPI.COMM_SELF, seed)
     for motion in motions:
@@ -96,8 +96,7 @@ def drum(mu, counts, swap=False):
     ("mu", "counts", "swap"),
     some_of(
         list(itertools.product((0.05, 0.3), ((20, 30), (30, 20)), (False, True))),
-        [(0.05, (20, 30), False), (0.05, (30, 20), True), (0.3, (20, 30), True),
-         (0.3, (30, 20), False)],
+        [(0.05, (20, 30), False), (0.3, (30, 20), True)],
     ),
 )  # fmt: skip
 def test_belt_round_a_drum(mu, counts, swap):

@@ -12,6 +12,7 @@ import dolfinx_llm as llm
 from dolfinx_llm.design.balance import balance
 from dolfinx_llm.design.curved import smooth_rows, vector_residual, with_mean_normals
 from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.overlap_curved import vector_areas_in_contact
 from dolfinx_llm.geometry.pairs import locate_pairs
 from dolfinx_llm.interface.build import build_interface
@@ -75,7 +76,7 @@ def rows(sides, k=1, close_gap=False):
     frame = Frame(sides[k].x, facets)
     areas = [np.linalg.norm(a, axis=1) for a in vectors]
     plain = [
-        locate_pairs(side, f, frame, sign, 3.0)
+        locate_pairs(side, NodalLoads.of_forces(f), frame, sign, 3.0)
         for side, f, sign in zip(sides, areas, (1.0, -1.0), strict=True)
     ]
     vectors = [a[p.nodes] for a, p in zip(vectors, plain, strict=True)]

@@ -122,14 +122,14 @@ def solved(name, n, design, jitter=0.15, law=LAWS[0]):
 
 
 CASES = [
-    *(("ball in shell", n, law) for n, law in zip(2 * ((4, 3), (3, 2)), LAWS)),
+    *(("ball in shell", n, law) for n, law in zip(((4, 3), (3, 2)), LAWS[1:3])),
     *(longer("ball in shell", n, law) for n, law in zip(2 * ((3, 2), (4, 3)), LAWS)),
     *some_of(  # of a quarter
         [("rings of tetrahedra", ((4, 3), (6, 4)), law) for law in LAWS],
-        [("rings of tetrahedra", ((4, 3), (6, 4)), LAWS[k]) for k in (0, 3)],
+        [("rings of tetrahedra", ((4, 3), (6, 4)), LAWS[3])],
     ),
-    ("cylinder in ring", (3, 9), LAWS[3]),
-    ("ball in shell", (4, 6), LAWS[0]),
+    longer("cylinder in ring", (3, 9), LAWS[3]),
+    longer("ball in shell", (4, 6), LAWS[0]),
     ("saddle", (4, 3), LAWS[0]),
     ("twisted, tetrahedra", (3, 2), LAWS[0]),
 ]
@@ -177,7 +177,8 @@ def test_design_tells_gaps_better_than_cells():
 @pytest.mark.parametrize("n", [(4, 3), (3, 2)], ids=str)
 @pytest.mark.parametrize("name", SCENES)
 def test_coarse_meshes(name, n, law):
-    """No design lowers any of the three, but for an interface that gapes without one."""
+    """No design lowers any of the three, but for an interface that gapes without one: it passes on
+    0.64 of the load, with a design 1.52, its mirror image 26 without and 0.70 with."""
     (none, before), (auto, after) = (solved(name, n, d, law=law) for d in (None, "auto"))
     residuals = [p.geometries[0].certificate.residual for p in (before, after)]
     assert residuals[1] <= residuals[0]

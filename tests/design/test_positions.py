@@ -117,6 +117,7 @@ def moved(paper, scale, shift):
     return move, frame, [move(p) for p in x], [scale**2 * f for f in forces]
 
 
+@pytest.mark.long
 def test_order_orientation_and_units_do_not_matter(paper, designed):
     """Sides and nodes in another order, the frame turned over, lengths in thousands."""
     move, frame, x, forces = moved(paper, 1e3, 0.0)

@@ -60,7 +60,8 @@ def errors(comm, conditions) -> dict:
             p += 1
     expected_B[fixed] = 0.0
     free = np.abs(expected_B).max(axis=0) > 0.0
-    redundant = ~free & (np.abs(L).max(axis=1) == 0.0)
+    redundant = np.zeros(len(free), dtype=bool)
+    redundant[item] = contact.operators.redundant
     unit = np.zeros_like(B.T @ B)
     unit[free, free] = 1.0
     Y = np.zeros(L.shape[1])
@@ -73,14 +74,14 @@ def errors(comm, conditions) -> dict:
     return {
         "B": np.abs(B - expected_B).max(),
         "B^T B": np.abs(B.T @ B - unit).max(),
-        "L_b": np.abs(L - np.where(redundant[:, None], 0.0, expected_L)).max(),
+        "L_b": np.abs(L - expected_L).max(),
         "L_b Y - B^T X": np.abs((L @ Y - B.T @ X)[free]).max(),
         "K": np.abs(K - K.T).max() / np.abs(K).max(),
         "K fixed": np.abs(K[fixed] - K_fixed).max(),
         "multipliers": abs(B.shape[1] - 3 * int(lower.sum())),
         "rank": int(np.linalg.matrix_rank(np.hstack([B[:, free].T, -L[free]]))) - int(free.sum()),
         "redundant": int(redundant.sum()),
-        "rank of L_b lost": int(np.linalg.matrix_rank(expected_L) - np.linalg.matrix_rank(L)),
+        "rank of L_b lost": int(np.linalg.matrix_rank(L) - np.linalg.matrix_rank(L[~redundant])),
         "rank of L_b free": int(L.shape[1] - np.linalg.matrix_rank(L)),
         "left dependent": int(
             (~free & ~redundant).sum() - np.linalg.matrix_rank(L[~free & ~redundant])

@@ -62,7 +62,7 @@ def system(problem, base, eliminated, L, bs, proximal, options):
         L,
         Numbering(owner[node], rank),
         Numbering(np.repeat(frame_owner, bs), rank),
-        bs,
+        np.repeat(np.arange(len(frame_owner)), bs),
     )
     split = SplitStiffness(problem.K.copy(), np.concatenate(problem.operators.side_dofs))
     made = CondensedSystem(

@@ -59,6 +59,19 @@ class Scene:
         a, L = self.a if a is None else a, self.L if L is None else L
         return llm.ContactProblem(a, L, **chosen)
 
+    @cached_property
+    def cells(self):
+        """Cell tags that differ in every body."""
+        index_map = self.mesh.topology.index_map(3)
+        cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+        first = self.mesh.geometry.x[compat.cell_dofs(self.mesh.geometry)[:, 0]]
+        return mesh.meshtags(self.mesh, 3, cells, np.where(first[:, 0] < 0.4, 1, 2).astype("i4"))
+
+    def tags_of(self, tag):
+        """The facets of one tag."""
+        facets = self.tags.find(tag)
+        return mesh.meshtags(self.mesh, 2, facets, np.full(len(facets), tag, dtype=np.int32))
+
     def law(self, law, sides=(2, 3)):
         held = ((2, scenes.on(2, 0.0)), *((k, scenes.on(2, z)) for k in (0, 1) for z in (0.0, 2.0)))
         interface = llm.Interface(self.tags, sides, law=law)
@@ -229,24 +242,17 @@ add(
 )
 add(
     "point=.*give 2 or 3 numbers",
-    lambda s: llm.RigidPlane(0.0, (0, 0, 1)),
-    lambda s: llm.RigidPlane(None, (0, 0, 1)),
-    lambda s: llm.RigidPlane("abc", (0, 0, 1)),
-    lambda s: llm.RigidPlane((0, 0, 0, 0), (0, 0, 1)),
-    lambda s: llm.RigidPlane((), (0, 0, 1)),
-    lambda s: llm.RigidPlane((0, NAN, 0), (0, 0, 1)),
+    *(lambda s, x=x: llm.RigidPlane(x, (0, 0, 1)) for x in (
+        0.0, None, "abc", (0, 0, 0, 0), (), (0, NAN, 0), (0, 0, 1j), ((0, 0, 0), (1, 1, 1)),
+        (0, (1, 2), 0),
+    )),
     lambda s: llm.RigidPlane(s.mesh, (0, 0, 1)),
-    lambda s: llm.RigidPlane((0, 0, 1j), (0, 0, 1)),
-    lambda s: llm.RigidPlane(((0, 0, 0), (1, 1, 1)), (0, 0, 1)),
-    lambda s: llm.RigidPlane((0, (1, 2), 0), (0, 0, 1)),
     lambda s: llm.RigidPlane((True, False), (0, 1)),
-)
+)  # fmt: skip
 add("normal=.*has no direction", lambda s: llm.RigidPlane((0, 0, 0), (0, 0, 0)))
 add(
     "normal=.*give 3 numbers",
-    lambda s: llm.RigidPlane((0, 0, 0), (0, 1)),
-    lambda s: llm.RigidPlane((0, 0, 0), (0, INF, 1)),
-    lambda s: llm.RigidPlane((0, 0, 0), "up"),
+    *(lambda s, x=x: llm.RigidPlane((0, 0, 0), x) for x in ((0, 1), (0, INF, 1), "up")),
 )
 add(
     "axis=.*(give 3 numbers|no direction)",
@@ -255,13 +261,7 @@ add(
 )
 add(
     "radius=.*give a positive, finite number",
-    lambda s: llm.RigidSphere((0, 0), -1),
-    lambda s: llm.RigidSphere((0, 0), 0),
-    lambda s: llm.RigidSphere((0, 0), "1"),
-    lambda s: llm.RigidSphere((0, 0), INF),
-    lambda s: llm.RigidSphere((0, 0), None),
-    lambda s: llm.RigidSphere((0, 0), (1, 1)),
-    lambda s: llm.RigidSphere((0, 0), True),
+    *(lambda s, x=x: llm.RigidSphere((0, 0), x) for x in (-1, 0, "1", INF, None, (1, 1), True)),
     lambda s: llm.RigidCylinder((0, 0, 0), (0, 0, 1), NAN),
 )
 add(
@@ -271,11 +271,11 @@ add(
 )
 add(
     "displacement=.*give [23] numbers",
+    *(lambda s, x=x: llm.RigidPlane((0, 0, 0), (0, 0, 1), displacement=x) for x in (
+        0.1, "down", (0, 0, NAN),
+    )),
     lambda s: llm.RigidSphere((0, 0), 1.0, displacement=(1, 2, 3)),
-    lambda s: llm.RigidPlane((0, 0, 0), (0, 0, 1), displacement=0.1),
-    lambda s: llm.RigidPlane((0, 0, 0), (0, 0, 1), displacement="down"),
-    lambda s: llm.RigidPlane((0, 0, 0), (0, 0, 1), displacement=(0, 0, NAN)),
-)
+)  # fmt: skip
 add(
     "rotation=.*give (the|3 numbers|a)|rotation=nan",
     lambda s: llm.RigidPlane((0, 0), (0, 1), rotation=(0, 0, 1)),
@@ -306,43 +306,77 @@ add(
 )
 add(
     "sides.*give two facet tags",
-    lambda s: llm.Interface(s.tags, ("2", "3")),
-    lambda s: llm.Interface(s.tags, (2.0, 3)),
-    lambda s: llm.Interface(s.tags, (True, 3)),
-    lambda s: llm.Interface(s.tags, (2, None)),
-    lambda s: llm.Interface(s.tags, 2),
-    lambda s: llm.Interface(s.tags, "23"),
-    lambda s: llm.Interface(s.tags, None),
-    lambda s: llm.Interface(s.tags, (2,)),
-    lambda s: llm.Interface(s.tags, (2, 3, 4)),
-    lambda s: llm.Interface(s.tags, {2: 3, 4: 5}),
+    *(lambda s, x=x: llm.Interface(s.tags, x) for x in (
+        ("2", "3"), (2.0, 3), (True, 3), (2, None), 2, "23", None, (2,), (2, 3, 4), {2: 3, 4: 5},
+        ((), 3), (np.array([2, 5]), 3),
+    )),
     lambda s: llm.Interface(s.tags, (s.tags, s.tags)),
-    lambda s: llm.Interface(s.tags, ((), 3)),
     lambda s: llm.Interface(s.tags, ((s.tags, "2"), (s.tags, 3))),
-    lambda s: llm.Interface(s.tags, (np.array([2, 5]), 3)),
+)  # fmt: skip
+add(
+    "V=|function space",
+    lambda s: llm.find_interfaces(None, []),
+    lambda s: llm.find_interfaces(None, s.mesh),
+    lambda s: llm.find_interfaces(None, [s.V, None]),
+)
+add(
+    "(facet|cell)_tags=.*(give one for each|give dolfinx mesh tags)",
+    lambda s: llm.find_interfaces(s.mesh, s.V),
+    lambda s: llm.find_interfaces([s.tags, s.tags], s.V),
+    lambda s: llm.find_interfaces(None, s.V, cell_tags="cells"),
+)
+add(
+    "cell_tags of dimension 2: they must have 3",
+    lambda s: llm.find_interfaces(None, s.V, cell_tags=s.tags),
+)
+add(
+    "facet_tags: they belong to another mesh",
+    lambda s: llm.find_interfaces(s.other[1], s.V),
+)
+add(
+    "law.*=.*(choose Tied|give a dict of laws)",
+    lambda s: llm.find_interfaces(None, s.V, law="tied"),
+    lambda s: llm.find_interfaces(None, s.V, laws=llm.Tied()),
+    lambda s: llm.find_interfaces(None, s.V, laws={}),
+    lambda s: llm.find_interfaces(None, s.V, laws={3: llm.Tied()}, cell_tags=s.cells),
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, "a"): llm.Tied()}, cell_tags=s.cells),
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, 2): "tied"}, cell_tags=s.cells),
+)
+add(
+    "give cell_tags|the cells of body 0 have the values .1, 2.",
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, 2): llm.Tied()}),
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, 2): llm.Tied()}, cell_tags=s.cells),
+)
+add(
+    "(distance|angle)=.*give (a positive length|an angle)",
+    lambda s: llm.find_interfaces(None, s.V, distance=0.0),
+    lambda s: llm.find_interfaces(None, s.V, distance=NAN),
+    lambda s: llm.find_interfaces(None, s.V, angle=-0.1),
+    lambda s: llm.find_interfaces(None, s.V, angle=2.0),
+)
+add(
+    "no two of the 2 bodies have facets",
+    lambda s: llm.find_interfaces(s.tags_of(4), s.V),
+    kind=ERROR,
 )
 add(
     "facet tags=.*give dolfinx mesh tags",
+    *(lambda s, x=x: llm.Interface(x, (2, 3)) for x in (None, "tags", np.array([2, 3]))),
     lambda s: llm.Interface(s.mesh, (2, 3)),
-    lambda s: llm.Interface(None, (2, 3)),
-    lambda s: llm.Interface("tags", (2, 3)),
-    lambda s: llm.Interface(np.array([2, 3]), (2, 3)),
     lambda s: llm.Interface(s.V, (2, 3)),
     lambda s: llm.Interface(s.tags, ((2, 3), 4)),
     lambda s: llm.Interface(None, ((s.mesh, 2), (s.tags, 3))),
 )
 add(
     "law=.*choose",
-    lambda s: llm.Interface(s.tags, (2, 3), law=None),
-    lambda s: llm.Interface(s.tags, (2, 3), law=llm.Tied),
-    lambda s: llm.Interface(s.tags, (2, 3), law=0.3),
+    *(lambda s, x=x: llm.Interface(s.tags, (2, 3), law=x) for x in (None, llm.Tied, 0.3)),
 )
 add(
     "design=.*choose one of",
-    lambda s: llm.Interface(s.tags, (2, 3), design=True),
-    lambda s: llm.Interface(s.tags, (2, 3), design=["weights"]),
-    lambda s: llm.Interface(s.tags, (2, 3), design=np.array([1, 2])),
-)
+    *(lambda s, x=x: llm.Interface(s.tags, (2, 3), design=x) for x in (
+        True, ["weights"], np.array([1, 2]),
+    )),
+)  # fmt: skip
 add(
     "frame=.*give a dolfinx_llm.Frame",
     lambda s: llm.Interface(s.tags, (2, 3), frame=s.mesh),
@@ -353,25 +387,17 @@ add(
 
 add(
     "frame: x(=.*give| must be)",
-    lambda s: llm.Frame("x", FRAME_CELLS),
-    lambda s: llm.Frame(None, FRAME_CELLS),
-    lambda s: llm.Frame([[0, 1], [1]], FRAME_CELLS),
-    lambda s: llm.Frame(np.array(FRAME_X) * 1j, FRAME_CELLS),
-    lambda s: llm.Frame([], FRAME_CELLS),
-    lambda s: llm.Frame([1.0, 2.0], FRAME_CELLS),
-    lambda s: llm.Frame(np.zeros((4, 4)), FRAME_CELLS),
-)
+    *(lambda s, x=x: llm.Frame(x, FRAME_CELLS) for x in (
+        "x", None, [[0, 1], [1]], np.array(FRAME_X) * 1j, [], [1.0, 2.0], np.zeros((4, 4)),
+    )),
+)  # fmt: skip
 add(
     "frame: cells(=.*give| must be)",
-    lambda s: llm.Frame(FRAME_X, [[0.5, 1, 2, 3]]),
-    lambda s: llm.Frame(FRAME_X, "all"),
-    lambda s: llm.Frame(FRAME_X, None),
-    lambda s: llm.Frame(FRAME_X, []),
-    lambda s: llm.Frame(FRAME_X, [0, 1, 2, 3]),
-    lambda s: llm.Frame(FRAME_X, [[True, False, True, False]]),
-    lambda s: llm.Frame(FRAME_X, [[0, 1]]),
-    lambda s: llm.Frame(FRAME_X, [[0, 1, 2], [0, 2]]),
-)
+    *(lambda s, x=x: llm.Frame(FRAME_X, x) for x in (
+        [[0.5, 1, 2, 3]], "all", None, [], [0, 1, 2, 3], [[True, False, True, False]], [[0, 1]],
+        [[0, 1, 2], [0, 2]],
+    )),
+)  # fmt: skip
 add(
     "frame: cells name nodes",
     lambda s: llm.Frame(FRAME_X, [[0, 1, 2, 4]]),
@@ -389,9 +415,7 @@ add(
 )
 add(
     "points=.*give",
-    lambda s: s.frame.locate([[0.0, 1.0]]),
-    lambda s: s.frame.locate("here"),
-    lambda s: s.frame.locate([[0.0, NAN, 1.0]]),
+    *(lambda s, x=x: s.frame.locate(x) for x in ([[0.0, 1.0]], "here", [[0.0, NAN, 1.0]])),
 )
 add(
     "model=.*give gmsh.model",
@@ -423,20 +447,16 @@ def gmsh_that_is_not_initialised(s):
 
 add(
     "a=.*give a bilinear UFL form",
-    lambda s: s.problem(a="a"),
-    lambda s: s.problem(a=1.0),
+    *(lambda s, x=x: s.problem(a=x) for x in ("a", 1.0, [])),
     lambda s: s.problem(a=fem.form(s.a)),
-    lambda s: s.problem(a=[]),
     lambda s: s.problem(a=[s.a, None], L=[s.L, s.L]),
     lambda s: s.problem(a=s.solved.K),
     lambda s: s.problem(a=s.a == s.L),
 )
 add(
     "L=.*give a linear UFL form",
+    *(lambda s, x=x: s.problem(L=x) for x in (0.0, np.zeros(3), [])),
     lambda s: llm.ContactProblem(s.a, None, interfaces=s.interface),
-    lambda s: s.problem(L=0.0),
-    lambda s: s.problem(L=np.zeros(3)),
-    lambda s: s.problem(L=[]),
     lambda s: s.problem(L=fem.form(s.L)),
     lambda s: s.problem(L=fem.Function(s.V)),
 )
@@ -478,13 +498,10 @@ add(
 )
 add(
     "bcs(: item)?=.*give a list of Dirichlet",
+    *(lambda s, x=x: s.problem(bcs=x) for x in (None, "fixed", [None], 0)),
     lambda s: s.problem(bcs=[s.bcs]),
-    lambda s: s.problem(bcs=None),
-    lambda s: s.problem(bcs="fixed"),
-    lambda s: s.problem(bcs=[None]),
     lambda s: s.problem(bcs=fem.Function(s.V)),
     lambda s: s.problem(bcs={"top": s.bcs}),
-    lambda s: s.problem(bcs=0),
 )
 add(
     "Dirichlet condition belongs to none",
@@ -492,21 +509,16 @@ add(
 )
 add(
     "interfaces(: item)?=.*give at least one",
-    lambda s: s.problem(interfaces=None),
-    lambda s: s.problem(interfaces=[None]),
-    lambda s: s.problem(interfaces=(2, 3)),
+    *(lambda s, x=x: s.problem(interfaces=x) for x in (None, [None], (2, 3), "top")),
     lambda s: s.problem(interfaces=[[s.interface]]),
-    lambda s: s.problem(interfaces="top"),
 )
 add("give at least one", lambda s: s.problem(interfaces=[]))
 add("facet tags belong to none", lambda s: s.problem(interfaces=llm.Interface(s.other[1], (2, 3))))
 add(
     "nodal_loads(: item)?=.*give a list of dolfinx Functions",
-    lambda s: s.problem(nodal_loads=None),
-    lambda s: s.problem(nodal_loads=[1.0]),
+    *(lambda s, x=x: s.problem(nodal_loads=x) for x in (None, [1.0], np.zeros(3))),
     lambda s: s.problem(nodal_loads=s.L),
     lambda s: s.problem(nodal_loads=[[fem.Function(s.V)]]),
-    lambda s: s.problem(nodal_loads=np.zeros(3)),
 )
 add(
     "nodal load",
@@ -515,43 +527,34 @@ add(
 )
 add(
     "solver=.*choose one of",
-    lambda s: s.problem(solver=None),
-    lambda s: s.problem(solver="mumps"),
-    lambda s: s.problem(solver=["saddle"]),
-    lambda s: s.problem(solver=1),
+    *(lambda s, x=x: s.problem(solver=x) for x in (None, "mumps", ["saddle"], 1)),
 )
 add(
     "petsc_options_prefix=.*give a word",
-    lambda s: s.problem(petsc_options_prefix=None),
-    lambda s: s.problem(petsc_options_prefix="-llm_"),
-    lambda s: s.problem(petsc_options_prefix=3),
-    lambda s: s.problem(petsc_options_prefix="my own"),
+    *(lambda s, x=x: s.problem(petsc_options_prefix=x) for x in (None, "-llm_", 3, "my own")),
 )
 add(
     "petsc_options=.*give a dict",
-    lambda s: s.problem(petsc_options="-ksp_type cg"),
-    lambda s: s.problem(petsc_options=[("ksp_type", "cg")]),
-    lambda s: s.problem(petsc_options=3),
+    *(lambda s, x=x: s.problem(petsc_options=x) for x in ("-ksp_type cg", [("ksp_type", "cg")], 3)),
 )
 add(
     "petsc_options: name=.*no hyphen",
-    lambda s: s.problem(petsc_options={"-ksp_type": "cg"}),
-    lambda s: s.problem(petsc_options={1: "cg"}),
-    lambda s: s.problem(petsc_options={"": "cg"}),
-    lambda s: s.problem(petsc_options={"ksp type": "cg"}),
-)
+    *(lambda s, x=x: s.problem(petsc_options=x) for x in (
+        {"-ksp_type": "cg"}, {1: "cg"}, {"": "cg"}, {"ksp type": "cg"},
+    )),
+)  # fmt: skip
 add(
     'petsc_options: "ksp_rtol"=.*give a text',
-    lambda s: s.problem(petsc_options={"ksp_rtol": NAN}),
-    lambda s: s.problem(petsc_options={"ksp_rtol": [1e-8]}),
-    lambda s: s.problem(petsc_options={"ksp_rtol": {"value": 1e-8}}),
-)
+    *(lambda s, x=x: s.problem(petsc_options=x) for x in (
+        {"ksp_rtol": NAN}, {"ksp_rtol": [1e-8]}, {"ksp_rtol": {"value": 1e-8}},
+    )),
+)  # fmt: skip
 add(
     "petsc_options: ksp_(max_it|rtol)=.*give",
-    lambda s: s.problem(petsc_options={"ksp_max_it": -5}),
-    lambda s: s.problem(petsc_options={"ksp_max_it": 1.5}),
-    lambda s: s.problem(petsc_options={"ksp_rtol": -1e-9}),
-)
+    *(lambda s, x=x: s.problem(petsc_options=x) for x in (
+        {"ksp_max_it": -5}, {"ksp_max_it": 1.5}, {"ksp_rtol": -1e-9},
+    )),
+)  # fmt: skip
 add("did you mean 'cholesky'", lambda s: s.problem(petsc_options={"pc_type": "cholseky"}))
 add("did you mean 'gmres'", lambda s: s.problem(petsc_options={"ksp_type": "gmers"}))
 add(
@@ -613,11 +616,7 @@ add(
 )
 add(
     "(folder|path)=.*give a path",
-    lambda s: s.solved.plot(None),
-    lambda s: s.solved.plot(3),
-    lambda s: s.solved.plot(""),
-    lambda s: s.solved.plot(["out"]),
-    lambda s: s.solved.plot(b"out"),
+    *(lambda s, x=x: s.solved.plot(x) for x in (None, 3, "", ["out"], b"out")),
 )
 add(
     "cannot be written",
@@ -627,9 +626,7 @@ add(
 )
 add(
     "field=.*choose one of",
-    lambda s: s.solved.plot(s.folder, field="gap"),
-    lambda s: s.solved.plot(s.folder, field=None),
-    lambda s: s.solved.plot(s.folder, field=0),
+    *(lambda s, x=x: s.solved.plot(s.folder, field=x) for x in ("gap", None, 0)),
 )
 
 # Meshes and function spaces
@@ -648,6 +645,52 @@ add(
     lambda s: llm.free_surface_load(s.tags, s.V, 4, 1.0),
 )
 add(
+    "V=|function space",
+    lambda s: llm.find_interfaces(None, []),
+    lambda s: llm.find_interfaces(None, s.mesh),
+    lambda s: llm.find_interfaces(None, [s.V, None]),
+)
+add(
+    "(facet|cell)_tags=.*(give one for each|give dolfinx mesh tags)",
+    lambda s: llm.find_interfaces(s.mesh, s.V),
+    lambda s: llm.find_interfaces([s.tags, s.tags], s.V),
+    lambda s: llm.find_interfaces(None, s.V, cell_tags="cells"),
+)
+add(
+    "cell_tags of dimension 2: they must have 3",
+    lambda s: llm.find_interfaces(None, s.V, cell_tags=s.tags),
+)
+add(
+    "facet_tags: they belong to another mesh",
+    lambda s: llm.find_interfaces(s.other[1], s.V),
+)
+add(
+    "law.*=.*(choose Tied|give a dict of laws)",
+    lambda s: llm.find_interfaces(None, s.V, law="tied"),
+    lambda s: llm.find_interfaces(None, s.V, laws=llm.Tied()),
+    lambda s: llm.find_interfaces(None, s.V, laws={}),
+    lambda s: llm.find_interfaces(None, s.V, laws={3: llm.Tied()}, cell_tags=s.cells),
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, "a"): llm.Tied()}, cell_tags=s.cells),
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, 2): "tied"}, cell_tags=s.cells),
+)
+add(
+    "give cell_tags|the cells of body 0 have the values .1, 2.",
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, 2): llm.Tied()}),
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, 2): llm.Tied()}, cell_tags=s.cells),
+)
+add(
+    "(distance|angle)=.*give (a positive length|an angle)",
+    lambda s: llm.find_interfaces(None, s.V, distance=0.0),
+    lambda s: llm.find_interfaces(None, s.V, distance=NAN),
+    lambda s: llm.find_interfaces(None, s.V, angle=-0.1),
+    lambda s: llm.find_interfaces(None, s.V, angle=2.0),
+)
+add(
+    "no two of the 2 bodies have facets",
+    lambda s: llm.find_interfaces(s.tags_of(4), s.V),
+    kind=ERROR,
+)
+add(
     "facet tags=.*give dolfinx mesh tags",
     lambda s: llm.free_surface_load(s.V, s.mesh, 4, 1.0),
     lambda s: llm.free_surface_load(s.V, None, 4, 1.0),
@@ -656,26 +699,20 @@ add(
 add("facet tags belong to another mesh", lambda s: llm.free_surface_load(s.V, s.other[1], 4, 1.0))
 add(
     "facet tag=.*give an integer",
-    lambda s: llm.free_surface_load(s.V, s.tags, "4", 1.0),
-    lambda s: llm.free_surface_load(s.V, s.tags, None, 1.0),
-    lambda s: llm.free_surface_load(s.V, s.tags, 4.0, 1.0),
-    lambda s: llm.free_surface_load(s.V, s.tags, True, 1.0),
+    *(lambda s, x=x: llm.free_surface_load(s.V, s.tags, x, 1.0) for x in ("4", None, 4.0, True)),
 )
 add(
     "pressure=.*must be a finite number",
-    lambda s: llm.free_surface_load(s.V, s.tags, 4, "high"),
-    lambda s: llm.free_surface_load(s.V, s.tags, 4, None),
-    lambda s: llm.free_surface_load(s.V, s.tags, 4, INF),
+    *(lambda s, x=x: llm.free_surface_load(s.V, s.tags, 4, x) for x in ("high", None, INF, 1 + 1j)),
     lambda s: llm.free_surface_load(s.V, s.tags, 4, fem.Constant(s.mesh, 1.0)),
-    lambda s: llm.free_surface_load(s.V, s.tags, 4, 1 + 1j),
 )
 add(
     "covered_by.*give",
-    lambda s: llm.free_surface_load(s.V, s.tags, 2, 1.0, covered_by=3),
-    lambda s: llm.free_surface_load(s.V, s.tags, 2, 1.0, covered_by=()),
+    *(lambda s, x=x: llm.free_surface_load(s.V, s.tags, 2, 1.0, covered_by=x) for x in (
+        3, (), "punch",
+    )),
     lambda s: llm.free_surface_load(s.V, s.tags, 2, 1.0, covered_by=(s.tags, "3")),
-    lambda s: llm.free_surface_load(s.V, s.tags, 2, 1.0, covered_by="punch"),
-)
+)  # fmt: skip
 
 # Designs
 
@@ -687,45 +724,29 @@ add(
 add("frame: lies in 2D", lambda s: s.positions(frame=s.flat))
 add(
     "x=.*give a pair",
-    lambda s: s.positions(x=None),
-    lambda s: s.positions(x=[FRAME_X]),
-    lambda s: s.positions(x=[FRAME_X, [[0.0, 1.0]]]),
-    lambda s: s.positions(x=["a", "b"]),
-    lambda s: s.positions(x=[np.full((4, 3), NAN)] * 2),
-)
+    *(lambda s, x=x: s.positions(x=x) for x in (
+        None, [FRAME_X], [FRAME_X, [[0.0, 1.0]]], ["a", "b"], [np.full((4, 3), NAN)] * 2,
+    )),
+)  # fmt: skip
 add(
     "forces=.*give a pair",
-    lambda s: s.positions(forces=None),
-    lambda s: s.positions(forces=[1, 1]),
-    lambda s: s.positions(forces=[np.ones(3)] * 2),
-    lambda s: s.weights(forces=[-np.ones(4)] * 2),
-    lambda s: s.weights(forces=[np.zeros(4)] * 2),
-    lambda s: s.weights(forces="equal"),
+    *(lambda s, x=x: s.positions(forces=x) for x in (None, [1, 1], [np.ones(3)] * 2)),
+    *(lambda s, x=x: s.weights(forces=x) for x in ([-np.ones(4)] * 2, [np.zeros(4)] * 2, "equal")),
 )
-add(
-    "min_angle=",
-    lambda s: s.positions(min_angle="25"),
-    lambda s: s.positions(min_angle=-5.0),
-    lambda s: s.positions(min_angle=170.0),
-)
+add("min_angle=", *(lambda s, x=x: s.positions(min_angle=x) for x in ("25", -5.0, 170.0)))
 add("max_angle=", lambda s: s.positions(max_angle=None), lambda s: s.positions(max_angle=400.0))
 add("min_side=", lambda s: s.positions(min_side=-1.0), lambda s: s.positions(min_side="long"))
 add("tol=", lambda s: s.positions(tol=0.0), lambda s: s.positions(tol=NAN))
-add(
-    "seed=",
-    lambda s: s.positions(seed=-1),
-    lambda s: s.positions(seed=1.5),
-    lambda s: s.positions(seed="x"),
-)
+add("seed=", *(lambda s, x=x: s.positions(seed=x) for x in (-1, 1.5, "x")))
 add("starts=", lambda s: s.positions(starts=0), lambda s: s.positions(starts=INF))
 add("s=.*give", lambda s: s.weights(s=None), lambda s: s.weights(s=np.zeros((4, 3))))
 add("N=.*give a pair", lambda s: s.weights(N=None), lambda s: s.weights(N=[np.eye(4)] * 2))
 add(
     "cells=.*give a pair",
-    lambda s: s.weights(cells=None),
-    lambda s: s.weights(cells=[np.zeros(4, int) + 7] * 2),
-    lambda s: s.weights(cells=[np.zeros(4)] * 2),
-)
+    *(lambda s, x=x: s.weights(cells=x) for x in (
+        None, [np.zeros(4, int) + 7] * 2, [np.zeros(4)] * 2,
+    )),
+)  # fmt: skip
 add("keep=.*give a pair", lambda s: s.weights(keep=True), lambda s: s.weights(keep=[[0.5] * 4] * 2))
 
 # Classical forms
@@ -738,10 +759,7 @@ add(
 )
 add(
     "slave=.*choose side 0 or 1",
-    lambda s: classical.NodeToSegment(s.solved, slave=2),
-    lambda s: classical.NodeToSegment(s.solved, slave="0"),
-    lambda s: classical.NodeToSegment(s.solved, slave=None),
-    lambda s: classical.NodeToSegment(s.solved, slave=True),
+    *(lambda s, x=x: classical.NodeToSegment(s.solved, slave=x) for x in (2, "0", None, True)),
 )
 add(
     "components=.*choose one of",
@@ -782,10 +800,8 @@ def classical_form_after_its_end(s):
 
 add(
     "sigma=.*give a UFL expression of shape",
-    lambda s: post.von_mises(None),
-    lambda s: post.von_mises(np.eye(3)),
+    *(lambda s, x=x: post.von_mises(x) for x in (None, np.eye(3), ufl.Identity(2))),
     lambda s: post.von_mises(ufl.grad(s.solved.u)[0, :]),
-    lambda s: post.von_mises(ufl.Identity(2)),
 )
 add(
     "expression=.*give a scalar UFL expression",
@@ -804,9 +820,7 @@ add(
 )
 add(
     "degree=.*give an integer from 0 to 30",
-    lambda s: post.cell_maximum(s.size, s.mesh, -1),
-    lambda s: post.cell_maximum(s.size, s.mesh, "2"),
-    lambda s: post.cell_maximum(s.size, s.mesh, 99),
+    *(lambda s, x=x: post.cell_maximum(s.size, s.mesh, x) for x in (-1, "2", 99)),
     lambda s: post.at_quadrature_points(s.size, s.mesh, 1.5),
 )
 add(
@@ -816,7 +830,7 @@ add(
     lambda s: plot.bodies(s.V, s.size, s.path("u.png")),
 )
 add(
-    "vector space of first order",
+    "vector space of first or second order",
     lambda s: post.write_bodies(s.path("u.xdmf"), fem.Function(s.scalar)),
 )
 add(
@@ -875,10 +889,8 @@ add(
 )
 add(
     "header=|rows",
+    *(lambda s, x=x: post.write_csv(s.path("t.csv"), ["a"], x) for x in ([[1, 2]], [1], None)),
     lambda s: post.write_csv(s.path("t.csv"), None, [[1]]),
-    lambda s: post.write_csv(s.path("t.csv"), ["a"], [[1, 2]]),
-    lambda s: post.write_csv(s.path("t.csv"), ["a"], [1]),
-    lambda s: post.write_csv(s.path("t.csv"), ["a"], None),
 )
 add(
     "problem=.*give a ContactProblem",
@@ -919,14 +931,11 @@ add(
 )
 add(
     "lines",
-    lambda s: plot.curves([], s.path("c.png")),
-    lambda s: plot.curves(3, s.path("c.png")),
-    lambda s: plot.curves([("a", "-", [1])], s.path("c.png")),
-    lambda s: plot.curves([("a", "-", [1], [1, 2])], s.path("c.png")),
-    lambda s: plot.curves([("a", "-", ["x"], [1])], s.path("c.png")),
-    lambda s: plot.curves([("a", "zigzag", [1], [1])], s.path("c.png")),
-    lambda s: plot.curves([(1, "-", [1], [1])], s.path("c.png")),
-)
+    *(lambda s, x=x: plot.curves(x, s.path("c.png")) for x in (
+        [], 3, [("a", "-", [1])], [("a", "-", [1], [1, 2])], [("a", "-", ["x"], [1])],
+        [("a", "zigzag", [1], [1])], [(1, "-", [1], [1])],
+    )),
+)  # fmt: skip
 add("title=.*give a text", lambda s: plot.curves([("a", "-", [1], [1])], s.path("c.png"), title=3))
 
 
@@ -971,12 +980,7 @@ add(
     lambda s: s.nonlinear(bcs=s.bcs),
 )
 add("facet", lambda s: s.nonlinear(loads=s.pressure(tag=99)))
-add(
-    "increments=",
-    lambda s: s.nonlinear().solve(0),
-    lambda s: s.nonlinear().solve("2"),
-    lambda s: s.nonlinear().solve(INF),
-)
+add("increments=", *(lambda s, x=x: s.nonlinear().solve(x) for x in (0, "2", INF)))
 
 # Wrong on one rank alone: on all of them an error, and none waits.
 

@@ -46,7 +46,7 @@ def test_missing_dolfinx_is_said():
 
 
 @pytest.mark.parametrize(
-    ("n", "part"), [pytest.param(1, 0, marks=pytest.mark.quick), (2, 0), longer(2, 1), (3, 0)]
+    ("n", "part"), [pytest.param(1, 0, marks=pytest.mark.quick), (2, 0), longer(2, 1), longer(3, 0)]
 )
 def test_wrong_arguments(n, part):
     """Every public function refuses what it cannot use, and scenes that cannot be: in a sentence,

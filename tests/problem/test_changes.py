@@ -93,7 +93,7 @@ def outcome(problem):
     return problem.u.x.array.copy(), problem.results[0].sides[0].force.copy()
 
 
-@pytest.mark.parametrize("form", some_of(changed.FORMS, changed.FORMS[1:]))
+@pytest.mark.parametrize("form", some_of(changed.FORMS, changed.FORMS[2:]))
 def test_slip_is_kept(form):
     """Under prescribed motion twice the modulus doubles the forces, wherever bodies go from there,
     with all that has slipped before."""
@@ -114,7 +114,7 @@ def test_slip_is_kept(form):
     assert np.abs(outcome(problem)[0] - known).max() > 1e-3 * size
 
 
-@pytest.mark.parametrize("form", changed.FORMS)
+@pytest.mark.parametrize("form", some_of(changed.FORMS, changed.FORMS[:1]))
 def test_increments_begin_where_the_last_step_ended(form):
     """Held as they were, with twice the modulus and in parts, bodies that stick do not move."""
     data, problem = dragged(form, (0.0, 0.002))

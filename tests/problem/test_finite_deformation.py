@@ -7,6 +7,7 @@ import ufl
 from conftest import run_mpi_json
 from dolfinx import fem
 from mpi4py import MPI
+from sampling import longer
 from scenes import bodies_mesh, grid
 
 import dolfinx_llm as llm
@@ -76,14 +77,11 @@ def pressed(cells, law=None, order=(LOW, HIGH), material=(1000.0, 0.4, 300.0), *
 @pytest.mark.parametrize(
     "scene",
     [
-        {"cells": (7, 5), "order": (HIGH, LOW)},
         {"cells": (5, 16)},
-        {"cells": (8, 9), "kind": "triangle"},
         {"cells": (9, 3), "widths": (1.0, 0.61), "kind": "triangle"},
-        {"cells": (6, 9), "material": (2000.0, 0.3, 300.0)},
         {"cells": (10, 8), "widths": (1.0, 0.73), "material": (1000.0, 0.4, 600.0)},
-        {"cells": (6, 7), "law": llm.Tied()},
-        {"cells": (7, 5), "law": llm.Coulomb(0.3)},
+        {"cells": (6, 7), "law": llm.Tied(), "material": (2000.0, 0.3, 300.0)},
+        {"cells": (7, 5), "law": llm.Coulomb(0.3), "order": (HIGH, LOW)},
     ],
     ids=str,
 )
@@ -136,7 +134,7 @@ def test_ties_to_a_prescribed_side():
 
 
 @pytest.mark.parametrize(
-    "laws", [(llm.Tied(), llm.Frictionless()), (llm.Frictionless(), llm.Frictionless())], ids=str
+    "laws", [(llm.Tied(), llm.Frictionless()), longer((llm.Frictionless(), llm.Frictionless()))]
 )
 def test_three_bodies(laws):
     """Two interfaces at once, each between meshes that do not match: the exact state."""
@@ -202,7 +200,7 @@ def test_small_strains_are_those_of_the_linear_problem():
 
 def test_fine_meshes_take_no_more_iterations():
     """A step in which nodes slide over several facets, by 0.4 times the stretch."""
-    problem = pressed((97, 61), widths=(1.0, 0.5), shift=0.4)
+    problem = pressed((49, 31), widths=(1.0, 0.5), shift=0.4)
     problem.solve()
     assert len(problem.history) <= 5
     residuals = [h["residual"] for h in problem.history[-3:]]
@@ -243,35 +241,29 @@ def turned(law, angle, order=(LOW, HIGH), shift=0.05):
     return problem, [side.force @ R for side in problem.results[0].sides]
 
 
-@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Tied(), llm.Coulomb(0.2)], ids=str)
-def test_objective(law):
-    """The scene turned by 30, 90 and 180 degrees: the same forces in the turned base, the same
-    pressure and normal forces."""
+@pytest.mark.parametrize(
+    ("law", "degrees"),
+    [(llm.Frictionless(), 180.0), (llm.Tied(), 90.0), (llm.Coulomb(0.2), 30.0)],
+    ids=str,
+)
+def test_objective(law, degrees):
+    """The scene turned, its sides swapped: the same forces in the turned base, the same pressure
+    and normal forces."""
     problem, still = turned(law, 0.0)
-    known = problem.results[0]
-    for degrees in (30.0, 90.0, 180.0):
-        problem, forces = turned(law, np.deg2rad(degrees))
-        result, size = problem.results[0], np.abs(known.pressure).max()
-        for a, b in zip(still, forces, strict=True):
-            assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
-        for a, b in zip(known.sides, result.sides, strict=True):
-            largest = np.abs(a.normal_force).max()
-            assert np.abs(a.normal_force - b.normal_force).max() < 1e-9 * largest
-        assert np.abs(result.pressure - known.pressure).max() < 1e-9 * size
-
-
-@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.2)], ids=str)
-def test_sides_swapped(law):
-    """The frame is the same, and so is all else."""
-    _, (low, high) = turned(law, 0.0)
-    problem, swapped = turned(law, 0.0, (HIGH, LOW))
-    assert np.abs(swapped[0] - high).max() < 1e-10 * np.abs(high).max()
-    assert np.abs(swapped[1] - low).max() < 1e-10 * np.abs(low).max()
-    assert (problem.results[0].frame_force[problem.results[0].frame_status > 0] > 0.0).any()
-    residuals = [h["residual"] for h in problem.history]
+    known, residuals = problem.results[0], [h["residual"] for h in problem.history]
     assert residuals[-1] < 1e-11 < residuals[-2]
+    assert (known.frame_force[known.frame_status > 0] > 0.0).any()
+    problem, forces = turned(law, np.deg2rad(degrees), (HIGH, LOW))
+    result, size = problem.results[0], np.abs(known.pressure).max()
+    for a, b in zip(still, forces[::-1], strict=True):
+        assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
+    for a, b in zip(known.sides, result.sides[::-1], strict=True):
+        largest = np.abs(a.normal_force).max()
+        assert np.abs(a.normal_force - b.normal_force).max() < 1e-9 * largest
+    assert np.abs(result.pressure - known.pressure).max() < 1e-9 * size
 
 
+@pytest.mark.long
 def test_two_ranks():
     """One mesh of both bodies, on one rank and on two."""
     one = run_mpi_json("finite_ranks.py", 1)
@@ -338,19 +330,12 @@ def test_refused():
 
     switch = llm.Coulomb(0.2, method="switch")
     for kwargs, text in [
-        ({"u": "u"}, "give the Function u"),
-        ({"F": 3}, "give a residual form"),
-        ({"loads": [3]}, "give FreeSurfacePressure"),
-        ({"loads": llm.FreeSurfacePressure(blocks((5, 7))[1], TOP, 1.0)}, "none of the meshes"),
-        ({"solver": "magic"}, "choose one of"),
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=llm.Law())]}, "ties along"),
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=switch)]}, "method='newton'"),
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), design="positions")]}, "frame moves"),
     ]:
         with pytest.raises(llm.ContactInputError, match=text):
             make(**kwargs)
-    with pytest.raises(llm.ContactInputError, match="increments"):
-        make().solve(increments=0)
     with pytest.raises(llm.ContactInputError, match="finite number"):
         llm.FreeSurfacePressure(tags, TOP, np.nan)
     for value in (np.nan, -2.0 * V.tabulate_dof_coordinates()[:, 1]):  # nowhere, and inside out

@@ -8,6 +8,7 @@ import ufl
 from conftest import run_mpi_json
 from dolfinx import fem
 from mpi4py import MPI
+from sampling import longer
 from scipy.spatial.transform import Rotation
 
 import dolfinx_llm as llm
@@ -26,15 +27,14 @@ def boxes(low, high, corner=(0.4, 0.2), size=(0.8, 0.6), width=1.6):
     "scene",
     [
         {"kind": "hex", "boxes": boxes((4, 3), (3, 4)), "order": (1, 0)},
-        {"kind": "tet", "boxes": boxes((3, 3), (2, 3)), "pressure": 600.0},
-        {"kind": ("hex", "tet"), "boxes": boxes((4, 3), (1, 2)), "young": 2000.0, "poisson": 0.3},
+        {"kind": ("hex", "tet"), "boxes": boxes((4, 3), (1, 2)), "pressure": 600.0},
         {"kind": "hex", "boxes": boxes((2, 2), (6, 5), (0.0, 0.0), (1.0, 1.0), 1.0)},
         {"kind": "tet", "boxes": boxes((4, 3), (3, 3), (1.1, 0.2)), "beyond": True},
         # Supports hold more nodes of the punch along y than the frame has free ones.
         {"kind": "tet", "boxes": boxes((3, 3), (4, 3), (0.0, 0.2)), "law": llm.Coulomb(0.3)},
-        {"kind": "tet", "boxes": boxes((3, 3), (4, 3), (0.0, 0.2)), "law": llm.Tied()},
+        longer({"kind": "tet", "boxes": boxes((3, 3), (4, 3), (0.0, 0.2)), "law": llm.Tied()}),
     ],
-    ids=["hex", "tet", "tet on hex", "hex, fine on coarse", "tet beyond the edge", "stick", "tied"],
+    ids=["hex", "tet on hex", "hex, fine on coarse", "tet beyond the edge", "stick", "tied"],
 )
 def test_finite_patch(scene):
     """A homogeneous state stands in both bodies, whatever the cells and what they cover."""
@@ -98,15 +98,13 @@ def test_objective(kind, law):
     pairs, pressure = still.results[0].sides[1], still.results[0].pressure  # of the punch's nodes
     own = pairs.normal_force[pairs.area > 0.0] / pairs.area[pairs.area > 0.0]
     assert own.min() - 1e-9 < pressure[pressure != 0.0].min() <= pressure.max() < own.max() + 1e-9
-    other, found = turned(kind, law, 90.0)
-    for a, b in zip(forces, found, strict=True):
+    other, found = turned(kind, law, 90.0, swapped=True)
+    for a, b in zip(forces[::-1], found, strict=True):
         assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
-    there = other.results[0].sides[1]
+    there = other.results[0].sides[0]
     assert (there.status == pairs.status).all()
     assert np.abs(there.slip[there.status == 1]).max(initial=0.0) < 1e-14
     assert np.abs(other.results[0].pressure - pressure).max() < 1e-10 * pressure.max()
-    for a, b in zip(forces[::-1], turned(kind, law, swapped=True)[1], strict=True):
-        assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
 
 
 @pytest.mark.parametrize("law", [llm.Frictionless(), llm.Tied()], ids=str)

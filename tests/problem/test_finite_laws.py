@@ -5,12 +5,14 @@ import numpy as np
 import pytest
 from dolfinx import fem
 from own_law import Glue, Soft
+from sampling import longer
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from test_finite_obstacles import FOOT, TOP, block, rolled
 
 import dolfinx_llm as llm
 
+SOFT, GLUE = Soft(30.0, 0.05), Glue(4000.0, first=0.05, last=0.6)
 MU, LAM = finite_patch.lame(1000.0, 0.4)  # of ``block``
 
 
@@ -75,14 +77,14 @@ class Columns:
 
 
 @pytest.mark.parametrize(
-    ("law", "known", "pulls"),
-    [  # the last of which opens or breaks
-        (Soft(30.0, 0.05), soft, (-0.05, -0.4, 0.02)),
-        (Glue(4000.0, first=0.05, last=0.6), glue, (0.3, 0.55, 0.2, -0.1, 0.8)),
+    ("law", "known", "pulls", "kind", "order"),
+    [  # the last of the pulls opens or breaks
+        (SOFT, soft, (-0.05, -0.4, 0.02), "tet", (0, 1)),
+        (GLUE, glue, (0.3, 0.55, 0.2, -0.1, 0.8), "quad", (1, 0)),
+        longer(SOFT, soft, (-0.05, -0.4, 0.02), "quad", (1, 0)),
+        longer(GLUE, glue, (0.3, 0.55, 0.2, -0.1, 0.8), "tet", (0, 1)),
     ],
-    ids=["soft", "glue"],
 )
-@pytest.mark.parametrize(("kind", "order"), [("quad", (1, 0)), ("tet", (0, 1))])
 def test_closed_forms(law, known, pulls, kind, order):
     """Pressed by half of its height, pulled until it breaks, and unloaded on the way: uniform
     tractions on the area now, as the law says of the largest opening so far."""

@@ -7,6 +7,7 @@ import paper_data as paper
 import patch3d
 import pytest
 from mpi4py import MPI
+from sampling import longer
 from scenes import displacement_error
 
 from dolfinx_llm import compat
@@ -45,8 +46,10 @@ def within(contact, u, bound):
         assert (side.status == 1).all()
 
 
-@pytest.mark.parametrize("refine", [1, 2])
-@pytest.mark.parametrize("kind", ["predicted", "optimised"])
+@pytest.mark.parametrize(
+    ("kind", "refine"),
+    [("predicted", 1), ("predicted", 2), longer("optimised", 1), longer("optimised", 2)],
+)
 def test_figures(kind, refine):
     contact, u = solve(kind, refine)
     within(contact, u, BOUNDS[refine])
@@ -71,6 +74,7 @@ def test_printed_frame():
     assert printed.min(axis=1).max() < 1e-12
 
 
+@pytest.mark.long
 def test_optimised_frame():
     """Nodes moved until the frame passes, within section 5's constraints."""
     contact, _ = solve("optimised", 1)

@@ -35,8 +35,8 @@ QUICK = (1003, 1005, 1007, 1008, 1009, 1015)
     "seed",
     [
         *(pytest.param(seed, marks=pytest.mark.quick) for seed in QUICK),
-        *some_of([seed for seed in SEEDS if seed not in QUICK], SEEDS[::8]),
-        *some_of(ONCE_WRONG, ONCE_WRONG[::3]),
+        *some_of([seed for seed in SEEDS if seed not in QUICK], SEEDS[::12]),
+        *some_of(ONCE_WRONG, ONCE_WRONG[::5]),
     ],
 )
 def test_conditions(seed):

@@ -521,14 +521,14 @@ def _held(V, scene, group, Q):
     if scene.load == "motion" and last in group:
         top = APART * last + 1.0
         held["top"] = fem.locate_dofs_geometrical(V, lambda p: np.isclose(p[scene.gdim - 1], top))
+    domain = V.mesh
     for j in range(scene.gdim - 1) if scene.walls else ():
         c = int(np.abs(Q[:, j]).argmax())  # walls: Q permutes the axes
-        Vc, _ = V.sub(c).collapse()
-
-        def wall(p, j=j):
-            return np.isclose(np.abs(p[j]), 1.0) | (scene.walls == "all")
-
-        held[j, c] = fem.locate_dofs_geometrical((V.sub(c), Vc), wall), Vc
+        domain.topology.create_connectivity(0, domain.topology.dim)
+        at = mesh.locate_entities(
+            domain, 0, lambda p, j=j: np.isclose(np.abs(p[j]), 1.0) | (scene.walls == "all")
+        )
+        held[j, c] = fem.locate_dofs_topological(V.sub(c), 0, at)
     return held
 
 
@@ -571,9 +571,8 @@ def _conditions(scene, posed, reached):
     for V, nodes, held in zip(posed.spaces, posed.nodes, reached, strict=True):
         for name, dofs in held.items():
             if isinstance(name, tuple):
-                dofs, Vc = dofs
-                posed.bcs.append(fem.dirichletbc(fem.Function(Vc), dofs, V.sub(name[1])))
-                posed.held[nodes[dofs[0] // scene.gdim], name[0]] = True
+                posed.bcs.append(fem.dirichletbc(0.0, dofs, V.sub(name[1])))
+                posed.held[nodes[dofs // scene.gdim], name[0]] = True
                 continue
             value = fem.Function(V)
             posed.bcs.append(fem.dirichletbc(value, dofs))

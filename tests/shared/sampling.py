@@ -43,8 +43,8 @@ def some_of(rows, kept):
     return [pytest.param(*row) if stays else longer(*row) for row, stays in rows]
 
 
-def drawn(*factors, **options):
-    """The whole product as parameters; in every run those that are ``covering``."""
+def drawn(*factors, every=1, **options):
+    """The whole product as parameters; in every run those that are ``covering``, or a part."""
     fits = options.get("fits", lambda *row: True)
     rows = [row for row in itertools.product(*factors) if fits(*row)]
-    return some_of(rows, covering(*factors, **options))
+    return some_of(rows, covering(*factors, **options)[::every])

@@ -5,15 +5,23 @@ dofs. What is left where there are none (symmetry planes, nodes in several inter
 frame alone, D v = g_D, and is solved for some of the frame's unknowns.
 """
 
+import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
-from scipy.sparse import coo_matrix, csr_matrix, diags
+from scipy.sparse import coo_matrix, csr_matrix, diags, hstack
+from scipy.sparse.linalg import splu
 
 from dolfinx_llm.operators.numbering import Numbering
-from dolfinx_llm.operators.prescribed import RANK
+from dolfinx_llm.operators.prescribed import RANK, pieces
+
+SMALL = 200  # rows or columns up to which dense algebra is as fast
+TURNS = 4  # steps of inverse iteration
+CLEAR = 1e-3  # of the largest column: smallest singular value with which squares are solved
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +33,7 @@ class EliminatedRows:
     L: csr_matrix  # (rows, m) L_b
     multipliers: Numbering  # of the rows
     frames: Numbering  # of the columns
-    block: int  # frame unknowns per node
+    items: np.ndarray  # (m,) node of each frame unknown, ascending: they share a block
 
     def __post_init__(self) -> None:
         rows, m = len(self.dofs), self.frames.sizes[1]
@@ -106,49 +114,137 @@ def _csr(value: np.ndarray, rows: Any, cols: Any, shape: tuple[int, int]) -> csr
     return csr_matrix((value[keep], (rows[keep], cols[keep])), shape=shape)
 
 
+@dataclass(frozen=True, eq=False)
+class BoundUnknowns:
+    """Frame unknowns that rows of D which hang together determine."""
+
+    rows: np.ndarray  # (k,) of D
+    dependent: np.ndarray  # (r,) columns that they determine
+    others: np.ndarray  # (i,) columns by which these move
+    motion: np.ndarray  # (r, i) how
+    Q: np.ndarray  # (k, r) basis of the dependent columns; needed where rows give way
+    solve: Callable[[np.ndarray], np.ndarray]  # (r,) of g (k,), by least squares
+    forces: Callable[[np.ndarray], np.ndarray]  # (k,) of b (r,): smallest μ with D_depᵀ μ = b
+
+
 class FrameElimination:
     """v = Z v + v_0 with D Z = 0, D v_0 = g_D: the frame's unknowns that D determines go. The rows
-    of D (k, m) bind the frame alone.
+    of D (k, m) bind the frame alone; those that hang together are solved by themselves.
 
     By QR with column pivoting, D P = Q [R_1 R_2]: v_dep = R_1⁻¹ (Qᵀ g_D - R_2 v_ind). The others
-    stay the unknowns they were, so that rigid modes need no transformation.
+    stay the unknowns they were, so that rigid modes need no transformation. Where many rows
+    determine all unknowns that they touch, D stays sparse: v_dep = (DᵀD)⁻¹ Dᵀ g_D.
 
     With S (k, k) over c, S = ``soft``, the rows give way, D v = g_D - S μ / c. Their forces μ =
     c Q ν are then unknowns ν in the places of v_dep, and Z has columns -R_1⁻¹ Qᵀ S Q there.
     """
 
     def __init__(self, D: csr_matrix, soft: csr_matrix | None = None) -> None:
-        m = D.shape[1]
-        touched = np.unique(D.indices[D.data != 0.0])
+        self.shape = k, m = D.shape
+        D.eliminate_zeros()
+        joint = D if soft is None else hstack([D, soft], format="csr")
+        size = np.sqrt(D.multiply(D).sum(axis=0).max()) if D.nnz else 1.0
+        self._parts = [_bound(D, rows, size, soft) for rows in _gathered(joint) if D[rows].nnz]
+        ends = np.cumsum([0, *(len(part.dependent) for part in self._parts)])
+        self._own = [slice(*pair) for pair in itertools.pairwise(ends)]
+        self.dependent = np.zeros(ends[-1], dtype=np.int64)
+        for part, own in zip(self._parts, self._own, strict=True):
+            self.dependent[own] = part.dependent
         kept = np.ones(m)
-        self.dependent, self.size, Z = touched[:0], m, None
-        self.Q = np.zeros((D.shape[0], 0))
-        if len(touched):
-            Q, R, order = qr(D[:, touched].toarray(), mode="economic", pivoting=True)
-            diagonal = np.abs(np.diag(R))
-            r = int((diagonal > RANK * diagonal[0]).sum())
-            self.Q, self.R = Q[:, :r], R[:r, :r]
-            self.dependent, others = touched[order[:r]], touched[order[r:]]
-            X = -solve_triangular(self.R, R[:r, r:])
-            X[np.abs(X) < 1e-15] = 0.0
-            X = coo_matrix(X)
-            Z = csr_matrix((X.data, (self.dependent[X.row], others[X.col])), shape=(m, m))
-            if soft is not None:
-                give = coo_matrix(-solve_triangular(self.R, self.Q.T @ (soft @ self.Q)))
-                at = self.dependent[give.row], self.dependent[give.col]
-                Z = Z + csr_matrix((give.data, at), shape=(m, m))
-            kept[self.dependent] = 0.0
-        self.Z = diags(kept).tocsr() if Z is None else (diags(kept) + Z).tocsr()
+        kept[self.dependent] = 0.0
+        moved = [(part.dependent, part.others, part.motion) for part in self._parts]
+        self.Z = diags(kept).tocsr() + _scattered(moved, (m, m))
+
+    @cached_property
+    def Q(self) -> csr_matrix:
+        """(k, r) basis of the dependent columns; of rows that give way."""
+        places = np.arange(len(self.dependent))
+        blocks = [(part.rows, places[own], part.Q) for part, own in zip(self._parts, self._own)]
+        return _scattered(blocks, (self.shape[0], len(places)))
 
     def particular(self, g_D: np.ndarray) -> np.ndarray:
         """(m,) v_0 with D v_0 = g_D (k,)."""
-        v = np.zeros(self.size)
-        if len(self.dependent):
-            v[self.dependent] = solve_triangular(self.R, self.Q.T @ g_D)
+        v = np.zeros(self.shape[1])
+        for part in self._parts:
+            v[part.dependent] = part.solve(g_D[part.rows])
         return v
 
     def multipliers(self, b: np.ndarray) -> np.ndarray:
         """(k,) smallest μ with Dᵀ μ = b, from b (r,) at the dependent unknowns."""
-        if not len(self.dependent):
-            return np.zeros(len(self.Q))
-        return self.Q @ solve_triangular(self.R, b, trans="T")
+        mu = np.zeros(self.shape[0])
+        for part, own in zip(self._parts, self._own, strict=True):
+            mu[part.rows] = part.forces(b[own])
+        return mu
+
+
+def _scattered(blocks: Any, shape: tuple[int, int]) -> csr_matrix:
+    """Sparse sum of (rows, columns, dense block)."""
+    found = csr_matrix(shape)
+    for rows, columns, block in blocks:
+        block = coo_matrix(block)
+        at = rows[block.row], columns[block.col]
+        found = found + csr_matrix((block.data, at), shape=shape)
+    return found
+
+
+def _gathered(D: csr_matrix) -> list[np.ndarray]:
+    """Rows that hang together, small pieces several at once."""
+    found = sorted(pieces(D), key=len)
+    ends = np.cumsum([len(rows) for rows in found], dtype=np.int64)
+    cuts = ends[:-1][np.diff(ends // SMALL) > 0]
+    return np.split(np.concatenate(found), cuts) if found else []
+
+
+def _bound(D: csr_matrix, rows: np.ndarray, size: float, soft: csr_matrix | None) -> BoundUnknowns:
+    """What some rows of D determine; its largest column has this size."""
+    touched = np.unique(D[rows].indices)
+    A = D[rows][:, touched]
+    if soft is None and len(touched) > SMALL:
+        factor = _factor_of_squares(A, size)
+        if factor is not None:
+            return _determined(A, rows, touched, factor)
+    Q, R, order = qr(A.toarray(), mode="economic", pivoting=True)
+    r = int((np.abs(np.diag(R)) > RANK * size).sum())
+    Q, R, rest = Q[:, :r], R[:r, :r], R[:r, r:]
+    X = -solve_triangular(R, rest) if r else rest
+    X[np.abs(X) < 1e-15] = 0.0
+    dependent, others = touched[order[:r]], touched[order[r:]]
+    if soft is not None:
+        give = -solve_triangular(R, Q.T @ (soft[rows][:, rows] @ Q))
+        X, others = np.hstack([X, give]), np.concatenate([others, dependent])
+    return BoundUnknowns(
+        rows, dependent, others, X, Q,
+        lambda g: solve_triangular(R, Q.T @ g),
+        lambda b: Q @ solve_triangular(R, b, trans="T"),
+    )  # fmt: skip
+
+
+def _determined(A: csr_matrix, rows: np.ndarray, columns: np.ndarray, factor: Any) -> BoundUnknowns:
+    """Rows A (k, r) that determine all that they touch, with the factors of AᵀA; each solution is
+    corrected once, which brings back what squaring costs."""
+
+    def solve(g: np.ndarray) -> np.ndarray:
+        v = factor.solve(A.T @ g)
+        return v + factor.solve(A.T @ (g - A @ v))
+
+    def forces(b: np.ndarray) -> np.ndarray:
+        y = factor.solve(b)
+        return A @ (y + factor.solve(b - A.T @ (A @ y)))
+
+    none = np.zeros((len(columns), 0))
+    return BoundUnknowns(rows, columns, columns[:0], none, none, solve, forces)
+
+
+def _factor_of_squares(A: csr_matrix, size: float) -> Any:
+    """Factors of AᵀA; None where A's smallest singular value is not clearly above zero."""
+    v = np.random.default_rng(2001).normal(size=A.shape[1])
+    try:
+        factor = splu(
+            (A.T @ A).tocsc(),
+            permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
+        )  # fmt: skip
+    except RuntimeError:  # exactly singular
+        return None
+    for _ in range(TURNS):
+        v = factor.solve(v / np.linalg.norm(v))
+    return factor if np.linalg.norm(v) * (CLEAR * size) ** 2 < 1.0 else None

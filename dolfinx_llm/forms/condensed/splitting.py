@@ -58,9 +58,9 @@ class SplitStiffness:
         local = csr_matrix((values[kept], (row, columns[kept])), shape=shape)
         return create_aij(rows.comm, rows.getSizes()[0], self.sizes, local)
 
-    def reduce(self, T: Any, D: Any, test: Any = None) -> Any:
-        """Tᵀ K T with D, which has a stored diagonal, added to its last block; with ``test`` the
-        T_S of its rows."""
+    def blocks(self, T: Any, D: Any, test: Any = None) -> tuple[Any, Any, Any]:
+        """Of Tᵀ K T with D, which has a stored diagonal, added to its last block, all but
+        ``inside``: above on the right, below, and the last; with ``test`` the T_S of its rows."""
         T_t = _transposed(T)
         test_t = T_t if test is None else _transposed(test)
         K_T = self.K_SS.matMult(T)
@@ -68,8 +68,15 @@ class SplitStiffness:
         corner.axpy(1.0, D, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         below, across = test_t.matMult(self.K_SI), T_t.matMult(self.K_SI)
         right = _transposed(across)
+        for M in (T_t, test_t, K_T, across):
+            M.destroy()
+        return right, below, corner
+
+    def joined(self, blocks: tuple[Any, Any, Any]) -> Any:
+        """The matrix of these blocks, which are used up."""
+        right, below, corner = blocks
         matrix, _ = join_blocks([[self.inside, right], [below, corner]])
-        for M in (T_t, test_t, K_T, corner, below, across, right):
+        for M in blocks:
             M.destroy()
         return matrix
 

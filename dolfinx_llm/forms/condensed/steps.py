@@ -2,7 +2,7 @@
 
 Without friction the matrix stays symmetric positive definite, and CG with GAMG solves it at any
 size. With friction the rows of κ hold Coulomb's law instead of the equilibrium of L_bᵀ λ; the
-reduced matrix is then not symmetric and is factorised.
+reduced matrix is then not symmetric (``friction``).
 """
 
 from dataclasses import replace
@@ -15,17 +15,22 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
+from dolfinx_llm.forms.condensed.friction import SOLVED, FrictionStep
+from dolfinx_llm.forms.condensed.kept import FrictionSystem
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
+from dolfinx_llm.forms.condensed.symmetric import items_of
 from dolfinx_llm.forms.condensed.system import CondensedSystem
-from dolfinx_llm.forms.condensed.transformation import Transformation
-from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.exchange import SetUp, WholeSteps
+from dolfinx_llm.forms.options import FACTORISED
 from dolfinx_llm.forms.step import SOFT, LinearStep, StepResult, force_level
 from dolfinx_llm.forms.verdict import FinalError
 from dolfinx_llm.operators.bodies import rigid_modes
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
+
+SWINGS = 3  # steps towards one load in which no fewer pairs are wrong than before
+ASKED = 8  # pairs that are asked for with friction, where each takes a solve by GMRES
 
 
 class CondensedForm(WholeSteps):
@@ -37,6 +42,7 @@ class CondensedForm(WholeSteps):
     most = 60  # as of ``WholeSteps``
     split: Any = None  # stiffness of the bodies, once it is known
     system: Any = None  # ``CondensedSystem``, without friction, once there is one
+    friction: Any = None  # ``FrictionSystem``, with friction, once there is one
 
     def prepare(self, K: PETSc.Mat, operators: ContactOperators) -> None:
         """See ``StepForm``."""
@@ -44,11 +50,9 @@ class CondensedForm(WholeSteps):
         super().prepare(K, operators)
         with self.times.timed("reduction"):
             self.split = SplitStiffness(K, operators.rows.dofs)
-            jumps = operators.unknowns.sizes[1] > operators.frames.sizes[1]
-            self._block = 1 if jumps else _block_size(operators)
-            self._modes = None if jumps else _rigid_modes_of(operators)
+            self._items, self._modes = items_of(operators), _rigid_modes_of(operators)
         self._known = np.zeros(0)  # what the system's matrix was made of
-        self._spring = 0.0
+        self._spring, self._swings = 0.0, 0
 
     def solve(self, f: np.ndarray, step: LinearStep) -> StepResult:
         """See ``StepForm``."""
@@ -61,14 +65,29 @@ class CondensedForm(WholeSteps):
         step = replace(step, g=step.g - step.compliance * step.about)  # rows are eliminated as such
         if not _holds(step):  # what the matrix alone does not tell
             self.release()
+        new, before = f is not self._f, self._wrong
         found = super().solve(f, step)
+        rises = not new and 0 < self._wrong >= before
+        self._swings = 0 if new else self._swings + rises
+        if self._set is not None and isinstance(self._set[1], FrictionStep):
+            self._judge_friction(found, step)
+        else:
+            self.tolerance, self.accuracy = self.system.tolerance, CondensedForm.accuracy
+        return found
+
+    def _judge_friction(self, found: StepResult, step: LinearStep) -> None:
+        """How far balance and laws may be trusted; where contact goes back and forth, pairs are
+        asked for one by one from now on, which takes a factorisation."""
+        if self._swings > SWINGS and not self.friction.direct:
+            self.friction.give_up("contact goes back and forth, its pairs are asked for one by one")
+        self.eager = self.friction.direct
         if self.eager:  # what a factorisation leaves is the rounding of f - K u
             level = force_level(found.multiplier, found.y + step.g, self.scale)
             noise = 0.5 * self.noise / level
             self.accuracy = min(max(noise, WholeSteps.accuracy), CondensedForm.accuracy)
-        else:
-            self.tolerance = self.system.tolerance
-        return found
+        else:  # an inexact solve ends no iteration
+            exact = self.friction.residual <= SOLVED
+            self.accuracy = CondensedForm.accuracy if exact else -1.0
 
     def left(self, f: np.ndarray, u: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
         """See ``StepForm``; where ties let K go, as the last solve has left it."""
@@ -90,16 +109,26 @@ class CondensedForm(WholeSteps):
             step.L[on],
             numbering,
             self.operators.unknowns,
-            self._block,
+            self._items,
         )
         symmetric = abs(step.E - step.L.T).nnz == 0 and _holds(step)
-        self.eager = not symmetric  # to ask takes a solve by CG there, a factor's here
         if symmetric:
             hold = -step.D.diagonal()
             self._eliminate(eliminated, step, hold)
+            self.eager, self.most = False, CondensedForm.most  # to ask takes a solve by CG
             return _Symmetric(self.system, eliminated, on, hold)
         self.split.hold(self.operators.floating.pins, self._spring)
-        return _WithFriction(self, eliminated, on, step)
+        if self.friction is None:
+            options = self.prefix, dict(self.options or {})
+            # What hardly anything but contact holds moves far under a small residual.
+            weak = self.operators.floating.rigid.modes.shape[1] > 0
+            direct = weak or options[1].get("pc_type") in FACTORISED
+            self.friction = FrictionSystem(self.split, self.operators, self._modes, options, direct)
+        with self.times.timed("factorisation"):
+            made = FrictionStep(self.friction, eliminated, on, step)
+        self.eager = self.friction.direct
+        self.most = WholeSteps.most if self.eager else ASKED
+        return made
 
     def _eliminate(self, eliminated: EliminatedRows, step: LinearStep, hold: np.ndarray) -> None:
         """Take what is in contact into the system, if it is not there yet."""
@@ -137,6 +166,8 @@ class CondensedForm(WholeSteps):
 
     def describe(self) -> str:
         """See ``StepForm``."""
+        if self.friction is not None:
+            return self.friction.describe()
         if self.system is None or not self.system.solver.set_ups:
             return "condensed, symmetric positive definite"
         took = f", {self.system.iterations} iterations" if self.system.iterations else ""
@@ -145,10 +176,12 @@ class CondensedForm(WholeSteps):
     def destroy(self) -> None:
         """See ``StepForm``."""
         super().destroy()
+        if self.friction is not None:
+            self.friction.discard()
         for item in (self.system, self.split):
             if item is not None:
                 item.destroy()
-        self.system = self.split = None
+        self.system = self.split = self.friction = None
 
 
 class _Symmetric:
@@ -176,55 +209,6 @@ class _Symmetric:
         """What is set up may serve the next step."""
 
 
-class _WithFriction:
-    """T_lᵀ (f - K T q) + D w + E λ_W = rhs, where T_l has E in the place of L_bᵀ.
-
-    λ_W are the forces of rows that bind the frame alone. Without symmetry no combination of the
-    frame's equations is free of them: they are unknowns, in the places of what they determine. As
-    the step has it they give way to changes, since friction may say the same (a node held on both
-    sides that sticks).
-    """
-
-    def __init__(
-        self, of: CondensedForm, eliminated: EliminatedRows, on: np.ndarray, step: LinearStep
-    ) -> None:
-        self._split, self._fixed, self._scale = of.split, of.operators.dofs.fixed, of.scale
-        self._rows, self._on, self._D = eliminated, on, step.D
-        everywhere = np.ones(step.L.shape[1])
-        soft = self._scale * step.compliance[on]
-        self._form = Transformation(self._split, eliminated, self._fixed, everywhere, soft)
-        self._E = E = step.E[:, on]
-        self._test = self._form.columns_of(E.T.tocsr()[eliminated.multipliers.mine])
-        law = self._form.frame_law(E, step.D, self._scale)
-        matrix = self._form.reduce(-law, self._scale, self._test)
-        own = {k: v for k, v in (of.options or {}).items() if k not in ("ksp_type", "pc_type")}
-        with of.times.timed("factorisation"):
-            self._solver = DirectSolver(matrix, of.prefix, own | {"pc_type": "lu"}, own=True)
-
-    def ask(
-        self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray, about: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See ``SetUp``."""
-        form, split, numbering = self._form, self._split, self._rows.multipliers
-        kept = np.zeros(len(self._on)) if about is None else form.bound(about[self._on])
-        u_0, v_0 = form.offsets(f, g[self._on][numbering.mine])
-        b = form.load(f, u_0, self._test)
-        left = rhs - self._E @ kept - self._D @ v_0
-        b[len(f) + form.tail.seats] -= left[form.tail.mine_used]
-        q = self._solver.solve(b)
-        u, force, S = form.motion(q) + u_0, np.zeros(len(f)), split.surface
-        force[S] = np.where(self._fixed[S], 0.0, f[S] - split.rows(u))
-        found = form.A.T @ force + form.frame_multipliers(q, self._scale)
-        multiplier = np.zeros(len(g))
-        multiplier[self._on] = gather_rows(split.comm, found)[numbering.number] + kept
-        return u, multiplier, form.frame_motion(q, v_0)
-
-    def destroy(self) -> None:
-        """Free the PETSc objects; collective."""
-        for item in (self._solver, self._test, self._form.T):
-            item.destroy()
-
-
 def _holds(step: LinearStep) -> bool:
     """Whether D does no more than hold each frame unknown by a spring of its own."""
     own = step.D.diagonal()
@@ -232,24 +216,22 @@ def _holds(step: LinearStep) -> bool:
     return bool(alone and (own <= 0.0).all() and not step.rhs[own == 0.0].any())
 
 
-def _block_size(operators: ContactOperators) -> int:
-    """Frame unknowns per node where all frames have as many, else 1."""
-    sizes = {g.directions.shape[1] for g in operators.geometries if len(g.directions)}
-    return sizes.pop() if len(sizes) == 1 else 1
-
-
 def _rigid_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]:
-    """Rigid modes at this rank's dofs of the bodies (n_local, k) and at all frame unknowns (m, k),
+    """Rigid modes at this rank's dofs of the bodies (n_local, k) and at all unknowns w (m, k),
     about the middle of the scene and of its size, so that far coordinates cost no digits."""
     bodies = operators.bodies
     low, high = bodies.low.min(axis=0), bodies.high.max(axis=0)
     centre, size = 0.5 * (low + high), np.linalg.norm(high - low)
     body = rigid_modes((bodies.points - centre) / size)
-    frame = [
-        np.einsum("mdi,mik->mdk", g.directions, rigid_modes((g.places - centre) / size))
-        for g in operators.geometries
-    ]
     k = body.shape[2]
-    return body.reshape(-1, k), np.concatenate(
-        [np.empty((0, k)), *(modes.reshape(-1, k) for modes in frame)]
-    )
+    modes = np.zeros((operators.unknowns.sizes[1], k))
+    for geometry, place in zip(operators.geometries, operators.places, strict=True):
+        at, places, directions = place.frame, geometry.places, geometry.directions
+        if geometry.rigid and not len(directions):  # bodies slip past it
+            at, places = place.slips, geometry.law_nodes[0]
+            directions = geometry.jump_directions
+            if at.start == at.stop:
+                continue
+        of = rigid_modes((places - centre) / size)
+        modes[at] = np.einsum("mdi,mik->mdk", directions, of).reshape(-1, k)
+    return body.reshape(-1, k), modes

@@ -22,7 +22,8 @@ from dolfinx_llm.operators.petsc import create_aij, times
 class Transformation:
     """What the eliminated rows make of u and v, with the numbers of the unknowns q. K is parted at
     the dofs of all eliminated nodes or more; ``proximal`` (m,) is a stiffness of the frames'
-    unknowns, ``soft`` (rows,) a compliance times their unit of stiffness."""
+    unknowns, ``soft`` (rows,) a compliance times their unit of stiffness; ``whole``: all dofs of
+    surfaces and all unknowns of frames have places, whatever is eliminated."""
 
     def __init__(
         self,
@@ -31,6 +32,7 @@ class Transformation:
         fixed: np.ndarray,
         proximal: np.ndarray | None,
         soft: np.ndarray | None = None,
+        whole: bool = False,
     ) -> None:
         self.comm, self.split, self.rows, self.fixed = split.comm, split, rows, fixed
         self.gdim, self.proximal = rows.dofs.shape[1], proximal
@@ -47,7 +49,7 @@ class Transformation:
         held = None if proximal is None else abs(self.frame.Z).T @ proximal > 0.0
         if held is not None and soft is not None:
             held[self.frame.dependent] = True  # the places of forces
-        self.tail = Tail(self.comm, self.gdim, rows, self._N_S, motion, held)
+        self.tail = Tail(self.comm, self.gdim, rows, self._N_S, motion, held, whole)
         self.T = self.columns_of(self.L @ self.frame.Z)
 
     def _frame_rows(self, soft: np.ndarray | None) -> tuple[csr_matrix, csr_matrix | None]:
@@ -63,9 +65,18 @@ class Transformation:
         give = None if soft is None else self._W_all @ diags(soft) @ self._W_all.T
         return (self._W_all @ self.rows.L).tocsr(), give
 
+    @property
+    def nodes(self) -> csr_matrix:
+        """(S, S) motion of this rank's surface dofs by what is left of them."""
+        return self._N_S
+
+    def bound_parts(self, multiplier: np.ndarray) -> np.ndarray:
+        """(k,) forces of multipliers (rows,) that bind the frame alone."""
+        return self._W_all @ multiplier
+
     def bound(self, multiplier: np.ndarray) -> np.ndarray:
         """(rows,) part of multipliers (rows,) that binds the frame alone."""
-        return self._W_all.T @ (self._W_all @ multiplier)
+        return self._W_all.T @ self.bound_parts(multiplier)
 
     def columns_of(self, L: csr_matrix) -> Any:
         """T_S, where the rows of this rank see the frames' motion as L (R, m)."""
@@ -76,9 +87,10 @@ class Transformation:
         local = csr_matrix((value, (row, col)), shape=(nodes.shape[0], tail.sizes[1]))
         return create_aij(self.comm, self.split.K_SS.getSizes()[0], tail.sizes, local)
 
-    def reduce(self, D: csr_matrix, idle: float, test: Any = None) -> Any:
-        """Tᵀ K T plus D (m, m) at the frames' unknowns, and ``idle`` on the diagonal where the tail
-        has a place without an unknown; with ``test`` the T_S of its rows."""
+    def blocks(self, D: csr_matrix, idle: float, test: Any = None) -> tuple[Any, Any, Any]:
+        """Blocks, as of ``SplitStiffness.blocks``, of Tᵀ K T plus D (m, m) at the frames' unknowns,
+        and ``idle`` on the diagonal where the tail has a place without an unknown; with ``test``
+        the T_S of its rows."""
         tail = self.tail
         D, diagonal = D[tail.mine_used].tocoo(), np.arange(tail.sizes[0])
         value = np.concatenate([D.data, idle * tail.idle])
@@ -86,8 +98,13 @@ class Transformation:
         col = np.concatenate([tail.columns[D.col], diagonal + tail.first])
         local = csr_matrix((value, (row, col)), shape=tail.sizes)
         added = create_aij(self.comm, tail.sizes, tail.sizes, local)
-        matrix = self.split.reduce(self.T, added, test)
+        blocks = self.split.blocks(self.T, added, test)
         added.destroy()
+        return blocks
+
+    def reduce(self, D: csr_matrix, idle: float, test: Any = None) -> Any:
+        """The matrix of ``blocks``, AIJ."""
+        matrix = self.split.joined(self.blocks(D, idle, test))
         matrix.setBlockSize(self.gdim)
         return matrix
 
@@ -189,6 +206,7 @@ class Tail:
         N: (S, S) of this rank's surface dofs, what is left of them.
         motion: (R, m) motion of this rank's eliminated dofs by the frame unknowns.
         held: (m,) frame unknowns that a proximal term holds; None: none.
+        whole: all have places.
 
     Attributes:
         left: (S,) places of this rank's surface dofs, -1 where there is none.
@@ -208,14 +226,16 @@ class Tail:
         N: csr_matrix,
         motion: csr_matrix,
         held: np.ndarray | None,
+        whole: bool = False,
     ) -> None:
         self._comm, frames = comm, rows.frames
-        kept = (np.diff(N.tocsc().indptr) > 0).reshape(-1, gdim).any(axis=1)
+        kept = (np.diff(N.tocsc().indptr) > 0).reshape(-1, gdim).any(axis=1) | whole
         place = np.cumsum(kept) - 1
         self.left = np.where(kept[:, None], place[:, None] * gdim + np.arange(gdim), -1).ravel()
         used = comm.allreduce((np.diff(motion.tocsc().indptr) > 0).astype(np.int64)) > 0
         if held is not None:
             used |= held
+        used |= whole
         self._number(gdim * int(kept.sum()), gdim, rows, used)
         mine = (frames.owner == comm.rank) & used
         self.mine_used = np.flatnonzero(mine)
@@ -227,20 +247,21 @@ class Tail:
 
     def _number(self, n: int, gdim: int, rows: EliminatedRows, used: np.ndarray) -> None:
         """Numbers of the frame unknowns behind n surface dofs of each rank."""
-        comm, bs = self._comm, rows.block
-        item_owner = rows.frames.owner[::bs]
-        items = np.flatnonzero(used.reshape(-1, bs).any(axis=1))
-        items = items[np.argsort(item_owner[items], kind="stable")]
-        owner = item_owner[items]
-        pad = -(-bs // gdim) * gdim  # whole blocks for each item
-        count = np.bincount(owner, minlength=comm.size)
+        comm, item = self._comm, rows.items
+        count = np.bincount(item)
+        first = np.cumsum(count) - count
+        there = np.flatnonzero(np.bincount(item, used) > 0)
+        there = there[np.argsort(rows.frames.owner[first[there]], kind="stable")]
+        owner = rows.frames.owner[first[there]]
+        places = -(-count[there] // gdim) * gdim  # whole blocks for each item
+        of_rank = np.bincount(owner, places, minlength=comm.size).astype(np.int64)
         nodes = np.array(comm.allgather(n))
-        start = np.concatenate([[0], np.cumsum(nodes + pad * count)])
-        within = np.arange(len(items)) - (np.cumsum(count) - count)[owner]
-        number = np.full(len(item_owner), -1)
-        number[items] = start[owner] + nodes[owner] + pad * within
-        columns = np.where(number[:, None] < 0, -1, number[:, None] + np.arange(bs))
-        self.columns = columns.ravel()
+        start = np.concatenate([[0], np.cumsum(nodes + of_rank)])
+        number = np.full(len(count), -1)
+        within = np.cumsum(places) - places - (np.cumsum(of_rank) - of_rank)[owner]
+        number[there] = start[owner] + nodes[owner] + within
+        within = np.arange(len(item)) - first[item]
+        self.columns = np.where(number[item] < 0, -1, number[item] + within)
         self.first = int(start[comm.rank])
         self.sizes = int(start[comm.rank + 1] - start[comm.rank]), int(start[-1])
 

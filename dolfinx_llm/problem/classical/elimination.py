@@ -59,14 +59,13 @@ class Elimination(ClassicalForm):
                 f"made for up to {MAX_ROWS}. Solve (31), problem.solve(), or take coarser meshes"
             )
         self._base = np.concatenate([p.base for p in problem.operators.pairs])
-        dofs = np.concatenate(problem.operators.side_dofs)
-        fixed = problem.bulk.dofs.values(dofs, problem.bulk.dofs.fixed) > 0.0
+        nodal = problem.operators.at_free_dofs(np.arange(n))
         # Ranks must not differ in the last bit of a basis: it is made on one.
         factors = None
         with collective(problem.comm):
             if problem.comm.rank == 0:
                 basis, R = np.linalg.qr(problem.operators.L.toarray(), mode="complete")
-                Phi = _acting(basis[:, m:], self._base, fixed)
+                Phi = _acting(basis[:, m:], nodal)
                 factors = basis[:, :m], R[:m], Phi
         self._range, self._R, self.Phi = problem.comm.bcast(factors)
         self.P = np.eye(n) - self._range @ self._range.T
@@ -101,7 +100,7 @@ class Elimination(ClassicalForm):
         first, last = self.Q.getOwnershipRange()
         gap = operators.gather(rows, g)
         u, reduced = self._solve(f, (self._basis.T @ gap)[first:last])
-        multiplier = operators.least(self._basis @ gather_rows(problem.comm, reduced))
+        multiplier = self._basis @ gather_rows(problem.comm, reduced)
         motion = gap + operators.gather(rows, times(operators.B, u, transposed=True))  # g + Bᵀu
         v = solve_triangular(self._R, self._range.T @ motion)  # (33)
         if operators.held.any() or (operators.interfaces_at > 1).any():
@@ -114,13 +113,10 @@ class Elimination(ClassicalForm):
         return self._functions(u)
 
 
-def _acting(Phi: np.ndarray, base: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the part of Φ (n c, k) that acts on free dofs: with it Q has full row
-    rank. Of the nodes are given local bases (n, c, gdim) and prescribed dofs (n, gdim)."""
-    if not fixed.any():
+def _acting(Phi: np.ndarray, nodal: csr_matrix) -> np.ndarray:
+    """Orthonormal basis of the part of Φ (n c, k) that acts on free dofs, forces there (n c, dofs):
+    with it Q has full row rank."""
+    if nodal.shape[0] == nodal.shape[1]:  # none is prescribed, or in several interfaces
         return Phi
-    n, c, gdim = base.shape
-    free = np.where(fixed[:, None, :], 0.0, base)
-    force = np.einsum("nci,nck->nik", free, Phi.reshape(n, c, -1)).reshape(n * gdim, -1)
-    _, size, V = np.linalg.svd(force)
+    _, size, V = np.linalg.svd(nodal.T @ Phi)
     return Phi @ V[: int((size > 1e-10).sum())].T

@@ -1,0 +1,256 @@
+"""A multigrid preconditioner of one step with friction that serves others as well.
+
+It is GAMG of the symmetric part of the step it was made for. Where another step differs (nodes
+that have come to stick, slip, open or close since) a factorisation of that step's own matrix on
+these places alone corrects it, before and after.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix, diags
+
+from dolfinx_llm.base.log import log
+from dolfinx_llm.forms.condensed.elimination import EliminatedRows
+from dolfinx_llm.forms.condensed.krylov import GAMG, near_null_space
+from dolfinx_llm.forms.condensed.splitting import SplitStiffness
+from dolfinx_llm.forms.condensed.symmetric import Reduced
+from dolfinx_llm.forms.condensed.transformation import Transformation
+from dolfinx_llm.forms.direct import set_up_ksp
+from dolfinx_llm.operators.petsc import create_aij, times
+from dolfinx_llm.operators.system import ContactOperators
+
+STIFFER = 0.5  # of what bodies set against a jump: by so much a law's stiffness has not changed
+SET_UP = 12  # iterations that a new multigrid costs, about
+
+
+class KeptMultigrid:
+    """GAMG of the symmetric part of a step's matrix, for vectors of the places that ``whole`` of
+    ``Transformation`` gives.
+
+    Args:
+        split: stiffness of the bodies.
+        rows: what is in contact; their L is replaced.
+        reduced: the step.
+        fixed: (n_local,) prescribed dofs.
+        scale: stiffness of the surfaces [force / length].
+        modes: rigid modes at this rank's dofs (n_local, k) and the unknowns w (m, k).
+        options: prefix and PETSc options.
+    """
+
+    def __init__(
+        self,
+        split: SplitStiffness,
+        rows: EliminatedRows,
+        reduced: Reduced,
+        fixed: np.ndarray,
+        scale: float,
+        modes: tuple[np.ndarray, np.ndarray],
+        options: tuple[str, dict],
+    ) -> None:
+        self._split, self._reduced, self._active = split, reduced, _states(rows)
+        on = reduced.L_parted[reduced.on]
+        everywhere = np.ones(on.shape[1])
+        form = Transformation(split, replace(rows, L=on), fixed, everywhere, whole=True)
+        self._dependent = form.frame.dependent
+        Z, parts = form.frame.Z, reduced.parts
+        idle = np.zeros(on.shape[1])
+        idle[self._dependent] = scale
+        D = Z.T @ (parts.T @ reduced.stiff @ parts) @ Z + diags(idle)
+        self.matrix = form.reduce(D.tocsr(), scale)
+        self._S = self.matrix.getDiagonal()
+        self._S.sqrtabs()
+        self._S.reciprocal()
+        self.matrix.diagonalScale(self._S, self._S)
+        for option in (PETSc.Mat.Option.SYMMETRIC, PETSc.Mat.Option.SPD):
+            self.matrix.setOption(option, True)
+        w = np.where(reduced.told[:, None], 0.0, modes[1])
+        near_null_space(self.matrix, self._S, form.unknowns(modes[0], reduced.parted @ w))
+        chosen = {"ksp_type": "gmres"} | GAMG | options[1]
+        self.ksp = set_up_ksp(self.matrix, options[0], chosen, options[1])
+        self._x, self._y = self.matrix.createVecs()
+        indptr, columns, values = form.T.getValuesCSR()
+        self._T = csr_matrix((values, columns, indptr), (len(indptr) - 1, form.tail.sizes[1]))
+        self._w = (reduced.C @ parts @ Z).tocsr()
+        form.T.destroy()
+        self._P: Any = None
+        self._factor: Any = None
+
+    def fit(self, form: Transformation, rows: EliminatedRows, reduced: Reduced, A: Any) -> None:
+        """Take over another step with blocks A of ``Transformation.blocks``, and factorise these
+        where it differs."""
+        self.release()
+        self._A, tail = A, form.tail
+        self._n = len(form.fixed)
+        kept = ~reduced.told
+        kept[form.frame.dependent] = False
+        surface = (form.nodes.T @ self._T).tocoo()
+        frame = (diags(kept.astype(float)) @ self._w)[tail.mine_used].tocoo()
+        row = np.concatenate([tail.left[surface.row], tail.seats[frame.row]])
+        col = np.concatenate([surface.col, tail.columns[frame.col]])
+        value = np.concatenate([surface.data, frame.data])
+        local = csr_matrix((value, (row, col)), shape=tail.sizes)
+        self._P = create_aij(form.comm, tail.sizes, tail.sizes, local)
+        w, dofs = self._changes(form, rows, reduced)
+        at = self._split.surface + self._split.first
+        places = tail.left[np.isin(at, dofs)]
+        mine = np.concatenate([places, tail.seats[w[tail.mine_used]]])
+        self._at = np.unique(mine)
+        self.changed = form.comm.allreduce(len(self._at))
+        if self.changed:
+            chosen = PETSc.IS().createGeneral((self._at + tail.first).astype(PETSc.IntType),
+                                              A[2].comm)  # fmt: skip
+            matrix = A[2].createSubMatrix(chosen, chosen)
+            chosen.destroy()
+            options = {"ksp_type": "preonly", "pc_type": "lu", "mat_mumps_icntl_24": 1,
+                       "pc_factor_mat_solver_type": "mumps"}  # fmt: skip
+            self._factor = set_up_ksp(matrix, "llm_changed_", options)
+            self._b, self._c = matrix.createVecs()
+            matrix.destroy()
+
+    def _changes(
+        self, form: Transformation, rows: EliminatedRows, reduced: Reduced
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(m,) unknowns of the frames that differ, and dofs of surface nodes."""
+        before = self._reduced
+        changed = (reduced.told != before.told) | reduced.rim
+        apart = abs(reduced.stiff - before.stiff)
+        most = np.asarray(apart.max(axis=1).todense()).ravel()
+        changed |= ~reduced.told & (most > STIFFER * reduced.stiffness)
+        led = abs(reduced.C - before.C).tocoo()
+        led_at = led.data > 1e-6
+        changed[led.row[led_at]] = changed[led.col[led_at]] = True
+        reduced.complete(changed)
+        changed[form.frame.dependent] = changed[self._dependent] = True
+        both = np.concatenate([_states(rows), self._active])
+        node, count = np.unique(both, axis=0, return_counts=True)
+        nodes = np.unique(node[count == 1, 0])
+        dofs = (nodes[:, None] + np.arange(rows.dofs.shape[1])).ravel()
+        return changed, dofs
+
+    def apply(self, body: np.ndarray, tail: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The preconditioner times this rank's residual of the bodies and of the other places."""
+        right, below, corner = self._A
+        first = self._correction(tail)
+        if first is not None:
+            body, tail = body - times(right, first), tail - times(corner, first)
+        scale = self._S.array_r
+        self._x.array_w[:] = scale * np.concatenate([body, times(self._P, tail, transposed=True)])
+        self.ksp.getPC().apply(self._x, self._y)
+        found = scale * self._y.array_r
+        inside, outside = found[: self._n], times(self._P, found[self._n :])
+        if first is not None:
+            left = tail - times(below, inside) - times(corner, outside)
+            outside += first + self._correction(left)
+        return inside, outside
+
+    def _correction(self, tail: np.ndarray) -> np.ndarray | None:
+        if self._factor is None:
+            return None
+        self._c.array_w[:] = tail[self._at]
+        self._factor.solve(self._c, self._b)
+        found = np.zeros(len(tail))
+        found[self._at] = self._b.array_r
+        return found
+
+    def release(self) -> None:
+        """Free what is another step's; collective."""
+        for item in (self._P, *((self._factor, self._b, self._c) if self._factor else ())):
+            if item is not None:
+                item.destroy()
+        self._P = self._factor = None
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+        self.release()
+        for item in (self.ksp, self.matrix, self._S, self._x, self._y):
+            item.destroy()
+
+
+class FrictionSystem:
+    """What steps with friction keep from one to the next.
+
+    Attributes:
+        split, operators: bodies and interfaces.
+        direct: factorise; set where GMRES has not got there.
+        iterations: of GMRES in all steps so far; ``set_ups`` of GAMG.
+        residual: over the load, of the last solve.
+    """
+
+    def __init__(
+        self,
+        split: SplitStiffness,
+        operators: ContactOperators,
+        modes: tuple[np.ndarray, np.ndarray],
+        options: tuple[str, dict],
+        direct: bool,
+    ) -> None:
+        self.split, self.operators, self.direct, self._modes = split, operators, direct, modes
+        self._prefix, self._options = options
+        self.notes: list[str] = []
+        self.kept: Any = None  # ``KeptMultigrid``, once there is one
+        self.usual = 2.0  # iterations per digit of a new multigrid
+        self.excess = 0.0  # iterations that an old one has taken more
+        self.iterations = self.set_ups = 0
+        self.residual = 0.0
+        self.left = 0.0  # residual of the last solve, as it is scaled
+        self.last: Any = None  # u, λ and w of the last solve
+
+    def describe(self) -> str:
+        """For ``print(problem)``: how steps with friction are solved."""
+        how = "LU by MUMPS"
+        if not self.direct:
+            how = f"GMRES + GAMG, {self.iterations} iterations, {self.set_ups} set-ups"
+        return "; ".join([f"condensed, {how}", *self.notes])
+
+    def own_options(self, without: tuple[str, ...]) -> tuple[str, dict]:
+        """Prefix and the user's options but for some."""
+        return self._prefix, {k: v for k, v in self._options.items() if k not in without}
+
+    def multigrid(self, rows: EliminatedRows, reduced: Reduced) -> KeptMultigrid:
+        """A new multigrid of a step."""
+        self.discard()
+        self.excess = 0.0
+        dofs, scale = self.operators.dofs, self.operators.scale
+        self.kept = KeptMultigrid(
+            self.split,
+            rows,
+            reduced,
+            dofs.fixed,
+            scale,
+            self._modes,
+            self.own_options(("ksp_type",)),
+        )
+        self.set_ups += 1
+        return self.kept
+
+    def count(self, took: int, digits: float, fresh: bool) -> None:
+        """Take down what a solve took that gained some digits, with a new multigrid or another."""
+        self.iterations += took
+        if fresh and digits > 1.5:
+            self.usual, self.excess = took / digits, 0.0
+        self.excess += took - self.usual * digits
+
+    def discard(self) -> None:
+        """Give the multigrid up; collective."""
+        if self.kept is not None:
+            self.kept.destroy()
+        self.kept = None
+
+    def give_up(self, why: str) -> None:
+        """Factorise from now on, which is said once for all ranks."""
+        self.discard()
+        self.direct = True
+        self.notes.append(f"{why}: LU by MUMPS instead")
+        rank = self.operators.comm.rank
+        log.log(logging.WARNING if rank == 0 else logging.DEBUG, self.notes[-1])
+
+
+def _states(rows: EliminatedRows) -> np.ndarray:
+    """(k, 2) first dof of each node in contact, and how many rows hold it."""
+    return np.column_stack(np.unique(rows.dofs[:, 0], return_counts=True))

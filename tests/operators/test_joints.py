@@ -1,0 +1,112 @@
+"""Ties round crosses and T joints: rows that repeat others, and the least of all forces."""
+
+import joints
+import numpy as np
+import pytest
+import wall_scenes as walls
+from conftest import run_mpi_json
+from mpi4py import MPI
+from sampling import longer
+
+from dolfinx_llm.problem.classical import Elimination
+
+COMM = MPI.COMM_SELF
+CROSSES = walls.courses(2, 2, bond=0.0)
+CUBES = walls.cubes(2, 2, 2)
+
+
+def all_forces(problem):
+    return np.concatenate([side.force for result in problem.results for side in result.sides])
+
+
+def dense(M):
+    return M[:, :]
+
+
+@pytest.mark.parametrize(
+    ("blocks", "kind", "most"),
+    [
+        (CROSSES, "quadrilateral", 5),
+        longer(walls.courses(2, 3), "triangle", 5),
+        (walls.courses(3, 3, bond=0.3), "quadrilateral", 5),
+        longer(walls.courses(10, 20), "quadrilateral", 5),
+        longer(CUBES, "hexahedron", 4),
+        longer(CUBES, "tetrahedron", 4),
+        longer(walls.courses(2, 3, depth=0.7), "hexahedron", 4),
+        longer(walls.courses(3, 2, bond=0.3, depth=0.7), "tetrahedron", 4),
+    ],
+)
+def test_constant_stress(blocks, kind, most):
+    """Every component of it passes, and both forms give the same forces."""
+    counts = np.random.default_rng(5).integers(2, most, (len(blocks), blocks.shape[2]))
+    wall = walls.Wall(COMM, blocks, counts, kind, turn=0.3)
+    found = []
+    for solver in ("saddle", "condensed"):
+        with wall.problem(np.eye(wall.gdim), solver=solver) as problem:
+            assert problem.operators.redundant.any()
+            assert "multiplier(s) whose rows follow from others" in str(problem)
+            for stress in walls.unit_stresses(wall.gdim):
+                wall.traction.value[:] = stress
+                assert wall.stress_error(problem.solve(), stress) <= 1e-11
+                found.append(all_forces(problem))
+    for one, other in zip(found[: len(found) // 2], found[len(found) // 2 :], strict=True):
+        assert np.abs(one - other).max() <= 1e-9 * np.abs(found).max()
+
+
+@pytest.mark.parametrize(
+    ("blocks", "kind"),
+    [(walls.courses(2, 2), "quadrilateral"), longer(CUBES, "hexahedron")],
+)
+def test_least_forces(blocks, kind):
+    """Against dense algebra: K u - f tells what the forces are to the bodies, and nothing is left
+    at the frames; of all such forces those given are the least. The classical form agrees."""
+    counts = np.random.default_rng(6).integers(2, 4, (len(blocks), blocks.shape[2]))
+    wall = walls.Wall(COMM, blocks, counts, kind)
+    with wall.problem(np.zeros([wall.gdim] * 2), weight=1.0) as problem:
+        u = problem.solve()
+        K, B, L = map(dense, (problem.K, problem.B, problem.L_b))
+        operators = problem.operators
+        held = operators.held
+        assert not (operators.held & (operators.interfaces_at > 1)).any()
+        force = problem.bulk.force(u.x.array[: len(K)])
+        asked = np.concatenate([np.where(operators.dofs.fixed, 0.0, force), np.zeros(L.shape[1])])
+        forces = np.repeat(all_forces(problem), wall.gdim, axis=0)
+        found = np.einsum("ng,ng->n", operators.rows.base, forces)
+        effect = np.vstack([B, L.T])
+        asked -= effect[:, held] @ found[held]
+        effect = effect[:, ~held]
+        least, _, rank, _ = np.linalg.lstsq(effect, asked, rcond=1e-8)
+        assert np.abs(found[~held] - least).max() <= 1e-9 * np.abs(least).max()
+        assert effect.shape[1] - rank == operators.redundant.sum() > 0
+        classical = Elimination(problem)
+        classical.solve()
+        assert np.abs(classical.force - all_forces(problem)).max() <= 1e-9 * np.abs(least).max()
+
+
+@pytest.mark.parametrize(("gdim", "n"), [(2, 2), longer(2, 3), longer(3, 3)])
+def test_ranks(gdim, n):
+    one, several = joints.forces(COMM, gdim), run_mpi_json("joints.py", n, str(gdim))
+    assert one["redundant"] == several["redundant"] > 0
+    assert one["found"] == several["found"] and one["facets"] == several["facets"]
+    for name in ("saddle", "condensed"):
+        size = np.abs(one[name]).max()
+        assert np.abs(np.subtract(one[name], several[name])).max() <= 1e-9 * size
+
+
+@pytest.mark.parametrize("blocks", [walls.courses(3, 3), longer(walls.courses(6, 8))])
+def test_stiffness_under_weight(blocks):
+    """Blocks of two meshes, fine and coarse, are softer than one piece as coarse, and stiffer than
+    one as fine."""
+    columns, rows = blocks[:, 1].max(axis=0) / [1.0, 0.5]
+    whole = np.array([[[0.0, 0.0], [columns, 0.5 * rows]]])
+    width = 2 * (blocks[:, 1, 0] - blocks[:, 0, 0])
+    work = []
+    for n in (2, 6):
+        one = walls.Wall(COMM, whole, [np.array([2 * columns, rows], dtype=int) * n])
+        work.append(one.work(one.alone(weight=1.0)))
+    fine = np.arange(len(blocks)) % 2
+    counts = np.column_stack([width, np.ones(len(blocks))]) * np.where(fine, 6, 2)[:, None]
+    wall = walls.Wall(COMM, blocks, counts.round().astype(int))
+    with wall.problem(weight=1.0) as problem:
+        found = wall.work(problem.solve())
+    assert work[0] < found < work[1]

@@ -1,0 +1,131 @@
+"""Interfaces that are found by themselves, against lists by hand."""
+
+import numpy as np
+import pytest
+import wall_scenes as walls
+from curved_scenes import FACE_0, FACE_1, rings
+from dolfinx import mesh
+from mpi4py import MPI
+
+import dolfinx_llm as llm
+from dolfinx_llm.operators.bodies import Bodies
+
+COMM = MPI.COMM_SELF
+
+
+def wall_of(blocks, kind="quadrilateral", **options):
+    counts = np.random.default_rng(5).integers(2, 5, (len(blocks), blocks.shape[2]))
+    return walls.Wall(COMM, blocks, counts, kind, **options)
+
+
+def block_of(wall):
+    """Block of each body, by its place."""
+    low = Bodies([wall.V]).low
+    return [int(np.abs(wall.blocks[:, 0] - x).sum(axis=1).argmin()) for x in low]
+
+
+def named(wall, found):
+    """Pairs of blocks of interfaces."""
+    block = block_of(wall)
+    return sorted(tuple(sorted(block[tag] for _, tag in i.tagged_sides())) for i in found)
+
+
+@pytest.mark.parametrize(
+    ("blocks", "kind"),
+    [
+        (walls.courses(4, 5), "quadrilateral"),
+        (walls.courses(3, 3, bond=0.3), "triangle"),
+        (walls.cubes(2, 2, 2), "tetrahedron"),
+        (walls.courses(3, 2, depth=0.7), "hexahedron"),
+    ],
+)
+def test_all_and_none_besides(blocks, kind):
+    """Neither blocks that meet at an edge or a corner alone, nor those further on."""
+    wall = wall_of(blocks, kind)
+    found = llm.find_interfaces(None, wall.V)
+    assert named(wall, found) == sorted(tuple(sorted((i, j))) for i, _, j in wall.faces)
+    assert all(isinstance(interface.law, llm.Tied) for interface in found)
+    names = [interface.name for interface in found]
+    assert names == [f"{a} | {b}" for a, b in (name.split(" | ") for name in names)]
+    assert len(set(names)) == len(names)
+
+
+def test_they_pass_a_constant_stress():
+    """As the pairs of whole faces do; facets that nothing touches are left out."""
+    wall = wall_of(walls.courses(2, 3), turn=0.3)
+    stress = np.array([[1.0, 0.4], [0.4, -0.7]])
+    a, L = wall.forms(stress)
+    with llm.ContactProblem(
+        a, L, bcs=wall.supports(), interfaces=llm.find_interfaces(wall.tags, wall.V)
+    ) as problem:
+        assert wall.stress_error(problem.solve(), stress) <= 1e-11
+
+
+@pytest.mark.parametrize(("gap", "near"), [(0.01, True), (0.2, False), (-0.01, True)])
+def test_distance(gap, near):
+    """Two blocks apart or in each other: within a tenth of a facet, or within what is asked for."""
+    blocks = np.array([[[0.0, 0.0], [1.0, 0.5]], [[0.3, 0.5 + gap], [1.3, 1.0]]])
+    wall = wall_of(blocks, faces=[])
+    if near:
+        assert len(llm.find_interfaces(None, wall.V)) == 1
+    else:
+        with pytest.raises(llm.ContactError, match="no two of the 2 bodies .* a tenth"):
+            llm.find_interfaces(None, wall.V)
+    assert len(llm.find_interfaces(None, wall.V, distance=1.01 * abs(gap))) == 1
+    with pytest.raises(llm.ContactError, match="no two of the 2 bodies"):
+        llm.find_interfaces(None, wall.V, distance=0.99 * abs(gap))
+
+
+def test_angle():
+    """A block that stands on its edge line, tilted by 0.2: its lower face is off by as much."""
+    blocks = np.array([[[0.0, 0.0], [1.0, 0.5]], [[0.0, 0.5], [1.0, 1.0]]])
+    wall = wall_of(blocks, faces=[])
+    x, turn = wall.domain.geometry.x, 0.2
+    nodes = np.unique(walls.compat.cell_dofs(wall.domain.geometry)[wall.body == 1])
+    x[nodes, 1] += np.tan(turn) * x[nodes, 0]
+    assert len(llm.find_interfaces(None, wall.V, angle=1.01 * turn)) == 1
+    with pytest.raises(llm.ContactError, match="no two of the 2 bodies"):
+        llm.find_interfaces(None, wall.V, angle=0.99 * turn)
+
+
+def test_laws_by_cell_tags():
+    """Blocks of a wall are of two kinds; a law for each pair of kinds, or for some of them."""
+    wall = wall_of(walls.courses(3, 3, bond=0.0))
+    cells = np.arange(len(wall.body), dtype=np.int32)
+    kind = np.array([0, 1, 0, 0, 1, 1, 0, 1, 0])
+    tags = mesh.meshtags(wall.domain, 2, cells, (10 + kind[wall.body]).astype(np.int32))
+    laws = {(10, 11): llm.Coulomb(0.3), (11, 11): llm.Frictionless()}
+    for law in (None, llm.Tied()):
+        found = llm.find_interfaces(None, wall.V, law=law, laws=laws, cell_tags=tags)
+        expected = {}
+        for i, _, j in wall.faces:
+            pair = tuple(sorted((i, j)))
+            chosen = laws.get(tuple(sorted((10 + kind[i], 10 + kind[j]))), law)
+            if chosen is not None:
+                expected[pair] = chosen
+        assert named(wall, found) == sorted(expected)
+        for interface in found:
+            (pair,) = named(wall, [interface])
+            assert interface.law is expected[pair]
+
+
+def test_two_meshes():
+    """Bodies on meshes of their own, of other kinds of cells."""
+    low, high = np.split(walls.courses(2, 2, bond=0.3), [2])
+    one, other = wall_of(low, faces=[]), wall_of(high, "triangle", faces=[])
+    found = llm.find_interfaces(None, [one.V, other.V])
+    bodies = Bodies([one.V, other.V])
+    pairs = [tuple(bodies.low[[tag for _, tag in i.tagged_sides()]].ravel()) for i in found]
+    assert len(pairs) == 1 + 2 + 4 and len(set(pairs)) == 7
+    apart = [i for i in found if i.tagged_sides()[0][0] is not i.tagged_sides()[1][0]]
+    assert len(apart) == 4
+    with pytest.raises(llm.ContactInputError, match=r"give one for each of the 2"):
+        llm.find_interfaces(one.tags, [one.V, other.V])
+
+
+def test_ring_in_a_ring():
+    """Curved surfaces whose meshes do not match: all round, of both the facets of the circle."""
+    V, tags = rings(COMM, ((24, 2), (31, 2)), degrees=360.0)
+    (found,) = llm.find_interfaces(None, V)
+    marked = {tuple(own.find(tag)) for own, tag in found.tagged_sides()}
+    assert marked == {tuple(tags.find(FACE_0)), tuple(tags.find(FACE_1))}

@@ -1,0 +1,262 @@
+"""Second-order bodies: stresses that are constant or linear pass between any two meshes."""
+
+import numpy as np
+import pytest
+import second_order as so
+import ufl
+from conftest import run_mpi_json
+from dolfinx import fem
+from mpi4py import MPI
+from scipy.spatial.transform import Rotation
+
+import dolfinx_llm as llm
+from dolfinx_llm.geometry.element import ELEMENTS, element_of
+
+COMM = MPI.COMM_SELF
+TRI, QUAD, TET, HEX = "triangle", "quadrilateral", "tetrahedron", "hexahedron"
+LOW = {2: ((0, 0), (0, 1)), 3: ((0, 0, 0), (0, 0, 1))}
+HIGH = {2: ((1, 1), (1, 2)), 3: ((1, 1, 1), (1, 1, 2))}
+PARTS = {  # where the upper block begins and ends
+    2: [(0.137, 0.871), (0.27, 1.31)],
+    3: [((0.137, 0.21), (0.871, 0.93)), ((0.27, -0.3), (1.31, 0.8))],
+}
+TURN = Rotation.from_euler("xyz", [0.3, 0.5, 0.7]).as_matrix()
+
+
+def scene(kinds, n, part=None, **chosen):
+    gdim = 2 if kinds[0] in (TRI, QUAD) else 3
+    low, high = LOW[gdim], HIGH[gdim]
+    if part is not None:
+        start, end = PARTS[gdim][part]
+        low = low[0], (*np.atleast_1d(start), 1)
+        high = high[0], (*np.atleast_1d(end), 2)
+    return so.blocks(COMM, kinds, n, low, high, **chosen)
+
+
+def solved(kinds, n, part=None, degree=2, interface=None, **chosen):
+    spaces, tags = scene(kinds, n, part, **chosen)
+    field = so.Polynomial(degree, spaces[0].mesh.geometry.dim)
+    problem = so.patch_problem(spaces, tags, field, interface)
+    return problem, field, so.largest_error(problem.solve(), field)
+
+
+def check_patch(problem, field, found, degree=2):
+    """Require the exact answer, and the exact traction at the nodes of both sides."""
+    bound = 1e-11 if degree == 1 else 1e-10
+    assert found <= bound
+    result, (geometry,) = problem.results[0], problem.geometries
+    assert geometry.certificate.residual <= 1e-13
+    for side in result.sides:
+        exact = -np.einsum("nij,nj->ni", field.stress(side.x), side.normal)
+        # Where a facet is hardly in contact the traction at its far nodes is hardly known.
+        assert np.abs(side.density - exact).max() <= 1e-5 * np.abs(exact).max()
+        inner = side.area > 0.2 * side.area.max()
+        assert np.abs(side.density - exact)[inner].max() <= bound * np.abs(exact).max()
+
+
+@pytest.mark.parametrize(("kinds", "n", "part", "chosen"), [
+    ((TRI, QUAD), (4, 7), None, {"turn": TURN[:2, :2] / np.sqrt(np.linalg.det(TURN[:2, :2]))}),
+    ((QUAD, TRI), (6, 8), 0, {}),
+    ((TRI, TRI), (8, 6), 1, {}),
+    ((TET, HEX), (2, 3), None, {"turn": TURN}),
+    ((HEX, TET), (3, 3), 0, {}),
+    ((TET, TET), (3, 2), 1, {}),
+])  # fmt: skip
+def test_linear_stress_passes(kinds, n, part, chosen):
+    """Any two meshes, also where only a part is covered, and however they are turned."""
+    check_patch(*solved(kinds, n, part, **chosen))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("part", [None, 0, 1])
+@pytest.mark.parametrize("kinds", [
+    (TRI, TRI), (TRI, QUAD), (QUAD, TRI), (QUAD, QUAD),
+    (TET, TET), (TET, HEX), (HEX, TET), (HEX, HEX),
+])  # fmt: skip
+def test_stresses_pass(kinds, part, degree):
+    n = (12, 17) if kinds[0] in (TRI, QUAD) else (4, 3)
+    check_patch(*solved(kinds, n, part, degree), degree)
+
+
+@pytest.mark.parametrize("degrees", [(1, 2), (2, 1)])
+@pytest.mark.parametrize(("kinds", "n"), [((TRI, QUAD), (4, 6)), ((TET, TET), (3, 2))])
+def test_constant_stress_passes_between_bodies_of_first_and_second_order(kinds, n, degrees):
+    problem, _, found = solved(kinds, n, degree=1, degrees=degrees)
+    assert found <= 1e-11
+    assert problem.results[0].frame.element.order == 1
+
+
+def test_without_a_design_linear_stress_does_not_pass():
+    _, _, found = solved((TRI, QUAD), (4, 7), interface={"design": None})
+    assert found > 1e-4
+
+
+def test_third_order_in_displacement_second_in_stress_and_traction():
+    errors = []
+    for n in ((8, 12), (16, 24)):
+        field, (spaces, tags) = so.Waves(2), scene((TRI, QUAD), n)
+        problem = so.manufactured_problem(spaces, tags, field)
+        found = so.errors(problem.solve(), field)
+        errors.append([*found, *so.traction_errors(problem.results[0], field)])
+    rates = np.log2(np.divide(*errors))
+    assert (rates >= [2.9, 1.95, 1.85, 1.85]).all(), rates
+
+
+@pytest.mark.parametrize("kind", ELEMENTS)
+def test_shape_functions(kind):
+    """One at their own node, of sum one, with linear and quadratic fields, and their slopes."""
+    element, rng = element_of(*kind), np.random.default_rng(2001)
+    corners = {2: [[0], [1]], 3: [[0, 0], [1, 0], [0, 1]], 4: [[-1, -1], [1, -1], [1, 1], [-1, 1]]}
+    x = element.linear @ np.array(corners[element.corners], float)
+    assert np.abs(element.shape(x)[0] - np.eye(element.nodes)).max() < 1e-14
+    xi, c = rng.uniform(-0.7, 0.9, (40, kind[0])), rng.uniform(-1, 1, (3, kind[0]))
+    N, dN = element.shape(xi)
+
+    def polynomial(p):
+        return 0.3 + p @ c[0] + (element.order > 1) * (p @ c[1]) * (p @ c[2])
+
+    assert np.abs(N @ polynomial(x) - polynomial(xi)).max() < 1e-14
+    for a, step in enumerate(1e-6 * np.eye(kind[0])):
+        slope = (element.shape(xi + step)[0] - element.shape(xi - step)[0]) / 2e-6
+        assert np.abs(slope - dN[..., a]).max() < 1e-8
+    turned = np.arange(element.corners)[None, ::-1]
+    order = element.permuted(np.arange(element.nodes)[None], turned)[0]
+    assert np.abs(x[order] - element.linear @ x[turned[0]]).max() < 1e-15
+
+
+@pytest.mark.parametrize("kinds", [(TRI, TRI), (TET, HEX), (HEX, TET)])
+def test_forces_and_moments_of_clipped_facets(kinds):
+    """Against sums over many small parts: of both sides they have the same resultants under
+    pressures 1, s and, since shape functions reproduce them, work on polynomials of degree 2."""
+    problem, *_ = solved(kinds, (3, 4), 1)
+    (geometry,) = problem.geometries
+    plane, totals = geometry.parts[0].piece.plane, []
+    for pairs in geometry.pairs:
+        s, load = plane.project(pairs.x), pairs.loads
+        pi = [np.ones(len(s)), *s.T, *(s[:, i] * s[:, j] for i in (0, -1) for j in (0, -1))]
+        first = load.moments + s * load.forces[:, None]
+        totals.append([[p @ load.forces, *(p @ first)] for p in pi])
+        ones = np.ones(len(s))
+        assert np.abs(load.mass @ ones - load.forces).max() <= 1e-15
+        assert np.abs(load.mass @ s - first).max() <= 1e-15
+        assert np.isclose(load.shares.sum(), load.forces.sum(), rtol=1e-13)
+    assert np.abs(np.subtract(*totals)).max() <= 1e-14
+
+
+def test_frame_of_second_order():
+    x = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [1, 0, 0], [1, 0.5, 0], [0, 0.5, 0.0]])
+    frame = llm.Frame(x, [[0, 1, 2, 3, 4, 5]])
+    assert np.allclose(frame.interpolation(frame.locate(x)).toarray(), np.eye(6), atol=1e-14)
+    there = frame.flipped()
+    assert there.cells.tolist() == [[2, 1, 0, 4, 3, 5]]
+    point = np.array([[0.7, 0.2, 0.3]])
+    N = [f.interpolation(f.locate(point)).toarray() for f in (frame, there)]
+    assert np.abs(N[0] - N[1]).max() < 1e-15
+    bent = x + 0.1 * np.eye(6)[3][:, None] * [0, 0, 1]
+    with pytest.raises(llm.ContactError, match="curved"):
+        llm.Frame(bent, [[0, 1, 2, 3, 4, 5]])
+
+
+class Glue(llm.Law):
+    """Opens and closes by springs."""
+
+    opens, gives, components = False, True, "local"
+
+    def start(self, nodes):
+        raise AssertionError("is refused before")
+
+
+@pytest.mark.parametrize(("interface", "words"), [
+    ({"law": Glue()}, "Glue.* first-order"), ({"design": "positions"}, "positions"),
+])  # fmt: skip
+def test_what_is_not_there_is_refused(interface, words):
+    with pytest.raises(llm.ContactError, match=words):
+        solved((TRI, QUAD), (3, 4), interface=interface)
+
+
+# Bodies that may part
+
+
+DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"}
+FORMS = {"own": {}, "condensed": {"solver": "condensed", "petsc_options": DIRECT}}
+
+
+@pytest.mark.parametrize(("kinds", "n", "law", "form"), [
+    ((TRI, QUAD), (5, 7), llm.Frictionless(), "own"),
+    ((QUAD, TRI), (7, 5), llm.Coulomb(0.3), "condensed"),
+    ((TET, HEX), (3, 2), llm.Frictionless(), "condensed"),
+    ((TET, TET), (2, 3), llm.Coulomb(0.3), "own"),
+])  # fmt: skip
+def test_uniform_pressure_on_a_part_of_facets(kinds, n, law, form):
+    """What cut facets carry at nodes may be zero or negative; contact still holds."""
+    spaces, tags = scene(kinds, n, 0)
+    field = so.Pressed(spaces[0].mesh.geometry.dim)
+    problem = so.patch_problem(spaces, tags, field, {"law": law}, **FORMS[form])
+    assert so.largest_error(problem.solve(), field) <= 1e-12
+    result, pressure = (
+        problem.results[0],
+        -field.stress(np.zeros((1, len(field.linear))))[0, -1, -1],
+    )
+    for side in result.sides:
+        assert np.abs(side.normal_force - pressure * side.area).max() <= 1e-12 * pressure
+        assert (side.status != 0).all()
+    assert np.abs(result.pressure - pressure).max() <= 1e-6 * pressure
+
+
+def blocks_moved(kinds, n, law, top):
+    """A small block on a larger one, held below, the last one's top moved by a function of x."""
+    spaces, tags = scene(kinds, n, 0)
+    gdim, forms, zero, bcs = spaces[0].mesh.geometry.dim, [], [], []
+    for V, own, motion in zip(spaces, tags, (lambda x: 0.0 * x[:gdim], top), strict=True):
+        known = fem.Function(V)
+        known.interpolate(motion)
+        tag = so.BOTTOM[0] if motion is not top else so.TOP[1]
+        dofs = fem.locate_dofs_topological(V, gdim - 1, own.find(tag))
+        bcs.append(fem.dirichletbc(known, dofs))
+        forms.append(so.elasticity(V))
+        none = fem.Constant(V.mesh, np.zeros(gdim))
+        zero.append(ufl.inner(none, ufl.TestFunction(V)) * ufl.dx)
+    interface = llm.Interface(None, ((tags[0], 2), (tags[1], 3)), law=law)
+    return llm.ContactProblem(forms, zero, bcs=bcs, interfaces=[interface])
+
+
+def test_block_dragged():
+    def along(x):
+        return np.vstack([0.02 + 0.0 * x[0], -0.002 + 0.0 * x[0]])
+
+    problem = blocks_moved((TRI, QUAD), (7, 5), llm.Coulomb(0.3), along)
+    problem.solve(increments=3)
+    result = problem.results[0]
+    assert (result.frame_status == 2).all()
+    force = result.resultant
+    assert abs(force[0] / (0.3 * force[1])) == pytest.approx(1.0, abs=1e-10)
+    total = sum(side.force.sum(axis=0) for side in result.sides)
+    assert np.abs(total).max() <= 1e-12 * np.abs(force).max()
+
+
+@pytest.mark.parametrize(("kinds", "n"), [((TRI, QUAD), (9, 7)), ((TET, HEX), (4, 3))])
+def test_block_pulled_off_on_one_side(kinds, n):
+    """Control values of gaps and of forces are none negative, and of each pair one is zero."""
+
+    def tilted(x):
+        gdim = 2 if kinds[0] == TRI else 3
+        return np.vstack([0.0 * x[: gdim - 1], 0.004 * (0.5 - x[:1])])
+
+    problem = blocks_moved(kinds, n, llm.Frictionless(), tilted)
+    problem.solve()
+    pairs, sides = problem.geometries[0].pairs, problem.results[0].sides
+    size = max(side.normal_force.max() for side in sides)
+    motion = max(np.abs(side.u).max() for side in sides)
+    for p, side in zip(pairs, sides, strict=True):
+        force = p.control.T @ side.normal_force / size
+        gap = np.linalg.solve(p.control.toarray(), side.frame_gap) / motion
+        assert force.min() >= -1e-10 and gap.min() >= -1e-7
+        assert np.minimum(np.abs(force), np.abs(gap)).max() <= 1e-7
+        assert (force > 1e-3).any() and (gap > 1e-3).any()
+        assert (side.gap >= 0.0).all()
+
+
+def test_ranks():
+    data = run_mpi_json("second_order_ranks.py", 2)
+    assert max(data.values()) <= 1e-10
