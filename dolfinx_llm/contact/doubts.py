@@ -14,7 +14,7 @@ from dolfinx_llm.laws.rows import OPEN
 SPIN = 1e-9  # part of an obstacle's rotation along its normals, up to which it does not tilt
 TILT = 0.1  # [rad] angle by which an obstacle may turn: half its square of the motion is left out
 LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
-UNBALANCED = 1e-3  # of the largest force, of friction at a frame node with its neighbours alone
+IN_SUM = 1e-3  # of the largest force, of friction at a frame node with its neighbours alone
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
 UNCERTAIN = 0.2  # part of the bodies' motion to which gaps must be known
 NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close
@@ -75,7 +75,7 @@ def _unbalanced(geometry: InterfaceGeometry, result: InterfaceResult) -> list[st
     forces = [side.force for side in result.sides]
     left = sum(p.N.T @ force for p, force in zip(geometry.pairs, forces, strict=True))
     left = np.abs(left).max() / max(np.abs(np.concatenate(forces)).max(), 1e-300)
-    if left <= UNBALANCED:
+    if left <= IN_SUM:
         return []
     return [
         f"interface {geometry.interface.name}: at the rim of contact friction balances with that "

@@ -24,6 +24,7 @@ from dolfinx_llm.operators.assemble import interface_operator
 from dolfinx_llm.operators.numbering import Place
 from dolfinx_llm.operators.system import ContactOperators
 
+BENT = 1e-9  # by which normals of a flat frame differ at most
 FLOOR = 1e-3  # what pairs without contact add to the support of a node
 TOUCHED = 1e-9  # shape function from which on a pair belongs to a node
 
@@ -82,6 +83,12 @@ class FrictionNodes:
     def led(self) -> np.ndarray:
         """(k,) nodes whose tangential motion supports prescribe."""
         return ~self.reached(self.yields)
+
+    @cached_property
+    def curved(self) -> bool:
+        """Whether normals at the nodes differ. What balances forces there at a node that next to
+        nothing holds moves it far along its tangents, and so the gaps about it."""
+        return bool(np.ptp(self.geometry.directions[:, -1], axis=0).max(initial=0.0) > BENT)
 
     def of(self, pairs: np.ndarray) -> list[csr_matrix]:
         """Per side (n_i, k) shape functions of some of the pairs (n,)."""

@@ -27,9 +27,11 @@ from dolfinx_llm.operators.system import ContactOperators
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
 MANY = 0.2  # of the pairs: where more change, friction is not yet what it will be
+FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
 AGAIN = 0.05  # the same in later load steps, on curved frames, for which pairs touch
 CONSTANT = 1e-8  # part of the largest force by which those at supports may still change
 ROUGH = 1e-6  # the same where that does not fall: it is rounding over ``SOFT``
+LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 FLOATS = 1e-6  # of the forces, that springs carry where contact without friction holds no body
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
 FRICTIONLESS = 1e-2  # of the normal force that may be without friction: less than meshes cost
@@ -130,9 +132,7 @@ class ContactIteration:
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
         equations.start, self._calmed = about[0], False  # whether the state has come to rest once
         calm, before, w_last = 0, np.inf, w  # iterations without change; last residual and motion
-        many = AGAIN if any(s.curved for s in self.states) else np.inf
-        many = (many if known else MANY) * sum(len(s.nodes.rows) for s in self.states)
-        changes, lagging = 0, np.inf if known else many
+        changes, many = 0, _many(self.states, known)
         runs, given = 0, np.inf  # see RUNS; by how much forces at supports changed last
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         spring = floating.spring(self.scale)
@@ -141,7 +141,7 @@ class ContactIteration:
             s.begin()
         glides, rest = glide(equations, False), self.snapshot()[0]
         for iteration in range(1, MAXIMUM + 1):
-            equations.lags = changes > lagging
+            equations.lags = changes > many and not known
             equations.about = about[0] if calm else equations.start
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
             if glides or (not known and iteration == 1):
@@ -175,7 +175,7 @@ class ContactIteration:
             calm = 0 if changes or supposed else calm + 1
             pull.watch(found.floating, multiplier, calm, self.form.noise)
             if glides and pull.share > FLOATS:  # friction alone holds bodies: on from what stuck
-                glides, lagging, (_, about, centre) = False, np.inf, stuck
+                glides, many, (_, about, centre) = False, np.inf, stuck
                 _take_back(self.states, stuck[0])
                 continue
             stalled = calm > CALM and miss > 0.5 * before
@@ -221,7 +221,8 @@ class ContactIteration:
         chosen = found.active[normal] ^ found.wrong[normal] if s.law.opens else own.active
         changed, force = chosen != own.active, np.abs(found.multiplier)
         largest = force.max(initial=0.0)
-        own.closings += chosen & ~own.active
+        light = (changed.sum() <= FEW * len(chosen) + 2) | (force[normal] <= LIGHT * largest)
+        own.closings += np.where(chosen & ~own.active, np.where(light | s.curved, 4, 1), 0)
         s.touch(chosen)
         # What carries nothing is in contact or not, sticks or slips, to no effect; what closes
         # where it already meets the frame as well. A sign that is wrong has to change, also where
@@ -242,6 +243,12 @@ class ContactIteration:
 def _take_back(states: list[InterfaceState], to: list[ContactState]) -> None:
     for state, kept in zip(states, to, strict=True):
         state.restore(kept)
+
+
+def _many(states: list[InterfaceState], known: bool) -> float:
+    """Changes from which contact is sought anew without friction."""
+    again = AGAIN if any(s.curved for s in states) else np.inf
+    return (again if known else MANY) * sum(len(s.nodes.rows) for s in states)
 
 
 def _count(states: list[InterfaceState]) -> dict:

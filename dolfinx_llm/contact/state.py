@@ -14,8 +14,7 @@ from dolfinx_llm.interface.update import Transfer
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK, LawNodes, LawRows, checked
 
-FLAT = 1e-9  # by which normals of a flat frame differ at most
-LOOSE = 3  # a pair that has closed so often in a load step has no friction of its own
+LOOSE = 12  # a pair that has closed so often in a load step has no friction of its own
 
 
 @dataclass(eq=False)
@@ -73,27 +72,23 @@ class InterfaceState:
 
     Nodes of friction at the rim of contact slip as their ``speaker`` does (``speakers``), where T
     and N of all are summed up. Those that next to nothing holds also move with it, until contact
-    has come to rest; then each balances on its own (``release``). Not so on a curved frame: what
-    balances there at a node that next to nothing holds moves it far, and so the gaps about it.
+    has come to rest; then each balances on its own (``release``).
 
     Args:
         nodes: of the interface.
 
     Attributes:
-        nodes: as given.
-        own: the state.
+        nodes, own: as given; the state.
         others: who speaks for whom.
         held: (n,) pairs that may pull, too.
-        shares: nodes at the rim of contact slip as others do.
-        curved: they share, and the frame's normals differ.
+        shares, curved: nodes at the rim of contact slip as others do; so on a curved frame.
     """
 
     def __init__(self, nodes: FrictionNodes) -> None:
         self.nodes = nodes
         shares = nodes.law.shares and nodes.law.slips and not nodes.law.gives
         self.shares = shares and not nodes.geometry.rigid
-        normals = nodes.geometry.directions[:, -1:]
-        self.curved = self.shares and bool(np.ptp(normals, axis=0).max(initial=0.0) > FLAT)
+        self.curved = self.shares and nodes.curved
         self.glides = False  # no pair follows the frame tangentially
         self.forget()
 
