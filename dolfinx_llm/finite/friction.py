@@ -99,7 +99,7 @@ class Friction(Opening):
         sigma = self.way(place, origin)[0][closed]
         stick = sticks(place.normal[closed], tau, sigma, bound, held.scale, before[closed] == SLIP)
         status[closed] = np.where(stick | first[closed], STICK, SLIP)
-        return status, replace(held, origin=origin)
+        return status, replace(held, origin=origin, exact=held.near and (status == before).all())
 
     def _begun(self, origin: Origin, place: Any, first: np.ndarray) -> Origin:
         """The same with pairs that are closed for the first time; those that have not met yet, and
@@ -170,7 +170,7 @@ class Friction(Opening):
         stick = status[closed] == STICK
         axes = np.broadcast_to(np.eye(gdim), (len(closed), gdim, gdim))
         supports = moves < FAST**2, yields(axes, self.sides.split(free)[0][closed], held)
-        law = friction_rows(normal, tau, sigma, bound, held.scale, stick, *supports)
+        law = friction_rows(normal, tau, sigma, bound, held.scale, stick, *supports, held.exact)
         pressed = (q[closed] > 0.0).astype(float)
         by_bound = per_item(law.by_bound[:, :, None] * pressed[:, None, None])
         by_z = per_item(law.by_slip) @ way + per_item(law.by_normal) @ self.turned(place, closed)

@@ -8,8 +8,10 @@ sigma that it has gone there, c > 0 and the bound b of |tau|,
 Each case has gdim equations: where a node sticks n·tau = 0 is one of them, where it slips it
 follows. All are divided by c where they are forces, so that what is left is a length.
 
-The derivative of slip is that of Hüeber, Stadler and Wohlmuth (see ``laws.coulomb``): exact where
-tau = b z / |z|; the exact one elsewhere turns tau round for ever where many pairs begin to slip.
+Far from the solution the derivative of slip is that of Hüeber, Stadler and Wohlmuth (see
+``laws.coulomb``), which holds pairs back by the part of b that tau is short of: the exact one turns
+tau round for ever where many pairs begin to slip. It makes slip converge linearly, though, so that
+near the solution, where pairs stand, the exact one takes its place: the same where tau = b z / |z|.
 """
 
 from __future__ import annotations
@@ -64,6 +66,7 @@ def friction_rows(
     stick: np.ndarray,
     prescribed: np.ndarray,
     yielding: np.ndarray,
+    exact: bool = False,
 ) -> FrictionRows:
     """The law and its derivatives.
 
@@ -75,6 +78,7 @@ def friction_rows(
         stick: (k,) which pairs stick.
         prescribed: (k, gdim) which components of sigma no free coordinate changes.
         yielding: (k, gdim, gdim) by how much stick yields to changes of tau [length / force].
+        exact: whether to take the exact derivative of slip.
     """
     unit, nn = np.eye(normal.shape[1]), normal[:, :, None] * normal[:, None, :]
     P, stick = unit - nn, stick[:, None, None]
@@ -86,7 +90,7 @@ def friction_rows(
     w = tau + c * sigma
     z = in_plane(normal, w)
     d = z / np.maximum(np.linalg.norm(z, axis=1), 1e-300)[:, None]
-    M = _stable(tau, z, bound)
+    M = _stable(bound[:, None] * d if exact else tau, z, bound)
     slid = (tau - bound[:, None] * d) / c
     return FrictionRows(
         rest=np.where(stick[:, 0], rest, slid),

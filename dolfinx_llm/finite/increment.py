@@ -25,6 +25,8 @@ DOUBTS = 1e-3  # pull over the largest force, below the residual, that parts no 
 NEARLY = 1e-6  # the same, over the smallest, where nothing touches at first
 STUCK = 0.9  # part of the last residual above which an iteration has brought nothing
 SLIDES = 0.5  # of a facet, in an iteration, up to which derivatives of rows and areas hold
+TRUSTED = 0.03  # residual, relative, below which slip has its exact derivative
+HELPED, LESS = 0.5, 0.1  # where it has not brought the residual down by as much: only below a tenth
 SETTLINGS = 6  # solves for the pairs in contact of the linear model, where nodes slide far
 CUTS = 8  # of a change that turns elements inside out
 
@@ -81,7 +83,7 @@ class Increment:
         self.pressures = start.pressures + end * (step.pressures - start.pressures)
         self.unbalanced = (1.0 - end) * step.unbalanced
         self.poses = [a + end * (b - a) for a, b in zip(start.poses, step.poses, strict=True)]
-        self.lagged = True
+        self.lagged, self.trusted = True, TRUSTED
         steps.measure(self.u)
         z = [i.at(self.dofs, self.u) for i in steps.interfaces]
         faces = [f.at(self.dofs, self.u) for f in steps.followers]
@@ -143,7 +145,8 @@ class Increment:
         scale, size = self.steps.scale, self.steps.size
         for i, placed in enumerate(self.steps.interfaces):
             contact: MovingContact = placed.what
-            before, q, held = self.status[i], self.own[i], replace(self.held[i], lagged=self.lagged)
+            before, q, near = self.status[i], self.own[i], self.error < self.trusted
+            held = replace(self.held[i], lagged=self.lagged, near=near)
             place = contact.place(placed.at(self.dofs, self.u), q, held)
             start = np.full(len(place.gap), OPEN) if before is None else before
             reach = np.where(start == OPEN, NO_GAP * size, max(NO_GAP * size, self.doubt / scale))
@@ -185,7 +188,10 @@ class Increment:
         self.lagged = self._slid(cut * du) > SLIDES * steps.size
         self.u, self._body = self.u + cut * du, body
         self.own = [q + cut * d for q, d in zip(self.own, changes, strict=True)]
+        exact, before = any(held.exact for held in self.held), self.error
         self.evaluate()
+        early = exact and self.error > HELPED * before  # slip has turned round
+        self.trusted *= LESS if early else 1.0
 
     def _solve(self, K: PETSc.Mat) -> tuple[np.ndarray, list[np.ndarray]]:
         """Changes of this rank's u and of each interface's own unknowns; K is used up."""
@@ -197,8 +203,7 @@ class Increment:
         finite = np.isfinite(du).all() and np.isfinite(dq).all()
         if not self.dofs.comm.allreduce(bool(finite), op=MPI.LAND):
             raise StepFailed("the linear solver gives no finite numbers")
-        ends = np.cumsum([len(q) for q in self.own])
-        return du, np.split(dq, ends[:-1]) if len(ends) else []
+        return du, np.split(dq, np.cumsum([len(q) for q in self.own])[:-1]) if self.own else []
 
     def _foresee(self, du: np.ndarray, changes: list[np.ndarray]) -> bool:
         """Whether the linear model has other pairs in contact than were put in; these are then.
@@ -232,9 +237,9 @@ class Increment:
         of = zip(self.steps.interfaces, self.terms, self.held, strict=True)
         now = [placed.what.missed(t.place, held) for placed, t, held in of]
         self.held = [new or held for new, held in zip(now, self.held, strict=True)]
-        if any(now):
+        if found := any(now):
             self.evaluate()
-        return any(now)
+        return found
 
     def entry(self, iteration: int) -> dict:
         """For the history."""

@@ -8,7 +8,7 @@ products of sparse matrices.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import bsr_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 
 
 def jacobian(blocks: np.ndarray, columns: np.ndarray, width: int) -> csr_matrix:
@@ -20,16 +20,18 @@ def jacobian(blocks: np.ndarray, columns: np.ndarray, width: int) -> csr_matrix:
         width: number of all coordinates.
     """
     n, r, c = blocks.shape
-    index = np.broadcast_to(columns[:, None, :], (n, r, c)).ravel()
-    matrix = csr_matrix((blocks.ravel(), index, np.arange(n * r + 1) * c), (n * r, width))
+    # SciPy's own kind of index: it looks for the largest of any other, again and again.
+    index = np.broadcast_to(columns[:, None, :], (n, r, c)).astype(np.int32).ravel()
+    starts = np.arange(n * r + 1, dtype=np.int32) * c
+    matrix = csr_matrix((blocks.ravel(), index, starts), (n * r, width))
     matrix.sum_duplicates()
     return matrix
 
 
 def per_item(blocks: np.ndarray) -> csr_matrix:
     """(n r, n c) block diagonal matrix of (n, r, c) blocks."""
-    n, r, c = blocks.shape
-    return bsr_matrix((blocks, np.arange(n), np.arange(n + 1)), shape=(n * r, n * c)).tocsr()
+    n, _, c = blocks.shape
+    return jacobian(blocks, np.arange(n * c).reshape(n, c), n * c)
 
 
 def summing(rows: np.ndarray, n: int) -> csr_matrix:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.finite.inside import deepest
 from dolfinx_llm.finite.location import INSIDE
 from dolfinx_llm.finite.normal_contact import OVER, NormalPlace
 from dolfinx_llm.finite.normals import averaged
@@ -19,8 +20,8 @@ BORE = 1e-9  # of the largest force, below which there is none
 
 
 def check_passage(contact: MovingContact, before: Place, after: Place) -> None:
-    """Require that what was in front of the frame does not lie behind it: contact that was far at
-    the start of an increment is not looked for during it.
+    """Require that what was in front of the frame does not lie behind it, and has not gone through
+    a closed outline: contact that was far at the start of an increment is not looked for during it.
 
     Args:
         contact: an interface.
@@ -42,6 +43,23 @@ def check_passage(contact: MovingContact, before: Place, after: Place) -> None:
             f"{sides.surfaces[sides.frame].name}, the deepest, at {x[worst].round(6).tolist()}, by "
             f"{-at.gap[worst]:.3g} where facets have the size {size[worst]:.3g}"
         )
+    _check_outlines(sides, before, after)
+
+
+def _check_outlines(sides: Sides, before: Place, after: Place) -> None:
+    """Require that no node has gone through the other surface where that is closed."""
+    start, end = sides.split(before.z), sides.split(after.z)
+    for k, surface in enumerate((sides.frame, sides.moving)):
+        x, y = (start[k], end[k]), (start[1 - k], end[1 - k])
+        deep, size = deepest(x, y, sides.facets(k == 1))
+        if deep.max(initial=0.0) > THROUGH * size:
+            worst, other = int(deep.argmax()), sides.surfaces[1 - surface].name
+            raise ContactError(
+                f"bodies pass through each other: {(deep > THROUGH * size).sum()} node(s) of "
+                f"{other} go through {sides.surfaces[surface].name} on their way, whose outline is "
+                f"closed; the deepest, on its way to {end[k][worst].round(6).tolist()}, by "
+                f"{deep[worst]:.3g} where facets have the size {size:.3g}"
+            )
 
 
 def _sizes(sides: Sides, place: NormalPlace) -> np.ndarray:

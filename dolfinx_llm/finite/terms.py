@@ -36,6 +36,8 @@ class Held:
     pairs: np.ndarray  # (n,) its nodes that take part
     limit: float  # k of the design
     lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
+    near: bool = False  # whether the last iterate was near the solution
+    exact: bool = False  # whether slip has its exact derivative: see ``friction_law``
     origin: Origin | None = None  # of slip, where there is friction
     kept: Any = None  # what an own law has kept from the last increment
     pose: np.ndarray | None = None  # pivot, displacement, rotation, force of a rigid obstacle

@@ -70,12 +70,13 @@ class ColumnSpace:
         return values
 
 
-def independent_rows(D: csr_matrix) -> np.ndarray:
+def independent_rows(D: csr_matrix, least: float = RANK) -> np.ndarray:
     """Rows of D (k, m), as many as its rank, from which the others follow; far from dependent.
 
     Rows come in, some at a time, in an order of small bandwidth. Columns of which no more rows
     come are eliminated by the rows that tell them best, which are taken. Of the others, what these
-    do not explain waits for more columns; where nothing is left of a row, it follows from others.
+    do not explain waits for more columns; where nothing is left of a row, above ``least`` of the
+    largest entry, it follows from others.
     """
     scale = abs(D).max() if D.nnz else 0.0
     if not scale:
@@ -98,12 +99,12 @@ def independent_rows(D: csr_matrix) -> np.ndarray:
         R, pivots = np.zeros((0, len(rows))), np.arange(len(rows))
         if done.any():
             R, pivots = qr(front[:, done].T, mode="r", pivoting=True)
-        r = int((np.abs(np.diag(R)) > RANK).sum())
+        r = int((np.abs(np.diag(R)) > least).sum())
         own, others = pivots[:r], pivots[r:]
         left = front[others][:, ~done]
         if r:
             left = left - solve_triangular(R[:r, :r], R[:r, r:]).T @ front[own][:, ~done]
         taken.append(rows[own])
-        more = np.abs(left).max(axis=1, initial=0.0) > RANK
+        more = np.abs(left).max(axis=1, initial=0.0) > least
         rows, columns, left = rows[others[more]], seen[~done], left[more]
     return np.sort(order[np.concatenate(taken)])

@@ -4,44 +4,55 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import coo_matrix, csr_matrix, vstack
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.operators.motions import RigidMotions
+from dolfinx_llm.operators.prescribed import ColumnSpace, independent_rows
 
 FIT_DIRECTLY = 5000  # frame unknowns up to which a factorisation is the quickest least-squares fit
 UNHELD = 1e-11  # singular values below, of the largest, are motions that nothing holds
 
 
 def check_support(
-    rigid: RigidMotions, interfaces: Sequence[tuple[csr_matrix | None, np.ndarray]]
+    rigid: RigidMotions, interfaces: Sequence[tuple[csr_matrix | None, csr_matrix]]
 ) -> None:
     """Require that supports and tied interfaces hold every body.
 
     A combination of rigid motions is not held if it has no stiffness (K R c = 0), does not move
     prescribed dofs, and the frames can follow it (Bᵀ R c in the range of L_b). Of each interface
-    L_b is given, None without a frame, and Bᵀ R (rows, modes).
+    L_b is given, None without a frame, and Bᵀ R (rows, modes of all bodies).
     """
-    bodies = rigid.bodies
-    if not rigid.free:
+    bodies, free = rigid.bodies, rigid.free
+    if not free:
         return
-    moves = np.zeros((bodies.count, rigid.parts.shape[1], rigid.free))
-    moves[rigid.body[: rigid.free], :, np.arange(rigid.free)] = rigid.parts[: rigid.free]
-    moves = moves.reshape(-1, rigid.free)
-    rows = [np.zeros((1, rigid.free))]
+    row = rigid.body[:free, None] * rigid.parts.shape[1] + np.arange(rigid.parts.shape[1])
+    at = row.ravel(), np.repeat(np.arange(free), rigid.parts.shape[1])
+    moves = csr_matrix((rigid.parts[:free].ravel(), at), (bodies.count * row.shape[1], free))
+    rows = [csr_matrix((1, free))]
     for L, BtR in interfaces:
-        BtR = BtR.reshape(len(BtR), len(moves)) @ moves
-        rows.append(BtR if L is None else BtR - L @ _least_squares(L, BtR))
-    _, values, vectors = np.linalg.svd(np.concatenate(rows), full_matrices=True)
-    held = np.count_nonzero(values >= UNHELD * max(values[0], 1.0))
-    left = moves @ vectors[held:].T
-    if not left.shape[1]:
+        own = (BtR @ moves).tocsc()
+        used = np.flatnonzero(np.diff(own.indptr))  # of two bodies, as a rule
+        felt = own[:, used].toarray()
+        if L is not None and len(used):
+            felt = felt - L @ _least_squares(L, felt)
+        felt = np.linalg.qr(felt, mode="r")
+        placed = coo_matrix(felt)
+        rows.append(csr_matrix((placed.data, (placed.row, used[placed.col])), (len(felt), free)))
+    held = vstack(rows, format="csr")
+    held.data[np.abs(held.data) < UNHELD * np.abs(held.data).max(initial=1.0)] = 0.0
+    held.eliminate_zeros()
+    count = free - len(independent_rows(held, UNHELD))
+    if not count:
         return
-    counts = np.linalg.matrix_rank(left.reshape(bodies.count, -1, left.shape[1]), 1e-6)
-    names = [f"{bodies.name(b)} in {count}" for b, count in enumerate(counts) if count]
+    chance = np.random.default_rng(2001).normal(size=(free, count))
+    basis = np.linalg.qr(ColumnSpace(held.T.tocsr()).without(chance))[0]
+    left = (moves @ basis).reshape(bodies.count, -1, count)
+    counts = np.linalg.matrix_rank(left, 1e-6)
+    names = [f"{bodies.name(b)} in {ways}" for b, ways in enumerate(counts) if ways]
     raise ContactError(
-        f"{left.shape[1]} rigid motion(s) are held by no support and no interface; they move "
+        f"{count} rigid motion(s) are held by no support and no interface; they move "
         f"{', '.join(names)} independent way(s). Add Dirichlet conditions or springs that hold them"
     )
 

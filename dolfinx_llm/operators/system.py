@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
@@ -132,25 +133,28 @@ class ContactOperators:
         said = scipy.sparse.hstack([self.L[rows], self.at_free_dofs(rows)], format="csr")
         self.redundant[np.delete(rows, independent_rows(said))] = True
 
-    def at_free_dofs(self, rows: np.ndarray) -> scipy.sparse.csr_matrix:
+    def at_free_dofs(self, rows: np.ndarray) -> csr_matrix:
         """(k, dofs) forces at the free dofs of nodes from those of some rows (k,)."""
         at, value = self.rows.dofs[rows], self.free[rows]
         row = np.broadcast_to(np.arange(len(rows))[:, None], at.shape)
         kept = value != 0.0
         _, col = np.unique(at[kept], return_inverse=True)
         entries = value[kept], (row[kept], col)
-        return scipy.sparse.csr_matrix(entries, (len(rows), col.max(initial=-1) + 1))
+        return csr_matrix(entries, (len(rows), col.max(initial=-1) + 1))
 
     def _check_support(self, K: PETSc.Mat) -> None:
         """Require that supports and ties hold every body."""
         bodies, moves = self.bodies, []
         for side, dofs in zip(self.pairs, self.side_dofs, strict=True):
             label = self.dofs.values(dofs[:, 0], np.repeat(bodies.label, self.dofs.gdim))
-            modes = bodies.modes(label.astype(np.int64), side.x)
-            move = np.einsum("nci,nibm->ncbm", side.base, modes)
-            moves.append(move.reshape(-1, *move.shape[2:]))
+            modes = bodies.own_modes(label.astype(np.int64), side.x)
+            move = np.einsum("nci,nim->ncm", side.base, modes)
+            n, c, m = move.shape
+            first = np.broadcast_to(m * label.astype(np.int64)[:, None, None], move.shape)
+            columns = (first + np.arange(m)).ravel(), m * np.arange(n * c + 1)
+            moves.append(csr_matrix((move.ravel(), *columns), (n * c, m * bodies.count)))
         constraints = [
-            (L if L.shape[1] else None, np.concatenate(moves[place.sides]))
+            (L if L.shape[1] else None, scipy.sparse.vstack(moves[place.sides], format="csr"))
             for place, L in zip(self.places, self.blocks, strict=True)
         ]
         rigid = rigid_motions(bodies, K, self.dofs.fixed)

@@ -2,12 +2,11 @@
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base import compat
@@ -19,24 +18,6 @@ from dolfinx_llm.operators.control import Control
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.operators.petsc import block_diagonal
 from dolfinx_llm.problem.arguments import Arguments, by_mesh, nodal_by_mesh
-
-
-class Bulk(Protocol):
-    """Bodies without their contact, K(u) u⁺ = f(u): linear ones, nonlinear ones, a time step."""
-
-    comm: MPI.Comm
-    spaces: list[Any]  # function space of each mesh
-    dofs: BodyDofs  # their numbers in the vector of all bodies, and which are prescribed
-    linear: bool  # K and f do not depend on u
-
-    def assemble(self, u: np.ndarray) -> tuple[PETSc.Mat, np.ndarray]:
-        """K(u), and this rank's f = K(u) u - F(u), with the values at prescribed dofs."""
-
-    def functions(self, u: np.ndarray) -> list[fem.Function]:
-        """This rank's u as a Function per mesh."""
-
-    def destroy(self) -> None:
-        """Free the PETSc objects; collective."""
 
 
 class Fingerprint:
@@ -76,8 +57,6 @@ class LinearBulk:
         ContactInputError: a form that cannot be compiled.
         ContactError: the stiffness is not finite.
     """
-
-    linear = True
 
     def __init__(self, given: Arguments, times: StageTimes) -> None:
         self.several, self.times = given.several, times
@@ -188,10 +167,6 @@ class LinearBulk:
             parts.append(part)
         force = np.concatenate(parts)
         return force if self.control is None else self.control.forces(force)
-
-    def assemble(self, u: np.ndarray | None = None) -> tuple[PETSc.Mat, np.ndarray]:
-        """K and f, which do not depend on u."""
-        return self.K, self.load()
 
     def functions(self, u: np.ndarray) -> list[fem.Function]:
         """This rank's u (n_local,) as a Function per mesh."""

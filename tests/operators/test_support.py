@@ -124,7 +124,7 @@ def test_two_squares_at_two_points(components, free):
         for i in range(k):
             L[2 * k * t + i, k * t + i] = 1.0
             L[2 * k * t + k + i, k * t + i] = -1.0
-    interfaces = [(csr_matrix(L), np.array(rows))] if rows else []
+    interfaces = [(csr_matrix(L), csr_matrix(np.array(rows)))] if rows else []
     if free:
         with pytest.raises(llm.ContactError, match=rf"^{free} rigid motion\(s\) .*body 1"):
             check_support(rigid_motions(bodies, K, fixed), interfaces)

@@ -10,9 +10,10 @@ from pressed_scenes import Punch, small_strains
 from sampling import longer
 
 import dolfinx_llm as llm
-from dolfinx_llm.finite import newton
+from dolfinx_llm.finite import inside, newton
 
 THROUGH = r"pass through each other: [1-9]\d* node.* by 1.5 where facets have the size 0"
+CLOSED = r"pass through each other: [1-9]\d* node.* whose outline is closed; .* by [01]\."
 INSIDE_OUT = r"elements turn inside out: [1-9]\d*, the first drawn at \["
 
 
@@ -30,6 +31,43 @@ def test_bodies_pass_through_each_other(kind, monkeypatch):
     assert len({h["part"] for h in punch.problem.history}) == 4
     once = Punch(kind).to(down=0.05)
     assert np.allclose(found.resultant, once.resultant, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["quad", "tet"])
+def test_bodies_pass_through_closed_outlines(kind, monkeypatch):
+    """A punch is carried to the other side of the foundation in one step: no node is behind a facet
+    then, but the whole outline is tagged, and nodes have been inside. Beside it they may pass."""
+    monkeypatch.setattr(newton, "HALVINGS", 0)
+    punch = Punch(kind, lift=1.5, closed=True)
+    with pytest.raises(llm.ContactError, match=CLOSED):
+        punch.to(down=3.0)
+    assert np.allclose(punch.u[1].x.array[punch.dim - 1 :: punch.dim], 1.5)
+    punch.to(down=-1.5, along=3.0)
+    found = punch.to(down=3.0, along=3.0)
+    assert not found.resultant.any()
+
+
+@pytest.mark.parametrize("k", [2, 3, 4])
+def test_inside(k):
+    """Points in and around a rough cube or square, against its own box."""
+    gdim = 2 if k == 2 else 3
+    corners = np.array(np.meshgrid(*[[0.0, 1.0]] * gdim, indexing="ij")).reshape(gdim, -1).T
+    faces = np.array([[0, 1], [1, 3], [3, 2], [2, 0]])
+    if k > 2:
+        faces = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4],
+                          [1, 5, 7, 3]])  # fmt: skip
+    if k == 3:
+        faces = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
+    x = np.random.default_rng(7).uniform(-0.5, 1.5, (300, gdim))
+    within = ((x > 0.0) & (x < 1.0)).all(axis=1)
+    assert np.abs(inside.winding(x, corners, faces) - within).max() < 1e-12
+    found = inside.depth(x, corners, faces)
+    nearest = np.linalg.norm(x[:, None] - corners, axis=2).min(axis=1)
+    assert np.allclose(found, np.where(within, nearest, 0.0), rtol=0.0, atol=1e-15)
+    shift = 3.0 * np.eye(gdim)[-1]
+    deep, size = inside.deepest((x + shift, x - shift), (corners, corners), faces)
+    above = ((x > 0.1) & (x < 0.9))[:, :-1].all(axis=1)
+    assert size <= 1.0 and (deep[above] > 0.0).all() and not deep[x[:, 0] < 0.0].any()
 
 
 def test_halving_finds_what_a_step_has_passed():

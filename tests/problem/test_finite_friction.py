@@ -3,12 +3,14 @@
 import finite_patch
 import numpy as np
 import pytest
+import turned_strips
 import ufl
 from dolfinx import fem
 from friction_block import BOTTOM, LEFT, TOP, body
 from mpi4py import MPI
 from sampling import longer
 from scipy.integrate import simpson
+from test_finite_deformation import BOTTOM as BELOW
 from test_finite_deformation import HIGH, LOW, blocks, bodies_of
 from test_finite_deformation import TOP as HIGHEST
 
@@ -148,3 +150,31 @@ def test_balance_of_energy(law):
         lost += sum(w / 3 * (t * v).sum() for w, t, v in zip((1, 4, 1), tau[k:], speeds))
     assert abs(stored[-1] - stored[0] + lost - work) < 1e-6 * work
     assert lost > 0.1 * work if law.slips else lost == 0.0
+
+
+def test_slip_converges_as_fast_as_contact():
+    """Strips that slip are pressed, and turned by 30 degrees at once: where all pairs stand
+    Newton's iteration is quadratic, down to rounding of forces that just reach their bounds."""
+    strips = turned_strips.Strips(llm.Coulomb(0.1), COMM)
+    for shift, angle in ((0.0, 0.0), (turned_strips.SHIFT, 0.0), (turned_strips.SHIFT, np.pi / 6)):
+        strips.step(shift, angle)
+        history = strips.problem.history
+        assert strips.counts()[1] > 0 or angle  # pairs at the bound may stick when all is turned
+        near = [h["residual"] for h in history if h["residual"] < 0.01]
+        assert len(near) <= 4 and near[1] < 100.0 * near[0] ** 2
+
+
+@pytest.mark.parametrize("mu", [0.1, 0.3])
+def test_few_iterations_in_compression(mu):
+    """Steps of 10 %, the ends of rough blocks being held."""
+    domain, tags = blocks((6, 8), (1.0, 0.6), shift=0.2)
+    V, u, F = bodies_of(domain)
+    g, zero = (fem.Constant(domain, (0.0, 0.0)) for _ in range(2))
+    bcs = [clamped(V, tags, tag, value=value) for tag, value in ((BELOW, zero), (HIGHEST, g))]
+    interface = llm.Interface(tags, (LOW, HIGH), law=llm.Coulomb(mu))
+    problem = llm.NonlinearContactProblem(F, u, bcs=bcs, interfaces=[interface])
+    for down in (0.2, 0.4, 0.6):
+        g.value[1] = -down
+        problem.solve()
+        residuals = [h["residual"] for h in problem.history]
+        assert len(residuals) <= 7 and residuals[-2] < 1e-4

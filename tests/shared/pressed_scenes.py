@@ -4,7 +4,7 @@ import finite_patch
 import numpy as np
 import patch2d
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 from mpi4py import MPI
 
 import dolfinx_llm as llm
@@ -19,10 +19,17 @@ class Punch:
         law: of the interface.
         lift: how far the punch is moved up at first; nothing touches then.
         energy: of a displacement and the Lamé constants mu and lambda.
+        closed: whether the bodies' whole outlines can touch.
     """
 
     def __init__(
-        self, kind="quad", law=None, lift=0.0, energy=finite_patch.energy, comm=MPI.COMM_SELF
+        self,
+        kind="quad",
+        law=None,
+        lift=0.0,
+        energy=finite_patch.energy,
+        comm=MPI.COMM_SELF,
+        closed=False,
     ):
         self.dim = dim = 2 if kind in ("quad", "tri") else 3
         low = (0.0,) * dim, (1.6, *(1.0,) * (dim - 1)), (6, 3) if dim == 2 else (4, 3, 2)
@@ -42,6 +49,8 @@ class Punch:
             self.u.append(u)
         self.u[1].x.array[dim - 1 :: dim] = lift
         sides = (scene[0][1], patch2d.FOUNDATION_TOP), (scene[1][1], patch2d.PUNCH_BOTTOM)
+        if closed:
+            sides = tuple((outline(domain), 1) for domain, _ in scene)
         interface = llm.Interface(None, sides, law=law or llm.Frictionless())
         self.problem = llm.NonlinearContactProblem(forms, self.u, bcs=bcs, interfaces=[interface])
 
@@ -50,6 +59,14 @@ class Punch:
         self.ends[1].value[-1], self.ends[1].value[0] = -down, along
         self.problem.solve(increments)
         return self.problem.results[0]
+
+
+def outline(domain):
+    """Tag 1 on all of a mesh's boundary."""
+    d = domain.topology.dim
+    domain.topology.create_connectivity(d - 1, d)
+    facets = mesh.exterior_facet_indices(domain.topology)
+    return mesh.meshtags(domain, d - 1, facets, np.ones(len(facets), dtype=np.int32))
 
 
 def small_strains(u, mu, lam):

@@ -116,7 +116,7 @@ class NodeToSegment(ClassicalForm):
         modes = modes.reshape(len(fixed), modes.shape[2] * modes.shape[3])
         moved = np.column_stack([times(self.Q, mode) for mode in modes.T])
         change = gather_rows(self.problem.comm, moved)
-        check_support(rigid_motions(bodies, self.problem.K, fixed), [(None, change)])
+        check_support(rigid_motions(bodies, self.problem.K, fixed), [(None, csr_matrix(change))])
 
     def solve(self) -> fem.Function | list[fem.Function]:
         """Assemble the load and solve (6).
