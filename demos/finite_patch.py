@@ -141,7 +141,8 @@ def main(arguments=None):
         print(f"Newton iterations of each increment: {found['iterations']}")
     if args.plot:
         for k, u in enumerate(contact.u):
-            plot.bodies(u, ufl.sqrt(ufl.dot(u, u)), args.plot / f"finite_patch_{k}.png", scale=1.0)
+            path = args.plot / f"finite_patch_{k}.png"
+            plot.bodies(u, ufl.sqrt(ufl.dot(u, u)), path, label="length of u", scale=1.0)
     return found
 
 

@@ -120,7 +120,8 @@ def main(arguments=None):
         print(f"the same while all turns by 90 degrees: change {report['to and fro']:.1e}")
     if args.plot:
         for k, u in enumerate(strips.problem.u):
-            plot.bodies(u, ufl.sqrt(ufl.dot(u, u)), args.plot / f"turned_{k}.png", scale=1.0)
+            path = args.plot / f"turned_{k}.png"
+            plot.bodies(u, ufl.sqrt(ufl.dot(u, u)), path, label="length of u", scale=1.0)
     return report
 
 

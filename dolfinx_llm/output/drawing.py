@@ -5,10 +5,12 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components, depth_first_order
 
 from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.geometry.overlap_flat import Plane, orthonormal_base
+from dolfinx_llm.geometry.overlap_flat import Plane, orthonormal_base, outline_edges
 from dolfinx_llm.output import render
 from dolfinx_llm.output.render import Scene
 from dolfinx_llm.output.writing import writable_file, writing
@@ -47,6 +49,31 @@ def mean_plane(frame: Frame) -> Plane:
     return Plane(frame.x.mean(axis=0), orthonormal_base(normal))
 
 
+def ways(x: np.ndarray, cells: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+    """Nodes of each polyline in their order, and (n,) the length of the way to every node: along
+    one polyline after the other.
+
+    Args:
+        x: (n, 2) nodes [length].
+        cells: (f, 2) their segments' nodes, or (f, 3) with the middle last.
+    """
+    segments = cells[:, [0, -1, -1, 1]].reshape(-1, 2) if cells.shape[1] == 3 else cells
+    n = len(x)
+    near = csr_matrix((np.ones(len(segments)), segments.T), (n, n))
+    pieces, of = connected_components(near, directed=False)
+    ends = np.isin(np.arange(n), outline_edges(segments))
+    found, s, end = [], np.zeros(n), 0.0
+    for piece in range(pieces):
+        nodes = np.flatnonzero(of == piece)
+        first = nodes[np.lexsort((*x[nodes].T[::-1], ~ends[nodes]))[0]]
+        order = depth_first_order(near, first, directed=False, return_predecessors=False)
+        way = np.linalg.norm(np.diff(x[order], axis=0), axis=1)
+        s[order] = end + np.concatenate([[0.0], np.cumsum(way)])
+        end = float(s[order[-1]])
+        found.append(order)
+    return found, s
+
+
 def draw_cells(axis: Any, s: np.ndarray, cells: np.ndarray) -> None:
     """Outlines and nodes (m, 2) of cells (n, k)."""
     from matplotlib.collections import PolyCollection
@@ -70,7 +97,8 @@ def draw_scene(scene: Scene, path: str | Path) -> None:
     else:
         _draw_skin(figure, scene.points[scene.cells], plt.cm.viridis(norm(per_cell)))
     bar = plt.cm.ScalarMappable(norm, "viridis")
-    figure.colorbar(bar, ax=figure.axes, shrink=0.7, label=scene.label)
+    figure.axes[0].set_title(scene.label, fontsize="medium")  # longer than flat bodies are high
+    figure.colorbar(bar, ax=figure.axes, shrink=0.7, label=scene.label.split(" (")[0])
     save(plt, figure, path)
 
 

@@ -23,7 +23,15 @@ from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.surface import facet_nodes
 from dolfinx_llm.interface.forces import InterfaceForces
 from dolfinx_llm.output import render
-from dolfinx_llm.output.drawing import draw_cells, draw_scene, mean_plane, on_root, pyplot, save
+from dolfinx_llm.output.drawing import (
+    draw_cells,
+    draw_scene,
+    mean_plane,
+    on_root,
+    pyplot,
+    save,
+    ways,
+)
 from dolfinx_llm.output.render import Scene
 from dolfinx_llm.output.values import cell_maximum, check_displacement, check_result
 from dolfinx_llm.output.writing import writable_file, writable_folder
@@ -265,8 +273,8 @@ def draw_interface(result: InterfaceForces, path: str | Path, field: str = "pres
         "traction": np.linalg.norm(result.traction, axis=1),
     }
     x, value, side = result.x, values[field], result.sides[0]
+    frame, moved = result.frame or Frame(x, side.facets), result.deformed
     if x.shape[1] == 3:
-        frame, moved = result.frame or Frame(x, side.facets), result.deformed
         label, low = f"{field} ({value.min():.6g} to {value.max():.6g})", min(value.min(), 0.0)
         limits = low, max(value.max(), low + 1e-300)
         areas = vector_areas(moved, frame.corners)
@@ -280,13 +288,12 @@ def draw_interface(result: InterfaceForces, path: str | Path, field: str = "pres
         return
     plt = pyplot()
     figure = plt.figure(figsize=(7, 5))
-    axis, order = figure.add_subplot(), np.lexsort(x.T)
-    along = x[order] - x[order[0]]
-    s = np.linalg.norm(along, axis=1)
-    axis.plot(s, value[order], "-", color="0.6")
+    axis, (pieces, s) = figure.add_subplot(), ways(x, frame.cells)
+    for order in pieces:
+        axis.plot(s[order], value[order], "-", color="0.6")
     for k, name in enumerate(render.STATUS):
-        at = result.frame_status[order] == k
-        axis.plot(s[at], value[order][at], f"C{k}o", mfc=None if k else "none", label=name)
+        at = result.frame_status == k
+        axis.plot(s[at], value[at], f"C{k}o", mfc=None if k else "none", label=name)
     axis.set(xlabel="distance along the contact", ylabel=field)
     axis.legend()
     save(plt, figure, path)
