@@ -77,12 +77,20 @@ class Condensed:
         place, c = _places(pair, n)
         X = _diagonal_blocks(place.T @ (own + yielding) @ place, n, c)
         X += np.eye(c) * (np.abs(X).max(axis=2, initial=0.0) == 0.0)[:, :, None]
-        inverse = place @ per_item(np.linalg.inv(X)) @ place.T if c else csr_matrix(own.shape)
+        inverse = place @ per_item(_inverse(X)) @ place.T if c else csr_matrix(own.shape)
         H = _semidefinite(_diagonal_blocks(-top @ inverse @ near, n, gdim))
         of_pairs = diags((pair >= 0).astype(float))
         rows = near @ J + left - of_pairs @ left
         C = keep @ (J.T @ per_item(H) @ J) @ keep
         return cls(C.tocsr(), (rows @ keep).tocsr(), yielding, scaling)
+
+
+def _inverse(X: np.ndarray) -> np.ndarray:
+    """Of blocks (n, c, c); a preconditioner may leave out what singular ones do not tell."""
+    try:
+        return np.linalg.inv(X)
+    except np.linalg.LinAlgError:
+        return np.linalg.pinv(X)
 
 
 def _scaling(t: ContactTerms, free: np.ndarray, d: float) -> csr_matrix:

@@ -177,7 +177,8 @@ def test_design_tells_gaps_better_than_cells():
 @pytest.mark.parametrize("n", [(4, 3), (3, 2)], ids=str)
 @pytest.mark.parametrize("name", SCENES)
 def test_coarse_meshes(name, n, law):
-    """No design lowers any of the three, but for an interface that gapes without one."""
+    """No design lowers any of the three, but for an interface that gapes without one: it passes on
+    0.64 of the load, with a design 1.52, its mirror image 26 without and 0.70 with."""
     (none, before), (auto, after) = (solved(name, n, d, law=law) for d in (None, "auto"))
     residuals = [p.geometries[0].certificate.residual for p in (before, after)]
     assert residuals[1] <= residuals[0]

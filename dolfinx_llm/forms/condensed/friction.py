@@ -26,8 +26,10 @@ from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.step import LinearStep
 from dolfinx_llm.operators.petsc import diagonal_of, times
 
-LEAVES = 1e-2  # part of the residual about the last iterate that a linear solve leaves
-CLOSE_BY = 1e-6  # of the load: residuals from which on a solve goes to ``FINAL``
+# Residuals about the last iterate, of the load, and the part that a linear solve leaves of them.
+LEAVES = (1e-8, 0.0), (1e-6, 1e-4), (np.inf, 1e-2)
+ASTRAY = 1e3  # times the load: residuals of the last solution from which on it is no start
+AT_ROUNDING = 1e-10  # of the load: where GMRES has got there, rounding alone leaves no more
 FINAL = 1e-13  # of the load: nothing less is asked for
 SOLVED = 1e-12  # of the load: what is solved as far may be the end of an iteration
 HOPELESS = 150  # iterations with a multigrid of the same step, then a factorisation takes over
@@ -174,11 +176,10 @@ class FrictionStep:
         of, fresh = self._of, self._of.kept is None
         self._serve(fresh)
         size = self._norm(b - self._times(q))
-        if not size <= load:
+        if not size <= ASTRAY * load:
             q, size = 0.0 * q, load
-        goal = max(LEAVES * size, FINAL * load)
-        if not main or size < max(CLOSE_BY * load, 2.0 * of.left):  # nothing else has changed
-            goal = FINAL * load
+        same = abs(size - of.left) < 1e-6 * of.left  # nothing has changed since
+        goal = FINAL * load if same or not main else self._goal(size, load)
         while size > goal and load > 0.0:
             before, digits = size, float(np.log10(size / goal))
             limit = HOPELESS if fresh else int(OUTWORN * of.usual * digits) + SPARE
@@ -192,11 +193,16 @@ class FrictionStep:
                 fresh = True
                 self._serve(True)
             elif not size < 0.1 * before:
-                if size <= SOLVED * load:
-                    break
+                if reason > 0 and size <= AT_ROUNDING * load:
+                    return q, 0.0
                 left = f"{size / load:.0e} of the load left"
                 raise ContactError(f"{took} iterations, PETSc's reason {reason}, {left}")
         return q, size
+
+    def _goal(self, size: float, load: float) -> float:
+        """What a solve is to leave of a residual about the last iterate."""
+        part = next(part for most, part in LEAVES if size <= most * load)
+        return max(part * min(size, load), FINAL * load)
 
     def _serve(self, anew: bool) -> None:
         """Make the multigrid anew, or fit it to this step."""

@@ -118,7 +118,7 @@ class KeptMultigrid:
     ) -> tuple[np.ndarray, np.ndarray]:
         """(m,) unknowns of the frames that differ, and dofs of surface nodes."""
         before = self._reduced
-        changed = reduced.told != before.told
+        changed = (reduced.told != before.told) | reduced.rim
         apart = abs(reduced.stiff - before.stiff)
         most = np.asarray(apart.max(axis=1).todense()).ravel()
         changed |= ~reduced.told & (most > STIFFER * reduced.stiffness)

@@ -29,6 +29,9 @@ from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
 
+SWINGS = 3  # steps towards one load in which no fewer pairs are wrong than before
+ASKED = 8  # pairs that are asked for with friction, where each takes a solve by GMRES
+
 
 class CondensedForm(WholeSteps):
     """The condensed form of a step, which uses up K's storage."""
@@ -49,7 +52,7 @@ class CondensedForm(WholeSteps):
             self.split = SplitStiffness(K, operators.rows.dofs)
             self._items, self._modes = items_of(operators), _rigid_modes_of(operators)
         self._known = np.zeros(0)  # what the system's matrix was made of
-        self._spring = 0.0
+        self._spring, self._swings = 0.0, 0
 
     def solve(self, f: np.ndarray, step: LinearStep) -> StepResult:
         """See ``StepForm``."""
@@ -62,7 +65,10 @@ class CondensedForm(WholeSteps):
         step = replace(step, g=step.g - step.compliance * step.about)  # rows are eliminated as such
         if not _holds(step):  # what the matrix alone does not tell
             self.release()
+        new, before = f is not self._f, self._wrong
         found = super().solve(f, step)
+        rises = not new and 0 < self._wrong >= before
+        self._swings = 0 if new else self._swings + rises
         if self._set is not None and isinstance(self._set[1], FrictionStep):
             self._judge_friction(found, step)
         else:
@@ -70,7 +76,10 @@ class CondensedForm(WholeSteps):
         return found
 
     def _judge_friction(self, found: StepResult, step: LinearStep) -> None:
-        """How far balance and laws may be trusted."""
+        """How far balance and laws may be trusted; where contact goes back and forth, pairs are
+        asked for one by one from now on, which takes a factorisation."""
+        if self._swings > SWINGS and not self.friction.direct:
+            self.friction.give_up("contact goes back and forth, its pairs are asked for one by one")
         self.eager = self.friction.direct
         if self.eager:  # what a factorisation leaves is the rounding of f - K u
             level = force_level(found.multiplier, found.y + step.g, self.scale)
@@ -106,7 +115,7 @@ class CondensedForm(WholeSteps):
         if symmetric:
             hold = -step.D.diagonal()
             self._eliminate(eliminated, step, hold)
-            self.eager = False  # to ask takes a solve by CG
+            self.eager, self.most = False, CondensedForm.most  # to ask takes a solve by CG
             return _Symmetric(self.system, eliminated, on, hold)
         self.split.hold(self.operators.floating.pins, self._spring)
         if self.friction is None:
@@ -118,6 +127,7 @@ class CondensedForm(WholeSteps):
         with self.times.timed("factorisation"):
             made = FrictionStep(self.friction, eliminated, on, step)
         self.eager = self.friction.direct
+        self.most = WholeSteps.most if self.eager else ASKED
         return made
 
     def _eliminate(self, eliminated: EliminatedRows, step: LinearStep, hold: np.ndarray) -> None:

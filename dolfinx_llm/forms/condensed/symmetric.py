@@ -32,6 +32,8 @@ class Reduced:
     Attributes:
         on: rows in contact.
         told: (m,) unknowns w that geometry alone tells from the others; their z are idle.
+        rim: (m,) others that pairs out of contact would see as well: some of their motions next to
+            nothing holds.
         C: (m, m) w = C z + w_0.
         L: (n, m) motion of the frames by z.
         E, D: (m, n), (m, m) rows E λ + D z.
@@ -49,6 +51,8 @@ class Reduced:
         self._eliminate(step.D, m)
         self.L = _clean(step.L @ self.C)
         self._scaled = self._law_scaling(E, self.L[on])
+        apart = np.asarray(abs(self.L[~step.active]).sum(axis=0)).ravel() > 0.0
+        self.rim = apart & ~self.told
         kept = diags((~self.told).astype(float))
         idle = diags(-self._scale * self.told.astype(float))
         self._rows = (kept @ self._scaled).tocsr()
