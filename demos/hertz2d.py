@@ -39,8 +39,9 @@ def hertz(scene, load=1.0):
 
 
 # ## A half disc that touches (0, 0) from above (up = 1) or below (-1)
-def half_disc(comm, a, n, up, growth=0.06):
-    """Mesh and facet tags; n elements over the half-width a, larger by growth times distance."""
+def half_disc(comm, a, n, up, growth=0.06, degree=1):
+    """Mesh of first or second order and facet tags; n elements over the half-width a, larger by
+    growth times distance."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     if comm.rank == 0:
@@ -73,6 +74,7 @@ def half_disc(comm, a, n, up, growth=0.06):
             gmsh.model.addPhysicalGroup(1, curves, tag)
         gmsh.model.addPhysicalGroup(2, surfaces, 3)
         mesh.generate(2)
+        mesh.setOrder(degree)
     domain, _, tags = compat.model_to_mesh(gmsh.model, comm, 0, gdim=2)
     gmsh.finalize()
     return domain, tags
@@ -93,14 +95,15 @@ def hold(V, k, where):
 
 
 def problem(scene, elements=(16, 23), load=1.0, growth=0.06, order=(0, 1), comm=MPI.COMM_WORLD,
-            design="auto", **options):  # fmt: skip
-    """The contact problem; ``order`` of the sides, (0, 1): the upper disc first."""
+            design="auto", degree=1, **options):  # fmt: skip
+    """The contact problem; ``order`` of the sides, (0, 1): the upper disc first; ``degree`` of
+    meshes and displacements."""
     a, _ = hertz(scene, load)
     ups = (1, -1) if scene == "cylinders" else (1,)
-    discs = [half_disc(comm, a, n, up, growth) for n, up in zip(elements, ups)]
+    discs = [half_disc(comm, a, n, up, growth, degree) for n, up in zip(elements, ups)]
     forms, loads, bcs = [], [], []
     for (domain, tags), up in zip(discs, ups):
-        V = compat.function_space(domain, shape=(2,))
+        V = compat.function_space(domain, degree=degree, shape=(2,))
         u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
         ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)
         p = fem.Constant(domain, load * LOAD[scene] / (2 * R))

@@ -47,7 +47,8 @@ class SideResult:
     area: np.ndarray  # (n,) tributary area: the force of unit pressure [area]
     facets: np.ndarray  # (m, c) corners of the facets that lie between these nodes
     density: np.ndarray | None = None  # (n, gdim) of the forces on the surface, by the integrals of
-    # its shape functions' products; None at first order, where the frame's are [force / area]
+    # its shape functions' products; None at first order, where the frame's are. At the far nodes of
+    # facets that are hardly in contact rounding alone may make it [force / area]
 
     @property
     def drawn(self) -> np.ndarray:

@@ -46,7 +46,7 @@ def predict_frame(
     chosen = (sides[k].cells if order > 1 else sides[k].facets)[facets]
     nodes, cells = np.unique(chosen, return_inverse=True)
     cells = cells.reshape(chosen.shape)
-    x = sides[k].x[nodes]
+    x = sides[k].straightened(sides[k].x)[nodes]
     if plane is not None:
         middle = np.mean([plane.height(side.x).mean() for side in sides])
         x = x + np.outer(middle - plane.height(x), plane.normal)

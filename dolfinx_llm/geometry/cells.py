@@ -6,7 +6,7 @@ from itertools import chain
 import numpy as np
 
 from dolfinx_llm.geometry.element import CORNERS as CORNERS
-from dolfinx_llm.geometry.element import Element, element_of
+from dolfinx_llm.geometry.element import element_of
 from dolfinx_llm.geometry.element import shape_functions as shape_functions
 
 
@@ -52,28 +52,23 @@ def vector_areas(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
 
 
-def facet_vectors(x: np.ndarray, facets: np.ndarray, element: Element | None = None) -> np.ndarray:
-    """(m, k, gdim) integrals of N n dA over each facet of corners (m, c), exact also on warped
-    quads [area].
-
-    Args:
-        x: (n, gdim) positions [length].
-        facets: (m, c) corners.
-        element: of the shape functions N; None: those of the corners.
-    """
-    c = facets.shape[1]
-    element = element or element_of(x.shape[1] - 1, c)
-    if element.nodes < 4 and element.order == 1:
-        return np.repeat((vector_areas(x, facets) / c)[:, None, :], c, axis=1)
+def facet_vectors(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """(m, k, gdim) integrals of N n dA over each facet (m, k), exact also on warped quads and on
+    bent facets of second order [area]."""
+    k = facets.shape[1]
+    element = element_of(x.shape[1] - 1, k)
+    if element.order == 1 and k < 4:
+        return np.repeat((vector_areas(x, facets) / k)[:, None, :], k, axis=1)
     xi, w = element.quadrature
     if element.order == 1:  # 2 x 2 points integrate N det J, of degree 2 in each direction
         xi, w = CORNERS[4] / np.sqrt(3.0), np.ones(4)
-    t = np.einsum("gkd,mki->mgdi", shape_functions(c, xi)[1], x[facets])
+    N, dN = element.shape(xi)
+    t = np.einsum("gkd,mki->mgdi", dN, x[facets])
     if x.shape[1] == 2:
         normal = np.stack([-t[:, :, 0, 1], t[:, :, 0, 0]], axis=2)
     else:
         normal = np.cross(t[:, :, 0], t[:, :, 1])
-    return np.einsum("mgi,gk->mki", normal, w[:, None] * element.shape(xi)[0])
+    return np.einsum("mgi,gk->mki", normal, w[:, None] * N)
 
 
 def cell_sizes(x: np.ndarray, cells: np.ndarray) -> np.ndarray:

@@ -89,6 +89,10 @@ class Element:
             return 2.0 * np.column_stack([a, b]) - 1.0, 4.0 * weight
         return np.column_stack([a * (1.0 - b), a * b]), a * weight  # Duffy's triangle
 
+    def between(self, corners: np.ndarray) -> np.ndarray:
+        """(n, k, ...) positions of the nodes of straight cells with corners (n, c, ...)."""
+        return np.einsum("kc,nc...->nk...", self.linear, corners)
+
     def permuted(self, cells: np.ndarray, corner: np.ndarray) -> np.ndarray:
         """(n, k) cells whose corners are the given ones of before, (n, c), along the cycle."""
         if self.order == 1:

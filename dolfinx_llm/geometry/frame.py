@@ -234,7 +234,7 @@ class Frame:
 
 def _check_straight(frame: Frame) -> None:
     """Nodes of second order must lie in the middle of their edges and cells."""
-    between = np.einsum("kc,nci->nki", frame.element.linear, frame.x[frame.corners])
+    between = frame.element.between(frame.x[frame.corners])
     off = np.abs(frame.x[frame.cells] - between).max(axis=(1, 2))
     bad = np.flatnonzero(off > MIDDLE * (frame.cell_size + np.abs(frame.x).max()))
     if len(bad):

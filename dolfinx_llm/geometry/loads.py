@@ -42,13 +42,15 @@ class NodalLoads:
 
         Args:
             side: the surface.
-            s: (n, gdim - 1) its nodes in coordinates of the plane [length].
+            s: (n, gdim - 1) its nodes in coordinates of the plane, in which edges are taken for
+                straight [length].
             area: in contact: a polygon, in 2D an interval.
             order: 2 for moments as well.
         """
         n, cells, element = len(side.x), side.cells, side.element
         if element.order == 1:
             return cls.of_forces(nodal_forces(side, s, area))
+        s = side.straightened(s)
         forces, shares, touched = np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool)
         moments, products = np.zeros((n, s.shape[1])), []
         for facet, xi, weight in covered_points(s, side.facets, area):

@@ -127,8 +127,9 @@ def locate_pairs(
     x = surface.x[nodes]
     points = x
     if plane is not None:
-        off = plane.height(x) - plane.height(frame.x).mean()
-        points = x - np.outer(off, plane.normal)
+        points = surface.straightened(surface.x)[nodes]
+        off = plane.height(points) - plane.height(frame.x).mean()
+        points = points - np.outer(off, plane.normal)
     at = frame.locate(points)
     beyond = np.flatnonzero(at.outside > reach)
     if len(beyond):

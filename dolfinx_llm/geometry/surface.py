@@ -16,6 +16,7 @@ from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import check, collective, gather_rows
 from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.element import Element, element_of
+from dolfinx_llm.geometry.spaces import order_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +66,16 @@ class Surface:
         """The surface at x = X + u, u (n, gdim) since the drawing; nothing is gathered anew."""
         return replace(self, x=self.X + u, drawn=self.X)
 
+    def straightened(self, x: np.ndarray) -> np.ndarray:
+        """Positions x (n, ...) of its nodes, those in the middle of bent edges moved onto the
+        straight line between the ends [length]."""
+        c = self.facets.shape[1]
+        if self.elements is None:
+            return x
+        x = x.copy()
+        x[self.elements[:, c:]] = self.element.between(x[self.facets])[:, c:]
+        return x
+
     @property
     def normal(self) -> np.ndarray:
         """(gdim,) sum of the outward vector areas [area]."""
@@ -76,9 +87,7 @@ class Surface:
         return float(np.linalg.norm(np.ptp(self.x, axis=0)))
 
 
-# Kinds of cells, and their nodes at first and second order.
-CELLS = {"triangle": (3, 6), "quadrilateral": (4, 9), "tetrahedron": (4, 10), "hexahedron": (8, 27)}
-# The same: numbers of vertices, edges and facets.
+# Kinds of cells: numbers of vertices, edges and facets.
 ENTITIES = {
     "triangle": (3, 3, 3),
     "quadrilateral": (4, 4, 4),
@@ -91,58 +100,6 @@ def check_facet_tags(name: str, tags: Any) -> None:
     """Require dolfinx mesh tags."""
     if isinstance(tags, type) or not all(hasattr(tags, k) for k in ("dim", "indices", "values")):
         checks.refuse(name, tags, "give dolfinx mesh tags of facets (dolfinx.mesh.meshtags)")
-
-
-def check_space(V: Any, highest: int = 1) -> None:
-    """Require, on all ranks, a vector space of Lagrange elements of first order, or up to the
-    ``highest``, with one dof per direction, on a first-order mesh of triangles, quadrilaterals,
-    tetrahedra or hexahedra."""
-    if isinstance(V, type) or not all(hasattr(V, k) for k in ("mesh", "dofmap", "element")):
-        checks.refuse("V", V, "give a dolfinx function space")
-    _check_mesh(V.mesh)
-    layout, gdim, bs = V.dofmap.dof_layout, V.mesh.geometry.dim, V.dofmap.index_map_bs
-    nodes = CELLS[compat.cell_kinds(V.mesh)[0]]
-    wrong = bs != gdim or layout.num_dofs not in nodes[:highest]
-    wrong = wrong or len(layout.entity_dofs(0, 0)) != 1 or not compat.has_nodes(V)
-    orders = " or second" if highest > 1 else ""
-    check(
-        V.mesh.comm,
-        bool(wrong),
-        f"the function space must be a vector space of first{orders} order (Lagrange elements with "
-        f"{' or '.join(map(str, nodes[:highest]))} nodes per cell, {gdim} components); this one "
-        f"has {layout.num_dofs} nodes per cell and {bs} component(s). Use "
-        f"functionspace(mesh, ('Lagrange', 1, ({gdim},)))",
-        ContactInputError,
-    )
-
-
-def order_of(V: Any) -> int:
-    """Order of a function space that ``check_space`` has passed."""
-    nodes = CELLS[compat.cell_kinds(V.mesh)[0]]
-    return 1 + nodes.index(V.dofmap.dof_layout.num_dofs)
-
-
-def _check_mesh(mesh: Any) -> None:
-    """Require bodies that fill the space, of straight cells of one kind."""
-    kinds = compat.cell_kinds(mesh)
-    degree = compat.geometry_degree(mesh) if len(kinds) == 1 else 1
-    tdim, gdim = mesh.topology.dim, mesh.geometry.dim
-    text = ""
-    if len(kinds) != 1 or kinds[0] not in CELLS:
-        text = f"the mesh has cells of the kind(s) {', '.join(kinds)}: made for {', '.join(CELLS)}"
-    elif tdim != gdim:
-        text = (
-            f"the mesh is a surface or curve of dimension {tdim} in {gdim}D: bodies must fill the "
-            "space (model_to_mesh(..., gdim=2) for bodies in the plane)"
-        )
-    elif degree != 1:
-        text = (
-            f"the mesh has cells of order {degree}: made for first-order meshes, whose facets are "
-            "straight (gmsh.model.mesh.setOrder(1))"
-        )
-    elif mesh.geometry.x.dtype != np.float64:
-        text = f"the mesh has coordinates of type {mesh.geometry.x.dtype}: made for float64"
-    check(mesh.comm, bool(text), text, ContactInputError)
 
 
 def extract_surface(V: Any, facet_tags: Any, tag: int) -> Surface:
@@ -273,7 +230,8 @@ def _local_facets(V: Any, facets: np.ndarray) -> tuple[np.ndarray, ...]:
     x = points[corners]
     if element.order > 1:  # an edge's node is told from others at its place by its ends
         source = np.where(element.linear > 0.0, source[:, None], -1).max(axis=2)
-        x = np.einsum("kc,fci->fki", element.linear, x)
+        straight = compat.geometry_degree(mesh) == 1
+        x = element.between(x) if straight else points[geometry[rows, nodes]]
     return dofs_global, owner, source, inside, x, points[geometry].mean(axis=1)
 
 

@@ -23,7 +23,7 @@ from dolfinx_llm.interface.frames import REACH, choose_frame, common_order, move
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.interface.join import Part, joined, whole_piece
 from dolfinx_llm.interface.rows import balanced, designed, kept_nodes
-from dolfinx_llm.interface.site import Site, check_order, find_site
+from dolfinx_llm.interface.site import Site, check_order, find_site, say_straight
 from dolfinx_llm.interface.touching import check_flat, find_pieces
 
 
@@ -110,6 +110,7 @@ def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
     interface, whole = site.interface, site.whole
     notes: list[str] = []
     check_order(interface, whole)
+    say_straight(interface, whole, notes)
     if interface.obstacle is not None:
         return build_against(site, notes, clock)
     pieces, rims = find_pieces(whole, interface.law.opens, interface.name, notes)

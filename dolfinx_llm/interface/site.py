@@ -11,8 +11,15 @@ from mpi4py import MPI
 
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.log import log
+from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.surface import Surface, check_sides, extract_surface
 from dolfinx_llm.interface.choices import Interface
+
+STRAIGHT_FACETS = (
+    1e-9  # of a surface's diameter: how far nodes of straight edges lie off the middle
+)
+BENT = 1e-6  # difference of unit normals of a surface that is curved
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +81,24 @@ def check_order(interface: Interface, sides: Sequence[Surface], flat: bool = Tru
             "ones flat surfaces can be tied, and surfaces without sharp turns part and slide. Use "
             "('Lagrange', 1, ...) here"
         )
+
+
+def say_straight(interface: Interface, sides: Sequence[Surface], notes: list[str]) -> None:
+    """Warn of second-order bodies whose curved surfaces have straight facets."""
+    for side in sides:
+        off = np.abs(side.straightened(side.x) - side.x).max()
+        if side.elements is None or off > STRAIGHT_FACETS * side.diameter:
+            continue
+        area = vector_areas(side.x, side.facets)
+        normal = area / np.linalg.norm(area, axis=1)[:, None]
+        if np.abs(normal - normal[0]).max() > BENT:
+            text = (
+                f"the facets of {side.name} are straight and the surface is curved: pressures of "
+                "second-order bodies feel its edges. Give the mesh second order as well "
+                "(gmsh.model.mesh.setOrder(2))"
+            )
+            log.warning("interface %s: %s", interface.name, text)
+            notes.append(text)
 
 
 def space_of(tags: Any, spaces: Sequence[Any]) -> int:

@@ -16,7 +16,7 @@ from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.forms.choice import SOLVERS
 from dolfinx_llm.forms.options import check_values
 from dolfinx_llm.forms.step import StepForm
-from dolfinx_llm.geometry.surface import check_space
+from dolfinx_llm.geometry.spaces import check_space
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.problem.form_arguments import (
     check_meshes,

@@ -13,10 +13,10 @@ from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import agree, check, collective, gather_rows
 from dolfinx_llm.geometry.facets_near import Polygons, facing_pairs
+from dolfinx_llm.geometry.spaces import check_space
 from dolfinx_llm.geometry.surface import (
     Surface,
     check_facet_tags,
-    check_space,
     extract_surface,
     facet_nodes,
 )

@@ -10,7 +10,8 @@ from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.overlap_flat import common_area, common_plane
-from dolfinx_llm.geometry.surface import check_facet_tags, check_space, extract_surface
+from dolfinx_llm.geometry.spaces import check_space
+from dolfinx_llm.geometry.surface import check_facet_tags, extract_surface
 
 
 def free_surface_load(
@@ -48,7 +49,7 @@ def free_surface_load(
     agree(V.mesh.comm, "pressure and tags", (pressure, tag, other_side and other_side[2]))
     side = extract_surface(V, facet_tags, tag)
     nodal = np.zeros_like(side.x)
-    np.add.at(nodal, side.cells, -pressure * facet_vectors(side.x, side.facets, side.element))
+    np.add.at(nodal, side.cells, -pressure * facet_vectors(side.x, side.cells))
     if other_side is not None:
         if other_side[0] is not V:
             check_space(other_side[0], highest=2)

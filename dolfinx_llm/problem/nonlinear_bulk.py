@@ -18,7 +18,7 @@ from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.forms.choice import SOLVERS
 from dolfinx_llm.geometry.cells import middle_jacobians
-from dolfinx_llm.geometry.surface import check_space
+from dolfinx_llm.geometry.spaces import check_space
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.operators.petsc import block_diagonal

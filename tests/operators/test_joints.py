@@ -33,7 +33,6 @@ def dense(M):
         longer(CUBES, "hexahedron", 4),
         longer(CUBES, "tetrahedron", 4),
         longer(walls.courses(2, 3, depth=0.7), "hexahedron", 4),
-        longer(walls.courses(3, 2, bond=0.3, depth=0.7), "tetrahedron", 4),
     ],
 )
 def test_constant_stress(blocks, kind, most):

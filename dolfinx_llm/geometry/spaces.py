@@ -1,0 +1,74 @@
+"""Function spaces and meshes that bodies may have."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.parallel import check
+
+# Kinds of cells, and their nodes at first and second order.
+CELLS = {"triangle": (3, 6), "quadrilateral": (4, 9), "tetrahedron": (4, 10), "hexahedron": (8, 27)}
+
+
+def check_space(V: Any, highest: int = 1) -> None:
+    """Require, on all ranks, a vector space of Lagrange elements of first order, or up to the
+    ``highest``, with one dof per direction, on a first-order mesh of triangles, quadrilaterals,
+    tetrahedra or hexahedra."""
+    if isinstance(V, type) or not all(hasattr(V, k) for k in ("mesh", "dofmap", "element")):
+        checks.refuse("V", V, "give a dolfinx function space")
+    _check_mesh(V.mesh, highest)
+    layout, gdim, bs = V.dofmap.dof_layout, V.mesh.geometry.dim, V.dofmap.index_map_bs
+    nodes = CELLS[compat.cell_kinds(V.mesh)[0]]
+    degree = compat.geometry_degree(V.mesh)
+    check(
+        V.mesh.comm,
+        degree > 1 and layout.num_dofs == nodes[0],
+        f"the mesh has cells of order {degree} and the function space is of first order: give the "
+        f"space that order too, or the mesh the first (gmsh.model.mesh.setOrder(1))",
+        ContactInputError,
+    )
+    wrong = bs != gdim or layout.num_dofs not in nodes[degree - 1 : highest]
+    wrong = wrong or len(layout.entity_dofs(0, 0)) != 1 or not compat.has_nodes(V)
+    orders = " or second" if highest > 1 else ""
+    check(
+        V.mesh.comm,
+        bool(wrong),
+        f"the function space must be a vector space of first{orders} order (Lagrange elements with "
+        f"{' or '.join(map(str, nodes[:highest]))} nodes per cell, {gdim} components); this one "
+        f"has {layout.num_dofs} nodes per cell and {bs} component(s). Use "
+        f"functionspace(mesh, ('Lagrange', 1, ({gdim},)))",
+        ContactInputError,
+    )
+
+
+def order_of(V: Any) -> int:
+    """Order of a function space that ``check_space`` has passed."""
+    nodes = CELLS[compat.cell_kinds(V.mesh)[0]]
+    return 1 + nodes.index(V.dofmap.dof_layout.num_dofs)
+
+
+def _check_mesh(mesh: Any, highest: int) -> None:
+    """Require bodies that fill the space, of cells of one kind up to an order."""
+    kinds = compat.cell_kinds(mesh)
+    degree = compat.geometry_degree(mesh) if len(kinds) == 1 else 1
+    tdim, gdim = mesh.topology.dim, mesh.geometry.dim
+    text = ""
+    if len(kinds) != 1 or kinds[0] not in CELLS:
+        text = f"the mesh has cells of the kind(s) {', '.join(kinds)}: made for {', '.join(CELLS)}"
+    elif tdim != gdim:
+        text = (
+            f"the mesh is a surface or curve of dimension {tdim} in {gdim}D: bodies must fill the "
+            "space (model_to_mesh(..., gdim=2) for bodies in the plane)"
+        )
+    elif degree > highest:
+        text = (
+            f"the mesh has cells of order {degree}: made for first-order meshes, whose facets are "
+            "straight (gmsh.model.mesh.setOrder(1))"
+        )
+    elif mesh.geometry.x.dtype != np.float64:
+        text = f"the mesh has coordinates of type {mesh.geometry.x.dtype}: made for float64"
+    check(mesh.comm, bool(text), text, ContactInputError)
