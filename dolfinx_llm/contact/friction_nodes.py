@@ -18,13 +18,13 @@ from scipy.sparse import csr_matrix, diags, vstack
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.interface.site import BENT
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import at_positions
 from dolfinx_llm.operators.assemble import interface_operator
 from dolfinx_llm.operators.numbering import Place
 from dolfinx_llm.operators.system import ContactOperators
 
-BENT = 1e-9  # by which normals of a flat frame differ at most
 FLOOR = 1e-3  # what pairs without contact add to the support of a node
 TOUCHED = 1e-9  # shape function from which on a pair belongs to a node
 
