@@ -16,7 +16,8 @@ import numpy as np
 
 from dolfinx_llm.design.predict import predict_frame
 from dolfinx_llm.design.weights import design_weights, patch_residual
-from dolfinx_llm.geometry.overlap_flat import common_area, common_plane, nodal_forces
+from dolfinx_llm.geometry.loads import NodalLoads
+from dolfinx_llm.geometry.overlap_flat import common_area, common_plane
 from dolfinx_llm.geometry.pairs import locate_pairs, rank_certificate, with_weights
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.operators.assemble import interface_operator
@@ -49,18 +50,18 @@ def measure(n):
 
     plane = common_plane(*sides)
     area = common_area(*sides, plane)
-    forces = [nodal_forces(side, plane.project(side.x), area) for side in sides]
+    loads = [NodalLoads.on(side, plane.project(side.x), area) for side in sides]
     stop("patch forces")
-    frame, _ = predict_frame(sides, forces, plane)
+    frame, _ = predict_frame(sides, [load.touched for load in loads], plane)
     stop("frame")
     pairs = [
-        locate_pairs(side, f, frame, sign, 3.0, plane)
-        for side, f, sign in zip(sides, forces, (1.0, -1.0), strict=True)
+        locate_pairs(side, load, frame, sign, 3.0, plane)
+        for side, load, sign in zip(sides, loads, (1.0, -1.0), strict=True)
     ]
     stop("location")
-    loads = [p.forces for p in pairs]
+    forces = [p.forces for p in pairs]
     N = design_weights(
-        frame, plane.project(frame.x), [p.N for p in pairs], [p.cell for p in pairs], loads
+        frame, plane.project(frame.x), [p.N for p in pairs], [p.cell for p in pairs], forces
     )
     pairs = [with_weights(p, M, frame) for p, M in zip(pairs, N, strict=True)]
     stop("design")
@@ -73,7 +74,7 @@ def measure(n):
         "nodes": [len(p.nodes) for p in pairs],
         "times": times,
         "total": sum(times.values()),
-        "residual": float(np.abs(patch_residual(N, loads)).max()),
+        "residual": float(np.abs(patch_residual(N, forces)).max()),
         "singular_values": [float(s) for s in singular],
         "memory_gb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2,
     }

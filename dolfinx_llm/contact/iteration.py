@@ -67,7 +67,7 @@ class ContactIteration:
         self.operators, self.equations = operators, Equations(operators, form.proximal)
         self.states = self.equations.states
         self.bar: tqdm | None = None
-        self._calmed = False
+        self._calmed = self._vital = False  # has come to rest once; friction alone holds bodies
         self.forget()
 
     def forget(self) -> None:
@@ -102,8 +102,8 @@ class ContactIteration:
 
     def snapshot(self) -> tuple:
         """What a load step may have to be taken back to."""
-        states, loads = [s.own.copy() for s in self.states], self.equations.loads
-        return states, self.multiplier, self.w, self.alpha, loads
+        states = [s.own.copy() for s in self.states]
+        return states, self.multiplier, self.w, self.alpha, self.equations.loads
 
     def restore(self, snapshot: tuple) -> None:
         """Back to what ``snapshot`` returned."""
@@ -127,15 +127,13 @@ class ContactIteration:
         w = self.w if known else np.zeros(equations.m)
         pressed = max(self.pressed, np.abs(equations.loads).max(initial=0.0))
         centre = w if known else equations.middle(g, w)
-        floating = self.operators.floating
+        floating, spring = self.operators.floating, self.operators.floating.spring(self.scale)
         alpha = self.alpha if known else np.zeros(floating.count)
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
-        equations.start, self._calmed = about[0], False  # whether the state has come to rest once
+        equations.start, self._calmed, self._vital = about[0], False, False
         calm, before, w_last = 0, np.inf, w  # iterations without change; last residual and motion
-        changes, many = 0, _many(self.states, known)
-        runs, given = 0, np.inf  # see RUNS; by how much forces at supports changed last
+        changes, many, runs, given = 0, _many(self.states, known), 0, np.inf  # given: to supports
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
-        spring = floating.spring(self.scale)
         pull = Pull(floating, spring, f, self.forces, alpha)
         for s in self.states:
             s.begin()
@@ -175,7 +173,7 @@ class ContactIteration:
             calm = 0 if changes or supposed else calm + 1
             pull.watch(found.floating, multiplier, calm, self.form.noise)
             if glides and pull.share > FLOATS:  # friction alone holds bodies: on from what stuck
-                glides, many, (_, about, centre) = False, np.inf, stuck
+                glides, many, self._vital, (_, about, centre) = False, np.inf, True, stuck
                 _take_back(self.states, stuck[0])
                 continue
             stalled = calm > CALM and miss > 0.5 * before
@@ -222,7 +220,8 @@ class ContactIteration:
         changed, force = chosen != own.active, np.abs(found.multiplier)
         largest = force.max(initial=0.0)
         light = (changed.sum() <= FEW * len(chosen) + 2) | (force[normal] <= LIGHT * largest)
-        own.closings += np.where(chosen & ~own.active, np.where(light | s.curved, 4, 1), 0)
+        light |= s.curved and not self._vital
+        own.closings += np.where(chosen & ~own.active, np.where(light, 4, 1), 0)
         s.touch(chosen)
         # What carries nothing is in contact or not, sticks or slips, to no effect; what closes
         # where it already meets the frame as well. A sign that is wrong has to change, also where

@@ -289,6 +289,7 @@ def dragged(solver):
     problem = llm.ContactProblem(
         a, fem.Constant(V.mesh, 0.0) * L, bcs=bcs,
         interfaces=[llm.Interface(tags, (2, 3), law=llm.Coulomb(0.3))], solver=solver,
+        petsc_options={"pc_type": "gamg"} if solver == "condensed" else None,
     )  # fmt: skip
     forces, slip = [], []
     for along in (0.0, 0.002, 0.03):

@@ -30,6 +30,7 @@ from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
 
 SWINGS = 3  # steps towards one load in which no fewer pairs are wrong than before
+FEWEST = 10_000  # unknowns of bodies from which on friction by GMRES is no slower than factorising
 ASKED = 8  # pairs that are asked for with friction, where each takes a solve by GMRES
 
 
@@ -122,7 +123,8 @@ class CondensedForm(WholeSteps):
             options = self.prefix, dict(self.options or {})
             # What hardly anything but contact holds moves far under a small residual.
             weak = self.operators.floating.rigid.modes.shape[1] > 0
-            direct = weak or options[1].get("pc_type") in FACTORISED
+            few = "pc_type" not in options[1] and self.split.inside.getSize()[0] < FEWEST
+            direct = weak or few or options[1].get("pc_type") in FACTORISED
             self.friction = FrictionSystem(self.split, self.operators, self._modes, options, direct)
         with self.times.timed("factorisation"):
             made = FrictionStep(self.friction, eliminated, on, step)
