@@ -125,8 +125,8 @@ def test_converges(form, dim, h, clearance, mu, monkeypatch):
 
 
 # From one load step to the next, contact and slip change at the rim of the pressed zone.
-STEPS = [(4, 0.05, 0.2), *((10, *case) for case in
-         itertools.product((0.0, 0.02, 0.05), (0.05, 0.2, 0.5, 1.0)))]  # fmt: skip
+STEPS = [(2, 0.05, 0.2), *((10, *case) for case in
+         [*itertools.product((0.0, 0.05), (0.05, 0.5)), (0.02, 0.2), (0.02, 1.0)])]  # fmt: skip
 
 
 @pytest.mark.parametrize(("steps", "clearance", "mu"), some_of(STEPS, STEPS[:1]))

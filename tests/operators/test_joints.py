@@ -29,7 +29,7 @@ def dense(M):
         (CROSSES, "quadrilateral", 5),
         longer(walls.courses(2, 3), "triangle", 5),
         (walls.courses(3, 3, bond=0.3), "quadrilateral", 5),
-        longer(walls.courses(10, 20), "quadrilateral", 5),
+        longer(walls.courses(6, 10), "quadrilateral", 5),
         longer(CUBES, "hexahedron", 4),
         longer(CUBES, "tetrahedron", 4),
         longer(walls.courses(2, 3, depth=0.7), "hexahedron", 4),
