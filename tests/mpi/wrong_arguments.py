@@ -645,52 +645,6 @@ add(
     lambda s: llm.free_surface_load(s.tags, s.V, 4, 1.0),
 )
 add(
-    "V=|function space",
-    lambda s: llm.find_interfaces(None, []),
-    lambda s: llm.find_interfaces(None, s.mesh),
-    lambda s: llm.find_interfaces(None, [s.V, None]),
-)
-add(
-    "(facet|cell)_tags=.*(give one for each|give dolfinx mesh tags)",
-    lambda s: llm.find_interfaces(s.mesh, s.V),
-    lambda s: llm.find_interfaces([s.tags, s.tags], s.V),
-    lambda s: llm.find_interfaces(None, s.V, cell_tags="cells"),
-)
-add(
-    "cell_tags of dimension 2: they must have 3",
-    lambda s: llm.find_interfaces(None, s.V, cell_tags=s.tags),
-)
-add(
-    "facet_tags: they belong to another mesh",
-    lambda s: llm.find_interfaces(s.other[1], s.V),
-)
-add(
-    "law.*=.*(choose Tied|give a dict of laws)",
-    lambda s: llm.find_interfaces(None, s.V, law="tied"),
-    lambda s: llm.find_interfaces(None, s.V, laws=llm.Tied()),
-    lambda s: llm.find_interfaces(None, s.V, laws={}),
-    lambda s: llm.find_interfaces(None, s.V, laws={3: llm.Tied()}, cell_tags=s.cells),
-    lambda s: llm.find_interfaces(None, s.V, laws={(1, "a"): llm.Tied()}, cell_tags=s.cells),
-    lambda s: llm.find_interfaces(None, s.V, laws={(1, 2): "tied"}, cell_tags=s.cells),
-)
-add(
-    "give cell_tags|the cells of body 0 have the values .1, 2.",
-    lambda s: llm.find_interfaces(None, s.V, laws={(1, 2): llm.Tied()}),
-    lambda s: llm.find_interfaces(None, s.V, laws={(1, 2): llm.Tied()}, cell_tags=s.cells),
-)
-add(
-    "(distance|angle)=.*give (a positive length|an angle)",
-    lambda s: llm.find_interfaces(None, s.V, distance=0.0),
-    lambda s: llm.find_interfaces(None, s.V, distance=NAN),
-    lambda s: llm.find_interfaces(None, s.V, angle=-0.1),
-    lambda s: llm.find_interfaces(None, s.V, angle=2.0),
-)
-add(
-    "no two of the 2 bodies have facets",
-    lambda s: llm.find_interfaces(s.tags_of(4), s.V),
-    kind=ERROR,
-)
-add(
     "facet tags=.*give dolfinx mesh tags",
     lambda s: llm.free_surface_load(s.V, s.mesh, 4, 1.0),
     lambda s: llm.free_surface_load(s.V, None, 4, 1.0),
