@@ -27,13 +27,8 @@ def patch_residual(N: Sequence[csr_matrix], forces: Sequence[np.ndarray]) -> np.
     Returns:
         (m,) residual; the frame passes where its largest value is at most 1e-13.
     """
-    scale = max(f.max() for f in forces)
-    # Nᵀ f without the transpose: SciPy takes longer to make that than the product of small frames.
-    at_frame = [
-        np.bincount(M.indices, M.data * np.repeat(f / scale, np.diff(M.indptr)), M.shape[1])
-        for M, f in zip(N, forces, strict=True)
-    ]
-    return at_frame[0] - at_frame[1]
+    loads, s = [NodalLoads.of_forces(f) for f in forces], np.zeros((N[0].shape[1], 0))
+    return FrameLoads(s, loads, [], 1.0, max(f.max() for f in forces)).residual(N)[:, 0]
 
 
 def load_residual(
