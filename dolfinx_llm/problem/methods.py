@@ -120,6 +120,12 @@ class ContactMethod:
             multiplier = with_reactions(operators, multiplier, v, u, force, friction)
         return u, multiplier, v
 
+    def hold_pressed(self) -> None:
+        """Pairs without friction that press each other stay in contact in the next load step."""
+        if self.iteration is not None and self.iteration.multiplier is not None:
+            for state in self.states:
+                state.hold_pressed(self.iteration.multiplier)
+
     def describe(self) -> str:
         """For ``print(problem)``: the form, what the last solve took and lost, and why this one."""
         lost = self.iteration.verdict.lost if self.iteration is not None else []

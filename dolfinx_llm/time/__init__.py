@@ -1,0 +1,1 @@
+"""What you step through in time: inertia of bodies in contact, impact."""
