@@ -90,7 +90,7 @@ class InterfaceState:
         self.shares = shares and not nodes.geometry.rigid
         self.curved = self.shares and nodes.curved
         self.glides = False  # no pair follows the frame tangentially
-        self._kept = np.zeros(len(nodes.rows), dtype=bool)  # pairs that stay in contact
+        self.stays = np.zeros(len(nodes.rows), dtype=bool)  # pairs that cannot part
         self.forget()
 
     @property
@@ -122,16 +122,6 @@ class InterfaceState:
         self.own.closings[:], self._adrift = 0, adrift
         self.touch(self.own.active)
 
-    def hold_pressed(self, multiplier: np.ndarray) -> None:
-        """Pairs without friction that press stay in contact until this is called again.
-
-        Args:
-            multiplier: λ (n,) [force].
-        """
-        if self.law.opens and not self.nodes.kappa.size:
-            self._kept = multiplier[self.nodes.rows[:, -1]] > 0.0
-            self.touch(self.own.active)
-
     def release(self) -> bool:
         """From now on in this load step each frame node balances on its own; True: some did not.
 
@@ -149,7 +139,7 @@ class InterfaceState:
 
     def touch(self, active: np.ndarray) -> None:
         """Take over the pairs (n,) in contact, and who speaks for whom."""
-        nodes, self.held = self.nodes, self.nodes.reach(self.own.holds) | self._kept
+        nodes, self.held = self.nodes, self.nodes.reach(self.own.holds) | self.stays
         self.own.active = active | self.held
         self._apart = ~nodes.reached(self.held)  # nodes where nothing pulls
         touching = np.append([self._tied, self.own.active], self._adrift)

@@ -41,7 +41,11 @@ class ContactMethod:
         setting: what it works with.
         form: ``StepForm`` that solves the linear steps.
         iteration: ``ContactIteration``, which holds the state, once there is one.
+        in_time: load steps are steps in time: pairs without friction that press at the start of one
+            stay in contact in it, and bodies may fly.
     """
+
+    in_time = False
 
     def __init__(self, setting: Setting) -> None:
         self.iteration: Any = None
@@ -107,6 +111,10 @@ class ContactMethod:
                 f"the form {self.form.name!r} has been handed to another problem since: give each "
                 "problem an object of its own"
             )
+        if self.in_time and self.iteration.multiplier is not None:
+            for state in self.states:
+                if state.law.opens and not state.nodes.kappa.size:
+                    state.stays = self.iteration.multiplier[state.nodes.rows[:, -1]] > 0.0
         motions = operators.obstacle_motions()
         g = self._gaps(f, motions)
         stage = "solve" if operators.tied else "iteration of contact laws"
@@ -119,12 +127,6 @@ class ContactMethod:
             force = self.setting.bulk.force(u)
             multiplier = with_reactions(operators, multiplier, v, u, force, friction)
         return u, multiplier, v
-
-    def hold_pressed(self) -> None:
-        """Pairs without friction that press each other stay in contact in the next load step."""
-        if self.iteration is not None and self.iteration.multiplier is not None:
-            for state in self.states:
-                state.hold_pressed(self.iteration.multiplier)
 
     def describe(self) -> str:
         """For ``print(problem)``: the form, what the last solve took and lost, and why this one."""

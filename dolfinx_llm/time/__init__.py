@@ -1,1 +1,1 @@
-"""What you step through in time: inertia of bodies in contact, impact."""
+"""What you step through in time: `TimeStepper`, inertia of bodies in contact, impact."""

@@ -23,8 +23,8 @@ from dolfinx_llm.problem.problem import ContactProblem
 from dolfinx_llm.time.inertia import moved_mass
 
 SCHEMES = "massless", "newmark"
-HALVINGS = 6  # of a step that fails
-HELD = 1e6  # inertia over that of a step, by which bodies stay where they are at first
+PARTED = 6  # of a step that fails
+STILL = 1e6  # inertia over that of a step, by which bodies stay where they are at first
 DENSITY = "give a positive number, a UFL expression or a list of them, one per mesh"
 
 
@@ -118,6 +118,8 @@ class TimeStepper(Disposable):
         self._u = list(listed(L)) if nonlinear else [fem.Function(V, name="u") for V in spaces]
         self._v = [fem.Function(V, name="v") for V in spaces]
         self._linear, self._left = not nonlinear, np.zeros(0)
+        if self._linear:
+            self.problem.method.in_time = True
         self._bare = diagonal_of(self._M) == 0.0
 
     @property
@@ -132,25 +134,26 @@ class TimeStepper(Disposable):
 
     def start(self) -> None:
         """Find the forces at the start, from u, v and the loads as they are; the first ``step``
-        does so unless you have done it before. Surfaces without mass come to rest; collective.
+        does so unless you have done it before. Surfaces of linear bodies that have no mass come to
+        rest with what lies behind them; nonlinear ones have to be drawn so. Collective.
 
         Raises:
             ContactError: contact does not balance what presses it.
         """
         u = self._values(self._u)
         fixed, c = self.problem.bulk.dofs.fixed, 4.0 / self.dt**2
-        if not self._linear:
-            self.problem.reset()
-        self._use(HELD * c)
-        self._push(HELD * c * times(self._M, u))
-        self.problem.solve()
-        rests = self._values(listed(self.problem.u))
-        u = np.where(self._bare & ~fixed, rests, u)
+        if self._linear:
+            self._use(STILL * c)
+            self._push(STILL * c * times(self._M, u))
+            self.problem.solve()
+            rests = self._values(listed(self.problem.u))
+            u = np.where(self._bare & ~fixed, rests, u)
         self._use(c)
         self._push(np.zeros(len(u)))
         if self._linear:
             left = -self.problem.bulk.force(u)
         else:
+            self.problem.reset()
             left = self.problem.bulk.residual(u)
         self._left = np.where(self._bare | fixed, 0.0, left - c * times(self._M, u))
         fill(self._u, u, self.problem.bulk.dofs.counts)
@@ -171,7 +174,7 @@ class TimeStepper(Disposable):
         agree(self.comm, "dt", self.dt)
         if not len(self._left):
             self.start()
-        self._advance(self.dt, HALVINGS)
+        self._advance(self.dt, PARTED)
         return self.u
 
     def _advance(self, dt: float, halvings: int) -> None:
@@ -195,8 +198,6 @@ class TimeStepper(Disposable):
         push = c * times(self._M, u + dt * v) - self._left
         self._use(c)
         self._push(push)
-        if self._linear:
-            self.problem.method.hold_pressed()
         self.problem.solve()
         now, counts = self._values(listed(self.problem.u)), self.problem.bulk.dofs.counts
         self._left = push - c * times(self._M, now)
