@@ -21,16 +21,28 @@ def frame_control(frame: Frame) -> csr_matrix:
     return nodal_rows(frame.cells, frame.element.bernstein, len(frame.x))
 
 
-def in_control_values(pairs: ContactPairs, frame: Frame) -> ContactPairs:
-    """Pairs whose rows, gaps and forces are those of control values of side and frame."""
+def in_control_values(pairs: ContactPairs, frame: Frame | None) -> ContactPairs:
+    """Pairs whose rows, gaps and forces are those of control values of side and frame; against an
+    obstacle of the side alone."""
     N = pairs.N
-    if frame.element.order > 1:
+    if frame is not None and frame.element.order > 1:
         N = (N @ frame_control(frame)).tocsr()
     if pairs.surface.element.order == 1:
         return replace(pairs, N=N)
     E, C = (M[pairs.nodes][:, pairs.nodes].tocsr() for M in control_matrices(pairs.surface))
     loads = replace(pairs.loads, forces=E.T @ pairs.loads.forces)
-    return replace(pairs, N=(C @ N).tocsr(), gap=C @ pairs.gap, loads=loads, control=E)
+    gap = C @ pairs.gap
+    if frame is None:  # distances, each along a normal of its own
+        across = C @ np.einsum("ni,ni->n", pairs.gap, pairs.normal)
+        gap = across[:, None] * pairs.normal
+    return replace(pairs, N=(C @ N).tocsr(), gap=gap, loads=loads, control=E)
+
+
+def control_values(pairs: ContactPairs, values: np.ndarray) -> np.ndarray:
+    """(n, ...) control values from values at the nodes of pairs."""
+    if pairs.control is None:
+        return values
+    return np.asarray(splu(pairs.control.tocsc()).solve(values))
 
 
 def controlled(geometries: Sequence[InterfaceGeometry]) -> list[tuple[int, Surface]]:
