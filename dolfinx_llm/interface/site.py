@@ -112,5 +112,6 @@ def _held(side: Surface, V: Any, fixed: np.ndarray) -> np.ndarray:
     mine = side.owner == V.mesh.comm.rank
     start = V.dofmap.index_map.local_range[0]
     held = np.zeros(side.x.shape, dtype=np.int64)
-    held[mine] = fixed.reshape(-1, side.x.shape[1])[side.dofs[mine] - start]
+    nodes = V.dofmap.index_map.size_local
+    held[mine] = fixed[: nodes * held.shape[1]].reshape(nodes, -1)[side.dofs[mine] - start]
     return V.mesh.comm.allreduce(held) > 0

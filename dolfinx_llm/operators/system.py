@@ -77,7 +77,7 @@ class ContactOperators:
             self._find_repeated()
             self.L_b = assemble_L_b(self.comm, self.L, self.rows.numbering, self.frames)
         with times.timed("support check"):
-            self.bodies = Bodies(dofs.spaces)
+            self.bodies = Bodies(dofs.spaces, dofs.of_nodes)
         self.renew(K, times)
 
     def renew(self, K: PETSc.Mat, times: StageTimes) -> None:
@@ -146,7 +146,7 @@ class ContactOperators:
         """Require that supports and ties hold every body."""
         bodies, moves = self.bodies, []
         for side, dofs in zip(self.pairs, self.side_dofs, strict=True):
-            label = self.dofs.values(dofs[:, 0], np.repeat(bodies.label, self.dofs.gdim))
+            label = self.dofs.values(dofs[:, 0], self.dofs.spread(bodies.label))
             modes = bodies.own_modes(label.astype(np.int64), side.x)
             move = np.einsum("nci,nim->ncm", side.base, modes)
             n, c, m = move.shape
