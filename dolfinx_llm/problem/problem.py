@@ -118,11 +118,11 @@ class ContactProblem(Disposable):
             return
         log.info("changed since the last solve: %s", ", ".join(sorted(changes)))
         self.method.destroy()
-        if changes != {"stiffness"}:
+        if changes == {"stiffness"}:
+            self.operators.renew(self.K, self.times)
+        else:
             self.operators.destroy()
             self._build_operators()
-        else:
-            self.operators.renew(self.K, self.times)
         self.method.renew(self._setting(), keep="positions" not in changes)
         self.bulk.settle()
 
