@@ -106,7 +106,7 @@ def _turned(geometry: InterfaceGeometry) -> tuple[np.ndarray | float, float]:
     obstacle, pairs = geometry.interface.obstacle, geometry.pairs[0]
     if obstacle is None:
         return 0.0, 0.0
-    motion = obstacle.turning(pairs.x - pairs.gap)
+    motion = obstacle.turning(pairs.met)
     along = np.abs(np.einsum("ni,ni->n", motion, pairs.normal)).max()
     if along > SPIN * np.abs(motion).max():
         return 0.0, float(np.linalg.norm(obstacle.pose(motion.shape[1])[1]))
