@@ -73,10 +73,9 @@ def figures(rows, dt):
     closed = p > 1e-9
     changes = np.flatnonzero(np.diff(closed.astype(int))) + 1
     times = np.where(closed[changes], t[changes], t[changes] - dt)  # when it was last closed
-    middle = closed & (abs(t % PERIOD - 1.5) < 0.4)
     return {
         "closes": times[0::2].tolist(), "opens": times[1::2].tolist(),
-        "pressure": float(p[middle].mean()), "growth": float(np.diff(energy).max() / energy[0]),
+        "pressure": float(p[closed].mean()), "growth": float(np.diff(energy).max() / energy[0]),
         "loss": float(1.0 - energy[-1] / energy[0]), "momentum": float(rows[-1, 4]),
     }  # fmt: skip
 

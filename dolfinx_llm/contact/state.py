@@ -85,9 +85,8 @@ class InterfaceState:
     """
 
     def __init__(self, nodes: FrictionNodes) -> None:
-        self.nodes = nodes
-        shares = nodes.law.shares and nodes.law.slips and not nodes.law.gives
-        self.shares = shares and not nodes.geometry.rigid
+        self.nodes, law = nodes, nodes.law
+        self.shares = law.shares and law.slips and not (law.gives or nodes.geometry.rigid)
         self.curved = self.shares and nodes.curved
         self.glides = False  # no pair follows the frame tangentially
         self.stays = np.zeros(len(nodes.rows), dtype=bool)  # pairs that cannot part

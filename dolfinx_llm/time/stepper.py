@@ -14,6 +14,7 @@ from dolfinx_llm.base.disposable import Disposable
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import agree, collective
+from dolfinx_llm.geometry.spaces import check_space
 from dolfinx_llm.operators.petsc import block_diagonal, diagonal_of, times
 from dolfinx_llm.problem.arguments import communicator, interface_list
 from dolfinx_llm.problem.bulk import fill
@@ -24,7 +25,7 @@ from dolfinx_llm.time.inertia import moved_mass
 
 SCHEMES = "massless", "newmark"
 PARTED = 6  # of a step that fails
-STILL = 1e6  # inertia over that of a step, by which bodies stay where they are at first
+INERT = 1e6  # inertia over that of a step, by which bodies stay where they are at first
 DENSITY = "give a positive number, a UFL expression or a list of them, one per mesh"
 
 
@@ -90,6 +91,8 @@ class TimeStepper(Disposable):
             checks.one_of("scheme", scheme, SCHEMES)
             chosen = interface_list(interfaces, spaces)
             densities = _densities(rho, spaces)
+        for V in spaces:
+            check_space(V, highest=2)
         agree(self.comm, "dt and scheme", (dt, scheme))
         self.density, inertia = [], []
         self._rates = [fem.Constant(V.mesh, 4.0 / dt**2) for V in spaces]
@@ -143,8 +146,8 @@ class TimeStepper(Disposable):
         u = self._values(self._u)
         fixed, c = self.problem.bulk.dofs.fixed, 4.0 / self.dt**2
         if self._linear:
-            self._use(STILL * c)
-            self._push(STILL * c * times(self._M, u))
+            self._use(INERT * c)
+            self._push(INERT * c * times(self._M, u))
             self.problem.solve()
             rests = self._values(listed(self.problem.u))
             u = np.where(self._bare & ~fixed, rests, u)
