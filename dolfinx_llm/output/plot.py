@@ -33,7 +33,7 @@ from dolfinx_llm.output.drawing import (
     ways,
 )
 from dolfinx_llm.output.render import Scene
-from dolfinx_llm.output.values import cell_maximum, check_displacement, check_result
+from dolfinx_llm.output.values import cell_maximum, check_displacement, check_result, displacement
 from dolfinx_llm.output.writing import writable_file, writable_folder
 
 FIELDS = ("pressure", "status", "traction")  # of an interface
@@ -182,7 +182,7 @@ def pictures(
 
     Args:
         comm: MPI communicator.
-        u: displacement of each mesh.
+        u: solution of each mesh.
         results: of each interface.
         folder: where the pictures go; it is made.
         field: of ``interface``.
@@ -194,7 +194,7 @@ def pictures(
     with collective(comm):
         checks.one_of("field", field, FIELDS)
         place = writable_folder("folder", folder)
-    for i, motion in enumerate(u):
+    for i, motion in enumerate(map(displacement, u)):
         length = ufl.sqrt(ufl.inner(motion, motion))
         bodies(motion, length, place / f"bodies_{i}.png", label="length of u", scale=scale)
     with collective(comm):

@@ -12,7 +12,7 @@ from ufl.core.expr import Expr
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.geometry.spaces import check_space, order_of
+from dolfinx_llm.geometry.spaces import check_space, displacement_block, is_mixed
 from dolfinx_llm.interface.forces import InterfaceForces
 
 EXPRESSION = "give a scalar UFL expression without test and trial functions"
@@ -88,13 +88,15 @@ def check_displacement(u: Any) -> Any:
     return u.function_space.mesh.comm
 
 
-def vertex_function(u: dolfinx.fem.Function) -> dolfinx.fem.Function:
-    """A displacement itself where it is of the order of its mesh, else one of first order for its
-    values at vertices."""
-    V = u.function_space
-    if order_of(V) == compat.geometry_degree(V.mesh):
-        return u
-    return dolfinx.fem.Function(compat.function_space(V.mesh, shape=(V.mesh.geometry.dim,)))
+def displacement(function: dolfinx.fem.Function) -> dolfinx.fem.Function:
+    """The displacement of a solution: of a mixed space a Function of its block."""
+    W = function.function_space
+    if not is_mixed(W):
+        return function
+    V, dofs = displacement_block(W)
+    u = dolfinx.fem.Function(V, name=function.name)
+    u.x.array[:] = function.x.array[dofs]
+    return u
 
 
 def cell_maximum(

@@ -30,7 +30,7 @@ class ContactProblem(Disposable):
     """Bodies with stiffness a and load L that touch along interfaces, (31) of the paper.
 
     Args:
-        a: bilinear UFL form of the bodies; a sequence of them for bodies on several meshes.
+        a: bilinear UFL form of the bodies, or one per mesh; its space may be mixed, as (u, p).
         L: linear UFL form, or a sequence of them.
         bcs: Dirichlet conditions.
         interfaces: the ``Interface`` objects.
@@ -49,7 +49,7 @@ class ContactProblem(Disposable):
         unknowns: global number of displacements u, multipliers lambda and frame unknowns v.
         times: seconds per stage, summed over all calls.
         geometries: an ``InterfaceGeometry`` per interface: surfaces, frame, pairs and certificate.
-        spaces: function space of each mesh.
+        spaces: function space of the displacement on each mesh.
         K, B, L_b: PETSc matrices of (31).
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
         bulk, operators, method: ``LinearBulk``, ``ContactOperators``, ``ContactMethod``.
@@ -74,7 +74,7 @@ class ContactProblem(Disposable):
         given = problem_arguments(
             a, L, bcs, interfaces, nodal_loads, solver, petsc_options_prefix, petsc_options
         )
-        free_garbage(given.spaces[0].mesh.comm)
+        free_garbage(given.blocks[0].W.mesh.comm)
         self.interfaces, self.solver = given.interfaces, solver
         self.times = StageTimes()
         self.history: list[dict] = []
@@ -118,11 +118,11 @@ class ContactProblem(Disposable):
             return
         log.info("changed since the last solve: %s", ", ".join(sorted(changes)))
         self.method.destroy()
-        if changes != {"stiffness"}:
+        if changes == {"stiffness"}:
+            self.operators.renew(self.K, self.times)
+        else:
             self.operators.destroy()
             self._build_operators()
-        else:
-            self.operators.renew(self.K, self.times)
         self.method.renew(self._setting(), keep="positions" not in changes)
         self.bulk.settle()
 
@@ -156,7 +156,7 @@ class ContactProblem(Disposable):
                 more are taken by themselves where the law does not converge. Tied: not used.
 
         Returns:
-            The displacement: a dolfinx Function, or a list of them for several meshes.
+            The displacement, of a mixed space all blocks: a Function, or a list for several meshes.
 
         Raises:
             ContactInputError: increments below 1.
@@ -172,7 +172,7 @@ class ContactProblem(Disposable):
         with self.times.timed("results"):
             states = self.method.states
             self.results = collect_results(self.operators, u, multiplier, w, states)
-        self._doubts = doubts(self.geometries, self.results, states)  # on all ranks: it may raise
+        self._doubts = doubts(self.geometries, self.results, states, self.method.in_time)  # on all
         for warning in self._doubts:
             if self.comm.rank == 0:
                 log.warning(warning)

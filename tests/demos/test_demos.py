@@ -30,7 +30,7 @@ def test_patch3d_on_two_ranks(frame, tmp_path):
     for name in ("frame.png", "von_mises.png", "displacement.png"):
         assert (tmp_path / name).read_bytes()[:4] == b"\x89PNG"
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert {"bodies.xdmf", "bodies.h5", "frame.xdmf", "side_0.xdmf", "table_3.csv"} <= written
+    assert {"bodies.pvd", "bodies_0_0.vtu", "frame.vtu", "side_0.vtu", "table_3.csv"} <= written
     table = np.genfromtxt(tmp_path / "out" / "side_1.csv", delimiter=",", names=True)
     assert abs(table["normal_force"].sum() - 789.668405) < 1e-6
 
@@ -102,7 +102,7 @@ def test_tutorial(ranks, tmp_path):
     for name in ("bodies_0.png", "interface_0.png"):
         assert (tmp_path / name).read_bytes()[:4] == b"\x89PNG"
     written = {path.name for path in tmp_path.iterdir()}
-    assert {"bodies.xdmf", "bodies.h5", "frame.xdmf", "side_0.xdmf", "side_1.csv"} <= written
+    assert {"bodies.pvd", "bodies_0_0.vtu", "frame.vtu", "side_0.vtu", "side_1.csv"} <= written
     if ranks == 2:
         found = run_mpi_json("tutorial_ranks.py", ranks, tmp_path / "ranks")
         np.testing.assert_allclose(found["shares"], shares, atol=1e-9)

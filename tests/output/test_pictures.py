@@ -2,6 +2,7 @@
 
 import logging
 import xml.etree.ElementTree as ElementTree
+from base64 import b64decode
 from dataclasses import replace
 
 import finite_patch
@@ -12,7 +13,7 @@ import pytest
 import ufl
 from conftest import run_mpi_json
 from contact_scenes import Pressed, rectangle
-from dolfinx import fem
+from dolfinx import fem, mesh
 from dolfinx.common import has_adios2
 from mpi4py import MPI
 from paper_data import scene as patch_scene
@@ -158,28 +159,37 @@ def test_pictures_gather_the_surface_alone():
 
 
 # ## Files
-def steps(path):
-    """Per step of a surface's XDMF: time, points, cells, fields."""
-    found = []
-    for grid in ElementTree.parse(path).getroot().find("Domain/Grid"):
-        cells, points, *values = (
-            np.array(item.text.split(), dtype=float if "Float" in item.get("NumberType") else int)
-            .reshape([int(n) for n in item.get("Dimensions").split()])
-            for item in grid.iter("DataItem")
-        )  # fmt: skip
-        topology = grid.find("Topology")
-        assert int(topology.get("NumberOfElements")) == len(cells)
-        names = [attribute.get("Name") for attribute in grid.iter("Attribute")]
-        time = float(grid.find("Time").get("Value"))
-        found.append((time, topology.get("TopologyType"), points, cells, dict(zip(names, values))))
-    return found
+def grid(path):
+    """Points, cells, their kind and fields of a VTU."""
+    piece = ElementTree.parse(path).getroot().find("UnstructuredGrid/Piece")
+    parts = {}
+    for part in piece:
+        parts[part.tag] = {}
+        for array in part:
+            raw = b64decode(array.text)
+            assert int.from_bytes(raw[:8], "little") == len(raw) - 8
+            values = np.frombuffer(raw[8:], array.get("type").lower())
+            size = int(array.get("NumberOfComponents", 1))
+            parts[part.tag][array.get("Name")] = values.reshape(-1, size) if size > 1 else values
+    cells = parts["Cells"]["connectivity"].reshape(int(piece.get("NumberOfCells")), -1)
+    assert (parts["Cells"]["offsets"] == cells.shape[1] * np.arange(1, len(cells) + 1)).all()
+    (kind,) = set(parts["Cells"]["types"].tolist())
+    return parts["Points"]["points"], cells, kind, parts["PointData"], parts["CellData"]
 
 
-def agree(step, part):
+def series(path):
+    """Times and files of an index."""
+    steps = {}
+    for entry in ElementTree.parse(path).iter("DataSet"):
+        steps.setdefault(float(entry.get("timestep")), []).append(path.parent / entry.get("file"))
+    return steps
+
+
+def agree(path, part):
     x, cells, fields = part
     gdim = x.shape[1]
-    _, kind, points, found, values = step
-    assert kind == {2: "Polyline", 3: "Triangle", 4: "Quadrilateral"}[cells.shape[1]]
+    points, found, kind, values, _ = grid(path)
+    assert kind == {2: 3, 3: 5, 4: 9}[cells.shape[1]]
     assert (points[:, :gdim] == x).all() and (found == cells).all()
     assert values.keys() == fields.keys()
     for name, value in fields.items():
@@ -191,14 +201,13 @@ def agree(step, part):
 
 
 def test_interface_files(patch, tmp_path):
-    """Every number of frame and sides comes back as it was, as XDMF and as CSV."""
+    """Every number of frame and sides comes back as it was, as VTU and as CSV."""
     result = patch[1].results[0]
     post.write_interface(tmp_path, result)
     parts = post.interface_fields(result)
     assert list(parts) == ["frame", "side_0", "side_1"]
     for name, part in parts.items():
-        (step,) = steps(tmp_path / f"{name}.xdmf")
-        agree(step, part)
+        agree(tmp_path / f"{name}.vtu", part)
         table = np.genfromtxt(tmp_path / f"{name}.csv", delimiter=",", names=True)
         assert (table["displacement_z"] == part[2]["displacement"][:, 2]).all()
 
@@ -215,18 +224,17 @@ def test_load_steps(tmp_path):
             kept.append((post.interface_fields(problem.results[0]), problem._u[1].x.array.copy()))
             push(scene, 0.02)
     for name in ("frame", "side_0", "side_1"):
-        found = steps(tmp_path / "interface_0" / f"{name}.xdmf")
-        assert [step[0] for step in found] == [0.0, 2.5]
-        for step, (parts, _) in zip(found, kept, strict=True):
-            agree(step, parts[name])
-    times = [e.get("Value") for e in ElementTree.parse(tmp_path / "bodies_1.xdmf").iter("Time")]
-    assert sorted(set(map(float, times))) == [0.0, 2.5]
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(tmp_path / "bodies_1.h5") as file:
-        for time, (_, u) in zip(("0", "2_5"), kept, strict=True):
-            values = file[f"Function/displacement/{time}"][:, :2]
-            assert np.sort(values.ravel()) == pytest.approx(np.sort(u), abs=1e-15)
-            assert f"Function/along/{time}" in file
+        found = series(tmp_path / "interface_0" / f"{name}.pvd")
+        assert list(found) == [0.0, 2.5]
+        for (file,), (parts, _) in zip(found.values(), kept, strict=True):
+            agree(file, parts[name])
+    found = series(tmp_path / "bodies_1.pvd")
+    for (file,), (_, u) in zip(found.values(), kept, strict=True):
+        *_, at_nodes, in_cells = grid(file)
+        values = at_nodes["displacement"][:, :2]
+        assert np.sort(values.ravel()) == pytest.approx(np.sort(u), abs=1e-15)
+        along = in_cells["along"]
+        assert len(along) == 20 and (u.min() < along).all() and (along < u.max()).all()
 
 
 @pytest.mark.parametrize("obstacle", [False, True], ids=["bodies", "obstacle"])
@@ -253,7 +261,7 @@ def test_finite_deformation(obstacle, tmp_path):
     parts = post.interface_fields(result)
     assert parts.keys() == ({"side_0"} if obstacle else {"frame", "side_0", "side_1"})
     for name, (x, _, fields) in parts.items():
-        agree(steps(tmp_path / "interface_0" / f"{name}.xdmf")[-1], parts[name])
+        agree(tmp_path / "interface_0" / f"{name}_1.vtu", parts[name])
         now = result.x if name == "frame" else result.sides[int(name[-1])].x
         assert np.abs(x + fields["displacement"] - now).max() < 1e-14
         assert np.isfinite(fields["status" if name == "frame" else "gap"]).all()
@@ -266,29 +274,58 @@ def test_finite_deformation(obstacle, tmp_path):
     assert (tmp_path / "pictures" / "interface_0.png").exists()
 
 
-def test_pyvista_reads_the_series(tmp_path):
-    """VTK's reader, which is ParaView's, finds steps, points and fields."""
-    pyvista = pytest.importorskip("pyvista")
+def test_pyvista_and_meshio_read_the_series(tmp_path):
+    """VTK's reader, which is ParaView's, finds steps, points and fields; meshio each file; stress
+    of cells and displacement stand in one grid."""
+    pyvista, meshio = pytest.importorskip("pyvista"), pytest.importorskip("meshio")
     scene = pressed()
-    with post.LoadSteps(scene.problem, tmp_path) as files:
+    with post.LoadSteps(scene.problem, tmp_path, cell_fields=lambda u: {"stress": u[1]}) as files:
         files.write()
         push(scene, 0.02)
         files.write()
-    reader = pyvista.get_reader(str(tmp_path / "interface_0" / "side_0.xdmf"))
+    reader = pyvista.get_reader(str(tmp_path / "interface_0" / "side_0.pvd"))
     assert list(reader.time_values) == [0.0, 1.0]
     reader.set_active_time_value(1.0)
-    surface = reader.read()
+    (surface,) = reader.read()
     side = scene.problem.results[0].sides[0]
     assert surface.points[:, :2] == pytest.approx(side.x)
     assert surface["force"][:, :2] == pytest.approx(side.force)
     assert surface.n_cells == len(side.facets)
+    (body,) = pyvista.get_reader(str(tmp_path / "bodies_1.pvd")).read()
+    lowest = body.warp_by_vector("displacement").cell_centers().points[body["stress"].argmin()]
+    assert body.compute_cell_sizes()["Area"].sum() == pytest.approx(1.0) and lowest[1] > 1.0
+    for path in tmp_path.rglob("*.vtu"):
+        read = meshio.read(path)
+        own = grid(path)
+        assert (read.points == own[0]).all() and (read.cells[0].data == own[1]).all()
+        assert read.point_data.keys() == own[3].keys() and read.cell_data.keys() == own[4].keys()
+
+
+@pytest.mark.parametrize("kind", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
+def test_nodes_of_cells(kind, tmp_path):
+    """Nodes of a file's cells lie where VTK has them, of first and second order."""
+    pyvista = pytest.importorskip("pyvista")
+    flat = kind in ("triangle", "quadrilateral")
+    create = mesh.create_rectangle if flat else mesh.create_box
+    size = (1.0, 2.0, 4.0)[: 2 if flat else 3]
+    corners = [np.zeros(len(size)), np.array(size)]
+    domain = create(COMM, corners, [1] * len(size), getattr(mesh.CellType, kind))
+    for degree in (1, 2):
+        u = fem.Function(compat.function_space(domain, "Lagrange", degree, (len(size),)))
+        post.write_bodies(tmp_path / "u.pvd", u)
+        (found,) = pyvista.get_reader(str(tmp_path / "u.pvd")).read()
+        for k in range(found.n_cells):
+            at = np.reshape(found.GetCell(k).GetParametricCoords(), (-1, 3))
+            affine = np.column_stack([at, np.ones(len(at))])
+            x = found.get_cell(k).points
+            assert np.abs(affine @ np.linalg.lstsq(affine, x, rcond=None)[0] - x).max() < 1e-14
 
 
 def test_vtx(patch, tmp_path):
     """BP4 holds raw numbers: those of the displacement are found in it."""
     u, problem = patch
     if not has_adios2:
-        with pytest.raises(llm.ContactInputError, match="without ADIOS2.*Write .xdmf"):
+        with pytest.raises(llm.ContactInputError, match="without ADIOS2.*Write .pvd"):
             post.write_bodies(tmp_path / "bodies.bp", u)
         return
     post.write_bodies(tmp_path / "out" / "bodies.bp", u)
@@ -298,12 +335,12 @@ def test_vtx(patch, tmp_path):
     for name, count in (("out/bodies.bp", 1), ("bodies_0.bp", 2)):
         data = b"".join(path.read_bytes() for path in (tmp_path / name).iterdir())
         assert data.count(u.x.array.tobytes()) == count
-    with pytest.raises(llm.ContactInputError, match="cell_fields are for .xdmf"):
+    with pytest.raises(llm.ContactInputError, match="cell_fields are for .pvd"):
         post.write_bodies(tmp_path / "other.bp", u, {"x": u[0]})
 
 
 def test_errors_of_files(patch, tmp_path):
-    with pytest.raises(llm.ContactInputError, match="must end on .xdmf or .bp"):
+    with pytest.raises(llm.ContactInputError, match="must end on .pvd or .bp"):
         post.write_bodies(tmp_path / "bodies.vtu", patch[0])
     low = pairs.block(COMM, (2, 2, 1), (-1.0, -1.0, 0.0), (1.0, 1.0, 1.0), "tetrahedron")
     high = pairs.block(COMM, (3, 3, 1), (-0.5, -0.5, 1.0), (0.5, 0.5, 2.0), "hexahedron")
