@@ -34,7 +34,7 @@ Item = TypeVar("Item")
 
 AS_COARSE = 1e-6  # difference of mean facet sizes that is none
 PER_NODE = {2: 1.0, 3: np.sqrt(2.0), 4: 1.0}  # distance of nodes over the size of facets
-BENT, EDGE = 1e-3, np.pi / 6  # angles of facets with the mean about a node, where it is curved
+CURVES, SHARP = 1e-3, np.pi / 6  # angles of facets with the mean about a node, where it is curved
 WITHIN = 1.0  # gap over the frame's facet up to which facets can touch in a step
 
 
@@ -199,4 +199,4 @@ def _rounded(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
     mean, area = (a / np.linalg.norm(a, axis=1)[:, None] for a in (mean, area))
     angle, most = np.linalg.norm(mean[facets] - area[:, None], axis=2), np.zeros(len(x))
     np.maximum.at(most, facets, angle)
-    return (most > BENT) & (most < EDGE)
+    return (most > CURVES) & (most < SHARP)
