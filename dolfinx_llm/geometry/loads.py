@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import block_diag, coo_matrix, csr_matrix
 
-from dolfinx_llm.geometry.cells import points_of
+from dolfinx_llm.geometry.cells import facet_mass, facet_vectors, points_of
 from dolfinx_llm.geometry.overlap_flat import covered_points, nodal_forces
 from dolfinx_llm.geometry.surface import Surface
 
@@ -66,6 +66,21 @@ class NodalLoads:
             touched[nodes] = True
             products.append(_assembled(np.einsum("egk,egl->ekl", wN, N), nodes, n))
         return cls(forces, shares, moments if order > 1 else moments[:, :0], touched, sum(products))
+
+    @classmethod
+    def whole(cls, side: Surface, facets: np.ndarray) -> NodalLoads:
+        """Of some facets of a side, flat or curved, as wholes: no moments."""
+        n, cells = len(side.x), side.cells[facets]
+        if side.element.order == 1:
+            vectors = np.zeros_like(side.x)
+            np.add.at(vectors, cells, facet_vectors(side.x, cells))
+            return cls.of_forces(np.linalg.norm(vectors, axis=1))
+        blocks, touched = facet_mass(side.x, cells), np.zeros(n, dtype=bool)
+        touched[cells] = True
+        mass = _assembled(blocks, cells, n)
+        area = np.repeat(blocks.sum(axis=(1, 2)) / side.element.nodes, side.element.nodes)
+        shares = np.bincount(cells.ravel(), area, n)
+        return cls(mass @ np.ones(n), shares, np.zeros((n, 0)), touched, mass)
 
     def of(self, nodes: np.ndarray) -> NodalLoads:
         """Those of some nodes."""

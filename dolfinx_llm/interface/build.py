@@ -151,8 +151,8 @@ def assembled(
     frame, base, certificate = None, np.empty((0, gdim, gdim)), None
     if alone is None:
         pairs, frame, base, certificate = joined(site.whole, parts)
-        if not law.ties:
-            pairs = [in_control_values(p, frame) for p in pairs]
+    if not law.ties:
+        pairs = [in_control_values(p, frame) for p in pairs]
     rims = [
         rim[np.isin(side.dofs, p.surface.dofs)][p.nodes]
         for rim, side, p in zip(whole_rims, site.whole, pairs, strict=True)

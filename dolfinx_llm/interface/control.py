@@ -20,8 +20,15 @@ def frame_control(frame: Frame) -> csr_matrix:
     return nodal_rows(frame.cells, frame.element.bernstein, len(frame.x))
 
 
-def in_control_values(pairs: ContactPairs, frame: Frame) -> ContactPairs:
-    """Pairs whose rows, gaps and forces are those of control values of side and frame."""
+def in_control_values(pairs: ContactPairs, frame: Frame | None) -> ContactPairs:
+    """Pairs whose rows, gaps and forces are those of control values of side and frame; against an
+    obstacle of the side alone."""
+    if frame is None:  # distances, each along a normal of its own
+        own = _own_control(pairs)
+        if own.control is None:
+            return own
+        across = control_values(own, np.einsum("ni,ni->n", pairs.gap, pairs.normal))
+        return replace(own, gap=across[:, None] * pairs.normal)
     if frame.element.order > 1:
         pairs = replace(pairs, N=(pairs.N @ frame_control(frame)).tocsr())
     return _own_control(pairs)
@@ -47,6 +54,13 @@ def with_control(geometries: Sequence[InterfaceGeometry]) -> list[InterfaceGeome
         rest -= taken
         found = controlled([geometry for i, geometry in enumerate(out) if i not in rest])
     return out
+
+
+def control_values(pairs: ContactPairs, values: np.ndarray) -> np.ndarray:
+    """(n, ...) control values from values at the nodes of pairs."""
+    if pairs.control is None:
+        return values
+    return np.asarray(splu(pairs.control.tocsc()).solve(values))
 
 
 def controlled(geometries: Sequence[InterfaceGeometry]) -> list[tuple[int, Surface]]:

@@ -67,9 +67,7 @@ def check_order(interface: Interface, sides: Sequence[Surface], flat: bool = Tru
     missing = ""
     if all(side.element.order == 1 for side in sides):
         return
-    if interface.obstacle is not None:
-        missing = "rigid obstacles"
-    elif interface.law.gives or not (interface.law.ties or interface.law.opens):
+    if interface.law.gives or not (interface.law.ties or interface.law.opens):
         missing = f"the law {interface.law}"
     elif interface.design == "positions":
         missing = "design='positions' (use 'weights' or 'auto')"

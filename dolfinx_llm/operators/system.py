@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.interface.against import prescribed_loads
+from dolfinx_llm.interface.control import control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.operators.assemble import assemble_B, assemble_L_b, interface_operator
 from dolfinx_llm.operators.bodies import Bodies
@@ -182,8 +183,9 @@ class ContactOperators:
         found = []
         for geometry in self.geometries:
             obstacle, pairs = geometry.interface.obstacle, geometry.pairs[0]
-            x = pairs.x - pairs.gap
-            found.append(np.zeros_like(x[:1]) if obstacle is None else obstacle.motion(x))
+            none = np.zeros_like(pairs.x[:1])
+            moved = none if obstacle is None else control_values(pairs, obstacle.motion(pairs.met))
+            found.append(moved)
         return found
 
     def frame_loads(self) -> np.ndarray:
