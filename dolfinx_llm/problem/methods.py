@@ -41,7 +41,11 @@ class ContactMethod:
         setting: what it works with.
         form: ``StepForm`` that solves the linear steps.
         iteration: ``ContactIteration``, which holds the state, once there is one.
+        in_time: load steps are steps in time: pairs without friction that press at the start of one
+            stay in contact in it, and bodies may fly.
     """
+
+    in_time = False
 
     def __init__(self, setting: Setting) -> None:
         self.iteration: Any = None
@@ -107,6 +111,10 @@ class ContactMethod:
                 f"the form {self.form.name!r} has been handed to another problem since: give each "
                 "problem an object of its own"
             )
+        if self.in_time and self.iteration.multiplier is not None:
+            for state in self.states:
+                if state.law.opens and not state.nodes.kappa.size:
+                    state.stays = self.iteration.multiplier[state.nodes.rows[:, -1]] > 0.0
         motions = operators.obstacle_motions()
         g = self._gaps(f, motions)
         stage = "solve" if operators.tied else "iteration of contact laws"

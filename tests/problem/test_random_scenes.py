@@ -82,9 +82,15 @@ DRAWN = some_of(CASES, set(CASES[::5]) | {(1041, "mirrored")})
 DRAWN += some_of(LEFT_OPEN, LEFT_OPEN[:3] + LEFT_OPEN[-1:])
 
 
-@pytest.mark.parametrize(("seed", "name"), DRAWN)
-def test_poses(seed, name):
-    scene = scenes.draw(seed)
+@pytest.mark.parametrize(
+    ("seed", "name", "second"),
+    [
+        *(pytest.param(*p.values, False, marks=p.marks) for p in DRAWN),
+        (1029, "mirrored", True),  # nodes beyond the frame's rim, between two of its cells
+    ],
+)
+def test_poses(seed, name, second):
+    scene = scenes.draw(seed, second)
     agree(scenes.solve(scene, POSED[name].of(scene)), scenes.solve(scene), scene)
 
 
