@@ -20,7 +20,7 @@ from dolfinx_llm.geometry.cells import facet_mass, facet_vectors, points_of, vec
 from dolfinx_llm.geometry.overlap_flat import covered_points, nodal_forces
 from dolfinx_llm.geometry.surface import Surface
 
-SLIVER = 0.1  # part of a facet in contact, up to which it tells little of its far nodes
+UNTOLD = 0.1  # part of a facet in contact, up to which it tells little of its far nodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class NodalLoads:
     moments: np.ndarray  # (n, gdim - 1) integrals of N_p (s - s_p); (n, 0) at first order
     touched: np.ndarray  # (n,) whether a facet of the node is in contact
     mass: csr_matrix | None = None  # (n, n) integrals of N_p N_q of second-order facets [area]
-    sound: np.ndarray | None = None  # (n,) whether one of them is by more than ``SLIVER`` of it
+    sound: np.ndarray | None = None  # (n,) whether one of them is by more than ``UNTOLD`` of it
 
     @classmethod
     def of_forces(cls, forces: np.ndarray) -> NodalLoads:
@@ -73,7 +73,7 @@ class NodalLoads:
             touched[nodes] = True
             np.add.at(covered, facet, weight.sum(axis=1))
             products.append(_assembled(np.einsum("egk,egl->ekl", wN, N), nodes, n))
-        sound[cells[covered > SLIVER * whole]] = True
+        sound[cells[covered > UNTOLD * whole]] = True
         moments = moments if order > 1 else moments[:, :0]
         return cls(forces, shares, moments, touched, sum(products), sound)
 

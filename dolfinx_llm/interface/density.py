@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from dolfinx_llm.geometry.pairs import ContactPairs
 
-PASSES = 20  # in which nodes whose pressure would be negative are left out
+OMISSIONS = 20  # in which nodes whose pressure would be negative are left out
 NONE = 1e-12  # of the largest traction: below it a pull is rounding
 PLANE = 1e-6  # of a facet's size, that is none across it
 
@@ -38,7 +38,7 @@ def density_at_nodes(
     T = _extension(pairs, linear=not presses)
     mass, felt = (T.T @ E.T @ mass @ E @ T).tocsr(), T.T @ force
     used = np.asarray(mass.diagonal() > 0.0)
-    for _ in range(PASSES):
+    for _ in range(OMISSIONS):
         value = np.zeros_like(force)
         value[used] = _solved(mass[used][:, used], felt[used])
         normal = np.einsum("ni,ni->n", value, pairs.normal)
