@@ -3,7 +3,7 @@
 import hertz2d
 import numpy as np
 import pytest
-import second_order as so
+import second_order_blocks as so
 import ufl
 from conftest import run_mpi_json
 from dolfinx import fem
