@@ -88,15 +88,19 @@ def check_displacement(u: Any) -> Any:
     return u.function_space.mesh.comm
 
 
-def displacement(function: dolfinx.fem.Function) -> dolfinx.fem.Function:
-    """The displacement of a solution: of a mixed space a Function of its block."""
-    W = function.function_space
-    if not is_mixed(W):
-        return function
-    V, dofs = displacement_block(W)
-    u = dolfinx.fem.Function(V, name=function.name)
-    u.x.array[:] = function.x.array[dofs]
-    return u
+def displacements(u: Any) -> list[dolfinx.fem.Function]:
+    """The displacement of every mesh of a solution, or of a list of them; of a mixed space a
+    Function of its block."""
+    found = []
+    for function in u if isinstance(u, list) else [u]:
+        W = function.function_space
+        if is_mixed(W):
+            V, dofs = displacement_block(W)
+            block = dolfinx.fem.Function(V, name=function.name)
+            block.x.array[:] = function.x.array[dofs]
+            function = block
+        found.append(function)
+    return found
 
 
 def cell_maximum(

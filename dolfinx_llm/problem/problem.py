@@ -1,14 +1,13 @@
 """The user's door: a linear elastic problem whose bodies touch."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from dolfinx_llm.base.disposable import Destroyed, Disposable, Remains, free_garbage
+from dolfinx_llm.base.disposable import Destroyed, Remains, free_garbage
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.timing import StageTimes
@@ -20,13 +19,14 @@ from dolfinx_llm.interface.build import build_interfaces
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.control import controlled
 from dolfinx_llm.operators.system import ContactOperators, anatomy
-from dolfinx_llm.output import plot
+from dolfinx_llm.output.plot import Pictured
 from dolfinx_llm.problem.arguments import problem_arguments, step_arguments
 from dolfinx_llm.problem.bulk import LinearBulk
 from dolfinx_llm.problem.methods import ContactMethod, Setting
+from dolfinx_llm.problem.saving import SavedContact
 
 
-class ContactProblem(Disposable):
+class ContactProblem(Pictured, SavedContact):
     """Bodies with stiffness a and load L that touch along interfaces, (31) of the paper.
 
     Args:
@@ -178,22 +178,6 @@ class ContactProblem(Disposable):
                 log.warning(warning)
         self._u = self.bulk.functions(u)
         return self.u
-
-    def plot(self, folder: str | Path, field: str = "pressure") -> None:
-        """Pictures of the last solve as PNG, without a display: bodies_0.png ... coloured by the
-        displacement's length, interface_0.png ... by a field of ``plot.interface``. Collective.
-
-        Args:
-            folder: where the pictures go; it is made.
-            field: "pressure", "status" or "traction".
-
-        Raises:
-            ContactInputError: no such field, or a folder that cannot be made or written.
-            ContactError: nothing has been solved, or after ``destroy``.
-        """
-        if not self.results:
-            raise ContactError("there is nothing to draw yet: call solve() first")
-        plot.pictures(self.comm, self._u, self.results, folder, field)
 
     def reset(self) -> None:
         """Forget the last load steps: contact state, slip and loads.

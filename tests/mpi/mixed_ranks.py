@@ -5,7 +5,7 @@ import json
 
 import mixed
 import numpy as np
-import second_order as so
+import second_order_blocks as so
 from mpi4py import MPI
 
 import dolfinx_llm as llm

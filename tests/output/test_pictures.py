@@ -21,7 +21,8 @@ from paper_data import scene as patch_scene
 import dolfinx_llm as llm
 from dolfinx_llm import compat, plot, post
 from dolfinx_llm.contact.results import InterfaceResult
-from dolfinx_llm.output import render
+from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.output import bodies, render
 
 COMM = MPI.COMM_SELF
 
@@ -84,14 +85,14 @@ def test_broken_pyvista(stand_in, text, told, patch, tmp_path, monkeypatch, capl
     with caplog.at_level(logging.WARNING, "dolfinx_llm"):
         patch[1].plot(tmp_path)
     assert [told in record.getMessage() for record in caplog.records] == [True]
-    for name in ("bodies_0.png", "interface_0.png"):
+    for name in ("bodies.png", "interface_0.png"):
         assert np.ptp(image(tmp_path / name)) > 0.9
 
 
 def test_without_pyvista(patch, tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(render, "find_spec", lambda name: None)
     patch[1].plot(tmp_path, "traction")
-    assert (tmp_path / "bodies_0.png").exists() and (tmp_path / "interface_0.png").exists()
+    assert (tmp_path / "bodies.png").exists() and (tmp_path / "interface_0.png").exists()
     assert not caplog.records
 
 
@@ -125,7 +126,7 @@ def test_pyvista_draws_a_problem(patch, tmp_path, monkeypatch):
     patch[1].plot(tmp_path)
     if render._failed:
         pytest.skip("PyVista is here, but cannot draw")
-    for name in ("bodies_0.png", "interface_0.png"):
+    for name in ("bodies.png", "interface_0.png"):
         assert image(tmp_path / name).shape == (*render.PIXELS[::-1], 3)
 
 
@@ -144,6 +145,45 @@ def test_curved_frame_by_matplotlib(tmp_path, monkeypatch):
     )
     plot.interface(result, tmp_path / "ring.png")
     assert np.ptp(image(tmp_path / "ring.png")) > 0.9
+
+
+def test_colours_of_bodies(tmp_path, monkeypatch):
+    """Two meshes in one picture, by pressure, displacement and a function; a film of two steps."""
+    from PIL import Image
+
+    scene = pressed()
+    for colour in ("pressure", "displacement", lambda u: u[1]):
+        scene.problem.plot(tmp_path, colour=colour)
+        assert np.ptp(image(tmp_path / "bodies.png")) > 0.9
+    with plot.Film(scene.problem, tmp_path / "film.gif") as film:
+        film.add()
+        push(scene, 0.02)
+        film.add()
+    with Image.open(tmp_path / "film.gif") as found:
+        assert found.n_frames == 2
+    with pytest.raises(llm.ContactInputError, match="colour='force': choose one of"):
+        scene.problem.plot(tmp_path, colour="force")
+    with pytest.raises(llm.ContactInputError, match="section=.*of a plane in 3D"):
+        scene.problem.plot(tmp_path, section=((0, 0, 0), (1, 0, 0)))
+
+
+@pytest.mark.parametrize("kind", ["tetrahedron", "hexahedron"])
+def test_sections_and_outlines(kind):
+    """Of a box cut in the middle the skin is that of its half, with the edges of the whole."""
+    domain = mesh.create_box(
+        COMM, [np.zeros(3), np.array([4.0, 1.0, 1.0])], [4, 2, 2], getattr(mesh.CellType, kind)
+    )
+    u = fem.Function(compat.function_space(domain, shape=(3,)))
+    for section, area, edges in (
+        (None, 18.0, 24.0),
+        ((np.array([2.0, 0, 0]), np.eye(3)[0]), 10, 16),
+    ):
+        found = bodies.skin(u, section=section)
+        cells = np.arange(found.nodes.size).reshape(found.nodes.shape)
+        areas = vector_areas(found.x.reshape(-1, 3), cells)
+        assert np.linalg.norm(areas, axis=1).sum() == pytest.approx(area)
+        way = np.linalg.norm(np.diff(bodies.outline([found]), axis=1), axis=2)
+        assert way.sum() == pytest.approx(edges)
 
 
 def test_wrong_field(patch, tmp_path):

@@ -1,7 +1,7 @@
 """Two blocks of an incompressible, or nearly incompressible, material on each other: (u, p)."""
 
 import numpy as np
-import second_order as so
+import second_order_blocks as so
 import ufl
 from dolfinx import fem
 
