@@ -111,6 +111,17 @@ def test_impact_of_a_bar():
     assert found["growth"] <= 1e-8 and 0.0 < found["loss"] < 0.01
 
 
+def test_block_on_a_slope(tmp_path):
+    """It rests, or slides by the acceleration of theory; pictures and numbers."""
+    import slope
+
+    files = "--json", tmp_path / "slope.json", "--plot", tmp_path
+    rests, slides = slope.main(["--elements", "2", "--steps", "10", *map(str, files)])
+    assert abs(rests["way"]) <= 1e-9 and rests["theory"] == 0.0
+    assert abs(slides["acceleration"] / slides["theory"] - 1.0) <= 1e-3
+    assert (tmp_path / "slope.png").read_bytes()[:4] == b"\x89PNG"
+
+
 def test_bodies_of_a_residual_form():
     """A form F that is linear takes the steps of a and L, until the bar parts."""
     import impact_bar
