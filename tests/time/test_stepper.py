@@ -116,10 +116,21 @@ def test_block_on_a_slope(tmp_path):
     import slope
 
     files = "--json", tmp_path / "slope.json", "--plot", tmp_path
-    rests, slides = slope.main(["--elements", "2", "--steps", "10", *map(str, files)])
+    rests, slides = slope.main(["--elements", "3", "--steps", "6", *map(str, files)])
     assert abs(rests["way"]) <= 1e-9 and rests["theory"] == 0.0
     assert abs(slides["acceleration"] / slides["theory"] - 1.0) <= 1e-3
     assert (tmp_path / "slope.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_disc_that_comes_to_roll():
+    """With 2/3 of the speed at which it slid first."""
+    import rolling_disc
+
+    found, rows = rolling_disc.main(["--elements", "4", "--steps", "12"])
+    assert abs(1.5 * found["speed"] - 1.0) <= 0.01 and abs(1.5 * found["spin"] - 1.0) <= 0.01
+    early = rows[rows[:, 0] < 0.9]
+    rates = np.diff(early[:, 1:3], axis=0) * 12.0
+    np.testing.assert_allclose(rates, rates * 0.0 + [-1.0 / 3.0, 2.0 / 3.0], atol=0.01)
 
 
 def test_bodies_of_a_residual_form():
