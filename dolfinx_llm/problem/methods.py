@@ -14,7 +14,7 @@ from dolfinx_llm.contact.load_steps import advance
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.choice import FORMS
 from dolfinx_llm.forms.step import StepForm
-from dolfinx_llm.operators.petsc import times
+from dolfinx_llm.operators.petsc import is_symmetric, times
 from dolfinx_llm.operators.reactions import with_reactions
 from dolfinx_llm.operators.system import ContactOperators
 from dolfinx_llm.problem.bulk import LinearBulk
@@ -127,6 +127,25 @@ class ContactMethod:
             force = self.setting.bulk.force(u)
             multiplier = with_reactions(operators, multiplier, v, u, force, friction)
         return u, multiplier, v
+
+    def adjoint(self, load: np.ndarray) -> np.ndarray:
+        """This rank's p of the transposed step of the last solve, load (n_local,).
+
+        Raises:
+            ContactError: nothing has been solved, or contact alone holds a body, or K is not
+                symmetric.
+        """
+        step = None if self.iteration is None else self.iteration.last
+        if step is None or not self._ready:
+            raise ContactError("there is no state to linearise about: call solve() first")
+        setting = self.setting
+        if setting.operators.floating.count:
+            raise ContactError(
+                "the adjoint of bodies that contact alone holds is not there: hold them by supports"
+            )
+        if not is_symmetric(setting.bulk.K):
+            raise ContactError("the adjoint asks for a symmetric form a")
+        return self.form.displacement(self.form.solve(load, step.transposed()))
 
     def describe(self) -> str:
         """For ``print(problem)``: the form, what the last solve took and lost, and why this one."""
