@@ -50,6 +50,7 @@ class ContactMethod:
     def __init__(self, setting: Setting) -> None:
         self.iteration: Any = None
         self._last: tuple[np.ndarray, list[np.ndarray]]  # u of this rank, motions of obstacles
+        self._reported: np.ndarray  # λ of the last step, with forces at supports
         self._use(setting)
 
     def _use(self, setting: Setting) -> None:
@@ -126,6 +127,7 @@ class ContactMethod:
             friction = [(state.bearing_rows(), state.nodes.L_kappa) for state in self.states]
             force = self.setting.bulk.force(u)
             multiplier = with_reactions(operators, multiplier, v, u, force, friction)
+        self._reported = multiplier
         return u, multiplier, v
 
     def adjoint(self, load: np.ndarray) -> np.ndarray:
@@ -146,6 +148,31 @@ class ContactMethod:
         if not is_symmetric(setting.bulk.K):
             raise ContactError("the adjoint asks for a symmetric form a")
         return self.form.displacement(self.form.solve(load, step.transposed()))
+
+    def kept(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """What the next load step goes on from, but for the states: what is the same on every rank,
+        and this rank's u and f."""
+        i = self.iteration
+        if i is None or i.multiplier is None:
+            raise ContactError("there is no state to save yet: call solve() first")
+        u, motions = self._last
+        common = {
+            "multiplier": i.multiplier, "w": i.w, "g": i.g, "loads": i.equations.loads,
+            "forces": np.array([i.forces, i.pressed]), "reported": self._reported,
+        }  # fmt: skip
+        return common | {f"motion {k}": m for k, m in enumerate(motions)}, {"u": u, "f": i.f}
+
+    def take(self, common: dict[str, np.ndarray], local: dict[str, np.ndarray]) -> None:
+        """Go on from what ``kept`` returned; collective."""
+        if not self._ready:
+            self._set_up()
+        i, u = self.iteration, local["u"]
+        i.multiplier, i.w, i.g = (common[name] for name in ("multiplier", "w", "g"))
+        i.f, i.equations.loads, self._reported = local["f"], common["loads"], common["reported"]
+        i.forces, i.pressed = map(float, common["forces"])
+        i.alpha, i.last = self.setting.operators.floating.amounts(u), None
+        count = len(self.setting.operators.geometries)
+        self._last = u, [common[f"motion {k}"] for k in range(count)]
 
     def describe(self) -> str:
         """For ``print(problem)``: the form, what the last solve took and lost, and why this one."""

@@ -10,7 +10,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_llm.base import checks
-from dolfinx_llm.base.disposable import Disposable, free_garbage
+from dolfinx_llm.base.disposable import free_garbage
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, check, collective
 from dolfinx_llm.base.timing import StageTimes
@@ -23,9 +23,10 @@ from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.output.pictured import Pictured
 from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_arguments
 from dolfinx_llm.problem.nonlinear_parts import contact_of, follower_of, numbered, pose_of
+from dolfinx_llm.problem.saving import SavedNonlinear
 
 
-class NonlinearContactProblem(Pictured, Disposable):
+class NonlinearContactProblem(Pictured, SavedNonlinear):
     """Bodies F(u; v) = 0 that touch along interfaces, at finite deformation and large sliding.
 
     The frame's nodes are those of the coarser surface of each interface; the other one's nodes are

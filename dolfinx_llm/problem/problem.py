@@ -7,7 +7,7 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from dolfinx_llm.base.disposable import Destroyed, Disposable, Remains, free_garbage
+from dolfinx_llm.base.disposable import Destroyed, Remains, free_garbage
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.timing import StageTimes
@@ -24,9 +24,10 @@ from dolfinx_llm.problem.adjoint import Differentiable
 from dolfinx_llm.problem.arguments import problem_arguments, step_arguments
 from dolfinx_llm.problem.bulk import LinearBulk
 from dolfinx_llm.problem.methods import ContactMethod, Setting
+from dolfinx_llm.problem.saving import SavedContact
 
 
-class ContactProblem(Differentiable, Pictured, Disposable):
+class ContactProblem(Differentiable, Pictured, SavedContact):
     """Bodies with stiffness a and load L that touch along interfaces, (31) of the paper.
 
     Args:

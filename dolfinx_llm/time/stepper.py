@@ -10,7 +10,6 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_llm.base import checks, compat
-from dolfinx_llm.base.disposable import Disposable
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import agree, collective
@@ -22,6 +21,7 @@ from dolfinx_llm.problem.form_arguments import form_space, given_forms, listed
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
 from dolfinx_llm.time.inertia import moved_mass
+from dolfinx_llm.time.saved import SavedSteps
 
 SCHEMES = "massless", "newmark"
 PARTED = 6  # of a step that fails
@@ -29,7 +29,7 @@ INERT = 1e6  # inertia over that of a step, by which bodies stay where they are 
 DENSITY = "give a positive number, a UFL expression or a list of them, one per mesh"
 
 
-class TimeStepper(Disposable):
+class TimeStepper(SavedSteps):
     """Bodies of static forms that have inertia, stepped in time by the trapezoidal rule.
 
     The cells at surfaces that may meet have no mass, the next ones carry it: these surfaces are at
@@ -218,11 +218,6 @@ class TimeStepper(Disposable):
     def _push(self, force: np.ndarray) -> None:
         """Take this rank's nodal forces (n_local,) of inertia."""
         fill(self._pushes, force, self.problem.bulk.dofs.counts)
-
-    def _values(self, functions: Sequence[fem.Function]) -> np.ndarray:
-        """(n_local,) of this rank."""
-        counts = self.problem.bulk.dofs.counts
-        return np.concatenate([w.x.array[:n] for w, n in zip(functions, counts, strict=True)])
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
