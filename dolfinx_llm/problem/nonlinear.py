@@ -95,11 +95,11 @@ class NonlinearContactProblem(Pictured, SavedNonlinear):
         with self.times.timed("interfaces"):
             contacts = [contact_of(interface, dofs) for interface in self.interfaces]
             followers = [follower_of(load, dofs) for load in self.loads]
-        system, self.method, self._why = numbered(contacts, dofs, solver)
+        system, self.method, self._why = numbered(contacts, dofs, solver, options)
         surfaces = [s for c in contacts for s in c.what.sides.surfaces]
         size = float(max([cell_sizes(s.x, s.facets).max() for s in surfaces] or [1.0]))
         self._newton = NewtonSteps(
-            Equations(self.bulk, contacts, followers, system, size, options, self.times)
+            Equations(self.bulk, contacts, followers, system, size, self.times)
         )
         self.unknowns = {"u": dofs.sizes[1], "interfaces": sum(system.sizes)}
         self.results: list[MovingInterfaceResult] = []
