@@ -15,7 +15,8 @@ from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.control import at_nodes, nodal_values
-from dolfinx_llm.interface.forces import InterfaceForces, per_mass
+from dolfinx_llm.interface.density import density_at_nodes
+from dolfinx_llm.interface.forces import InterfaceForces
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 from dolfinx_llm.operators.system import ContactOperators
@@ -46,9 +47,8 @@ class SideResult:
     status: np.ndarray  # (n,) 0 open, 1 stick, 2 slip, 3 closed without friction
     area: np.ndarray  # (n,) tributary area: the force of unit pressure [area]
     facets: np.ndarray  # (m, c) corners of the facets that lie between these nodes
-    density: np.ndarray | None = None  # (n, gdim) of the forces on the surface, by the integrals of
-    # its shape functions' products; None at first order, where the frame's are. At the far nodes of
-    # facets that are hardly in contact rounding alone may make it [force / area]
+    density: np.ndarray | None = None  # (n, gdim) of the forces on the surface, see
+    # ``density_at_nodes``; None at first order, where the frame's are [force / area]
 
     @property
     def drawn(self) -> np.ndarray:
@@ -113,6 +113,7 @@ def collect_results(
         state, c = states and states[i], geometry.pairs[0].base.shape[1]
         forces = multiplier[place.rows].reshape(-1, c)
         status = state.pair_status() if state else np.full(len(forces), STICK)
+        presses = geometry.interface.law.opens and not (state and state.held.any())
         sides, first = [], 0
         for p, motion, gap in zip(geometry.pairs, moved, gaps[place.sides], strict=True):
             own = slice(first, first + len(p.nodes))
@@ -121,7 +122,7 @@ def collect_results(
                 across = operators.blocks[i][own] @ w[place.frame]
                 across -= np.einsum("ni,ni->n", follows, p.normal)
                 follows = follows + across[:, None] * p.normal
-            sides.append(_side_result(p, forces[own], motion, follows, gap, status[own]))
+            sides.append(_side_result(p, forces[own], motion, follows, gap, status[own], presses))
             first = own.stop
         if geometry.interface.law.components != "cartesian":
             held = state.held if state else np.zeros(len(forces), dtype=bool)
@@ -211,9 +212,10 @@ def _side_result(
     follows: np.ndarray,
     gap: np.ndarray,
     status: np.ndarray,
+    presses: bool,
 ) -> SideResult:
-    """Forces, gap and slip of one side from its multipliers (n, c), u and the motion of the point
-    it touches (n, gdim), the initial gap that counts (n, gdim) and the status (n,)."""
+    """One side's result from its multipliers (n, c), u and the motion of the point it touches
+    (n, gdim), the initial gap that counts (n, gdim) and the status (n,); whether no pair pulls."""
     force = np.einsum("nc,nci->ni", multiplier, pairs.base)
     motion = u - follows
     normal_motion = np.einsum("ni,ni->n", motion, pairs.normal)
@@ -229,7 +231,7 @@ def _side_result(
         status=status,
         area=pairs.forces,
         facets=pairs.facets,
-        density=per_mass(at_nodes(pairs, force), pairs.loads.mass),
+        density=density_at_nodes(pairs, force, presses),
     )
 
 

@@ -26,7 +26,7 @@ from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item, summin
 from dolfinx_llm.finite.location import OnFrame
 from dolfinx_llm.finite.roundness import roundness
 from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.terms import ContactTerms, Held, Opening, Place, held_fast, yields
+from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place, held_fast, yields
 from dolfinx_llm.laws.rows import OPEN
 
 OVER = 0.05  # of a facet beyond the frame's edge, at which a node has left it
@@ -60,7 +60,7 @@ class NormalPlace(Place):
 
 
 @dataclass(frozen=True, eq=False)
-class NormalContact(Opening):
+class NormalContact(MovingContact):
     """Unknowns: a force per node of the moving side, mu per frame node, kappa."""
 
     sides: Sides

@@ -20,7 +20,7 @@ from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.finite.results import MovingInterfaceResult, moving_results
 from dolfinx_llm.geometry.cells import cell_sizes
 from dolfinx_llm.interface.choices import Interface
-from dolfinx_llm.output.plot import Pictured
+from dolfinx_llm.output.pictured import Pictured
 from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_arguments
 from dolfinx_llm.problem.nonlinear_parts import contact_of, follower_of, numbered, pose_of
 from dolfinx_llm.problem.saving import SavedNonlinear
@@ -95,11 +95,11 @@ class NonlinearContactProblem(Pictured, SavedNonlinear):
         with self.times.timed("interfaces"):
             contacts = [contact_of(interface, dofs) for interface in self.interfaces]
             followers = [follower_of(load, dofs) for load in self.loads]
-        system, self.method, self._why = numbered(contacts, dofs, solver)
+        system, self.method, self._why = numbered(contacts, dofs, solver, options)
         surfaces = [s for c in contacts for s in c.what.sides.surfaces]
         size = float(max([cell_sizes(s.x, s.facets).max() for s in surfaces] or [1.0]))
         self._newton = NewtonSteps(
-            Equations(self.bulk, contacts, followers, system, size, options, self.times)
+            Equations(self.bulk, contacts, followers, system, size, self.times)
         )
         self.unknowns = {"u": dofs.sizes[1], "interfaces": sum(system.sizes)}
         self.results: list[MovingInterfaceResult] = []

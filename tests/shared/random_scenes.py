@@ -171,11 +171,9 @@ def draw(seed, second=False):
 def _orders(scene, rng):
     """Most bodies of second order; those on one mesh have one order."""
     scene.radius = 0.0
-    rigid = [c.first[0] for c in scene.contacts if isinstance(c.second[0], str)]
     orders = rng.choice([1, 2], len(scene.bodies), p=[0.3, 0.7])
-    for k, (body, order) in enumerate(zip(scene.bodies, orders, strict=True)):
+    for body, order in zip(scene.bodies, orders, strict=True):
         body.order = 2 if scene.one_mesh else int(order)
-        body.order = 1 if rigid and (scene.one_mesh or k in rigid) else body.order
         body.n = tuple(min(n, 5 if scene.gdim == 2 else 3) for n in body.n)
 
 

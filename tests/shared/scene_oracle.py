@@ -113,7 +113,9 @@ class Oracle:
             self.obstacle(contact, sides[0], answer)
             return
         Y, v = (a @ posed.Q / posed.length for a in (result.frame.x, result.frame.v))
-        if any(side.control for side in sides) and not contact.law.ties:  # the frame's as well
+        if (
+            any(side.control is not None for side in sides) and not contact.law.ties
+        ):  # the frame's as well
             E = frame_control(result.frame).toarray()
             Y, v = np.linalg.solve(E, Y), np.linalg.solve(E, v)
         N = [p.N for p in geometry.pairs]
@@ -156,14 +158,14 @@ class Oracle:
         reported = getattr(result, "frame_gap", None)
         reported = (result.gap if reported is None else reported) / posed.length
         noise, x = self.noise[nodes] / self.F, posed.x[nodes]
-        values = [answer.u[nodes], self.before[nodes], x, reported]
+        values, E = [x, answer.u[nodes], self.before[nodes], reported], None
         if pairs.control is not None:
             E = pairs.control.toarray()
             assert np.abs(E @ np.ones(len(E)) - 1.0).max() < 1e-12 and E.min() >= 0.0
             force, noise = E.T @ force, E.T @ noise
             values = [np.linalg.solve(E, a) for a in values]
-        u, before, x, reported = values
-        return Side(nodes, x, u, before, force, normal, noise, reported, pairs.control is not None)
+        *motion, reported = values
+        return Side(nodes, *motion, force, normal, noise, reported, E)
 
     def rows(self, M, side, Y, flat):
         """Rows of L_b let rigid translations pass, and on flat frames linear fields."""
@@ -221,7 +223,8 @@ class Oracle:
     def obstacle(self, contact, side, answer):
         """A body against a rigid obstacle, by the obstacle's own geometry."""
         law, nodes = contact.law, side.nodes
-        clearance, into = rigid_clearance(contact.second, side.x)
+        clearance, into = rigid_clearance(contact.second, self.posed.x[nodes])
+        clearance = side.of_nodes(clearance)
         self.note("direction", into - side.normal)
         motion, before = self.motion(contact, self.step), self.motion(contact, self.step - 1)
         jump = side.u - motion
@@ -266,7 +269,11 @@ class Side:
     normal: np.ndarray  # (n, gdim) out of the body
     noise: np.ndarray  # (n,) of the forces, relative
     reported: np.ndarray  # (n,) gap to the frame
-    control: bool = False  # all of these are control values
+    control: object = None  # (n, n) by which nodal values follow from these control values
+
+    def of_nodes(self, values):
+        """Nodes' values (n, ...) as all of these are."""
+        return values if self.control is None else np.linalg.solve(self.control, values)
 
     @property
     def pressing(self):
