@@ -3,7 +3,7 @@
 Scenes in 3D are drawn by PyVista where it is installed and can draw, all else by Matplotlib.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from mpi4py import MPI
 from ufl.core.expr import Expr
 
 from dolfinx_llm.base import checks
-from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.frame import Frame
@@ -31,8 +31,8 @@ from dolfinx_llm.output.drawing import (
 )
 from dolfinx_llm.output.film import Film
 from dolfinx_llm.output.render import Scene
-from dolfinx_llm.output.values import check_displacement, check_result, displacements
-from dolfinx_llm.output.writing import writable_file, writable_folder
+from dolfinx_llm.output.values import check_displacement, check_result
+from dolfinx_llm.output.writing import writable_file
 
 __all__ = ["Film", "bodies", "curves", "frame_design", "interface"]
 
@@ -178,67 +178,14 @@ def bodies(
             )
         gdim, told = motions[0].function_space.mesh.geometry.dim, iter(given)
         view = checked_view(lambda _: next(told), scale, section, gdim, label)
-    _draw(comm, view.seen(comm, motions, []), path)
+    draw_seen(comm, view.seen(comm, motions, []), path)
 
 
-def _draw(comm: MPI.Comm, seen: Seen | None, path: str | Path) -> None:
+def draw_seen(comm: MPI.Comm, seen: Seen | None, path: str | Path) -> None:
+    """Draw what rank 0 has; collective."""
     with collective(comm):
         if seen is not None:
             draw_scene(seen.scene(), path)
-
-
-class Pictured:
-    """A problem that draws its last solve.
-
-    Attributes:
-        suited_scale: factor on displacements where none is given; None: such that they are seen.
-    """
-
-    suited_scale: float | None = None
-    comm: MPI.Comm
-    results: Any
-    u: Any
-
-    def plot(
-        self,
-        folder: str | Path,
-        field: str = "pressure",
-        *,
-        colour: str | Callable[[Function], Expr] = "pressure",
-        scale: float | None = None,
-        section: Sequence[Any] | None = None,
-    ) -> None:
-        """Pictures of the last solve as PNG, without a display: bodies.png, the deformed bodies of
-        all meshes, and interface_0.png ... by a field of ``plot.interface``. Collective.
-
-        Args:
-            folder: where the pictures go; it is made.
-            field: "pressure", "status" or "traction".
-            colour: of bodies.png: "pressure" of the surfaces in contact, in translucent bodies,
-                "displacement", its length, or a function of a mesh's displacement that returns a
-                scalar UFL expression.
-            scale: factor on the displacement; None: such that it can be seen, 1 at finite
-                deformation.
-            section: (point, normal) of a plane in 3D: cells in front of it are left out.
-
-        Raises:
-            ContactInputError: no such field, or a folder that cannot be made or written; on all
-                ranks.
-            ContactError: nothing has been solved, or after ``destroy``.
-        """
-        if not self.results:
-            raise ContactError("there is nothing to draw yet: call solve() first")
-        motions = displacements(self.u)
-        with collective(self.comm):
-            checks.one_of("field", field, FIELDS)
-            gdim = motions[0].function_space.mesh.geometry.dim
-            scale = self.suited_scale if scale is None else scale
-            view = checked_view(colour, scale, section, gdim)
-            place = writable_folder("folder", folder)
-        _draw(self.comm, view.seen(self.comm, motions, self.results), place / "bodies.png")
-        with collective(self.comm):
-            for i, result in enumerate(self.results if self.comm.rank == 0 else []):
-                draw_interface(result, place / f"interface_{i}.png", field)
 
 
 def interface(result: InterfaceForces, path: str | Path, field: str = "pressure") -> None:

@@ -70,7 +70,7 @@ class LinearBulk:
         self._nodal = nodal_by_mesh(given.nodal_loads, self.spaces)
         self._given = given.bcs
         self._K: Any = None  # see K
-        self._forms = given.a
+        self.forms = given.a
         self._actions: Any = None  # of the forms a, once ``force`` is asked for
         self._sort_conditions()
         self._fingerprint = Fingerprint(given.a, self.spaces)
@@ -156,6 +156,16 @@ class LinearBulk:
             f = self.control.load(f, self._assembled)
         return f
 
+    def gradient(self, forms: Sequence[ufl.Form]) -> np.ndarray:
+        """This rank's derivative (n_local,) of a functional, of linear forms in the order of the
+        spaces, by what is free to move."""
+        with collective(self.comm):
+            compiled = [compat.form("dJ", form) for form in forms]
+        parts = [compat.assemble_force((c,), (1.0,), V) for c, V in zip(compiled, self.spaces)]
+        found = np.concatenate(parts)
+        found = found if self.control is None else self.control.forces(found)
+        return np.where(self.dofs.fixed, 0.0, found)
+
     def force(self, u: np.ndarray) -> np.ndarray:
         """This rank's f - K u of all dofs, u (n_local,), with K as it is without the conditions:
         what bodies exert on interfaces and supports."""
@@ -163,7 +173,7 @@ class LinearBulk:
             self._motions = [fem.Function(W) for W in self._W]
             self._actions = [
                 compat.form("a", ufl.action(form, motion))
-                for form, motion in zip(self._forms, self._motions, strict=True)
+                for form, motion in zip(self.forms, self._motions, strict=True)
             ]
         parts = []
         for i, (b, function) in enumerate(zip(self.blocks, self.functions(u), strict=True)):

@@ -14,7 +14,7 @@ from dolfinx_llm.contact.load_steps import advance
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.choice import FORMS
 from dolfinx_llm.forms.step import StepForm
-from dolfinx_llm.operators.petsc import times
+from dolfinx_llm.operators.petsc import is_symmetric, times
 from dolfinx_llm.operators.reactions import with_reactions
 from dolfinx_llm.operators.system import ContactOperators
 from dolfinx_llm.problem.bulk import LinearBulk
@@ -130,6 +130,25 @@ class ContactMethod:
         self._reported = multiplier
         return u, multiplier, v
 
+    def adjoint(self, load: np.ndarray) -> np.ndarray:
+        """This rank's p of the transposed step of the last solve, load (n_local,).
+
+        Raises:
+            ContactError: nothing has been solved, or contact alone holds a body, or K is not
+                symmetric.
+        """
+        step = None if self.iteration is None else self.iteration.last
+        if step is None or not self._ready:
+            raise ContactError("there is no state to linearise about: call solve() first")
+        setting = self.setting
+        if setting.operators.floating.count:
+            raise ContactError(
+                "the adjoint of bodies that contact alone holds is not there: hold them by supports"
+            )
+        if not is_symmetric(setting.bulk.K):
+            raise ContactError("the adjoint asks for a symmetric form a")
+        return self.form.displacement(self.form.solve(load, step.transposed()))
+
     def kept(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """What the next load step goes on from, but for the states: what is the same on every rank,
         and this rank's u and f."""
@@ -151,7 +170,7 @@ class ContactMethod:
         i.multiplier, i.w, i.g = (common[name] for name in ("multiplier", "w", "g"))
         i.f, i.equations.loads, self._reported = local["f"], common["loads"], common["reported"]
         i.forces, i.pressed = map(float, common["forces"])
-        i.alpha = self.setting.operators.floating.amounts(u)
+        i.alpha, i.last = self.setting.operators.floating.amounts(u), None
         count = len(self.setting.operators.geometries)
         self._last = u, [common[f"motion {k}"] for k in range(count)]
 

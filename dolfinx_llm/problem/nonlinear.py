@@ -20,7 +20,7 @@ from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.finite.results import MovingInterfaceResult, moving_results
 from dolfinx_llm.geometry.cells import cell_sizes
 from dolfinx_llm.interface.choices import Interface
-from dolfinx_llm.output.plot import Pictured
+from dolfinx_llm.output.pictured import Pictured
 from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_arguments
 from dolfinx_llm.problem.nonlinear_parts import contact_of, follower_of, numbered, pose_of
 from dolfinx_llm.problem.saving import SavedNonlinear

@@ -19,14 +19,15 @@ from dolfinx_llm.interface.build import build_interfaces
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.control import controlled
 from dolfinx_llm.operators.system import ContactOperators, anatomy
-from dolfinx_llm.output.plot import Pictured
+from dolfinx_llm.output.pictured import Pictured
+from dolfinx_llm.problem.adjoint import Differentiable
 from dolfinx_llm.problem.arguments import problem_arguments, step_arguments
 from dolfinx_llm.problem.bulk import LinearBulk
 from dolfinx_llm.problem.methods import ContactMethod, Setting
 from dolfinx_llm.problem.saving import SavedContact
 
 
-class ContactProblem(Pictured, SavedContact):
+class ContactProblem(Differentiable, Pictured, SavedContact):
     """Bodies with stiffness a and load L that touch along interfaces, (31) of the paper.
 
     Args:
@@ -144,6 +145,11 @@ class ContactProblem(Pictured, SavedContact):
         The condensed form uses it up when it is set up; it is assembled anew when asked for.
         """
         return self.bulk.K
+
+    @property
+    def A(self) -> PETSc.Mat:
+        """K, by the name that dolfinx's ``LinearProblem`` has for it."""
+        return self.K
 
     def solve(self, increments: int = 1) -> fem.Function | list[fem.Function]:
         """Assemble the load, solve, and fill ``results``; first ``update``.
