@@ -185,13 +185,15 @@ class Design:
         """The smallest k with small corrections, to be held during a step [area].
 
         They do not move places along the surface, but along the normal of a curved one, and
-        otherwise elsewhere: contact that slides would lose energy.
+        otherwise elsewhere: contact that slides would lose energy. In space they stay: with rows
+        as they are pairs of curved frames go in and out for ever.
         """
         largest = forces[0].max()
         for limit in LIMITS if self.wanted else LIMITS[-1:]:
             delta = (found := self.rows(at, x, y, forces, limit * largest)).delta
             raised = np.einsum("ns,nsi,ni->n", delta, y[found.nodes] - x[:, None], at.normal)
-            if np.abs(delta).max() < CORRECTED and np.abs(raised).max() < RAISED * self.size:
+            far = y.shape[1] == 2 and np.abs(raised).max() >= RAISED * self.size  # in the plane
+            if np.abs(delta).max() < CORRECTED and not far:
                 break
         return float(limit * largest)
 
