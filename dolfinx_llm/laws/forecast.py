@@ -19,7 +19,7 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, identity
 from scipy.sparse.linalg import splu
 
 HOLDS = 10.0 ** -np.arange(2.0, 13.0, 2.0)  # of k: what holds the frame, less and less
-STEPS = 60  # of Newton's method, for each of these
+NEWTON_STEPS = 60  # of Newton's method, for each of these
 BALANCED = 1e-8  # of the largest force, that frame nodes may miss
 
 
@@ -58,7 +58,7 @@ class Forecast:
     ) -> np.ndarray:
         """Newton's method from w, which springs hold, with the best length of each step."""
         centre = w
-        for _ in range(STEPS):
+        for _ in range(NEWTON_STEPS):
             z = pull - self.k * (self.L @ w)
             on = np.where(self.press, z > 0.0, True)
             missed = self.L.T @ np.where(on, z, 0.0) - target - hold * (w - centre)

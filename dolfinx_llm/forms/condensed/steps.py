@@ -33,10 +33,10 @@ from dolfinx_llm.operators.system import ContactOperators
 
 SWINGS = 3  # steps towards one load in which no fewer pairs are wrong than before
 FEWEST = 10_000  # unknowns of bodies from which on friction by GMRES is no slower than factorising
-LOOSE = 1e-4  # of the load, that the first solve towards it leaves if its signs are wrong
+LOOSELY = 1e-4  # of the load, that the first solve towards it leaves if its signs are wrong
 FIRMER = 0.1  # from one of these to the next
-CLEAR = 10.0  # times that, of the largest force: signs that are wrong beyond doubt
-YIELDS = 1.5  # by so much a node yields more than its own stiffness says, as its neighbours follow
+DOUBTLESS = 10.0  # times that, of the largest force: signs that are wrong beyond doubt
+YIELDING = 1.5  # by so much a node yields more than its own stiffness says
 ASKED = 8  # pairs that are asked for with friction, where each takes a solve by GMRES
 
 
@@ -95,10 +95,10 @@ class CondensedForm(WholeSteps):
         self.most = CondensedForm.most if back else 0
         made, solver = self._served(step), self.system.solver
         if step.may_open.any() and not (back or (solver.ksp is not None and solver.direct)):
-            self.system.loose = loose = LOOSE * FIRMER ** len(self._seen)
+            self.system.loose = loose = LOOSELY * FIRMER ** len(self._seen)
             found = self.result(step, *made.ask(step.loaded(f), step.g, step.rhs, step.about))
             self.system.loose = 0.0
-            least = -CLEAR * loose * force_level(found.multiplier, found.y + step.g, self.scale)
+            least = -DOUBTLESS * loose * force_level(found.multiplier, found.y + step.g, self.scale)
             gap = self.scale * (step.L @ found.w - found.y - step.g)
             if (found.wrong & (np.where(step.active, found.multiplier, gap) < least)).any():
                 self._f, self._wrong = f, np.inf
@@ -125,7 +125,7 @@ class CondensedForm(WholeSteps):
         dofs = rows.dofs[mine] - self.split.first
         fixed = operators.dofs.fixed[dofs]
         own = np.where(fixed, self.scale, self.split.diagonal[dofs])
-        stiffness = (rows.base[mine] ** 2 * own).sum(axis=1) / YIELDS
+        stiffness = (rows.base[mine] ** 2 * own).sum(axis=1) / YIELDING
         return gather_rows(operators.comm, stiffness)[rows.numbering.number]
 
     def _judge_friction(self, found: StepResult, step: LinearStep) -> None:
