@@ -29,6 +29,10 @@ from dolfinx_llm.operators.petsc import diagonal_of
 from dolfinx_llm.operators.prescribed import free_parts, independent_rows
 from dolfinx_llm.operators.support import check_support
 
+CONTRADICTED = (
+    "Tied(gap=...) where both sides are prescribed along the normal, or where several interfaces "
+    "meet: rows there follow from others, and gaps could contradict them"
+)
 FLUSH = 64.0 * float(np.finfo(float).eps)  # of positions, that rounding makes of no gap
 NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
 
@@ -222,10 +226,7 @@ class ContactOperators:
         """This rank's g, with the displacements (n_local,) at prescribed dofs, whose rows of B are
         empty; obstacles moved as of ``obstacle_motions``, or as drawn."""
         if in_rows(self.pairs, given_gaps(self.geometries))[self.redundant].any():
-            raise ContactInputError(
-                "Tied(gap=...) where both sides are prescribed along the normal, or where several "
-                "interfaces meet: rows there follow from others, and gaps could contradict them"
-            )
+            raise ContactInputError(CONTRADICTED)
         mine = self.rows.numbering.mine
         values = self.row_gaps(motions)[mine]
         at = self.rows.dofs[mine] - self.dofs.first
