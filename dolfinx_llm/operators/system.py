@@ -46,6 +46,8 @@ class ContactOperators:
         L: csr of all.
         B, L_b: PETSc AIJ of (31).
         soft: (n,) rows at dofs that are prescribed, or nearly so.
+        loops: (n,) rows of laws that open or slip, of nodes of several interfaces, which follow
+            from others as long as all of these stick.
         held: (n,) rows at dofs that are prescribed.
         free: (n, gdim) base vectors at dofs that are not.
         interfaces_at: (n,) to how many interfaces each row's node belongs.
@@ -129,9 +131,18 @@ class ContactOperators:
         ties, self.redundant = np.zeros((2, len(self.held)), dtype=bool)
         for geometry, place in zip(self.geometries, self.places, strict=True):
             ties[place.rows] = geometry.interface.law.ties
-        rows = np.flatnonzero(ties & (self.held | (self.interfaces_at > 1)))
+        shared = self.held | (self.interfaces_at > 1)
+        self.redundant[self._repeated(np.flatnonzero(ties & shared))] = True
+        self.loops = np.zeros(len(self.held), dtype=bool)
+        if not ties.all():
+            rest = shared & ~self.redundant & ~self.soft
+            self.loops[self._repeated(np.flatnonzero(rest))] = True
+            self.loops &= ~ties
+
+    def _repeated(self, rows: np.ndarray) -> np.ndarray:
+        """Those of some rows (k,) that follow from the others."""
         said = scipy.sparse.hstack([self.L[rows], self.at_free_dofs(rows)], format="csr")
-        self.redundant[np.delete(rows, independent_rows(said))] = True
+        return np.delete(rows, independent_rows(said))
 
     def at_free_dofs(self, rows: np.ndarray) -> csr_matrix:
         """(k, dofs) forces at the free dofs of nodes from those of some rows (k,)."""
