@@ -18,7 +18,7 @@ test: setup ## run the tests, WORKERS at once; ARGS="-k word" is passed on to py
 quick: setup ## run those that take no more than a moment, on one rank
 	$(ACTIVATE) && pytest $(PARALLEL) -m "quick and not mpi and not long" $(ARGS)
 
-long: setup ## run what `make test` has only a sample of: campaigns, products, large meshes
+long: setup ## run what `make test` has only a sample of: campaigns, products, large meshes; PART=2/4
 	$(ACTIVATE) && pytest $(PARALLEL) -m long $(ARGS)
 
 patch3d: setup ## run the 3D patch test on two ranks

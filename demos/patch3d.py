@@ -240,7 +240,7 @@ def main(arguments=None):
         if args.json:
             args.json.write_text(json.dumps(report, indent=2) + "\n")
     if args.output:
-        post.write_bodies(args.output / "bodies.xdmf", u, {"von_mises": post.von_mises(stress(u))})
+        post.write_bodies(args.output / "bodies.pvd", u, {"von_mises": post.von_mises(stress(u))})
         if comm.rank == 0:
             post.write_interface(args.output, result)
             for title, header, rows in tables(result, args.frame):

@@ -65,7 +65,7 @@ def main(folder="out/tutorial", comm=MPI.COMM_WORLD):
         shares.append(friction / (MU * result.frame_force.sum()))
     # 8. Pictures of bodies and pressure as PNG, and files for ParaView.
     problem.plot(folder)
-    llm.post.write_bodies(f"{folder}/bodies.xdmf", displacement)
+    llm.post.write_bodies(f"{folder}/bodies.pvd", displacement)
     if comm.rank == 0:
         llm.post.write_interface(folder, result)
         # 9. Against theory: the pad carries PRESSURE times 1 mm²; when all slips, the share is 1.

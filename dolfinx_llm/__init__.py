@@ -28,6 +28,7 @@ from dolfinx_llm.problem.find import find_interfaces
 from dolfinx_llm.problem.loads import free_surface_load
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
+from dolfinx_llm.time.stepper import TimeStepper
 
 __version__ = "0.1.0"
 
@@ -57,6 +58,7 @@ __all__ = [
     "StepForm",
     "StepResult",
     "Tied",
+    "TimeStepper",
     "classical",
     "design_positions",
     "design_weights",

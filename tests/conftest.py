@@ -119,8 +119,13 @@ class Ranks:
 def pytest_collection_modifyitems(items):
     """Mark the tests that run on ranks of their own: by the names that they use.
 
-    Of several workers one runs these, one after the other and before all else.
+    Of several workers one runs these, one after the other and before all else. With PART=K/N in the
+    environment every N-th of those marked long is run, from the K-th on, and nothing else.
     """
+    if part := os.environ.get("PART"):
+        k, n = map(int, part.split("/"))
+        long = [item for item in items if item.get_closest_marker("long")]
+        items[:] = long[k % n :: n]
     for item in items:
         params = getattr(item, "callspec", None) and item.callspec.params or {}
         code = getattr(getattr(item, "function", None), "__code__", None)

@@ -14,7 +14,7 @@ PACKAGE = Path(dolfinx_llm.__file__).parent
 # From the ground up: a package imports those before it, never one after.
 ROOMS = (
     "base", "geometry", "laws", "design", "interface", "operators", "forms", "finite", "contact",
-    "output", "problem",
+    "output", "problem", "time",
 )  # fmt: skip
 
 

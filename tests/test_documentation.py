@@ -191,7 +191,7 @@ def test_messages_of_the_page_are_the_codes():
     "name",
     ["Interface", "find_interfaces", "ContactProblem", "ContactProblem.solve",
      "ContactProblem.plot", "Tied", "Coulomb",
-     "RigidPlane", "RigidSphere", "RigidCylinder", "RigidSurface"],
+     "RigidPlane", "RigidSphere", "RigidCylinder", "RigidSurface", "TimeStepper"],
 )  # fmt: skip
 def test_options_of_the_page_are_complete(name):
     item = dolfinx_llm

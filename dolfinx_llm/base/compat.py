@@ -94,17 +94,17 @@ def is_function(value: Any) -> bool:
     return isinstance(value, dolfinx.fem.Function)
 
 
-def nodal_values(function: Any, V: Any) -> np.ndarray:
-    """(n,) values of a scalar Function at the nodes that this rank owns of V, a first-order vector
-    space of its mesh; collective."""
+def nodal_values(function: Any, V: Any, order: int = 1) -> np.ndarray:
+    """(n,) values of a scalar Function at the nodes that this rank owns of V, a vector space of its
+    mesh and this order; collective."""
     if len(function.ufl_shape):
         raise ContactInputError(
             f"Function {function.name} has the shape {function.ufl_shape}: give a scalar one"
         )
-    linear = dolfinx.fem.Function(function_space(V.mesh))
-    linear.interpolate(function)
+    own = dolfinx.fem.Function(function_space(V.mesh, degree=order))
+    own.interpolate(function)
     values = np.zeros(V.dofmap.index_map.size_local + V.dofmap.index_map.num_ghosts)
-    values[cell_dofs(V)] = linear.x.array[cell_dofs(linear.function_space)]
+    values[cell_dofs(V)] = own.x.array[cell_dofs(own.function_space)]
     return values[: V.dofmap.index_map.size_local]
 
 
@@ -152,17 +152,19 @@ def assemble_matrix(a: Any, bcs: Sequence[Any], diagonal: float) -> PETSc.Mat:
     return A
 
 
-def assemble_load(L: Any, a: Any, bcs: Sequence[Any], V: Any, nodal: Sequence[Any]) -> np.ndarray:
-    """Owned entries of the load: compiled L plus nodal forces, lifted by the conditions' values in
-    the compiled form a."""
+def assemble_load(
+    L: Any, a: Any, bcs: Sequence[Any], V: Any, nodal: Sequence[np.ndarray]
+) -> np.ndarray:
+    """Owned entries of the load: compiled L plus nodal forces at owned dofs, lifted by the
+    conditions' values in the compiled form a."""
     n = V.dofmap.index_map.size_local * V.dofmap.index_map_bs
     b = dolfinx.fem.petsc.assemble_vector(L)
     dolfinx.fem.petsc.apply_lifting(b, [a], [bcs])
     b.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
     load = b.array_r[:n].copy()
     b.destroy()
-    for function in nodal:
-        load += function.x.array[:n]
+    for force in nodal:
+        load += force
     fixed, values = _prescribed(V, bcs)
     return np.where(fixed[:n], values[:n], load)
 

@@ -17,6 +17,7 @@ from scipy.sparse import csr_matrix, diags, vstack
 
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.geometry.spaces import order_of
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.site import BENT
 from dolfinx_llm.laws.law import Law
@@ -194,11 +195,12 @@ def _sampled(
         V = operators.dofs.spaces[space]
         if value.function_space.mesh is V.mesh:
             local = np.concatenate([
-                compat.nodal_values(value, W) if W is V else np.zeros(W.dofmap.index_map.size_local)
+                compat.nodal_values(value, W, order_of(W)) if W is V
+                else np.zeros(W.dofmap.index_map.size_local)
                 for W in operators.dofs.spaces
             ])  # fmt: skip
-            gdim = operators.dofs.gdim
-            nodal = operators.dofs.values(operators.side_dofs[side][:, 0], np.repeat(local, gdim))
+            at = operators.side_dofs[side][:, 0]
+            nodal = operators.dofs.values(at, operators.dofs.spread(local))
             pairs = operators.pairs[side]
             found.append(nodal if geometry.rigid else pairs.interpolation(x) @ nodal)
     if not found:

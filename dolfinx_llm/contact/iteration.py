@@ -8,6 +8,7 @@ alone: arrays that are the same on every rank.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,7 @@ class ContactIteration:
         forces: largest so far [force].
         pressed: largest force on an obstacle so far [force].
         verdict: of the last load step.
+        last: linear step of the last iteration; None: nothing has been solved.
         history: see ``ContactProblem``; of the last load step.
         bar: progress line, while there is one.
     """
@@ -75,9 +77,8 @@ class ContactIteration:
         """Start anew: at rest, all in contact, no slip history."""
         for state in self.states:
             state.forget()
-        self.multiplier: Any = None
-        self.w: Any = None
-        self.alpha: Any = None
+        nothing: Any = None
+        self.multiplier = self.w = self.alpha = self.last = nothing
         self.forces, self.pressed, self.verdict = 0.0, 0.0, Verdict(0.0, 0.0)
         self.f, self.g = self._rest
         self.equations.loads = np.zeros(self.equations.n_v)
@@ -148,6 +149,7 @@ class ContactIteration:
                 step = equations.all_stick(step)
             found = self.form.solve(f, step)
             multiplier, y, w = found.multiplier, found.y, found.w
+            self.last = replace(step, active=found.active)
             largest = max(force_level(multiplier, y + g, self.scale), GRAZING * pressed)
             apart = np.abs(equations.L @ w - y - g)
             met = slips(equations, y + g, w) if glides else w

@@ -15,7 +15,8 @@ from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.control import at_nodes, nodal_values
-from dolfinx_llm.interface.forces import InterfaceForces, per_mass
+from dolfinx_llm.interface.density import density_at_nodes
+from dolfinx_llm.interface.forces import InterfaceForces
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 from dolfinx_llm.operators.system import ContactOperators
@@ -46,9 +47,8 @@ class SideResult:
     status: np.ndarray  # (n,) 0 open, 1 stick, 2 slip, 3 closed without friction
     area: np.ndarray  # (n,) tributary area: the force of unit pressure [area]
     facets: np.ndarray  # (m, c) corners of the facets that lie between these nodes
-    density: np.ndarray | None = None  # (n, gdim) of the forces on the surface, by the integrals of
-    # its shape functions' products; None at first order, where the frame's are. At the far nodes of
-    # facets that are hardly in contact rounding alone may make it [force / area]
+    density: np.ndarray | None = None  # (n, gdim) of the forces on the surface, see
+    # ``density_at_nodes``; None at first order, where the frame's are [force / area]
 
     @property
     def drawn(self) -> np.ndarray:
@@ -113,6 +113,7 @@ def collect_results(
         state, c = states and states[i], geometry.pairs[0].base.shape[1]
         forces = multiplier[place.rows].reshape(-1, c)
         status = state.pair_status() if state else np.full(len(forces), STICK)
+        presses = geometry.interface.law.opens and not (state and state.held.any())
         sides, first = [], 0
         for p, motion, gap in zip(geometry.pairs, moved, gaps[place.sides], strict=True):
             own = slice(first, first + len(p.nodes))
@@ -121,22 +122,20 @@ def collect_results(
                 across = operators.blocks[i][own] @ w[place.frame]
                 across -= np.einsum("ni,ni->n", follows, p.normal)
                 follows = follows + across[:, None] * p.normal
-            sides.append(_side_result(p, forces[own], motion, follows, gap, status[own]))
+            sides.append(_side_result(p, forces[own], motion, follows, gap, status[own], presses))
             first = own.stop
         if geometry.interface.law.components != "cartesian":
             held = state.held if state else np.zeros(len(forces), dtype=bool)
             sides = _between_bodies(geometry, sides, operators.scale, held)
-        result = _interface_result(geometry, sides, v, state)
-        results.append(_at_nodes(geometry, result))
+        nodal = _at_nodes(geometry, sides)
+        results.append(_interface_result(geometry, sides, nodal, v, state))
     return results
 
 
-def _at_nodes(geometry: InterfaceGeometry, result: InterfaceResult) -> InterfaceResult:
-    """The result with values at nodes, where those of second-order bodies are control values."""
-    if result.frame is None or all(p.control is None for p in geometry.pairs):
-        return result
-    sides = []
-    for p, side in zip(geometry.pairs, result.sides, strict=True):
+def _at_nodes(geometry: InterfaceGeometry, sides: Sequence[SideResult]) -> tuple[SideResult, ...]:
+    """The sides with values at nodes, where those of second-order bodies are control values."""
+    found = []
+    for p, side in zip(geometry.pairs, sides, strict=True):
         if p.control is not None:
             force = at_nodes(p, side.force)
             side = replace(
@@ -144,14 +143,13 @@ def _at_nodes(geometry: InterfaceGeometry, result: InterfaceResult) -> Interface
                 u=p.control @ side.u,
                 force=force,
                 normal_force=np.einsum("ni,ni->n", force, side.normal),
+                gap=p.control @ side.gap if geometry.rigid else side.gap,
                 frame_gap=p.control @ side.frame_gap,
                 slip=p.control @ side.slip,
                 area=at_nodes(p, side.area),
             )
-        sides.append(side)
-    assert result.frame.v is not None
-    frame = replace(result.frame, v=nodal_values(geometry, result.frame.v))
-    return replace(result, sides=tuple(sides), frame=frame)
+        found.append(side)
+    return tuple(found)
 
 
 def _between_bodies(
@@ -214,9 +212,10 @@ def _side_result(
     follows: np.ndarray,
     gap: np.ndarray,
     status: np.ndarray,
+    presses: bool,
 ) -> SideResult:
-    """Forces, gap and slip of one side from its multipliers (n, c), u and the motion of the point
-    it touches (n, gdim), the initial gap that counts (n, gdim) and the status (n,)."""
+    """One side's result from its multipliers (n, c), u and the motion of the point it touches
+    (n, gdim), the initial gap that counts (n, gdim) and the status (n,); whether no pair pulls."""
     force = np.einsum("nc,nci->ni", multiplier, pairs.base)
     motion = u - follows
     normal_motion = np.einsum("ni,ni->n", motion, pairs.normal)
@@ -232,20 +231,26 @@ def _side_result(
         status=status,
         area=pairs.forces,
         facets=pairs.facets,
-        density=per_mass(at_nodes(pairs, force), pairs.loads.mass),
+        density=density_at_nodes(pairs, force, presses),
     )
 
 
 def _interface_result(
-    geometry: InterfaceGeometry, sides: list[SideResult], v: np.ndarray, state: Any
+    geometry: InterfaceGeometry,
+    sides: Sequence[SideResult],
+    nodal: tuple[SideResult, ...],
+    v: np.ndarray,
+    state: Any,
 ) -> InterfaceResult:
+    """Of the sides, and of these with values at nodes."""
     side, pairs, law = sides[0], geometry.pairs[0], geometry.interface.law
     presses = law.opens and not (state and state.held.any())
     obstacle, frame = geometry.interface.obstacle, geometry.frame
     if obstacle is not None:
-        own = side.normal_force, side.area, side.tangential_force
-        shift = np.array(obstacle.pose(v.shape[1])[0]) + v.sum(axis=0)
-        return InterfaceResult(None, tuple(sides), None, *own, side.status, presses, shift)
+        side, shift = nodal[0], np.array(obstacle.pose(v.shape[1])[0]) + v.sum(axis=0)
+        density = None if side.density is None else _along(side.density, side.normal)
+        own = side.normal_force, side.area, side.tangential_force, side.status
+        return InterfaceResult(None, nodal, None, *own, presses, shift, density)
     assert frame is not None
     cartesian = law.components == "cartesian"
     normal = nodal_normals(frame) if cartesian else geometry.directions[:, -1]
@@ -268,10 +273,10 @@ def _interface_result(
             friction = state.share_out(friction, force)
         elif law.components == "normal":
             friction = np.zeros_like(friction)
-    frame, known = replace(frame, v=v), geometry.certificate
+    frame, known = replace(frame, v=nodal_values(geometry, v)), geometry.certificate
     density = _frame_density(geometry, sides, normal)
     return InterfaceResult(
-        frame, tuple(sides), known, force, area, friction, status, presses, frame_density=density
+        frame, nodal, known, force, area, friction, status, presses, frame_density=density
     )
 
 
@@ -285,5 +290,10 @@ def _frame_density(
         return None
     assert geometry.frame is not None
     vector = (1.0 - 2.0 * k) * (geometry.pairs[k].interpolation(geometry.frame.x) @ density)
-    pressure = np.einsum("mi,mi->m", vector, normal)[:, None]
-    return np.column_stack([pressure, vector - pressure * normal])
+    return _along(vector, normal)
+
+
+def _along(vector: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(m, 1 + gdim) the part of vectors along normals (m, gdim), and what is left."""
+    part = np.einsum("mi,mi->m", vector, normal)[:, None]
+    return np.column_stack([part, vector - part * normal])

@@ -85,11 +85,11 @@ class InterfaceState:
     """
 
     def __init__(self, nodes: FrictionNodes) -> None:
-        self.nodes = nodes
-        shares = nodes.law.shares and nodes.law.slips and not nodes.law.gives
-        self.shares = shares and not nodes.geometry.rigid
+        self.nodes, law = nodes, nodes.law
+        self.shares = law.shares and law.slips and not (law.gives or nodes.geometry.rigid)
         self.curved = self.shares and nodes.curved
         self.glides = False  # no pair follows the frame tangentially
+        self.stays = np.zeros(len(nodes.rows), dtype=bool)  # pairs that cannot part
         self.forget()
 
     @property
@@ -138,7 +138,7 @@ class InterfaceState:
 
     def touch(self, active: np.ndarray) -> None:
         """Take over the pairs (n,) in contact, and who speaks for whom."""
-        nodes, self.held = self.nodes, self.nodes.reach(self.own.holds)
+        nodes, self.held = self.nodes, self.nodes.reach(self.own.holds) | self.stays
         self.own.active = active | self.held
         self._apart = ~nodes.reached(self.held)  # nodes where nothing pulls
         touching = np.append([self._tied, self.own.active], self._adrift)

@@ -29,9 +29,10 @@ from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
 from dolfinx_llm.geometry.overlap_flat import local_bases
 
-CORRECTED = 0.4  # correction up to which the limit k is raised at the start of a step
-LIMITS = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # k over the largest force of unit pressure
-NONE = 1e12  # the same, where rows stay as they are
+CORRECTED = 0.4  # correction from which on the limit k is raised at the start of a step
+RAISED = 5e-3  # the same, for what corrections move places along the normal, over facet size
+# k over the largest force of unit pressure; with the last one rows stay as they are
+LIMITS = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e12)
 UNREACHED = 1e-12  # diagonal entry of M over the largest, of nodes that no row reaches
 FAINT = 1e-13  # the same, always: for parts of a frame that touch nothing else
 
@@ -181,10 +182,16 @@ class Design:
         y: np.ndarray,
         forces: tuple[np.ndarray, np.ndarray],
     ) -> float:
-        """The smallest k with corrections below ``CORRECTED``, to be held during a step [area]."""
+        """The smallest k with small corrections, to be held during a step [area].
+
+        They do not move places along the surface, but along the normal of a curved one, and
+        otherwise elsewhere: contact that slides would lose energy.
+        """
         largest = forces[0].max()
-        for limit in LIMITS if self.wanted else (NONE,):
-            if np.abs(self.rows(at, x, y, forces, limit * largest).delta).max() < CORRECTED:
+        for limit in LIMITS if self.wanted else LIMITS[-1:]:
+            delta = (found := self.rows(at, x, y, forces, limit * largest)).delta
+            raised = np.einsum("ns,nsi,ni->n", delta, y[found.nodes] - x[:, None], at.normal)
+            if np.abs(delta).max() < CORRECTED and np.abs(raised).max() < RAISED * self.size:
                 break
         return float(limit * largest)
 

@@ -25,7 +25,7 @@ from scipy.sparse import bmat, csr_matrix, diags
 
 from dolfinx_llm.finite.friction_law import FrictionRows, friction_rows, in_plane, sticks
 from dolfinx_llm.finite.jacobians import coordinates, per_item, summing
-from dolfinx_llm.finite.terms import FAST, ContactTerms, Held, Opening, Origin, yields
+from dolfinx_llm.finite.terms import FAST, ContactTerms, Held, MovingContact, Origin, yields
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
 MET_AT = 1e-9  # gap over facet size at the start that is none
@@ -33,7 +33,7 @@ ALMOST = 1e-3  # part of the gap at the start at which a pair has met
 
 
 @dataclass(frozen=True, eq=False)
-class Friction(Opening):
+class Friction(MovingContact):
     """Unknowns: those without friction, then a force tau of gdim components per node.
 
     Put before the contact without friction in the list of bases.

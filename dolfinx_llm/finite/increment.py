@@ -197,9 +197,7 @@ class Increment:
         """Changes of this rank's u and of each interface's own unknowns; K is used up."""
         steps, r = self.steps, np.where(self.fixed, self.u - self.target, self.r)
         with steps.times.timed("factorisation"), failing():
-            du, dq = steps.system.solve(
-                K, self.terms, self.loads, r, steps.options, self.u, self.error
-            )
+            du, dq = steps.system.solve(K, self.terms, self.loads, r, self.u, self.error)
         finite = np.isfinite(du).all() and np.isfinite(dq).all()
         if not self.dofs.comm.allreduce(bool(finite), op=MPI.LAND):
             raise StepFailed("the linear solver gives no finite numbers")

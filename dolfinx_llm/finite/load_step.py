@@ -77,7 +77,6 @@ class Equations:
     followers: Sequence[Placed]  # follower loads
     system: NewtonSystem  # of the unknowns
     size: float  # of the facets in contact [length]
-    options: tuple[str, dict | None]  # prefix, and PETSc options
     times: StageTimes  # to which seconds are added
     scale: float = 0.0  # stiffness of the bodies, known with the first tangent [force / length]
 

@@ -3,12 +3,15 @@
 With a force lambda_p that pair p carries, n its normal out of the frame's body, N its designed row,
 
     force on p: lambda_p n,   force on the frame's node J: -N_pJ lambda_p n,
-    gap_p = n·(x_p - sum_J N_pJ y_J),   gap >= 0, lambda >= 0, their product 0.
+    gap_p = n·(x_p - sum_J N_pJ y_J) - s_p,   gap >= 0, lambda >= 0, their product 0,
+
+s how far a curved frame stands out beyond its facets: see ``roundness``.
 
 These forces are the first term of (19), Q: ``force`` of ``terms``. The second one, Phi, has the
 derivatives of base and interpolation times lambda·(x - sum N y). Rows keep t·(x - sum N y) = 0:
-what is left is gap n, and gap lambda = 0 at the solution, so that it vanishes in the residual. Its
-derivative does not; it stands in ``gap_z`` and ``gap_mu``.
+what is left is (gap + s) n, and gap lambda = 0 at the solution, so that it vanishes in the residual
+but for s, which is of the order of the facets' size squared. Its derivative does not vanish; it
+stands in ``gap_z`` and ``gap_mu``.
 """
 
 from __future__ import annotations
@@ -21,8 +24,9 @@ from scipy.sparse import bmat, csr_matrix, diags
 from dolfinx_llm.finite.design import Design, DesignedRows
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item, summing
 from dolfinx_llm.finite.location import OnFrame
+from dolfinx_llm.finite.roundness import roundness
 from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.terms import ContactTerms, Held, Opening, Place, held_fast, yields
+from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place, held_fast, yields
 from dolfinx_llm.laws.rows import OPEN
 
 OVER = 0.05  # of a facet beyond the frame's edge, at which a node has left it
@@ -39,6 +43,7 @@ class NormalPlace(Place):
     entries: tuple[csr_matrix, csr_matrix]  # (k s, width), (k s, m): rows by positions and by mu
     height: np.ndarray  # (k, s) n·(y_J - x_p) [length]
     turned: csr_matrix  # (k gdim, width) derivative of the normals [1 / length]
+    rounded: csr_matrix  # (k, width) derivative of what the frame stands out beyond its facets
     coordinates: np.ndarray  # (k, (s + 1) gdim) numbers of the coordinates of p and of all J
 
     def spread(self, force: np.ndarray) -> csr_matrix:
@@ -55,7 +60,7 @@ class NormalPlace(Place):
 
 
 @dataclass(frozen=True, eq=False)
-class NormalContact(Opening):
+class NormalContact(MovingContact):
     """Unknowns: a force per node of the moving side, mu per frame node, kappa."""
 
     sides: Sides
@@ -134,7 +139,9 @@ class NormalContact(Opening):
         height = np.einsum("nsi,ni->ns", y[rows.nodes] - x[on][:, None], at.normal)
         pick = summing(on, n)
         gap, normal = np.full(n, np.inf), np.zeros((n, gdim))
-        gap[on], normal[on] = -np.einsum("ns,ns->n", rows.N, height), at.normal
+        of_frame = y, sides.facets(False), meeting.normals, sides.rounded
+        s, rounded = roundness(at, d, *of_frame, (columns[1], sides.width))
+        gap[on], normal[on] = -np.einsum("ns,ns->n", rows.N, height) - s, at.normal
         return NormalPlace(
             z=z,
             gap=gap,
@@ -148,6 +155,7 @@ class NormalContact(Opening):
             entries=(by_place, by_mu),
             height=height,
             turned=d.normal,
+            rounded=rounded,
             coordinates=np.concatenate(
                 [columns[0], coordinates(rows.nodes, gdim, columns[1])], axis=1
             ),
@@ -176,7 +184,7 @@ class NormalContact(Opening):
         )
         lean = per_item(-place.height[:, None])  # (k, k s)
         A = jacobian(along, place.coordinates, width)  # (k, width): the force row
-        gap_z, gap_mu = A + lean @ by_place, lean @ by_mu
+        gap_z, gap_mu = A + lean @ by_place - place.rounded, lean @ by_mu
         # Forces, and how they change.
         lam = np.where(active[on], force[on], 0.0)
         spread = place.spread(lam[:, None] * normal)

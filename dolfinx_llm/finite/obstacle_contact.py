@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix, diags, identity
 from scipy.spatial.transform import Rotation
 
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
-from dolfinx_llm.finite.terms import ContactTerms, Held, Opening, Place, held_fast
+from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place, held_fast
 from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.against import checked_clearance, forced, forces_on
@@ -86,7 +86,7 @@ class ObstaclePlace(Place):
 
 
 @dataclass(frozen=True, eq=False)
-class ObstacleContact(Opening):
+class ObstacleContact(MovingContact):
     """Unknowns: a force per node."""
 
     sides: OneSide
@@ -128,10 +128,6 @@ class ObstacleContact(Opening):
     def hold(self, z: np.ndarray) -> Held:
         """Nothing but the pose, which the increment knows."""
         return Held(np.zeros(0, dtype=bool), np.ones(self.size, dtype=bool), 0.0)
-
-    def missed(self, place: Place, held: Held) -> Held | None:
-        """None: all nodes are asked in every iteration."""
-        return None
 
     def touching(
         self,

@@ -89,7 +89,7 @@ class MovingInterfaceResult(InterfaceForces):
 
 
 def moving_results(
-    contact: MovingContact | ObstacleContact, z: np.ndarray, terms: ContactTerms
+    contact: MovingContact, z: np.ndarray, terms: ContactTerms
 ) -> MovingInterfaceResult:
     """The result of one interface; the same on every rank.
 

@@ -34,6 +34,7 @@ Item = TypeVar("Item")
 
 AS_COARSE = 1e-6  # difference of mean facet sizes that is none
 PER_NODE = {2: 1.0, 3: np.sqrt(2.0), 4: 1.0}  # distance of nodes over the size of facets
+CURVES, SHARP = 1e-3, np.pi / 6  # angles of facets with the mean about a node, where it is curved
 WITHIN = 1.0  # gap over the frame's facet up to which facets can touch in a step
 
 
@@ -54,6 +55,7 @@ class Sides:
     surfaces: tuple[Surface, Surface]
     frame: int  # which of them carries the frame
     chains: Chains | None  # of the frame's facets, in the plane
+    rounded: np.ndarray  # (m,) the frame's nodes about which it is drawn curved, not at an edge
     within: float = WITHIN
 
     @classmethod
@@ -71,7 +73,8 @@ class Sides:
             frame = int(normals[1] > normals[0])
         flat = surfaces[0].x.shape[1] == 2
         chains = Chains.of(surfaces[frame].facets) if flat else None
-        return cls((surfaces[0], surfaces[1]), frame, chains)
+        rounded = _rounded(surfaces[frame].x, surfaces[frame].facets)
+        return cls((surfaces[0], surfaces[1]), frame, chains, rounded)
 
     @property
     def moving(self) -> int:
@@ -188,3 +191,12 @@ class Sides:
     def facets(self, moving: bool) -> np.ndarray:
         """(f, k) facets of a side."""
         return self.surfaces[self.moving if moving else self.frame].facets
+
+
+def _rounded(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """(n,) nodes about which a surface with facets (f, k) is curved, and has no edge."""
+    mean, area = averaged(x, facets), vector_areas(x, facets)
+    mean, area = (a / np.linalg.norm(a, axis=1)[:, None] for a in (mean, area))
+    angle, most = np.linalg.norm(mean[facets] - area[:, None], axis=2), np.zeros(len(x))
+    np.maximum.at(most, facets, angle)
+    return (most > CURVES) & (most < SHARP)

@@ -133,6 +133,7 @@ class NewtonSystem(Parts):
     It is factorised, or solved by GMRES (see ``condensed``); where that fails, factorised as well.
     """
 
+    options: tuple[str, dict] = ("", {})  # prefix, and PETSc options
     sides: Sequence[Any] = ()  # surfaces of each interface
     iterates: bool = False  # whether GMRES is to solve it
     iterations: int = 0  # of GMRES, since they were asked for
@@ -145,7 +146,6 @@ class NewtonSystem(Parts):
         terms: Sequence[ContactTerms],
         followers: Sequence[Part],
         r: np.ndarray,
-        options: tuple[str, dict | None],
         u: np.ndarray,
         error: float,
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -156,7 +156,6 @@ class NewtonSystem(Parts):
             terms: of the interfaces.
             followers: minus the derivatives of follower loads.
             r: (n_local,) residual; at prescribed dofs minus their change.
-            options: prefix, and PETSc options.
             u: (n_local,) where they are made.
             error: Newton's residual there, relative.
 
@@ -165,7 +164,7 @@ class NewtonSystem(Parts):
             ContactError: MUMPS could not factorise.
         """
         if self.iterates:
-            return self._iterate(K, terms, followers, r, options, u, error)
+            return self._iterate(K, terms, followers, r, u, error)
         bodies = [Part(t.K, at, at) for t, at in zip(terms, self.numbers, strict=True)]
         self.add(K, "bodies", [*bodies, *followers], self.dofs.fixed)
         fixed = np.flatnonzero(self.dofs.fixed)
@@ -173,7 +172,7 @@ class NewtonSystem(Parts):
         K.zeroRows((self.dofs.first + fixed).astype(PETSc.IntType), diag=diagonal)
         b = -r
         b[fixed] *= diagonal
-        return self._factorised(K, terms, b, [t.rest for t in terms], options)
+        return self._factorised(K, terms, b, [t.rest for t in terms])
 
     def _iterate(
         self,
@@ -181,7 +180,6 @@ class NewtonSystem(Parts):
         terms: Sequence[ContactTerms],
         followers: Sequence[Part],
         r: np.ndarray,
-        options: tuple[str, dict | None],
         u: np.ndarray,
         error: float,
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -202,7 +200,7 @@ class NewtonSystem(Parts):
         K.setBlockSize(dofs.gdim)
         system = CondensedSystem(dofs, self.own, K, coupling)
         x = positions(dofs, u)
-        found = system.solve(forces, s, x, error, (options[0], options[1] or {}))
+        found = system.solve(forces, s, x, error, self.options)
         self.iterations += system.iterations
         self.failures = self.failures + 1 if found is None else 0
         if found is None:
@@ -215,7 +213,7 @@ class NewtonSystem(Parts):
             every = np.concatenate(places)
             self.add(K, "others", [Part(coupling.K, every, every)])
             rests = np.split(-s / coupling.scaling.diagonal(), np.cumsum(self.sizes)[:-1])
-            found = self._factorised(K, terms, forces, rests, (options[0], None))
+            found = self._factorised(K, terms, forces, rests)
         else:
             K.destroy()
         return found[0] + moved, found[1]
@@ -226,21 +224,19 @@ class NewtonSystem(Parts):
         terms: Sequence[ContactTerms],
         b: np.ndarray,
         rest: Sequence[np.ndarray],
-        options: tuple[str, dict | None],
     ) -> tuple[np.ndarray, np.ndarray]:
         """The solution by MUMPS for forces b (n_local,) and what the own equations leave."""
         if not terms:
-            return self._solved([[K]], [b], options)[0], np.zeros(0)
+            return self._solved([[K]], [b])[0], np.zeros(0)
         blocks = self.blocks(terms, self.dofs.sizes)
         own = np.concatenate(rest)[self.own.mine]
-        parts = self._solved([[K, blocks[0]], blocks[1:]], [b, -own], options)
+        parts = self._solved([[K, blocks[0]], blocks[1:]], [b, -own])
         return parts[0], gather_rows(self.dofs.comm, parts[1])[self.own.number]
 
     def _solved(
         self,
         blocks: Sequence[Sequence[PETSc.Mat]],
         b: Sequence[np.ndarray],
-        options: tuple[str, dict | None],
     ) -> list[np.ndarray]:
         matrix, places = join_blocks(blocks)
         for M in (M for row in blocks for M in row):
@@ -248,12 +244,12 @@ class NewtonSystem(Parts):
         rhs = np.zeros(matrix.getLocalSize()[0])
         for place, part in zip(places, b, strict=True):
             rhs[place] = part
-        self._factorise(matrix, options)
+        self._factorise(matrix)
         assert self.solver is not None
         x = self.solver.solve(rhs)
         return [x[place] for place in places]
 
-    def _factorise(self, matrix: PETSc.Mat, options: tuple[str, dict | None]) -> None:
+    def _factorise(self, matrix: PETSc.Mat) -> None:
         """Factorise; the analysis of the last factorisation serves where it can."""
         old, self.solver = self.solver, None
         if old is not None:
@@ -269,7 +265,8 @@ class NewtonSystem(Parts):
                 self.solver = old
                 return
             old.destroy()
-        self.solver = DirectSolver(matrix, options[0], ONCE | (options[1] or {}), own=True)
+        chosen = {} if self.failures else self.options[1]  # they were GMRES's
+        self.solver = DirectSolver(matrix, self.options[0], ONCE | chosen, own=True)
 
     def taken(self) -> int:
         """Iterations of GMRES since this was asked last."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.laws.rows import CLOSED, OPEN
 
 FAST = 1e-9  # part of a row at free dofs, below which supports hold the pair
@@ -80,70 +79,37 @@ class ContactTerms:
     miss: float = 0.0  # largest distance of forces from the law where pairs slip [force]
 
 
-class MovingContact(Protocol):
-    """An interface with a law, at finite deformation."""
+class MovingContact:
+    """An interface with a law, at finite deformation.
 
-    settles: ClassVar[bool]  # its pairs close and open by themselves: nothing else depends on it
+    Where nothing else is said pairs close and open by themselves: the first (n,) of the unknowns q
+    are their normal forces lambda [force].
+    """
 
-    @property
-    def sides(self) -> Sides:
-        """Its surfaces."""
+    settles: ClassVar[bool] = True  # nothing but lambda and gaps decides which pairs are closed
+
+    sides: Any  # its surfaces: ``Sides``, or ``OneSide``
 
     @property
     def size(self) -> int:
         """Number of own unknowns q."""
+        raise NotImplementedError
 
     @property
     def owner(self) -> np.ndarray:
         """(size,) ranks that own the unknowns."""
+        raise NotImplementedError
 
     def hold(self, z: np.ndarray) -> Held:
         """What is held in a load step that starts at coordinates z."""
+        raise NotImplementedError
 
     def missed(self, place: Any, held: Held) -> Held | None:
         """What is held where the equilibrium there asks for other pairs; None: it does not."""
+        return None
 
     def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> Any:
         """How the pairs stand at coordinates z and own unknowns q: a ``Place`` of its own kind."""
-
-    def touching(
-        self,
-        place: Any,
-        q: np.ndarray,
-        before: np.ndarray,
-        held: Held,
-        reach: np.ndarray,
-    ) -> tuple[np.ndarray, Held]:
-        """(n,) status of the pairs, and what is held from now on."""
-
-    def terms(
-        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
-    ) -> ContactTerms:
-        """All that Newton's iteration asks for."""
-
-
-class Opening:
-    """Contact whose pairs close and open by themselves; the first (n,) of its unknowns q are their
-    normal forces lambda [force]."""
-
-    settles: ClassVar[bool] = True
-
-    sides: Any  # ``Sides``, or ``OneSide``
-
-    @property
-    def size(self) -> int:
-        """Number of own unknowns q."""
-        raise NotImplementedError
-
-    @property
-    def owner(self) -> np.ndarray:
-        """(size,) ranks that own the unknowns."""
-        raise NotImplementedError
-
-    def terms(
-        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
-    ) -> ContactTerms:
-        """All that Newton's iteration asks for."""
         raise NotImplementedError
 
     def touching(
@@ -167,6 +133,12 @@ class Opening:
         gap = np.where(place.pairs, place.gap, 0.0)
         closed = place.pairs & (q[: len(gap)] / held.scale - gap > -reach)
         return np.where(closed, CLOSED, OPEN), held
+
+    def terms(
+        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
+    ) -> ContactTerms:
+        """All that Newton's iteration asks for."""
+        raise NotImplementedError
 
 
 def moved(place: Place, change: np.ndarray) -> Place:

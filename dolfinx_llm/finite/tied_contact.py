@@ -18,7 +18,7 @@ from dolfinx_llm.finite.areas import Covered
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.jacobians import summing
 from dolfinx_llm.finite.sides import Meeting, Sides
-from dolfinx_llm.finite.terms import ContactTerms, Held, Place
+from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place
 from dolfinx_llm.laws.rows import OPEN, STICK
 
 DRAWN = 1e-9  # gap over facet size that is none
@@ -27,7 +27,7 @@ TELLS = 1e-2  # singular value of rows of prescribed nodes, below which they tel
 
 
 @dataclass(frozen=True, eq=False)
-class TiedContact:
+class TiedContact(MovingContact):
     """Unknowns: a force of gdim components per node of the moving side."""
 
     settles: ClassVar[bool] = False
@@ -106,10 +106,6 @@ class TiedContact:
     def hold(self, z: np.ndarray) -> Held:
         """Nothing is chosen anew."""
         return Held(np.zeros(0, dtype=bool), self.pairs, 0.0)
-
-    def missed(self, place: Place, held: Held) -> Held | None:
-        """None: ties stay as drawn."""
-        return None
 
     def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> Place:
         """Rows as drawn, normals and areas as they are now."""

@@ -39,6 +39,13 @@ def choose_solver(
             "solver='condensed' needs a symmetric stiffness, and the form a is not symmetric: use "
             "solver='saddle'"
         )
+    if operators.dofs.mixed:
+        if asked == "condensed":
+            raise ContactError(
+                "solver='condensed' needs a positive definite stiffness, which that of a mixed "
+                "function space is not in general: use solver='saddle'"
+            )
+        asked = "saddle"
     if not operators.tied:
         return _choose_steps(asked, symmetric, operators)
     if asked != "auto":

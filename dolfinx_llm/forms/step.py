@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from petsc4py import PETSc
@@ -56,6 +56,21 @@ class LinearStep:
             on, ~on, L, g, np.zeros(n), L.T.tocsr(), D, np.zeros(m), nothing, 0.0, [], nothing,
             np.zeros(n),
         )  # fmt: skip
+
+    def transposed(self) -> LinearStep:
+        """The step without loads whose matrix is the transpose of this one's, with what is in
+        contact now."""
+        n, m = self.L.shape
+        return replace(
+            self,
+            may_open=np.zeros(n, dtype=bool),
+            L=self.E.T.tocsr(),
+            E=self.L.T.tocsr(),
+            D=self.D.T.tocsr(),
+            g=np.zeros(n),
+            rhs=np.zeros(m),
+            about=np.zeros(n),
+        )
 
     def same_matrix(self, other: LinearStep) -> bool:
         """Whether another step differs in loads alone: what has been factorised serves it.

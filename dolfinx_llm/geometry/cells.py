@@ -63,12 +63,25 @@ def facet_vectors(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
     if element.order == 1:  # 2 x 2 points integrate N det J, of degree 2 in each direction
         xi, w = CORNERS[4] / np.sqrt(3.0), np.ones(4)
     N, dN = element.shape(xi)
+    return np.einsum("mgi,gk->mki", _normals(x, facets, dN), w[:, None] * N)
+
+
+def facet_mass(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """(m, k, k) integrals of N N dA over each facet (m, k), whole and maybe bent [area]."""
+    element = element_of(x.shape[1] - 1, facets.shape[1])
+    xi, w = element.quadrature
+    N, dN = element.shape(xi)
+    area = w * np.linalg.norm(_normals(x, facets, dN), axis=2)
+    return np.einsum("mg,gk,gl->mkl", area, N, N)
+
+
+def _normals(x: np.ndarray, facets: np.ndarray, dN: np.ndarray) -> np.ndarray:
+    """(m, g, gdim) normals of facets (m, k), of the size of the Jacobian, where shape functions
+    have the slopes dN (g, k, d)."""
     t = np.einsum("gkd,mki->mgdi", dN, x[facets])
     if x.shape[1] == 2:
-        normal = np.stack([-t[:, :, 0, 1], t[:, :, 0, 0]], axis=2)
-    else:
-        normal = np.cross(t[:, :, 0], t[:, :, 1])
-    return np.einsum("mgi,gk->mki", normal, w[:, None] * N)
+        return np.stack([-t[:, :, 0, 1], t[:, :, 0, 0]], axis=2)
+    return np.cross(t[:, :, 0], t[:, :, 1])
 
 
 def cell_sizes(x: np.ndarray, cells: np.ndarray) -> np.ndarray:

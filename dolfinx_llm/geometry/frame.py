@@ -227,9 +227,7 @@ class Frame:
         Args:
             location: of n points, as ``locate`` gives it.
         """
-        if self.element.order > 1:
-            return self._places.second_order(location, self.cells, self.element)
-        return self._places.interpolation(location)
+        return self._places.interpolation(location, self.cells, self.element)
 
 
 def _check_straight(frame: Frame) -> None:

@@ -16,9 +16,11 @@ from typing import Any
 import numpy as np
 from scipy.sparse import block_diag, coo_matrix, csr_matrix
 
-from dolfinx_llm.geometry.cells import points_of
+from dolfinx_llm.geometry.cells import facet_mass, facet_vectors, points_of, vector_areas
 from dolfinx_llm.geometry.overlap_flat import covered_points, nodal_forces
 from dolfinx_llm.geometry.surface import Surface
+
+UNTOLD = 0.1  # part of a facet in contact, up to which it tells little of its far nodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +32,7 @@ class NodalLoads:
     moments: np.ndarray  # (n, gdim - 1) integrals of N_p (s - s_p); (n, 0) at first order
     touched: np.ndarray  # (n,) whether a facet of the node is in contact
     mass: csr_matrix | None = None  # (n, n) integrals of N_p N_q of second-order facets [area]
+    sound: np.ndarray | None = None  # (n,) whether one of them is by more than ``UNTOLD`` of it
 
     @classmethod
     def of_forces(cls, forces: np.ndarray) -> NodalLoads:
@@ -52,7 +55,11 @@ class NodalLoads:
             return cls.of_forces(nodal_forces(side, s, area))
         s = side.straightened(s)
         forces, shares, touched = np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool)
-        moments, products = np.zeros((n, s.shape[1])), []
+        moments, products, sound = np.zeros((n, s.shape[1])), [], np.zeros(n, dtype=bool)
+        whole = np.ptp(s[side.facets][..., 0], axis=1)
+        if s.shape[1] > 1:
+            whole = np.linalg.norm(vector_areas(s, side.facets), axis=1)
+        covered = np.zeros(len(cells))
         for facet, xi, weight in covered_points(s, side.facets, area):
             nodes, (e, g, d) = cells[facet], xi.shape
             on_facet, flat = np.repeat(side.facets[facet], g, axis=0), xi.reshape(-1, d)
@@ -64,14 +71,33 @@ class NodalLoads:
             np.add.at(shares, nodes, weight.sum(axis=1)[:, None] / element.nodes)
             np.add.at(moments, nodes, np.einsum("egk,egkd->ekd", wN, arm))
             touched[nodes] = True
+            np.add.at(covered, facet, weight.sum(axis=1))
             products.append(_assembled(np.einsum("egk,egl->ekl", wN, N), nodes, n))
-        return cls(forces, shares, moments if order > 1 else moments[:, :0], touched, sum(products))
+        sound[cells[covered > UNTOLD * whole]] = True
+        moments = moments if order > 1 else moments[:, :0]
+        return cls(forces, shares, moments, touched, sum(products), sound)
+
+    @classmethod
+    def whole(cls, side: Surface, facets: np.ndarray) -> NodalLoads:
+        """Of some facets of a side, flat or curved, as wholes: no moments."""
+        n, cells = len(side.x), side.cells[facets]
+        if side.element.order == 1:
+            vectors = np.zeros_like(side.x)
+            np.add.at(vectors, cells, facet_vectors(side.x, cells))
+            return cls.of_forces(np.linalg.norm(vectors, axis=1))
+        blocks, touched = facet_mass(side.x, cells), np.zeros(n, dtype=bool)
+        touched[cells] = True
+        mass = _assembled(blocks, cells, n)
+        area = np.repeat(blocks.sum(axis=(1, 2)) / side.element.nodes, side.element.nodes)
+        shares = np.bincount(cells.ravel(), area, n)
+        return cls(mass @ np.ones(n), shares, np.zeros((n, 0)), touched, mass, touched)
 
     def of(self, nodes: np.ndarray) -> NodalLoads:
         """Those of some nodes."""
         mass = None if self.mass is None else self.mass[nodes][:, nodes].tocsr()
+        sound = None if self.sound is None else self.sound[nodes]
         own = self.forces[nodes], self.shares[nodes], self.moments[nodes], self.touched[nodes]
-        return NodalLoads(*own, mass)
+        return NodalLoads(*own, mass, sound)
 
     @staticmethod
     def joined(loads: Sequence[NodalLoads]) -> NodalLoads:
@@ -82,7 +108,8 @@ class NodalLoads:
         )
         blocks = [load.mass for load in loads]
         whole = None if blocks[0] is None else csr_matrix(block_diag(blocks, format="csr"))
-        return NodalLoads(forces, shares, moments, touched, whole)
+        sound = None if whole is None else np.concatenate([load.sound for load in loads])
+        return NodalLoads(forces, shares, moments, touched, whole, sound)
 
 
 def _assembled(blocks: np.ndarray, nodes: np.ndarray, n: int) -> csr_matrix:

@@ -20,6 +20,7 @@ from dolfinx_llm.geometry.cells import (
 from dolfinx_llm.geometry.element import Element
 
 UNFELT = 1e-15  # shape functions below this are zero
+EDGE = 1e-14  # the same of a point on an edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,55 +168,38 @@ class ClosestPoints:
             xi[beyond] = closest_on_sides(self.x[self.cells[cell[beyond]]], x[beyond])
         return xi, np.linalg.norm(x - points_of(self.x, self.cells[cell], xi)[1], axis=1)
 
-    def interpolation(self, at: Location) -> csr_matrix:
-        """(n, m) matrix of the shape functions at located points; see ``Frame.interpolation``."""
-        n, k = at.N.shape
+    def interpolation(self, at: Location, cells: np.ndarray, element: Element) -> csr_matrix:
+        """(n, m) matrix of an element's shape functions at located points, of cells (n_cells, k)
+        over nodes (m) whose corners these cells are; see ``Frame.interpolation``."""
         point, cell, xi = at.equal
-        row, cell = np.append(np.arange(n), point), np.append(at.cell, cell)
-        N, cols = np.concatenate([at.N, shape_functions(k, xi)[0]]), self.cells[cell]
-        beyond = at.outside[row] > 0.0
-        if not len(point) and not beyond.any():
-            matrix = csr_matrix(
-                (N.ravel(), cols.ravel(), np.arange(0, n * k + 1, k)), (n, len(self.x))
-            )
-            matrix.sort_indices()
-            return matrix
-        xi, inside = np.concatenate([at.xi, xi])[beyond], ~beyond
-        node, out, values = self._continued(cell[beyond], xi, at.x[row[beyond]])
-        rows = np.append(np.repeat(row[inside], k), row[beyond][out])
-        values = np.append(N[inside].ravel(), values)
-        values /= np.bincount(row)[rows]  # all that are as close count for the same
-        index = rows, np.append(cols[inside].ravel(), node)
-        return csr_matrix((values, index), (n, len(self.x)))
-
-    def second_order(self, at: Location, cells: np.ndarray, element: Element) -> csr_matrix:
-        """(n, m) matrix of second-order shape functions of cells (n_cells, k) whose corners are
-        these; beyond the outline continued by their gradients."""
-        n = len(at.x)
-        point, cell, xi = at.equal
-        row, cell = np.append(np.arange(n), point), np.append(at.cell, cell)
+        row, cell = np.append(np.arange(len(at.x)), point), np.append(at.cell, cell)
         xi = np.concatenate([at.xi, xi])
-        N, dN = element.shape(xi)
-        beyond = np.flatnonzero(at.outside[row] > 0.0)
-        step = self._step(at.x[row[beyond]], cell[beyond], xi[beyond])[0]
-        N[beyond] += np.einsum("nkd,nd->nk", dN[beyond], step)
-        N /= np.bincount(row)[row, None]  # all that are as close count for the same
-        index = np.repeat(row, N.shape[1]), cells[cell].ravel()
-        matrix = csr_matrix((N.ravel(), index), (n, len(self.x)))
-        matrix.data[np.abs(matrix.data) < UNFELT] = 0.0
-        matrix.eliminate_zeros()
+        inside = at.outside[row] == 0.0
+        beyond = np.flatnonzero(~inside)
+        known, c, z = row[inside], cell[inside], xi[inside]
+        N, dN = element.shape(z)
+        N += np.einsum("nkd,nd->nk", dN, self._step(at.x[known], c, z)[0])
+        place, columns, values = self._continued(
+            cell[beyond], xi[beyond], at.x[row[beyond]], cells, element
+        )
+        rows = np.append(np.repeat(known, N.shape[1]), row[beyond][place])
+        values = np.append(N.ravel(), values) / np.bincount(row)[rows]  # those as close: the same
+        index = rows, np.append(cells[c].ravel(), columns)
+        matrix = csr_matrix((values, index), (len(at.x), len(self.x)))
+        if element.order > 1:
+            matrix.data[np.abs(matrix.data) < UNFELT] = 0.0
+            matrix.eliminate_zeros()
         return matrix
 
     def _continued(
-        self, cell: np.ndarray, xi: np.ndarray, x: np.ndarray
+        self, cell: np.ndarray, xi: np.ndarray, x: np.ndarray, cells: np.ndarray, element: Element
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Shape functions at x (n, gdim) beyond the points xi of cells, continued from there by the
-        gradients of the nodes around, each the mean of those of its cells: one cell's alone would
-        jump where the next one begins. Nodes, which of the n, and values, to be added up."""
+        gradients at the corners around, each the mean of those of its cells: one cell's alone would
+        jump where the next one begins. Which of the n, nodes, and values, to be added up."""
         k, flat = self.cells.shape[1], self.cells.ravel()
         foot, y, _ = points_of(self.x, self.cells[cell], xi)
-        foot = np.where(foot > 1e-14, foot, 0.0)
-        point, corner = np.nonzero(foot)
+        point, corner = np.nonzero(foot > EDGE)
         node, share = self.cells[cell[point], corner], foot[point, corner]
         order = np.argsort(flat, kind="stable")
         first, last = (np.searchsorted(flat[order], node, side) for side in ("left", "right"))
@@ -224,7 +208,12 @@ class ClosestPoints:
         place = order[np.arange(len(pair)) + np.repeat(first - np.cumsum(count) + count, count)]
         around, at = place // k, CORNERS[k][place % k]
         step = self._step((x - y)[point[pair]] + self.x[node[pair]], around, at)[0]
-        change = np.einsum("nkd,nd->nk", shape_functions(k, at)[1], step)
+        change = np.einsum("nkd,nd->nk", element.shape(at)[1], step)
         change *= (share / count)[pair][:, None]
-        nodes = np.append(self.cells[around].ravel(), node)
-        return nodes, np.append(np.repeat(point[pair], k), point), np.append(change.ravel(), share)
+        value = element.shape(xi)[0]
+        there, own = np.nonzero(np.abs(value) > EDGE)
+        return (
+            np.append(np.repeat(point[pair], change.shape[1]), there),
+            np.append(cells[around].ravel(), cells[cell[there], own]),
+            np.append(change.ravel(), value[there, own]),
+        )

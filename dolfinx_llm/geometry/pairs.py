@@ -64,6 +64,11 @@ class ContactPairs:
         return self.surface.x[self.nodes]
 
     @property
+    def met(self) -> np.ndarray:
+        """(n, gdim) where the nodes meet the frame, or an obstacle, as drawn [length]."""
+        return self.x - (self.gap if self.control is None else self.control @ self.gap)
+
+    @property
     def cells(self) -> np.ndarray:
         """(m, k) all nodes of the facets between nodes that take part, by place in ``nodes``."""
         place = np.full(len(self.surface.x), -1)

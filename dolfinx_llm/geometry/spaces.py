@@ -21,6 +21,13 @@ def check_space(V: Any, highest: int = 1) -> None:
     if isinstance(V, type) or not all(hasattr(V, k) for k in ("mesh", "dofmap", "element")):
         checks.refuse("V", V, "give a dolfinx function space")
     _check_mesh(V.mesh, highest)
+    check(
+        V.mesh.comm,
+        is_mixed(V),
+        "the function space is mixed, of several blocks: give that of the displacement, "
+        "V.sub(i).collapse()[0]; ContactProblem alone takes the mixed one",
+        ContactInputError,
+    )
     layout, gdim, bs = V.dofmap.dof_layout, V.mesh.geometry.dim, V.dofmap.index_map_bs
     nodes = CELLS[compat.cell_kinds(V.mesh)[0]]
     degree = compat.geometry_degree(V.mesh)
@@ -31,18 +38,52 @@ def check_space(V: Any, highest: int = 1) -> None:
         f"space that order too, or the mesh the first (gmsh.model.mesh.setOrder(1))",
         ContactInputError,
     )
-    wrong = bs != gdim or layout.num_dofs not in nodes[degree - 1 : highest]
-    wrong = wrong or len(layout.entity_dofs(0, 0)) != 1 or not compat.has_nodes(V)
     orders = " or second" if highest > 1 else ""
     check(
         V.mesh.comm,
-        bool(wrong),
+        not _has_motion(V, nodes[degree - 1 : highest]),
         f"the function space must be a vector space of first{orders} order (Lagrange elements with "
         f"{' or '.join(map(str, nodes[:highest]))} nodes per cell, {gdim} components); this one "
         f"has {layout.num_dofs} nodes per cell and {bs} component(s). Use "
         f"functionspace(mesh, ('Lagrange', 1, ({gdim},)))",
         ContactInputError,
     )
+
+
+def _has_motion(V: Any, nodes: tuple[int, ...]) -> bool:
+    """Whether a space is a vector space of Lagrange elements with such a number of nodes."""
+    layout = V.dofmap.dof_layout
+    fits = V.dofmap.index_map_bs == V.mesh.geometry.dim and layout.num_dofs in nodes
+    return fits and len(layout.entity_dofs(0, 0)) == 1 and compat.has_nodes(V)
+
+
+def is_mixed(V: Any) -> bool:
+    """Whether a function space has blocks that are no components of one vector."""
+    return V.num_sub_spaces > 1 and V.dofmap.index_map_bs == 1
+
+
+def displacement_block(W: Any) -> tuple[Any, np.ndarray]:
+    """Of a mixed space the block that is a displacement, up to second order, as a space of its own,
+    and (n,) which dof of W each of its local ones is.
+
+    Raises:
+        ContactInputError: none of the blocks is one, or several are.
+    """
+    _check_mesh(W.mesh, 2)
+    degree = compat.geometry_degree(W.mesh)
+    nodes = CELLS[compat.cell_kinds(W.mesh)[0]][degree - 1 :]
+    blocks = [W.sub(i).collapse() for i in range(W.num_sub_spaces)]
+    found = [i for i, (V, _) in enumerate(blocks) if _has_motion(V, nodes)]
+    check(
+        W.mesh.comm,
+        len(found) != 1,
+        f"{len(found)} of the {len(blocks)} blocks of the mixed space can be the displacement: one "
+        f"must be a vector space of Lagrange elements with {' or '.join(map(str, nodes))} nodes "
+        "per cell, and no other",
+        ContactInputError,
+    )
+    V, dofs = blocks[found[0]]
+    return V, np.asarray(dofs, dtype=np.int64)
 
 
 def order_of(V: Any) -> int:

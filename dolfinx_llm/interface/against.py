@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.geometry.cells import facet_vectors, vector_areas
+from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.facing import BEYOND, TURN, Facets, facet_sizes
 from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.pairs import ContactPairs
@@ -43,16 +43,15 @@ def against_obstacle(
             f"clearance {distance[near]:.3g}. Check the obstacle's normal, `inside`, the tag and "
             "positions"
         )
-    vectors = np.zeros_like(side.x)
-    np.add.at(vectors, side.facets[facets], facet_vectors(side.x, side.facets[facets]))
+    loads = NodalLoads.whole(side, facets)
     if nodes is None:
         facing = np.zeros(len(side.x), dtype=bool)
-        facing[side.facets[facets]] = True
+        facing[side.cells[facets]] = True
         nodes = np.flatnonzero(facing & np.isfinite(distance))
     pairs = ContactPairs(
         surface=side,
         nodes=nodes,
-        loads=NodalLoads.of_forces(np.linalg.norm(vectors[nodes], axis=1)),
+        loads=loads.of(nodes),
         cell=np.zeros(len(nodes), dtype=np.int64),
         N=csr_matrix((len(nodes), 0)),
         normal=normal[nodes],
@@ -66,9 +65,8 @@ def against_obstacle(
             "out: they do not face the obstacle"
         )
     # It may be drawn inside and moved away, or drawn at the surface and pressed in.
-    points = side.x[nodes] - pairs.gap
     moved = distance.copy()
-    moved[nodes] += np.maximum(np.einsum("ni,ni->n", pairs.normal, obstacle.motion(points)), 0.0)
+    moved[nodes] += np.maximum(np.einsum("ni,ni->n", pairs.normal, obstacle.motion(pairs.met)), 0.0)
     _say_place(obstacle, side, nodes, moved, name, notes)
     return pairs, steep_rim(side, facets, np.isfinite(distance))
 
@@ -115,7 +113,9 @@ def _facing_facets(side: Surface, distance: np.ndarray, normal: np.ndarray) -> n
     area = vector_areas(side.x, side.facets)
     cosine = np.einsum("fi,fi->f", area, direction) / np.linalg.norm(area, axis=1)
     faces = cosine > np.cos(TURN)
-    at = distance[side.facets].min(axis=1)
+    at = distance[side.cells].min(axis=1)
+    if side.element.order > 1:  # a facet takes part as a whole
+        at[~np.isfinite(distance[side.cells]).all(axis=1)] = np.inf
     limit = at[faces].min(initial=np.inf) + BEYOND * Facets.of(side).reach
     return np.flatnonzero(faces & np.isfinite(at) & (at <= limit))
 

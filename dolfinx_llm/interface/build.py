@@ -18,7 +18,7 @@ from dolfinx_llm.geometry.pairs import ContactPairs, locate_pairs
 from dolfinx_llm.geometry.pieces import Piece
 from dolfinx_llm.interface.against import against_obstacle, forced, under_force
 from dolfinx_llm.interface.choices import Interface
-from dolfinx_llm.interface.control import in_control_values
+from dolfinx_llm.interface.control import in_control_values, with_control
 from dolfinx_llm.interface.frames import REACH, choose_frame, common_order, move_nodes
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.interface.join import Part, joined, whole_piece
@@ -51,7 +51,7 @@ def build_interfaces(
         corrected = certificate is not None and certificate.largest_correction > 0.0
         if ties and corrected and any(nodes.any() for nodes in shared):
             found[i] = build(replace(found[i].site, shared=shared))
-    return found
+    return with_control(found)
 
 
 def check_pairs(geometries: Sequence[InterfaceGeometry]) -> None:
@@ -151,8 +151,8 @@ def assembled(
     frame, base, certificate = None, np.empty((0, gdim, gdim)), None
     if alone is None:
         pairs, frame, base, certificate = joined(site.whole, parts)
-        if not law.ties:
-            pairs = [in_control_values(p, frame) for p in pairs]
+    if not law.ties:
+        pairs = [in_control_values(p, frame) for p in pairs]
     rims = [
         rim[np.isin(side.dofs, p.surface.dofs)][p.nodes]
         for rim, side, p in zip(whole_rims, site.whole, pairs, strict=True)

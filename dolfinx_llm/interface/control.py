@@ -9,7 +9,6 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
-from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs, control_matrices, nodal_rows
 from dolfinx_llm.geometry.surface import Surface
@@ -21,40 +20,66 @@ def frame_control(frame: Frame) -> csr_matrix:
     return nodal_rows(frame.cells, frame.element.bernstein, len(frame.x))
 
 
-def in_control_values(pairs: ContactPairs, frame: Frame) -> ContactPairs:
-    """Pairs whose rows, gaps and forces are those of control values of side and frame."""
-    N = pairs.N
+def in_control_values(pairs: ContactPairs, frame: Frame | None) -> ContactPairs:
+    """Pairs whose rows, gaps and forces are those of control values of side and frame; against an
+    obstacle of the side alone."""
+    if frame is None:  # distances, each along a normal of its own
+        own = _own_control(pairs)
+        if own.control is None:
+            return own
+        across = control_values(own, np.einsum("ni,ni->n", pairs.gap, pairs.normal))
+        return replace(own, gap=across[:, None] * pairs.normal)
     if frame.element.order > 1:
-        N = (N @ frame_control(frame)).tocsr()
+        pairs = replace(pairs, N=(pairs.N @ frame_control(frame)).tocsr())
+    return _own_control(pairs)
+
+
+def _own_control(pairs: ContactPairs) -> ContactPairs:
+    """The same of the side alone."""
     if pairs.surface.element.order == 1:
-        return replace(pairs, N=N)
+        return pairs
     E, C = (M[pairs.nodes][:, pairs.nodes].tocsr() for M in control_matrices(pairs.surface))
     loads = replace(pairs.loads, forces=E.T @ pairs.loads.forces)
-    return replace(pairs, N=(C @ N).tocsr(), gap=C @ pairs.gap, loads=loads, control=E)
+    return replace(pairs, N=(C @ pairs.N).tocsr(), gap=C @ pairs.gap, loads=loads, control=E)
+
+
+def with_control(geometries: Sequence[InterfaceGeometry]) -> list[InterfaceGeometry]:
+    """The same; ties that share an edge with surfaces that may part are in control values, too."""
+    out = list(geometries)
+    rest = {i for i, geometry in enumerate(out) if geometry.interface.law.ties}
+    found = controlled([geometry for i, geometry in enumerate(out) if i not in rest])
+    while taken := {i for i in rest if _meets(out[i], found)}:
+        for i in taken:  # their frames stay as they are
+            out[i] = replace(out[i], pairs=tuple(map(_own_control, out[i].pairs)))
+        rest -= taken
+        found = controlled([geometry for i, geometry in enumerate(out) if i not in rest])
+    return out
+
+
+def control_values(pairs: ContactPairs, values: np.ndarray) -> np.ndarray:
+    """(n, ...) control values from values at the nodes of pairs."""
+    if pairs.control is None:
+        return values
+    return np.asarray(splu(pairs.control.tocsc()).solve(values))
 
 
 def controlled(geometries: Sequence[InterfaceGeometry]) -> list[tuple[int, Surface]]:
-    """(space, surface) of the tagged second-order surfaces that may part.
+    """(space, surface) of the tagged surfaces in control values."""
+    return [
+        (space, surface)
+        for geometry in geometries
+        for p, space, surface in zip(geometry.pairs, geometry.spaces, geometry.site.whole)
+        if p.control is not None
+    ]
 
-    Raises:
-        ContactInputError: such a surface shares an edge with one that is tied.
-    """
-    found: list[tuple[int, Surface]] = []
-    tied: list[tuple[int, Surface]] = []
-    for geometry in geometries:
-        for space, surface in zip(geometry.spaces, geometry.site.whole, strict=True):
-            if surface.element.order > 1:
-                (tied if geometry.interface.law.ties else found).append((space, surface))
-    for space, surface in tied:
-        for other, free in found:
-            middles = free.dofs[free.cells[:, free.facets.shape[1] :]]
-            if space == other and np.isin(surface.dofs, middles).any():
-                raise ContactInputError(
-                    f"{surface.name} is tied and shares an edge with {free.name}, which may part: "
-                    "of second-order bodies both must be of one kind. Leave a facet between them, "
-                    "or use first-order bodies"
-                )
-    return found
+
+def _meets(geometry: InterfaceGeometry, found: Sequence[tuple[int, Surface]]) -> bool:
+    """Whether one of an interface's surfaces shares nodes with these."""
+    return any(
+        space == other and np.isin(surface.dofs, there.dofs).any()
+        for space, surface in zip(geometry.spaces, geometry.site.whole, strict=True)
+        for other, there in found
+    )
 
 
 def at_nodes(pairs: ContactPairs, force: np.ndarray) -> np.ndarray:

@@ -6,30 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_matrix, diags, identity
-from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base import checks
 
 if TYPE_CHECKING:
     from dolfinx_llm.geometry.frame import Frame
 
-HARDLY = 1e-13  # of a node's own entry, added to it: where a facet is in contact by next to nothing
-
 
 def per_area(force: np.ndarray, area: np.ndarray) -> np.ndarray:
     """(m, k) forces over areas (m,), 0 where there is none [force / area]."""
     return np.asarray(force / np.where(area > 0.0, area, np.inf)[:, None])
-
-
-def per_mass(force: np.ndarray, mass: csr_matrix | None) -> np.ndarray | None:
-    """(n, gdim) field whose integrals with the shape functions of second-order facets are the
-    forces (n, gdim), from the integrals (n, n) of their products [force / area]."""
-    if mass is None:
-        return None
-    root = 1.0 / np.sqrt(np.maximum(mass.diagonal(), 1e-300))  # facets hardly in contact weigh less
-    scaled = diags(root) @ mass @ diags(root) + HARDLY * identity(len(root))
-    return np.asarray(root[:, None] * splu(scaled.tocsc()).solve(root[:, None] * force))
 
 
 class InterfaceForces:

@@ -67,9 +67,7 @@ def check_order(interface: Interface, sides: Sequence[Surface], flat: bool = Tru
     missing = ""
     if all(side.element.order == 1 for side in sides):
         return
-    if interface.obstacle is not None:
-        missing = "rigid obstacles"
-    elif interface.law.gives or not (interface.law.ties or interface.law.opens):
+    if interface.law.gives or not (interface.law.ties or interface.law.opens):
         missing = f"the law {interface.law}"
     elif interface.design == "positions":
         missing = "design='positions' (use 'weights' or 'auto')"
@@ -112,5 +110,6 @@ def _held(side: Surface, V: Any, fixed: np.ndarray) -> np.ndarray:
     mine = side.owner == V.mesh.comm.rank
     start = V.dofmap.index_map.local_range[0]
     held = np.zeros(side.x.shape, dtype=np.int64)
-    held[mine] = fixed.reshape(-1, side.x.shape[1])[side.dofs[mine] - start]
+    nodes = V.dofmap.index_map.size_local
+    held[mine] = fixed[: nodes * held.shape[1]].reshape(nodes, -1)[side.dofs[mine] - start]
     return V.mesh.comm.allreduce(held) > 0

@@ -56,9 +56,14 @@ def rigid_modes(x: np.ndarray) -> np.ndarray:
 
 
 class Bodies:
-    """Connected bodies of the meshes of function spaces and the rigid motions of each."""
+    """Connected bodies of the meshes of function spaces and the rigid motions of each.
 
-    def __init__(self, spaces: Sequence[Any]) -> None:
+    Args:
+        spaces: of the displacements.
+        dofs: (nodes gdim,) this rank's dofs that these are; None: all, one after the other.
+    """
+
+    def __init__(self, spaces: Sequence[Any], dofs: np.ndarray | None = None) -> None:
         self.comm = spaces[0].mesh.comm
         self.gdim = spaces[0].mesh.geometry.dim
         labels, points, first = [], [], 0
@@ -79,6 +84,7 @@ class Bodies:
         order = np.lexsort(np.concatenate([high.T[::-1], low.T[::-1]]).round(12))
         self.low, self.high = low[order], high[order]
         self.label, self.points = np.argsort(order)[label], x
+        self.dofs = np.arange(x.size) if dofs is None else dofs
 
     def own_modes(self, label: np.ndarray, x: np.ndarray) -> np.ndarray:
         """(n, gdim, modes per body) rigid motions of each point's own body, about the body's

@@ -66,8 +66,9 @@ def no_motions(bodies: Bodies, n: int) -> RigidMotions:
 def rigid_motions(bodies: Bodies, K: Any, fixed: np.ndarray) -> RigidMotions:
     """The rigid motions of each body that supports alone, (n_local,) fixed dofs, do not hold, or
     only by weak springs; K has identity rows at fixed dofs."""
-    label = np.repeat(bodies.label, bodies.gdim)
-    R = bodies.own_modes(bodies.label, bodies.points).reshape(len(fixed), 3 * (bodies.gdim - 1))
+    label, R = np.full(len(fixed), -1), np.zeros((len(fixed), 3 * (bodies.gdim - 1)))
+    label[bodies.dofs] = np.repeat(bodies.label, bodies.gdim)
+    R[bodies.dofs] = bodies.own_modes(bodies.label, bodies.points).reshape(-1, R.shape[1])
     allowed = _allowed(bodies, R, label, fixed)
     width = max((N.shape[1] for N in allowed), default=0)
     moved = np.zeros((len(fixed), width))  # of all bodies at once: K does not couple them

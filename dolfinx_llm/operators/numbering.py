@@ -23,6 +23,8 @@ class BodyDofs:
     comm: MPI.Comm
     spaces: tuple[Any, ...]  # function space of each mesh
     fixed: np.ndarray  # (n_local,) whether a Dirichlet condition prescribes a dof of this rank
+    others: tuple[int, ...] = ()  # of each mesh dofs of this rank, after those of the nodes, that
+    # are no displacements; none where no space is mixed
 
     @property
     def gdim(self) -> int:
@@ -32,7 +34,27 @@ class BodyDofs:
     @cached_property
     def counts(self) -> list[int]:
         """This rank's dofs of each mesh."""
-        return [V.dofmap.index_map.size_local * self.gdim for V in self.spaces]
+        others = self.others or (0,) * len(self.spaces)
+        nodes = [V.dofmap.index_map.size_local for V in self.spaces]
+        return [n * self.gdim + k for n, k in zip(nodes, others, strict=True)]
+
+    @property
+    def mixed(self) -> bool:
+        """Whether there are dofs that are no displacements."""
+        return bool(self.others)
+
+    @cached_property
+    def of_nodes(self) -> np.ndarray:
+        """(k,) this rank's dofs that are displacements, node by node (local numbers)."""
+        ends = np.cumsum(self.counts) - (self.others or 0)
+        starts = np.cumsum([0, *self.counts[:-1]])
+        return np.concatenate([np.arange(*part) for part in zip(starts, ends, strict=True)])
+
+    def spread(self, nodal: np.ndarray) -> np.ndarray:
+        """(n_local,) at the dofs from values of this rank's nodes; 0 at all others."""
+        values = np.zeros(len(self.fixed))
+        values[self.of_nodes] = np.repeat(nodal, self.gdim)
+        return values
 
     @cached_property
     def sizes(self) -> tuple[int, int]:

@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.interface.against import prescribed_loads
+from dolfinx_llm.interface.control import control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.operators.assemble import assemble_B, assemble_L_b, interface_operator
 from dolfinx_llm.operators.bodies import Bodies
@@ -79,7 +80,7 @@ class ContactOperators:
             self._find_repeated()
             self.L_b = assemble_L_b(self.comm, self.L, self.rows.numbering, self.frames)
         with times.timed("support check"):
-            self.bodies = Bodies(dofs.spaces)
+            self.bodies = Bodies(dofs.spaces, dofs.of_nodes)
         self.renew(K, times)
 
     def renew(self, K: PETSc.Mat, times: StageTimes) -> None:
@@ -157,7 +158,7 @@ class ContactOperators:
         """Require that supports and ties hold every body."""
         bodies, moves = self.bodies, []
         for side, dofs in zip(self.pairs, self.side_dofs, strict=True):
-            label = self.dofs.values(dofs[:, 0], np.repeat(bodies.label, self.dofs.gdim))
+            label = self.dofs.values(dofs[:, 0], self.dofs.spread(bodies.label))
             modes = bodies.own_modes(label.astype(np.int64), side.x)
             move = np.einsum("nci,nim->ncm", side.base, modes)
             n, c, m = move.shape
@@ -193,8 +194,9 @@ class ContactOperators:
         found = []
         for geometry in self.geometries:
             obstacle, pairs = geometry.interface.obstacle, geometry.pairs[0]
-            x = pairs.x - pairs.gap
-            found.append(np.zeros_like(x[:1]) if obstacle is None else obstacle.motion(x))
+            none = np.zeros_like(pairs.x[:1])
+            moved = none if obstacle is None else control_values(pairs, obstacle.motion(pairs.met))
+            found.append(moved)
         return found
 
     def frame_loads(self) -> np.ndarray:

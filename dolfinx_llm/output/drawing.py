@@ -95,7 +95,7 @@ def draw_scene(scene: Scene, path: str | Path) -> None:
     if scene.view is not None:
         _draw_flat(figure, scene, scene.view, norm)
     else:
-        _draw_skin(figure, scene.points[scene.cells], plt.cm.viridis(norm(per_cell)))
+        _draw_skin(figure, scene, plt.cm.viridis(norm(per_cell)))
     bar = plt.cm.ScalarMappable(norm, "viridis")
     figure.axes[0].set_title(scene.label, fontsize="medium")  # longer than flat bodies are high
     figure.colorbar(bar, ax=figure.axes, shrink=0.7, label=scene.label.split(" (")[0])
@@ -108,32 +108,47 @@ def _draw_flat(figure: Any, scene: Scene, normal: np.ndarray, norm: Any) -> None
     axis, s, cells = figure.add_subplot(), plane.project(scene.points), scene.cells
     triangles = np.concatenate([cells[:, [0, i, i + 1]] for i in range(1, cells.shape[1] - 1)])
     axis.tripcolor(*s.T, triangles, scene.values, shading="gouraud", norm=norm)
+    _draw_marks(axis, s, scene.status)
+
+
+def _draw_marks(axis: Any, x: np.ndarray, status: np.ndarray | None) -> None:
+    """The status of points (n, 2) or (n, 3), with a legend below."""
     for k, (name, colour) in enumerate(render.STATUS.items()):
-        at = np.flatnonzero(scene.status == k)
+        at = np.flatnonzero(status == k)
         if len(at):
-            axis.plot(*s[at].T, "o", color=colour, mec="k", markersize=3, label=name)
+            axis.plot(*x[at].T, "o", color=colour, mec="k", markersize=3, label=name)
     axis.set_aspect("equal")
-    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=4, facecolor="0.85")
+    if status is not None:
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=4, facecolor="0.85")
 
 
-def _draw_skin(figure: Any, polygons: np.ndarray, colours: np.ndarray) -> None:
-    if polygons.shape[2] == 2:
-        from matplotlib.collections import PolyCollection
+def _draw_skin(figure: Any, scene: Scene, colours: np.ndarray) -> None:
+    """Polygons, or lines in the plane, in their colours; bodies around them and the outline."""
+    from matplotlib.collections import LineCollection, PolyCollection
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-        axis = figure.add_subplot()
-        axis.add_collection(
-            PolyCollection(polygons, facecolors=colours, edgecolors="k", linewidths=0.1)
-        )
-        axis.autoscale_view()
-        axis.set_aspect("equal")
-        return
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-    axis = figure.add_subplot(projection="3d")
-    axis.add_collection3d(
-        Poly3DCollection(polygons, facecolors=colours, edgecolors="k", linewidths=0.2)
-    )
-    low, high = polygons.min(axis=(0, 1)), polygons.max(axis=(0, 1))
-    for k, name in enumerate("xyz"):
-        getattr(axis, f"set_{name}lim")(low[k], high[k])
-    axis.set_box_aspect(high - low)
+    flat, polygons = scene.points.shape[1] == 2, scene.points[scene.cells]
+    poly, line = (PolyCollection, LineCollection) if flat else (Poly3DCollection, Line3DCollection)
+    axis = figure.add_subplot() if flat else figure.add_subplot(projection="3d")
+    parts: list[Any] = []
+    if scene.body is not None:
+        faint = {"alpha": 1.0 if flat else 0.15, "edgecolors": "0.7", "linewidths": 0.2}
+        parts.append(poly(scene.body, facecolors="aliceblue", **faint))
+    if polygons.shape[1] == 2:
+        parts.append(line(polygons, colors=colours, linewidths=4.0))
+    else:
+        parts.append(poly(polygons, facecolors=colours, edgecolors="k", linewidths=0.1))
+    if scene.outline is not None and len(scene.outline):
+        parts.append(line(scene.outline, colors="0.5", linewidths=0.8, linestyles="dashed"))
+    for part in parts:
+        axis.add_collection(part) if flat else axis.add_collection3d(part)
+    around = [p for p in (polygons, scene.body, scene.outline) if p is not None and len(p)]
+    x = np.concatenate([p.reshape(-1, p.shape[2]) for p in around])
+    low, high = x.min(axis=0), x.max(axis=0)
+    for k, name in enumerate("xyz"[: len(low)]):
+        room = 0.03 * (high - low).max() * flat
+        getattr(axis, f"set_{name}lim")(low[k] - room, high[k] + room)
+    _draw_marks(axis, scene.points, scene.status)
+    if not flat:
+        axis.set_aspect("auto")
+        axis.set_box_aspect(np.maximum(high - low, 1e-3 * (high - low).max()))

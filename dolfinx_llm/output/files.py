@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,35 +21,20 @@ from dolfinx_llm.output.values import (
     check_displacement,
     check_expression,
     check_result,
-    vertex_function,
 )
-from dolfinx_llm.output.writing import writable_file, writable_folder, write_step, writing
+from dolfinx_llm.output.writing import (
+    VTK,
+    Grid,
+    surface_grid,
+    writable_file,
+    writable_folder,
+    write_csv,
+    write_grid,
+    write_index,
+    writing,
+)
 
-SUFFIXES = (".xdmf", ".bp")
-
-
-def write_csv(path: str | Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Table as CSV; call it on one rank.
-
-    Args:
-        path: file to write.
-        header: names of the columns.
-        rows: one sequence of values each.
-
-    Raises:
-        ContactInputError: rows of another length than the header, or a path that cannot be written.
-    """
-    names = checks.items("header", header, "give a list of names")
-    table = [checks.items("rows: row", row, "give a list of values") for row in
-             checks.items("rows", rows, "give a list of rows")]  # fmt: skip
-    for i, row in enumerate(table):
-        if len(row) != len(names):
-            raise ContactInputError(f"rows: row {i} has {len(row)} values, header {len(names)}")
-    file_path = writable_file("path", path)
-    with writing(file_path), open(file_path, "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(names)
-        writer.writerows(table)
+SUFFIXES = (".pvd", ".bp")
 
 
 def write_bodies(
@@ -59,10 +43,11 @@ def write_bodies(
     """Displacement and piecewise constant fields of one mesh, for ParaView. Collective.
 
     Args:
-        path: file that ends on .xdmf (XDMF and HDF5), or on .bp (VTX, where dolfinx has ADIOS2);
-            its folder is made.
+        path: file that ends on .pvd: the index of VTU files beside it, one per step and rank, which
+            hold all fields in one grid; or on .bp (VTX, where dolfinx has ADIOS2). Its folder is
+            made.
         u: displacement Function.
-        cell_fields: name to scalar UFL expression; in XDMF only.
+        cell_fields: name to scalar UFL expression; in VTU only.
 
     Raises:
         ContactInputError: another ending, or what VTX cannot hold or this dolfinx not write; a path
@@ -74,49 +59,63 @@ def write_bodies(
 
 
 class _BodyFile:
-    """An open file of one mesh's fields: what they are now, step by step."""
+    """A series of one mesh's fields: what they are now, step by step."""
 
     def __init__(self, given: str | Path, u: dolfinx.fem.Function, cell_fields: dict[str, Expr]):
-        comm = check_displacement(u)
-        with collective(comm):
+        self._comm = check_displacement(u)
+        with collective(self._comm):
             path = writable_file("path", given, SUFFIXES)
             _check_fields(cell_fields, u.function_space.mesh)
             if path.suffix == ".bp" and cell_fields:
-                raise ContactInputError(f"{path}: cell_fields are for .xdmf; VTX holds one space")
-            if path.suffix == ".xdmf" and path.with_suffix(".h5").is_dir():
-                raise ContactInputError(f"{path} cannot be written: its .h5 is a folder")
-        self._u, self._cell_fields = u, cell_fields
-        self._drawn = u if path.suffix == ".bp" else vertex_function(u)
-        self._drawn.name = "displacement"
-        self._file: Any
-        if path.suffix == ".xdmf":
+                raise ContactInputError(f"{path}: cell_fields are for .pvd; VTX holds one space")
+        self._u, self._cell_fields, self._path = u, cell_fields, path
+        self._steps: list[tuple[float, list[str]]] = []
+        self._vtx: Any = None
+        if path.suffix == ".bp":
+            u.name = "displacement"
             with writing(path):
-                self._file = dolfinx.io.XDMFFile(comm, str(path), "w")
-                self._file.write_mesh(u.function_space.mesh)
-        else:
-            with writing(path):
-                self._file = compat.vtx_writer(comm, path, u)
-            if self._file is None:
+                self._vtx = compat.vtx_writer(self._comm, path, u)
+            if self._vtx is None:
                 raise ContactInputError(
                     f"{path}: this dolfinx {dolfinx.__version__} is built without ADIOS2, which "
-                    "VTX needs. Write .xdmf instead"
+                    "VTX needs. Write .pvd instead"
                 )
-        self._is_vtx = path.suffix == ".bp"
 
     def write(self, time: float) -> None:
-        if self._is_vtx:
-            self._file.write(time)
+        if self._vtx is not None:
+            self._vtx.write(time)
             return
-        if self._drawn is not self._u:
-            self._drawn.interpolate(self._u)
-        self._file.write_function(self._drawn, time)
-        for name, expression in self._cell_fields.items():
-            function = cell_maximum(expression, self._u.function_space.mesh)
-            function.name = name
-            self._file.write_function(function, time)
+        grid = _own_grid(self._u, self._cell_fields)
+        filled = np.flatnonzero(self._comm.allgather(len(grid.cells) > 0))
+        names = [f"{self._path.stem}_{len(self._steps)}_{rank}.vtu" for rank in filled]
+        self._steps.append((time, names))
+        with collective(self._comm):
+            if len(grid.cells):
+                name = names[np.searchsorted(filled, self._comm.rank)]
+                write_grid(self._path.with_name(name), grid)
+            if self._comm.rank == 0:
+                write_index(self._path, self._steps)
 
     def close(self) -> None:
-        self._file.close()
+        if self._vtx is not None:
+            self._vtx.close()
+
+
+def _own_grid(u: dolfinx.fem.Function, cell_fields: dict[str, Expr]) -> Grid:
+    """This rank's own cells with the nodes of the displacement; collective."""
+    V, mesh = u.function_space, u.function_space.mesh
+    gdim, tdim = mesh.geometry.dim, mesh.topology.dim
+    dofs = compat.cell_dofs(V)[: mesh.topology.index_map(tdim).size_local]
+    used, cells = np.unique(
+        dofs[:, VTK[tdim, V.dofmap.dof_layout.num_dofs][1]], return_inverse=True
+    )
+    in_cells = {}
+    for name, expression in cell_fields.items():
+        found = cell_maximum(expression, mesh)
+        in_cells[name] = found.x.array[compat.cell_dofs(found.function_space)[: len(dofs), 0]]
+    motion = {"displacement": u.x.array.reshape(-1, gdim)[used]}
+    x = V.tabulate_dof_coordinates()[used, :gdim]
+    return Grid(x, cells.reshape(dofs.shape), tdim, motion, in_cells)
 
 
 def _check_fields(fields: Any, mesh: Any) -> None:
@@ -171,10 +170,10 @@ def interface_fields(
 
 
 def write_interface(folder: str | Path, result: InterfaceForces) -> None:
-    """Frame and sides with their fields as XDMF, for ParaView, and as CSV; call it on one rank.
+    """Frame and sides with their fields as VTU, for ParaView, and as CSV; call it on one rank.
 
-    Writes frame.xdmf (displacement, pressure, traction, area, status) and per side side_0.xdmf,
-    side_1.xdmf (displacement, force, normal force, gap, frame_gap, slip, status, area), a
+    Writes frame.vtu (displacement, pressure, traction, area, status) and per side side_0.vtu,
+    side_1.vtu (displacement, force, normal force, gap, frame_gap, slip, status, area), a
     CSV beside each.
 
     Args:
@@ -186,9 +185,8 @@ def write_interface(folder: str | Path, result: InterfaceForces) -> None:
     """
     check_result(result)
     folder = writable_folder("folder", folder)
-    parts = interface_fields(result)
-    _write_parts(folder, parts, 0.0, append=False)
-    for name, (x, _, fields) in parts.items():
+    for name, (x, cells, fields) in interface_fields(result).items():
+        write_grid(folder / f"{name}.vtu", surface_grid(x, cells, fields))
         columns = {"x": x, **fields}
         header = [
             key if np.ndim(values) == 1 else f"{key}_{'xyz'[i]}"
@@ -199,24 +197,16 @@ def write_interface(folder: str | Path, result: InterfaceForces) -> None:
         write_csv(folder / f"{name}.csv", header, table.tolist())
 
 
-def _write_parts(folder: Path, parts: dict[str, Any], time: float, append: bool) -> None:
-    folder = writable_folder("folder", folder)
-    for name, (x, cells, fields) in parts.items():
-        path = folder / f"{name}.xdmf"
-        with writing(path):
-            write_step(path, time, x, cells, fields, append)
-
-
 class LoadSteps:
     """Files of a problem's load steps, which ParaView opens as time series.
 
-    bodies_0.xdmf ... of the meshes, as by ``write_bodies``, and in folders interface_0 ... the
-    files of ``write_interface`` without its CSV. All calls are collective.
+    bodies_0.pvd ... of the meshes, as by ``write_bodies``, and in folders interface_0 ... series
+    frame.pvd, side_0.pvd, side_1.pvd of the files of ``write_interface``. All calls are collective.
 
     Args:
         problem: the ``ContactProblem``, or the ``NonlinearContactProblem``.
         folder: where the files go; it is made.
-        suffix: of the bodies' files: ".xdmf", or ".bp" for VTX.
+        suffix: of the bodies' files: ".pvd", or ".bp" for VTX.
         cell_fields: makes of a mesh's displacement the fields of ``write_bodies``.
 
     Raises:
@@ -235,7 +225,7 @@ class LoadSteps:
         problem: Any,
         folder: str | Path,
         *,
-        suffix: str = ".xdmf",
+        suffix: str = ".pvd",
         cell_fields: Callable[[dolfinx.fem.Function], dict[str, Expr]] | None = None,
     ):
         if {"solve", "reset", "u"} - set(dir(type(problem))):
@@ -250,7 +240,7 @@ class LoadSteps:
         self._u = [dolfinx.fem.Function(V) for V in problem.spaces]
         with collective(problem.comm):
             fields = [cell_fields(u) if cell_fields else {} for u in self._u]
-        self._problem, self._steps, self._closed = problem, 0, False
+        self._problem, self._times, self._closed = problem, list[float](), False
         self._files: list[_BodyFile] = []
         for i, u in enumerate(self._u):
             self._files.append(_BodyFile(self._folder / f"bodies_{i}{suffix}", u, fields[i]))
@@ -271,7 +261,9 @@ class LoadSteps:
         check(comm, self._closed, "these files are closed: make LoadSteps anew", ContactInputError)
         with collective(comm):
             accepted = "give a finite number or None"
-            time = float(self._steps) if time is None else checks.number("time", time, accepted)
+            n = len(self._times)
+            time = float(n) if time is None else checks.number("time", time, accepted)
+        self._times.append(time)
         u = self._problem.u
         solved = u if isinstance(u, list) else [u]
         for own, u, file in zip(self._u, solved, self._files, strict=True):
@@ -279,10 +271,19 @@ class LoadSteps:
             file.write(time)
         with collective(comm):
             for i, result in enumerate(self._problem.results):
-                parts, folder = interface_fields(result), self._folder / f"interface_{i}"
+                parts = interface_fields(result)
                 if comm.rank == 0:
-                    _write_parts(folder, parts, time, append=self._steps > 0)
-        self._steps += 1
+                    self._write_parts(
+                        writable_folder("folder", self._folder / f"interface_{i}"), parts
+                    )
+
+    def _write_parts(self, folder: Path, parts: dict[str, Any]) -> None:
+        """This step of an interface, and the index of all."""
+        for name, part in parts.items():
+            files = [f"{name}_{step}.vtu" for step in range(len(self._times))]
+            write_grid(folder / files[-1], surface_grid(*part))
+            steps = [(time, [file]) for time, file in zip(self._times, files, strict=True)]
+            write_index(folder / f"{name}.pvd", steps)
 
     def close(self) -> None:
         """Close the files; leaving a ``with`` block does so, too. May be called again."""

@@ -8,21 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import ufl
 from dolfinx.fem import Function
-from dolfinx.mesh import exterior_facet_indices
 from mpi4py import MPI
 from ufl.core.expr import Expr
 
-from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.geometry.cells import vector_areas
-from dolfinx_llm.geometry.element import element_of
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.geometry.surface import facet_nodes
 from dolfinx_llm.interface.forces import InterfaceForces
 from dolfinx_llm.output import render
+from dolfinx_llm.output.bodies import Seen, checked_view
 from dolfinx_llm.output.drawing import (
     draw_cells,
     draw_scene,
@@ -32,9 +29,12 @@ from dolfinx_llm.output.drawing import (
     save,
     ways,
 )
+from dolfinx_llm.output.film import Film
 from dolfinx_llm.output.render import Scene
-from dolfinx_llm.output.values import cell_maximum, check_displacement, check_result
-from dolfinx_llm.output.writing import writable_file, writable_folder
+from dolfinx_llm.output.values import check_displacement, check_result
+from dolfinx_llm.output.writing import writable_file
+
+__all__ = ["Film", "bodies", "curves", "frame_design", "interface"]
 
 FIELDS = ("pressure", "status", "traction")  # of an interface
 PICTURES = (".png", ".pdf", ".svg")
@@ -143,102 +143,49 @@ def _check_line(line: Any) -> None:
 
 
 def bodies(
-    u: Function, expression: Expr, path: str | Path, *, label: str = "", scale: float | None = None
+    u: Function | Sequence[Function],
+    expression: Expr | Sequence[Expr],
+    path: str | Path,
+    *,
+    label: str = "",
+    scale: float | None = None,
+    section: Sequence[Any] | None = None,
 ) -> None:
-    """Deformed bodies coloured by a scalar (paper, Figure 13). Collective.
+    """Deformed bodies of all meshes coloured by a scalar (paper, Figure 13), with the outline of
+    the undeformed ones. Collective.
 
     Args:
-        u: displacement Function of a mesh in 3D or 2D.
-        expression: scalar UFL expression, its largest value per cell is shown.
+        u: displacement Function of a mesh in 3D or 2D, or a sequence of them.
+        expression: scalar UFL expression, its largest value per cell is shown; one per mesh.
         path: PNG to write.
         label: of the colour bar.
         scale: factor on the displacement; None: such that it is a tenth of the size at most, or 1.
+        section: (point, normal) of a plane in 3D: cells in front of it are left out; None: none.
 
     Raises:
         ContactInputError: arguments of other types, or a path that cannot be written; on all ranks.
     """
-    comm = check_displacement(u)
+    motions: list[Any] = list(u) if isinstance(u, (list, tuple)) else [u]
+    given = expression if isinstance(expression, (list, tuple)) else [expression]
+    for motion in motions or checks.refuse("u", u, "give a displacement, or a list of them"):
+        comm = check_displacement(motion)
     with collective(comm):
         writable_file("path", path, PICTURES)
         checks.instance("label", label, str, "give a text")
-        if scale is not None:
-            scale = checks.number("scale", scale, "give a finite number or None")
-    field = cell_maximum(expression, u.function_space.mesh)
-    gathered = comm.gather(_skin(u, field), root=0)
+        if len(given) != len(motions):
+            raise ContactInputError(
+                f"{len(motions)} displacements, {len(given)} expressions: give one per mesh"
+            )
+        gdim, told = motions[0].function_space.mesh.geometry.dim, iter(given)
+        view = checked_view(lambda _: next(told), scale, section, gdim, label)
+    draw_seen(comm, view.seen(comm, motions, []), path)
+
+
+def draw_seen(comm: MPI.Comm, seen: Seen | None, path: str | Path) -> None:
+    """Draw what rank 0 has; collective."""
     with collective(comm):
-        if gathered is not None:
-            _draw_bodies(gathered, label, scale, path)
-
-
-def pictures(
-    comm: MPI.Comm,
-    u: Sequence[Function],
-    results: Sequence[InterfaceForces],
-    folder: str | Path,
-    field: str = "pressure",
-    scale: float | None = None,
-) -> None:
-    """What ``ContactProblem.plot`` draws; collective.
-
-    Args:
-        comm: MPI communicator.
-        u: displacement of each mesh.
-        results: of each interface.
-        folder: where the pictures go; it is made.
-        field: of ``interface``.
-        scale: of ``bodies``.
-
-    Raises:
-        ContactInputError: no such field, or a folder that cannot be written; on all ranks.
-    """
-    with collective(comm):
-        checks.one_of("field", field, FIELDS)
-        place = writable_folder("folder", folder)
-    for i, motion in enumerate(u):
-        length = ufl.sqrt(ufl.inner(motion, motion))
-        bodies(motion, length, place / f"bodies_{i}.png", label="length of u", scale=scale)
-    with collective(comm):
-        for i, result in enumerate(results if comm.rank == 0 else []):
-            draw_interface(result, place / f"interface_{i}.png", field)
-
-
-def _draw_bodies(gathered: list[Any], label: str, scale: float | None, path: str | Path) -> None:
-    """Bodies of what ``_skin`` gives on every rank."""
-    x, v, values = (np.concatenate(part) for part in zip(*gathered))
-    if scale is None:
-        size, motion = np.ptp(x.reshape(-1, x.shape[2]), axis=0).max(), np.abs(v).max()
-        scale = 1.0 if motion > 0.02 * size or motion == 0.0 else 0.05 * size / motion
-    low, high = values.min(), values.max()
-    if high - low < 1e-6 * max(abs(high), 1e-300):  # constant: do not paint rounding
-        low, high = low - 0.5 * abs(low) - 1e-300, high + 0.5 * abs(high) + 1e-300
-    label = f"{label} ({values.min():.6g} to {values.max():.6g}); displacement × {scale:.3g}"
-    polygons = x + scale * v
-    cells = np.arange(polygons.shape[0] * polygons.shape[1]).reshape(polygons.shape[:2])
-    draw_scene(Scene(polygons.reshape(-1, x.shape[2]), cells, values, (low, high), label), path)
-
-
-def _skin(u: Function, field: Function) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """This rank's outer facets (cells in 2D): corners, their displacement, the cell's value."""
-    V, mesh = u.function_space, u.function_space.mesh
-    tdim, gdim = mesh.topology.dim, mesh.geometry.dim
-    dofs = compat.cell_dofs(V)
-    values = field.x.array[compat.cell_dofs(field.function_space)[:, 0]]
-    n_owned = mesh.topology.index_map(tdim).size_local
-    layout = V.dofmap.dof_layout
-    if tdim == 2:
-        order = [0, 1, 2] if layout.num_dofs in (3, 6) else [0, 1, 3, 2]
-        nodes, cells = dofs[:n_owned][:, order], np.arange(n_owned)
-    else:
-        mesh.topology.create_connectivity(2, 3)
-        mesh.topology.create_connectivity(3, 2)
-        outer = exterior_facet_indices(mesh.topology)
-        cells, corners = facet_nodes(V, outer)
-        corners = corners[:, : element_of(2, corners.shape[1]).corners]
-        nodes = dofs[cells[:, None], corners][cells < n_owned]
-        cells = cells[cells < n_owned]
-    x = V.tabulate_dof_coordinates()[:, :gdim]
-    motion = u.x.array.reshape(-1, gdim)
-    return x[nodes], motion[nodes], values[cells]
+        if seen is not None:
+            draw_scene(seen.scene(), path)
 
 
 def interface(result: InterfaceForces, path: str | Path, field: str = "pressure") -> None:

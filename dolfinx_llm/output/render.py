@@ -32,7 +32,7 @@ _failed = False  # PyVista, in this process: it is not asked again
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A coloured surface in 3D."""
+    """A coloured surface, in 2D in the plane or a line there, and what stands around it."""
 
     points: np.ndarray  # (n, 3) [length]
     cells: np.ndarray  # (m, k) their corners, in a cycle
@@ -41,6 +41,8 @@ class Scene:
     label: str  # of the colour bar
     view: np.ndarray | None = None  # (3,) where a flat surface is seen from; None: ABOVE
     status: np.ndarray | None = None  # (n,) marks at the points: 0 open, 1 stick, 2 slip, 3 closed
+    outline: np.ndarray | None = None  # (l, 2, 3) edges of what is not deformed
+    body: np.ndarray | None = None  # (b, k, 3) polygons around the surface, translucent
 
 
 def draw(scene: Scene, path: Path) -> bool:
@@ -93,6 +95,20 @@ def _draw(scene: dict[str, Any], path: str) -> None:
             "position_x": 0.15, "position_y": 0.03, "width": 0.7, "height": 0.09,
         },
     )  # fmt: skip
+    if "body" in scene:
+        corners, k = scene["body"].reshape(-1, 3), scene["body"].shape[1]
+        faces = np.column_stack(
+            [np.full(len(corners) // k, k), np.arange(len(corners)).reshape(-1, k)]
+        )
+        body = pyvista.PolyData(corners, faces.ravel())
+        plotter.add_mesh(
+            body, color="lightsteelblue", opacity=0.25, show_edges=True, line_width=0.5
+        )
+    if len(scene.get("outline", ())):
+        ends = scene["outline"].reshape(-1, 3)
+        lines = np.insert(np.arange(len(ends)).reshape(-1, 2), 0, 2, axis=1)
+        edges = pyvista.PolyData(ends, lines=lines.ravel())
+        plotter.add_mesh(edges, color="gray", line_width=2.0)
     for k, (name, colour) in enumerate(STATUS.items()):
         at = scene.get("status", np.empty(0)) == k
         if at.any():

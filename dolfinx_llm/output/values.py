@@ -12,7 +12,7 @@ from ufl.core.expr import Expr
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.geometry.spaces import check_space, order_of
+from dolfinx_llm.geometry.spaces import check_space, displacement_block, is_mixed
 from dolfinx_llm.interface.forces import InterfaceForces
 
 EXPRESSION = "give a scalar UFL expression without test and trial functions"
@@ -88,13 +88,19 @@ def check_displacement(u: Any) -> Any:
     return u.function_space.mesh.comm
 
 
-def vertex_function(u: dolfinx.fem.Function) -> dolfinx.fem.Function:
-    """A displacement itself where it is of the order of its mesh, else one of first order for its
-    values at vertices."""
-    V = u.function_space
-    if order_of(V) == compat.geometry_degree(V.mesh):
-        return u
-    return dolfinx.fem.Function(compat.function_space(V.mesh, shape=(V.mesh.geometry.dim,)))
+def displacements(u: Any) -> list[dolfinx.fem.Function]:
+    """The displacement of every mesh of a solution, or of a list of them; of a mixed space a
+    Function of its block."""
+    found = []
+    for function in u if isinstance(u, list) else [u]:
+        W = function.function_space
+        if is_mixed(W):
+            V, dofs = displacement_block(W)
+            block = dolfinx.fem.Function(V, name=function.name)
+            block.x.array[:] = function.x.array[dofs]
+            function = block
+        found.append(function)
+    return found
 
 
 def cell_maximum(

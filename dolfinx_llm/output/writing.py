@@ -1,24 +1,55 @@
-"""Where files go, errors of writing them, and surfaces with fields at their nodes as XDMF: text
-alone, a time series, without a library."""
+"""Where files go, errors of writing them, and grids with fields as VTU, which ParaView, PyVista and
+meshio read, with an index of their steps (PVD): without a library. Tables as CSV."""
 
+import base64
+import csv
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 
-KINDS = {1: "Polyvertex", 2: "Polyline", 3: "Triangle", 4: "Quadrilateral"}  # by nodes of a cell
-HEAD = """<?xml version="1.0"?>
-<Xdmf Version="3.0">
-<Domain>
-<Grid Name="steps" GridType="Collection" CollectionType="Temporal">
-"""
-TAIL = "</Grid>\n</Domain>\n</Xdmf>\n"
+# VTK's type of cells, by dimension and number of nodes, and its order of dolfinx's nodes.
+VTK = {
+    (0, 1): (1, [0]),
+    (1, 2): (3, [0, 1]),
+    (2, 3): (5, [0, 1, 2]),
+    (2, 4): (9, [0, 1, 3, 2]),
+    (2, 6): (22, [0, 1, 2, 5, 3, 4]),
+    (2, 9): (28, [0, 1, 3, 2, 4, 6, 7, 5, 8]),
+    (3, 4): (10, [0, 1, 2, 3]),
+    (3, 8): (12, [0, 1, 3, 2, 4, 5, 7, 6]),
+    (3, 10): (24, [0, 1, 2, 3, 9, 6, 8, 7, 5, 4]),
+    (3, 27): (
+        29,
+        [0, 1, 3, 2, 4, 5, 7, 6, 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 15, 14]
+        + [22, 23, 21, 24, 20, 25, 26],
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Cells of one kind with fields."""
+
+    x: np.ndarray  # (n, gdim) nodes [length]
+    cells: np.ndarray  # (m, k) their nodes, in VTK's order
+    dimension: int  # of the cells
+    at_nodes: dict[str, np.ndarray]  # (n,) or (n, gdim)
+    in_cells: dict[str, np.ndarray]  # (m,)
+
+
+def surface_grid(x: np.ndarray, cells: np.ndarray, fields: dict[str, np.ndarray]) -> Grid:
+    """Nodes (n, gdim), corners (m, k) of facets, which go round as VTK's do, fields at nodes."""
+    dimension = {1: 0, 2: 1}.get(cells.shape[1], 2)
+    return Grid(x, cells, dimension, fields, {})
 
 
 @contextmanager
@@ -62,44 +93,82 @@ def writable_file(name: str, value: Any, endings: tuple[str, ...] = ()) -> Path:
     return path
 
 
-def write_step(
-    path: Path,
-    time: float,
-    x: np.ndarray,
-    cells: np.ndarray,
-    fields: dict[str, np.ndarray],
-    append: bool,
-) -> None:
-    """Write a step of a surface: nodes x (n, gdim), cells (m, k), and fields (n,) or (n, gdim) at
-    the nodes; append it to those of a file that this function began, or begin one."""
-    kind = f'TopologyType="{KINDS[cells.shape[1]]}" NumberOfElements="{len(cells)}"'
+def write_csv(path: str | Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Table as CSV; call it on one rank.
+
+    Args:
+        path: file to write.
+        header: names of the columns.
+        rows: one sequence of values each.
+
+    Raises:
+        ContactInputError: rows of another length than the header, or a path that cannot be written.
+    """
+    names = checks.items("header", header, "give a list of names")
+    table = [checks.items("rows: row", row, "give a list of values") for row in
+             checks.items("rows", rows, "give a list of rows")]  # fmt: skip
+    for i, row in enumerate(table):
+        if len(row) != len(names):
+            raise ContactInputError(f"rows: row {i} has {len(row)} values, header {len(names)}")
+    file_path = writable_file("path", path)
+    with writing(file_path), open(file_path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(names)
+        writer.writerows(table)
+
+
+def write_grid(path: Path, grid: Grid) -> None:
+    """Write a grid as VTU, with its fields in one piece, so that those of cells can be shown on the
+    deformed shape."""
+    m, k = grid.cells.shape
+    kind, _ = VTK[grid.dimension, k]
+    topology = {
+        "connectivity": grid.cells.astype(np.int64).ravel(),
+        "offsets": k * np.arange(1, m + 1),
+        "types": np.full(m, kind, dtype=np.uint8),
+    }
+    parts = {
+        "PointData": grid.at_nodes,
+        "CellData": grid.in_cells,
+        "Points": {"points": np.pad(grid.x, ((0, 0), (0, 3 - grid.x.shape[1])))},
+        "Cells": topology,
+    }
     lines = [
-        f'<Grid Name="surface" GridType="Uniform">\n<Time Value="{time!r}"/>',
-        f'<Topology {kind} NodesPerElement="{cells.shape[1]}">{_item(cells)}</Topology>',
-        f'<Geometry GeometryType="XYZ">{_item(_in_space(x))}</Geometry>',
+        '<?xml version="1.0"?>',
+        '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
+        'header_type="UInt64">',
+        f'<UnstructuredGrid>\n<Piece NumberOfPoints="{len(grid.x)}" NumberOfCells="{m}">',
     ]
-    for name, values in fields.items():
-        kind = "Scalar" if values.ndim == 1 else "Vector"
-        item = _item(values if values.ndim == 1 else _in_space(values))
-        lines.append(
-            f'<Attribute Name="{name}" AttributeType="{kind}" Center="Node">{item}</Attribute>'
-        )
-    grid = "\n".join([*lines, "</Grid>\n"])
-    if not append:
-        path.write_text(HEAD + grid + TAIL, encoding="ascii")
-        return
-    with open(path, "r+b") as file:
-        file.seek(-len(TAIL), os.SEEK_END)
-        file.write((grid + TAIL).encode("ascii"))
+    for part, fields in parts.items():
+        arrays = [_data_array(name, values) for name, values in fields.items()]
+        lines += [f"<{part}>", *arrays, f"</{part}>"]
+    lines.append("</Piece>\n</UnstructuredGrid>\n</VTKFile>\n")
+    with writing(path):
+        path.write_text("\n".join(lines), encoding="utf-8")
 
 
-def _in_space(values: np.ndarray) -> np.ndarray:
-    """(n, gdim) values as (n, 3)."""
-    return np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
+def write_index(path: Path, steps: Sequence[tuple[float, Sequence[str]]]) -> None:
+    """Write the index (PVD) of a series: times, and the files of their pieces, which lie beside
+    it."""
+    lines = [
+        f'<DataSet timestep="{time!r}" part="{i}" file={quoteattr(file)}/>'
+        for time, files in steps
+        for i, file in enumerate(files)
+    ]
+    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n'
+    with writing(path):
+        path.write_text(head + "\n".join(lines) + "\n</Collection>\n</VTKFile>\n", encoding="utf-8")
 
 
-def _item(values: np.ndarray) -> str:
-    kind = 'NumberType="Float" Precision="8"' if values.dtype.kind == "f" else 'NumberType="Int"'
-    rows = "\n".join(" ".join(map(repr, np.atleast_1d(row).tolist())) for row in values)
-    size = " ".join(map(str, values.shape))
-    return f'<DataItem {kind} Dimensions="{size}" Format="XML">\n{rows}\n</DataItem>'
+def _data_array(name: str, values: np.ndarray) -> str:
+    """Numbers as raw bytes behind their count; vectors have three components in VTK."""
+    kind = {"f": "Float64", "i": "Int64", "u": "UInt8"}[values.dtype.kind]
+    size = ""
+    if values.ndim == 2:
+        values = np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
+        size = ' NumberOfComponents="3"'
+    raw = np.ascontiguousarray(values, dtype=np.dtype(kind.lower()).newbyteorder("<")).tobytes()
+    text = base64.b64encode(np.array(len(raw), dtype="<u8").tobytes() + raw).decode()
+    return (
+        f'<DataArray type="{kind}" Name={quoteattr(name)}{size} format="binary">{text}</DataArray>'
+    )

@@ -16,8 +16,8 @@ from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.forms.choice import SOLVERS
 from dolfinx_llm.forms.options import check_values
 from dolfinx_llm.forms.step import StepForm
-from dolfinx_llm.geometry.spaces import check_space
 from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.problem.blocks import Blocks
 from dolfinx_llm.problem.form_arguments import (
     check_meshes,
     form_space,
@@ -39,7 +39,7 @@ class Arguments:
     several: bool  # forms came as sequences
     a: list[ufl.Form]  # bilinear, one per mesh
     L: list[ufl.Form]  # linear, in the order of a
-    spaces: list[Any]  # function space of each
+    blocks: list[Blocks]  # function space of each, and that of its displacement
     bcs: Sequence[Any]  # Dirichlet conditions; the user's own list, which may change
     interfaces: list[Interface]
     nodal_loads: list[fem.Function]
@@ -61,18 +61,17 @@ def problem_arguments(
         forms = given_forms(2, a)
         spaces = [form_space(form) for form in forms]
         check_meshes(spaces)
-    for V in spaces:
-        check_space(V, highest=2)
+    blocks = [Blocks(V) for V in spaces]
     with collective(comm):
         loads = in_order(forms, spaces, given_forms(1, L))
         given = Arguments(
             isinstance(a, (list, tuple)),
             forms,
             loads,
-            spaces,
+            blocks,
             kept_list(bcs, spaces),
             interface_list(interfaces, spaces),
-            nodal_list(nodal_loads, spaces),
+            nodal_list(nodal_loads, [*spaces, *(b.V for b in blocks if b.mixed)]),
         )
         own = isinstance(solver, StepForm)
         if not own:

@@ -49,8 +49,9 @@ class LinearBulk:
 
     Attributes:
         several: whether forms came as sequences, one per mesh.
-        fixed: per mesh (n,) which of this rank's dofs are prescribed.
-        dofs, spaces, comm: numbers of the dofs, function spaces, communicator.
+        blocks: per mesh the dofs of its form's function space.
+        fixed: per mesh (n,) which of this rank's dofs are prescribed, in ``blocks``' order.
+        dofs, spaces, comm: numbers of the dofs, function spaces of the displacements, communicator.
         version: counts the changes.
 
     Raises:
@@ -60,15 +61,16 @@ class LinearBulk:
 
     def __init__(self, given: Arguments, times: StageTimes) -> None:
         self.several, self.times = given.several, times
-        comm = given.spaces[0].mesh.comm
+        self.blocks = given.blocks
+        self._W, self.spaces = [b.W for b in self.blocks], [b.V for b in self.blocks]
+        self.comm = comm = self.spaces[0].mesh.comm
         with times.timed("form compilation"), collective(comm):
             self._a = [compat.form("a", form) for form in given.a]
             self._L = [compat.form("L", form) for form in given.L]
-        self.spaces, self.comm = given.spaces, given.spaces[0].mesh.comm
         self._nodal = nodal_by_mesh(given.nodal_loads, self.spaces)
         self._given = given.bcs
         self._K: Any = None  # see K
-        self._forms = given.a
+        self.forms = given.a
         self._actions: Any = None  # of the forms a, once ``force`` is asked for
         self._sort_conditions()
         self._fingerprint = Fingerprint(given.a, self.spaces)
@@ -79,9 +81,12 @@ class LinearBulk:
 
     def _sort_conditions(self) -> None:
         """Conditions by mesh, and which dofs they prescribe."""
-        self._bcs = by_mesh(self.comm, self._given, self.spaces)
-        self.fixed = [compat.fixed_dofs(*part) for part in zip(self.spaces, self._bcs)]
-        self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(self.fixed))
+        self._bcs = by_mesh(self.comm, self._given, self._W)
+        found = zip(self.blocks, self._W, self._bcs, strict=True)
+        self.fixed = [b.ours(compat.fixed_dofs(W, bcs)) for b, W, bcs in found]
+        mixed = any(b.mixed for b in self.blocks)
+        others = tuple(b.others for b in self.blocks) if mixed else ()
+        self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(self.fixed), others)
 
     def changes(self) -> set[str]:
         """What has changed since ``settle`` was called last; collective. Values of Constants and
@@ -123,8 +128,9 @@ class LinearBulk:
         return self._K
 
     def _assembled(self) -> PETSc.Mat:
+        parts = zip(self.blocks, self._a, self._bcs, self.fixed, strict=True)
         return block_diagonal(
-            [compat.assemble_matrix(a, bcs, 1.0) for a, bcs in zip(self._a, self._bcs)]
+            [b.matrix(compat.assemble_matrix(a, bcs, 1.0), fixed) for b, a, bcs, fixed in parts]
         )
 
     def take_K(self) -> PETSc.Mat:
@@ -134,10 +140,11 @@ class LinearBulk:
 
     def load(self) -> np.ndarray:
         """This rank's f, with the values at prescribed dofs."""
-        loads = [
-            compat.assemble_load(L, a, bcs, V, nodal)
-            for L, a, bcs, V, nodal in zip(self._L, self._a, self._bcs, self.spaces, self._nodal)
-        ]
+        loads = []
+        for i, (b, fixed) in enumerate(zip(self.blocks, self.fixed, strict=True)):
+            nodal = [b.nodal(load) for load in self._nodal[i]]
+            f = compat.assemble_load(self._L[i], self._a[i], self._bcs[i], b.W, nodal)
+            loads.append(b.load(f, fixed))
         f = np.concatenate(loads)
         bad = self.comm.allreduce(int((~np.isfinite(f)).sum()))
         if bad:
@@ -149,30 +156,42 @@ class LinearBulk:
             f = self.control.load(f, self._assembled)
         return f
 
+    def gradient(self, forms: Sequence[ufl.Form]) -> np.ndarray:
+        """This rank's derivative (n_local,) of a functional, of linear forms in the order of the
+        spaces, by what is free to move."""
+        with collective(self.comm):
+            compiled = [compat.form("dJ", form) for form in forms]
+        parts = [compat.assemble_force((c,), (1.0,), V) for c, V in zip(compiled, self.spaces)]
+        found = np.concatenate(parts)
+        found = found if self.control is None else self.control.forces(found)
+        return np.where(self.dofs.fixed, 0.0, found)
+
     def force(self, u: np.ndarray) -> np.ndarray:
         """This rank's f - K u of all dofs, u (n_local,), with K as it is without the conditions:
         what bodies exert on interfaces and supports."""
         if self._actions is None:
-            self._motions = [fem.Function(V) for V in self.spaces]
+            self._motions = [fem.Function(W) for W in self._W]
             self._actions = [
                 compat.form("a", ufl.action(form, motion))
-                for form, motion in zip(self._forms, self._motions, strict=True)
+                for form, motion in zip(self.forms, self._motions, strict=True)
             ]
         parts = []
-        for i, (V, function) in enumerate(zip(self.spaces, self.functions(u), strict=True)):
+        for i, (b, function) in enumerate(zip(self.blocks, self.functions(u), strict=True)):
             self._motions[i].x.array[:] = function.x.array
-            part = compat.assemble_force((self._L[i], self._actions[i]), (1.0, -1.0), V)
+            part = compat.assemble_force((self._L[i], self._actions[i]), (1.0, -1.0), b.W)
             for load in self._nodal[i]:
-                part += load.x.array[: len(part)]
-            parts.append(part)
+                part += b.nodal(load)
+            parts.append(b.ours(part) * b.scale)
         force = np.concatenate(parts)
         return force if self.control is None else self.control.forces(force)
 
     def functions(self, u: np.ndarray) -> list[fem.Function]:
         """This rank's u (n_local,) as a Function per mesh."""
         u = u if self.control is None else self.control.nodal(u)
-        functions = [fem.Function(V, name="u") for V in self.spaces]
-        fill(functions, u, self.dofs.counts)
+        functions = [fem.Function(W, name="u") for W in self._W]
+        ends = np.cumsum(self.dofs.counts)
+        for b, function, part in zip(self.blocks, functions, np.split(u, ends), strict=False):
+            b.fill(function, part)
         return functions
 
     def destroy(self) -> None:

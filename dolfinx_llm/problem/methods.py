@@ -14,7 +14,7 @@ from dolfinx_llm.contact.load_steps import advance
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.choice import FORMS
 from dolfinx_llm.forms.step import StepForm
-from dolfinx_llm.operators.petsc import times
+from dolfinx_llm.operators.petsc import is_symmetric, times
 from dolfinx_llm.operators.reactions import with_reactions
 from dolfinx_llm.operators.system import ContactOperators
 from dolfinx_llm.problem.bulk import LinearBulk
@@ -41,11 +41,16 @@ class ContactMethod:
         setting: what it works with.
         form: ``StepForm`` that solves the linear steps.
         iteration: ``ContactIteration``, which holds the state, once there is one.
+        in_time: load steps are steps in time: pairs without friction that press at the start of one
+            stay in contact in it, and bodies may fly.
     """
+
+    in_time = False
 
     def __init__(self, setting: Setting) -> None:
         self.iteration: Any = None
         self._last: tuple[np.ndarray, list[np.ndarray]]  # u of this rank, motions of obstacles
+        self._reported: np.ndarray  # λ of the last step, with forces at supports
         self._use(setting)
 
     def _use(self, setting: Setting) -> None:
@@ -107,6 +112,10 @@ class ContactMethod:
                 f"the form {self.form.name!r} has been handed to another problem since: give each "
                 "problem an object of its own"
             )
+        if self.in_time and self.iteration.multiplier is not None:
+            for state in self.states:
+                if state.law.opens and not state.nodes.kappa.size:
+                    state.stays = self.iteration.multiplier[state.nodes.rows[:, -1]] > 0.0
         motions = operators.obstacle_motions()
         g = self._gaps(f, motions)
         stage = "solve" if operators.tied else "iteration of contact laws"
@@ -118,7 +127,52 @@ class ContactMethod:
             friction = [(state.bearing_rows(), state.nodes.L_kappa) for state in self.states]
             force = self.setting.bulk.force(u)
             multiplier = with_reactions(operators, multiplier, v, u, force, friction)
+        self._reported = multiplier
         return u, multiplier, v
+
+    def adjoint(self, load: np.ndarray) -> np.ndarray:
+        """This rank's p of the transposed step of the last solve, load (n_local,).
+
+        Raises:
+            ContactError: nothing has been solved, or contact alone holds a body, or K is not
+                symmetric.
+        """
+        step = None if self.iteration is None else self.iteration.last
+        if step is None or not self._ready:
+            raise ContactError("there is no state to linearise about: call solve() first")
+        setting = self.setting
+        if setting.operators.floating.count:
+            raise ContactError(
+                "the adjoint of bodies that contact alone holds is not there: hold them by supports"
+            )
+        if not is_symmetric(setting.bulk.K):
+            raise ContactError("the adjoint asks for a symmetric form a")
+        return self.form.displacement(self.form.solve(load, step.transposed()))
+
+    def kept(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """What the next load step goes on from, but for the states: what is the same on every rank,
+        and this rank's u and f."""
+        i = self.iteration
+        if i is None or i.multiplier is None:
+            raise ContactError("there is no state to save yet: call solve() first")
+        u, motions = self._last
+        common = {
+            "multiplier": i.multiplier, "w": i.w, "g": i.g, "loads": i.equations.loads,
+            "forces": np.array([i.forces, i.pressed]), "reported": self._reported,
+        }  # fmt: skip
+        return common | {f"motion {k}": m for k, m in enumerate(motions)}, {"u": u, "f": i.f}
+
+    def take(self, common: dict[str, np.ndarray], local: dict[str, np.ndarray]) -> None:
+        """Go on from what ``kept`` returned; collective."""
+        if not self._ready:
+            self._set_up()
+        i, u = self.iteration, local["u"]
+        i.multiplier, i.w, i.g = (common[name] for name in ("multiplier", "w", "g"))
+        i.f, i.equations.loads, self._reported = local["f"], common["loads"], common["reported"]
+        i.forces, i.pressed = map(float, common["forces"])
+        i.alpha, i.last = self.setting.operators.floating.amounts(u), None
+        count = len(self.setting.operators.geometries)
+        self._last = u, [common[f"motion {k}"] for k in range(count)]
 
     def describe(self) -> str:
         """For ``print(problem)``: the form, what the last solve took and lost, and why this one."""

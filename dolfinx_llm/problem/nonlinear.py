@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,8 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_llm.base import checks
-from dolfinx_llm.base.disposable import Disposable, free_garbage
-from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.disposable import free_garbage
+from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, check, collective
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
@@ -21,12 +20,13 @@ from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.finite.results import MovingInterfaceResult, moving_results
 from dolfinx_llm.geometry.cells import cell_sizes
 from dolfinx_llm.interface.choices import Interface
-from dolfinx_llm.output import plot
+from dolfinx_llm.output.pictured import Pictured
 from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_arguments
 from dolfinx_llm.problem.nonlinear_parts import contact_of, follower_of, numbered, pose_of
+from dolfinx_llm.problem.saving import SavedNonlinear
 
 
-class NonlinearContactProblem(Disposable):
+class NonlinearContactProblem(Pictured, SavedNonlinear):
     """Bodies F(u; v) = 0 that touch along interfaces, at finite deformation and large sliding.
 
     The frame's nodes are those of the coarser surface of each interface; the other one's nodes are
@@ -67,6 +67,8 @@ class NonlinearContactProblem(Disposable):
         ContactError: surfaces that share nodes.
     """
 
+    suited_scale = 1.0  # of pictures
+
     def __init__(
         self,
         F: ufl.Form | Sequence[ufl.Form],
@@ -93,11 +95,11 @@ class NonlinearContactProblem(Disposable):
         with self.times.timed("interfaces"):
             contacts = [contact_of(interface, dofs) for interface in self.interfaces]
             followers = [follower_of(load, dofs) for load in self.loads]
-        system, self.method, self._why = numbered(contacts, dofs, solver)
+        system, self.method, self._why = numbered(contacts, dofs, solver, options)
         surfaces = [s for c in contacts for s in c.what.sides.surfaces]
         size = float(max([cell_sizes(s.x, s.facets).max() for s in surfaces] or [1.0]))
         self._newton = NewtonSteps(
-            Equations(self.bulk, contacts, followers, system, size, options, self.times)
+            Equations(self.bulk, contacts, followers, system, size, self.times)
         )
         self.unknowns = {"u": dofs.sizes[1], "interfaces": sum(system.sizes)}
         self.results: list[MovingInterfaceResult] = []
@@ -178,22 +180,6 @@ class NonlinearContactProblem(Disposable):
             moving_results(c.what, c.at(self.bulk.dofs, self._state.u), t)
             for c, t in zip(placed, terms, strict=True)
         ]
-
-    def plot(self, folder: str | Path, field: str = "pressure") -> None:
-        """Pictures of the last solve as PNG, as of ``ContactProblem.plot``, on the deformed bodies.
-        Collective.
-
-        Args:
-            folder: where the pictures go; it is made.
-            field: "pressure", "status" or "traction".
-
-        Raises:
-            ContactInputError: no such field, or a folder that cannot be made or written.
-            ContactError: nothing has been solved.
-        """
-        if not self.results:
-            raise ContactError("there is nothing to draw yet: call solve() first")
-        plot.pictures(self.comm, self.bulk.u, self.results, folder, field, scale=1.0)
 
     def destroy(self) -> None:
         """Free the factorisation, which the next ``solve`` makes anew; collective. On one rank the

@@ -185,14 +185,14 @@ def _placed(
 
 
 def numbered(
-    contacts: Sequence[Placed], dofs: BodyDofs, solver: str
+    contacts: Sequence[Placed], dofs: BodyDofs, solver: str, options: tuple[str, dict | None]
 ) -> tuple[NewtonSystem, str, str]:
     """The unknowns of bodies and interfaces; how Newton's systems are solved, and why.
 
     Args:
         contacts: the interfaces.
         dofs: of the bodies.
-        solver: as the user asks.
+        solver, options: as the user asks; prefix, and PETSc options.
     """
     owners = [np.empty(0, dtype=np.int64), *(c.what.owner for c in contacts)]
     own = Numbering(np.concatenate(owners), dofs.comm.rank)
@@ -210,6 +210,7 @@ def numbered(
         [c.numbers for c in contacts],
         own,
         [c.what.size for c in contacts],
+        options=(options[0], options[1] or {}),
         sides=[c.what.sides for c in contacts],
         iterates=solver == "condensed",
     )

@@ -1,14 +1,13 @@
 """The user's door: a linear elastic problem whose bodies touch."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from dolfinx_llm.base.disposable import Destroyed, Disposable, Remains, free_garbage
+from dolfinx_llm.base.disposable import Destroyed, Remains, free_garbage
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.timing import StageTimes
@@ -20,17 +19,19 @@ from dolfinx_llm.interface.build import build_interfaces
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.control import controlled
 from dolfinx_llm.operators.system import ContactOperators, anatomy
-from dolfinx_llm.output import plot
+from dolfinx_llm.output.pictured import Pictured
+from dolfinx_llm.problem.adjoint import Differentiable
 from dolfinx_llm.problem.arguments import problem_arguments, step_arguments
 from dolfinx_llm.problem.bulk import LinearBulk
 from dolfinx_llm.problem.methods import ContactMethod, Setting
+from dolfinx_llm.problem.saving import SavedContact
 
 
-class ContactProblem(Disposable):
+class ContactProblem(Differentiable, Pictured, SavedContact):
     """Bodies with stiffness a and load L that touch along interfaces, (31) of the paper.
 
     Args:
-        a: bilinear UFL form of the bodies; a sequence of them for bodies on several meshes.
+        a: bilinear UFL form of the bodies, or one per mesh; its space may be mixed, as (u, p).
         L: linear UFL form, or a sequence of them.
         bcs: Dirichlet conditions.
         interfaces: the ``Interface`` objects.
@@ -49,7 +50,7 @@ class ContactProblem(Disposable):
         unknowns: global number of displacements u, multipliers lambda and frame unknowns v.
         times: seconds per stage, summed over all calls.
         geometries: an ``InterfaceGeometry`` per interface: surfaces, frame, pairs and certificate.
-        spaces: function space of each mesh.
+        spaces: function space of the displacement on each mesh.
         K, B, L_b: PETSc matrices of (31).
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
         bulk, operators, method: ``LinearBulk``, ``ContactOperators``, ``ContactMethod``.
@@ -74,7 +75,7 @@ class ContactProblem(Disposable):
         given = problem_arguments(
             a, L, bcs, interfaces, nodal_loads, solver, petsc_options_prefix, petsc_options
         )
-        free_garbage(given.spaces[0].mesh.comm)
+        free_garbage(given.blocks[0].W.mesh.comm)
         self.interfaces, self.solver = given.interfaces, solver
         self.times = StageTimes()
         self.history: list[dict] = []
@@ -118,11 +119,11 @@ class ContactProblem(Disposable):
             return
         log.info("changed since the last solve: %s", ", ".join(sorted(changes)))
         self.method.destroy()
-        if changes != {"stiffness"}:
+        if changes == {"stiffness"}:
+            self.operators.renew(self.K, self.times)
+        else:
             self.operators.destroy()
             self._build_operators()
-        else:
-            self.operators.renew(self.K, self.times)
         self.method.renew(self._setting(), keep="positions" not in changes)
         self.bulk.settle()
 
@@ -145,6 +146,11 @@ class ContactProblem(Disposable):
         """
         return self.bulk.K
 
+    @property
+    def A(self) -> PETSc.Mat:
+        """K, by the name that dolfinx's ``LinearProblem`` has for it."""
+        return self.K
+
     def solve(self, increments: int = 1) -> fem.Function | list[fem.Function]:
         """Assemble the load, solve, and fill ``results``; first ``update``.
 
@@ -156,7 +162,7 @@ class ContactProblem(Disposable):
                 more are taken by themselves where the law does not converge. Tied: not used.
 
         Returns:
-            The displacement: a dolfinx Function, or a list of them for several meshes.
+            The displacement, of a mixed space all blocks: a Function, or a list for several meshes.
 
         Raises:
             ContactInputError: increments below 1.
@@ -172,28 +178,12 @@ class ContactProblem(Disposable):
         with self.times.timed("results"):
             states = self.method.states
             self.results = collect_results(self.operators, u, multiplier, w, states)
-        self._doubts = doubts(self.geometries, self.results, states)  # on all ranks: it may raise
+        self._doubts = doubts(self.geometries, self.results, states, self.method.in_time)  # on all
         for warning in self._doubts:
             if self.comm.rank == 0:
                 log.warning(warning)
         self._u = self.bulk.functions(u)
         return self.u
-
-    def plot(self, folder: str | Path, field: str = "pressure") -> None:
-        """Pictures of the last solve as PNG, without a display: bodies_0.png ... coloured by the
-        displacement's length, interface_0.png ... by a field of ``plot.interface``. Collective.
-
-        Args:
-            folder: where the pictures go; it is made.
-            field: "pressure", "status" or "traction".
-
-        Raises:
-            ContactInputError: no such field, or a folder that cannot be made or written.
-            ContactError: nothing has been solved, or after ``destroy``.
-        """
-        if not self.results:
-            raise ContactError("there is nothing to draw yet: call solve() first")
-        plot.pictures(self.comm, self._u, self.results, folder, field)
 
     def reset(self) -> None:
         """Forget the last load steps: contact state, slip and loads.

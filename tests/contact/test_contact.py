@@ -424,9 +424,9 @@ def test_pictures_and_files(tmp_path):
     problem.plot(tmp_path / "rigid")
     llm.post.write_interface(tmp_path / "rigid", problem.results[0])
     written = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.*")}
-    assert {"bodies_1.png", "interface_0.png", "frame.csv", "side_1.xdmf"} <= written
+    assert {"bodies.png", "interface_0.png", "frame.csv", "side_1.vtu"} <= written
     assert {"rigid/interface_0.png", "rigid/side_0.csv"} <= written
-    assert "rigid/frame.xdmf" not in written
+    assert "rigid/frame.vtu" not in written
     table = np.genfromtxt(tmp_path / "side_0.csv", delimiter=",", names=True)
     side = scene.problem.results[0].sides[0]
     assert table["normal_force"] == pytest.approx(side.normal_force)

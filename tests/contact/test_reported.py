@@ -1,6 +1,7 @@
 """What is reported means what it says: gap, status, slip, pressure, and the frame's forces."""
 
 import itertools
+import pickle
 
 import contact_scenes
 import curved_scenes as curved
@@ -118,3 +119,15 @@ def test_belt_round_a_drum(mu, counts, swap):
         assert max(np.abs(side.slip).max() for side in result.sides) <= 2.0 * motion
         assert violations(problem)["residual"] < 1e-9
     assert slips.sum() > 0.7 * len(slips)
+
+
+def test_notebooks_and_pickle():
+    """A problem shows itself in a notebook; results are kept by pickle."""
+    scene = pressed(llm.Coulomb(0.3))
+    scene.move(down(0.01))
+    problem = scene.problem
+    assert "<pre>ContactProblem: " in problem._repr_html_()
+    assert problem.A is problem.K
+    kept, result = pickle.loads(pickle.dumps(problem.results[0])), problem.results[0]
+    assert (kept.pressure == result.pressure).all()
+    assert (kept.sides[1].force == result.sides[1].force).all()

@@ -254,7 +254,7 @@ def test_ring_on_block():
     found = ring_on_block.main(["--travel", "0.15"])
     assert max(found["ripple"]) < 0.003 and found["drag"] < 0.003
     assert found["halved"] == 0 and found["iterations"][1] <= 9
-    assert abs(found["work"]) < 0.01
+    assert abs(found["work"]) < 0.004
 
 
 def test_rubber_seal():

@@ -30,7 +30,7 @@ def test_patch3d_on_two_ranks(frame, tmp_path):
     for name in ("frame.png", "von_mises.png", "displacement.png"):
         assert (tmp_path / name).read_bytes()[:4] == b"\x89PNG"
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert {"bodies.xdmf", "bodies.h5", "frame.xdmf", "side_0.xdmf", "table_3.csv"} <= written
+    assert {"bodies.pvd", "bodies_0_0.vtu", "frame.vtu", "side_0.vtu", "table_3.csv"} <= written
     table = np.genfromtxt(tmp_path / "out" / "side_1.csv", delimiter=",", names=True)
     assert abs(table["normal_force"].sum() - 789.668405) < 1e-6
 
@@ -99,10 +99,10 @@ def test_tutorial(ranks, tmp_path):
     assert abs(result.resultant[2] + tutorial.PRESSURE) <= 1e-9
     # Just short of gross slip, where frame nodes at the rim may slip either way.
     assert np.all(np.diff(shares) > 0.0) and shares[-2] < 0.9 and 0.98 < shares[-1] <= 1.0 + 1e-9
-    for name in ("bodies_0.png", "interface_0.png"):
+    for name in ("bodies.png", "interface_0.png"):
         assert (tmp_path / name).read_bytes()[:4] == b"\x89PNG"
     written = {path.name for path in tmp_path.iterdir()}
-    assert {"bodies.xdmf", "bodies.h5", "frame.xdmf", "side_0.xdmf", "side_1.csv"} <= written
+    assert {"bodies.pvd", "bodies_0_0.vtu", "frame.vtu", "side_0.vtu", "side_1.csv"} <= written
     if ranks == 2:
         found = run_mpi_json("tutorial_ranks.py", ranks, tmp_path / "ranks")
         np.testing.assert_allclose(found["shares"], shares, atol=1e-9)
@@ -136,3 +136,32 @@ def test_turned_strips(monkeypatch, capsys):
     assert found["change"] < 1e-10 and found["slip"] < 1e-10 and min(found["pairs"]) > 0
     assert report["to and fro"] < 1e-10
     assert "to and fro" in capsys.readouterr().out
+
+
+@pytest.mark.long
+def test_second_order(tmp_path):
+    """Rates of stresses, and less error than of first order with fewer unknowns; a picture."""
+    import second_order
+
+    sizes = ["--cells", "8", "16", "--elements", "4"]
+    rows = second_order.main([*sizes, "--plot", str(tmp_path)])
+    (one, half, two, quarter), opening = rows[:4], rows[4:]
+    assert np.log2(one["error"] / half["error"]) >= 0.98
+    assert np.log2(two["error"] / quarter["error"]) >= 1.95
+    assert two["unknowns"] <= half["unknowns"] and two["error"] < 0.1 * half["error"]
+    assert opening[1]["error"] < 0.5 * opening[0]["error"]
+    assert (tmp_path / "second_order.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize("nu", [0.4999, longer(0.5)])
+def test_incompressible(nu, tmp_path):
+    """Plain elements lock, those of (u, p) do not; a picture."""
+    import incompressible
+
+    arguments = ["--nu", str(nu), "--elements", "4", "8", "--plot", str(tmp_path)]
+    rows = incompressible.main(arguments)
+    error = {(row["method"], row["n"]): row["error"] for row in rows}
+    assert 0.0 < error["(u, p)", 8] < 0.5 * error["(u, p)", 4] < 0.005
+    if nu < 0.5:
+        assert error["Q1", 8] > 1.0 and error["Q2", 8] > 5.0 * error["(u, p)", 8]
+    assert (tmp_path / "incompressible.png").read_bytes()[:4] == b"\x89PNG"

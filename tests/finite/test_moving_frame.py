@@ -3,6 +3,7 @@
 import itertools
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -119,7 +120,7 @@ def pressed(name, law=None, mu=0.3):
         contact, law = LawContact.of(sides, design, law, told, z), STICK
     elif law is not None:
         contact = FrictionContact(sides, design, np.full(n, mu), rng.uniform(0.0, 2.0, n))
-    q, held = np.zeros(contact.size), contact.hold(z)
+    q, held = np.zeros(contact.size), replace(contact.hold(z), limit=0.0)
     status, free = np.full(n, CLOSED if law is None else law), np.ones(len(z), dtype=bool)
     q[:n] = force
     if law is not None:  # it has gone along from elsewhere, and carries some friction
@@ -181,6 +182,28 @@ def test_tangent_is_the_derivative(name, law):
         )
     # The design matters here, and what it changes is differentiated.
     assert t.delta > 0.03
+
+
+@pytest.mark.parametrize("kind", ["line", "quad", "tri"])
+def test_gaps_are_those_of_round_surfaces(kind):
+    """Nodes at a distance from a cylinder of radius 2, whose facets of size h lie up to h² / 16
+    inside it: a twentieth of that is left of it, and falls faster."""
+    even = SimpleNamespace(uniform=lambda a, b, n: np.zeros(n), standard_normal=np.zeros)
+    left = []
+    for n in (6, 12):
+        make = partial(line, even) if kind == "line" else partial(sheet, even, kind=kind)
+        low, high = (make((0.0, 1.0), n + up, 0.0, not up, bend=0.0) for up in (0, 1))
+        for s, radius in ((low, 2.0), (high, 2.0 + 1e-3)):
+            angle, along = (s.x[:, 0] - 0.5) / radius, radius * np.ones(len(s.x))
+            s.x[:, 0], s.x[:, -1] = along * np.sin(angle), along * np.cos(angle)
+        sides = Sides.of((low, high))
+        z = np.concatenate([s.x.ravel() for s in sides.surfaces])
+        contact = NormalContact(sides, Design.of(low.x, low.facets, wanted=False))
+        place = contact.place(z, np.zeros(contact.size), contact.hold(z))
+        inner = place.at.N[place.on].min(axis=1) > -1e-9
+        inner &= np.abs(sides.split(z)[0][place.on][:, 0]) < 0.3
+        left.append(np.abs(place.gap[place.on][inner] - 1e-3).max())
+    assert left[1] < 0.05 / 12**2 / 16 and left[1] < left[0] / 5.0
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -1,4 +1,4 @@
-"""Forces of a tied wall under its weight: python joints.py GDIM."""
+"""Forces of a tied wall under its weight: python joints.py GDIM DEGREE."""
 
 import json
 import sys
@@ -11,11 +11,13 @@ import dolfinx_llm as llm
 from dolfinx_llm.geometry.surface import extract_surface
 
 
-def forces(comm, gdim):
+def forces(comm, gdim, degree=1):
     """By both forms, and how many rows repeat others."""
     blocks = walls.courses(2, 2, bond=0.3) if gdim == 2 else walls.cubes(2, 2, 2)
     counts = np.random.default_rng(7).integers(2, 5, (len(blocks), gdim))
-    wall = walls.Wall(comm, blocks, counts, "triangle" if gdim == 2 else "hexahedron", turn=0.2)
+    wall = walls.Wall(
+        comm, blocks, counts, "triangle" if gdim == 2 else "hexahedron", turn=0.2, degree=degree
+    )
     out = {}
     for solver in ("saddle", "condensed"):
         problem = wall.problem(weight=1.0, solver=solver)
@@ -31,6 +33,6 @@ def forces(comm, gdim):
 
 
 if __name__ == "__main__":
-    found = forces(MPI.COMM_WORLD, int(sys.argv[1]))
+    found = forces(MPI.COMM_WORLD, *map(int, sys.argv[1:]))
     if MPI.COMM_WORLD.rank == 0:
         print(json.dumps(found))

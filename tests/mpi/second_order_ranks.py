@@ -2,7 +2,7 @@
 
 import json
 
-import second_order as so
+import second_order_blocks as so
 from mpi4py import MPI
 
 import dolfinx_llm as llm

@@ -49,8 +49,8 @@ class Scene:
         if comm.rank == 0:
             self.file.write_text("no folder")
             (self.folder / "folder.png").mkdir()
-            (self.folder / "folder.xdmf").mkdir()
-            (self.folder / "taken.h5").mkdir()
+            (self.folder / "folder.pvd").mkdir()
+            (self.folder / "taken_0_0.vtu").mkdir()
         comm.barrier()
 
     def problem(self, a=None, L=None, **other):
@@ -779,16 +779,16 @@ add(
 )
 add(
     "u=.*give the displacement",
-    lambda s: post.write_bodies(s.path("u.xdmf"), None),
-    lambda s: post.write_bodies(s.path("u.xdmf"), [s.solved.u]),
+    lambda s: post.write_bodies(s.path("u.pvd"), None),
+    lambda s: post.write_bodies(s.path("u.pvd"), [s.solved.u]),
     lambda s: plot.bodies(s.V, s.size, s.path("u.png")),
 )
 add(
     "vector space of first or second order",
-    lambda s: post.write_bodies(s.path("u.xdmf"), fem.Function(s.scalar)),
+    lambda s: post.write_bodies(s.path("u.pvd"), fem.Function(s.scalar)),
 )
 add(
-    "must end on .xdmf or .bp",
+    "must end on .pvd or .bp",
     lambda s: post.write_bodies(s.path("u.vtk"), s.solved.u),
     lambda s: post.write_bodies(s.path("u"), s.solved.u),
 )
@@ -802,10 +802,10 @@ add(
 )
 add(
     "cannot be written",
-    lambda s: post.write_bodies(s.file / "u.xdmf", s.solved.u),
-    lambda s: post.write_bodies(s.path("folder.xdmf"), s.solved.u),
-    lambda s: post.write_bodies(s.path("taken.xdmf"), s.solved.u),
-    lambda s: post.write_bodies("/proc/none/u.xdmf", s.solved.u),
+    lambda s: post.write_bodies(s.file / "u.pvd", s.solved.u),
+    lambda s: post.write_bodies(s.path("folder.pvd"), s.solved.u),
+    lambda s: post.write_bodies(s.path("taken.pvd"), s.solved.u),
+    lambda s: post.write_bodies("/proc/none/u.pvd", s.solved.u),
     lambda s: post.write_interface(s.file, s.result),
     lambda s: post.write_csv(s.file / "t.csv", ["a"], [[1]]),
     lambda s: plot.interface(s.result, s.file / "i.png"),
@@ -818,14 +818,14 @@ add(
 )
 add(
     "cell_fields(: name)?=.*give a dict",
-    lambda s: post.write_bodies(s.path("u.xdmf"), s.solved.u, [s.size]),
-    lambda s: post.write_bodies(s.path("u.xdmf"), s.solved.u, {1: s.size}),
-    lambda s: post.write_bodies(s.path("u.xdmf"), s.solved.u, "size"),
+    lambda s: post.write_bodies(s.path("u.pvd"), s.solved.u, [s.size]),
+    lambda s: post.write_bodies(s.path("u.pvd"), s.solved.u, {1: s.size}),
+    lambda s: post.write_bodies(s.path("u.pvd"), s.solved.u, "size"),
     lambda s: post.LoadSteps(s.solved, s.path("w"), cell_fields=lambda u: [u[0]]),
 )
 add(
     "expression=.*give a scalar",
-    lambda s: post.write_bodies(s.path("u.xdmf"), s.solved.u, {"u": s.solved.u}),
+    lambda s: post.write_bodies(s.path("u.pvd"), s.solved.u, {"u": s.solved.u}),
     lambda s: plot.bodies(s.solved.u, s.solved.u, s.path("u.png")),
 )
 add(
@@ -961,11 +961,11 @@ one("folder=", lambda s: s.solved.plot(pick(s, s.folder, None)))
 one("pressure=", lambda s: llm.free_surface_load(s.V, s.tags, 4, pick(s, 1.0, NAN)))
 one("facet tag=", lambda s: llm.free_surface_load(s.V, s.tags, pick(s, 4, "4"), 1.0))
 one("slave=", lambda s: classical.NodeToSegment(s.solved, slave=pick(s, 0, 7)))
-one("cell_fields=", lambda s: post.write_bodies(s.path("u.xdmf"), s.solved.u, pick(s, None, 3)))
-one("must end on", lambda s: post.write_bodies(s.path(pick(s, "u.xdmf", "u.x")), s.solved.u))
+one("cell_fields=", lambda s: post.write_bodies(s.path("u.pvd"), s.solved.u, pick(s, None, 3)))
+one("must end on", lambda s: post.write_bodies(s.path(pick(s, "u.pvd", "u.x")), s.solved.u))
 one(
     "cannot be written",
-    lambda s: post.write_bodies(pick(s, s.folder, s.file) / "u.xdmf", s.solved.u),
+    lambda s: post.write_bodies(pick(s, s.folder, s.file) / "u.pvd", s.solved.u),
 )
 one("time=", lambda s: s.steps(s.solved, "one", pick(s, 1.0, NAN)))
 one("give the derivative of F", lambda s: s.nonlinear(J=pick(s, None, 3)))

@@ -27,21 +27,23 @@ def dense(M):
 
 
 @pytest.mark.parametrize(
-    ("blocks", "kind", "most"),
+    ("blocks", "kind", "most", "degree"),
     [
-        (CROSSES, "quadrilateral", 5),
-        longer(walls.courses(2, 3), "triangle", 5),
-        (walls.courses(3, 3, bond=0.3), "quadrilateral", 5),
-        longer(walls.courses(6, 10), "quadrilateral", 5),
-        longer(CUBES, "hexahedron", 4),
-        longer(CUBES, "tetrahedron", 4),
-        longer(walls.courses(2, 3, depth=0.7), "hexahedron", 4),
+        (CROSSES, "quadrilateral", 5, 1),
+        longer(walls.courses(2, 2, bond=0.3), "triangle", 3, 2),
+        longer(CUBES, "tetrahedron", 3, 2),
+        longer(walls.courses(2, 3), "triangle", 5, 1),
+        (walls.courses(3, 3, bond=0.3), "quadrilateral", 5, 1),
+        longer(walls.courses(6, 10), "quadrilateral", 5, 1),
+        longer(CUBES, "hexahedron", 4, 1),
+        longer(CUBES, "tetrahedron", 4, 1),
+        longer(walls.courses(2, 3, depth=0.7), "hexahedron", 4, 1),
     ],
 )
-def test_constant_stress(blocks, kind, most):
+def test_constant_stress(blocks, kind, most, degree):
     """Every component of it passes, and both forms give the same forces."""
     counts = np.random.default_rng(5).integers(2, most, (len(blocks), blocks.shape[2]))
-    wall = walls.Wall(COMM, blocks, counts, kind, turn=0.3)
+    wall = walls.Wall(COMM, blocks, counts, kind, turn=0.3, degree=degree)
     found = []
     for solver in ("saddle", "condensed"):
         with wall.problem(np.eye(wall.gdim), solver=solver) as problem:
@@ -85,9 +87,10 @@ def test_least_forces(blocks, kind):
         assert np.abs(classical.force - all_forces(problem)).max() <= 1e-9 * np.abs(least).max()
 
 
-@pytest.mark.parametrize(("gdim", "n"), [(2, 2), longer(2, 3), longer(3, 3)])
-def test_ranks(gdim, n):
-    one, several = joints.forces(COMM, gdim), run_mpi_json("joints.py", n, str(gdim))
+@pytest.mark.parametrize(("gdim", "n", "degree"), [(2, 2, 1), longer(2, 3, 2), longer(3, 3, 1)])
+def test_ranks(gdim, n, degree):
+    one = joints.forces(COMM, gdim, degree)
+    several = run_mpi_json("joints.py", n, str(gdim), str(degree))
     assert one["redundant"] == several["redundant"] > 0
     assert one["found"] == several["found"] and one["facets"] == several["facets"]
     for name in ("saddle", "condensed"):

@@ -2,6 +2,7 @@
 
 import logging
 import xml.etree.ElementTree as ElementTree
+from base64 import b64decode
 from dataclasses import replace
 
 import finite_patch
@@ -12,7 +13,7 @@ import pytest
 import ufl
 from conftest import run_mpi_json
 from contact_scenes import Pressed, rectangle
-from dolfinx import fem
+from dolfinx import fem, mesh
 from dolfinx.common import has_adios2
 from mpi4py import MPI
 from paper_data import scene as patch_scene
@@ -20,7 +21,8 @@ from paper_data import scene as patch_scene
 import dolfinx_llm as llm
 from dolfinx_llm import compat, plot, post
 from dolfinx_llm.contact.results import InterfaceResult
-from dolfinx_llm.output import render
+from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.output import bodies, render
 
 COMM = MPI.COMM_SELF
 
@@ -83,14 +85,14 @@ def test_broken_pyvista(stand_in, text, told, patch, tmp_path, monkeypatch, capl
     with caplog.at_level(logging.WARNING, "dolfinx_llm"):
         patch[1].plot(tmp_path)
     assert [told in record.getMessage() for record in caplog.records] == [True]
-    for name in ("bodies_0.png", "interface_0.png"):
+    for name in ("bodies.png", "interface_0.png"):
         assert np.ptp(image(tmp_path / name)) > 0.9
 
 
 def test_without_pyvista(patch, tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(render, "find_spec", lambda name: None)
     patch[1].plot(tmp_path, "traction")
-    assert (tmp_path / "bodies_0.png").exists() and (tmp_path / "interface_0.png").exists()
+    assert (tmp_path / "bodies.png").exists() and (tmp_path / "interface_0.png").exists()
     assert not caplog.records
 
 
@@ -124,7 +126,7 @@ def test_pyvista_draws_a_problem(patch, tmp_path, monkeypatch):
     patch[1].plot(tmp_path)
     if render._failed:
         pytest.skip("PyVista is here, but cannot draw")
-    for name in ("bodies_0.png", "interface_0.png"):
+    for name in ("bodies.png", "interface_0.png"):
         assert image(tmp_path / name).shape == (*render.PIXELS[::-1], 3)
 
 
@@ -145,6 +147,45 @@ def test_curved_frame_by_matplotlib(tmp_path, monkeypatch):
     assert np.ptp(image(tmp_path / "ring.png")) > 0.9
 
 
+def test_colours_of_bodies(tmp_path, monkeypatch):
+    """Two meshes in one picture, by pressure, displacement and a function; a film of two steps."""
+    from PIL import Image
+
+    scene = pressed()
+    for colour in ("pressure", "displacement", lambda u: u[1]):
+        scene.problem.plot(tmp_path, colour=colour)
+        assert np.ptp(image(tmp_path / "bodies.png")) > 0.9
+    with plot.Film(scene.problem, tmp_path / "film.gif") as film:
+        film.add()
+        push(scene, 0.02)
+        film.add()
+    with Image.open(tmp_path / "film.gif") as found:
+        assert found.n_frames == 2
+    with pytest.raises(llm.ContactInputError, match="colour='force': choose one of"):
+        scene.problem.plot(tmp_path, colour="force")
+    with pytest.raises(llm.ContactInputError, match="section=.*of a plane in 3D"):
+        scene.problem.plot(tmp_path, section=((0, 0, 0), (1, 0, 0)))
+
+
+@pytest.mark.parametrize("kind", ["tetrahedron", "hexahedron"])
+def test_sections_and_outlines(kind):
+    """Of a box cut in the middle the skin is that of its half, with the edges of the whole."""
+    domain = mesh.create_box(
+        COMM, [np.zeros(3), np.array([4.0, 1.0, 1.0])], [4, 2, 2], getattr(mesh.CellType, kind)
+    )
+    u = fem.Function(compat.function_space(domain, shape=(3,)))
+    for section, area, edges in (
+        (None, 18.0, 24.0),
+        ((np.array([2.0, 0, 0]), np.eye(3)[0]), 10, 16),
+    ):
+        found = bodies.skin(u, section=section)
+        cells = np.arange(found.nodes.size).reshape(found.nodes.shape)
+        areas = vector_areas(found.x.reshape(-1, 3), cells)
+        assert np.linalg.norm(areas, axis=1).sum() == pytest.approx(area)
+        way = np.linalg.norm(np.diff(bodies.outline([found]), axis=1), axis=2)
+        assert way.sum() == pytest.approx(edges)
+
+
 def test_wrong_field(patch, tmp_path):
     with pytest.raises(llm.ContactInputError, match="field='force': choose one of"):
         patch[1].plot(tmp_path, "force")
@@ -158,28 +199,37 @@ def test_pictures_gather_the_surface_alone():
 
 
 # ## Files
-def steps(path):
-    """Per step of a surface's XDMF: time, points, cells, fields."""
-    found = []
-    for grid in ElementTree.parse(path).getroot().find("Domain/Grid"):
-        cells, points, *values = (
-            np.array(item.text.split(), dtype=float if "Float" in item.get("NumberType") else int)
-            .reshape([int(n) for n in item.get("Dimensions").split()])
-            for item in grid.iter("DataItem")
-        )  # fmt: skip
-        topology = grid.find("Topology")
-        assert int(topology.get("NumberOfElements")) == len(cells)
-        names = [attribute.get("Name") for attribute in grid.iter("Attribute")]
-        time = float(grid.find("Time").get("Value"))
-        found.append((time, topology.get("TopologyType"), points, cells, dict(zip(names, values))))
-    return found
+def grid(path):
+    """Points, cells, their kind and fields of a VTU."""
+    piece = ElementTree.parse(path).getroot().find("UnstructuredGrid/Piece")
+    parts = {}
+    for part in piece:
+        parts[part.tag] = {}
+        for array in part:
+            raw = b64decode(array.text)
+            assert int.from_bytes(raw[:8], "little") == len(raw) - 8
+            values = np.frombuffer(raw[8:], array.get("type").lower())
+            size = int(array.get("NumberOfComponents", 1))
+            parts[part.tag][array.get("Name")] = values.reshape(-1, size) if size > 1 else values
+    cells = parts["Cells"]["connectivity"].reshape(int(piece.get("NumberOfCells")), -1)
+    assert (parts["Cells"]["offsets"] == cells.shape[1] * np.arange(1, len(cells) + 1)).all()
+    (kind,) = set(parts["Cells"]["types"].tolist())
+    return parts["Points"]["points"], cells, kind, parts["PointData"], parts["CellData"]
 
 
-def agree(step, part):
+def series(path):
+    """Times and files of an index."""
+    steps = {}
+    for entry in ElementTree.parse(path).iter("DataSet"):
+        steps.setdefault(float(entry.get("timestep")), []).append(path.parent / entry.get("file"))
+    return steps
+
+
+def agree(path, part):
     x, cells, fields = part
     gdim = x.shape[1]
-    _, kind, points, found, values = step
-    assert kind == {2: "Polyline", 3: "Triangle", 4: "Quadrilateral"}[cells.shape[1]]
+    points, found, kind, values, _ = grid(path)
+    assert kind == {2: 3, 3: 5, 4: 9}[cells.shape[1]]
     assert (points[:, :gdim] == x).all() and (found == cells).all()
     assert values.keys() == fields.keys()
     for name, value in fields.items():
@@ -191,14 +241,13 @@ def agree(step, part):
 
 
 def test_interface_files(patch, tmp_path):
-    """Every number of frame and sides comes back as it was, as XDMF and as CSV."""
+    """Every number of frame and sides comes back as it was, as VTU and as CSV."""
     result = patch[1].results[0]
     post.write_interface(tmp_path, result)
     parts = post.interface_fields(result)
     assert list(parts) == ["frame", "side_0", "side_1"]
     for name, part in parts.items():
-        (step,) = steps(tmp_path / f"{name}.xdmf")
-        agree(step, part)
+        agree(tmp_path / f"{name}.vtu", part)
         table = np.genfromtxt(tmp_path / f"{name}.csv", delimiter=",", names=True)
         assert (table["displacement_z"] == part[2]["displacement"][:, 2]).all()
 
@@ -215,18 +264,17 @@ def test_load_steps(tmp_path):
             kept.append((post.interface_fields(problem.results[0]), problem._u[1].x.array.copy()))
             push(scene, 0.02)
     for name in ("frame", "side_0", "side_1"):
-        found = steps(tmp_path / "interface_0" / f"{name}.xdmf")
-        assert [step[0] for step in found] == [0.0, 2.5]
-        for step, (parts, _) in zip(found, kept, strict=True):
-            agree(step, parts[name])
-    times = [e.get("Value") for e in ElementTree.parse(tmp_path / "bodies_1.xdmf").iter("Time")]
-    assert sorted(set(map(float, times))) == [0.0, 2.5]
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(tmp_path / "bodies_1.h5") as file:
-        for time, (_, u) in zip(("0", "2_5"), kept, strict=True):
-            values = file[f"Function/displacement/{time}"][:, :2]
-            assert np.sort(values.ravel()) == pytest.approx(np.sort(u), abs=1e-15)
-            assert f"Function/along/{time}" in file
+        found = series(tmp_path / "interface_0" / f"{name}.pvd")
+        assert list(found) == [0.0, 2.5]
+        for (file,), (parts, _) in zip(found.values(), kept, strict=True):
+            agree(file, parts[name])
+    found = series(tmp_path / "bodies_1.pvd")
+    for (file,), (_, u) in zip(found.values(), kept, strict=True):
+        *_, at_nodes, in_cells = grid(file)
+        values = at_nodes["displacement"][:, :2]
+        assert np.sort(values.ravel()) == pytest.approx(np.sort(u), abs=1e-15)
+        along = in_cells["along"]
+        assert len(along) == 20 and (u.min() < along).all() and (along < u.max()).all()
 
 
 @pytest.mark.parametrize("obstacle", [False, True], ids=["bodies", "obstacle"])
@@ -253,7 +301,7 @@ def test_finite_deformation(obstacle, tmp_path):
     parts = post.interface_fields(result)
     assert parts.keys() == ({"side_0"} if obstacle else {"frame", "side_0", "side_1"})
     for name, (x, _, fields) in parts.items():
-        agree(steps(tmp_path / "interface_0" / f"{name}.xdmf")[-1], parts[name])
+        agree(tmp_path / "interface_0" / f"{name}_1.vtu", parts[name])
         now = result.x if name == "frame" else result.sides[int(name[-1])].x
         assert np.abs(x + fields["displacement"] - now).max() < 1e-14
         assert np.isfinite(fields["status" if name == "frame" else "gap"]).all()
@@ -266,29 +314,58 @@ def test_finite_deformation(obstacle, tmp_path):
     assert (tmp_path / "pictures" / "interface_0.png").exists()
 
 
-def test_pyvista_reads_the_series(tmp_path):
-    """VTK's reader, which is ParaView's, finds steps, points and fields."""
-    pyvista = pytest.importorskip("pyvista")
+def test_pyvista_and_meshio_read_the_series(tmp_path):
+    """VTK's reader, which is ParaView's, finds steps, points and fields; meshio each file; stress
+    of cells and displacement stand in one grid."""
+    pyvista, meshio = pytest.importorskip("pyvista"), pytest.importorskip("meshio")
     scene = pressed()
-    with post.LoadSteps(scene.problem, tmp_path) as files:
+    with post.LoadSteps(scene.problem, tmp_path, cell_fields=lambda u: {"stress": u[1]}) as files:
         files.write()
         push(scene, 0.02)
         files.write()
-    reader = pyvista.get_reader(str(tmp_path / "interface_0" / "side_0.xdmf"))
+    reader = pyvista.get_reader(str(tmp_path / "interface_0" / "side_0.pvd"))
     assert list(reader.time_values) == [0.0, 1.0]
     reader.set_active_time_value(1.0)
-    surface = reader.read()
+    (surface,) = reader.read()
     side = scene.problem.results[0].sides[0]
     assert surface.points[:, :2] == pytest.approx(side.x)
     assert surface["force"][:, :2] == pytest.approx(side.force)
     assert surface.n_cells == len(side.facets)
+    (body,) = pyvista.get_reader(str(tmp_path / "bodies_1.pvd")).read()
+    lowest = body.warp_by_vector("displacement").cell_centers().points[body["stress"].argmin()]
+    assert body.compute_cell_sizes()["Area"].sum() == pytest.approx(1.0) and lowest[1] > 1.0
+    for path in tmp_path.rglob("*.vtu"):
+        read = meshio.read(path)
+        own = grid(path)
+        assert (read.points == own[0]).all() and (read.cells[0].data == own[1]).all()
+        assert read.point_data.keys() == own[3].keys() and read.cell_data.keys() == own[4].keys()
+
+
+@pytest.mark.parametrize("kind", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
+def test_nodes_of_cells(kind, tmp_path):
+    """Nodes of a file's cells lie where VTK has them, of first and second order."""
+    pyvista = pytest.importorskip("pyvista")
+    flat = kind in ("triangle", "quadrilateral")
+    create = mesh.create_rectangle if flat else mesh.create_box
+    size = (1.0, 2.0, 4.0)[: 2 if flat else 3]
+    corners = [np.zeros(len(size)), np.array(size)]
+    domain = create(COMM, corners, [1] * len(size), getattr(mesh.CellType, kind))
+    for degree in (1, 2):
+        u = fem.Function(compat.function_space(domain, "Lagrange", degree, (len(size),)))
+        post.write_bodies(tmp_path / "u.pvd", u)
+        (found,) = pyvista.get_reader(str(tmp_path / "u.pvd")).read()
+        for k in range(found.n_cells):
+            at = np.reshape(found.GetCell(k).GetParametricCoords(), (-1, 3))
+            affine = np.column_stack([at, np.ones(len(at))])
+            x = found.get_cell(k).points
+            assert np.abs(affine @ np.linalg.lstsq(affine, x, rcond=None)[0] - x).max() < 1e-14
 
 
 def test_vtx(patch, tmp_path):
     """BP4 holds raw numbers: those of the displacement are found in it."""
     u, problem = patch
     if not has_adios2:
-        with pytest.raises(llm.ContactInputError, match="without ADIOS2.*Write .xdmf"):
+        with pytest.raises(llm.ContactInputError, match="without ADIOS2.*Write .pvd"):
             post.write_bodies(tmp_path / "bodies.bp", u)
         return
     post.write_bodies(tmp_path / "out" / "bodies.bp", u)
@@ -298,12 +375,12 @@ def test_vtx(patch, tmp_path):
     for name, count in (("out/bodies.bp", 1), ("bodies_0.bp", 2)):
         data = b"".join(path.read_bytes() for path in (tmp_path / name).iterdir())
         assert data.count(u.x.array.tobytes()) == count
-    with pytest.raises(llm.ContactInputError, match="cell_fields are for .xdmf"):
+    with pytest.raises(llm.ContactInputError, match="cell_fields are for .pvd"):
         post.write_bodies(tmp_path / "other.bp", u, {"x": u[0]})
 
 
 def test_errors_of_files(patch, tmp_path):
-    with pytest.raises(llm.ContactInputError, match="must end on .xdmf or .bp"):
+    with pytest.raises(llm.ContactInputError, match="must end on .pvd or .bp"):
         post.write_bodies(tmp_path / "bodies.vtu", patch[0])
     low = pairs.block(COMM, (2, 2, 1), (-1.0, -1.0, 0.0), (1.0, 1.0, 1.0), "tetrahedron")
     high = pairs.block(COMM, (3, 3, 1), (-0.5, -0.5, 1.0), (0.5, 0.5, 2.0), "hexahedron")

@@ -50,9 +50,10 @@ def test_all_and_none_besides(blocks, kind):
     assert len(set(names)) == len(names)
 
 
-def test_they_pass_a_constant_stress():
+@pytest.mark.parametrize("degree", [1, 2])
+def test_they_pass_a_constant_stress(degree):
     """As the pairs of whole faces do; facets that nothing touches are left out."""
-    wall = wall_of(walls.courses(2, 3), turn=0.3)
+    wall = wall_of(walls.courses(2, 3), turn=0.3, degree=degree)
     stress = np.array([[1.0, 0.4], [0.4, -0.7]])
     a, L = wall.forms(stress)
     with llm.ContactProblem(

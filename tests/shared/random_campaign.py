@@ -1,6 +1,6 @@
 """Many random scenes, each in a process that may crash or hang: what failed, and how.
 
-    python tests/shared/random_campaign.py FIRST-LAST [--variants] [--out FILE] [--seconds 60]
+    python tests/shared/random_campaign.py FIRST-LAST [--second] [--variants] [--seconds 60]
 
 Prints one line of JSON per seed. On several ranks, all seeds in one process, against one rank:
 
@@ -21,7 +21,7 @@ from pathlib import Path
 sys.path[:0] = [str(Path(__file__).resolve().parent)]
 
 
-def one(seed, variants):
+def one(seed, variants, second):
     """Result of one seed as a dict."""
     import random_scenes as scenes
     import scene_oracle
@@ -29,7 +29,7 @@ def one(seed, variants):
     import dolfinx_llm as llm
 
     logging.disable(logging.CRITICAL)
-    scene = scenes.draw(seed)
+    scene = scenes.draw(seed, second)
     out = {"seed": seed, "solver": scene.solver, "kind": "ok", "worst": {}, "variants": {}}
     try:
         answers, found = scene_oracle.check(scene)
@@ -64,7 +64,7 @@ def one(seed, variants):
     return out
 
 
-def on_ranks(seeds, folder):
+def on_ranks(seeds, folder, second):
     """One rank leaves answers in a folder, several compare theirs with these; collective."""
     import numpy as np
     import random_scenes as scenes
@@ -75,7 +75,7 @@ def on_ranks(seeds, folder):
     logging.disable(logging.CRITICAL)
     comm = MPI.COMM_WORLD
     for seed in seeds:
-        began, scene, file = time.time(), scenes.draw(seed), folder / f"{seed}.npz"
+        began, scene, file = time.time(), scenes.draw(seed, second), folder / f"{seed}.npz"
         line = {"seed": seed, "ranks": comm.size}
         try:
             found = scenes.solve(scene, comm=comm)
@@ -101,7 +101,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("seeds", nargs="+", help="seeds, or FIRST-LAST")
     parser.add_argument("--variants", action="store_true")
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--second", action="store_true", help="most bodies of second order")
     parser.add_argument("--seconds", type=int, default=60)
     parser.add_argument("--answers", type=Path)
     args = parser.parse_args()
@@ -110,7 +110,7 @@ def main():
         low, _, high = word.partition("-")
         seeds += range(int(low), int(high or low) + 1)
     if args.answers:
-        on_ranks(seeds, args.answers)
+        on_ranks(seeds, args.answers, args.second)
         return
     import random_scenes  # noqa: F401
 
@@ -121,7 +121,7 @@ def main():
         if child == 0:
             os.close(read)
             try:
-                text = json.dumps(one(seed, args.variants))
+                text = json.dumps(one(seed, args.variants, args.second))
             except BaseException:
                 text = json.dumps({"seed": seed, "kind": "broken", "text": traceback.format_exc()})
             with os.fdopen(write, "w") as file:
@@ -143,9 +143,6 @@ def main():
         result["seconds"] = round(time.time() - began, 2)
         line = json.dumps(result)
         print(line, flush=True)
-        if args.out:
-            with args.out.open("a") as file:
-                file.write(line + "\n")
 
 
 if __name__ == "__main__":

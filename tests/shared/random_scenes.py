@@ -40,6 +40,7 @@ class Body:
     E: float = 1.0
     spring: float = 0.0  # volume springs over E
     jitter: float = 0.0
+    order: int = 1  # of the displacement
 
 
 @dataclass
@@ -77,8 +78,8 @@ class Scene:
     def __str__(self):
         laws = [f"{c.law} {c.first}-{c.second}" for c in self.contacts]
         bodies = [
-            f"{b.kind} {b.n} half {b.half:.2f} low {b.low:.3f} tilt {b.tilt:g} bulge {b.bulge:g} "
-            f"E {b.E:.1e} spring {b.spring:.1e}"
+            f"{b.kind} P{b.order} {b.n} half {b.half:.2f} low {b.low:.3f} tilt {b.tilt:g} "
+            f"bulge {b.bulge:g} E {b.E:.1e} spring {b.spring:.1e}"
             for b in self.bodies
         ]
         steps = [
@@ -131,8 +132,8 @@ def _axes(Q):
     return out
 
 
-def draw(seed):
-    """Scene of a seed."""
+def draw(seed, second=False):
+    """Scene of a seed; with some bodies of second order, on straight frames."""
     rng = np.random.default_rng(seed)
     gdim = int(rng.choice([2, 3], p=[0.6, 0.4]))
     layout = str(rng.choice(["single", "tower", "table"], p=[0.2, 0.55, 0.25]))
@@ -162,7 +163,18 @@ def draw(seed):
     _steps(scene, rng)
     if seed % 8 == 5 and not scene.radius:
         _walls(scene, np.random.default_rng([seed, 99]))
+    if second:
+        _orders(scene, np.random.default_rng([seed, 98]))
     return scene
+
+
+def _orders(scene, rng):
+    """Most bodies of second order; those on one mesh have one order."""
+    scene.radius = 0.0
+    orders = rng.choice([1, 2], len(scene.bodies), p=[0.3, 0.7])
+    for body, order in zip(scene.bodies, orders, strict=True):
+        body.order = 2 if scene.one_mesh else int(order)
+        body.n = tuple(min(n, 5 if scene.gdim == 2 else 3) for n in body.n)
 
 
 def _walls(scene, rng):
@@ -353,6 +365,20 @@ def _grid(body, k, rng):
     return x, cells
 
 
+def _middles(kind, cells):
+    """Corners (n, 2 or more) between which a second-order body's other nodes lie, per number."""
+    gdim = 2 if kind in KINDS[2] else 3
+    if kind in ("triangle", "tetrahedron"):
+        own = [[(i, j) for j in range(gdim + 1) for i in range(j)]]
+    else:  # faces of 1, 2, ... dimensions: corners that share the other bits
+        own = [[], [], []][:gdim]
+        for axes in range(1, 2**gdim):
+            free = [c for c in range(2**gdim) if c & ~axes == 0]
+            for low in (c for c in range(2**gdim) if c & axes == 0):
+                own[len(free).bit_length() - 2].append(tuple(low | c for c in free))
+    return [np.unique(np.sort(cells[:, k].reshape(-1, len(k[0])), axis=1), axis=0) for k in own]
+
+
 def place(scene, p):
     """Scene positions (n, gdim) of reference positions (n, gdim)."""
     out = np.array(p)
@@ -382,7 +408,7 @@ class Posed:
     modulus: float
     spaces: list
     nodes: list  # per mesh (n,) the scene's number of each node of this rank's dofs
-    body: np.ndarray  # (all nodes,) body of each of the scene's nodes
+    body: np.ndarray  # (all nodes,) body of each of the scene's nodes, corners of cells first
     x: np.ndarray  # (all nodes, gdim) the scene's positions
     forms: list  # (a, L) per mesh
     bcs: list
@@ -459,6 +485,15 @@ def pose(scene, variant=None, comm=MPI.COMM_SELF):
     body_of = np.repeat(np.arange(len(grids)), np.diff(first))
     reference = np.concatenate([x for x, _ in grids])
     x_scene = place(scene, reference)
+    between = [
+        first[k] + corners
+        for k, body in enumerate(scene.bodies)
+        if body.order > 1
+        for corners in _middles(body.kind, grids[k][1])
+    ]
+    body_of = np.concatenate([body_of, *(body_of[c[:, 0]] for c in between)])
+    x_scene = np.concatenate([x_scene, *(x_scene[c].mean(axis=1) for c in between)])
+    reference = np.concatenate([reference, *(reference[c].mean(axis=1) for c in between)])
     groups = [list(range(len(grids)))] if scene.one_mesh else [[k] for k in range(len(grids))]
     shuffle = np.random.default_rng(variant.renumber) if variant.renumber else None
     posed = Posed(
@@ -478,11 +513,12 @@ def pose(scene, variant=None, comm=MPI.COMM_SELF):
         if comm.rank:
             x, cells = x[:0], cells[:0]
         domain = compat.create_mesh(comm, cells, x, scene.bodies[group[0]].kind)
-        V = compat.function_space(domain, shape=(gdim,))
+        V = compat.function_space(domain, degree=scene.bodies[group[0]].order, shape=(gdim,))
         given = number[np.asarray(domain.geometry.input_global_indices, dtype=np.int64)]
-        dofs, nodes = compat.cell_dofs(V), compat.cell_dofs(domain.geometry)
-        of_dof = np.zeros(V.dofmap.index_map.size_local + V.dofmap.index_map.num_ghosts, int)
-        of_dof[dofs.ravel()] = given[nodes.ravel()]
+        of_dof = np.zeros(0, dtype=int)
+        if len(points := V.tabulate_dof_coordinates()[:, :gdim]):
+            distance, of_dof = cKDTree(reference).query(points)
+            assert distance.max() < 1e-9, "a dof that is no node of the scene"
         tags.append(_tags(domain, scene, group, posed, len(tags)))
         reached.append(_held(V, scene, group, posed.Q))
         posed.spaces.append(V)
@@ -524,11 +560,14 @@ def _held(V, scene, group, Q):
     domain = V.mesh
     for j in range(scene.gdim - 1) if scene.walls else ():
         c = int(np.abs(Q[:, j]).argmax())  # walls: Q permutes the axes
-        domain.topology.create_connectivity(0, domain.topology.dim)
-        at = mesh.locate_entities(
-            domain, 0, lambda p, j=j: np.isclose(np.abs(p[j]), 1.0) | (scene.walls == "all")
-        )
-        held[j, c] = fem.locate_dofs_topological(V.sub(c), 0, at)
+        dim = domain.topology.dim - (scene.walls == "faces")
+        if scene.walls == "faces":
+            at = mesh.locate_entities_boundary(
+                domain, dim, lambda p, j=j: np.isclose(np.abs(p[j]), 1.0)
+            )
+        else:
+            at = np.arange(domain.topology.index_map(dim).size_local, dtype=np.int32)
+        held[j, c] = fem.locate_dofs_topological(V.sub(c), dim, at)
     return held
 
 

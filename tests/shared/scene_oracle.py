@@ -14,6 +14,7 @@ from scipy.sparse import csr_matrix
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
+from dolfinx_llm.interface.control import frame_control
 
 EPS = np.finfo(float).eps
 
@@ -101,9 +102,10 @@ class Oracle:
             faces.append(contact.second)
         if posed.variant.swap and len(result.sides) == 2:
             faces = faces[::-1]
+        geometry = posed.problem.geometries[i]
         sides = [
-            self.side(s, scenes.face_nodes(posed, face, s.x), R, answer)
-            for face, s in zip(faces, result.sides, strict=True)
+            self.side(s, p, scenes.face_nodes(posed, face, s.x), R, answer)
+            for face, s, p in zip(faces, result.sides, geometry.pairs, strict=True)
         ]
         for side in sides:
             self.note("unit normals", np.linalg.norm(side.normal, axis=1) - 1.0)
@@ -111,7 +113,11 @@ class Oracle:
             self.obstacle(contact, sides[0], answer)
             return
         Y, v = (a @ posed.Q / posed.length for a in (result.frame.x, result.frame.v))
-        geometry = posed.problem.geometries[i]
+        if (
+            any(side.control is not None for side in sides) and not contact.law.ties
+        ):  # the frame's as well
+            E = frame_control(result.frame).toarray()
+            Y, v = np.linalg.solve(E, Y), np.linalg.solve(E, v)
         N = [p.N for p in geometry.pairs]
         normals = np.concatenate([sides[0].normal, -sides[1].normal])
         flat = not self.scene.radius and np.ptp(normals, axis=0).max() < 1e-9
@@ -120,11 +126,11 @@ class Oracle:
         law, opens = contact.law, not isinstance(contact.law, llm.Tied)
         for M, side, p in zip(N, sides, geometry.pairs, strict=True):
             self.rows(M, side, Y, flat)
-            jump = answer.u[side.nodes] - M @ v
+            jump = side.u - M @ v
             if law.closes_gap and np.ptp(normals, axis=0).max() > 1e-9:  # of smooth surfaces
                 jump = jump + p.gap @ posed.Q / posed.length
             elif law.closes_gap:
-                jump = jump + posed.x[side.nodes] - M @ Y
+                jump = jump + side.x - M @ Y
             if opens:
                 gap = -np.einsum("ni,ni->n", jump, side.normal)
                 if across is not None:  # the mean of the nodes' normal motions
@@ -141,8 +147,9 @@ class Oracle:
         if getattr(law, "mu", 0.0):
             self.friction(law.mu, N, sides, result, answer)
 
-    def side(self, result, nodes, R, answer):
-        """Forces of a side: by K u - f where nothing else acts at the node, else as reported."""
+    def side(self, result, pairs, nodes, R, answer):
+        """Forces of a side: by K u - f where nothing else acts at the node, else as reported; in
+        control values of Bernstein form where bodies of second order may part."""
         posed = self.posed
         own = result.force @ posed.Q / self.unit
         others = np.sum(answer.part, axis=0)[nodes] > 1
@@ -150,12 +157,20 @@ class Oracle:
         normal = result.normal @ posed.Q
         reported = getattr(result, "frame_gap", None)
         reported = (result.gap if reported is None else reported) / posed.length
-        return Side(nodes, force, normal, self.noise[nodes] / self.F, reported)
+        noise, x = self.noise[nodes] / self.F, posed.x[nodes]
+        values, E = [x, answer.u[nodes], self.before[nodes], reported], None
+        if pairs.control is not None:
+            E = pairs.control.toarray()
+            assert np.abs(E @ np.ones(len(E)) - 1.0).max() < 1e-12 and E.min() >= 0.0
+            force, noise = E.T @ force, E.T @ noise
+            values = [np.linalg.solve(E, a) for a in values]
+        *motion, reported = values
+        return Side(nodes, *motion, force, normal, noise, reported, E)
 
     def rows(self, M, side, Y, flat):
         """Rows of L_b let rigid translations pass, and on flat frames linear fields."""
         self.note("partition of unity", np.asarray(M.sum(axis=1)).ravel() - 1.0)
-        off = self.posed.x[side.nodes] - M @ Y
+        off = side.x - M @ Y
         off -= np.einsum("ni,ni->n", off, side.normal)[:, None] * side.normal
         if flat:
             self.note("linear fields", off)
@@ -202,19 +217,17 @@ class Oracle:
         T = np.linalg.norm(N[0].T @ first.tangential, axis=1)
         limit = mu * np.maximum(N[0].T @ first.pressing, 0.0)
         self.note("(cone at frame nodes)", np.maximum(T - limit, 0.0) / self.F, noisy)
-        work = sum(
-            np.sum(side.tangential * (answer.u[side.nodes] - self.before[side.nodes]))
-            for side in sides
-        )
+        work = sum(np.sum(side.tangential * (side.u - side.before)) for side in sides)
         self.note("(work of friction)", max(-work, 0.0) / (self.F * self.U), noisy)
 
     def obstacle(self, contact, side, answer):
         """A body against a rigid obstacle, by the obstacle's own geometry."""
         law, nodes = contact.law, side.nodes
         clearance, into = rigid_clearance(contact.second, self.posed.x[nodes])
+        clearance = side.of_nodes(clearance)
         self.note("direction", into - side.normal)
         motion, before = self.motion(contact, self.step), self.motion(contact, self.step - 1)
-        jump = answer.u[nodes] - motion
+        jump = side.u - motion
         if isinstance(law, llm.Tied):
             if law.closes_gap:
                 jump = jump - clearance[:, None] * into
@@ -225,9 +238,9 @@ class Oracle:
         limit = getattr(law, "mu", 0.0) * np.maximum(side.pressing, 0.0)
         self.note("cone", np.maximum(T - limit, 0.0) / self.F, 2 * side.noise)
         # Slip against the obstacle since the last step, where the node was in contact then.
-        was = clearance - np.einsum("ni,ni->n", self.before[nodes] - before, into)
+        was = clearance - np.einsum("ni,ni->n", side.before - before, into)
         both = (was < 1e-9 * self.U) & (side.pressing > 1e-6 * self.F) & (self.step > 1)
-        slip = (answer.u[nodes] - self.before[nodes]) - (motion - before)
+        slip = (side.u - side.before) - (motion - before)
         slip -= np.einsum("ni,ni->n", slip, into)[:, None] * into
         size = np.linalg.norm(slip, axis=1)
         inside = both & (limit * (1 - 1e-6) - 2 * side.noise * self.F > T)
@@ -249,10 +262,18 @@ class Side:
     """One side of an interface, in the scene's directions and units."""
 
     nodes: np.ndarray  # (n,) of the scene
+    x: np.ndarray  # (n, gdim) their positions
+    u: np.ndarray  # (n, gdim) displacements
+    before: np.ndarray  # (n, gdim) at the last step
     force: np.ndarray  # (n, gdim) that the body exerts on the frame
     normal: np.ndarray  # (n, gdim) out of the body
     noise: np.ndarray  # (n,) of the forces, relative
     reported: np.ndarray  # (n,) gap to the frame
+    control: object = None  # (n, n) by which nodal values follow from these control values
+
+    def of_nodes(self, values):
+        """Nodes' values (n, ...) as all of these are."""
+        return values if self.control is None else np.linalg.solve(self.control, values)
 
     @property
     def pressing(self):

@@ -74,9 +74,10 @@ class Wall:
         kind: of cells.
         faces: what touches, as of ``touching``; None: all.
         turn: rotation of all, about z.
+        degree: of the displacements.
     """
 
-    def __init__(self, comm, blocks, counts, kind="quadrilateral", faces=None, turn=0.0):
+    def __init__(self, comm, blocks, counts, kind="quadrilateral", faces=None, turn=0.0, degree=1):
         self.blocks, self.gdim = blocks, blocks.shape[2]
         points, cells, ends = [], [], [0]
         for (low, high), n in zip(blocks, counts, strict=True):
@@ -97,7 +98,7 @@ class Wall:
         R[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
         self.R = R
         domain.geometry.x[:, : self.gdim] = domain.geometry.x[:, : self.gdim] @ R.T
-        self.V = compat.function_space(domain, shape=(self.gdim,))
+        self.V = compat.function_space(domain, degree=degree, shape=(self.gdim,))
         self.ds = ufl.Measure("ds", domain, subdomain_data=self.tags)
 
     def tag(self, block, axis, end):

@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.disposable import Destroyed
-from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.saddle import FactorisedStep
 from dolfinx_llm.forms.step import LinearStep
@@ -75,7 +75,13 @@ def constraint_stats(Q: PETSc.Mat, gdim: int) -> ConstraintStats:
 def checked_problem(problem: Any) -> ContactProblem:
     """The problem, if it is one."""
     accepted = "give a ContactProblem"
-    return checks.instance("problem", problem, ContactProblem, accepted)
+    checks.instance("problem", problem, ContactProblem, accepted)
+    if problem.bulk.dofs.mixed:
+        raise ContactInputError(
+            "the classical methods are made for displacements alone: a mixed "
+            "function space needs ContactProblem.solve"
+        )
+    return problem
 
 
 class ClassicalForm:

@@ -1,0 +1,1 @@
+"""What you step through in time: `TimeStepper`, inertia of bodies in contact, impact."""

@@ -1,0 +1,260 @@
+"""Steps in time of bodies with inertia in contact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.log import log
+from dolfinx_llm.base.parallel import agree, collective
+from dolfinx_llm.geometry.spaces import check_space
+from dolfinx_llm.operators.petsc import block_diagonal, diagonal_of, times
+from dolfinx_llm.problem.arguments import communicator, interface_list
+from dolfinx_llm.problem.bulk import fill
+from dolfinx_llm.problem.form_arguments import form_space, given_forms, listed
+from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
+from dolfinx_llm.problem.problem import ContactProblem
+from dolfinx_llm.time.inertia import moved_mass
+from dolfinx_llm.time.saved import SavedSteps
+
+SCHEMES = "massless", "newmark"
+PARTED = 6  # of a step that fails
+INERT = 1e6  # inertia over that of a step, by which bodies stay where they are at first
+DENSITY = "give a positive number, a UFL expression or a list of them, one per mesh"
+
+
+class TimeStepper(SavedSteps):
+    """Bodies of static forms that have inertia, stepped in time by the trapezoidal rule.
+
+    The cells at surfaces that may meet have no mass, the next ones carry it: these surfaces are at
+    rest with what touches them and what lies behind, so that impact needs no impulse and contact
+    forces do not chatter. Pairs without friction that press each other at the start of a step stay
+    in contact in it, so that the forces of both ends do no work where bodies part: energy of linear
+    bodies under constant loads never grows, and what impact takes falls with the square of the
+    step.
+
+        M (u - u0 - dt v0) 4 / dt² + (F(u) + B λ) + (F(u0) + B λ0) = 0,   v = 2 (u - u0) / dt - v0
+
+    Args:
+        rho: density as drawn: a number, a Constant, Function or UFL expression that does not
+            change; or a sequence of them, one per mesh.
+        a: static bilinear form, or a sequence, as of ``ContactProblem``; or the residual form F of
+            ``NonlinearContactProblem``.
+        L: linear form, or a sequence; or the displacement u that F is written in.
+        dt: length of a step [time]; may be set anew between steps, which factorises again.
+        scheme: "massless"; or "newmark": all mass where it is, for bodies that are tied or stay
+            in contact: energy grows where bodies meet.
+        interfaces: as of the problem.
+        nodal_loads: as of the problem.
+        accepted: called with the stepper after each step that has been found, also after parts of
+            one that was halved: update what bodies remember in it.
+        options: of the problem: ``bcs``, ``solver``, ...
+
+    Attributes:
+        u, v: displacement and velocity, a Function or a list; set them before the first step.
+        t: time, 0 at first.
+        dt: as given.
+        density: per mesh the density that has been moved, UFL.
+        problem: ``ContactProblem`` or ``NonlinearContactProblem`` of a step: its ``results`` are at
+            the end of the step.
+
+    Raises:
+        ContactInputError: arguments that do not fit.
+        ContactError: a scene that cannot be solved.
+    """
+
+    def __init__(
+        self,
+        rho: Any,
+        a: ufl.Form | Sequence[ufl.Form],
+        L: Any,
+        *,
+        dt: float,
+        scheme: str = "massless",
+        interfaces: Any = (),
+        nodal_loads: Any = (),
+        accepted: Callable[[TimeStepper], None] | None = None,
+        **options: Any,
+    ):
+        self.comm = communicator(a, L)
+        self._several, self._accepted, self.t = isinstance(a, (list, tuple)), accepted, 0.0
+        nonlinear = any(isinstance(item, fem.Function) for item in listed(L))
+        with collective(self.comm):
+            spaces = _spaces(a, L, nonlinear)
+            self.dt = dt = _positive("dt", dt)
+            checks.one_of("scheme", scheme, SCHEMES)
+            chosen = interface_list(interfaces, spaces)
+            densities = _densities(rho, spaces)
+        for V in spaces:
+            check_space(V, highest=2)
+        agree(self.comm, "dt and scheme", (dt, scheme))
+        self.density, inertia = [], []
+        self._rates = [fem.Constant(V.mesh, 4.0 / dt**2) for V in spaces]
+        forms = list(listed(a))
+        for i, (V, density) in enumerate(zip(spaces, densities, strict=True)):
+            if surfaces := _surfaces(V, chosen) if scheme == "massless" else []:
+                density = density * moved_mass(V, density, surfaces)
+            w, *others = forms[i].arguments()  # the form's own: spaces are compared by identity
+            dx = ufl.Measure("dx", domain=V.mesh)
+            mass = density * ufl.inner(others[0] if others else ufl.TrialFunction(V), w) * dx
+            now = density * ufl.inner(listed(L)[i], w) * dx if nonlinear else mass
+            forms[i] = forms[i] + self._rates[i] * now
+            self.density.append(density)
+            inertia.append(compat.form("rho", mass))
+        self._M = block_diagonal([compat.assemble_matrix(m, [], 1.0) for m in inertia])
+        self._pushes = [fem.Function(V, name="inertia") for V in spaces]
+        given = [nodal_loads] if isinstance(nodal_loads, fem.Function) else list(nodal_loads)
+        kind: Any = NonlinearContactProblem if nonlinear else ContactProblem
+        self.problem = kind(
+            forms if self._several else forms[0],
+            L,
+            interfaces=interfaces,
+            nodal_loads=[*given, *self._pushes],
+            **options,
+        )
+        self._u = list(listed(L)) if nonlinear else [fem.Function(V, name="u") for V in spaces]
+        self._v = [fem.Function(V, name="v") for V in spaces]
+        self._linear, self._left = not nonlinear, np.zeros(0)
+        if self._linear:
+            self.problem.method.in_time = True
+        self._bare = diagonal_of(self._M) == 0.0
+
+    @property
+    def u(self) -> fem.Function | list[fem.Function]:
+        """Displacement, a Function or a list [length]."""
+        return self._u if self._several else self._u[0]
+
+    @property
+    def v(self) -> fem.Function | list[fem.Function]:
+        """Velocity, a Function or a list [length / time]."""
+        return self._v if self._several else self._v[0]
+
+    def start(self) -> None:
+        """Find the forces at the start, from u, v and the loads as they are; the first ``step``
+        does so unless you have done it before. Surfaces of linear bodies that have no mass come to
+        rest with what lies behind them; nonlinear ones have to be drawn so. Collective.
+
+        Raises:
+            ContactError: contact does not balance what presses it.
+        """
+        u = self._values(self._u)
+        fixed, c = self.problem.bulk.dofs.fixed, 4.0 / self.dt**2
+        if self._linear:
+            self._use(INERT * c)
+            self._push(INERT * c * times(self._M, u))
+            self.problem.solve()
+            rests = self._values(listed(self.problem.u))
+            u = np.where(self._bare & ~fixed, rests, u)
+        self._use(c)
+        self._push(np.zeros(len(u)))
+        if self._linear:
+            left = -self.problem.bulk.force(u)
+        else:
+            self.problem.reset()
+            left = self.problem.bulk.residual(u)
+        self._left = np.where(self._bare | fixed, 0.0, left - c * times(self._M, u))
+        fill(self._u, u, self.problem.bulk.dofs.counts)
+
+    def step(self) -> fem.Function | list[fem.Function]:
+        """Go on by dt, to the loads and prescribed values as they are now; in parts where that
+        fails.
+
+        Returns:
+            The displacement u.
+
+        Raises:
+            ContactInputError: dt is not positive.
+            ContactError: it fails in small parts, too; the last that was found is kept.
+        """
+        with collective(self.comm):
+            _positive("dt", self.dt)
+        agree(self.comm, "dt", self.dt)
+        if not len(self._left):
+            self.start()
+        self._advance(self.dt, PARTED)
+        return self.u
+
+    def _advance(self, dt: float, halvings: int) -> None:
+        """Go on by dt, in halves where that fails."""
+        before = self._values(self._u)
+        try:
+            self._once(dt)
+        except ContactInputError:
+            raise
+        except ContactError as failed:
+            fill(self._u, before, self.problem.bulk.dofs.counts)
+            if not halvings:
+                raise
+            log.info("a step of %.3g fails: %s; halved", dt, failed)
+            self._advance(0.5 * dt, halvings - 1)
+            self._advance(0.5 * dt, halvings - 1)
+
+    def _once(self, dt: float) -> None:
+        """One step of dt."""
+        u, v, c = self._values(self._u), self._values(self._v), 4.0 / dt**2
+        push = c * times(self._M, u + dt * v) - self._left
+        self._use(c)
+        self._push(push)
+        self.problem.solve()
+        now, counts = self._values(listed(self.problem.u)), self.problem.bulk.dofs.counts
+        self._left = push - c * times(self._M, now)
+        rate = (now - u) / dt
+        fill(self._u, now, counts)
+        fill(self._v, np.where(self._bare, rate, 2.0 * rate - v), counts)
+        self.t += dt
+        if self._accepted is not None:
+            self._accepted(self)
+
+    def _use(self, c: float) -> None:
+        for rate in self._rates:
+            rate.value = c
+
+    def _push(self, force: np.ndarray) -> None:
+        """Take this rank's nodal forces (n_local,) of inertia."""
+        fill(self._pushes, force, self.problem.bulk.dofs.counts)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+        self.problem.destroy()
+        self._M.destroy()
+
+
+def _spaces(a: Any, L: Any, nonlinear: bool) -> list[Any]:
+    """Function spaces of the displacement."""
+    if not nonlinear:
+        return [form_space(form) for form in given_forms(2, a)]
+    for item in listed(L):
+        checks.instance("L", item, fem.Function, "give the Function u that F is written in")
+    given_forms(1, a)
+    return [u.function_space for u in listed(L)]
+
+
+def _positive(name: str, value: Any) -> float:
+    return checks.number(name, value, "give a positive number", above=0.0)
+
+
+def _densities(rho: Any, spaces: Sequence[Any]) -> list[Any]:
+    """One density per mesh."""
+    given = list(rho) if isinstance(rho, (list, tuple)) else [rho] * len(spaces)
+    if len(given) != len(spaces):
+        checks.refuse("rho", rho, DENSITY)
+    found = []
+    for density, V in zip(given, spaces, strict=True):
+        if not isinstance(density, ufl.core.expr.Expr):
+            density = fem.Constant(V.mesh, checks.number("rho", density, DENSITY, above=0.0))
+        if density.ufl_shape:
+            checks.refuse("rho", density, DENSITY)
+        found.append(density)
+    return found
+
+
+def _surfaces(V: Any, interfaces: Sequence[Any]) -> list[tuple[Any, int]]:
+    """Facets of V's mesh that may part from what they meet."""
+    sides = [side for i in interfaces if i.law.opens for side in i.tagged_sides()]
+    return [(tags, tag) for tags, tag in sides if compat.tags_belong_to(tags, V.mesh)]

@@ -1,0 +1,102 @@
+"""States saved and read again: the next step is the one that would have been."""
+
+import numpy as np
+import pytest
+import ufl
+from conftest import run_mpi_json
+from dolfinx import fem, mesh
+from friction_block import Dragged
+from mpi4py import MPI
+from saved import figures
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat
+
+DRAGS = 0.0, 0.001, 0.0016
+
+
+def test_friction_goes_on_on_two_ranks(tmp_path):
+    """Slip of the steps before counts: forces, slip, gaps and displacement, as without a stop."""
+    scene = Dragged(0.3, (6, 9))
+    for drag in DRAGS:
+        scene.step(drag)
+    file = tmp_path / "state.npz"
+    scene.problem.save(file)
+    saved = figures(scene.problem)
+    scene.step(0.002)
+    exact = figures(scene.problem)
+    scene.problem.load(file)  # back to where it was
+    for a, b in zip(figures(scene.problem), saved, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12 * np.abs(b).max())
+    found = run_mpi_json("saved.py", 2, file, 0.002)
+    for a, b in zip(found["figures"], exact, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-12 * np.abs(b).max())
+
+
+def test_impact_goes_on(tmp_path):
+    """In the middle of contact, by another stepper."""
+    import impact_bar
+
+    first, second = (impact_bar.Bar(10, comm=MPI.COMM_SELF) for _ in range(2))
+    first.run(1.4)
+    first.stepper.save(tmp_path / "bar.npz")
+    second.stepper.load(tmp_path / "bar.npz")
+    assert second.stepper.t == first.stepper.t
+    ends = [bar.run(2.2)[-1] for bar in (first, second)]
+    np.testing.assert_allclose(*ends, atol=1e-13)
+    np.testing.assert_allclose(first.stepper.v.x.array, second.stepper.v.x.array, atol=1e-12)
+
+
+def pressed(n=3):
+    """A residual form of a block on a plane."""
+    corners = [[0.0, 0.0], [1.0, 1.0]]
+    domain = mesh.create_rectangle(MPI.COMM_SELF, corners, [n, n])
+    V = compat.function_space(domain, shape=(2,))
+    u, w = fem.Function(V), ufl.TestFunction(V)
+    at = [mesh.locate_entities_boundary(domain, 1, lambda x, y=y: np.isclose(x[1], y))
+          for y in (0.0, 1.0)]  # fmt: skip
+    tags = mesh.meshtags(domain, 1, np.sort(at[0]), np.full(len(at[0]), 1, dtype=np.int32))
+    top = fem.Constant(domain, (0.0, -0.02))
+    bc = fem.dirichletbc(top, fem.locate_dofs_topological(V, 1, at[1]), V)
+    F = ufl.inner(ufl.grad(u) + ufl.grad(u) * ufl.tr(ufl.grad(u)), ufl.grad(w)) * ufl.dx
+    plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
+    interface = llm.Interface(tags, (1, plane), law=llm.Coulomb(0.3))
+    return llm.NonlinearContactProblem(F, u, bcs=[bc], interfaces=[interface]), top
+
+
+def test_finite_deformation_goes_on(tmp_path):
+    found = []
+    for name in (None, "state.npz"):
+        problem, top = pressed()
+        if name is None:
+            problem.solve()
+            top.value[0] = 0.01
+            problem.solve()
+            problem.save(tmp_path / "state.npz")
+        else:
+            problem.load(tmp_path / name)
+        top.value[:] = 0.004, -0.03
+        problem.solve()
+        found.append(problem.u.x.array.copy())
+    np.testing.assert_allclose(*found, atol=1e-13)
+
+
+def test_errors(tmp_path):
+    """Nothing solved, no file, another file, another scene; an old file stays where it fails."""
+    problem, _ = pressed()
+    scene = Dragged(0.3, (4, 5))
+    with pytest.raises(llm.ContactError, match="call solve"):
+        scene.problem.save(tmp_path / "a.npz")
+    scene.step(0.0)
+    with pytest.raises(llm.ContactInputError, match="must end on .npz"):
+        scene.problem.save(tmp_path / "a.txt")
+    scene.problem.save(tmp_path / "a.npz")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
+    for other in (Dragged(0.3, (5, 5)).problem, problem):
+        with pytest.raises(llm.ContactInputError, match="of another scene"):
+            other.load(tmp_path / "a.npz")
+    (tmp_path / "b.npz").write_bytes(b"PK")
+    np.savez(tmp_path / "c.npz", x=1.0)
+    for name in ("b.npz", "c.npz", "no.npz"):
+        with pytest.raises(llm.ContactInputError, match=r"save\(\) wrote"):
+            problem.load(tmp_path / name)

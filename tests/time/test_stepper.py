@@ -1,0 +1,151 @@
+"""Steps in time: mass off the surfaces, impact, momentum, and what is refused."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from friction_block import BOTTOM, TOP, body, stress
+from mpi4py import MPI
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat
+
+COMM = MPI.COMM_SELF
+
+
+def integral(term, domain):
+    return fem.assemble_scalar(fem.form(term * ufl.dx(domain)))
+
+
+def monomials(domain):
+    x, y = ufl.SpatialCoordinate(domain)
+    return {"1": 1.0, "x": x, "y": y, "xx": x * x, "xy": x * y, "yy": y * y}
+
+
+def blocks(law, sizes=((6, 5), (9, 6)), **options):
+    """A block that comes down on another one, both free."""
+    bodies = [
+        body(COMM, (-0.7, 0.03), (1.0, 0.8), sizes[0]),
+        body(COMM, (-1.0, -1.0), (1.9, 1.0), sizes[1]),
+    ]
+    forms, loads, moduli = [], [], (10.0, 15.0)
+    for (domain, _), E in zip(bodies, moduli, strict=True):
+        V = compat.function_space(domain, shape=(2,))
+        u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
+        forms.append(ufl.inner(stress(u, E, 0.3), ufl.grad(w)) * ufl.dx)
+        loads.append(ufl.inner(fem.Constant(domain, (0.0, 0.0)), w) * ufl.dx)
+    sides = (bodies[0][1], BOTTOM), (bodies[1][1], TOP)
+    interfaces = [llm.Interface(None, sides, law=law)]
+    s = llm.TimeStepper((1.0, 2.0), forms, loads, interfaces=interfaces, **options)
+    s.v[0].interpolate(lambda x: np.stack([0.03 + 0.0 * x[0], -0.1 + 0.0 * x[0]]))
+    return s, [domain for domain, _ in bodies], moduli
+
+
+def test_mass_leaves_the_surface_and_keeps_its_moments():
+    """Nothing at the surface; mass and centre of each body, with cells enough its inertia."""
+    s, domains, _ = blocks(llm.Frictionless(), ((8, 9), (9, 5)), dt=0.02)
+    for domain, rho, drawn, side, names in zip(
+        domains, s.density, (1.0, 2.0), (0.03, 0.0), (("xx", "xy", "yy"), ()), strict=True
+    ):
+        V = s.v[domains.index(domain)].function_space
+        w = ufl.TestFunction(V)
+        one = fem.Constant(domain, (1.0, 1.0))
+        nodal = compat.assemble_force(
+            (compat.form("rho", rho * ufl.inner(one, w) * ufl.dx),), (1.0,), V
+        )
+        at = np.isclose(V.tabulate_dof_coordinates()[:, 1], side)
+        assert at.sum() > 5 and np.abs(nodal.reshape(-1, 2)[at]).max() <= 1e-16
+        for name, term in monomials(domain).items():
+            if name in ("1", "x", "y", *names):
+                exact = integral(fem.Constant(domain, drawn) * term, domain)
+                assert abs(integral(rho * term, domain) - exact) <= 1e-12, name
+        x, y = ufl.SpatialCoordinate(domain)
+        exact = integral(fem.Constant(domain, drawn) * (x * x + y * y), domain)
+        assert abs(integral(rho * (x * x + y * y), domain) - exact) <= 1e-12
+
+
+@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.3)], ids=["0", "mu"])
+def test_momentum_of_free_bodies_that_collide(law):
+    """Also angular; energy does not grow, and bodies that fly are accepted."""
+    s, domains, moduli = blocks(law, dt=0.04)
+    momenta, energies = [], []
+    for domain, rho, u, v, E in zip(domains, s.density, s.u, s.v, moduli, strict=True):
+        x, y = ufl.SpatialCoordinate(domain)
+        dx = ufl.dx(domain)
+        terms = rho * v[0], rho * v[1], rho * (x * v[1] - y * v[0])
+        momenta.append([fem.form(term * dx) for term in terms])
+        strain = ufl.inner(stress(u, E, 0.3), ufl.grad(u))
+        energies.append(fem.form(0.5 * (rho * ufl.inner(v, v) + strain) * dx))
+
+    def now():
+        P = np.sum([[fem.assemble_scalar(form) for form in forms] for forms in momenta], axis=0)
+        return P, sum(fem.assemble_scalar(form) for form in energies)
+
+    s.start()
+    (P, first), pressed = now(), 0
+    last = first
+    for _ in range(24):
+        s.step()
+        moved, energy = now()
+        pressed += abs(s.problem.results[0].resultant[1]) > 1e-12
+        kept = 2 if law.slips else 3  # friction acts across the gap as drawn
+        assert np.abs(moved - P)[:kept].max() <= 1e-11 * np.abs(P).max()
+        assert energy <= last + 1e-11 * first or law.slips
+        last = energy
+    assert 10 < pressed < 22 and abs(s.problem.results[0].resultant[1]) < 1e-12
+    assert 0.9 * first < last <= first
+
+
+def test_impact_of_a_bar():
+    """One closing, one opening, at the right time; pressure; no growth of energy; a step that
+    changes in the middle."""
+    import impact_bar
+
+    bar = impact_bar.Bar(20, comm=COMM)
+    bar.run(0.5)
+    bar.stepper.dt *= 0.8
+    found = impact_bar.figures(bar.run(2.2), bar.stepper.dt)
+    assert len(found["closes"]) == len(found["opens"]) == 1
+    assert abs(found["opens"][0] - found["closes"][0] - 1.0) <= 1.0 / 20
+    assert abs(found["pressure"] / impact_bar.PRESSURE - 1.0) <= 1.0 / 20
+    assert found["growth"] <= 1e-8 and 0.0 < found["loss"] < 0.01
+
+
+def test_bodies_of_a_residual_form():
+    """A form F that is linear takes the steps of a and L, until the bar parts."""
+    import impact_bar
+
+    bar = impact_bar.Bar(10, comm=COMM)
+    V = bar.stepper.u.function_space
+    u, w, domain = fem.Function(V), ufl.TestFunction(V), V.mesh
+    F = ufl.inner(ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(w))) * ufl.dx
+    accepted = []
+    s = llm.TimeStepper(
+        1.0, F, u, dt=bar.stepper.dt, bcs=bar.bcs, interfaces=bar.interface,
+        accepted=lambda s: accepted.append(s.t),
+    )  # fmt: skip
+    for stepper in (s, bar.stepper):
+        stepper.u.interpolate(lambda x: np.stack([0.0 * x[0], 0.0 * x[0]]))
+        stepper.v.interpolate(lambda x: np.stack([0.5 * (x[0] - 1.0), 0.0 * x[0]]))
+        stepper.start()
+        for _ in range(15):
+            stepper.step()
+    assert len(accepted) == 15 and domain is bar.stepper.v.function_space.mesh
+    for mine, other in ((s.u, bar.stepper.u), (s.v, bar.stepper.v)):
+        np.testing.assert_allclose(mine.x.array, other.x.array, atol=1e-9)
+    force = s.problem.results[0].sides[0].force
+    np.testing.assert_allclose(force, bar.stepper.problem.results[0].sides[0].force, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"dt": 0.0}, "dt=0.0"),
+        ({"scheme": "euler"}, "massless"),
+        ({"sizes": ((6, 2), (9, 6))}, "too thin"),
+    ],
+    ids=str,
+)
+def test_refused(changed, words):
+    with pytest.raises(llm.ContactInputError, match=words):
+        blocks(llm.Frictionless(), **{"dt": 0.1} | changed)
