@@ -133,10 +133,9 @@ class ContactIteration:
         alpha = self.alpha if known else np.zeros(floating.count)
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
         equations.start, self._calmed, self._vital = about[0], False, False
-        calm, before, w_last = 0, np.inf, w  # iterations without change; last residual and motion
+        calm, before, w_last, chances = 0, np.inf, w, CHANCES  # iterations without change
         changes, many, runs, given = 0, _many(self.states, known), 0, np.inf  # given: to supports
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
-        chances = CHANCES
         pull = Pull(floating, spring, f, self.forces, alpha)
         for s in self.states:
             s.begin()
@@ -196,9 +195,7 @@ class ContactIteration:
             # Friction is linearised about the last iterate, or halfway where that did not help.
             half = iteration > 1 and changes and miss > 0.9 * before
             about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, met)))
-            before = np.inf if released else miss
-            glides = False
-            calm = 0 if released else calm
+            glides, calm, before = False, 0 if released else calm, np.inf if released else miss
             # From then on the frame goes on from where it is, and what no force holds stays.
             self._calmed = self._calmed or calm > 0
             centre = w if self._calmed else equations.middle(y + g, w)

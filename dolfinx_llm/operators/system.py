@@ -1,5 +1,7 @@
 """B, L_b and g of all interfaces of a problem, for one geometry."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np
@@ -86,20 +88,9 @@ class ContactOperators:
     def renew(self, K: PETSc.Mat, times: StageTimes) -> None:
         """Take over another stiffness of the same bodies, which must hold them."""
         self.diagonal = diagonal_of(K)
-        self.scale = self._surface_stiffness()
+        self.scale = _surface_stiffness(self)
         with times.timed("support check"):
             self._check_support(K)
-
-    def _surface_stiffness(self) -> float:
-        """Mean diagonal of K on the free surface dofs [force / length]; the geometric mean where
-        bodies may part, since there the softer one tells the forces."""
-        fixed, rows = self.dofs.fixed, self.rows.dofs.ravel() - self.dofs.first
-        rows = rows[(rows >= 0) & (rows < len(fixed))]
-        values = np.abs(self.diagonal[rows[~fixed[rows]]])
-        values = values if self.tied else np.log(np.maximum(values, 1e-300))
-        total, count = self.comm.allreduce(np.array([values.sum(), float(len(values))]))
-        mean = total / count if count else float(self.tied)
-        return float(mean if self.tied else np.exp(mean))
 
     def _number(self) -> None:
         """Places, rows, unknowns, and L_b of each interface."""
@@ -241,6 +232,18 @@ class ContactOperators:
         """Free B and L_b; collective."""
         self.B.destroy()
         self.L_b.destroy()
+
+
+def _surface_stiffness(operators: ContactOperators) -> float:
+    """Mean diagonal of K on the free surface dofs [force / length]; the geometric mean where
+    bodies may part, since there the softer one tells the forces."""
+    fixed, rows = operators.dofs.fixed, operators.rows.dofs.ravel() - operators.dofs.first
+    rows = rows[(rows >= 0) & (rows < len(fixed))]
+    values = np.abs(operators.diagonal[rows[~fixed[rows]]])
+    values = values if operators.tied else np.log(np.maximum(values, 1e-300))
+    total, count = operators.comm.allreduce(np.array([values.sum(), float(len(values))]))
+    mean = total / count if count else float(operators.tied)
+    return float(mean if operators.tied else np.exp(mean))
 
 
 def anatomy(operators: ContactOperators) -> list[str]:
