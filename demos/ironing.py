@@ -48,7 +48,8 @@ class Ironing:
         u, forms = [fem.Function(V, name="u") for V in spaces], []
         for V, w, material in zip(spaces, u, (SLAB, DIE), strict=True):
             constants = (fem.Constant(V.mesh, c) for c in lame(*material))
-            forms.append(ufl.derivative(energy(w, *constants) * ufl.dx, w, ufl.TestFunction(V)))
+            density = energy(w, *constants) * ufl.dx(degree=4)
+            forms.append(ufl.derivative(density, w, ufl.TestFunction(V)))
         self.motion = fem.Constant(scene[1][0], np.zeros(dim))
         bottom = fem.locate_dofs_geometrical(spaces[0], lambda p: np.isclose(p[dim - 1], 0.0))
         facets = scene[1][1].indices[scene[1][1].values == PUNCH_TOP]

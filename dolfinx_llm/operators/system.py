@@ -9,8 +9,10 @@ import scipy.sparse
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.against import prescribed_loads
 from dolfinx_llm.interface.control import control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
@@ -29,6 +31,10 @@ from dolfinx_llm.operators.petsc import diagonal_of
 from dolfinx_llm.operators.prescribed import free_parts, independent_rows
 from dolfinx_llm.operators.support import check_support
 
+CONTRADICTED = (
+    "Tied(gap=...) where both sides are prescribed along the normal, or where several interfaces "
+    "meet: rows there follow from others, and gaps could contradict them"
+)
 FLUSH = 64.0 * float(np.finfo(float).eps)  # of positions, that rounding makes of no gap
 NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
 
@@ -210,18 +216,19 @@ class ContactOperators:
                 elif law.components != "cartesian":
                     gap = np.einsum("ni,ni->n", gap, side.normal)[:, None] * side.normal
                 gaps.append(gap if motions is None else gap - motions[i])
-        return gaps
+        return [gap + given for gap, given in zip(gaps, given_gaps(self.geometries), strict=True)]
 
     def row_gaps(self, motions: Sequence[np.ndarray] | None = None) -> np.ndarray:
         """(n,) a_i · (X_p - sum_J N_J Y_J) of all rows, from the gaps of ``side_gaps``."""
-        sides = zip(self.pairs, self.side_gaps(motions), strict=True)
-        return np.concatenate([np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in sides])
+        return in_rows(self.pairs, self.side_gaps(motions))
 
     def gap(
         self, prescribed: np.ndarray, motions: Sequence[np.ndarray] | None = None
     ) -> np.ndarray:
         """This rank's g, with the displacements (n_local,) at prescribed dofs, whose rows of B are
         empty; obstacles moved as of ``obstacle_motions``, or as drawn."""
+        if in_rows(self.pairs, given_gaps(self.geometries))[self.redundant].any():
+            raise ContactInputError(CONTRADICTED)
         mine = self.rows.numbering.mine
         values = self.row_gaps(motions)[mine]
         at = self.rows.dofs[mine] - self.dofs.first
@@ -244,6 +251,21 @@ def _surface_stiffness(operators: ContactOperators) -> float:
     total, count = operators.comm.allreduce(np.array([values.sum(), float(len(values))]))
     mean = total / count if count else float(operators.tied)
     return float(mean if operators.tied else np.exp(mean))
+
+
+def in_rows(pairs: Sequence[ContactPairs], vectors: Sequence[np.ndarray]) -> np.ndarray:
+    """(n,) components of vectors (n, gdim) per side, along the rows' base."""
+    sides = zip(pairs, vectors, strict=True)
+    return np.concatenate([np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in sides])
+
+
+def given_gaps(geometries: Sequence[InterfaceGeometry]) -> list[np.ndarray]:
+    """Per side (n, gdim) its share of the gap that a law asks for."""
+    return [
+        geometry.interface.law.given_gap / len(geometry.pairs) * side.normal
+        for geometry in geometries
+        for side in geometry.pairs
+    ]
 
 
 def anatomy(operators: ContactOperators) -> list[str]:

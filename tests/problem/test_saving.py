@@ -64,6 +64,7 @@ def pressed(n=3):
     return llm.NonlinearContactProblem(F, u, bcs=[bc], interfaces=[interface]), top
 
 
+@pytest.mark.long
 def test_finite_deformation_goes_on(tmp_path):
     found = []
     for name in (None, "state.npz"):

@@ -6,6 +6,7 @@ import ufl
 from dolfinx import fem
 from friction_block import BOTTOM, TOP, body, stress
 from mpi4py import MPI
+from sampling import longer
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -64,7 +65,7 @@ def test_mass_leaves_the_surface_and_keeps_its_moments():
         assert abs(integral(rho * (x * x + y * y), domain) - exact) <= 1e-12
 
 
-@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.3)], ids=["0", "mu"])
+@pytest.mark.parametrize("law", [llm.Frictionless(), longer(llm.Coulomb(0.3))], ids=["0", "mu"])
 def test_momentum_of_free_bodies_that_collide(law):
     """Also angular; energy does not grow, and bodies that fly are accepted."""
     s, domains, moduli = blocks(law, dt=0.04)
@@ -109,6 +110,30 @@ def test_impact_of_a_bar():
     assert abs(found["opens"][0] - found["closes"][0] - 1.0) <= 1.0 / 20
     assert abs(found["pressure"] / impact_bar.PRESSURE - 1.0) <= 1.0 / 20
     assert found["growth"] <= 1e-8 and 0.0 < found["loss"] < 0.01
+
+
+@pytest.mark.long
+def test_block_on_a_slope(tmp_path):
+    """It rests, or slides by the acceleration of theory; pictures and numbers."""
+    import slope
+
+    files = "--json", tmp_path / "slope.json", "--plot", tmp_path
+    rests, slides = slope.main(["--elements", "3", "--steps", "10", *map(str, files)])
+    assert abs(rests["way"]) <= 1e-9 and rests["theory"] == 0.0
+    assert abs(slides["acceleration"] / slides["theory"] - 1.0) <= 1e-3
+    assert (tmp_path / "slope.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.long
+def test_disc_that_comes_to_roll():
+    """With 2/3 of the speed at which it slid first."""
+    import rolling_disc
+
+    found, rows = rolling_disc.main(["--elements", "4", "--steps", "12"])
+    assert abs(1.5 * found["speed"] - 1.0) <= 0.01 and abs(1.5 * found["spin"] - 1.0) <= 0.01
+    early = rows[rows[:, 0] < 0.9]
+    change = early[-1] - early[0]
+    np.testing.assert_allclose(change[1:3] / change[0], [-1.0 / 3.0, 2.0 / 3.0], rtol=0.01)
 
 
 def test_bodies_of_a_residual_form():
