@@ -1,5 +1,7 @@
 """B, L_b and g of all interfaces of a problem, for one geometry."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np
@@ -53,6 +55,8 @@ class ContactOperators:
         L: csr of all.
         B, L_b: PETSc AIJ of (31).
         soft: (n,) rows at dofs that are prescribed, or nearly so.
+        loops: (n,) rows of laws that open or slip, of nodes of several interfaces, which follow
+            from others as long as all of these stick.
         held: (n,) rows at dofs that are prescribed.
         free: (n, gdim) base vectors at dofs that are not.
         interfaces_at: (n,) to how many interfaces each row's node belongs.
@@ -90,20 +94,9 @@ class ContactOperators:
     def renew(self, K: PETSc.Mat, times: StageTimes) -> None:
         """Take over another stiffness of the same bodies, which must hold them."""
         self.diagonal = diagonal_of(K)
-        self.scale = self._surface_stiffness()
+        self.scale = _surface_stiffness(self)
         with times.timed("support check"):
             self._check_support(K)
-
-    def _surface_stiffness(self) -> float:
-        """Mean diagonal of K on the free surface dofs [force / length]; the geometric mean where
-        bodies may part, since there the softer one tells the forces."""
-        fixed, rows = self.dofs.fixed, self.rows.dofs.ravel() - self.dofs.first
-        rows = rows[(rows >= 0) & (rows < len(fixed))]
-        values = np.abs(self.diagonal[rows[~fixed[rows]]])
-        values = values if self.tied else np.log(np.maximum(values, 1e-300))
-        total, count = self.comm.allreduce(np.array([values.sum(), float(len(values))]))
-        mean = total / count if count else float(self.tied)
-        return float(mean if self.tied else np.exp(mean))
 
     def _number(self) -> None:
         """Places, rows, unknowns, and L_b of each interface."""
@@ -136,9 +129,18 @@ class ContactOperators:
         ties, self.redundant = np.zeros((2, len(self.held)), dtype=bool)
         for geometry, place in zip(self.geometries, self.places, strict=True):
             ties[place.rows] = geometry.interface.law.ties
-        rows = np.flatnonzero(ties & (self.held | (self.interfaces_at > 1)))
+        shared = self.held | (self.interfaces_at > 1)
+        self.redundant[self._repeated(np.flatnonzero(ties & shared))] = True
+        self.loops = np.zeros(len(self.held), dtype=bool)
+        if not ties.all():
+            rest = shared & ~self.redundant & ~self.soft
+            self.loops[self._repeated(np.flatnonzero(rest))] = True
+            self.loops &= ~ties
+
+    def _repeated(self, rows: np.ndarray) -> np.ndarray:
+        """Those of some rows (k,) that follow from the others."""
         said = scipy.sparse.hstack([self.L[rows], self.at_free_dofs(rows)], format="csr")
-        self.redundant[np.delete(rows, independent_rows(said))] = True
+        return np.delete(rows, independent_rows(said))
 
     def at_free_dofs(self, rows: np.ndarray) -> csr_matrix:
         """(k, dofs) forces at the free dofs of nodes from those of some rows (k,)."""
@@ -237,6 +239,18 @@ class ContactOperators:
         """Free B and L_b; collective."""
         self.B.destroy()
         self.L_b.destroy()
+
+
+def _surface_stiffness(operators: ContactOperators) -> float:
+    """Mean diagonal of K on the free surface dofs [force / length]; the geometric mean where
+    bodies may part, since there the softer one tells the forces."""
+    fixed, rows = operators.dofs.fixed, operators.rows.dofs.ravel() - operators.dofs.first
+    rows = rows[(rows >= 0) & (rows < len(fixed))]
+    values = np.abs(operators.diagonal[rows[~fixed[rows]]])
+    values = values if operators.tied else np.log(np.maximum(values, 1e-300))
+    total, count = operators.comm.allreduce(np.array([values.sum(), float(len(values))]))
+    mean = total / count if count else float(operators.tied)
+    return float(mean if operators.tied else np.exp(mean))
 
 
 def in_rows(pairs: Sequence[ContactPairs], vectors: Sequence[np.ndarray]) -> np.ndarray:
