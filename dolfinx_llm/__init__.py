@@ -30,7 +30,7 @@ from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
 from dolfinx_llm.time.stepper import TimeStepper
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # Public modules go by their short names, wherever they live: ``import dolfinx_llm.post``.
 for _module in (classical, compat, plot, post):

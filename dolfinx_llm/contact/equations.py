@@ -42,7 +42,8 @@ class Equations:
         L_t: (n_v, n) what forces of the rows are to the frames now.
         compliance: (n,) by how much rows give way, as springs do [length / force].
         lags: normal forces that bound friction are those of the last iterate.
-        soft: (n,) rows that give way to changes alone, by ``SOFT``: supports leave forces open.
+        soft: (n,) rows that give way to changes alone, by ``SOFT``: supports, or other rows of the
+            same nodes, leave forces open.
         start: (n,) λ at the start of the load step: friction at rest keeps it [force].
         about: (n,) λ about which these do, at a solution the solution's [force].
         normal: (n,) rows that may open.
@@ -58,7 +59,8 @@ class Equations:
         self.n = sum(nodes.rows.size for nodes in places)
         # Of ties no row that repeats others is in contact.
         loose = np.concatenate([np.full(nodes.rows.size, not nodes.law.ties) for nodes in places])
-        self.soft, self.compliance = operators.soft & loose, np.zeros(self.n)
+        self.soft = (operators.soft | operators.loops) & loose
+        self.compliance = np.zeros(self.n)
         L = block_diag([nodes.L for nodes in places], format="csr")
         L_kappa = block_diag([nodes.L_kappa for nodes in places], format="csr")
         self.whole, self.n_v = hstack([L, L_kappa], format="csr"), L.shape[1]

@@ -18,6 +18,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.contact.equations import Equations, given_way, spread
 from dolfinx_llm.contact.gliding import glide, slips
+from dolfinx_llm.contact.loose import regain, require_friction
 from dolfinx_llm.contact.state import ContactState, InterfaceState
 from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import GRAZING, SIGN, StepForm, StepResult, force_level
@@ -35,7 +36,7 @@ ROUGH = 1e-6  # the same where that does not fall: it is rounding over ``SOFT``
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 FLOATS = 1e-6  # of the forces, that springs carry where contact without friction holds no body
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
-FRICTIONLESS = 1e-2  # of the normal force that may be without friction: less than meshes cost
+CHANCES = 3  # for pairs without friction, when all the others have come to rest
 CALM = 2  # iterations without a change after which a residual may have stopped falling
 
 
@@ -132,7 +133,7 @@ class ContactIteration:
         alpha = self.alpha if known else np.zeros(floating.count)
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
         equations.start, self._calmed, self._vital = about[0], False, False
-        calm, before, w_last = 0, np.inf, w  # iterations without change; last residual and motion
+        calm, before, w_last, chances = 0, np.inf, w, CHANCES  # iterations without change
         changes, many, runs, given = 0, _many(self.states, known), 0, np.inf  # given: to supports
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         pull = Pull(floating, spring, f, self.forces, alpha)
@@ -185,16 +186,16 @@ class ContactIteration:
             settled &= given <= (ROUGH if calm > CALM and given > 0.5 * last else CONSTANT)
             rests = settled and calm > corrections and pull.rests
             released = (rests or calm > 1) and equations.release(multiplier, ENOUGH * largest)
+            if rests and not released and chances and regain(self.states, multiplier):
+                chances, released = chances - 1, True
             if rests and not released:
-                _require_friction(self.states, multiplier)
+                require_friction(self.states, multiplier)
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
                 return found
             # Friction is linearised about the last iterate, or halfway where that did not help.
             half = iteration > 1 and changes and miss > 0.9 * before
             about = tuple(0.5 * (a + b) if half else b for a, b in zip(about, (multiplier, met)))
-            before = np.inf if released else miss
-            glides = False
-            calm = 0 if released else calm
+            glides, calm, before = False, 0 if released else calm, np.inf if released else miss
             # From then on the frame goes on from where it is, and what no force holds stays.
             self._calmed = self._calmed or calm > 0
             centre = w if self._calmed else equations.middle(y + g, w)
@@ -267,20 +268,3 @@ def _failure(history: list[dict]) -> str:
         f"{', '.join(format(h['residual'], '.1e') for h in last)}. Apply the load in smaller "
         "steps (solve(increments=...)), and check that supports hold the bodies when they slip"
     )
-
-
-def _require_friction(states: list[InterfaceState], multiplier: np.ndarray) -> None:
-    """Refuse a state in which more than the rim of contact has lost its friction.
-
-    Raises:
-        ContactError: it has; smaller load steps may help.
-    """
-    for s in states:
-        share = s.loose_share([multiplier[s.nodes.rows[:, -1]]])
-        if share > FRICTIONLESS:
-            raise ContactError(
-                f"interface {s.nodes.geometry.interface.name}: pairs that opened and closed by "
-                f"turns were left without friction, and carry {share:.1%} of the normal force "
-                f"(allowed {FRICTIONLESS:.0%}). Apply the load in smaller steps "
-                "(solve(increments=...)), or use a finer mesh where contact ends"
-            )

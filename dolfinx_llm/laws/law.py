@@ -54,6 +54,11 @@ class Law:
         """Whether bodies are one along the interface: nothing to iterate on."""
         return not (self.opens or self.slips or self.gives)
 
+    @property
+    def given_gap(self) -> float:
+        """Gap that ties have beside the one drawn [length]."""
+        return 0.0
+
     def jumps(self, gdim: int) -> int:
         """Number q of components of the jump.
 

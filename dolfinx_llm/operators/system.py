@@ -1,5 +1,7 @@
 """B, L_b and g of all interfaces of a problem, for one geometry."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np
@@ -7,8 +9,10 @@ import scipy.sparse
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.against import prescribed_loads
 from dolfinx_llm.interface.control import control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
@@ -27,6 +31,10 @@ from dolfinx_llm.operators.petsc import diagonal_of
 from dolfinx_llm.operators.prescribed import free_parts, independent_rows
 from dolfinx_llm.operators.support import check_support
 
+CONTRADICTED = (
+    "Tied(gap=...) where both sides are prescribed along the normal, or where several interfaces "
+    "meet: rows there follow from others, and gaps could contradict them"
+)
 FLUSH = 64.0 * float(np.finfo(float).eps)  # of positions, that rounding makes of no gap
 NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
 
@@ -47,6 +55,8 @@ class ContactOperators:
         L: csr of all.
         B, L_b: PETSc AIJ of (31).
         soft: (n,) rows at dofs that are prescribed, or nearly so.
+        loops: (n,) rows of laws that open or slip, of nodes of several interfaces, which follow
+            from others as long as all of these stick.
         held: (n,) rows at dofs that are prescribed.
         free: (n, gdim) base vectors at dofs that are not.
         interfaces_at: (n,) to how many interfaces each row's node belongs.
@@ -84,20 +94,9 @@ class ContactOperators:
     def renew(self, K: PETSc.Mat, times: StageTimes) -> None:
         """Take over another stiffness of the same bodies, which must hold them."""
         self.diagonal = diagonal_of(K)
-        self.scale = self._surface_stiffness()
+        self.scale = _surface_stiffness(self)
         with times.timed("support check"):
             self._check_support(K)
-
-    def _surface_stiffness(self) -> float:
-        """Mean diagonal of K on the free surface dofs [force / length]; the geometric mean where
-        bodies may part, since there the softer one tells the forces."""
-        fixed, rows = self.dofs.fixed, self.rows.dofs.ravel() - self.dofs.first
-        rows = rows[(rows >= 0) & (rows < len(fixed))]
-        values = np.abs(self.diagonal[rows[~fixed[rows]]])
-        values = values if self.tied else np.log(np.maximum(values, 1e-300))
-        total, count = self.comm.allreduce(np.array([values.sum(), float(len(values))]))
-        mean = total / count if count else float(self.tied)
-        return float(mean if self.tied else np.exp(mean))
 
     def _number(self) -> None:
         """Places, rows, unknowns, and L_b of each interface."""
@@ -130,9 +129,18 @@ class ContactOperators:
         ties, self.redundant = np.zeros((2, len(self.held)), dtype=bool)
         for geometry, place in zip(self.geometries, self.places, strict=True):
             ties[place.rows] = geometry.interface.law.ties
-        rows = np.flatnonzero(ties & (self.held | (self.interfaces_at > 1)))
+        shared = self.held | (self.interfaces_at > 1)
+        self.redundant[self._repeated(np.flatnonzero(ties & shared))] = True
+        self.loops = np.zeros(len(self.held), dtype=bool)
+        if not ties.all():
+            rest = shared & ~self.redundant & ~self.soft
+            self.loops[self._repeated(np.flatnonzero(rest))] = True
+            self.loops &= ~ties
+
+    def _repeated(self, rows: np.ndarray) -> np.ndarray:
+        """Those of some rows (k,) that follow from the others."""
         said = scipy.sparse.hstack([self.L[rows], self.at_free_dofs(rows)], format="csr")
-        self.redundant[np.delete(rows, independent_rows(said))] = True
+        return np.delete(rows, independent_rows(said))
 
     def at_free_dofs(self, rows: np.ndarray) -> csr_matrix:
         """(k, dofs) forces at the free dofs of nodes from those of some rows (k,)."""
@@ -208,18 +216,19 @@ class ContactOperators:
                 elif law.components != "cartesian":
                     gap = np.einsum("ni,ni->n", gap, side.normal)[:, None] * side.normal
                 gaps.append(gap if motions is None else gap - motions[i])
-        return gaps
+        return [gap + given for gap, given in zip(gaps, given_gaps(self.geometries), strict=True)]
 
     def row_gaps(self, motions: Sequence[np.ndarray] | None = None) -> np.ndarray:
         """(n,) a_i · (X_p - sum_J N_J Y_J) of all rows, from the gaps of ``side_gaps``."""
-        sides = zip(self.pairs, self.side_gaps(motions), strict=True)
-        return np.concatenate([np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in sides])
+        return in_rows(self.pairs, self.side_gaps(motions))
 
     def gap(
         self, prescribed: np.ndarray, motions: Sequence[np.ndarray] | None = None
     ) -> np.ndarray:
         """This rank's g, with the displacements (n_local,) at prescribed dofs, whose rows of B are
         empty; obstacles moved as of ``obstacle_motions``, or as drawn."""
+        if in_rows(self.pairs, given_gaps(self.geometries))[self.redundant].any():
+            raise ContactInputError(CONTRADICTED)
         mine = self.rows.numbering.mine
         values = self.row_gaps(motions)[mine]
         at = self.rows.dofs[mine] - self.dofs.first
@@ -230,6 +239,33 @@ class ContactOperators:
         """Free B and L_b; collective."""
         self.B.destroy()
         self.L_b.destroy()
+
+
+def _surface_stiffness(operators: ContactOperators) -> float:
+    """Mean diagonal of K on the free surface dofs [force / length]; the geometric mean where
+    bodies may part, since there the softer one tells the forces."""
+    fixed, rows = operators.dofs.fixed, operators.rows.dofs.ravel() - operators.dofs.first
+    rows = rows[(rows >= 0) & (rows < len(fixed))]
+    values = np.abs(operators.diagonal[rows[~fixed[rows]]])
+    values = values if operators.tied else np.log(np.maximum(values, 1e-300))
+    total, count = operators.comm.allreduce(np.array([values.sum(), float(len(values))]))
+    mean = total / count if count else float(operators.tied)
+    return float(mean if operators.tied else np.exp(mean))
+
+
+def in_rows(pairs: Sequence[ContactPairs], vectors: Sequence[np.ndarray]) -> np.ndarray:
+    """(n,) components of vectors (n, gdim) per side, along the rows' base."""
+    sides = zip(pairs, vectors, strict=True)
+    return np.concatenate([np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in sides])
+
+
+def given_gaps(geometries: Sequence[InterfaceGeometry]) -> list[np.ndarray]:
+    """Per side (n, gdim) its share of the gap that a law asks for."""
+    return [
+        geometry.interface.law.given_gap / len(geometry.pairs) * side.normal
+        for geometry in geometries
+        for side in geometry.pairs
+    ]
 
 
 def anatomy(operators: ContactOperators) -> list[str]:

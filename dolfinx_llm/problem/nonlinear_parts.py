@@ -63,6 +63,11 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
         raise ContactInputError(
             f"law={checks.shown(interface.law)}: at finite deformation choose method='newton'"
         )
+    tie = interface.law
+    if isinstance(tie, Tied) and (hasattr(tie.gap, "value") or tie.given_gap):
+        raise ContactInputError(
+            f"law={tie}: a given gap is for small deformation, move supports instead"
+        )
     if interface.obstacle is not None:
         return _against(interface, dofs)
     if interface.design == "positions":

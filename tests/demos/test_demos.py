@@ -74,8 +74,8 @@ def test_solvers(tmp_path):
     kinds = "condensed", "frictionless", "matching"
     tied, frictionless, matching = (rows[f"{kind} CG + GAMG"]["iterations"] for kind in kinds)
     assert 0 < tied <= 1.3 * matching
-    # Sliding between the bodies is missing on coarse levels: 1.2 to 1.6 times, by PETSc's version.
-    assert 0 < frictionless <= 1.8 * matching
+    # All solves of a load step. Sliding between the bodies is missing on coarse levels.
+    assert 0 < frictionless <= 2.5 * matching
     assert max(row["residual"] for row in rows.values()) <= 1e-12
 
 

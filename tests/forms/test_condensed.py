@@ -312,6 +312,33 @@ def test_friction_by_multigrid(monkeypatch):
         assert kept.direct == (patience == 1) == ("LU by MUMPS" in str(problem))
 
 
+def test_opening_by_multigrid():
+    """A tilted block: few steps, none factorised; forces as by flexibility. All wrong signs at once
+    open and close the rim by turns."""
+    forces = []
+    for solver in ("saddle", "condensed"):
+        V, tags = scenes.two_blocks(COMM, 6, 5)
+        a, L = solve_scenes.loaded_forms(V)
+        x = V.mesh.geometry.x
+        ends = [
+            fem.locate_dofs_geometrical(V, lambda x, z=z: np.isclose(x[2], z))
+            for z in (x[:, 2].max(), x[:, 2].min())
+        ]
+        moved = fem.Function(V)
+        across = V.tabulate_dof_coordinates()[ends[0], 0]
+        moved.x.array.reshape(-1, 3)[ends[0], 2] = -0.006 + 0.06 * (across - across.mean())
+        bcs = [fem.dirichletbc(moved, ends[0]), fem.dirichletbc(np.zeros(3), ends[1], V)]
+        problem = llm.ContactProblem(
+            a, fem.Constant(V.mesh, 0.0) * L, bcs=bcs,
+            interfaces=[llm.Interface(tags, (2, 3), law=llm.Frictionless())], solver=solver,
+        )  # fmt: skip
+        problem.solve()
+        forces.append(np.concatenate([side.force for side in problem.results[0].sides]))
+    assert len(problem.history) <= 6 and not problem.method.form.system.notes
+    assert problem.history[0]["active"] > problem.history[-1]["active"] > 0
+    assert np.abs(forces[1] - forces[0]).max() <= 1e-9 * np.abs(forces[0]).max()
+
+
 def test_friction_takes_as_many_iterations_with_another_multigrid(monkeypatch):
     """Of nodes that all stick, corrected where they slip, as with one of each state."""
     took = []

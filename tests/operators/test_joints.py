@@ -3,11 +3,14 @@
 import joints
 import numpy as np
 import pytest
+import ufl
 import wall_scenes as walls
 from conftest import run_mpi_json
+from dolfinx import fem
 from mpi4py import MPI
 from sampling import longer
 
+import dolfinx_llm as llm
 from dolfinx_llm.problem.classical import Elimination
 
 COMM = MPI.COMM_SELF
@@ -112,3 +115,41 @@ def test_stiffness_under_weight(blocks):
     with wall.problem(weight=1.0) as problem:
         found = wall.work(problem.solve())
     assert work[0] < found < work[1]
+
+
+@pytest.mark.parametrize(
+    ("blocks", "side"),
+    [
+        (walls.courses(2, 2), 0.2),
+        (CROSSES, 0.2),
+        longer(walls.courses(2, 2), 0.5),
+        longer(walls.courses(2, 2, bond=0.3), 0.1),
+    ],
+)
+def test_friction_under_weight_and_side_load(blocks, side):
+    """Blocks that friction alone holds: each is in balance, no joint pulls or bears more than its
+    friction; where courses cross all forms give the same forces. The wall says that it may stand in
+    more than one way."""
+    counts = np.random.default_rng(5).integers(2, 5, (len(blocks), 2))
+    wall, mu, found = walls.Wall(COMM, blocks, counts), 0.6, []
+    load = np.array([side, -1.0])
+    a, _ = wall.forms()
+    L = ufl.inner(fem.Constant(wall.domain, load), ufl.TestFunction(wall.V)) * ufl.dx
+    for solver in ("saddle", "condensed"):
+        problem = llm.ContactProblem(
+            a, L, bcs=wall.base(), interfaces=wall.interfaces(llm.Coulomb(mu)), solver=solver
+        )
+        problem.solve()
+        found.append(all_forces(problem))
+        assert "more than one state of stick and slip" in str(problem)
+        area = (blocks[:, 1] - blocks[:, 0]).prod(axis=1)
+        left, tiny = area[:, None] * load, 1e-9 * area.sum()
+        for (i, axis, j), result in zip(wall.faces, problem.results, strict=True):
+            left[i] -= result.resultant
+            left[j] += result.resultant
+            assert abs(result.resultant[1 - axis]) <= mu * result.resultant[axis] + tiny
+            assert all(one.normal_force.min() >= -tiny for one in result.sides)
+        assert np.abs(left[blocks[:, 0, 1] > 0.0]).max() <= tiny
+        problem.destroy()
+    if blocks is CROSSES:
+        assert np.abs(found[0] - found[1]).max() <= 1e-9 * np.abs(found[0]).max()

@@ -6,6 +6,7 @@ reduced matrix is then not symmetric (``friction``).
 """
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from dolfinx_llm.forms.exchange import SetUp, WholeSteps
 from dolfinx_llm.forms.options import FACTORISED
 from dolfinx_llm.forms.step import SOFT, LinearStep, StepResult, force_level
 from dolfinx_llm.forms.verdict import FinalError
+from dolfinx_llm.laws.forecast import Forecast
 from dolfinx_llm.operators.bodies import rigid_modes
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import times
@@ -31,6 +33,10 @@ from dolfinx_llm.operators.system import ContactOperators
 
 SWINGS = 3  # steps towards one load in which no fewer pairs are wrong than before
 FEWEST = 10_000  # unknowns of bodies from which on friction by GMRES is no slower than factorising
+LOOSELY = 1e-4  # of the load, that the first solve towards it leaves if its signs are wrong
+FIRMER = 0.1  # from one of these to the next
+DOUBTLESS = 10.0  # times that, of the largest force: signs that are wrong beyond doubt
+YIELDING = 1.5  # by so much a node yields more than its own stiffness says
 ASKED = 8  # pairs that are asked for with friction, where each takes a solve by GMRES
 
 
@@ -54,6 +60,8 @@ class CondensedForm(WholeSteps):
             self._items, self._modes = items_of(operators), _rigid_modes_of(operators)
         self._known = np.zeros(0)  # what the system's matrix was made of
         self._spring, self._swings = 0.0, 0
+        self._seen: list[np.ndarray] = []  # rows in contact in the steps towards one load
+        self.__dict__.pop("_stiffness", None)
 
     def solve(self, f: np.ndarray, step: LinearStep) -> StepResult:
         """See ``StepForm``."""
@@ -67,14 +75,58 @@ class CondensedForm(WholeSteps):
         if not _holds(step):  # what the matrix alone does not tell
             self.release()
         new, before = f is not self._f, self._wrong
+        if self._symmetric(step):
+            return self._forecast(f, step, new)
         found = super().solve(f, step)
         rises = not new and 0 < self._wrong >= before
         self._swings = 0 if new else self._swings + rises
-        if self._set is not None and isinstance(self._set[1], FrictionStep):
-            self._judge_friction(found, step)
-        else:
-            self.tolerance, self.accuracy = self.system.tolerance, CondensedForm.accuracy
+        self._judge_friction(found, step)
         return found
+
+    def _symmetric(self, step: LinearStep) -> bool:
+        return abs(step.E - step.L.T).nnz == 0 and _holds(step)
+
+    def _forecast(self, f: np.ndarray, step: LinearStep, new: bool) -> StepResult:
+        """A step without friction. Where signs are wrong it need not be solved to the end: what
+        presses next is forecast from what there is; pairs are asked for where that comes back."""
+        self._seen = [] if new else self._seen
+        back = any(np.array_equal(step.active, one) for one in self._seen)
+        self._seen.append(step.active)
+        self.most = CondensedForm.most if back else 0
+        made, solver = self._served(step), self.system.solver
+        if step.may_open.any() and not (back or (solver.ksp is not None and solver.direct)):
+            self.system.loose = loose = LOOSELY * FIRMER ** len(self._seen)
+            found = self.result(step, *made.ask(step.loaded(f), step.g, step.rhs, step.about))
+            self.system.loose = 0.0
+            least = -DOUBTLESS * loose * force_level(found.multiplier, found.y + step.g, self.scale)
+            gap = self.scale * (step.L @ found.w - found.y - step.g)
+            if (found.wrong & (np.where(step.active, found.multiplier, gap) < least)).any():
+                self._f, self._wrong = f, np.inf
+                return self._foretold(step, found)
+        found = super().solve(f, step)
+        self.tolerance, self.accuracy = self.system.tolerance, CondensedForm.accuracy
+        return found if back else self._foretold(step, found)
+
+    def _foretold(self, step: LinearStep, found: StepResult) -> StepResult:
+        """The same, with those rows wrong that will change."""
+        if not found.wrong.any():
+            return found
+        held = step.active | step.may_open
+        forecast = Forecast(step.L, np.where(held, self._stiffness, 0.0), step.may_open)
+        pressing = forecast.pressing(found.multiplier, found.y + step.g)
+        wrong = step.may_open & (pressing != step.active)
+        return replace(found, wrong=wrong) if wrong.any() else found
+
+    @cached_property
+    def _stiffness(self) -> np.ndarray:
+        """(n,) what a body sets against the motion of a row's node alone, about."""
+        operators, rows = self.operators, self.operators.rows
+        mine = rows.numbering.mine
+        dofs = rows.dofs[mine] - self.split.first
+        fixed = operators.dofs.fixed[dofs]
+        own = np.where(fixed, self.scale, self.split.diagonal[dofs])
+        stiffness = (rows.base[mine] ** 2 * own).sum(axis=1) / YIELDING
+        return gather_rows(operators.comm, stiffness)[rows.numbering.number]
 
     def _judge_friction(self, found: StepResult, step: LinearStep) -> None:
         """How far balance and laws may be trusted; where contact goes back and forth, pairs are
@@ -112,11 +164,10 @@ class CondensedForm(WholeSteps):
             self.operators.unknowns,
             self._items,
         )
-        symmetric = abs(step.E - step.L.T).nnz == 0 and _holds(step)
-        if symmetric:
+        if self._symmetric(step):
             hold = -step.D.diagonal()
             self._eliminate(eliminated, step, hold)
-            self.eager, self.most = False, CondensedForm.most  # to ask takes a solve by CG
+            self.eager = False  # to ask takes a solve by CG
             return _Symmetric(self.system, eliminated, on, hold)
         self.split.hold(self.operators.floating.pins, self._spring)
         if self.friction is None:

@@ -60,6 +60,7 @@ class CondensedSystem:
         self.notes: list[str] = []
         self.steps: list[dict] = []
         self.iterations, self.tolerance = 0, 0.0
+        self.loose = 0.0  # of the load, that solves may leave for now
         self._modes, self._weak = modes, weak or modes
         options = dict(options or {})
         self.solver = KeptSolver(self.comm, prefix, options, self.notes)
@@ -135,7 +136,7 @@ class CondensedSystem:
         load = self.form.load(f, u_0) + push
         b.array_w[:] = load * self.S.array_r
         rtol, direct = self.solver.rtol, self.solver.direct
-        goal = max(rtol, EPS) * b.norm()
+        goal = max(rtol, EPS, self.loose) * b.norm()
         q = q * self.reduced.best_share(q, load)
         x.array_w[:] = q / self.S.array_r
         self.iterations, last, length = 0, np.inf, x.norm()

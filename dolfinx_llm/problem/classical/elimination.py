@@ -50,7 +50,7 @@ class Elimination(ClassicalForm):
             check_petsc_options(petsc_options)
         agree(problem.comm, "PETSc options", petsc_options)
         laws = [geometry.interface.law for geometry in problem.geometries]
-        if not all(law.ties for law in laws):
+        if not all(law.ties and not law.given_gap for law in laws):
             raise ContactInputError(f"laws {laws}: the classical form is there for Tied() only")
         n, m = problem.L_b.getSize()
         if n > MAX_ROWS:

@@ -84,7 +84,7 @@ class NodeToSegment(ClassicalForm):
         if rigid:
             raise ContactInputError(f"interfaces {rigid}: node-to-segment needs two bodies")
         laws = [geometry.interface.law for geometry in problem.geometries]
-        if not all(law.ties for law in laws):
+        if not all(law.ties and not law.given_gap for law in laws):
             raise ContactInputError(f"laws {laws}: node-to-segment is there for Tied() only")
         ties = [_tie(problem, geometry, slave, components) for geometry in problem.geometries]
         self.x = np.concatenate([t.x for t in ties])

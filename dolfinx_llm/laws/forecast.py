@@ -1,0 +1,96 @@
+"""Which pairs will press, from forces and motions of a guess; NumPy and SciPy only.
+
+Where all wrong signs change at once, frame nodes at the rim of contact, which few pairs hold, go
+far, and whole rims open and close by turns. Here each pair answers with a stiffness of its own, as
+if its node alone moved, and the frame goes to where it balances under forces that press:
+
+    λ' = max(0, λ + k (y + g - L w')),  Lᵀ λ' = Lᵀ λ.
+
+That is the least of a convex function of w'. The λ of a solution come back, whatever k > 0 is; near
+it the set λ' > 0 is better than the signs, as the frame has followed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix, diags, identity
+from scipy.sparse.linalg import splu
+
+HOLDS = 10.0 ** -np.arange(2.0, 13.0, 2.0)  # of k: what holds the frame, less and less
+NEWTON_STEPS = 60  # of Newton's method, for each of these
+BALANCED = 1e-8  # of the largest force, that frame nodes may miss
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """The function of w whose least value tells what presses."""
+
+    L: csr_matrix  # (n, m) motion of the frame as the rows see it
+    k: np.ndarray  # (n,) stiffness of rows; 0: out of contact for good [force / length]
+    press: np.ndarray  # (n,) rows whose force must not be negative
+
+    def pressing(self, force: np.ndarray, position: np.ndarray) -> np.ndarray:
+        """(n,) rows of ``press`` with λ' > 0.
+
+        Args:
+            force: (n,) λ of a guess [force].
+            position: (n,) y + g there [length].
+        """
+        force = np.where(self.k > 0.0, force, 0.0)
+        pull, target = force + self.k * position, self.L.T @ force
+        enough = BALANCED * np.abs(force).max(initial=0.0)
+        used = self.L.multiply(self.k[:, None]).tocsc()
+        fit = used.T @ self.L + HOLDS[-1] * self.k.mean() * identity(used.shape[1])
+        w = splu(csc_matrix(fit)).solve(used.T @ position) if used.shape[1] else np.zeros(0)
+        for hold in HOLDS * self.k.mean() if len(w) else ():
+            w = self._least(pull, target, w, hold, enough)
+        return (self._answer(pull, w) > 0.0) & self.press
+
+    def _answer(self, pull: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """λ'."""
+        z = pull - self.k * (self.L @ w)
+        return np.where(self.press, np.maximum(z, 0.0), z)
+
+    def _least(
+        self, pull: np.ndarray, target: np.ndarray, w: np.ndarray, hold: float, enough: float
+    ) -> np.ndarray:
+        """Newton's method from w, which springs hold, with the best length of each step."""
+        centre = w
+        for _ in range(NEWTON_STEPS):
+            z = pull - self.k * (self.L @ w)
+            on = np.where(self.press, z > 0.0, True)
+            missed = self.L.T @ np.where(on, z, 0.0) - target - hold * (w - centre)
+            if np.abs(missed).max() <= enough:
+                break
+            H = self.L.T @ diags(self.k * on) @ self.L + hold * identity(len(w))
+            step = splu(csc_matrix(H)).solve(missed)
+            w = w + self._length(z, step, target, w - centre, hold) * step
+        return w
+
+    def _length(
+        self, z: np.ndarray, step: np.ndarray, target: np.ndarray, moved: np.ndarray, hold: float
+    ) -> float:
+        """Up to 1: where the slope along a step vanishes; it is linear between the places where
+        rows begin or cease to press."""
+        seen = self.L @ step
+        falls = self.k * seen
+
+        def slope(t: float) -> float:
+            force = z - t * falls
+            force = np.where(self.press, np.maximum(force, 0.0), force)
+            return float(step @ target - seen @ force + hold * (step @ (moved + t * step)))
+
+        if slope(1.0) <= 0.0:
+            return 1.0
+        moving = self.press & (falls != 0.0)
+        kinks = z[moving] / falls[moving]
+        kinks = np.unique(np.concatenate([[0.0, 1.0], kinks[(kinks > 0.0) & (kinks < 1.0)]]))
+        low, high = 0, len(kinks) - 1
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (low, middle) if slope(kinks[middle]) > 0.0 else (middle, high)
+        a, b = slope(kinks[low]), slope(kinks[high])
+        share = -a / (b - a) if b > a else 1.0
+        return float(kinks[low] + share * (kinks[high] - kinks[low]))
