@@ -29,7 +29,7 @@ def doubts(
     """What in a solution lies outside of what the method allows for: contact at the rim of what may
     touch, sliding farther than a facet, pairs that lost their friction, bodies that come nearer and
     do not touch."""
-    out = _several_states(states or [])
+    out = []
     for state, result in zip(states or [], results):
         share = state.loose_share([side.normal_force for side in result.sides])
         if share > LOOSE_SHARE:
@@ -71,20 +71,6 @@ def doubts(
                     f"{0.5 * tilted**2:.1%} of their distance from the pivot. Draw it turned"
                 )
     return out
-
-
-def _several_states(states: Sequence[Any]) -> list[str]:
-    """Friction round joints, which may hold in more than one way."""
-    around = [s for s in states if s.nodes.law.slips and s.nodes.loops]
-    if not around:
-        return []
-    rows = sum(s.nodes.loops for s in states)
-    return [
-        f"{len(around)} interface(s) with friction meet others at joints, where {rows} row(s) "
-        "follow from others as long as all stick: more than one state of stick and slip may meet "
-        "the laws. This is the one that was found; another form or number of ranks may find "
-        "another, with forces that differ at the joints"
-    ]
 
 
 def _unbalanced(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:

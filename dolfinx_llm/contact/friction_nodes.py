@@ -41,7 +41,6 @@ class FrictionNodes:
     kappa: np.ndarray  # (k, q) its jump unknowns
     kept: np.ndarray  # (n c,) rows that are not redundant
     yields: np.ndarray  # (n,) pairs that supports leave free to move tangentially
-    loops: int  # rows that follow from those of other interfaces as long as all stick
     L: csr_matrix  # (n c, m d)
     L_kappa: csr_matrix  # (n c, k q)
     L_normal: csr_matrix  # (k, n c) normal force at the nodes from λ
@@ -151,7 +150,6 @@ def _friction_nodes(
         kappa=jumps.reshape(-1, max(q, 1)),
         kept=~operators.redundant[place.rows],
         yields=~operators.soft[place.rows].reshape(n, c)[:, :-1].all(axis=1),
-        loops=int(operators.loops[place.rows].sum()),
         L=L,
         L_kappa=L_kappa,
         L_normal=L_normal,

@@ -111,5 +111,7 @@ def _held(side: Surface, V: Any, fixed: np.ndarray) -> np.ndarray:
     start = V.dofmap.index_map.local_range[0]
     held = np.zeros(side.x.shape, dtype=np.int64)
     nodes = V.dofmap.index_map.size_local
-    held[mine] = fixed[: nodes * held.shape[1]].reshape(nodes, -1)[side.dofs[mine] - start]
+    held[mine] = fixed[: nodes * held.shape[1]].reshape(nodes, held.shape[1])[
+        side.dofs[mine] - start
+    ]
     return V.mesh.comm.allreduce(held) > 0

@@ -70,6 +70,21 @@ class ColumnSpace:
         return values
 
 
+def repeated(D: csr_matrix) -> np.ndarray:
+    """(k,) whether rows of D follow from the others."""
+    out = np.ones(D.shape[0], dtype=bool)
+    out[independent_rows(D)] = False
+    return out
+
+
+def in_loops(D: csr_matrix) -> np.ndarray:
+    """(k,) whether rows of D are of a piece in which some follow from the others."""
+    out, follow = np.zeros(D.shape[0], dtype=bool), repeated(D)
+    for piece in pieces(D):
+        out[piece] = follow[piece].any()
+    return out
+
+
 def independent_rows(D: csr_matrix, least: float = RANK) -> np.ndarray:
     """Rows of D (k, m), as many as its rank, from which the others follow; far from dependent.
 

@@ -28,7 +28,7 @@ from dolfinx_llm.operators.numbering import (
     slip_numbering,
 )
 from dolfinx_llm.operators.petsc import diagonal_of
-from dolfinx_llm.operators.prescribed import free_parts, independent_rows
+from dolfinx_llm.operators.prescribed import free_parts, in_loops, repeated
 from dolfinx_llm.operators.support import check_support
 
 CONTRADICTED = (
@@ -55,8 +55,9 @@ class ContactOperators:
         L: csr of all.
         B, L_b: PETSc AIJ of (31).
         soft: (n,) rows at dofs that are prescribed, or nearly so.
-        loops: (n,) rows of laws that open or slip, of nodes of several interfaces, which follow
-            from others as long as all of these stick.
+        loops: (n,) rows of laws that open or slip, of nodes of several interfaces, of which some
+            follow from the others as long as all stick. All of them give way to changes alone, so
+            that λ is that of least change: which of them would be left out is not to matter.
         held: (n,) rows at dofs that are prescribed.
         free: (n, gdim) base vectors at dofs that are not.
         interfaces_at: (n,) to how many interfaces each row's node belongs.
@@ -130,17 +131,16 @@ class ContactOperators:
         for geometry, place in zip(self.geometries, self.places, strict=True):
             ties[place.rows] = geometry.interface.law.ties
         shared = self.held | (self.interfaces_at > 1)
-        self.redundant[self._repeated(np.flatnonzero(ties & shared))] = True
+        rows = np.flatnonzero(ties & shared)
+        self.redundant[rows] = repeated(self._said(rows))
         self.loops = np.zeros(len(self.held), dtype=bool)
-        if not ties.all():
-            rest = shared & ~self.redundant & ~self.soft
-            self.loops[self._repeated(np.flatnonzero(rest))] = True
-            self.loops &= ~ties
+        if not self.tied:
+            rest = np.flatnonzero(shared & ~self.redundant & ~self.soft)
+            self.loops[rest] = in_loops(self._said(rest)) & ~ties[rest]
 
-    def _repeated(self, rows: np.ndarray) -> np.ndarray:
-        """Those of some rows (k,) that follow from the others."""
-        said = scipy.sparse.hstack([self.L[rows], self.at_free_dofs(rows)], format="csr")
-        return np.delete(rows, independent_rows(said))
+    def _said(self, rows: np.ndarray) -> csr_matrix:
+        """What some rows (k,) say of frames and of free dofs."""
+        return scipy.sparse.hstack([self.L[rows], self.at_free_dofs(rows)], format="csr")
 
     def at_free_dofs(self, rows: np.ndarray) -> csr_matrix:
         """(k, dofs) forces at the free dofs of nodes from those of some rows (k,)."""
