@@ -561,6 +561,7 @@ def _held(V, scene, group, Q):
     for j in range(scene.gdim - 1) if scene.walls else ():
         c = int(np.abs(Q[:, j]).argmax())  # walls: Q permutes the axes
         dim = domain.topology.dim - (scene.walls == "faces")
+        domain.topology.create_connectivity(dim, domain.topology.dim)
         if scene.walls == "faces":
             at = mesh.locate_entities_boundary(
                 domain, dim, lambda p, j=j: np.isclose(np.abs(p[j]), 1.0)
