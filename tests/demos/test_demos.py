@@ -74,8 +74,9 @@ def test_solvers(tmp_path):
     kinds = "condensed", "frictionless", "matching"
     tied, frictionless, matching = (rows[f"{kind} CG + GAMG"]["iterations"] for kind in kinds)
     assert 0 < tied <= 1.3 * matching
-    # All solves of a load step. Sliding between the bodies is missing on coarse levels.
-    assert 0 < frictionless <= 2.5 * matching
+    # All solves of a load step: by PETSc's version 2.1 to 3.6 times, as sliding between the bodies
+    # is missing on coarse levels.
+    assert 0 < frictionless <= 3.6 * matching
     assert max(row["residual"] for row in rows.values()) <= 1e-12
 
 
