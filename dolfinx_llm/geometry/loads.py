@@ -20,7 +20,7 @@ from dolfinx_llm.geometry.cells import facet_mass, facet_vectors, points_of, vec
 from dolfinx_llm.geometry.overlap_flat import covered_points, nodal_forces
 from dolfinx_llm.geometry.surface import Surface
 
-UNTOLD = 0.1  # part of a facet in contact, up to which it tells little of its far nodes
+UNTOLD = 0.3  # part of a facet in contact, up to which it tells little of its far nodes
 
 
 @dataclass(frozen=True, eq=False)
