@@ -25,9 +25,7 @@ from dolfinx_llm.output.render import Scene
 from dolfinx_llm.output.values import cell_maximum
 
 COLOURS = ("pressure", "displacement")  # of bodies
-EDGE_COSINE = (
-    0.86  # cosine of the angle between facets from which the edge between them is an outline
-)
+EDGE_COSINE = 0.86  # of the angle between facets from which the edge between is an outline
 Plane3 = tuple[np.ndarray, np.ndarray]  # a point and a normal
 
 

@@ -20,6 +20,7 @@ from dolfinx_llm.output.values import (
     cell_maximum,
     check_displacement,
     check_expression,
+    check_problem,
     check_result,
 )
 from dolfinx_llm.output.writing import (
@@ -228,8 +229,7 @@ class LoadSteps:
         suffix: str = ".pvd",
         cell_fields: Callable[[dolfinx.fem.Function], dict[str, Expr]] | None = None,
     ):
-        if {"solve", "reset", "u"} - set(dir(type(problem))):
-            checks.refuse("problem", problem, "give a ContactProblem")
+        check_problem(problem)
         with collective(problem.comm):
             checks.one_of("suffix", suffix, SUFFIXES)
             self._folder = writable_folder("folder", folder)

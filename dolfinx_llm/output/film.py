@@ -13,7 +13,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.output.bodies import Seen, checked_view, suited_scale
 from dolfinx_llm.output.drawing import draw_scene
-from dolfinx_llm.output.values import displacements
+from dolfinx_llm.output.values import check_problem, displacements
 from dolfinx_llm.output.writing import writable_file, writing
 
 
@@ -48,8 +48,7 @@ class Film:
         section: Sequence[Any] | None = None,
         seconds: float = 0.5,
     ):
-        if {"solve", "reset", "u"} - set(dir(type(problem))):
-            checks.refuse("problem", problem, "give a ContactProblem")
+        check_problem(problem)
         with collective(problem.comm):
             gdim = problem.spaces[0].mesh.geometry.dim
             scale = problem.suited_scale if scale is None else scale

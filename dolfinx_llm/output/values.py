@@ -57,6 +57,12 @@ def at_quadrature_points(expression: Expr, mesh: dolfinx.mesh.Mesh, degree: int 
         raise ContactInputError(f"expression: cannot be evaluated on the mesh: {text}") from error
 
 
+def check_problem(problem: Any) -> None:
+    """Require something that solves as the problems do."""
+    if {"solve", "reset", "u"} - set(dir(type(problem))):
+        checks.refuse("problem", problem, "give a ContactProblem")
+
+
 def check_expression(expression: Any, mesh: Any, degree: Any) -> None:
     """Require a scalar expression on a mesh, and a degree of quadrature."""
     checks.instance("mesh", mesh, dolfinx.mesh.Mesh, "give a dolfinx mesh")

@@ -178,7 +178,8 @@ class ContactProblem(Differentiable, Pictured, SavedContact):
         with self.times.timed("results"):
             states = self.method.states
             self.results = collect_results(self.operators, u, multiplier, w, states)
-        self._doubts = doubts(self.geometries, self.results, states, self.method.in_time)  # on all
+        # On all ranks: it may raise.
+        self._doubts = doubts(self.geometries, self.results, states, self.method.in_time)
         for warning in self._doubts:
             if self.comm.rank == 0:
                 log.warning(warning)

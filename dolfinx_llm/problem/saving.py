@@ -1,37 +1,41 @@
 """What a problem goes on from, as a file: saved and read again, also by other numbers of ranks.
 
-What interfaces keep is the same on every rank. Values at the bodies' nodes stand by the cells of
-the mesh as it was read or made, which do not depend on the number of ranks.
+What interfaces keep is the same on every rank; ``state_file`` has the values at bodies' nodes.
 """
 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
-from dolfinx import fem
 
-from dolfinx_llm.base import compat
 from dolfinx_llm.base.disposable import Disposable
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.contact.results import collect_results
 from dolfinx_llm.contact.state import ContactState
-from dolfinx_llm.output.writing import writable_file, writing
+from dolfinx_llm.output.writing import writable_file
+from dolfinx_llm.problem.state_file import (
+    FORMAT,
+    Arrays,
+    by_cells,
+    from_cells,
+    other_scene,
+    read_state,
+    write_state,
+)
 
-FORMAT = "dolfinx_llm state 1"
 SAME_PLACES = 1e-9  # of their size: by how much nodes of the interfaces may differ
-Arrays = dict[str, np.ndarray]
 
 
 class Saving(Disposable):
     """Problems whose state can be saved and read again."""
+
+    interfaces: Any
 
     def save(self, file: str | Path) -> None:
         """Write the state of the last step: displacement, contact, and what laws keep. An older
@@ -45,15 +49,16 @@ class Saving(Disposable):
             ContactError: nothing has been solved.
         """
         common, local = self.state_arrays()
-        spaces, given = self.saved_spaces(), {"format": np.array(FORMAT)} | common
+        spaces, told = self.saved_spaces(), {"format": FORMAT, "kind": self._kind()}
+        given = {name: np.array(text) for name, text in told.items()} | common
         for name, values in local.items():
-            for i, table in enumerate(_by_cells(spaces, values)):
+            for i, table in enumerate(by_cells(spaces, values)):
                 given[f"body {i} {name}"] = table
         with collective(self.comm):
             path = writable_file("file", file, (".npz",))
         with collective(self.comm):
             if self.comm.rank == 0:
-                _write(path, given)
+                write_state(path, given)
 
     def load(self, file: str | Path) -> None:
         """Go on from a state that ``save`` wrote for the same scene, on any number of ranks.
@@ -65,17 +70,20 @@ class Saving(Disposable):
         Raises:
             ContactInputError: not a file of ``save``, or of another scene.
         """
-        with collective(self.comm):
-            found = _read(file) if self.comm.rank == 0 else {}
-        found = self.comm.bcast(found)
-        spaces, local = self.saved_spaces(), {}
         agree(self.comm, "file", str(file))
         with collective(self.comm):
-            for name in {key.split(" ", 2)[2] for key in found if key.startswith("body ")}:
-                tables = [found.get(f"body {i} {name}") for i in range(len(spaces))]
-                local[name] = _from_cells(spaces, tables, file)
-            self._check_scene(found, file)
-        self.take_arrays(found, local)
+            found = read_state(file) if self.comm.rank == 0 else {}
+        tables = {key: found.pop(key) for key in list(found) if key.startswith("body ")}
+        names = sorted({key.split(" ", 2)[2] for key in tables})
+        common, names = self.comm.bcast((found, names))
+        with collective(self.comm):
+            self._check_scene(common, file)
+        spaces = self.saved_spaces()
+        local = {}
+        for name in names:
+            own = [tables.get(f"body {i} {name}") for i in range(len(spaces))]
+            local[name] = from_cells(spaces, own, file)
+        self.take_arrays(common, local)
 
     def saved_spaces(self) -> Sequence[Any]:
         """Spaces of the bodies' dofs."""
@@ -95,11 +103,17 @@ class Saving(Disposable):
 
     def _check_scene(self, common: Arrays, file: Any) -> None:
         """Require a state of this scene."""
-        mine, theirs = self.places(), common.get("places", np.zeros(0))
+        if str(common["kind"]) != self._kind():
+            raise other_scene(file, f"{common['kind']}, and this one {self._kind()}")
+        mine, theirs = self.places(), common["places"]
         size = np.abs(mine).max(initial=0.0)
         same = mine.shape == theirs.shape
         if not same or np.abs(mine - theirs).max(initial=0.0) > SAME_PLACES * size:
-            raise _other_scene(file, "interfaces at other places")
+            raise other_scene(file, "interfaces at other places")
+
+    def _kind(self) -> str:
+        """Kinds of problem and laws, whose values may change."""
+        return ", ".join(type(one).__name__ for one in (self, *(i.law for i in self.interfaces)))
 
     def places(self) -> np.ndarray:
         """What tells this scene from others."""
@@ -215,74 +229,3 @@ class SavedNonlinear(Saving):
             pushed=local["pushed"],
         )
         self.bulk.put(local["u"])
-
-
-def _by_cells(spaces: Sequence[Any], values: np.ndarray) -> list[np.ndarray]:
-    """Per mesh (cells, nodes, gdim) of this rank's values, on rank 0; collective."""
-    found, start = [], 0
-    for V in spaces:
-        function = fem.Function(V)
-        gdim = V.mesh.geometry.dim
-        count = V.dofmap.index_map.size_local * gdim
-        function.x.array[:count] = values[start : start + count]
-        function.x.scatter_forward()
-        start += count
-        cells, own = _cells(V), V.mesh.topology.index_map(V.mesh.topology.dim).size_local
-        table = function.x.array.reshape(-1, gdim)[compat.cell_dofs(V)[:own]]
-        parts = V.mesh.comm.gather((cells[:own], table))
-        if parts is None:
-            found.append(np.zeros(0))
-            continue
-        order = np.argsort(np.concatenate([part[0] for part in parts]))
-        found.append(np.concatenate([part[1] for part in parts])[order])
-    return found
-
-
-def _from_cells(spaces: Sequence[Any], tables: Sequence[Any], file: Any) -> np.ndarray:
-    """This rank's values of tables per mesh."""
-    found = []
-    for V, table in zip(spaces, tables, strict=True):
-        cells, dofs = _cells(V), compat.cell_dofs(V)
-        count = V.mesh.topology.index_map(V.mesh.topology.dim).size_global
-        if table is None or table.shape != (count, dofs.shape[1], V.mesh.geometry.dim):
-            raise _other_scene(file, "meshes of other sizes")
-        index_map = V.dofmap.index_map
-        values = np.zeros((index_map.size_local + index_map.num_ghosts, table.shape[2]))
-        values[dofs[: len(cells)]] = table[cells]
-        found.append(values[: index_map.size_local].ravel())
-    return np.concatenate(found)
-
-
-def _cells(V: Any) -> np.ndarray:
-    """Numbers that this rank's cells had when the mesh was read or made."""
-    return np.asarray(V.mesh.topology.original_cell_index)
-
-
-def _other_scene(file: Any, what: str) -> ContactInputError:
-    return ContactInputError(f"{file} was saved of another scene: it has {what}")
-
-
-def _write(path: Path, arrays: Arrays) -> None:
-    """Write a file beside the old one, and put it in its place."""
-    new = path.with_name(f".{path.name}.{os.getpid()}.new")
-    try:
-        with writing(path):
-            with open(new, "wb") as stream:
-                np.savez(stream, **arrays)
-            os.replace(new, path)
-    finally:
-        new.unlink(missing_ok=True)
-
-
-def _read(file: Any) -> Arrays:
-    try:
-        with np.load(file, allow_pickle=False) as stored:
-            found = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, EOFError, TypeError, AttributeError, BadZipFile) as error:
-        words = " ".join(str(error).split())[:200]
-        raise ContactInputError(f"{file} is no file that save() wrote: {words}") from error
-    if str(found.pop("format", "")) != FORMAT:
-        raise ContactInputError(
-            f"{file} is no file that this version's save() wrote: give one that it has written"
-        )
-    return found

@@ -9,7 +9,8 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_llm.problem.bulk import fill
-from dolfinx_llm.problem.saving import Arrays, Saving
+from dolfinx_llm.problem.saving import Saving
+from dolfinx_llm.problem.state_file import Arrays
 
 
 class SavedSteps(Saving):
@@ -21,6 +22,11 @@ class SavedSteps(Saving):
     _u: list[fem.Function]
     _v: list[fem.Function]
     _left: np.ndarray
+
+    @property
+    def interfaces(self) -> Any:
+        """Of the problem."""
+        return self.problem.interfaces
 
     def saved_spaces(self) -> Sequence[Any]:
         """Spaces of the bodies' dofs."""

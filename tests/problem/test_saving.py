@@ -47,7 +47,7 @@ def test_impact_goes_on(tmp_path):
     np.testing.assert_allclose(first.stepper.v.x.array, second.stepper.v.x.array, atol=1e-12)
 
 
-def pressed(n=3):
+def pressed(n=3, law=None):
     """A residual form of a block on a plane."""
     corners = [[0.0, 0.0], [1.0, 1.0]]
     domain = mesh.create_rectangle(MPI.COMM_SELF, corners, [n, n])
@@ -60,7 +60,7 @@ def pressed(n=3):
     bc = fem.dirichletbc(top, fem.locate_dofs_topological(V, 1, at[1]), V)
     F = ufl.inner(ufl.grad(u) + ufl.grad(u) * ufl.tr(ufl.grad(u)), ufl.grad(w)) * ufl.dx
     plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
-    interface = llm.Interface(tags, (1, plane), law=llm.Coulomb(0.3))
+    interface = llm.Interface(tags, (1, plane), law=law or llm.Coulomb(0.3))
     return llm.NonlinearContactProblem(F, u, bcs=[bc], interfaces=[interface]), top
 
 
@@ -80,6 +80,20 @@ def test_finite_deformation_goes_on(tmp_path):
         problem.solve()
         found.append(problem.u.x.array.copy())
     np.testing.assert_allclose(*found, atol=1e-13)
+
+
+def test_laws_and_problems_of_other_kinds(tmp_path):
+    """At the same places: what laws keep, and steps in time have, is missing."""
+    import impact_bar
+
+    first, bar = pressed()[0], impact_bar.Bar(6, comm=MPI.COMM_SELF)
+    first.solve()
+    first.save(tmp_path / "law.npz")
+    bar.stepper.problem.save(tmp_path / "kind.npz")
+    others = pressed(law=llm.Frictionless())[0], bar.stepper
+    for other, name in zip(others, ("law", "kind"), strict=True):
+        with pytest.raises(llm.ContactInputError, match="another scene: it has .*, and this one"):
+            other.load(tmp_path / f"{name}.npz")
 
 
 def test_errors(tmp_path):

@@ -1,0 +1,96 @@
+"""Files of states: arrays with names, values at the bodies' nodes by the mesh's own cells, which do
+not depend on the number of ranks."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from dolfinx import fem
+
+from dolfinx_llm.base import compat
+from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.parallel import collective
+from dolfinx_llm.output.writing import writing
+
+FORMAT = "dolfinx_llm state 1"
+Arrays = dict[str, np.ndarray]
+
+
+def by_cells(spaces: Sequence[Any], values: np.ndarray) -> list[np.ndarray]:
+    """Per mesh (cells, nodes, gdim) of this rank's values, on rank 0; collective."""
+    found, start = [], 0
+    for V in spaces:
+        function = fem.Function(V)
+        gdim = V.mesh.geometry.dim
+        count = V.dofmap.index_map.size_local * gdim
+        function.x.array[:count] = values[start : start + count]
+        function.x.scatter_forward()
+        start += count
+        cells, own = _cells(V), V.mesh.topology.index_map(V.mesh.topology.dim).size_local
+        table = function.x.array.reshape(-1, gdim)[compat.cell_dofs(V)[:own]]
+        parts = V.mesh.comm.gather((cells[:own], table))
+        if parts is None:
+            found.append(np.zeros(0))
+            continue
+        order = np.argsort(np.concatenate([part[0] for part in parts]))
+        found.append(np.concatenate([part[1] for part in parts])[order])
+    return found
+
+
+def from_cells(spaces: Sequence[Any], tables: Sequence[Any], file: Any) -> np.ndarray:
+    """This rank's values of rank 0's tables per mesh; collective."""
+    found = []
+    for V, table in zip(spaces, tables, strict=True):
+        comm, cells, dofs = V.mesh.comm, _cells(V), compat.cell_dofs(V)
+        count = V.mesh.topology.index_map(V.mesh.topology.dim).size_global
+        shape = count, V.dofmap.dof_layout.num_dofs, V.mesh.geometry.dim
+        parts = comm.gather(cells)
+        with collective(comm):
+            if parts is not None and (table is None or table.shape != shape):
+                raise other_scene(file, "meshes of other sizes")
+        own = comm.scatter(None if parts is None else [table[part] for part in parts])
+        index_map = V.dofmap.index_map
+        values = np.zeros((index_map.size_local + index_map.num_ghosts, V.mesh.geometry.dim))
+        values[dofs[: len(cells)]] = own
+        found.append(values[: index_map.size_local].ravel())
+    return np.concatenate(found)
+
+
+def _cells(V: Any) -> np.ndarray:
+    """Numbers that this rank's cells had when the mesh was read or made."""
+    return np.asarray(V.mesh.topology.original_cell_index)
+
+
+def other_scene(file: Any, what: str) -> ContactInputError:
+    return ContactInputError(f"{file} was saved of another scene: it has {what}")
+
+
+def write_state(path: Path, arrays: Arrays) -> None:
+    """Write a file beside the old one, and put it in its place."""
+    new = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        with writing(path):
+            with open(new, "wb") as stream:
+                np.savez(stream, **arrays)
+            os.replace(new, path)
+    finally:
+        new.unlink(missing_ok=True)
+
+
+def read_state(file: Any) -> Arrays:
+    try:
+        with np.load(file, allow_pickle=False) as stored:
+            found = {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, EOFError, TypeError, AttributeError, BadZipFile) as error:
+        words = " ".join(str(error).split())[:200]
+        raise ContactInputError(f"{file} is no file that save() wrote: {words}") from error
+    if str(found.pop("format", "")) != FORMAT:
+        raise ContactInputError(
+            f"{file} is no file that this version's save() wrote: give one that it has written"
+        )
+    return found
