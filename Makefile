@@ -4,7 +4,7 @@ ACTIVATE = . $(VENV)/bin/activate
 PARALLEL = -n $(WORKERS) --dist loadgroup
 
 .DEFAULT_GOAL := help
-.PHONY: help setup tools test quick long patch3d coverage check lint types docs clean
+.PHONY: help setup tools test quick long figures patch3d coverage check lint types docs clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -20,6 +20,9 @@ quick: setup ## run those that take no more than a moment, on one rank
 
 long: setup ## run what `make test` has only a sample of: campaigns, products, large meshes; PART=2/4
 	$(ACTIVATE) && pytest $(PARALLEL) -m long $(ARGS)
+
+figures: setup ## make README's table of results from the demos; ARGS=--check: is it true?
+	$(ACTIVATE) && python .ci/figures.py $(ARGS)
 
 patch3d: setup ## run the 3D patch test on two ranks
 	$(ACTIVATE) && mpirun -n 2 python demos/patch3d.py

@@ -5,10 +5,11 @@ in 3D held along y. A pressure follows all that looks up and is free, whatever t
 beside the punch. Both bodies must then stretch alike, by two numbers that solve two equations,
 while the foundation's surface slides along under the punch.
 
-    mpirun -n 2 python demos/finite_patch.py [--cells tri|hex|tet] [--pressure 600] [--plot DIR]
+    mpirun -n 2 python demos/finite_patch.py [--cells tri|hex|tet] [--pressure 600] [--plot DIR] ...
 """
 
 import argparse
+import json
 from pathlib import Path
 
 import numpy as np
@@ -123,6 +124,7 @@ def main(arguments=None):
     parser.add_argument("--refine", type=int, default=1, metavar="N")
     parser.add_argument("--pressure", type=float, default=PRESSURE)
     parser.add_argument("--separate", action="store_true", help="one dolfinx mesh per body")
+    parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--plot", type=Path, metavar="DIR")
     args = parser.parse_args(arguments)
     dim = 2 if args.cells in ("tri", "quad") else 3
@@ -139,6 +141,8 @@ def main(arguments=None):
         print(f"stretches {known[0]:.12f}, {known[1]:.12f}")
         print(f"errors: stretches {found['stretch']:.1e}, pressure {found['pressure']:.1e}")
         print(f"Newton iterations of each increment: {found['iterations']}")
+        if args.json:
+            args.json.write_text(json.dumps(found) + "\n")
     if args.plot:
         for k, u in enumerate(contact.u):
             path = args.plot / f"finite_patch_{k}.png"

@@ -5,7 +5,7 @@ sideways above and under a body force that presses, bends and twists; the refere
 the same two cubes, matching, with as many unknowns. Without friction the figures are those of all
 steps together. Every case runs in a process of its own, so that its peak memory is its own.
 
-    python demos/solvers.py [--largest N] [--repeat K] [--ranks R] [--json FILE]
+    python demos/solvers.py [--largest N] [--repeat K] [--ranks R] [--only WORD] [--json FILE]
 """
 
 import argparse
@@ -199,6 +199,7 @@ def main(arguments=None):
     parser.add_argument("--largest", type=int, default=60_000, help="unknowns")
     parser.add_argument("--repeat", type=int, default=3, help="runs, of which the median is shown")
     parser.add_argument("--ranks", type=int, default=1)
+    parser.add_argument("--only", default="", metavar="WORD", help="in the methods' names")
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--case", nargs=2, metavar=("METHOD", "N"), help=argparse.SUPPRESS)
     args = parser.parse_args(arguments)
@@ -210,7 +211,7 @@ def main(arguments=None):
     for size, n in SIZES.items():
         if size > args.largest:
             break
-        methods = [m for m in METHODS if size <= LARGEST.get(m, size)]
+        methods = [m for m in METHODS if size <= LARGEST.get(m, size) and args.only in m]
         found = {method: [] for method in methods}
         for k in range(args.repeat):  # one after the other, so that all see the same machine
             for method in methods:

@@ -7,6 +7,7 @@ import importlib
 import importlib.util
 import inspect
 import re
+import sys
 import textwrap
 from functools import cached_property
 
@@ -219,3 +220,24 @@ def test_pages_do_not_name_what_is_not_there():
 
 def test_readme_is_a_front_page():
     assert len(PAGES["README.md"].splitlines()) <= 120
+
+
+spec = importlib.util.spec_from_file_location("ci_figures", TESTS.parent / ".ci" / "figures.py")
+figures = importlib.util.module_from_spec(spec)
+sys.modules[spec.name] = figures  # where dataclasses look for their types
+spec.loader.exec_module(figures)
+
+
+def test_readme_is_checked_against_runs():
+    """What README says is taken for a run's, and a figure beyond its bound is told."""
+    readme = PAGES["README.md"]
+    lines = readme.partition(figures.BEGIN)[2].partition(figures.END)[0].strip().splitlines()
+    assert len(lines) == 2 + len(figures.ROWS)
+    for line, row in zip(lines[2:], figures.ROWS):
+        said = row.said(readme)
+        assert row.line(said) == line and row.faults(readme, said) == []
+        for k, figure in enumerate(row.figures):
+            off = list(said)
+            off[k] = said[k] * 11.0 if figure.times else said[k] + figure.differs + 1e-6
+            (fault,) = row.faults(readme, off)
+            assert row.scene in fault and f"says {said[k]}" in fault

@@ -7,14 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 try:
     import basix
     import dolfinx
     import dolfinx.common
     import dolfinx.fem.petsc
     import dolfinx.io
+    import numpy as np
     import ufl
     from petsc4py import PETSc
     from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
@@ -26,6 +25,7 @@ except ImportError as error:
         "dolfinx_llm needs dolfinx with petsc4py and mpi4py. On Debian or Ubuntu: "
         "apt install python3-dolfinx, and a Python that sees it "
         "(/usr/bin/python3 -m venv --system-site-packages .venv; `make setup` does all of this). "
+        "Elsewhere: conda install -c conda-forge fenics-dolfinx, or dolfinx's containers. "
         f"The import failed with: {error}"
     ) from error
 
