@@ -17,6 +17,7 @@ from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.obstacle import Obstacle
 from dolfinx_llm.interface.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
+from dolfinx_llm.laws.conductance import Conductance
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
 from dolfinx_llm.laws.law import Law
@@ -37,6 +38,7 @@ for _module in (classical, compat, plot, post):
     sys.modules[f"{__name__}.{_module.__name__.rpartition('.')[2]}"] = _module
 
 __all__ = [
+    "Conductance",
     "Coulomb",
     "ContactError",
     "ContactInputError",

@@ -22,6 +22,7 @@ spec.loader.exec_module(docs)
 
 EXAMPLES = [
     "geometry.frame", "laws.tied", "laws.frictionless", "laws.coulomb", "laws.complementarity",
+    "laws.conductance",
     "laws.speakers", "interface.obstacle", "interface.obstacles",
     "design.weights",
 ]  # fmt: skip

@@ -45,7 +45,7 @@ def rows_of(
 ) -> LawRows:
     """Rows of an interface's law about λ and w, arguments as of ``told``."""
     at, rests = told(s, multiplier, start, w, c)
-    firm = np.where(s.nodes.led & ~rests, FIRM, 1.0)
+    firm = np.where(s.law.slips & s.nodes.led & ~rests, FIRM, 1.0)
     rows = s.rows_at(replace(at, c=at.c * firm)).scaled(at.c)
     if not s.law.slips or s.law.gives or not s.nodes.led.any():
         return rows

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.sparse import identity
 from scipy.sparse.linalg import splu
 
-from dolfinx_llm.design.curved import nodal_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.certificate import Certificate
@@ -252,8 +251,7 @@ def _interface_result(
         own = side.normal_force, side.area, side.tangential_force, side.status
         return InterfaceResult(None, nodal, None, *own, presses, shift, density)
     assert frame is not None
-    cartesian = law.components == "cartesian"
-    normal = nodal_normals(frame) if cartesian else geometry.directions[:, -1]
+    cartesian, normal = law.components == "cartesian", geometry.normals
     total = pairs.N.T @ side.force
     if law.slips:  # what friction holds for
         total = 0.5 * (total - geometry.pairs[1].N.T @ sides[1].force)

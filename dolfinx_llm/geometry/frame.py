@@ -48,7 +48,7 @@ class Frame:
             3 or 6 of triangles, 4 or 9 of quads in cyclic order, nodes as of ``Element``.
             Neighbouring cells must be oriented alike; which of the two ways is found out from the
             bodies.
-        v: (m, gdim) displacement of the nodes, in results [length].
+        v: (m, gdim) displacement of the nodes, in results [length]; (m, 1) of a scalar field.
 
     Raises:
         ContactInputError: for wrong shapes, node numbers out of range, unused nodes, NaN, cells
@@ -101,7 +101,8 @@ class Frame:
         _check_straight(self)
         _check_orientation(self)
         if self.v is not None:
-            v = checks.array("frame: v", self.v, x.shape, f"give {x.shape} displacements or None")
+            shape = (len(x), 1) if np.shape(self.v) == (len(x), 1) else x.shape
+            v = checks.array("frame: v", self.v, shape, f"give {x.shape} displacements or None")
             object.__setattr__(self, "v", v)
 
     @classmethod

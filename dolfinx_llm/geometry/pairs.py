@@ -47,9 +47,10 @@ class ContactPairs:
     loads: NodalLoads  # what pressure on the area in contact exerts at them
     cell: np.ndarray  # (n,) frame cell of each node
     N: csr_matrix  # (n, m) N_J(xi_p), after design
-    normal: np.ndarray  # (n, gdim) frame normal, out of this side
-    base: np.ndarray  # (n, c, gdim) local base vectors of the multipliers
-    gap: np.ndarray  # (n, gdim) X_p - sum_J N_J Y_J [length]
+    normal: np.ndarray  # (n, gdim) frame normal, out of this side; of a scalar field, whose
+    # vectors have one component, (n, 1): 1 of side 0, -1 of side 1
+    base: np.ndarray  # (n, c, gdim) local base vectors of the multipliers; (n, 1, 1) the same signs
+    gap: np.ndarray  # (n, gdim) X_p - sum_J N_J Y_J [length]; (n, 1) zeros
     control: csr_matrix | None = None  # (n, n) E where rows, gaps and forces are those of control
     # values (``Element.bernstein``): nodal values from them; None: they are of the nodes
 

@@ -14,10 +14,10 @@ from dolfinx_llm.base.parallel import check
 CELLS = {"triangle": (3, 6), "quadrilateral": (4, 9), "tetrahedron": (4, 10), "hexahedron": (8, 27)}
 
 
-def check_space(V: Any, highest: int = 1) -> None:
+def check_space(V: Any, highest: int = 1, scalar: bool = False) -> None:
     """Require, on all ranks, a vector space of Lagrange elements of first order, or up to the
     ``highest``, with one dof per direction, on a first-order mesh of triangles, quadrilaterals,
-    tetrahedra or hexahedra."""
+    tetrahedra or hexahedra; or a ``scalar`` space of such elements."""
     if isinstance(V, type) or not all(hasattr(V, k) for k in ("mesh", "dofmap", "element")):
         checks.refuse("V", V, "give a dolfinx function space")
     _check_mesh(V.mesh, highest)
@@ -41,19 +41,20 @@ def check_space(V: Any, highest: int = 1) -> None:
     orders = " or second" if highest > 1 else ""
     check(
         V.mesh.comm,
-        not _has_motion(V, nodes[degree - 1 : highest]),
+        not _has_nodes(V, nodes[degree - 1 : highest], (gdim, 1) if scalar else (gdim,)),
         f"the function space must be a vector space of first{orders} order (Lagrange elements with "
-        f"{' or '.join(map(str, nodes[:highest]))} nodes per cell, {gdim} components); this one "
+        f"{' or '.join(map(str, nodes[:highest]))} nodes per cell, {gdim} components"
+        f"{', or 1 of a temperature' * scalar}); this one "
         f"has {layout.num_dofs} nodes per cell and {bs} component(s). Use "
         f"functionspace(mesh, ('Lagrange', 1, ({gdim},)))",
         ContactInputError,
     )
 
 
-def _has_motion(V: Any, nodes: tuple[int, ...]) -> bool:
-    """Whether a space is a vector space of Lagrange elements with such a number of nodes."""
+def _has_nodes(V: Any, nodes: tuple[int, ...], components: tuple[int, ...]) -> bool:
+    """Whether a space is of Lagrange elements with such numbers of nodes and components."""
     layout = V.dofmap.dof_layout
-    fits = V.dofmap.index_map_bs == V.mesh.geometry.dim and layout.num_dofs in nodes
+    fits = V.dofmap.index_map_bs in components and layout.num_dofs in nodes
     return fits and len(layout.entity_dofs(0, 0)) == 1 and compat.has_nodes(V)
 
 
@@ -73,7 +74,7 @@ def displacement_block(W: Any) -> tuple[Any, np.ndarray]:
     degree = compat.geometry_degree(W.mesh)
     nodes = CELLS[compat.cell_kinds(W.mesh)[0]][degree - 1 :]
     blocks = [W.sub(i).collapse() for i in range(W.num_sub_spaces)]
-    found = [i for i, (V, _) in enumerate(blocks) if _has_motion(V, nodes)]
+    found = [i for i, (V, _) in enumerate(blocks) if _has_nodes(V, nodes, (W.mesh.geometry.dim,))]
     check(
         W.mesh.comm,
         len(found) != 1,
@@ -84,6 +85,12 @@ def displacement_block(W: Any) -> tuple[Any, np.ndarray]:
     )
     V, dofs = blocks[found[0]]
     return V, np.asarray(dofs, dtype=np.int64)
+
+
+def is_scalar(V: Any) -> bool:
+    """Whether a function space that ``check_space`` has passed is that of a temperature or the
+    like."""
+    return bool(V.dofmap.index_map_bs == 1)
 
 
 def order_of(V: Any) -> int:

@@ -157,7 +157,9 @@ def assembled(
         rim[np.isin(side.dofs, p.surface.dofs)][p.nodes]
         for rim, side, p in zip(whole_rims, site.whole, pairs, strict=True)
     ]
-    if law.components != "cartesian":
+    if site.scalar:
+        pairs, base = [scalar_pairs(p) for p in pairs], np.ones((len(base), 1, 1))
+    elif law.components != "cartesian":
         first = gdim - 1 if law.components == "normal" else 0
         signs = (1.0, -1.0)
         pairs = [
@@ -181,6 +183,13 @@ def assembled(
         stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())
         log.info("%s\n    %s", "\n".join(describe(geometry)).strip(), stages)
     return geometry
+
+
+def scalar_pairs(pairs: ContactPairs) -> ContactPairs:
+    """Pairs of a scalar field, which has one component: multipliers are what flows out of side 0,
+    into side 1."""
+    sign = pairs.base[:, :1, :1]
+    return replace(pairs, base=sign, normal=sign[:, 0], gap=np.zeros((len(sign), 1)))
 
 
 def build_piece(

@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dolfinx_llm.base import checks
-
-if TYPE_CHECKING:
-    from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.frame import Frame
 
 
 def per_area(force: np.ndarray, area: np.ndarray) -> np.ndarray:
@@ -42,10 +40,12 @@ class InterfaceForces:
 
     @property
     def deformed(self) -> np.ndarray:
-        """(m, gdim) the same in the deformed state [length]."""
+        """(m, gdim) the same in the deformed state; as drawn where a scalar field is solved for
+        [length]."""
         if self.frame is None:
             return self.sides[0].drawn + self.sides[0].u
-        return self.frame_drawn + self.frame.v
+        still = self.frame.v is None or self.frame.v.shape != self.frame_drawn.shape
+        return self.frame_drawn if still else self.frame_drawn + self.frame.v
 
     @property
     def frame_drawn(self) -> np.ndarray:
@@ -68,6 +68,35 @@ class InterfaceForces:
         else:
             pressure = per_area(self.frame_force[:, None], self.frame_area)[:, 0]
         return np.maximum(pressure, 0.0) if self.presses else pressure
+
+    @property
+    def flux(self) -> np.ndarray:
+        """(m,) of a scalar field: what flows from side 0 to side 1 at the frame's nodes
+        [power / area]; ``resultant`` is all of it."""
+        return self.pressure
+
+    def pressure_at(self, x: ArrayLike) -> np.ndarray:
+        """(k,) contact pressure at the points of the frame, as drawn, that are closest to
+        positions: linear between its nodes [force / area].
+
+        Args:
+            x: (k, gdim) positions [length].
+
+        Raises:
+            ContactInputError: x has another shape.
+        """
+        if self.frame is None:
+            drawn, cells = self.sides[0].drawn, self.sides[0].facets
+        else:
+            drawn, cells = self.frame_drawn, self.frame.corners
+        accepted = f"give (k, {drawn.shape[1]}) positions"
+        points = checks.array("x", x, (None, drawn.shape[1]), accepted)
+        used, corners = np.unique(cells, return_inverse=True)
+        corners = corners.reshape(cells.shape)
+        at = Frame(drawn[used], corners).locate(points)
+        N = np.maximum(at.N, 0.0)  # beyond the rim the nearest point of it counts
+        N /= N.sum(axis=1, keepdims=True)
+        return np.einsum("kn,kn->k", N, self.pressure[used][corners[at.cell]])
 
     @property
     def traction(self) -> np.ndarray:

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_matrix, identity
 
+from dolfinx_llm.design.curved import nodal_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.geometry.surface import Surface
@@ -68,6 +69,13 @@ class InterfaceGeometry:
         if self.frame is None:
             return (identity(len(self.pairs[0].nodes), format="csr"),)
         return tuple(pairs.N for pairs in self.pairs)
+
+    @property
+    def normals(self) -> np.ndarray:
+        """(m, gdim) at the frame's nodes; ones (m, 1) of a scalar field."""
+        if self.frame is None or self.site.scalar or self.interface.law.components != "cartesian":
+            return self.directions[:, -1]
+        return nodal_normals(self.frame)
 
     @property
     def law_directions(self) -> np.ndarray:

@@ -13,6 +13,7 @@ from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.spaces import is_scalar
 from dolfinx_llm.geometry.surface import Surface, check_sides, extract_surface
 from dolfinx_llm.interface.choices import Interface
 
@@ -29,9 +30,10 @@ class Site:
     interface: Interface  # the user's choices
     whole: tuple[Surface, ...]  # the surfaces as tagged: two, one against a rigid obstacle
     spaces: tuple[int, ...]  # index of the function space of each
-    held: tuple[np.ndarray, ...] | None  # per side (n, gdim) prescribed dofs of its nodes
+    held: tuple[np.ndarray, ...] | None  # per side (n, components) prescribed dofs of its nodes
     comm: MPI.Comm
     shared: tuple[np.ndarray, ...] = ()  # per side (n,) nodes that other interfaces have, too
+    scalar: bool = False  # a temperature or the like goes across, no displacement
 
     def moved(self, motions: Sequence[np.ndarray]) -> Site:
         """The same with the surfaces at x = X + u, (n, gdim) per side since the drawing; nothing is
@@ -45,6 +47,7 @@ def find_site(
 ) -> Site:
     """The surfaces of an interface and what is prescribed there, gathered on every rank; arguments
     as of ``build_interface``."""
+    check_field(interface, scalar := is_scalar(spaces[0]))
     tagged = interface.tagged_sides()
     owners = tuple(space_of(tags, spaces) for tags, _ in tagged)
     whole = tuple(
@@ -55,7 +58,33 @@ def find_site(
     held = None
     if fixed is not None:
         held = tuple(_held(side, spaces[i], fixed[i]) for side, i in zip(whole, owners))
-    return Site(interface, whole, owners, held, spaces[0].mesh.comm)
+    return Site(interface, whole, owners, held, spaces[0].mesh.comm, scalar=scalar)
+
+
+def check_field(interface: Interface, scalar: bool) -> None:
+    """Require a law for what the bodies' function spaces are of: a scalar field, or displacements.
+
+    Raises:
+        ContactInputError: another law, or an obstacle, which has no field.
+    """
+    law, name = interface.law, interface.name
+    if not scalar and law.scalar:
+        raise ContactInputError(
+            f"interface {name}: the law {law} is for scalar function spaces, as of a temperature; "
+            "displacements take Tied(), Frictionless(), Coulomb(mu) or a law of your own"
+        )
+    if not scalar:
+        return
+    if not (law.scalar or law.ties) or law.closes_gap or law.given_gap:
+        raise ContactInputError(
+            f"interface {name}: the law {law} is for displacements; a scalar function space takes "
+            "Tied(), without a gap, where the field is continuous, or Conductance(h)"
+        )
+    if interface.obstacle is not None:
+        raise ContactInputError(
+            f"interface {name}: a rigid obstacle has no temperature. For exchange with something "
+            "of a given u_0 add h * (u - u_0) * v * ds(tag) to the forms"
+        )
 
 
 def check_order(interface: Interface, sides: Sequence[Surface], flat: bool = True) -> None:
@@ -106,10 +135,10 @@ def space_of(tags: Any, spaces: Sequence[Any]) -> int:
 
 
 def _held(side: Surface, V: Any, fixed: np.ndarray) -> np.ndarray:
-    """(n, gdim) whether a Dirichlet condition prescribes a node's dof, on all ranks."""
+    """(n, components) whether a Dirichlet condition prescribes a node's dof, on all ranks."""
     mine = side.owner == V.mesh.comm.rank
     start = V.dofmap.index_map.local_range[0]
-    held = np.zeros(side.x.shape, dtype=np.int64)
+    held = np.zeros((len(side.x), V.dofmap.index_map_bs), dtype=np.int64)
     nodes = V.dofmap.index_map.size_local
     held[mine] = fixed[: nodes * held.shape[1]].reshape(nodes, held.shape[1])[
         side.dofs[mine] - start

@@ -25,6 +25,8 @@ class Law:
         slips: forces along the surface follow the law, not a tie; with components "local".
         gives: so do normal forces: the surfaces may overlap, and part where pairs are held.
         closes_gap: the gap as drawn counts, where bodies may part along the normal.
+        scalar: for scalar function spaces: jumps are those of a temperature, forces what flows;
+            with components "cartesian", ``gives``, and neither ``opens`` nor ``slips``.
         shares: nodes that hardly any pair holds slip as a neighbour does (Coulomb's law, which asks
             for the sense of the slip); where the law does not give.
 
@@ -41,6 +43,7 @@ class Law:
     slips: bool = False
     gives: bool = False
     closes_gap: bool = True
+    scalar: bool = False
     shares: bool = False
 
     def __init__(self) -> None:
@@ -87,12 +90,15 @@ class Law:
             "normal": self.opens and not self.slips,
             "cartesian": self.ties,
         }
+        if self.scalar:
+            only = self.gives and not (self.opens or self.slips)
+            fits = {"cartesian": only}
         if not fits.get(self.components, False):
             raise ContactInputError(
                 f"law {checks.shown(self)}: components={self.components!r} with "
-                f"opens={self.opens}, slips={self.slips}, gives={self.gives}: give one "
-                f"of {bases}; 'normal' where the law opens and does not slip, 'cartesian' where it "
-                "does none of the three"
+                f"opens={self.opens}, slips={self.slips}, gives={self.gives}, "
+                f"scalar={self.scalar}: give one of {bases}; 'normal' where the law opens and does "
+                "not slip, 'cartesian' where it does none of the three, or is scalar and gives"
             )
 
     def start(self, nodes: LawNodes) -> dict[str, np.ndarray]:

@@ -44,9 +44,12 @@ def body_labels(V: Any) -> tuple[np.ndarray, int]:
     return np.searchsorted(found, label[part]), len(found)
 
 
-def rigid_modes(x: np.ndarray) -> np.ndarray:
-    """(n, gdim, 3 or 6) translations and rotations of points x (n, gdim)."""
+def rigid_modes(x: np.ndarray, components: int = 0) -> np.ndarray:
+    """(n, gdim, 3 or 6) translations and rotations of points x (n, gdim); of a field with one of
+    ``components`` the constant (n, 1, 1)."""
     n, gdim = x.shape
+    if components == 1:
+        return np.ones((n, 1, 1))
     modes = np.zeros((n, gdim, 3 * (gdim - 1)))
     modes[:, :, :gdim] = np.eye(gdim)
     for k, (i, j) in enumerate([(0, 1), (1, 2), (2, 0)][: 2 * gdim - 3]):
@@ -56,16 +59,19 @@ def rigid_modes(x: np.ndarray) -> np.ndarray:
 
 
 class Bodies:
-    """Connected bodies of the meshes of function spaces and the rigid motions of each.
+    """Connected bodies of the meshes of function spaces and the rigid motions of each; of a scalar
+    field, in the place of these, its constants.
 
     Args:
-        spaces: of the displacements.
+        spaces: of the displacements, or of the field.
         dofs: (nodes gdim,) this rank's dofs that these are; None: all, one after the other.
     """
 
     def __init__(self, spaces: Sequence[Any], dofs: np.ndarray | None = None) -> None:
         self.comm = spaces[0].mesh.comm
         self.gdim = spaces[0].mesh.geometry.dim
+        self.components = spaces[0].dofmap.index_map_bs
+        self.ways = 1 if self.components == 1 else 3 * (self.gdim - 1)
         labels, points, first = [], [], 0
         for V in spaces:
             label, count = body_labels(V)
@@ -84,17 +90,17 @@ class Bodies:
         order = np.lexsort(np.concatenate([high.T[::-1], low.T[::-1]]).round(12))
         self.low, self.high = low[order], high[order]
         self.label, self.points = np.argsort(order)[label], x
-        self.dofs = np.arange(x.size) if dofs is None else dofs
+        self.dofs = np.arange(len(x) * self.components) if dofs is None else dofs
 
     def own_modes(self, label: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """(n, gdim, modes per body) rigid motions of each point's own body, about the body's
+        """(n, components, modes per body) rigid motions of each point's own body, about the body's
         centre, rotations scaled to size 1."""
         centre, size = 0.5 * (self.low + self.high), np.linalg.norm(self.high - self.low, axis=1)
-        return rigid_modes(2.0 * (x - centre[label]) / size[label, None])
+        return rigid_modes(2.0 * (x - centre[label]) / size[label, None], self.components)
 
     def modes(self, label: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """(n, gdim, bodies, modes per body) the same, zero for the other bodies' motions."""
-        modes = np.zeros((len(x), self.gdim, self.count, 3 * (self.gdim - 1)))
+        """(n, components, bodies, modes per body) the same, zero for the other bodies' motions."""
+        modes = np.zeros((len(x), self.components, self.count, self.ways))
         modes[np.arange(len(x)), :, label] = self.own_modes(label, x)
         return modes
 
@@ -106,6 +112,8 @@ class Bodies:
         """Words for a rigid motion of a body, (3 or 6,) amounts of those of ``own_modes``, and for
         the force or moment that does this work along it [force length]."""
         low, high, gdim = self.low[body], self.high[body], self.gdim
+        if self.components == 1:
+            return f"{self.name(body)}: all of it alike, flow into it {abs(work / amounts[0]):.3g}"
         centre, size = 0.5 * (low + high), np.linalg.norm(high - low)
         shift, turn = amounts[:gdim], 2.0 / size * amounts[gdim:]
         if gdim == 2:

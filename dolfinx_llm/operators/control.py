@@ -59,7 +59,7 @@ class Control:
         M = matrix.tocoo()
         row = numbers[M.row].ravel() - self.dofs.first
         mine = (row >= 0) & (row < len(self.dofs.fixed))
-        value = np.repeat(M.data, self.dofs.gdim)
+        value = np.repeat(M.data, self.dofs.components)
         return row[mine], numbers[M.col].ravel()[mine], value[mine]
 
     def _check(self, wrong: np.ndarray) -> None:

@@ -58,7 +58,7 @@ class RigidMotions:
 
 def no_motions(bodies: Bodies, n: int) -> RigidMotions:
     """None at all, of bodies with n dofs on this rank: where ties hold them nobody asks."""
-    none, parts = np.zeros((n, 0)), np.zeros((0, 3 * (bodies.gdim - 1)))
+    none, parts = np.zeros((n, 0)), np.zeros((0, bodies.ways))
     body, square = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
     return RigidMotions(bodies, body, parts, 0, none, none, square, np.zeros(0))
 
@@ -66,8 +66,8 @@ def no_motions(bodies: Bodies, n: int) -> RigidMotions:
 def rigid_motions(bodies: Bodies, K: Any, fixed: np.ndarray) -> RigidMotions:
     """The rigid motions of each body that supports alone, (n_local,) fixed dofs, do not hold, or
     only by weak springs; K has identity rows at fixed dofs."""
-    label, R = np.full(len(fixed), -1), np.zeros((len(fixed), 3 * (bodies.gdim - 1)))
-    label[bodies.dofs] = np.repeat(bodies.label, bodies.gdim)
+    label, R = np.full(len(fixed), -1), np.zeros((len(fixed), bodies.ways))
+    label[bodies.dofs] = np.repeat(bodies.label, bodies.components)
     R[bodies.dofs] = bodies.own_modes(bodies.label, bodies.points).reshape(-1, R.shape[1])
     allowed = _allowed(bodies, R, label, fixed)
     width = max((N.shape[1] for N in allowed), default=0)
@@ -126,7 +126,7 @@ def _of_body(bodies: Bodies, b: int, N: np.ndarray, fields: Any, label: np.ndarr
     weighted = diagonal[:, None] * moved
     sums = (moved.T @ pushed, moved.T @ weighted, (weighted * moved).T @ (weighted * moved))
     own, size, square = bodies.comm.allreduce(np.stack(sums)) if k else np.zeros((3, 0, 0))
-    nodes = bodies.comm.allreduce(len(diagonal), op=MPI.SUM) / bodies.gdim
+    nodes = bodies.comm.allreduce(len(diagonal), op=MPI.SUM) / bodies.components
     across = nodes ** (1.0 / bodies.gdim)  # nodes from end to end
     if not k:
         return np.zeros((0, 0)), np.zeros(0), np.zeros(0, dtype=bool), np.zeros(0)

@@ -28,15 +28,20 @@ class BodyDofs:
 
     @property
     def gdim(self) -> int:
-        """Dofs per node."""
+        """Dimensions of space."""
         return self.spaces[0].mesh.geometry.dim
+
+    @property
+    def components(self) -> int:
+        """Dofs per node: gdim, or 1 of a scalar field."""
+        return self.spaces[0].dofmap.index_map_bs
 
     @cached_property
     def counts(self) -> list[int]:
         """This rank's dofs of each mesh."""
         others = self.others or (0,) * len(self.spaces)
         nodes = [V.dofmap.index_map.size_local for V in self.spaces]
-        return [n * self.gdim + k for n, k in zip(nodes, others, strict=True)]
+        return [n * self.components + k for n, k in zip(nodes, others, strict=True)]
 
     @property
     def mixed(self) -> bool:
@@ -53,7 +58,7 @@ class BodyDofs:
     def spread(self, nodal: np.ndarray) -> np.ndarray:
         """(n_local,) at the dofs from values of this rank's nodes; 0 at all others."""
         values = np.zeros(len(self.fixed))
-        values[self.of_nodes] = np.repeat(nodal, self.gdim)
+        values[self.of_nodes] = np.repeat(nodal, self.components)
         return values
 
     @cached_property
@@ -67,11 +72,12 @@ class BodyDofs:
         return sum(self.comm.allgather(len(self.fixed))[: self.comm.rank])
 
     def of(self, space: int, nodes: ContactPairs | Surface) -> np.ndarray:
-        """(n, gdim) numbers of the dofs of pairs or of a surface of a mesh."""
-        start = self.spaces[space].dofmap.index_map.local_range[0] * self.gdim
+        """(n, components) numbers of the dofs of pairs or of a surface of a mesh."""
+        k = self.components
+        start = self.spaces[space].dofmap.index_map.local_range[0] * k
         shift = self.first + sum(self.counts[:space]) - start
         shift = np.array(self.comm.allgather(shift))[nodes.owner]
-        return nodes.dofs[:, None] * self.gdim + np.arange(self.gdim) + shift[:, None]
+        return nodes.dofs[:, None] * k + np.arange(k) + shift[:, None]
 
     def values(self, dofs: np.ndarray, local: np.ndarray) -> np.ndarray:
         """Values at dofs (...) given by number, on every rank, from this rank's (n_local,)."""

@@ -50,6 +50,13 @@ def check_support(
     basis = np.linalg.qr(ColumnSpace(held.T.tocsr()).without(chance))[0]
     left = (moves @ basis).reshape(bodies.count, -1, count)
     counts = np.linalg.matrix_rank(left, 1e-6)
+    if bodies.components == 1:
+        raise ContactError(
+            "no value is prescribed for "
+            f"{', '.join(bodies.name(b) for b, ways in enumerate(counts) if ways)}, nor for what "
+            "it is joined to: the field is known but for a constant. Add a Dirichlet condition, or "
+            "a term h (u - u_0) ds of exchange with the surroundings"
+        )
     names = [f"{bodies.name(b)} in {ways}" for b, ways in enumerate(counts) if ways]
     raise ContactError(
         f"{count} rigid motion(s) are held by no support and no interface; they move "

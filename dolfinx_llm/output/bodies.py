@@ -19,6 +19,7 @@ from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.element import element_of
+from dolfinx_llm.geometry.spaces import is_scalar
 from dolfinx_llm.geometry.surface import facet_nodes
 from dolfinx_llm.interface.forces import InterfaceForces
 from dolfinx_llm.output.render import Scene
@@ -59,7 +60,9 @@ def skin(u: Function, field: Function | None = None, section: Plane3 | None = No
     if field is not None:
         values = field.x.array[compat.cell_dofs(field.function_space)[cells, 0]]
     numbers = V.dofmap.index_map.local_to_global(nodes.ravel().astype(np.int32))
-    motion = u.x.array.reshape(-1, gdim)
+    motion = u.x.array.reshape(-1, V.dofmap.index_map_bs)
+    if is_scalar(V):  # nothing moves
+        motion = np.zeros((len(motion), gdim))
     return Skin(x[nodes], motion[nodes], np.reshape(numbers, nodes.shape), values)
 
 
@@ -215,8 +218,8 @@ class Seen:
 
 
 def length(u: Function) -> Expr:
-    """Length of the displacement."""
-    return ufl.sqrt(ufl.inner(u, u))
+    """Length of the displacement; a scalar field itself."""
+    return ufl.sqrt(ufl.inner(u, u)) if u.ufl_shape else 1.0 * u
 
 
 def _values(skins: Sequence[Skin], scale: float) -> tuple[Any, ...]:
@@ -253,6 +256,8 @@ def _motion(result: InterfaceForces, x: np.ndarray) -> np.ndarray:
     """(m, gdim) how the bodies move at points of the contact: as the nodes next to them, of the
     side that has these nearest. Frame nodes that hardly any pair holds go ways of their own."""
     found = []
+    if result.sides[0].u.shape != result.sides[0].drawn.shape:  # of a scalar field
+        return np.zeros_like(x)
     for side in result.sides:
         k = min(x.shape[1], len(side.drawn))
         far, near = cKDTree(side.drawn).query(x, k=np.arange(1, k + 1))

@@ -22,6 +22,7 @@ from dolfinx_llm.output.values import (
     check_expression,
     check_problem,
     check_result,
+    of_scalar,
 )
 from dolfinx_llm.output.writing import (
     VTK,
@@ -105,7 +106,7 @@ class _BodyFile:
 def _own_grid(u: dolfinx.fem.Function, cell_fields: dict[str, Expr]) -> Grid:
     """This rank's own cells with the nodes of the displacement; collective."""
     V, mesh = u.function_space, u.function_space.mesh
-    gdim, tdim = mesh.geometry.dim, mesh.topology.dim
+    gdim, tdim, k = mesh.geometry.dim, mesh.topology.dim, V.dofmap.index_map_bs
     dofs = compat.cell_dofs(V)[: mesh.topology.index_map(tdim).size_local]
     used, cells = np.unique(
         dofs[:, VTK[tdim, V.dofmap.dof_layout.num_dofs][1]], return_inverse=True
@@ -114,7 +115,8 @@ def _own_grid(u: dolfinx.fem.Function, cell_fields: dict[str, Expr]) -> Grid:
     for name, expression in cell_fields.items():
         found = cell_maximum(expression, mesh)
         in_cells[name] = found.x.array[compat.cell_dofs(found.function_space)[: len(dofs), 0]]
-    motion = {"displacement": u.x.array.reshape(-1, gdim)[used]}
+    nodal = u.x.array.reshape(-1, k)[used]
+    motion = {"displacement": nodal} if k > 1 else {"u": nodal[:, 0]}
     x = V.tabulate_dof_coordinates()[used, :gdim]
     return Grid(x, cells.reshape(dofs.shape), tdim, motion, in_cells)
 
@@ -167,7 +169,7 @@ def interface_fields(
             "area": side.area,
             **({} if result.frame is not None else own),
         }  # fmt: skip
-    return parts
+    return of_scalar(parts) if result.sides[0].u.shape[1] == 1 else parts
 
 
 def write_interface(folder: str | Path, result: InterfaceForces) -> None:

@@ -90,8 +90,18 @@ def check_displacement(u: Any) -> Any:
     """Require a displacement; the communicator of its mesh. Collective."""
     accepted = "give the displacement, a dolfinx Function (of several meshes one after the other)"
     V = checks.instance("u", u, dolfinx.fem.Function, accepted).function_space
-    check_space(V, highest=2)
+    check_space(V, highest=2, scalar=True)
     return u.function_space.mesh.comm
+
+
+def of_scalar(parts: dict[str, Any]) -> dict[str, Any]:
+    """Fields of an interface's parts, as of ``interface_fields``, where a scalar field is solved
+    for: u, and what flows from side 0 to side 1, per area and in all."""
+    names = {"displacement": "u", "pressure": "flux", "normal_force": "flow", "area": "area"}
+    return {
+        part: (x, cells, {new: np.ravel(own[old]) for old, new in names.items() if old in own})
+        for part, (x, cells, own) in parts.items()
+    }
 
 
 def displacements(u: Any) -> list[dolfinx.fem.Function]:

@@ -16,6 +16,7 @@ from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.forms.choice import SOLVERS
 from dolfinx_llm.forms.options import check_values
 from dolfinx_llm.forms.step import StepForm
+from dolfinx_llm.geometry.spaces import is_scalar
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.problem.blocks import Blocks
 from dolfinx_llm.problem.form_arguments import (
@@ -62,6 +63,10 @@ def problem_arguments(
         spaces = [form_space(form) for form in forms]
         check_meshes(spaces)
     blocks = [Blocks(V) for V in spaces]
+    if len({is_scalar(b.V) for b in blocks}) > 1:
+        raise ContactInputError(
+            "one form a is of displacements, another of a scalar field: make a problem of each"
+        )
     with collective(comm):
         loads = in_order(forms, spaces, given_forms(1, L))
         given = Arguments(

@@ -41,7 +41,7 @@ class Blocks:
             self.V, dofs = displacement_block(W)
             own = dofs[: self.V.dofmap.index_map.size_local * self.V.dofmap.index_map_bs]
             self._order = np.append(own, np.setdiff1d(self._order, own))
-        check_space(self.V, highest=2)
+        check_space(self.V, highest=2, scalar=True)
         nodes = self.V.dofmap.index_map.size_local * self.V.dofmap.index_map_bs
         self.others = n - nodes  # dofs of this rank that are no displacements
         self.scale = np.ones(n)

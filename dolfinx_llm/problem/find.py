@@ -81,7 +81,7 @@ def find_interfaces(
     if not spaces:
         checks.refuse("V", V, SPACES)
     for space in spaces:
-        check_space(space, highest=2)
+        check_space(space, highest=2, scalar=True)
     comm = spaces[0].mesh.comm
     with collective(comm):
         by_facets = _per_space("facet_tags", facet_tags, spaces)

@@ -31,7 +31,8 @@ class ContactProblem(Differentiable, Pictured, SavedContact):
     """Bodies with stiffness a and load L that touch along interfaces, (31) of the paper.
 
     Args:
-        a: bilinear UFL form of the bodies, or one per mesh; its space may be mixed, as (u, p).
+        a: bilinear UFL form of the bodies, or one per mesh; its space may be mixed, as (u, p), or
+            scalar.
         L: linear UFL form, or a sequence of them.
         bcs: Dirichlet conditions.
         interfaces: the ``Interface`` objects.

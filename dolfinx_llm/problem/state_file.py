@@ -22,17 +22,17 @@ Arrays = dict[str, np.ndarray]
 
 
 def by_cells(spaces: Sequence[Any], values: np.ndarray) -> list[np.ndarray]:
-    """Per mesh (cells, nodes, gdim) of this rank's values, on rank 0; collective."""
+    """Per mesh (cells, nodes, components) of this rank's values, on rank 0; collective."""
     found, start = [], 0
     for V in spaces:
         function = fem.Function(V)
-        gdim = V.mesh.geometry.dim
-        count = V.dofmap.index_map.size_local * gdim
+        k = V.dofmap.index_map_bs
+        count = V.dofmap.index_map.size_local * k
         function.x.array[:count] = values[start : start + count]
         function.x.scatter_forward()
         start += count
         cells, own = _cells(V), V.mesh.topology.index_map(V.mesh.topology.dim).size_local
-        table = function.x.array.reshape(-1, gdim)[compat.cell_dofs(V)[:own]]
+        table = function.x.array.reshape(-1, k)[compat.cell_dofs(V)[:own]]
         parts = V.mesh.comm.gather((cells[:own], table))
         if parts is None:
             found.append(np.zeros(0))
@@ -48,14 +48,14 @@ def from_cells(spaces: Sequence[Any], tables: Sequence[Any], file: Any) -> np.nd
     for V, table in zip(spaces, tables, strict=True):
         comm, cells, dofs = V.mesh.comm, _cells(V), compat.cell_dofs(V)
         count = V.mesh.topology.index_map(V.mesh.topology.dim).size_global
-        shape = count, V.dofmap.dof_layout.num_dofs, V.mesh.geometry.dim
+        shape = count, V.dofmap.dof_layout.num_dofs, V.dofmap.index_map_bs
         parts = comm.gather(cells)
         with collective(comm):
             if parts is not None and (table is None or table.shape != shape):
                 raise other_scene(file, "meshes of other sizes")
         own = comm.scatter(None if parts is None else [table[part] for part in parts])
         index_map = V.dofmap.index_map
-        values = np.zeros((index_map.size_local + index_map.num_ghosts, V.mesh.geometry.dim))
+        values = np.zeros((index_map.size_local + index_map.num_ghosts, V.dofmap.index_map_bs))
         values[dofs[: len(cells)]] = own
         found.append(values[: index_map.size_local].ravel())
     return np.concatenate(found)

@@ -261,14 +261,60 @@ def third_order_space(comm):
     llm.ContactProblem(a, L, interfaces=[llm.Interface(tags, (2, 3))])
 
 
-@case(r"vector space of first or second order .* 1 component\(s\)", INPUT)
-def scalar_space(comm):
+def conducting(comm, law, sides=(2, 3)):
+    """A temperature in two blocks."""
     V, tags = scenes.two_blocks(comm)
     W = compat.function_space(V.mesh)
     u, w = ufl.TrialFunction(W), ufl.TestFunction(W)
     a = ufl.inner(ufl.grad(u), ufl.grad(w)) * ufl.dx
     L = fem.Constant(V.mesh, 0.0) * w * ufl.dx
-    llm.ContactProblem(a, L, interfaces=[llm.Interface(tags, (2, 3))])
+    bcs = [fem.dirichletbc(fem.Function(W), fem.locate_dofs_geometrical(W, scenes.on(2, 0.0)))]
+    return llm.ContactProblem(a, L, bcs=bcs, interfaces=llm.Interface(tags, sides, law=law))
+
+
+@case(r"Frictionless\(\) is for displacements; a scalar", INPUT)
+def friction_of_heat(comm):
+    conducting(comm, llm.Frictionless())
+
+
+@case(r"gap=0.1\) is for displacements; a scalar", INPUT)
+def gap_of_heat(comm):
+    conducting(comm, llm.Tied(gap=0.1))
+
+
+@case(r"a rigid obstacle has no temperature", INPUT)
+def heat_into_an_obstacle(comm):
+    conducting(comm, llm.Tied(), (3, llm.RigidPlane((0.0, 0.0, 1.0), (0.0, 0.0, 1.0))))
+
+
+@case(r"Conductance: h at \d+ positions is of -1.0 to -1.0", INPUT)
+def negative_conductance(comm):
+    conducting(comm, llm.Conductance(lambda x: np.full(len(x), -1.0))).solve()
+
+
+@case(r"Conductance\(h=2.0\) is for scalar function spaces", INPUT)
+def conductance_of_displacements(comm):
+    V, tags = scenes.two_blocks(comm)
+    a, L = scenes.forms(V)
+    interface = llm.Interface(tags, (2, 3), law=llm.Conductance(2.0))
+    llm.ContactProblem(a, L, bcs=scenes.hold(V, scenes.SYMMETRY), interfaces=interface)
+
+
+@case(r"one form a is of displacements, another of a scalar", INPUT)
+def heat_in_one_body(comm):
+    V, tags = scenes.two_blocks(comm)
+    other = scenes.two_blocks(comm)[0].mesh
+    W = compat.function_space(other)
+    u, w = ufl.TrialFunction(W), ufl.TestFunction(W)
+    (a, L), b = scenes.forms(V), ufl.inner(u, w) * ufl.dx
+    M = fem.Constant(other, 0.0) * w * ufl.dx
+    llm.ContactProblem([a, b], [L, M], interfaces=llm.Interface(tags, (2, 3)))
+
+
+@case(r"vector space of first or second order .* 1 component\(s\)", INPUT)
+def pressure_on_a_temperature(comm):
+    V, tags = scenes.two_blocks(comm)
+    llm.free_surface_load(compat.function_space(V.mesh), tags, 4, 1.0)
 
 
 @case(r"vector space of first or second order", INPUT)

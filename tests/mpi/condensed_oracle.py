@@ -63,6 +63,7 @@ def system(problem, base, eliminated, L, bs, proximal, options):
         Numbering(owner[node], rank),
         Numbering(np.repeat(frame_owner, bs), rank),
         np.repeat(np.arange(len(frame_owner)), bs),
+        3,
     )
     split = SplitStiffness(problem.K.copy(), np.concatenate(problem.operators.side_dofs))
     made = CondensedSystem(

@@ -214,7 +214,12 @@ COULOMB = [
     (f"Coulomb {mu!r}", INPUT, r"Coulomb: mu.*: give a finite number of at least 0", mu)
     for mu in ("0.3", None, -0.1, NAN, INF, [0.3], np.array([0.3, -0.4]), True, 1j, {}, 10**400)
 ]
+CONDUCTANCES = [-0.1, NAN, INF, "2", None, True, [1.0]]
 TABLE = [
+    *[(f"Conductance {h!r}", INPUT, "Conductance: h.*: give a finite number of at least 0",
+       lambda s, h=h: llm.Conductance(h)) for h in CONDUCTANCES],
+    ("pressure_at", INPUT, "x=.*give .k, 3. positions",
+     lambda s: s.result.pressure_at([[0.0, 1.0]])),
     *[(name, kind, words, lambda s, mu=mu: llm.Coulomb(mu)) for name, kind, words, mu in COULOMB],
     *[(name, kind, words, lambda s, make=make: make(s.comm))
       for name, (make, words, kind) in bad_input.CASES.items()],
@@ -785,7 +790,9 @@ add(
 )
 add(
     "vector space of first or second order",
-    lambda s: post.write_bodies(s.path("u.pvd"), fem.Function(s.scalar)),
+    lambda s: post.write_bodies(
+        s.path("u.pvd"), fem.Function(compat.function_space(s.mesh, "DG", 0))
+    ),
 )
 add(
     "must end on .pvd or .bp",

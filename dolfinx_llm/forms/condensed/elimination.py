@@ -34,6 +34,7 @@ class EliminatedRows:
     multipliers: Numbering  # of the rows
     frames: Numbering  # of the columns
     items: np.ndarray  # (m,) node of each frame unknown, ascending: they share a block
+    gdim: int  # dimensions of space
 
     def __post_init__(self) -> None:
         rows, m = len(self.dofs), self.frames.sizes[1]

@@ -163,6 +163,7 @@ class CondensedForm(WholeSteps):
             numbering,
             self.operators.unknowns,
             self._items,
+            self.operators.dofs.gdim,
         )
         if self._symmetric(step):
             hold = -step.D.diagonal()
@@ -275,7 +276,7 @@ def _rigid_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray
     bodies = operators.bodies
     low, high = bodies.low.min(axis=0), bodies.high.max(axis=0)
     centre, size = 0.5 * (low + high), np.linalg.norm(high - low)
-    body = rigid_modes((bodies.points - centre) / size)
+    body = rigid_modes((bodies.points - centre) / size, bodies.components)
     k = body.shape[2]
     modes = np.zeros((operators.unknowns.sizes[1], k))
     for geometry, place in zip(operators.geometries, operators.places, strict=True):
@@ -285,6 +286,6 @@ def _rigid_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray
             directions = geometry.jump_directions
             if at.start == at.stop:
                 continue
-        of = rigid_modes((places - centre) / size)
+        of = rigid_modes((places - centre) / size, bodies.components)
         modes[at] = np.einsum("mdi,mik->mdk", directions, of).reshape(-1, k)
     return body.reshape(-1, k), modes

@@ -64,7 +64,7 @@ class CondensedSystem:
         self._modes, self._weak = modes, weak or modes
         options = dict(options or {})
         self.solver = KeptSolver(self.comm, prefix, options, self.notes)
-        nodes = widest(rows.L, rows.dofs.shape[1])
+        nodes = widest(rows.L, rows.gdim)
         if nodes > WIDEST and options.get("pc_type", "gamg") == "gamg":
             self.solver.factorise(
                 f"a frame node couples with some {nodes:.0f} nodes of a side that is much "

@@ -1,0 +1,129 @@
+"""Two blocks of unlike materials that conduct heat into each other, with a known temperature."""
+
+import numpy as np
+import pairs
+import ufl
+from contact_scenes import ABOVE, BELOW, rectangle
+from dolfinx import fem
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat
+
+K, FLUX, ALONG = (2.0, 0.3), 1.7, (0.4, -0.7)  # conductivities; upwards; gradient along the surface
+KINDS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
+
+
+def blocks(comm, gdim, n=None, narrow=0.0):
+    """(mesh, tags) of a lower and an upper block that meet at height 1, where their meshes do not
+    match; the upper one ends that much from the lower one's sides."""
+    rng, found = np.random.default_rng(2001), []
+    for i, (kind, k) in enumerate(zip(KINDS[gdim], n or {2: (4, 7), 3: (3, 4)}[gdim], strict=True)):
+        low, high = np.full(gdim, i * narrow), np.full(gdim, 1.0 - i * narrow)
+        low[-1], high[-1] = i, i + 1
+        if gdim == 2:
+            found.append(rectangle(comm, (k, 2), low, high, kind, 0.2, rng))
+        else:
+            found.append(pairs.block(comm, (k, k, 2), low, high, kind, jitter=0.2, rng=rng))
+    return found
+
+
+class Linear:
+    """300 + a·x - q (z - 1) / k, less a jump that grows along the surface."""
+
+    def __init__(self, gdim, jump=0.0, slope=0.0):
+        self.a = [np.array(ALONG[: gdim - 1]), np.array(ALONG[: gdim - 1])]
+        self.a[1][0] -= slope
+        self.jump, self.slope = jump, slope
+
+    def __call__(self, i, p):
+        """Temperature of body i at coordinates p (gdim or more, n)."""
+        z = p[len(self.a[i])] - 1.0
+        return 300.0 + self.a[i] @ p[: len(self.a[i])] - FLUX / K[i] * z - i * self.jump
+
+    def conductance(self, x):
+        """(k,) at positions x (k, gdim), with which that is so."""
+        return FLUX / (self.jump + self.slope * x[:, 0])
+
+    def flux(self, i, x):
+        """Flux of body i, a UFL vector."""
+        return ufl.as_vector([*(-K[i] * self.a[i]), FLUX])
+
+
+class Quadratic:
+    """x² + q x (z - 1) / k: the flux across the interface is linear along it."""
+
+    def __call__(self, i, p):
+        return p[0] ** 2 - FLUX / K[i] * p[0] * (p[1] - 1.0)
+
+    def flux(self, i, x):
+        return ufl.as_vector([-2.0 * K[i] * x[0] + FLUX * (x[1] - 1.0), FLUX * x[0]])
+
+
+class Ends:
+    """1 at the bottom and 0 at the top; all else is insulated."""
+
+    def __call__(self, i, p):
+        return 1.0 - 0.5 * p[1]
+
+    flux = None
+
+
+class Conducting:
+    """The temperature is prescribed at bottom and top, its flux at all other sides.
+
+    Args:
+        bodies: of ``blocks``.
+        law: of the interface.
+        field: the temperature.
+        sides: it is prescribed there as well, at the interface's rim on both sides.
+        held: which bodies' temperatures are prescribed.
+        degree: of the function spaces.
+        order: of the interface's sides.
+        chosen: for the problem.
+    """
+
+    def __init__(
+        self, bodies, law, field, sides=False, degree=1, order=(0, 1), held=(0, 1), **chosen
+    ):
+        self.spaces = [compat.function_space(d, degree=degree) for d, _ in bodies]
+        forms, loads, bcs, last = [], [], [], bodies[0][0].geometry.dim - 1
+        self.field, self.sources = field, []  # heat per volume of each body, beside the field's
+        for i, V in enumerate(self.spaces):
+            u, v, n = ufl.TrialFunction(V), ufl.TestFunction(V), ufl.FacetNormal(V.mesh)
+            forms.append(K[i] * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
+            dx = ufl.Measure("dx", domain=V.mesh)
+            self.sources.append(fem.Constant(V.mesh, 0.0))
+            loads.append(self.sources[i] * v * dx)
+            if field.flux is not None:
+                flux = field.flux(i, ufl.SpatialCoordinate(V.mesh))
+                along = ufl.as_vector([*[flux[k] for k in range(last)], 0.0])
+                loads[i] += ufl.div(flux) * v * dx - ufl.inner(along, n) * v * ufl.ds
+
+            def where(p, end=2.0 * i):
+                edge = np.isclose(p[last], end)
+                if sides:
+                    edge |= (np.isclose(p[:last], 0.0) | np.isclose(p[:last], 1.0)).any(axis=0)
+                return edge
+
+            value = fem.Function(V)
+            value.interpolate(lambda p, i=i: field(i, p))
+            if i in held:
+                bcs.append(fem.dirichletbc(value, fem.locate_dofs_geometrical(V, where)))
+        tags = (bodies[0][1], ABOVE), (bodies[1][1], BELOW)
+        self.interface = llm.Interface(None, tuple(tags[i] for i in order), law=law)
+        self.forms, self.loads = forms, loads
+        self.problem = llm.ContactProblem(
+            forms, loads, bcs=bcs, interfaces=self.interface, **chosen
+        )
+        self.bcs = bcs
+
+    def error(self):
+        """Largest error of the temperature, over the largest value."""
+        worst, size = 0.0, 0.0
+        for i, u in enumerate(self.problem.u):
+            known = fem.Function(u.function_space)
+            known.interpolate(lambda p, i=i: self.field(i, p))
+            worst = max(worst, np.abs(u.x.array - known.x.array).max(initial=0.0))
+            size = max(size, np.abs(known.x.array).max(initial=0.0))
+        comm = self.problem.comm
+        return max(comm.allgather(worst)) / max(comm.allgather(size))
