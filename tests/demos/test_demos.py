@@ -166,3 +166,21 @@ def test_incompressible(nu, tmp_path):
     if nu < 0.5:
         assert error["Q1", 8] > 1.0 and error["Q2", 8] > 5.0 * error["(u, p)", 8]
     assert (tmp_path / "incompressible.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.long
+def test_shrink_fit_cooling(tmp_path):
+    """Open at first; then pressure and heat of the closed form, and none of the heat is lost."""
+    import shrink_fit_cooling as cooling
+
+    files = "--json", tmp_path / "rows.json", "--plot", tmp_path
+    first, *rows = cooling.main([*map(str, files)])
+    assert first["pressure"] == 0.0 == first["closed form"]["pressure"]
+    assert abs(first["flow"]) < 1e-12
+    for row in rows:
+        for name in ("pressure", "flow"):
+            assert row[name] == pytest.approx(row["closed form"][name], rel=5e-3)
+        assert row["uneven"] < 0.06 * row["pressure"]
+        assert abs(row["left"]) < 1e-12 * row["flow"]
+    assert (tmp_path / "shrink_fit_cooling.png").read_bytes()[:4] == b"\x89PNG"
+    assert len(json.loads((tmp_path / "rows.json").read_text())) == 4

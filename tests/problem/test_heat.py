@@ -61,8 +61,11 @@ def test_second_order_tied(solver):
     scene = heat.Conducting(bodies, llm.Tied(), heat.Quadratic(), degree=2, solver=solver)
     scene.problem.solve()
     assert scene.error() <= 1e-12
-    flux = heat.FLUX * scene.problem.results[0].x[:, 0]
-    assert scene.problem.results[0].flux == pytest.approx(flux, abs=1e-10)
+    result = scene.problem.results[0]
+    assert result.flux == pytest.approx(heat.FLUX * result.x[:, 0], abs=1e-10)
+    between = np.array([[0.1, 1.0], [0.77, 1.01], [1.5, 1.0]])  # the last one beyond its end
+    expected = heat.FLUX * np.array([0.1, 0.77, 1.0])
+    assert result.pressure_at(between) == pytest.approx(expected, abs=1e-10)
 
 
 def outflow(scene, i):
