@@ -119,8 +119,8 @@ class ContactIteration:
             s.accept(found.multiplier, found.w, fitted, self.scale)
         self.pressed = max(self.pressed, np.abs(self.equations.loads).max(initial=0.0))
 
-    def iterate(self, f: np.ndarray, g: np.ndarray) -> StepResult:
-        """Iterate to a state that meets all conditions, for this rank's load f and gaps g (n,).
+    def iterate(self, f: np.ndarray, g: np.ndarray, most: int = MAXIMUM) -> StepResult:
+        """To a state that meets all conditions, for this rank's f and gaps g, in ``most`` steps.
 
         Raises:
             ContactError: no convergence.
@@ -140,7 +140,7 @@ class ContactIteration:
         for s in self.states:
             s.begin()
         glides, rest = glide(equations, False), self.snapshot()[0]
-        for iteration in range(1, MAXIMUM + 1):
+        for iteration in range(1, most + 1):
             equations.lags = changes > many and not known
             equations.about = about[0] if calm else equations.start
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.sparse import diags
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.contact.iteration import ContactIteration
+from dolfinx_llm.contact.balance import unbalanced
+from dolfinx_llm.contact.iteration import MAXIMUM, ContactIteration
 from dolfinx_llm.forms.step import StepResult
 from dolfinx_llm.forms.verdict import (
     FinalError,
@@ -21,9 +22,11 @@ from dolfinx_llm.forms.verdict import (
     size,
 )
 from dolfinx_llm.operators.petsc import times
+from dolfinx_llm.operators.support import least_squares
 
 log = logging.getLogger("dolfinx_llm")
 
+FALLING = 10  # iterations in which the motion of what nothing holds is looked for
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
 
 
@@ -56,8 +59,10 @@ def advance(
         now = [a + reached * (b - a) for a, b in zip(start, end, strict=True)]
         f_t, g_t, equations.loads = end if reached > 1.0 - 1e-9 else now
         before = iteration.snapshot()
+        # What falls is told by its motion, if that is found soon.
+        falls = unbalanced(equations, iteration.operators.floating, f_t, equations.loads)
         try:
-            found = iteration.iterate(f_t, g_t)
+            found = iteration.iterate(f_t, g_t, FALLING if falls else MAXIMUM)
         except (FinalError, ContactInputError):  # smaller parts are of no help
             iteration.restore(first)
             raise
@@ -65,6 +70,9 @@ def advance(
             iteration.restore(before)
             if tied:
                 raise
+            if falls:
+                iteration.restore(first)
+                raise falls from failed
             if part <= SMALLEST / increments:
                 iteration.restore(first)
                 raise ContactError(
@@ -81,7 +89,21 @@ def advance(
         iteration.accept(found, g_t)
         done = reached
     iteration.f, iteration.g = f, g
-    return u, found.multiplier, found.w[: iteration.equations.n_v]
+    return _settled(iteration, u), found.multiplier, iteration.w[: equations.n_v]
+
+
+def _settled(iteration: ContactIteration, u: np.ndarray) -> np.ndarray:
+    """This rank's u without the motions that carry no force; the frames go with the bodies."""
+    equations, floating = iteration.equations, iteration.operators.floating
+    strayed = floating.strayed(u)
+    if not strayed.any():
+        return u
+    L, n_v = equations.L[:, : equations.n_v], equations.n_v
+    moved = floating.G[:, : floating.count] @ strayed
+    iteration.w, iteration.alpha = iteration.w.copy(), iteration.alpha - strayed
+    if n_v:
+        iteration.w[:n_v] -= least_squares(L, moved[:, None])[:, 0]
+    return u - floating.modes @ strayed
 
 
 def _judged(

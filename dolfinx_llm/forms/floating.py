@@ -58,12 +58,7 @@ class Pull:
         stays = same and lengths[0] > STEADY * lengths[1]
         self._last, self._pulls = force, self._pulls + 1 if same and self.share > PLAIN else 0
         if self._pulls > PULLED or (calm > 1 and stays and self.share > self._least):
-            raise FinalError(
-                f"contact and supports do not balance the load: {self.share:.1e} of the forces "
-                "is left. A body that only contact holds is pulled off, or slides or turns away "
-                f"without end: {self._floating.rigid.describe(moved, force)}. Add supports or "
-                "springs that hold it, prescribe its motion, or change the load"
-            )
+            raise FinalError(out_of_balance(self._floating, self.share, moved, force))
         if calm:
             self.anchor = self._next(moved, calm)
         self._moved = moved
@@ -82,3 +77,14 @@ class Pull:
         """Whether the springs carry nothing but rounding."""
         falls = self.share < 0.5 * self._rest
         return self.share <= NOTHING or (self.share <= self._least and not falls)
+
+
+def out_of_balance(floating: Floating, share: float, motion: np.ndarray, force: np.ndarray) -> str:
+    """Words for a share of the forces that nothing balances, and for the motion (count,) of the
+    bodies that they drive, forces (count,) along their motions."""
+    return (
+        f"contact and supports do not balance the load: {share:.1e} of the forces is left. A body "
+        "that only contact holds is pulled off, or slides or turns away without end: "
+        f"{floating.rigid.describe(motion, force)}. Add supports or springs that hold it, "
+        "prescribe its motion, or change the load"
+    )

@@ -160,12 +160,15 @@ def pins(comm: MPI.Comm, modes: np.ndarray) -> list[int]:
 class Floating:
     """Rigid motions that supports leave to the bodies, α, each held by a weak spring at one dof.
     The springs pull to where the bodies were. At a solution they carry nothing: what they carry
-    else is the part of the load that neither supports nor contact take."""
+    else is the part of the load that neither supports nor contact take. ``loose`` (count, j) are
+    those combinations that carry no force at all, in whichever state of contact."""
 
-    def __init__(self, rigid: RigidMotions, B: PETSc.Mat, rows: Numbering) -> None:
+    def __init__(
+        self, rigid: RigidMotions, B: PETSc.Mat, rows: Numbering, loose: np.ndarray
+    ) -> None:
         self.comm: MPI.Comm = rigid.bodies.comm
         self.rigid = rigid
-        self.count = self.rigid.free
+        self.count, self.loose = self.rigid.free, loose
         self.modes = self.rigid.modes[:, : self.count]
         self.pins = pins(self.comm, self.modes)
         self._at_pins = gather_rows(self.comm, self.modes[self.pins])  # (count, count)
@@ -182,6 +185,15 @@ class Floating:
     def amounts(self, u: np.ndarray) -> np.ndarray:
         """(count,) α of this rank's displacement u (n_local,)."""
         return np.linalg.solve(self._at_pins, gather_rows(self.comm, u[self.pins]))
+
+    def strayed(self, u: np.ndarray) -> np.ndarray:
+        """(count,) the part of this rank's displacement u (n_local,) along the loose motions: what
+        is left without it has the least sum of squares."""
+        if not self.loose.shape[1]:
+            return np.zeros(self.count)
+        moves = self.modes @ self.loose
+        sums = self.comm.allreduce(moves.T @ np.column_stack([moves, u]))
+        return self.loose @ np.linalg.solve(sums[:, :-1], sums[:, -1])
 
     def spring(self, scale: float) -> float:
         """Stiffness of the springs [force / length]: weak against ``scale``, and against springs

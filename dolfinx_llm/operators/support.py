@@ -8,7 +8,7 @@ from scipy.sparse import coo_matrix, csr_matrix, vstack
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.operators.motions import RigidMotions
+from dolfinx_llm.operators.motions import RigidMotions, no_motions
 from dolfinx_llm.operators.prescribed import ColumnSpace, independent_rows
 
 FIT_DIRECTLY = 5000  # frame unknowns up to which a factorisation is the quickest least-squares fit
@@ -18,15 +18,80 @@ UNHELD = 1e-11  # singular values below, of the largest, are motions that nothin
 def check_support(
     rigid: RigidMotions, interfaces: Sequence[tuple[csr_matrix | None, csr_matrix]]
 ) -> None:
-    """Require that supports and tied interfaces hold every body.
+    """Require that supports and interfaces hold all bodies.
+
+    Args:
+        rigid: of the bodies.
+        interfaces: as of ``unheld``.
+
+    Raises:
+        ContactError: they do not.
+    """
+    loose = unheld(rigid, interfaces)
+    if not loose.shape[1]:
+        return
+    if rigid.bodies.components == 1:
+        raise ContactError(
+            f"no value is prescribed for {', '.join(n for n, _ in _moved(rigid, loose))}, nor for "
+            "what it is joined to: the field is known but for a constant. Add a Dirichlet "
+            "condition, or a term h (u - u_0) ds of exchange with the surroundings"
+        )
+    raise ContactError(
+        f"{loose.shape[1]} rigid motion(s) are held by no support and no interface; they move "
+        f"{movers(rigid, loose)}. Add Dirichlet conditions or springs that hold them"
+    )
+
+
+def floating_motions(
+    rigid: RigidMotions, interfaces: Sequence[tuple[csr_matrix | None, csr_matrix]], tied: bool
+) -> tuple[RigidMotions, np.ndarray]:
+    """The motions that contact has to hold, and those combinations of the free ones (free, j) that
+    no contact holds, on which loads must not do work.
+
+    Args:
+        rigid: of the bodies.
+        interfaces: as of ``unheld``.
+        tied: whether ties are all there is: they hold all bodies, or it is an error.
+
+    Raises:
+        ContactError: they do not.
+    """
+    if not (tied or rigid.bodies.components == 1):
+        return rigid, unheld(rigid, interfaces)
+    check_support(rigid, interfaces)
+    rigid = no_motions(rigid.bodies, len(rigid.modes)) if tied else rigid
+    return rigid, np.zeros((rigid.free, 0))
+
+
+def movers(rigid: RigidMotions, loose: np.ndarray) -> str:
+    """Words for the bodies that some of the free motions, columns of (free, j), move."""
+    named = [f"{name} in {ways}" for name, ways in _moved(rigid, loose)]
+    return f"{', '.join(named)} independent way(s)"
+
+
+def _moved(rigid: RigidMotions, loose: np.ndarray) -> list[tuple[str, int]]:
+    """Names of these bodies, and in how many ways each is moved."""
+    left = np.zeros((rigid.bodies.count, rigid.parts.shape[1], loose.shape[1]))
+    np.add.at(left, rigid.body[: rigid.free], rigid.parts[: rigid.free, :, None] * loose[:, None])
+    counts = np.linalg.matrix_rank(left, 1e-6)
+    return [(rigid.bodies.name(b), int(ways)) for b, ways in enumerate(counts) if ways]
+
+
+def unheld(
+    rigid: RigidMotions, interfaces: Sequence[tuple[csr_matrix | None, csr_matrix]]
+) -> np.ndarray:
+    """(free, j) orthonormal combinations of the free motions that no interface holds both ways.
 
     A combination of rigid motions is not held if it has no stiffness (K R c = 0), does not move
-    prescribed dofs, and the frames can follow it (Bᵀ R c in the range of L_b). Of each interface
-    L_b is given, None without a frame, and Bᵀ R (rows, modes of all bodies).
+    prescribed dofs, and the frames can follow it (Bᵀ R c in the range of L_b).
+
+    Args:
+        rigid: of the bodies.
+        interfaces: of each L_b, None without a frame, and Bᵀ R (rows, modes of all bodies).
     """
     bodies, free = rigid.bodies, rigid.free
     if not free:
-        return
+        return np.zeros((0, 0))
     row = rigid.body[:free, None] * rigid.parts.shape[1] + np.arange(rigid.parts.shape[1])
     at = row.ravel(), np.repeat(np.arange(free), rigid.parts.shape[1])
     moves = csr_matrix((rigid.parts[:free].ravel(), at), (bodies.count * row.shape[1], free))
@@ -36,7 +101,7 @@ def check_support(
         used = np.flatnonzero(np.diff(own.indptr))  # of two bodies, as a rule
         felt = own[:, used].toarray()
         if L is not None and len(used):
-            felt = felt - L @ _least_squares(L, felt)
+            felt = felt - L @ least_squares(L, felt)
         felt = np.linalg.qr(felt, mode="r")
         placed = coo_matrix(felt)
         rows.append(csr_matrix((placed.data, (placed.row, used[placed.col])), (len(felt), free)))
@@ -45,26 +110,12 @@ def check_support(
     held.eliminate_zeros()
     count = free - len(independent_rows(held, UNHELD))
     if not count:
-        return
+        return np.zeros((free, 0))
     chance = np.random.default_rng(2001).normal(size=(free, count))
-    basis = np.linalg.qr(ColumnSpace(held.T.tocsr()).without(chance))[0]
-    left = (moves @ basis).reshape(bodies.count, -1, count)
-    counts = np.linalg.matrix_rank(left, 1e-6)
-    if bodies.components == 1:
-        raise ContactError(
-            "no value is prescribed for "
-            f"{', '.join(bodies.name(b) for b, ways in enumerate(counts) if ways)}, nor for what "
-            "it is joined to: the field is known but for a constant. Add a Dirichlet condition, or "
-            "a term h (u - u_0) ds of exchange with the surroundings"
-        )
-    names = [f"{bodies.name(b)} in {ways}" for b, ways in enumerate(counts) if ways]
-    raise ContactError(
-        f"{count} rigid motion(s) are held by no support and no interface; they move "
-        f"{', '.join(names)} independent way(s). Add Dirichlet conditions or springs that hold them"
-    )
+    return np.linalg.qr(ColumnSpace(held.T.tocsr()).without(chance))[0]
 
 
-def _least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:
+def least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:
     """Solution of min |L v - b| for every column of b (n, k), by a factorisation of LᵀL. It is like
     a mass matrix, so that large frames are iterated on by conjugate gradients; with small singular
     values, on which these are slow, they are factorised, too."""

@@ -18,7 +18,7 @@ from dolfinx_llm.interface.control import control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.operators.assemble import assemble_B, assemble_L_b, interface_operator
 from dolfinx_llm.operators.bodies import Bodies
-from dolfinx_llm.operators.motions import Floating, no_motions, rigid_motions
+from dolfinx_llm.operators.motions import Floating, rigid_motions
 from dolfinx_llm.operators.numbering import (
     BodyDofs,
     Numbering,
@@ -29,7 +29,7 @@ from dolfinx_llm.operators.numbering import (
 )
 from dolfinx_llm.operators.petsc import diagonal_of
 from dolfinx_llm.operators.prescribed import free_parts, in_loops, repeated
-from dolfinx_llm.operators.support import check_support
+from dolfinx_llm.operators.support import floating_motions, movers
 
 CONTRADICTED = (
     "Tied(gap=...) where both sides are prescribed along the normal, or where several interfaces "
@@ -69,7 +69,7 @@ class ContactOperators:
         floating: rigid motions that need contact to be held; none where ties hold all.
 
     Raises:
-        ContactError: supports and ties leave a motion free.
+        ContactError: there are ties alone, and they and supports leave a motion free.
     """
 
     def __init__(
@@ -152,7 +152,7 @@ class ContactOperators:
         return csr_matrix(entries, (len(rows), col.max(initial=-1) + 1))
 
     def _check_support(self, K: PETSc.Mat) -> None:
-        """Require that supports and ties hold every body."""
+        """Require that supports and ties hold every body, if these are all there is."""
         bodies, moves = self.bodies, []
         for side, dofs in zip(self.pairs, self.side_dofs, strict=True):
             label = self.dofs.values(dofs[:, 0], self.dofs.spread(bodies.label))
@@ -167,9 +167,8 @@ class ContactOperators:
             for place, L in zip(self.places, self.blocks, strict=True)
         ]
         rigid = rigid_motions(bodies, K, self.dofs.fixed)
-        check_support(rigid, constraints)
-        rigid = no_motions(bodies, len(self.dofs.fixed)) if self.tied else rigid
-        self.floating = Floating(rigid, self.B, self.rows.numbering)
+        rigid, loose = floating_motions(rigid, constraints, self.tied)
+        self.floating = Floating(rigid, self.B, self.rows.numbering, loose)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -275,5 +274,11 @@ def anatomy(operators: ContactOperators) -> list[str]:
         f"  left out: {repeated} multiplier(s) whose rows follow from others, at supports or where "
         "several interfaces meet; of all forces with the same effect the least are given"
     )
+    floating = operators.floating
+    loose = (
+        f"  taken as zero: {floating.loose.shape[1]} rigid motion(s) that supports and interfaces "
+        f"leave open, on which no load may do work; they move "
+        f"{movers(floating.rigid, floating.loose)}"
+    )
     lines = [line for geometry in operators.geometries for line in describe(geometry)]
-    return [text] * bool(repeated) + lines
+    return [text] * bool(repeated) + [loose] * (floating.loose.shape[1] > 0) + lines

@@ -1,0 +1,91 @@
+"""Bodies that contact alone holds: bonds without friction, a disc between plates, what falls."""
+
+import contact_scenes as scenes
+import joints
+import numpy as np
+import pytest
+import ufl
+import wall_scenes as walls
+from dolfinx import fem
+from mpi4py import MPI
+from sampling import longer
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat
+
+COMM = MPI.COMM_SELF
+
+
+def bond(blocks, load, **options):
+    """Blocks on a held base, without friction unless a law says so."""
+    counts = np.random.default_rng(5).integers(2, 5, (len(blocks), 2))
+    wall = walls.Wall(COMM, blocks, counts)
+    law = options.pop("law", llm.Frictionless())
+    a, _ = wall.forms()
+    L = ufl.inner(fem.Constant(wall.domain, np.array(load)), ufl.TestFunction(wall.V)) * ufl.dx
+    interfaces = wall.interfaces(law)
+    return wall, llm.ContactProblem(a, L, bcs=wall.base(), interfaces=interfaces, **options)
+
+
+@pytest.mark.parametrize("size", [(2, 2), longer((3, 3)), longer((5, 1))])
+def test_bonds_without_friction(size):
+    """Courses may slide to no effect: solved, the same by both forms, with the least motion."""
+    blocks, found = walls.courses(*size), []
+    for solver in ("saddle", "condensed"):
+        wall, problem = bond(blocks, (0.0, -1.0), solver=solver)
+        u = problem.solve()
+        assert f"taken as zero: {size[0] - 1} rigid motion(s)" in str(problem)
+        area = (blocks[:, 1] - blocks[:, 0]).prod(axis=1)
+        left = area[:, None] * [0.0, -1.0]
+        for (i, _, j), result in zip(wall.faces, problem.results, strict=True):
+            left[i] -= result.resultant
+            left[j] += result.resultant
+            assert all(one.normal_force.min() >= -1e-9 * area.sum() for one in result.sides)
+        assert np.abs(left[blocks[:, 0, 1] > 0.0]).max() <= 1e-9 * area.sum()
+        level = problem.bodies.low[problem.bodies.label, 1]  # of each node's course
+        along = u.x.array.reshape(-1, 2)[:, 0]
+        for at in np.unique(level.round(9))[1:]:
+            assert abs(along[np.abs(level - at) < 1e-9].sum()) < 1e-9 * np.abs(along).max()
+        found.append((joints.all_forces(problem), u.x.array.copy()))
+        problem.destroy()
+    for one, other in zip(*found, strict=True):
+        assert np.abs(one - other).max() <= 1e-8 * np.abs(one).max()
+
+
+@pytest.mark.parametrize("law", [llm.Frictionless(), longer(llm.Coulomb(0.6))])
+def test_a_push_that_nothing_holds(law):
+    """Told by the motion, within ten iterations: what slides, and what is left of the force."""
+    share = 0.01 if law == llm.Frictionless() else 0.9
+    _, problem = bond(walls.courses(2, 2), (share, -1.0), law=law)
+    with pytest.raises(llm.ContactError, match="balance the load.*body 2.*along .1.0, 0.0"):
+        problem.solve()
+    assert len(problem.method.history) <= 10
+
+
+def test_load_that_no_motion_feels():
+    """A disc without friction between a plane and a pressed one rolls and slides to no effect."""
+
+    def bend(x):
+        r, m = np.linalg.norm(x, axis=1), np.abs(x).max(axis=1)
+        ring = x * (m / np.maximum(r, 1e-9))[:, None]
+        return (1.0 - m[:, None] ** 2) * 0.75 * x + m[:, None] ** 2 * ring
+
+    domain, tags = scenes.rectangle(COMM, (8, 8), (-1, -1), (1, 1), "quadrilateral", move=bend)
+    V = compat.function_space(domain, shape=(2,))
+    u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
+    floor = llm.RigidPlane((0, -1), (0, 1))
+    lid = llm.RigidPlane((0, 1), (0, -1), force=(None, -1.0))
+    law = llm.Frictionless()
+    problem = llm.ContactProblem(
+        ufl.inner(scenes.stress(u), ufl.grad(w)) * ufl.dx,
+        ufl.inner(fem.Constant(domain, np.zeros(2)), w) * ufl.dx,
+        interfaces=[
+            llm.Interface(tags, (scenes.BELOW, floor), law=law),
+            llm.Interface(tags, (scenes.ABOVE, lid), law=law),
+        ],
+    )
+    moved = problem.solve().x.array.reshape(-1, 2)
+    assert "taken as zero: 1 rigid motion(s)" in str(problem)
+    assert np.abs(moved.mean(axis=0)[0]) < 1e-9 * np.abs(moved).max()
+    for result, sign in zip(problem.results, (-1.0, 1.0), strict=True):
+        assert np.allclose(result.resultant, [0.0, sign], atol=1e-9)
