@@ -153,19 +153,19 @@ def assemble_matrix(a: Any, bcs: Sequence[Any], diagonal: float) -> PETSc.Mat:
 
 
 def assemble_load(
-    L: Any, a: Any, bcs: Sequence[Any], V: Any, nodal: Sequence[np.ndarray]
+    L: Any, a: Any, bcs: Sequence[Any], given: tuple[np.ndarray, ...], nodal: Sequence[np.ndarray]
 ) -> np.ndarray:
-    """Owned entries of the load: compiled L plus nodal forces at owned dofs, lifted by the
-    conditions' values in the compiled form a."""
-    n = V.dofmap.index_map.size_local * V.dofmap.index_map_bs
-    b = dolfinx.fem.petsc.assemble_vector(L)
-    dolfinx.fem.petsc.apply_lifting(b, [a], [bcs])
+    """Owned entries of the load: compiled L plus nodal forces at owned dofs, lifted in the compiled
+    form a by the conditions' values, which are ``given`` as ``prescribed`` finds them."""
+    b, (fixed, values) = dolfinx.fem.petsc.assemble_vector(L), given
+    n = b.local_size
+    if values[fixed].any():
+        dolfinx.fem.petsc.apply_lifting(b, [a], [bcs])
     b.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
     load = b.array_r[:n].copy()
     b.destroy()
     for force in nodal:
         load += force
-    fixed, values = _prescribed(V, bcs)
     return np.where(fixed[:n], values[:n], load)
 
 
@@ -193,16 +193,16 @@ def ghosted_vector(V: Any, bs: int) -> PETSc.Vec:
 
 def prescribed_values(V: Any, bcs: Sequence[Any]) -> np.ndarray:
     """Values that the conditions prescribe, per owned and ghost dof; NaN where a dof is free."""
-    fixed, values = _prescribed(V, bcs)
+    fixed, values = prescribed(V, bcs)
     return np.where(fixed, values, np.nan)
 
 
 def fixed_dofs(V: Any, bcs: Sequence[Any]) -> np.ndarray:
     """(n_owned dofs,) which dofs the conditions prescribe."""
-    return _prescribed(V, bcs)[0][: V.dofmap.index_map.size_local * V.dofmap.index_map_bs]
+    return prescribed(V, bcs)[0][: V.dofmap.index_map.size_local * V.dofmap.index_map_bs]
 
 
-def _prescribed(V: Any, bcs: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
+def prescribed(V: Any, bcs: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
     """Whether conditions prescribe each owned and ghost dof, and which values."""
     b = ghosted_vector(V, V.dofmap.index_map_bs)
     marks = []

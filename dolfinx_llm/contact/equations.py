@@ -19,7 +19,7 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.contact.friction_nodes import friction_nodes
 from dolfinx_llm.contact.led import rows_of, told
-from dolfinx_llm.contact.proximal import proximal_term
+from dolfinx_llm.contact.proximal import FrameRows
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.step import SOFT, LinearStep
 from dolfinx_llm.laws.rows import STICK, LawRows
@@ -53,7 +53,7 @@ class Equations:
     """
 
     def __init__(self, operators: ContactOperators, proximal: float) -> None:
-        self.scale, self._epsilon, self.lags = operators.scale, proximal, False
+        self.scale, self.lags = operators.scale, False
         self.states = [InterfaceState(nodes) for nodes in friction_nodes(operators)]
         places = [state.nodes for state in self.states]
         self.n = sum(nodes.rows.size for nodes in places)
@@ -66,6 +66,7 @@ class Equations:
         self.whole, self.n_v = hstack([L, L_kappa], format="csr"), L.shape[1]
         self.m = self.whole.shape[1]
         self.L, self.L_t = seen_by(self.whole, self.n_v)
+        self._frames = FrameRows(self.states, self.m, self.n_v, proximal, self.scale)
         self._operators, self.loads = operators, np.zeros(self.n_v)
         self.start = self.about = np.zeros(self.n)
         self._rigid = np.zeros(self.m)  # 1: translations of obstacles, the others nodal motions
@@ -125,13 +126,8 @@ class Equations:
         active = self.closed_rows()
         kept = np.where(active, self.about, 0.0)
         compliance = np.where(self.soft, SOFT / self.scale, self.compliance)
-        P = proximal_term(self.states, self.m, self._epsilon * self.scale)
-        gather = self._frame_gather()
-        own = gather @ P[: self.n_v]
-        relative = block_diag([s.others.frame_relative for s in self.states], format="csr")
-        relative.resize(own.shape)
-        E, rhs = [gather @ self.L_t], [own @ centre + self.loads]
-        D = [own + self.scale * relative]
+        now = self._frames.rows(self.L_t)
+        P, E, D, rhs = now.P, [now.E], [now.D], [now.own @ centre + self.loads]
         for s in self.states:
             nodes = s.nodes
             if nodes.kappa.size:
@@ -147,7 +143,7 @@ class Equations:
         (anchor, spring), floating = held, self._operators.floating
         return LinearStep(
             active, self.may_open(), self.L, g + self.soft * compliance * kept, compliance,
-            stack(E, format="csr"), stack(D, format="csr"), np.concatenate(rhs),
+            below(E), below(D), np.concatenate(rhs),
             anchor, spring, floating.pins, spring * floating.at_pins(anchor), kept,
         )  # fmt: skip
 
@@ -196,7 +192,9 @@ class Equations:
         """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
         with theirs."""
         forces = self.L_t @ multiplier
-        left = (forces if self._operators.tied else self._frame_gather() @ forces) - self.loads
+        left = (
+            forces if self._operators.tied else self._frames.rows(self.L_t).gather @ forces
+        ) - self.loads
         return float(np.abs(left).max(initial=0.0))
 
     def release(self, multiplier: np.ndarray, allowed: float) -> bool:
@@ -224,14 +222,15 @@ class Equations:
                 )
         return ""
 
-    def _frame_gather(self) -> csr_matrix:
-        """(n_v, n_v) forces at the frame's nodes, summed up where equilibrium is asked for."""
-        return block_diag([s.others.frame_gather for s in self.states], format="csr")
-
 
 def seen_by(L: csr_matrix, n_v: int) -> tuple[csr_matrix, csr_matrix]:
     """L (n, m) by which rows see motion, and (n_v, n) what their forces are to the frames."""
     return L, L[:, :n_v].T.tocsr()
+
+
+def below(blocks: list[csr_matrix]) -> csr_matrix:
+    """One below the other; a single one as it is."""
+    return blocks[0] if len(blocks) == 1 else stack(blocks, format="csr")
 
 
 def given_way(equations: Equations, multiplier: np.ndarray) -> float:
@@ -240,9 +239,12 @@ def given_way(equations: Equations, multiplier: np.ndarray) -> float:
     return float(np.abs(multiplier - equations.about)[soft].max(initial=0.0))
 
 
-def spread(equations: Equations) -> float:
-    """Multipliers that balance at a frame node, at most: so often its balance is rounded."""
-    return float(np.asarray(abs(equations.L[:, : equations.n_v]).sum(axis=0)).max(initial=1.0))
+def spread(equations: Equations, noise: float) -> float:
+    """Noise of multipliers times how many balance at a frame node, at most: so often its balance is
+    rounded [force]."""
+    return noise and noise * float(
+        np.asarray(abs(equations.L[:, : equations.n_v]).sum(axis=0)).max(initial=1.0)
+    )
 
 
 def _law_miss(equations: Equations, multiplier: np.ndarray, w: np.ndarray) -> float:

@@ -180,7 +180,7 @@ class ContactIteration:
                 _take_back(self.states, stuck[0])
                 continue
             stalled = calm > CALM and miss > 0.5 * before
-            enough = max(ENOUGH, spread(equations) * self.form.noise / largest)
+            enough = max(ENOUGH, spread(equations, self.form.noise) / largest)
             settled = miss <= self.form.accuracy or (stalled and miss <= enough)
             given, last = given_way(equations, multiplier) / largest, given
             settled &= given <= (ROUGH if calm > CALM and given > 0.5 * last else CONSTANT)

@@ -6,7 +6,6 @@ import logging
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import diags
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.contact.balance import unbalanced
@@ -135,8 +134,7 @@ def _judged(
     if beyond(max(left, iteration.forces), stiffness * max(moved, size(g), positions)):
         verdict = judge(left, terms, iteration.forces, form.describe(), form.tolerance)
     check_rounding(verdict.rounding)
-    on = diags(equations.closed_rows().astype(float))
-    drift = operators.floating.drift((on @ equations.L[:, : equations.n_v]).tocsr())
+    drift = operators.floating.drift(equations.L, equations.n_v, equations.closed_rows())
     iteration.verdict = replace(verdict, drift=drift)
     for words in iteration.verdict.lost if operators.comm.rank == 0 else []:
         log.warning(words)

@@ -1,12 +1,16 @@
-"""The proximal term, which holds frame nodes and slips where contact leaves them free."""
+"""Rows of the frames, and the proximal term.
+
+It holds frame nodes and slips where contact leaves them free.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import block_diag, coo_matrix, csr_matrix
 
 from dolfinx_llm.contact.state import InterfaceState
 
@@ -49,3 +53,51 @@ def proximal_term(states: Sequence[InterfaceState], m: int, stiffness: float) ->
             add(jump, jump, sum(held))
     index = np.concatenate(row), np.concatenate(col)
     return coo_matrix((np.concatenate(value), index), (m, m)).tocsr()
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Of the frames, E λ + D w, for one state of contact."""
+
+    P: csr_matrix  # (m, m) proximal term of all unknowns
+    own: csr_matrix  # (n_v, m) of the frames
+    E: csr_matrix  # (n_v, n)
+    D: csr_matrix  # (n_v, m)
+    gather: csr_matrix  # (n_v, n_v) forces at the frame's nodes, summed up where these balance
+
+
+class FrameRows:
+    """Rows of the frames, made anew where what touches has changed.
+
+    Args:
+        states: of the interfaces.
+        m, n_v: numbers of unknowns w, and of those of the frames.
+        epsilon: of the proximal term, of the surfaces' stiffness ``scale`` [force / length].
+    """
+
+    def __init__(
+        self, states: Sequence[InterfaceState], m: int, n_v: int, epsilon: float, scale: float
+    ) -> None:
+        self._states, self._m, self._n_v = states, m, n_v
+        self._epsilon, self._scale = epsilon, scale
+        self._touched: list[int] = []  # changes of the states that the rows are of
+        self._seen: Any = None  # L_t that they are of
+        self._rows: Any = None
+
+    def rows(self, L_t: csr_matrix) -> Rows:
+        """The same object as long as nothing has changed.
+
+        Args:
+            L_t: (n_v, n) what forces of the rows are to the frames now.
+        """
+        touched = [s.touched for s in self._states]
+        if touched == self._touched and L_t is self._seen:
+            return cast("Rows", self._rows)
+        gather = block_diag([s.others.frame_gather for s in self._states], format="csr")
+        P = proximal_term(self._states, self._m, self._epsilon * self._scale)
+        own = gather @ P[: self._n_v]
+        relative = block_diag([s.others.frame_relative for s in self._states], format="csr")
+        relative.resize(own.shape)
+        self._touched, self._seen = touched, L_t
+        rows = self._rows = Rows(P, own, gather @ L_t, own + self._scale * relative, gather)
+        return rows

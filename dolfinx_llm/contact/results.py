@@ -7,10 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import identity
-from scipy.sparse.linalg import splu
 
-from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.frame import Frame, displaced
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.control import at_nodes, nodal_values
@@ -22,7 +20,6 @@ from dolfinx_llm.operators.system import ContactOperators
 
 FELT = 1e-9  # part of the largest force or motion, below which there is none
 IDLE = 1e-14  # force over the surfaces' stiffness times their motion that is rounding
-DRAW = 1e-3  # of a frame node's mean support: what draws its tangential motion to the mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,11 +192,8 @@ def _tangential_average(geometry: InterfaceGeometry, moved: Sequence[np.ndarray]
     """(m, gdim) mean of the tangential motions of both sides, fitted to the frame's nodes."""
     total = np.zeros((len(geometry.directions), moved[0].shape[1]))
     for p, motion in zip(geometry.pairs, moved, strict=True):
-        A = p.N.T @ p.N
-        # Frame nodes that hardly any pair of this side reaches move as the side does on average.
-        weak = DRAW * A.diagonal().mean() * identity(A.shape[0])
         mean = motion.mean(axis=0)
-        total += 0.5 * (mean + splu((A + weak).tocsc()).solve(p.N.T @ (motion - mean)))
+        total += 0.5 * (mean + p.fit.solve(p.N.T @ (motion - mean)))
     normal = geometry.directions[:, -1]
     return total - np.einsum("mi,mi->m", total, normal)[:, None] * normal
 
@@ -271,7 +265,7 @@ def _interface_result(
             friction = state.share_out(friction, force)
         elif law.components == "normal":
             friction = np.zeros_like(friction)
-    frame, known = replace(frame, v=nodal_values(geometry, v)), geometry.certificate
+    frame, known = displaced(frame, nodal_values(geometry, v)), geometry.certificate
     density = _frame_density(geometry, sides, normal)
     return InterfaceResult(
         frame, nodal, known, force, area, friction, status, presses, frame_density=density

@@ -71,15 +71,15 @@ class InterfaceState:
     """One interface in the iteration: its law's nodes, its state, and what follows from both.
 
     Nodes of friction at the rim of contact slip as their ``speaker`` does (``speakers``), where T
-    and N of all are summed up. Those that next to nothing holds also move with it, until contact
-    has come to rest; then each balances on its own (``release``).
+    and N of all are summed up. Those that next to nothing holds also move with it, until contact has
+    come to rest; then each balances on its own.
 
     Args:
         nodes: of the interface.
 
     Attributes:
         nodes, own: as given; the state.
-        others: who speaks for whom.
+        others, touched: who speaks for whom; counts the changes of what is in contact.
         held: (n,) pairs that may pull, too.
         shares, curved: nodes at the rim of contact slip as others do; so on a curved frame.
     """
@@ -88,7 +88,7 @@ class InterfaceState:
         self.nodes, law = nodes, nodes.law
         self.shares = law.shares and law.slips and not (law.gives or nodes.geometry.rigid)
         self.curved = self.shares and nodes.curved
-        self.glides = False  # no pair follows the frame tangentially
+        self.glides, self.touched = False, 0  # no pair follows the frame tangentially
         self.stays = np.zeros(len(nodes.rows), dtype=bool)  # pairs that cannot part
         self.forget()
 
@@ -138,13 +138,13 @@ class InterfaceState:
 
     def touch(self, active: np.ndarray) -> None:
         """Take over the pairs (n,) in contact, and who speaks for whom."""
-        nodes, self.held = self.nodes, self.nodes.reach(self.own.holds) | self.stays
-        self.own.active = active | self.held
-        self._apart = ~nodes.reached(self.held)  # nodes where nothing pulls
+        self.held = self.nodes.reach(self.own.holds) | self.stays
+        self.own.active = active = active | self.held
         touching = np.append([self._tied, self.own.active], self._adrift)
-        if self.shares and not np.array_equal(touching, self._touching):
-            of = self._tied, self.own.active, self._adrift
-            self.others, self._touching = Followers.of(nodes, *of), touching
+        if not np.array_equal(touching, self._touching):
+            self._touching, self.touched = touching, self.touched + 1
+            if self.shares:
+                self.others = Followers.of(self.nodes, self._tied, active, self._adrift)
 
     def take(self, rows: LawRows) -> None:
         """Take over what law rows say of the nodes."""
@@ -218,7 +218,8 @@ class InterfaceState:
         T = self.others.gather @ (nodes.theta * (nodes.L_kappa.T @ own))
         jump = w[nodes.kappa] / nodes.theta
         if self.law.opens and self.law.gives:
-            jump[self._apart, -1] = np.maximum(jump[self._apart, -1], 0.0)
+            pulls = nodes.reached(self.held)
+            jump[:, -1] = np.where(pulls, jump[:, -1], np.maximum(jump[:, -1], 0.0))
         return LawNodes(
             nodes.x,
             nodes.area,

@@ -24,6 +24,7 @@ from dolfinx_llm.operators.petsc import with_springs
 from dolfinx_llm.operators.system import ContactOperators
 
 COLUMNS = 64  # right-hand sides solved at once
+CANCELS = 0.1  # size of a displacement over that of the last one, from which on it starts from that
 
 
 class Flexibility(StepForm):
@@ -54,6 +55,7 @@ class Flexibility(StepForm):
         self.comm, self.floating = operators.comm, operators.floating
         rigid = self.floating.rigid
         self._local_B = _local_csr(operators.B)
+        self._local_B_t = self._local_B.T.tocsr()
         # Springs hold all rigid motions, also those that springs of the form a hold weakly: under
         # forces in balance they carry nothing.
         pinned = with_springs(self.K, pins(self.comm, rigid.modes), operators.diagonal)
@@ -72,9 +74,12 @@ class Flexibility(StepForm):
         self._own = 0.5 * (self._own + self._own.T)
         self._held = np.zeros((k, k))
         self._held[: rigid.free, : rigid.free] = self.floating.square
-        self.G = self._interface_sum(self._local_B.T @ self.modes)
+        self.G = self._interface_sum(self._local_B_t @ self.modes)
         self.F: Any = self._flexibility()  # (n, n) on rank 0, None elsewhere
         self.f: np.ndarray | None = None  # this rank's load that h and r are of
+        self._u: np.ndarray | None = None  # what ``_pinned`` found last
+        self._about = np.zeros(self.rows.sizes[1])  # λ that it is for
+        self._factor: Any = None  # ``LinearStep`` that was solved last, and its solver
 
     def _interface_sum(self, part: np.ndarray) -> np.ndarray:
         """Sum over ranks of a part with one row per multiplier, in their own order."""
@@ -88,7 +93,7 @@ class Flexibility(StepForm):
         for first in progress(range(0, n, COLUMNS), "flexibility of the surfaces"):
             last = min(first + COLUMNS, n)
             solved = self._solver.solve_many(columns[:, first:last].toarray())
-            part = self.comm.reduce(self._local_B.T @ solved, root=0)
+            part = self.comm.reduce(self._local_B_t @ solved, root=0)
             if F is not None:
                 F[:, first:last] = part
         if F is None:
@@ -99,7 +104,7 @@ class Flexibility(StepForm):
     def _load(self, f: np.ndarray) -> None:
         """Take this rank's load: h, and the resultant along the floating modes."""
         self.f = f
-        self.h = self._interface_sum(self._local_B.T @ self._solver.solve(f))
+        self._take(self._about)
         self.r = self.comm.allreduce(self.modes.T @ f)
         self._alpha = np.zeros(len(self.r))
 
@@ -144,35 +149,56 @@ class Flexibility(StepForm):
         A[n : n + m, n : n + m] = step.D.toarray() / c
         A[n + m :, :n] = self.G[on].T
         A[n + m :, n + m :] = (self._own + held) / c
-        pull = self.r + held[:, : len(step.anchor)] @ step.anchor
-        rhs = np.concatenate([self.h[on] + step.g[on], step.rhs / c, pull / c])
-        return A, rhs
+        return A, self._rhs(step, on)
+
+    def _rhs(self, step: LinearStep, on: np.ndarray) -> np.ndarray:
+        c, k = self.scale, len(step.anchor)
+        pull = self.r + step.spring * self._held[:, :k] @ step.anchor
+        return np.concatenate([self.h[on] + step.g[on], step.rhs / c, pull / c])
 
     def _dense(self, step: LinearStep) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         on, c, m = np.flatnonzero(step.active), self.scale, step.L.shape[1]
-        A, rhs = self._equations(step, on)
-        x = _refined(A)(rhs[:, None])[:, 0]
+        x = self._solved(step, on)
         multiplier, n = np.zeros(len(step.active)), len(on)
         multiplier[on] = c * x[:n]
         alpha = x[n + m :]
         y = self.h - self.F @ multiplier + self.G @ alpha
         return multiplier, y, x[n : n + m], alpha
 
+    def _solved(self, step: LinearStep, on: np.ndarray) -> np.ndarray:
+        """Unknowns of the rows ``on``, the frame and the rigid motions; what was factorised serves
+        all steps of the same matrix."""
+        if self._factor is None or not step.same_matrix(self._factor[0]):
+            self._factor = step, _refined(self._equations(step, on)[0])
+        return np.asarray(self._factor[1](self._rhs(step, on)[:, None]))[:, 0]
+
     def displacement(self, found: StepResult) -> np.ndarray:
         """See ``StepForm``."""
         return self._pinned(found.multiplier) + self.modes @ self._alpha
 
     def _pinned(self, multiplier: np.ndarray) -> np.ndarray:
-        """This rank's displacement under f - B λ where springs hold the pins."""
+        """This rank's displacement under f - B λ where springs hold the pins: the last one with
+        what that leaves, which refines it. One that is much smaller is found anew, since it would
+        be a difference of large ones."""
         load = self.f - self._local_B @ self._in_petsc_order(multiplier)
-        return self._solver.solve(load)
+        if self._u is not None:
+            found = self._solver.refine(load, self._u)
+            now, before = self.comm.allreduce(np.array([found @ found, self._u @ self._u]))
+            self._u = found if now >= CANCELS**2 * before else None
+        if self._u is None:
+            self._u = self._solver.solve(load)
+        return self._u
 
     def correct(self, found: StepResult) -> None:
         """Take h from the displacement for these multipliers: F and the pinned solve of the load
         alone are subject to rounding that the forces together are not."""
-        y = self._interface_sum(self._local_B.T @ self._pinned(found.multiplier))
+        self._take(found.multiplier)
+
+    def _take(self, multiplier: np.ndarray) -> None:
+        """h on rank 0, from the displacement for some multipliers."""
+        y, self._about = self._interface_sum(self._local_B_t @ self._pinned(multiplier)), multiplier
         if self.comm.rank == 0:
-            self.h = y + self.F @ found.multiplier
+            self.h = y + self.F @ multiplier
 
     def _in_petsc_order(self, values: np.ndarray) -> np.ndarray:
         """Values of the multipliers by their global number."""

@@ -231,6 +231,19 @@ class Frame:
         return self._places.interpolation(location, self.cells, self.element)
 
 
+def displaced(frame: Frame, v: np.ndarray) -> Frame:
+    """A frame with displacements of its nodes beside their positions, for results.
+
+    Args:
+        frame: has been checked.
+        v: (m, gdim) displacement of the nodes [length].
+    """
+    found = object.__new__(Frame)
+    for name, value in {"x": frame.x, "cells": frame.cells, "v": v}.items():
+        object.__setattr__(found, name, value)
+    return found
+
+
 def _check_straight(frame: Frame) -> None:
     """Nodes of second order must lie in the middle of their edges and cells."""
     between = frame.element.between(frame.x[frame.corners])

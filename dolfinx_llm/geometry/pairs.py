@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, vstack
-from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
+from scipy.sparse import csr_matrix, identity, vstack
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.geometry.cells import bases
@@ -16,6 +17,7 @@ from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.surface import Surface
 
 BOUND = 1e-3  # of the singular values' ratio
+DRAW = 1e-3  # of a frame node's mean support: what draws its motion to the mean
 
 
 def control_matrices(surface: Surface) -> tuple[csr_matrix, csr_matrix]:
@@ -69,7 +71,14 @@ class ContactPairs:
         """(n, gdim) where the nodes meet the frame, or an obstacle, as drawn [length]."""
         return self.x - (self.gap if self.control is None else self.control @ self.gap)
 
-    @property
+    @cached_property
+    def fit(self) -> Any:
+        """Factorised NᵀN, by which motions of the nodes are fitted to those of the frame's; frame
+        nodes that hardly any pair reaches move as the mean of them does."""
+        A = self.N.T @ self.N
+        return splu((A + DRAW * A.diagonal().mean() * identity(A.shape[0])).tocsc())
+
+    @cached_property
     def cells(self) -> np.ndarray:
         """(m, k) all nodes of the facets between nodes that take part, by place in ``nodes``."""
         place = np.full(len(self.surface.x), -1)

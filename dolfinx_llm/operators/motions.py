@@ -12,7 +12,7 @@ import numpy as np
 import scipy.linalg
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix, identity
+from scipy.sparse import csr_matrix, diags, identity
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.parallel import gather_rows
@@ -206,14 +206,15 @@ class Floating:
         """(n, count) by how much multipliers may push along the free motions."""
         return np.abs(self.G[:, : self.count])
 
-    def drift(self, L: csr_matrix) -> float:
+    def drift(self, L: csr_matrix, frames: int, active: np.ndarray) -> float:
         """Relative error of motions that weak springs alone hold: the stiffness of the bodies, with
-        its rounding, stands beside theirs. L (n, m) has the rows of L_b in contact, the others are
-        zero."""
+        its rounding, stands beside theirs. The first columns of L (n, m), so many, are L_b; (n,)
+        rows are in contact."""
         rigid, weak = self.rigid, slice(self.count, None)
         own, noise = rigid.stiffness[weak, weak], np.diag(rigid.noise[weak])
         if not (np.diagonal(noise) > DRIFTS * np.diagonal(own)).any():
             return 0.0
+        L = (diags(active.astype(float)) @ L[:, :frames]).tocsr()
         on = np.diff(L.indptr) > 0
         G = self.G[:, weak] * on[:, None]
         if L.shape[1]:

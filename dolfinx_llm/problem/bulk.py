@@ -82,8 +82,9 @@ class LinearBulk:
     def _sort_conditions(self) -> None:
         """Conditions by mesh, and which dofs they prescribe."""
         self._bcs = by_mesh(self.comm, self._given, self._W)
-        found = zip(self.blocks, self._W, self._bcs, strict=True)
-        self.fixed = [b.ours(compat.fixed_dofs(W, bcs)) for b, W, bcs in found]
+        self._prescribed = [compat.prescribed(W, bcs) for W, bcs in zip(self._W, self._bcs)]
+        found = zip(self.blocks, self._prescribed, strict=True)
+        self.fixed = [b.ours(fixed[: len(b.scale)]) for b, (fixed, _) in found]
         mixed = any(b.mixed for b in self.blocks)
         others = tuple(b.others for b in self.blocks) if mixed else ()
         self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(self.fixed), others)
@@ -139,11 +140,12 @@ class LinearBulk:
         return K
 
     def load(self) -> np.ndarray:
-        """This rank's f, with the values at prescribed dofs."""
+        """This rank's f, with the values at prescribed dofs as ``changes`` last found them."""
         loads = []
         for i, (b, fixed) in enumerate(zip(self.blocks, self.fixed, strict=True)):
             nodal = [b.nodal(load) for load in self._nodal[i]]
-            f = compat.assemble_load(self._L[i], self._a[i], self._bcs[i], b.W, nodal)
+            given = self._prescribed[i]
+            f = compat.assemble_load(self._L[i], self._a[i], self._bcs[i], given, nodal)
             loads.append(b.load(f, fixed))
         f = np.concatenate(loads)
         bad = self.comm.allreduce(int((~np.isfinite(f)).sum()))

@@ -195,7 +195,7 @@ class Wall:
         ksp.setType("preonly")
         ksp.getPC().setType("lu")
         u, b = fem.Function(self.V), ksp.getOperators()[0].createVecLeft()
-        b.array_w[:] = compat.assemble_load(fem.form(L), a, bcs, self.V, [])
+        b.array_w[:] = compat.assemble_load(fem.form(L), a, bcs, compat.prescribed(self.V, bcs), [])
         x = b.duplicate()
         ksp.solve(b, x)
         u.x.array[: len(x.array_r)] = x.array_r
