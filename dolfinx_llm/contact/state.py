@@ -71,8 +71,7 @@ class InterfaceState:
     """One interface in the iteration: its law's nodes, its state, and what follows from both.
 
     Nodes of friction at the rim of contact slip as their ``speaker`` does (``speakers``), where T
-    and N of all are summed up. Those that next to nothing holds also move with it, until contact has
-    come to rest; then each balances on its own.
+    and N of all are summed up. Those that next to nothing holds also move with it at first.
 
     Args:
         nodes: of the interface.
