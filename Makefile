@@ -4,7 +4,7 @@ ACTIVATE = . $(VENV)/bin/activate
 PARALLEL = -n $(WORKERS) --dist loadgroup
 
 .DEFAULT_GOAL := help
-.PHONY: help setup tools test quick long figures patch3d coverage check lint types docs clean
+.PHONY: help setup tools test quick long figures patch3d coverage check lint types docs gallery clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z0-9]*\):.*## \(.*\)/  make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 18
@@ -40,8 +40,11 @@ lint: tools ## check style and format
 types: tools ## check types
 	$(VENV)/bin/mypy
 
-docs: tools ## build the documentation of all public names in build/docs
-	$(ACTIVATE) && python .ci/docs.py build/docs
+docs: tools ## build the pages, the gallery of demos and all public names in build/docs
+	$(ACTIVATE) && python .ci/docs.py build/docs && python .ci/gallery.py pages build/docs
+
+gallery: tools ## run the demos, keep their pictures and numbers, and build the pages; DEMOS="slope"
+	$(ACTIVATE) && python .ci/gallery.py run $(DEMOS) && python .ci/gallery.py pages build/docs
 
 tools: setup # from PyPI into .venv; a new .venv has none of them
 	@test -e $(VENV)/tools || { $(VENV)/bin/pip install -q --disable-pip-version-check \

@@ -4,7 +4,7 @@ Two unit cubes, one on the other, with n and about 1.5 n bricks a side, against 
 the coarser kind on both. Errors of the displacement in L2 and H1, and of the normal contact
 pressure, over refinements.
 
-    mpirun -n 2 python demos/convergence.py [--field bending] [--refinements K] [--json FILE]
+    mpirun -n 2 python demos/convergence.py [--field bending] [--refinements K] [--json FILE] ...
 """
 
 import argparse
@@ -152,6 +152,7 @@ def main(arguments=None):
     parser.add_argument("--refinements", type=int, default=3)
     parser.add_argument("--field", choices=FIELDS, default="manufactured")
     parser.add_argument("--json", type=Path, metavar="FILE")
+    parser.add_argument("--plot", type=Path, metavar="DIR")
     args = parser.parse_args(arguments)
     comm = MPI.COMM_WORLD
     rows = []
@@ -174,6 +175,14 @@ def main(arguments=None):
                 print(line, flush=True)
     if comm.rank == 0 and args.json:
         args.json.write_text(json.dumps(rows, indent=2) + "\n")
+    if args.plot:
+        lines, h = [], [1.0 / row["n"] for row in rows]
+        for k, key in enumerate(("l2", "h1", "pressure")):
+            for name, style in (("tied", "o-"), ("matching", "x:")):
+                values = [row[name][key] for row in rows]
+                lines.append((f"{key}, {name}", f"C{k}{style}", h, values))
+        path = args.plot / "convergence.png"
+        llm.plot.curves(lines, path, xlabel="h of the coarser side", ylabel="error", log=True)
     return rows
 
 

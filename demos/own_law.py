@@ -18,6 +18,7 @@ Then two glued beams are peeled from each other. Griffith's balance of energy wi
 import argparse
 import json
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import ufl
@@ -255,6 +256,7 @@ def main():
     parser.add_argument("--solver", default="auto", choices=("auto", "saddle", "condensed"))
     parser.add_argument("--scenes", nargs="+", default=SCENES, choices=SCENES)
     parser.add_argument("--json", action="store_true", help="print figures as JSON")
+    parser.add_argument("--plot", type=Path, metavar="DIR")
     args = parser.parse_args()
     figures, shows = {}, MPI.COMM_WORLD.rank == 0 and not args.json
     for name, law, angle in (
@@ -275,6 +277,14 @@ def main():
             for row in figures["peel"]:
                 print("  ends apart by {d:.1f}: force {force:.4f}, Griffith {Griffith:.4f}, "
                       "{parted} nodes parted, {iterations} iterations".format(**row))  # fmt: skip
+    if args.plot:
+        lines = []
+        for name, rows in figures.items():
+            keys = ("d", "force", "Griffith") if name == "peel" else ("U", "stress", "closed form")
+            x, found, known = ([row[key] for row in rows] for key in keys)
+            lines.append([(f"{name}: {keys[1]}", "C0o-", x, found), (keys[2], "k:", x, known)])
+        path = args.plot / "own_law.png"
+        llm.plot.curves(lines, path, xlabel="motion of the ends")
     if args.json and MPI.COMM_WORLD.rank == 0:
         print(json.dumps(figures))
 

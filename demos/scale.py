@@ -3,7 +3,7 @@
 Two flat surfaces of jittered quads, 10^2 to 10^5 nodes a side, no bodies: what is timed is what the
 interface itself costs, once per scene.
 
-    python demos/scale.py [--largest N] [--plot FILE] [--json FILE]
+    python demos/scale.py [--largest N] [--plot DIR] [--json FILE]
 """
 
 import argparse
@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dolfinx_llm import plot
 from dolfinx_llm.design.predict import predict_frame
 from dolfinx_llm.design.weights import design_weights, patch_residual
 from dolfinx_llm.geometry.loads import NodalLoads
@@ -83,7 +84,7 @@ def measure(n):
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--largest", type=int, default=100_000, help="nodes a side")
-    parser.add_argument("--plot", type=Path, metavar="FILE")
+    parser.add_argument("--plot", type=Path, metavar="DIR")
     parser.add_argument("--json", type=Path, metavar="FILE")
     args = parser.parse_args(arguments)
     sizes = [n for n in (10, 32, 100, 316) if n * n <= args.largest]
@@ -100,27 +101,14 @@ def main(arguments=None):
     if args.json:
         args.json.write_text(json.dumps(rows, indent=2) + "\n")
     if args.plot:
-        plot(rows, args.plot)
+        nodes = np.array([sum(row["nodes"]) for row in rows])
+        lines = [(stage, ".-", nodes, [row["times"][stage] for row in rows]) for stage in STAGES]
+        lines.append(("total", "k.-", nodes, [row["total"] for row in rows]))
+        guide = rows[-1]["total"] / nodes[-1] * nodes
+        lines.append(("proportional to the nodes", "k:", nodes, guide))
+        names = {"xlabel": "surface nodes in contact, both sides", "ylabel": "seconds"}
+        plot.curves(lines, args.plot / "scale.png", log=True, **names)
     return rows
-
-
-def plot(rows, path):
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    nodes = [sum(row["nodes"]) for row in rows]
-    figure, axis = plt.subplots()
-    for stage in STAGES:
-        axis.loglog(nodes, [row["times"][stage] for row in rows], ".-", label=stage)
-    axis.loglog(nodes, [row["total"] for row in rows], "k.-", label="total")
-    guide = rows[-1]["total"] / nodes[-1] * np.array(nodes)
-    axis.loglog(nodes, guide, "k:", label="proportional to the nodes")
-    axis.set(xlabel="surface nodes in contact, both sides", ylabel="seconds")
-    axis.legend()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=150, bbox_inches="tight")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ sideways above and under a body force that presses, bends and twists; the refere
 the same two cubes, matching, with as many unknowns. Without friction the figures are those of all
 steps together. Every case runs in a process of its own, so that its peak memory is its own.
 
-    python demos/solvers.py [--largest N] [--repeat K] [--ranks R] [--only WORD] [--json FILE]
+    python demos/solvers.py [--largest N] [--repeat K] [--ranks R] [--only WORD] ...
 """
 
 import argparse
@@ -201,6 +201,7 @@ def main(arguments=None):
     parser.add_argument("--ranks", type=int, default=1)
     parser.add_argument("--only", default="", metavar="WORD", help="in the methods' names")
     parser.add_argument("--json", type=Path, metavar="FILE")
+    parser.add_argument("--plot", type=Path, metavar="DIR")
     parser.add_argument("--case", nargs=2, metavar=("METHOD", "N"), help=argparse.SUPPRESS)
     args = parser.parse_args(arguments)
     if args.case:
@@ -224,6 +225,16 @@ def main(arguments=None):
             print(f"{method:<22}{row['unknowns']:10}{figures}{row['residual']:12.1e}", flush=True)
     if args.json:
         args.json.write_text(json.dumps(rows, indent=2) + "\n")
+    if args.plot:
+        from dolfinx_llm import plot
+
+        lines = []
+        for method in dict.fromkeys(row["method"] for row in rows):
+            own = [row for row in rows if row["method"] == method]
+            seconds = [row["set-up"] + row["solve"] for row in own]
+            lines.append((method, "o-", [row["unknowns"] for row in own], seconds))
+        names = {"xlabel": "unknowns", "ylabel": "set-up and solve [s]"}
+        plot.curves(lines, args.plot / "solvers.png", log=True, **names)
     return rows
 
 

@@ -199,6 +199,7 @@ def main(arguments=None):
     parser.add_argument("--size", type=int, default=8, metavar="N", help="cells along a block")
     parser.add_argument("--only", default="", metavar="WORD")
     parser.add_argument("--json", type=Path, metavar="FILE")
+    parser.add_argument("--plot", type=Path, metavar="DIR")
     args = parser.parse_args(arguments)
     rank, rows = MPI.COMM_WORLD.rank, []
     for name, cases in CASES.items():
@@ -212,6 +213,19 @@ def main(arguments=None):
                     print(line(row), flush=True)
     if args.json and rank == 0:
         args.json.write_text(json.dumps(rows, indent=2) + "\n")
+    if args.plot:
+        diagrams = []
+        for solver in SOLVERS:
+            lines = []
+            for k, name in enumerate(dict.fromkeys(row["case"] for row in rows)):
+                own = [row for row in rows if (row["case"], row["solver"]) == (name, solver)]
+                own = [row for row in own if "refused" not in row]
+                error = [max(row["displacement"], 1e-17) for row in own]
+                style = f"C{k % 10}{'o-' if k < 10 else 'x:'}"
+                lines.append((f"{solver}: {name}", style, [row["value"] for row in own], error))
+            diagrams.append(lines)
+        names = {"xlabel": "property over the ordinary", "ylabel": "error of the displacement"}
+        llm.plot.curves(diagrams, args.plot / "stiff_cases.png", log=True, **names)
     return rows
 
 

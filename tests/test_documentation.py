@@ -16,9 +16,17 @@ from conftest import TESTS
 
 import dolfinx_llm
 
-spec = importlib.util.spec_from_file_location("ci_docs", TESTS.parent / ".ci" / "docs.py")
-docs = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(docs)
+
+def tool(name):
+    """A module of .ci."""
+    spec = importlib.util.spec_from_file_location(f"ci_{name}", TESTS.parent / f".ci/{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # where dataclasses look for their types
+    spec.loader.exec_module(module)
+    return module
+
+
+docs, figures, gallery = tool("docs"), tool("figures"), tool("gallery")
 
 EXAMPLES = [
     "geometry.frame", "laws.tied", "laws.frictionless", "laws.coulomb", "laws.complementarity",
@@ -223,12 +231,6 @@ def test_readme_is_a_front_page():
     assert len(PAGES["README.md"].splitlines()) <= 120
 
 
-spec = importlib.util.spec_from_file_location("ci_figures", TESTS.parent / ".ci" / "figures.py")
-figures = importlib.util.module_from_spec(spec)
-sys.modules[spec.name] = figures  # where dataclasses look for their types
-spec.loader.exec_module(figures)
-
-
 def test_readme_is_checked_against_runs():
     """What README says is taken for a run's, and a figure beyond its bound is told."""
     readme = PAGES["README.md"]
@@ -242,3 +244,33 @@ def test_readme_is_checked_against_runs():
             off[k] = said[k] * 11.0 if figure.times else said[k] + figure.differs + 1e-6
             (fault,) = row.faults(readme, off)
             assert row.scene in fault and f"says {said[k]}" in fault
+
+
+def test_every_demo_has_a_page(tmp_path, monkeypatch):
+    """Of its docstring, its code and what a run left; the index shows its picture. Links between
+    pages lead to files."""
+    pytest.importorskip("markdown2")
+    pytest.importorskip("pygments")
+    monkeypatch.setattr(gallery, "KEPT", tmp_path / "kept")
+    kept = tmp_path / "kept" / "slope"
+    kept.mkdir(parents=True)
+    (kept / "slope.png").write_bytes(b"picture")
+    (kept / "printed.txt").write_text("acceleration < 1.0006")
+    (kept / "run.json").write_text('{"command": "python demos/slope.py", "seconds": 3.2}')
+    gallery.main(["pages", str(tmp_path / "docs")])
+    assert len(gallery.demos()) > 20 and "paper_data" not in gallery.demos()
+    for name in gallery.demos():
+        text = (tmp_path / "docs" / "demos" / f"{name}.html").read_text()
+        assert "make gallery" in text or name == "slope"
+        assert all(word in text for word in ("<h2>Code</h2>", "import"))
+    page = (tmp_path / "docs" / "demos" / "slope.html").read_text()
+    assert "acceleration &lt; 1.0006" in page and "at rest or sliding" in page
+    assert (tmp_path / "docs" / "demos" / "slope_slope.png").read_bytes() == b"picture"
+    for path in (tmp_path / "docs").rglob("*.html"):
+        for link in re.findall(r'(?:href|src)="([^"#:]+)"', path.read_text()):
+            ours = not link.endswith(("dolfinx_llm.html", ".py"))  # pdoc's; the repository's
+            assert not ours or path.parent.joinpath(link).exists(), f"{path}: {link}"
+
+
+def test_options_of_the_gallery_are_the_demos():
+    assert set(gallery.OPTIONS) <= set(gallery.demos())

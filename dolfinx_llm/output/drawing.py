@@ -88,26 +88,37 @@ def draw_scene(scene: Scene, path: str | Path) -> None:
     if scene.points.shape[1] == 3 and path.suffix == ".png" and render.draw(scene, path):
         return
     plt = pyplot()
-    figure, norm = plt.figure(figsize=(8, 6)), plt.Normalize(*scene.limits)
+    figure, norm, cmap = plt.figure(figsize=(8, 6)), plt.Normalize(*scene.limits), "viridis"
+    if scene.named is not None:
+        from matplotlib.colors import BoundaryNorm, ListedColormap
+
+        n = len(scene.named)
+        norm, cmap = BoundaryNorm(np.arange(n + 1) - 0.5, n), ListedColormap(render.SHADES[:n])
     per_cell = scene.values
     if len(scene.values) == len(scene.points):
         per_cell = scene.values[scene.cells].mean(axis=1)
     if scene.view is not None:
-        _draw_flat(figure, scene, scene.view, norm)
+        _draw_flat(figure, scene, scene.view, norm, cmap)
     else:
-        _draw_skin(figure, scene, plt.cm.viridis(norm(per_cell)))
-    bar = plt.cm.ScalarMappable(norm, "viridis")
+        _draw_skin(figure, scene, plt.get_cmap(cmap)(norm(per_cell)))
+    bar = plt.cm.ScalarMappable(norm, cmap)
     figure.axes[0].set_title(scene.label, fontsize="medium")  # longer than flat bodies are high
-    figure.colorbar(bar, ax=figure.axes, shrink=0.7, label=scene.label.split(" (")[0])
+    told = figure.colorbar(bar, ax=figure.axes, shrink=0.7, label=scene.label.split(" (")[0])
+    if scene.named is not None:
+        told.set_ticks(np.arange(len(scene.named)), labels=list(scene.named))
     save(plt, figure, path)
 
 
-def _draw_flat(figure: Any, scene: Scene, normal: np.ndarray, norm: Any) -> None:
+def _draw_flat(figure: Any, scene: Scene, normal: np.ndarray, norm: Any, cmap: Any) -> None:
     """A flat surface seen along its normal."""
     plane = Plane(scene.points.mean(axis=0), orthonormal_base(normal))
     axis, s, cells = figure.add_subplot(), plane.project(scene.points), scene.cells
     triangles = np.concatenate([cells[:, [0, i, i + 1]] for i in range(1, cells.shape[1] - 1)])
-    axis.tripcolor(*s.T, triangles, scene.values, shading="gouraud", norm=norm)
+    if scene.named is not None:
+        of_cells = np.tile(scene.values, cells.shape[1] - 2)
+        axis.tripcolor(*s.T, triangles, facecolors=of_cells, norm=norm, cmap=cmap)
+    else:
+        axis.tripcolor(*s.T, triangles, scene.values, shading="gouraud", norm=norm, cmap=cmap)
     _draw_marks(axis, s, scene.status)
 
 

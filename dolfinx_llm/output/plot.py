@@ -4,6 +4,7 @@ Scenes in 3D are drawn by PyVista where it is installed and can draw, all else b
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +87,13 @@ def frame_design(result: InterfaceForces, before: Frame | None, path: str | Path
 
 
 def curves(
-    lines: Sequence[Any], path: str | Path, *, xlabel: str = "", ylabel: str = "", title: str = ""
+    lines: Sequence[Any],
+    path: str | Path,
+    *,
+    xlabel: str = "",
+    ylabel: str = "",
+    title: str = "",
+    log: bool = False,
 ) -> None:
     """Curves and points in one diagram, e.g. pressure along a contact against theory.
 
@@ -97,6 +104,7 @@ def curves(
             diagrams side by side.
         path: PNG to write.
         xlabel, ylabel, title: of all diagrams.
+        log: whether both axes are logarithmic.
 
     Raises:
         ContactInputError: lines of another form, or a path that cannot be written.
@@ -108,6 +116,7 @@ def curves(
             _check_line(line)
     for name, text in (("xlabel", xlabel), ("ylabel", ylabel), ("title", title)):
         checks.instance(name, text, str, "give a text")
+    checks.instance("log", log, bool, "give True or False")
     writable_file("path", path, PICTURES)
     if not on_root():
         return
@@ -117,6 +126,8 @@ def curves(
         for label, style, x, y in diagram:
             axis.plot(x, y, style, label=label, markersize=4, linewidth=1)
         axis.set(xlabel=xlabel, ylabel=ylabel, title=title)
+        if log:
+            axis.set(xscale="log", yscale="log")
         axis.legend(fontsize=8)
     save(plt, figure, path)
 
@@ -229,9 +240,15 @@ def draw_interface(result: InterfaceForces, path: str | Path, field: str = "pres
         view = mean_plane(frame).normal if flat else None
         if view is not None and view @ render.ABOVE < 0.0:
             view = -view
-        draw_scene(
-            Scene(moved, frame.corners, value, limits, label, view, result.frame_status), path
-        )
+        scene = Scene(moved, frame.corners, value, limits, label, view, result.frame_status)
+        if field == "status":
+            scene = replace(
+                scene,
+                values=_commonest(result.frame_status[frame.corners]),
+                label="status",
+                named=np.array(list(render.STATUS)),
+            )
+        draw_scene(scene, path)
         return
     plt = pyplot()
     figure = plt.figure(figsize=(7, 5))
@@ -242,5 +259,13 @@ def draw_interface(result: InterfaceForces, path: str | Path, field: str = "pres
         at = result.frame_status == k
         axis.plot(s[at], value[at], f"C{k}o", mfc=None if k else "none", label=name)
     axis.set(xlabel="distance along the contact", ylabel=field)
+    if field == "status":
+        axis.set_yticks(np.arange(len(render.STATUS)), labels=list(render.STATUS))
     axis.legend()
     save(plt, figure, path)
+
+
+def _commonest(marks: np.ndarray) -> np.ndarray:
+    """(m,) the mark that most corners of each cell (m, k) have, of equals the largest."""
+    counts = (marks[:, :, None] == np.arange(len(render.STATUS))).sum(axis=1)
+    return counts.shape[1] - 1.0 - np.argmax(counts[:, ::-1], axis=1)

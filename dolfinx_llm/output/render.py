@@ -24,6 +24,7 @@ PIXELS = (1600, 1200)  # [pixel]
 ABOVE = (0.43, -0.75, 0.5)  # from where a scene is seen that has no view of its own
 # Colours of marks 0, 1, 2, 3.
 STATUS = {"open": "white", "stick": "black", "slip": "red", "closed": "blue"}
+SHADES = ("gainsboro", "darkgray", "lightsalmon", "lightsteelblue")  # of cells by their status
 # What launchers leave in a rank's environment; an MPI in the new process would take it for its own.
 LAUNCHERS = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "MPI_LOCAL")
 
@@ -43,6 +44,7 @@ class Scene:
     status: np.ndarray | None = None  # (n,) marks at the points: 0 open, 1 stick, 2 slip, 3 closed
     outline: np.ndarray | None = None  # (l, 2, 3) edges of what is not deformed
     body: np.ndarray | None = None  # (b, k, 3) polygons around the surface, translucent
+    named: np.ndarray | None = None  # what values 0, 1, ... are called, in SHADES; None: numbers
 
 
 def draw(scene: Scene, path: Path) -> bool:
@@ -50,6 +52,16 @@ def draw(scene: Scene, path: Path) -> bool:
     global _failed
     if _failed or find_spec("pyvista") is None:
         return False
+    why = asked(scene, path)
+    if why:
+        _failed = True
+        log.warning("PyVista cannot draw here (%s): pictures by Matplotlib instead", why)
+    return not why
+
+
+def asked(scene: Scene, path: Path) -> str:
+    """Have PyVista draw a scene as PNG, or as a page (HTML); what it fails with, "" if it does
+    not."""
     data = io.BytesIO()
     np.savez(data, **{key: value for key, value in asdict(scene).items() if value is not None})
     environment = {k: v for k, v in os.environ.items() if not k.startswith(LAUNCHERS)}
@@ -59,14 +71,11 @@ def draw(scene: Scene, path: Path) -> bool:
             command, input=data.getvalue(), env=environment, capture_output=True, timeout=SECONDS
         )
         if done.returncode == 0:
-            return True
+            return ""
         words = done.stderr.decode(errors="replace").strip().splitlines()
-        why = f"exit code {done.returncode}" + (f", {words[-1]}" if words else "")
+        return f"exit code {done.returncode}" + (f", {words[-1]}" if words else "")
     except (OSError, subprocess.TimeoutExpired) as error:
-        why = str(error)
-    _failed = True
-    log.warning("PyVista cannot draw here (%s): pictures by Matplotlib instead", why)
-    return False
+        return str(error)
 
 
 def _draw(scene: dict[str, Any], path: str) -> None:
@@ -75,13 +84,19 @@ def _draw(scene: dict[str, Any], path: str) -> None:
 
     points, cells, view = scene["points"], scene["cells"], scene.get("view")
     faces = np.column_stack([np.full(len(cells), cells.shape[1]), cells])
+    bar: dict[str, Any] = {"n_labels": 5, "fmt": "%.4g"}
+    colours: dict[str, Any] = {"clim": list(scene["limits"]), "cmap": "viridis"}
+    if "named" in scene:
+        n = len(scene["named"])
+        bar = {"n_labels": 0, "position_y": 0.06}
+        colours = {"clim": [-0.5, n - 0.5], "cmap": list(SHADES[:n]), "n_colors": n}
+        colours["annotations"] = {float(k): str(name) for k, name in enumerate(scene["named"])}
     plotter = pyvista.Plotter(off_screen=True, window_size=list(PIXELS))
     plotter.set_background("white")
     plotter.add_mesh(
         pyvista.PolyData(points, faces.ravel()),
         scalars=scene["values"],
-        clim=list(scene["limits"]),
-        cmap="viridis",
+        **colours,
         show_edges=True,
         edge_color="black",
         line_width=1.0,
@@ -90,9 +105,9 @@ def _draw(scene: dict[str, Any], path: str) -> None:
         diffuse=0.65,
         scalar_bar_args={
             "title": str(scene["label"]).replace("|", ""),  # which begins a column in VTK
-            "color": "black", "n_labels": 5, "fmt": "%.4g",
+            "color": "black",
             "title_font_size": 32, "label_font_size": 28,
-            "position_x": 0.15, "position_y": 0.03, "width": 0.7, "height": 0.09,
+            "position_x": 0.15, "position_y": 0.03, "width": 0.7, "height": 0.09, **bar,
         },
     )  # fmt: skip
     if "body" in scene:
@@ -124,6 +139,9 @@ def _draw(scene: dict[str, Any], path: str) -> None:
         plotter.view_vector(view, viewup=np.eye(3)[1 if abs(view[2]) > 0.9 else 2])
     plotter.enable_parallel_projection()
     plotter.camera.zoom(0.85 if view is None else 1.0)
+    if path.endswith(".html"):
+        plotter.export_html(path)
+        return
     plotter.camera.SetWindowCenter(0.0, -0.12)  # room for the colour bar
     picture = plotter.screenshot(path)
     plotter.close()

@@ -898,6 +898,7 @@ add(
     )),
 )  # fmt: skip
 add("title=.*give a text", lambda s: plot.curves([("a", "-", [1], [1])], s.path("c.png"), title=3))
+add("log=.*give True", lambda s: plot.curves([("a", "-", [1], [1])], s.path("c.png"), log=3))
 
 
 @lambda f: add("these files are closed", f)

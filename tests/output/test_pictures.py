@@ -1,6 +1,8 @@
 """Pictures and files: what they hold is read back. PyVista may be missing, broken, or hang."""
 
+import json
 import logging
+import re
 import xml.etree.ElementTree as ElementTree
 from base64 import b64decode
 from dataclasses import replace
@@ -15,6 +17,7 @@ from conftest import run_mpi_json
 from contact_scenes import Pressed, rectangle
 from dolfinx import fem, mesh
 from dolfinx.common import has_adios2
+from matplotlib import colors
 from mpi4py import MPI
 from paper_data import scene as patch_scene
 
@@ -22,7 +25,7 @@ import dolfinx_llm as llm
 from dolfinx_llm import compat, plot, post
 from dolfinx_llm.contact.results import InterfaceResult
 from dolfinx_llm.geometry.cells import vector_areas
-from dolfinx_llm.output import bodies, render
+from dolfinx_llm.output import bodies, drawing, render
 
 COMM = MPI.COMM_SELF
 
@@ -118,6 +121,78 @@ def test_pyvista(tmp_path, monkeypatch):
     rows, columns = np.nonzero(red[:, :1300])  # without the legend
     assert rows.size and rows.max() < 450  # both at z = 1, z points up
     assert columns.min() < 800 < columns.max()
+
+
+EXPORTS = """
+class PolyData:
+    def __init__(self, *args, **more): pass
+class Plotter:
+    def __init__(self, **more): self.camera = self
+    def __getattr__(self, name): return lambda *args, **more: None
+    def export_html(self, path): open(path, "w").write("<p>a page</p>")
+"""
+
+
+def pages(path):
+    """Labels and pages of a film for browsers."""
+    steps = json.loads(re.search(r"const steps = (.*), slider", path.read_text())[1])
+    return [(label, b64decode(page).decode()) for label, page in steps]
+
+
+def test_film_for_browsers(stand_in, patch, tmp_path, monkeypatch):
+    """A page of one page per step; errors where nothing can export it, and in 2D."""
+    from dolfinx_llm.output import film
+
+    stand_in(EXPORTS)
+    monkeypatch.setattr(film, "find_spec", lambda name: name)
+    with plot.Film(patch[1], tmp_path / "film.html") as made:
+        made.add()
+        made.add()
+    (label, page), second = pages(tmp_path / "film.html")
+    assert page == "<p>a page</p>" and second == (label, page) and "pressure" in label
+    (tmp_path / "stand_in" / "pyvista.py").write_text("raise ImportError('no libGL')")
+    made = plot.Film(patch[1], tmp_path / "film.html")
+    made.add()
+    with pytest.raises(llm.ContactError, match="cannot export a page here.*no libGL"):
+        made.close()
+    with pytest.raises(llm.ContactInputError, match="in 2D write .gif"):
+        plot.Film(pressed().problem, tmp_path / "film.html")
+    monkeypatch.setattr(film, "find_spec", lambda name: None)
+    with pytest.raises(llm.ContactInputError, match="pyvista and trame_vtk cannot be found"):
+        plot.Film(patch[1], tmp_path / "film.html")
+
+
+def test_film_for_browsers_by_pyvista(patch, tmp_path):
+    """The page holds PyVista's own, with its data."""
+    pytest.importorskip("pyvista")
+    pytest.importorskip("trame_vtk")
+    with plot.Film(patch[1], tmp_path / "film.html", colour="displacement") as made:
+        made.add()
+    ((label, page),) = pages(tmp_path / "film.html")
+    assert "length of u" in label and "vtk" in page and len(page) > 100_000
+
+
+def test_status_has_colours_of_its_own(patch, tmp_path, monkeypatch):
+    """Cells have the status of most of their corners, and the bar names it."""
+    found = []
+    monkeypatch.setattr(plot, "draw_scene", lambda scene, path: found.append(scene))
+    result = patch[1].results[0]
+    cells = result.frame.corners
+    marks = np.zeros(len(result.x), dtype=int)
+    marks[cells[0]] = 1
+    marks[cells[0, 0]] = 3
+    result = replace(result, frame_status=marks)
+    plot.interface(result, tmp_path / "status.png", "status")
+    (scene,) = found
+    assert list(scene.named) == ["open", "stick", "slip", "closed"]
+    of_corners = [np.bincount(marks[cell], minlength=4) for cell in cells]
+    assert scene.values[0] == 1 and set(scene.values) <= {0, 1, 3}
+    assert all(counts[int(v)] == counts.max() for counts, v in zip(of_corners, scene.values))
+    monkeypatch.undo()
+    monkeypatch.setattr(render, "find_spec", lambda name: None)
+    drawing.draw_scene(scene, tmp_path / "status.png")
+    shade = np.array(colors.to_rgb(render.SHADES[1]))
+    assert (np.abs(image(tmp_path / "status.png") - shade).max(axis=2) < 0.01).sum() > 500
 
 
 def test_pyvista_draws_a_problem(patch, tmp_path, monkeypatch):
