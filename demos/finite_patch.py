@@ -78,7 +78,8 @@ def problem(
     """The problem, for bodies on one mesh or on two; ``order`` of the interface's sides; ``boxes``
     if they are others, ``beyond`` if the punch's bottom is pressed as well where it is free."""
     dim = scene[0][0].geometry.dim
-    spaces = [compat.function_space(domain, shape=(dim,)) for domain, _ in scene]
+    degree = more.get("degree", 1)
+    spaces = [compat.function_space(domain, degree=degree, shape=(dim,)) for domain, _ in scene]
     functions, forms = [fem.Function(V, name="u") for V in spaces], []
     low_tags, high_tags = scene[0][1], scene[-1][1]
     bcs = supports([spaces[0], spaces[-1]], more.get("boxes", BOXES[dim]))
@@ -123,6 +124,7 @@ def main(arguments=None):
     parser.add_argument("--cells", choices=[*CELLS, "tet on hex"], default="quad")
     parser.add_argument("--refine", type=int, default=1, metavar="N")
     parser.add_argument("--pressure", type=float, default=PRESSURE)
+    parser.add_argument("--degree", type=int, choices=(1, 2), default=1, help="of the elements")
     parser.add_argument("--separate", action="store_true", help="one dolfinx mesh per body")
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--plot", type=Path, metavar="DIR")
@@ -131,7 +133,7 @@ def main(arguments=None):
     kinds = ("hex", "tet") if args.cells == "tet on hex" else args.cells
     separate = args.separate or args.cells == "tet on hex"
     scene = bodies(MPI.COMM_WORLD, kinds, args.refine, separate, boxes=BOXES[dim])
-    contact = problem(scene, pressure=args.pressure)
+    contact = problem(scene, pressure=args.pressure, degree=args.degree)
     contact.solve(increments=4)
     known = stretches(args.pressure)
     found = dict(zip(("stretch", "pressure"), errors(contact, known), strict=True))

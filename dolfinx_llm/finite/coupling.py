@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import block_diag, csr_matrix, diags
+from scipy.sparse import block_diag, csr_matrix, diags, identity, kron
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.finite.jacobians import per_item
@@ -58,15 +58,17 @@ class Condensed:
         scaling = _scaling(t, free, d)
         left, own = (scaling @ t.left).tocsr(), (scaling @ t.own).tocsr()
         keep, kept = diags(free.astype(float)), diags(free[x].astype(float))
-        # Unknowns q of a pair p: forces on its node alone.
-        top = t.top[x].tocsr()
+        # Unknowns q of a pair p: forces on its node alone, of second-order bodies on its control
+        # value.
+        E = kron(sides.nodal, identity(gdim), format="csr")
+        top = (E.T @ t.top[x]).tocsr()
         top.eliminate_zeros()
         on, several = top.tocoo(), np.zeros(len(t.rest), dtype=bool)
         pair = np.full(len(t.rest), -1)
         pair[on.col] = on.row // gdim
         several[on.col[pair[on.col] != on.row // gdim]] = True
         pair[several] = -1
-        near = left[:, x].tocoo()
+        near = (left[:, x] @ E).tocoo()
         within = pair[near.row] == near.col // gdim
         near = csr_matrix((near.data[within], (near.row[within], near.col[within])), near.shape)
         # Rows of nodes that supports hold depend on each other; they yield together, as the frame

@@ -21,6 +21,7 @@ from dolfinx_llm.finite.facet_planes import FacetPlanes, plane_integrals
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, summing
 from dolfinx_llm.finite.polygons import OWN, Polygons, cut
 from dolfinx_llm.geometry.cells import gauss, joined_lists, repeated_for, shape_functions
+from dolfinx_llm.geometry.element import Element
 from dolfinx_llm.geometry.overlap_flat import reference_coordinates
 
 OPPOSED = -0.3  # cosine between the normals of facets that lie across, at most
@@ -28,16 +29,17 @@ LAYER = 2.0  # distance of facets that lie across, over their sizes, at most
 SLIVER = 1e-11  # part of a facet that is none
 # Along an edge: inverse maps of distorted quads are smooth, and integrated to rounding.
 _ON_EDGE = gauss(10)
-# From a facet's origin to the edge: polynomials of degree 4, integrated exactly.
-_TO_EDGE = gauss(3)
+# From a facet's origin to the edge: polynomials of degree 4, at second order 7, are exact.
+_TO_EDGE = {1: gauss(3), 2: gauss(4)}
 
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """A surface that covers, or is covered."""
+    """A surface that covers, or is covered, with facets that are straight between corners."""
 
     x: np.ndarray  # (n, 3) nodes [length]
     facets: np.ndarray  # (f, k)
+    element: Element  # of the j functions that are integrated over what is covered
     used: np.ndarray  # (f,) facets that can touch
     first: int  # number of the nodes' first coordinate
 
@@ -49,7 +51,8 @@ def covered_facets(own: Skin, other: Skin, width: int) -> Covered:
         own, other: in this configuration.
         width: number of all coordinates.
     """
-    planes, (f, k) = FacetPlanes.of(own.x, own.facets), own.facets.shape
+    planes = FacetPlanes.of(own.x, own.facets, own.element)
+    (f, k), n = own.facets.shape, own.element.nodes
     i, j = _across(planes, own, other)
     ends, heights = planes.seen(i, other.x[other.facets[j][:, ::-1]])  # looked at from behind
     pieces = cut(planes.corners[i], ends)
@@ -60,11 +63,11 @@ def covered_facets(own: Skin, other: Skin, width: int) -> Covered:
     share, change = share * whole[:, None], change * whole[:, None, None]
     edges = _Edges.of(pieces, np.flatnonzero(at[i]), i, ends, heights)
     values, blocks = edges.integrals(planes)
-    integral = np.zeros((f, k))
+    integral = np.zeros((f, n))
     np.add.at(integral, edges.facet, values)
     cutoff = np.flatnonzero(at)
     share[cutoff] = integral[cutoff] / planes.size[cutoff][:, None]
-    change[cutoff] = planes.over_size(cutoff, integral[cutoff], np.zeros((len(cutoff), k, 3 * k)))
+    change[cutoff] = planes.over_size(cutoff, integral[cutoff], np.zeros((len(cutoff), n, 3 * k)))
     nodes = other.facets[j][:, ::-1][edges.pair]
     m = nodes.shape[1]
     clip = np.take_along_axis(nodes, np.stack([edges.mark, edges.mark + 1], axis=1) % m, axis=1)
@@ -72,7 +75,7 @@ def covered_facets(own: Skin, other: Skin, width: int) -> Covered:
     by_edge = jacobian(
         blocks / planes.size[edges.facet][:, None, None], np.concatenate(places, axis=1), width
     )
-    gather = summing(coordinates(edges.facet[:, None], k).ravel(), f * k)
+    gather = summing(coordinates(edges.facet[:, None], n).ravel(), f * n)
     return Covered(share, (jacobian(change, columns, width) + gather @ by_edge).tocsr())
 
 
@@ -123,10 +126,10 @@ class _Edges:
         return cls(pair, i[pair], a, b, theirs, mark, p[which, both], h[which, both])
 
     def integrals(self, planes: FacetPlanes) -> tuple[np.ndarray, np.ndarray]:
-        """What each edge adds to the integrals (e, k) [area], and its derivatives (e, k, 3 k + 6)
+        """What each edge adds to the integrals (e, j) [area], and its derivatives (e, j, 3 k + 6)
         by the positions of the facet's nodes and of the other edge's ends [length]."""
-        corners, k = planes.corners[self.facet], planes.facets.shape[1]
-        (s, ws), (r, wr) = _ON_EDGE, _TO_EDGE
+        corners, k, element = planes.corners[self.facet], planes.facets.shape[1], planes.element
+        (s, ws), (r, wr) = _ON_EDGE, _TO_EDGE[element.order]
         side = self.b - self.a
         x = self.a[:, None] + s[:, None] * side[:, None]
         xi = reference_coordinates(corners, x)
@@ -139,13 +142,14 @@ class _Edges:
         sweep /= x_xi * y_eta - x_eta * y_xi
         points = (r[:, None] * xi[:, :, None]).reshape(len(xi), len(s) * len(r), 2)
         weights = ((ws * sweep)[:, :, None] * (r * wr)).reshape(points.shape[:2])
-        values, by_own = plane_integrals(corners, points, weights)
+        values, by_own = plane_integrals(element, corners, points, weights)
         # Their edges move by w = (1 - t) w_a + t w_b against the facet.
         line = self.ends[:, 1] - self.ends[:, 0]
         size = np.maximum(np.einsum("ei,ei->e", line, line), 1e-300)
         t = np.einsum("egi,ei->eg", x - self.ends[:, :1], line) / size[:, None]
         out = np.column_stack([side[:, 1], -side[:, 0]]) * self.theirs[:, None]
-        weighted = ws[:, None] * N
+        positive = element.positive(xi.reshape(-1, 2)).reshape(*xi.shape[:2], element.nodes)
+        weighted = ws[:, None] * positive
         by_own = by_own - _times(np.einsum("egj,egk->ejk", weighted, N), out)
         shares = np.stack([1.0 - t, t], axis=2)
         by_other = _times(np.einsum("egj,egm->ejm", weighted, shares), out)

@@ -15,6 +15,7 @@ from dolfinx_llm.finite.areas import Covered
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item, summing
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
 from dolfinx_llm.finite.normals import NodalNormals
+from dolfinx_llm.geometry.element import Element, element_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,17 +63,19 @@ def covered_lines(
     d: LocationDerivatives,
     normals: NodalNormals,
     columns: tuple[int, int],
+    elements: tuple[Element, Element],
 ) -> tuple[Covered, Covered]:
     """What the moving side's facets cover of the frame, and what of them is covered.
 
     Args:
         chains: of the frame.
-        moving: (f, 2) facets of the moving side.
+        moving: (f, 2) facets of the moving side, which are straight between their corners.
         candidates: (f,) which of them can touch.
         x, y: nodes of the moving side and of the frame [length].
         at, d: where all nodes of the moving side lie on the frame, with derivatives.
         normals: of the frame's nodes.
         columns: number of the first coordinate of the moving side and of the frame.
+        elements: of the functions that are integrated, on both.
 
     Returns:
         Covered parts of the moving side's facets, and of the frame's.
@@ -92,11 +95,13 @@ def covered_lines(
     steps = np.where(ring & (steps < 0), steps + chains.length[at.facet[a]], steps)
     good &= (steps >= 0) & ~(ring & (2 * steps > chains.length[at.facet[a]] + 1))
     facets = np.flatnonzero(good)
-    own = _of_moving(facets, moving, x, y, at, high, low, chains, normals, columns, width)
-    return own, _of_frame(chains, moving[facets], steps[facets], start, at, d, high | low)
+    of = facets, moving, x, y, at, high, low, chains, normals, columns, width
+    ends = moving[facets], steps[facets], start, at, d, high | low
+    return _of_moving(elements[0], *of), _of_frame(elements[1], chains, *ends)
 
 
 def _of_frame(
+    element: Element,
     chains: Chains,
     moving: np.ndarray,
     steps: np.ndarray,
@@ -107,27 +112,26 @@ def _of_frame(
 ) -> Covered:
     """Sums over facets (k, 2) of the moving side; what is common to neighbours cancels."""
     a, b = moving.T
-    f, n = len(chains.order), len(at.facet)
+    f, n, k = len(chains.order), len(at.facet), element.nodes
     xi = np.clip(at.xi[:, 0], 0.0, 1.0)
-    share = np.zeros((f, 2))
-    np.add.at(share, at.facet[a], _integral(xi[a]))
-    np.add.at(share, at.facet[b], -_integral(xi[b]))
+    share = np.zeros((f, k))
+    np.add.at(share, at.facet[a], _integral(element, xi[a]))
+    np.add.at(share, at.facet[b], -_integral(element, xi[b]))
     # Facets before the far end's, from the near end's own on, count in full.
     which = np.repeat(np.arange(len(steps)), steps)
     ahead = np.arange(len(which)) - np.repeat(np.cumsum(steps) - steps, steps)
     base, length = start[b][which], chains.length[at.facet[b]][which]
     full = chains.order[base + (chains.place[at.facet[b]][which] - base + ahead) % length]
-    np.add.at(share, full, 0.5)
-    by_xi = np.column_stack([1.0 - xi, xi]) * ~beyond[:, None]
-    rows = np.concatenate(
-        [2 * at.facet[a], 2 * at.facet[a] + 1, 2 * at.facet[b], 2 * at.facet[b] + 1]
-    )
-    cols = np.concatenate([a, a, b, b])
-    values = np.concatenate([by_xi[a, 0], by_xi[a, 1], -by_xi[b, 0], -by_xi[b, 1]])
-    return Covered(share, csr_matrix((values, (rows, cols)), (2 * f, n)) @ d.xi)
+    np.add.at(share, full, 1.0 / k)
+    by_xi = element.positive(xi[:, None]) * ~beyond[:, None]
+    rows = coordinates(at.facet[np.concatenate([a, b])][:, None], k).ravel()
+    cols = np.repeat(np.concatenate([a, b]), k)
+    values = np.concatenate([by_xi[a], -by_xi[b]]).ravel()
+    return Covered(share, csr_matrix((values, (rows, cols)), (k * f, n)) @ d.xi)
 
 
 def _of_moving(
+    element: Element,
     facets: np.ndarray,
     moving: np.ndarray,
     x: np.ndarray,
@@ -141,24 +145,25 @@ def _of_moving(
     width: int,
 ) -> Covered:
     """Facets between their nodes, or the frame's ends where a node lies beyond."""
-    share = np.zeros((len(moving), 2))
-    share[facets] = 0.5
-    derivative = csr_matrix((2 * len(moving), width))
+    k = element.nodes
+    share = np.zeros((len(moving), k))
+    share[facets] = 1.0 / k
+    derivative = csr_matrix((k * len(moving), width))
     for local, sign in ((0, -1.0), (1, 1.0)):  # the part before, and the part after an end
         node = moving[facets, local]
         cut = facets[high[node] | low[node]]
         node = moving[cut, local]
         end = chains.ends[at.facet[node], np.where(high[node], 1, 0)]
         eta, blocks, by_normal = _cut(x[moving[cut]], y[end], normals.n[end])
-        share[cut] += sign * (_integral(eta) - (0.0 if local == 0 else 0.5))
-        by_eta = sign * np.column_stack([1.0 - eta, eta])[:, :, None]
+        share[cut] += sign * (_integral(element, eta) - (0.0 if local == 0 else 1.0 / k))
+        by_eta = sign * element.positive(eta[:, None])[:, :, None]
         places = np.concatenate(
             [coordinates(moving[cut], 2, columns[0]), coordinates(end[:, None], 2, columns[1])],
             axis=1,
         )
         turn = jacobian(by_normal[:, None], coordinates(end[:, None], 2), y.size)
         changed = jacobian(blocks[:, None], places, width) + turn @ normals.derivative
-        spread = summing(coordinates(cut[:, None], 2).ravel(), 2 * len(moving))
+        spread = summing(coordinates(cut[:, None], k).ravel(), k * len(moving))
         derivative = derivative + spread @ (per_item(by_eta) @ changed)
     return Covered(share, derivative)
 
@@ -180,6 +185,9 @@ def _cut(x: np.ndarray, y: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.nd
     return eta, np.hstack([(eta - 1.0)[:, None] * by_q, -eta[:, None] * by_q, by_q]), by_n
 
 
-def _integral(xi: np.ndarray) -> np.ndarray:
-    """(k, 2) integrals of both shape functions from 0 to xi (k,)."""
-    return np.column_stack([xi - 0.5 * xi**2, 0.5 * xi**2])
+def _integral(element: Element, xi: np.ndarray) -> np.ndarray:
+    """(n, k) integrals of the functions of control values from 0 to xi (n,)."""
+    if element == element_of(1, 2):
+        return np.column_stack([xi - 0.5 * xi**2, 0.5 * xi**2])
+    cubed = xi**3 / 3.0
+    return np.column_stack([xi - xi**2 + cubed, cubed, xi**2 - 2.0 * cubed])

@@ -27,6 +27,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.stencils import adjacency
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
+from dolfinx_llm.geometry.element import element_of
 from dolfinx_llm.geometry.overlap_flat import local_bases
 
 CORRECTED = 0.4  # correction from which on the limit k is raised at the start of a step
@@ -112,6 +113,11 @@ class Design:
         span = np.linalg.norm(Y[facets] - np.roll(Y[facets], 1, axis=1), axis=2).max()
         return cls(Stencils.of(facets, len(Y)), facets, chart(Y), float(span), wanted)
 
+    @property
+    def bernstein(self) -> np.ndarray:
+        """(k, k) E of the frame's facets: weights follow control values, which are not negative."""
+        return element_of(self.chart.shape[1] - 1, self.facets.shape[1]).bernstein
+
     def rows(
         self,
         at: OnFrame,
@@ -135,7 +141,7 @@ class Design:
         m, n = len(y), len(x)
         nodes, window = self.stencils.nodes[at.facet], self.stencils.window[at.facet]
         N0 = np.einsum("nk,nks->ns", at.N, self.stencils.own[at.facet])
-        plus = np.maximum(at.N, 0.0)
+        plus = np.maximum(at.N @ self.bernstein, 0.0)
         total = plus.sum(axis=1)
         w = np.einsum("nk,nks->ns", plus, window) / total[:, None]
         tangents = local_bases(at.normal)[:, :-1]
@@ -220,7 +226,8 @@ class Design:
         m, gdim = rows.M.shape[0], q["arm"].shape[2]
         by_mu = jacobian(-q["P"], rows.nodes, m)
         # Shape functions and weights, through xi.
-        dplus = np.where((at.N > 0.0)[:, :, None], at.dN, 0.0)
+        dplus = np.einsum("nkd,kj->njd", at.dN, self.bernstein)
+        dplus = np.where((q["plus"] > 0.0)[:, :, None], dplus, 0.0)
         dw = np.einsum("nkd,nks->nsd", dplus, q["window"])
         dw -= q["w"][:, :, None] * dplus.sum(axis=1)[:, None]
         dw /= q["total"][:, None, None]

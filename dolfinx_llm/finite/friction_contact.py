@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import bmat, csr_matrix
+from scipy.sparse import bmat, csr_matrix, diags
 
 from dolfinx_llm.finite.friction import MET_AT, Friction
-from dolfinx_llm.finite.jacobians import coordinates
+from dolfinx_llm.finite.jacobians import coordinates, summing
 from dolfinx_llm.finite.normal_contact import NormalContact, NormalPlace
 from dolfinx_llm.finite.terms import ContactTerms, Held, Origin
 
@@ -28,16 +28,20 @@ class FrictionContact(Friction, NormalContact):
     def started(self, place: NormalPlace, held: Held, closed: np.ndarray) -> Origin:
         """Where slip counts from, at the start of an increment; nodes beyond the frame's rim lie on
         its continuation, so that one that comes in knows from where."""
-        at, (n, m, _) = place.at, self.counts
-        outside = np.flatnonzero(at.met & ~place.pairs & (at.beyond < COMES_IN))
-        cells, gap = self.sides.facets(False)[at.facet[outside]], place.gap.copy()
-        gap[outside] = at.gap[outside]
-        k = cells.shape[1]
-        continued = csr_matrix(
-            (at.N[outside].ravel(), (np.repeat(outside, k), cells.ravel())), (n, m)
-        )
+        at, (n, m, _), C = place.at, self.counts, self.sides.control[0]
+        near = at.met & (at.beyond < COMES_IN)
+        near[place.on] = False
+        nodes = np.flatnonzero(near)
+        cells = self.sides.cells(False)[at.facet[nodes]]
+        index = np.repeat(nodes, cells.shape[1]), cells.ravel()
+        rows = summing(place.on, n) @ place.rows.matrix(m)
+        rows = rows + csr_matrix((at.N[nodes].ravel(), index), (n, m))
+        near[place.on] = True
+        outside = (abs(C) @ ~near == 0.0) & ~place.pairs
+        gap = np.where(outside, C @ at.gap, place.gap)
         gap[gap < MET_AT * self.design.size] = 0.0
-        return Origin((place.N + continued).tocsr(), gap, closed)
+        points = place.N + diags(outside.astype(float)) @ C @ rows
+        return Origin(points.tocsr(), gap, closed)
 
     def here(self, place: NormalPlace) -> csr_matrix:
         """(n, m) rows now."""
@@ -46,7 +50,8 @@ class FrictionContact(Friction, NormalContact):
     def way(self, place: NormalPlace, origin: Origin) -> tuple[np.ndarray, csr_matrix]:
         """(n, gdim) sigma, and its derivative (n gdim, width) [length]."""
         x, y = self.sides.split(place.z)
-        return x - origin.points @ y, self.sides.jumps(origin.points)
+        way = self.sides.control[0] @ x - origin.points @ y
+        return way, self.sides.jumps(origin.points)
 
     def turned(self, place: NormalPlace, nodes: np.ndarray) -> csr_matrix:
         """(k gdim, width) derivatives of the normals of nodes (k,) in contact [1 / length]."""
@@ -61,7 +66,8 @@ class FrictionContact(Friction, NormalContact):
         """Terms of what presses, with tau (n, gdim) as well, also as rows spread it."""
         t = super().dragged(t, place, tau)
         (n, _, c), width = self.counts, self.sides.width
-        spread, (by_place, by_mu) = place.spread(-tau[place.on]), place.entries
+        at_nodes = self.sides.control[0].T @ tau
+        spread, (by_place, by_mu) = place.spread(-at_nodes[place.on]), place.entries
         no = [csr_matrix((width, k)) for k in (n, c + tau.size)]
         top = t.top - bmat([[no[0], spread @ by_mu, no[1]]])
         return replace(t, K=(t.K - spread @ by_place).tocsr(), top=top.tocsr())

@@ -70,7 +70,7 @@ class ToldContact(FrictionContact):
             )
         n = len(nodes.x)
         meeting = sides.meet(z, sides.candidates(z))
-        gap = np.where(meeting.at.met, meeting.at.gap, 0.0)
+        gap = sides.control[0] @ np.where(meeting.at.met, meeting.at.gap, 0.0)
         nothing = np.zeros((n, law.jumps(sides.gdim)))
         nodes = replace(
             nodes,
@@ -88,7 +88,7 @@ class ToldContact(FrictionContact):
             law,
             replace(nodes, history=law.start(nodes)),
             np.zeros(n) if law.closes_gap else gap,
-            neighbours(sides.facets(True), n),
+            neighbours(sides.cells(True), n),
         )
 
     @property

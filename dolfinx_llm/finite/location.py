@@ -14,7 +14,8 @@ from scipy.spatial import cKDTree
 
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
 from dolfinx_llm.finite.normals import NodalNormals
-from dolfinx_llm.geometry.cells import joined_lists, repeated_for, shape_functions
+from dolfinx_llm.geometry.cells import CORNERS, joined_lists, repeated_for, shape_functions
+from dolfinx_llm.geometry.element import element_of
 
 TRIED = {2: 6, 3: 12}  # facets next to a node that it may meet
 AROUND = 1.5  # radii of the largest facet, within which all are tried for the rest
@@ -37,7 +38,8 @@ class OnFrame:
     height: np.ndarray  # (n,) of the node over the frame, in units of the mean normal's length
     mean: np.ndarray  # (n, gdim) sum_J N_J n_J
     met: np.ndarray  # (n,) whether it meets the frame at all
-    beyond: np.ndarray  # (n,) how far it lies beyond the facet: minus its smallest shape function
+    beyond: np.ndarray  # (n,) how far it lies beyond the facet: minus the smallest shape function
+    # of its corners
 
     @property
     def normal(self) -> np.ndarray:
@@ -95,11 +97,13 @@ def _nearest(
     how far (n,) nodes lie beyond it [length]."""
     p = y[facets[facet]]
     xi, height, met = _meet(x[which], p, normals[facets[facet]])
-    N = shape_functions(facets.shape[1], xi)[0]
-    within = np.where(N > INSIDE, N, 0.0)
+    N, foot = shape_functions(facets.shape[1], xi)[0], _of_corners(facets.shape[1], xi)
+    within = np.where(foot > INSIDE, foot, 0.0)
     within /= within.sum(axis=1)[:, None]
+    if N.shape != foot.shape:  # second order
+        within = shape_functions(facets.shape[1], within @ CORNERS[foot.shape[1]])[0]
     away = np.linalg.norm(_sums(N - within, p), axis=1)
-    away = np.where(met, np.where(N.min(axis=1) < -INSIDE, away, 0.0), np.inf)
+    away = np.where(met, np.where(foot.min(axis=1) < -INSIDE, away, 0.0), np.inf)
     order = np.lexsort((facet, np.abs(height), away, which))
     best = order[np.unique(which[order], return_index=True)[1]]
     return _on_frame(facet[best], xi[best], height[best], met[best], facets, normals), away[best]
@@ -115,14 +119,21 @@ def _on_frame(
 ) -> OnFrame:
     N, dN = shape_functions(facets.shape[1], xi)
     mean = _sums(N, normals[facets[facet]])
-    return OnFrame(facet, xi, N, dN, height, mean, met, -N.min(axis=1))
+    beyond = -_of_corners(facets.shape[1], xi).min(axis=1)
+    return OnFrame(facet, xi, N, dN, height, mean, met, beyond)
+
+
+def _of_corners(k: int, xi: np.ndarray) -> np.ndarray:
+    """(n, c) shape functions of the corners of cells with k nodes, as if there were no others."""
+    d = xi.shape[1]
+    return element_of(d, element_of(d, k).corners).shape(xi)[0]
 
 
 def _meet(x: np.ndarray, y: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Reference coordinates, heights and success of Newton's iteration for points x (n, gdim) on
     facets with nodes y and normals n (n, k, gdim)."""
-    k = y.shape[1]
-    xi = np.full((len(x), x.shape[1] - 1), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
+    k, d = y.shape[1], x.shape[1] - 1
+    xi = np.full((len(x), d), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[element_of(d, k).corners])
     height = np.zeros(len(x))
     at = np.arange(len(x))  # what has neither arrived nor left
     with np.errstate(all="ignore"):

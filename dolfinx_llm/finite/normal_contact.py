@@ -5,7 +5,8 @@ With a force lambda_p that pair p carries, n its normal out of the frame's body,
     force on p: lambda_p n,   force on the frame's node J: -N_pJ lambda_p n,
     gap_p = n·(x_p - sum_J N_pJ y_J) - s_p,   gap >= 0, lambda >= 0, their product 0,
 
-s how far a curved frame stands out beyond its facets: see ``roundness``.
+s how far a curved frame stands out beyond its facets: see ``roundness``. At second order gaps and
+lambda are those of control values, of C gap and C^T lambda at the nodes: see ``sides``.
 
 These forces are the first term of (19), Q: ``force`` of ``terms``. The second one, Phi, has the
 derivatives of base and interpolation times lambda·(x - sum N y). Rows keep t·(x - sum N y) = 0:
@@ -42,6 +43,7 @@ class NormalPlace(Place):
     rows: DesignedRows
     entries: tuple[csr_matrix, csr_matrix]  # (k s, width), (k s, m): rows by positions and by mu
     height: np.ndarray  # (k, s) n·(y_J - x_p) [length]
+    C: csr_matrix  # (k, k) of these nodes
     turned: csr_matrix  # (k gdim, width) derivative of the normals [1 / length]
     rounded: csr_matrix  # (k, width) derivative of what the frame stands out beyond its facets
     coordinates: np.ndarray  # (k, (s + 1) gdim) numbers of the coordinates of p and of all J
@@ -93,7 +95,9 @@ class NormalContact(MovingContact):
         if not len(on):
             return Held(candidates, f[0] > 0.0, 0.0)
         x, y = self.sides.split(z)
-        limit = self.design.smallest_limit(meeting.at.part(on), x[on], y, (f[0][on], f[1]))
+        at_nodes = [C.T @ a for C, a in zip(self.sides.control, f, strict=True)]
+        loads = at_nodes[0][on], at_nodes[1]
+        limit = self.design.smallest_limit(meeting.at.part(on), x[on], y, loads)
         return Held(candidates, f[0] > 0.0, limit)
 
     def missed(self, place: NormalPlace, held: Held) -> Held | None:
@@ -126,27 +130,32 @@ class NormalContact(MovingContact):
         x, y = sides.split(z)
         meeting = sides.meet(z, held.candidates)
         forces = [sides.forces(meeting, z, moving) for moving in (True, False)]
-        f = forces[0][0], forces[1][0]
+        f = forces[0][0], sides.control[1].T @ forces[1][0]
         on = np.flatnonzero(((f[0] > 0.0) | held.pairs) & meeting.at.met)
         at, d = meeting.at.part(on), meeting.d.part(on, gdim)
         columns = sides.columns[0][on], sides.columns[1]
-        rows = self.design.rows(at, x[on], y, (f[0][on], f[1]), held.limit)
+        loads = (sides.control[0].T @ f[0])[on], f[1]
+        rows = self.design.rows(at, x[on], y, loads, held.limit)
         by_place, by_mu = self.design.derivatives(rows, at, d, columns, sides.width)
-        by_areas = forces[0][1], forces[1][1]
+        by_areas = forces[0][1], sides.control[1].T @ forces[1][1]
         if held.lagged:
             by_place = csr_matrix(by_place.shape)
             by_areas = csr_matrix(by_areas[0].shape), csr_matrix(by_areas[1].shape)
         height = np.einsum("nsi,ni->ns", y[rows.nodes] - x[on][:, None], at.normal)
         pick = summing(on, n)
         gap, normal = np.full(n, np.inf), np.zeros((n, gdim))
-        of_frame = y, sides.facets(False), meeting.normals, sides.rounded
+        of_frame = y, sides.cells(False), meeting.normals, sides.rounded
         s, rounded = roundness(at, d, *of_frame, (columns[1], sides.width))
-        gap[on], normal[on] = -np.einsum("ns,ns->n", rows.N, height) - s, at.normal
+        C, whole = sides.control[0][on][:, on], np.diff(sides.control[0].indptr)[on]
+        there = np.diff(C.indptr) == whole  # and all that its gap is made of
+        gaps = C @ (-np.einsum("ns,ns->n", rows.N, height) - s)
+        gap[on], normal[on] = np.where(there, gaps, np.inf), at.normal
         return NormalPlace(
             z=z,
             gap=gap,
             normal=normal,
-            N=(pick @ rows.matrix(m)).tocsr(),
+            N=(pick @ C @ rows.matrix(m)).tocsr(),
+            C=C,
             areas=f,
             by_z=by_areas,
             at=meeting.at,
@@ -182,17 +191,19 @@ class NormalContact(MovingContact):
             [normal[:, None], -(rows.N[:, :, None] * normal[:, None]).reshape(k, 1, s * gdim)],
             axis=2,
         )
-        lean = per_item(-place.height[:, None])  # (k, k s)
-        A = jacobian(along, place.coordinates, width)  # (k, width): the force row
-        gap_z, gap_mu = A + lean @ by_place - place.rounded, lean @ by_mu
+        lean = place.C @ per_item(-place.height[:, None])  # (k, k s)
+        A = place.C @ jacobian(along, place.coordinates, width)  # (k, width): the force row
+        gap_z, gap_mu = A + lean @ by_place - place.C @ place.rounded, lean @ by_mu
         # Forces, and how they change.
-        lam = np.where(active[on], force[on], 0.0)
+        borne = np.where(active[on], force[on], 0.0)
+        lam = place.C.T @ borne  # at the nodes
         spread = place.spread(lam[:, None] * normal)
         weights = np.concatenate([np.ones((k, 1)), -rows.N], axis=1) * lam[:, None]
         turned = (weights[:, :, None, None] * np.eye(gdim)).reshape(k, (s + 1) * gdim, gdim)
         gather = summing(place.coordinates.ravel(), width)
         K = -(spread @ by_place + gather @ (per_item(turned) @ place.turned))
         # Equation (28), which gives mu.
+        f, df = (self.sides.control[0].T @ a for a in (f, df))
         by_entry = csr_matrix(
             (np.repeat(f[on], s), (rows.nodes.ravel(), np.arange(k * s))), (m, k * s)
         )
@@ -207,7 +218,7 @@ class NormalContact(MovingContact):
         rest = np.where(idle == 1.0, force, place.gap)
         none = csr_matrix((width, c))
         return ContactTerms(
-            force=A.T @ lam,
+            force=A.T @ borne,
             K=K.tocsr(),
             top=bmat([[-(by_closed @ A).T, -(spread @ by_mu), none]], format="csr"),
             left=bmat([[by_closed @ gap_z], [balance_z], [border_z]], format="csr"),

@@ -5,21 +5,24 @@ force that p carries,
 
     force on p: lambda_p n,   gap_p = clearance(x_p) >= 0,   lambda >= 0,   their product 0,
 
-so that any pressure passes as the nodes' forces of it. The obstacle is asked where it is drawn: x
+so that any pressure passes as the nodes' forces of it; of second-order bodies gaps and forces are
+those of control values, see ``sides``. The obstacle is asked where it is drawn: x
 is moved back, n moved on, by its displacement and the finite rotation about its pivot.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, identity
+from scipy.sparse import csr_matrix, diags, identity, kron
 from scipy.spatial.transform import Rotation
 
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
 from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place, held_fast
 from dolfinx_llm.geometry.cells import facet_vectors
+from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.against import checked_clearance, forced, forces_on
 from dolfinx_llm.interface.obstacle import Obstacle
@@ -47,9 +50,19 @@ class OneSide:
         """Positions (n, gdim) of the nodes, and those of no frame."""
         return z.reshape(-1, self.gdim), np.zeros((0, self.gdim))
 
+    @cached_property
+    def control(self) -> csr_matrix:
+        """C (n, n): see ``sides``."""
+        return control_matrices(self.surfaces[0])[1]
+
+    @cached_property
+    def nodal(self) -> csr_matrix:
+        """E (n, n)."""
+        return control_matrices(self.surfaces[0])[0]
+
     def jumps(self, N: csr_matrix) -> csr_matrix:
-        """(n gdim, n gdim) motion of the nodes against what stands still."""
-        return identity(N.shape[0] * self.gdim, format="csr")
+        """(n gdim, n gdim) motion of the pairs against what stands still."""
+        return kron(self.control, identity(self.gdim), format="csr")
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +93,7 @@ class Pose:
 class ObstaclePlace(Place):
     """Nodes beside an obstacle, with derivatives by their own positions."""
 
-    by_x: np.ndarray  # (n, gdim) of the gap
+    by_x: np.ndarray  # (n, gdim) of the nodes' gaps
     turned: np.ndarray  # (n, gdim, gdim) of the normal [1 / length]
     pose: Pose
 
@@ -141,7 +154,7 @@ class ObstacleContact(MovingContact):
         before the obstacle moved: nodes have not followed it yet."""
         if held.pose_before is not None:
             X = self.posed(held.pose_before).back(self.sides.split(place.z)[0])
-            came = checked_clearance(self.obstacle, X)[0]
+            came = self.sides.control @ checked_clearance(self.obstacle, X)[0]
             gap = np.where(place.pairs, np.minimum(came, place.gap), np.inf)
             place, held = replace(place, gap=gap), replace(held, pose_before=None)
         return super().touching(place, q, before, held, reach)
@@ -168,12 +181,15 @@ class ObstacleContact(MovingContact):
         turned = np.moveaxis(normals[1 : gdim + 1] - normals[gdim + 1 :], 0, 2)  # (n, i, k)
         smooth = np.isfinite(by_x).all(axis=1) & (np.abs(turned).max(axis=(1, 2)) < KINK)
         vectors = np.zeros_like(x)
-        np.add.at(vectors, surface.facets, facet_vectors(x, surface.facets))
+        np.add.at(vectors, surface.cells, facet_vectors(x, surface.cells))
+        vectors = self.sides.nodal.T @ vectors
         areas = np.linalg.norm(vectors, axis=1)
         away = np.einsum("ni,ni->n", vectors, -normals[0]) < TURNED_AWAY * areas
         return ObstaclePlace(
             z=z,
-            gap=np.where(away, np.inf, gaps[0]),
+            gap=np.where(
+                abs(self.sides.control) @ away > 0.0, np.inf, self.sides.control @ gaps[0]
+            ),
             normal=normals[0],
             N=csr_matrix((len(x), 0)),
             areas=(areas, np.zeros(0)),
@@ -192,16 +208,17 @@ class ObstacleContact(MovingContact):
         """All that Newton's iteration asks for; arguments as of ``NormalContact.terms``."""
         n, gdim = place.normal.shape
         width, own = n * gdim, coordinates(np.arange(n)[:, None], gdim)
-        A = jacobian(place.normal[:, None], own, width)
+        C = self.sides.control
+        A = C @ jacobian(place.normal[:, None], own, width)
         closed = (status != OPEN) & ~held_fast(A, free)
         on = diags(closed.astype(float))
         q = q[:n]
         force = np.where(status != OPEN, q, 0.0)
         return ContactTerms(
             force=A.T @ force,
-            K=per_item(-force[:, None, None] * place.turned),
+            K=per_item(-(C.T @ force)[:, None, None] * place.turned),
             top=-(on @ A).T.tocsr(),
-            left=(on @ jacobian(place.by_x[:, None], own, width)).tocsr(),
+            left=(on @ C @ jacobian(place.by_x[:, None], own, width)).tocsr(),
             own=diags((~closed).astype(float)).tocsr(),
             rest=np.where(closed, place.gap, q),
             place=place,

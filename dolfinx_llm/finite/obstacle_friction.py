@@ -28,17 +28,18 @@ class ObstacleFriction(Friction, ObstacleContact):
         """Where slip counts from: the obstacle stands where the increment starts."""
         surface = self.sides.surfaces[0]
         X = self.posed(held.pose_before).back(self.sides.split(place.z)[0])
-        gap = checked_clearance(self.obstacle, X)[0]
+        gap = self.sides.control @ checked_clearance(self.obstacle, X)[0]
         gap[gap < MET_AT * cell_sizes(surface.x, surface.facets).max()] = 0.0
-        return Origin(X, gap, closed)
+        return Origin(self.sides.control @ X, gap, closed)
 
     def here(self, place: ObstaclePlace) -> np.ndarray:
         """(n, gdim) where the nodes' places were drawn [length]."""
-        return place.pose.back(self.sides.split(place.z)[0])
+        return self.sides.control @ place.pose.back(self.sides.split(place.z)[0])
 
     def way(self, place: ObstaclePlace, origin: Origin) -> tuple[np.ndarray, csr_matrix]:
         """(n, gdim) sigma, and its derivative (n gdim, width) [length]."""
-        way = self.sides.split(place.z)[0] - place.pose.on(origin.points)
+        x = self.sides.control @ self.sides.split(place.z)[0]
+        way = x - place.pose.on(origin.points)
         return way, self.sides.jumps(place.N)
 
     def turned(self, place: ObstaclePlace, nodes: np.ndarray) -> csr_matrix:
@@ -48,7 +49,7 @@ class ObstacleFriction(Friction, ObstacleContact):
 
     def growth(self, place: ObstaclePlace, nodes: np.ndarray) -> csr_matrix:
         """(k, width) derivatives of the areas of nodes (k,) [area / length]."""
-        x, facets = self.sides.split(place.z)[0], self.sides.surfaces[0].facets
-        area, by_x = surface_integrals(x, facets, everything(x, facets, 0, x.size), 0)
+        x, surface = self.sides.split(place.z)[0], self.sides.surfaces[0]
+        area, by_x = surface_integrals(x, surface, everything(x, surface, 0, x.size), 0)
         unit = area / np.maximum(np.linalg.norm(area, axis=1), 1e-300)[:, None]
         return (per_item(unit[:, None]) @ by_x)[nodes]

@@ -70,7 +70,7 @@ def _sizes(sides: Sides, place: NormalPlace) -> np.ndarray:
 def _ahead(sides: Sides, place: NormalPlace) -> np.ndarray:
     """(n,) which nodes lie in front of the frame, and face it."""
     at = place.at
-    vectors = averaged(sides.split(place.z)[0], sides.facets(True))
+    vectors = averaged(sides.split(place.z)[0], sides.skin(True))
     cosine = np.einsum("ni,ni->n", vectors, at.normal) / np.linalg.norm(vectors, axis=1)
     there = at.met & (at.beyond <= INSIDE) & (cosine < -np.cos(TURN))
     return there & (at.gap > -AHEAD * _sizes(sides, place))

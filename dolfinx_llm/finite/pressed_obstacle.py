@@ -65,7 +65,8 @@ class Pressed(ObstacleContact):
     ) -> tuple[np.ndarray, Held]:
         """(n,) status of the pairs, and what is held; q may have moved on from the place."""
         s = self._pose(held.pose, q)[self.sides.gdim :][: self.sides.gdim]
-        place = replace(place, gap=place.gap - place.by_x @ (s - place.pose.shift))
+        nearer = self.sides.control @ (place.by_x @ (s - place.pose.shift))
+        place = replace(place, gap=place.gap - nearer)
         if held.pose_before is not None:
             held = replace(held, pose_before=self._pose(held.pose_before, q))
         return super().touching(place, q[: super().size], before, held, reach)

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 from dolfinx import fem
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, identity, kron
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.finite.areas import Covered, everything, surface_integrals
 from dolfinx_llm.finite.sides import Sides
+from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface, check_facet_tags
 
 COVER = "give (facet tags, tag), or None"
@@ -103,13 +104,15 @@ class Follower:
         """
         loaded = self.surfaces[0]
         x = z[: loaded.x.size].reshape(loaded.x.shape)
-        free = everything(x, loaded.facets, 0, len(z))
+        free = everything(x, loaded, 0, len(z))
         if self.sides is not None and candidates is not None:
             covered = self.sides.covered(z, candidates, self.sides.moving == 0)
             if lagged:
                 covered = Covered(covered.share, csr_matrix(covered.derivative.shape))
             free = free.without(covered)
-        vectors, derivative = surface_integrals(x, loaded.facets, free, 0)
+        vectors, derivative = surface_integrals(x, loaded, free, 0)
+        C = control_matrices(loaded)[1]
+        vectors, derivative = C.T @ vectors, kron(C.T, identity(x.shape[1])) @ derivative
         force = np.zeros(len(z))
         force[: x.size] = -p * vectors.ravel()
         K = (p * derivative).tocsr()

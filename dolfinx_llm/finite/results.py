@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags
@@ -31,7 +32,7 @@ class MovingSideResult:
     slip: np.ndarray  # (n, gdim) tangential motion on the other body in the last increment [length]
     status: np.ndarray  # (n,) 0 open, 1 stick, 2 slip, 3 closed without friction
     area: np.ndarray  # (n,) tributary area of what both surfaces cover [area]
-    facets: np.ndarray  # (m, k) facets of the surface
+    facets: np.ndarray  # (m, k) first-order facets of the surface, between all of its nodes
 
     @property
     def drawn(self) -> np.ndarray:
@@ -111,11 +112,12 @@ def moving_results(
     at_frame = np.full(len(loaded), OPEN)
     for kind in (STICK, SLIP, CLOSED):
         at_frame[np.asarray(abs(place.N).T @ (status == kind)).ravel() > 0.0] = kind
-    slips = sides.in_order(terms.slip, _at_frame(place.N, terms.slip, active))
+    slips = sides.in_order(sides.nodal @ terms.slip, _at_frame(place.N, terms.slip, active))
     gives = isinstance(contact, LawContact) and contact.law.gives
-    own_gap = place.gap if gives else np.where(active, 0.0, place.gap)
+    own_gap = _at_nodes(sides, place.gap if gives else np.where(active, 0.0, place.gap))
     gaps = sides.in_order(own_gap, np.where(loaded, 0.0, np.inf))
-    statuses, areas = sides.in_order(status, at_frame), sides.in_order(*place.areas)
+    own_area = (sides.control[0].T @ place.areas[0], place.areas[1])
+    statuses, areas = sides.in_order(status, at_frame), sides.in_order(*own_area)
     of = zip(sides.surfaces, places, forces, normals, gaps, slips, statuses, areas, strict=True)
     first, second = (_side(*own) for own in of)
     sign = 1.0 if sides.frame == 0 else -1.0
@@ -125,10 +127,12 @@ def moving_results(
     if terms.friction is not None:
         friction = -sign * sides.split(terms.friction)[1]
         force = np.einsum("mi,mi->m", total - friction, normal)
-    cells, moving = sides.facets(False), (first, second)[sides.moving]
-    tangential = moving.force - moving.normal_force[:, None] * moving.normal
+    cells, moving = sides.skin(False), (first, second)[sides.moving]
+    borne = sides.nodal.T @ moving.force
+    pressing = np.einsum("ni,ni->n", borne, moving.normal)
+    tangential = borne - pressing[:, None] * moving.normal
     weights = place.N.maximum(0.0).T
-    pressed = per_area(weights @ moving.normal_force[:, None], weights @ place.areas[0])
+    pressed = per_area(weights @ pressing[:, None], weights @ place.areas[0])
     drawn = sides.surfaces[sides.frame].x
     return MovingInterfaceResult(
         frame=Frame(y, cells if sides.frame == 0 else cells[:, ::-1], v=y - drawn),
@@ -150,9 +154,14 @@ def _against_obstacle(
     surface, place, status = contact.sides.surfaces[0], terms.place, terms.status
     assert isinstance(place, ObstaclePlace)
     x, force = (contact.sides.split(values)[0] for values in (z, -terms.force))
-    gap = np.where(status != OPEN, 0.0, place.gap)
-    side = _side(surface, x, force, -place.normal, gap, terms.slip, status, place.areas[0])
+    C, E = contact.sides.control, contact.sides.nodal
+    gap, area = _at_nodes(contact.sides, np.where(status != OPEN, 0.0, place.gap)), place.areas[0]
+    side = _side(
+        surface, x, force, -place.normal, gap, E @ terms.slip, status, C.T @ area
+    )  # fmt: skip
     tangential = force - side.normal_force[:, None] * side.normal
+    borne = E.T @ force
+    pressing = np.einsum("ni,ni->n", borne, side.normal)
     return MovingInterfaceResult(
         frame=None,
         sides=(side,),
@@ -161,8 +170,8 @@ def _against_obstacle(
         frame_friction=tangential,
         frame_status=status,
         correction=0.0,
-        frame_pressure=per_area(side.normal_force[:, None], side.area)[:, 0],
-        frame_traction=per_area(tangential, side.area),
+        frame_pressure=per_area(pressing[:, None], area)[:, 0],
+        frame_traction=per_area(borne - pressing[:, None] * side.normal, area),
         displacement=place.pose.shift,
     )
 
@@ -179,8 +188,16 @@ def _side(
 ) -> MovingSideResult:
     """Of a surface; what else is given as of ``MovingSideResult``."""
     pressed = np.einsum("ni,ni->n", force, normal)
-    facets = surface.facets
+    facets = surface.skin
     return MovingSideResult(surface.x, x, force, normal, pressed, gap, slip, status, area, facets)
+
+
+def _at_nodes(sides: Any, gap: np.ndarray) -> np.ndarray:
+    """(n,) gaps at nodes, of those of control values; inf where one of these is."""
+    there = np.isfinite(gap)
+    return np.where(
+        abs(sides.nodal) @ ~there > 0.0, np.inf, sides.nodal @ np.where(there, gap, 0.0)
+    )
 
 
 def _at_frame(N: csr_matrix, slip: np.ndarray, active: np.ndarray) -> np.ndarray:

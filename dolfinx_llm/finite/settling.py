@@ -12,9 +12,8 @@ from dolfinx_llm.laws.rows import CLOSED, OPEN
 
 def slide(contact: MovingContact, terms: ContactTerms, dz: np.ndarray) -> float:
     """How far nodes in contact slide over the other side for changes dz (width,) [length]."""
-    dx, dy = contact.sides.split(dz)
     on, n = terms.status != OPEN, terms.place.normal
-    jump = dx - terms.place.N @ dy
+    jump = (contact.sides.jumps(terms.place.N) @ dz).reshape(n.shape)
     jump -= np.einsum("ni,ni->n", jump, n)[:, None] * n
     return float(np.linalg.norm(jump[on], axis=1).max(initial=0.0))
 

@@ -4,12 +4,17 @@ The frame's nodes are those of the coarser surface, y_J = x_J: its rows are the 
 and that side's multipliers are known, lambda_J = -sum_p N_pJ lambda_p, and equilibrium of the
 frame, sum_p N_pJ lambda_p = 0 over both sides, holds by construction. The other surface is the
 moving side.
+
+Pairs of second-order surfaces are those of its control values, see ``operators.control``: gap' =
+C gap of the nodes' gaps, C = E^-1, is at least 0, and so are forces lambda' = E^T lambda, where
+nodal forces of a pressure may be negative. At first order C and E are the identity.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -28,6 +33,7 @@ from dolfinx_llm.finite.location import (
 from dolfinx_llm.finite.normals import NodalNormals, averaged, nodal_normals
 from dolfinx_llm.geometry.cells import cell_sizes, vector_areas
 from dolfinx_llm.geometry.facing import TURN
+from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface
 
 Item = TypeVar("Item")
@@ -65,7 +71,7 @@ class Sides:
         Args:
             surfaces: as drawn.
         """
-        size = [cell_sizes(s.x, s.facets).mean() * PER_NODE[s.facets.shape[1]] for s in surfaces]
+        size = [cell_sizes(s.x, s.skin).mean() * PER_NODE[s.skin.shape[1]] for s in surfaces]
         if abs(size[0] - size[1]) > AS_COARSE * max(size):
             frame = int(size[1] > size[0])
         else:  # alike: the one whose normal comes first
@@ -73,7 +79,9 @@ class Sides:
             frame = int(normals[1] > normals[0])
         flat = surfaces[0].x.shape[1] == 2
         chains = Chains.of(surfaces[frame].facets) if flat else None
-        rounded = _rounded(surfaces[frame].x, surfaces[frame].facets)
+        rounded = np.zeros(len(surfaces[frame].x), dtype=bool)  # second order: nothing stands out
+        if surfaces[frame].element.order == 1:
+            rounded = _rounded(surfaces[frame].x, surfaces[frame].facets)
         return cls((surfaces[0], surfaces[1]), frame, chains, rounded)
 
     @property
@@ -113,9 +121,21 @@ class Sides:
         """What belongs to the moving side and to the frame, in the order of the surfaces."""
         return (frame, moving) if self.frame == 0 else (moving, frame)
 
+    @cached_property
+    def control(self) -> tuple[csr_matrix, csr_matrix]:
+        """C (n, n) of the moving side, and (m, m) of the frame."""
+        moving, frame = (control_matrices(self.surfaces[i])[1] for i in (self.moving, self.frame))
+        return moving, frame
+
+    @cached_property
+    def nodal(self) -> csr_matrix:
+        """E (n, n) of the moving side."""
+        return control_matrices(self.surfaces[self.moving])[0]
+
     def jumps(self, N: csr_matrix) -> csr_matrix:
-        """(n gdim, width) x_p - sum_J N_pJ y_J, of all coordinates, for rows (n, m)."""
-        parts = self.in_order(identity(N.shape[0]), -N)
+        """(n gdim, width) sum_q C_pq x_q - sum_J N_pJ y_J, of all coordinates, for rows (n, m) of
+        pairs."""
+        parts = self.in_order(self.control[0], -N)
         return kron(bmat([parts]), identity(self.gdim), format="csr")
 
     def candidates(self, z: np.ndarray) -> np.ndarray:
@@ -128,7 +148,7 @@ class Sides:
         across = at.normal[facets].sum(axis=1)
         cosine = np.einsum("fi,fi->f", area, across)
         cosine /= np.linalg.norm(area, axis=1) * np.linalg.norm(across, axis=1)
-        return near[facets].all(axis=1) & (cosine < -np.cos(TURN))
+        return near[self.cells(True)].all(axis=1) & (cosine < -np.cos(TURN))
 
     def gaps(self, z: np.ndarray) -> np.ndarray:
         """(n,) distances of the moving side's nodes from the frame [length]."""
@@ -136,13 +156,13 @@ class Sides:
 
     def outward(self, z: np.ndarray) -> np.ndarray:
         """(m, gdim) unit normals of the frame's nodes, out of its body."""
-        total = averaged(self.split(z)[1], self.facets(False))
+        total = averaged(self.split(z)[1], self.skin(False))
         return total / np.linalg.norm(total, axis=1)[:, None]
 
     def _places(self, z: np.ndarray) -> OnFrame:
         """Where the moving side's nodes lie on the frame."""
         x, y = self.split(z)
-        return find_on_frame(x, y, self.facets(False), self.outward(z))
+        return find_on_frame(x, y, self.cells(False), self.outward(z))
 
     def meet(self, z: np.ndarray, candidates: np.ndarray) -> Meeting:
         """How the surfaces meet at coordinates z (width,).
@@ -152,14 +172,15 @@ class Sides:
             candidates: (f,) facets of the moving side that can touch.
         """
         x, y = self.split(z)
-        facets, frame = self.facets(True), self.facets(False)
-        normals = nodal_normals(y, frame, self.first[1], self.width)
+        frame = self.cells(False)
+        normals = nodal_normals(y, self.skin(False), self.first[1], self.width)
         at = find_on_frame(x, y, frame, normals.n)
         d = location_derivatives(at, y, frame, normals, self.columns, self.width)
         if self.chains is None:
             covered = self._clipped(z, candidates, True), self._clipped(z, candidates, False)
         else:
-            of = facets, candidates, x, y, at, d, normals, self.first
+            elements = self.surfaces[self.moving].element, self.surfaces[self.frame].element
+            of = self.facets(True), candidates, x, y, at, d, normals, self.first, elements
             covered = covered_lines(self.chains, *of)
         return Meeting(at, d, normals, covered)
 
@@ -172,25 +193,35 @@ class Sides:
     def _clipped(self, z: np.ndarray, candidates: np.ndarray, moving: bool) -> Covered:
         """The same in space."""
         (x, y), (facets, frame) = self.split(z), (self.facets(True), self.facets(False))
+        elements = self.surfaces[self.moving].element, self.surfaces[self.frame].element
         skins = (
-            Skin(x, facets, candidates, self.first[0]),
-            Skin(y, frame, np.ones(len(frame), dtype=bool), self.first[1]),
+            Skin(x, facets, elements[0], candidates, self.first[0]),
+            Skin(y, frame, elements[1], np.ones(len(frame), dtype=bool), self.first[1]),
         )
         return covered_facets(*(skins if moving else skins[::-1]), self.width)
 
     def forces(
         self, meeting: Meeting, z: np.ndarray, moving: bool
     ) -> tuple[np.ndarray, csr_matrix]:
-        """(n,) forces of unit pressure on the common area at a side's nodes, and derivatives."""
-        x, facets = self.split(z)[0 if moving else 1], self.facets(moving)
-        first = self.first[0 if moving else 1]
-        covered = meeting.covered[0 if moving else 1]
-        values, derivative = surface_integrals(x, facets, covered, first, sizes=True)
+        """(n,) forces of unit pressure on the common area at a side's control values, and their
+        derivatives."""
+        side = 0 if moving else 1
+        x, surface = self.split(z)[side], self.surfaces[self.moving if moving else self.frame]
+        covered = meeting.covered[side]
+        values, derivative = surface_integrals(x, surface, covered, self.first[side], sizes=True)
         return values[:, 0], derivative
 
     def facets(self, moving: bool) -> np.ndarray:
-        """(f, k) facets of a side."""
+        """(f, c) corners of a side's facets."""
         return self.surfaces[self.moving if moving else self.frame].facets
+
+    def cells(self, moving: bool) -> np.ndarray:
+        """(f, k) all nodes of a side's facets."""
+        return self.surfaces[self.moving if moving else self.frame].cells
+
+    def skin(self, moving: bool) -> np.ndarray:
+        """(s, c) first-order facets between all nodes of a side, by which normals are averaged."""
+        return self.surfaces[self.moving if moving else self.frame].skin
 
 
 def _rounded(x: np.ndarray, facets: np.ndarray) -> np.ndarray:

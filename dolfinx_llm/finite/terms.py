@@ -49,10 +49,10 @@ class Place:
     """How the pairs of an interface stand in one configuration, whatever they carry."""
 
     z: np.ndarray  # (width,) coordinates [length]
-    gap: np.ndarray  # (n,) of the moving side's nodes; inf where there is none [length]
+    gap: np.ndarray  # (n,) of the moving side's pairs; inf where there is none [length]
     normal: np.ndarray  # (n, gdim) out of the frame
     N: csr_matrix  # (n, m) rows
-    areas: tuple[np.ndarray, np.ndarray]  # (n,), (m,) of the nodes of both sides [area]
+    areas: tuple[np.ndarray, np.ndarray]  # (n,), (m,) of pairs, and of the frame's nodes [area]
 
     @property
     def pairs(self) -> np.ndarray:

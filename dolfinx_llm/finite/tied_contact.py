@@ -33,7 +33,7 @@ class TiedContact(MovingContact):
     settles: ClassVar[bool] = False
 
     sides: Sides
-    A: csr_matrix  # (n gdim, width) x_p - sum_J N_pJ y_J
+    A: csr_matrix  # (n gdim, width) x_p - sum_J N_pJ y_J, at second order of control values
     N: csr_matrix  # (n, m)
     pairs: np.ndarray  # (n,) nodes that are tied
     drawn: Meeting  # where nodes lie and what is covered, for good
@@ -72,12 +72,15 @@ class TiedContact(MovingContact):
                 "or draw them in touch"
             )
         at, n, m = meeting.at.part(on), len(x), len(y)
-        limit = design.smallest_limit(at, x[on], y, (f[on], fy))
-        found = design.rows(at, x[on], y, (f[on], fy), limit)
-        pick = summing(on, n)
-        N, delta = (pick @ found.matrix(m)).tocsr(), float(np.abs(found.delta).max())
+        loads = (sides.control[0].T @ f)[on], sides.control[1].T @ fy
+        limit = design.smallest_limit(at, x[on], y, loads)
+        found = design.rows(at, x[on], y, loads, limit)
+        delta, pick = float(np.abs(found.delta).max()), summing(on, n)
+        N = (sides.control[0] @ pick @ found.matrix(m)).tocsr()
         pairs = np.zeros(n, dtype=bool)
         pairs[on] = True
+        pairs &= abs(sides.control[0]) @ ~pairs == 0.0  # and all that they are made of
+        N = (diags(pairs.astype(float)) @ N).tocsr()
         A = diags(np.repeat(pairs, sides.gdim).astype(float)) @ sides.jumps(N)
         own, other = (Covered(c.share, csr_matrix(c.derivative.shape)) for c in meeting.covered)
         return cls(sides, A, N, pairs, replace(meeting, covered=(own, other)), delta, z)
@@ -110,10 +113,11 @@ class TiedContact(MovingContact):
     def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> Place:
         """Rows as drawn, normals and areas as they are now."""
         sides, at = self.sides, self.drawn.at
-        normal = np.einsum("nk,nki->ni", at.N, sides.outward(z)[sides.facets(False)[at.facet]])
+        normal = np.einsum("nk,nki->ni", at.N, sides.outward(z)[sides.cells(False)[at.facet]])
         normal = normal / np.linalg.norm(normal, axis=1)[:, None]
         own, frame = (sides.forces(self.drawn, z, moving)[0] for moving in (True, False))
-        return Place(z, np.where(self.pairs, 0.0, np.inf), normal, self.N, (own, frame))
+        areas = own, sides.control[1].T @ frame
+        return Place(z, np.where(self.pairs, 0.0, np.inf), normal, self.N, areas)
 
     def terms(
         self, place: Place, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray

@@ -30,6 +30,17 @@ ELEMENTS = {
 }
 
 
+# The same to the first-order cells between all nodes.
+PARTS = {
+    (1, 2): np.array([[0, 1]]),
+    (1, 3): np.array([[0, 2], [2, 1]]),
+    (2, 3): np.array([[0, 1, 2]]),
+    (2, 4): np.array([[0, 1, 2, 3]]),
+    (2, 6): np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]),
+    (2, 9): np.array([[0, 4, 8, 7], [4, 1, 5, 8], [8, 5, 2, 6], [7, 8, 6, 3]]),
+}
+
+
 @dataclass(frozen=True)
 class Element:
     """A kind of facet or frame cell."""
@@ -89,6 +100,11 @@ class Element:
             return 2.0 * np.column_stack([a, b]) - 1.0, 4.0 * weight
         return np.column_stack([a * (1.0 - b), a * b]), a * weight  # Duffy's triangle
 
+    @property
+    def parts(self) -> np.ndarray:
+        """(s, c) nodes of the first-order cells that have these nodes as corners."""
+        return PARTS[self.dim, self.nodes]
+
     def between(self, corners: np.ndarray) -> np.ndarray:
         """(n, k, ...) positions of the nodes of straight cells with corners (n, c, ...)."""
         return np.einsum("kc,nc...->nk...", self.linear, corners)
@@ -103,6 +119,10 @@ class Element:
         rest = np.arange(c + len(self.edges), self.nodes)
         rest = np.broadcast_to(rest, (len(cells), len(rest)))
         return np.take_along_axis(cells, np.column_stack([corner, c + edge, rest]), axis=1)
+
+    def positive(self, xi: np.ndarray) -> np.ndarray:
+        """(n, k) shape functions of control values at xi (n, d): Bernstein's, at least 0."""
+        return self.shape(xi)[0] @ self.bernstein
 
     def shape(self, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """N (n, k) and dN (n, k, d) at reference coordinates xi (n, d), (23)."""

@@ -7,6 +7,7 @@ by position, ties by the mesh's input numbering; facets by their nodes.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,12 @@ class Surface:
     def cells(self) -> np.ndarray:
         """(m, k) all nodes of each facet."""
         return self.facets if self.elements is None else self.elements
+
+    @cached_property
+    def skin(self) -> np.ndarray:
+        """(s, c) first-order facets between all nodes."""
+        parts = self.element.parts
+        return self.cells[:, parts].reshape(-1, parts.shape[1])
 
     @property
     def element(self) -> Element:

@@ -18,7 +18,7 @@ from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.forms.choice import SOLVERS
 from dolfinx_llm.geometry.cells import middle_jacobians
-from dolfinx_llm.geometry.spaces import check_space
+from dolfinx_llm.geometry.spaces import CELLS, check_space
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.operators.petsc import block_diagonal
@@ -113,7 +113,7 @@ def nonlinear_arguments(
         check_petsc_options(options[1], options[0])
         checks.one_of("solver", solver, SOLVERS)
     for V in spaces:
-        check_space(V)
+        check_space(V, highest=2)
     with collective(comm):
         given = NonlinearArguments(
             isinstance(u, (list, tuple)),
@@ -229,6 +229,7 @@ class NonlinearBulk:
         for V, w in zip(self.spaces, self.u, strict=True):
             topology = V.mesh.topology
             cells = compat.cell_dofs(V)[: topology.index_map(topology.dim).size_local]
+            cells = cells[:, : CELLS[compat.cell_kinds(V.mesh)[0]][0]]  # corners come first
             X = V.tabulate_dof_coordinates()[:, : self.dofs.gdim]
             x = X + w.x.array.reshape(X.shape)
             turned = middle_jacobians(X, cells) * middle_jacobians(x, cells) <= 0.0

@@ -13,7 +13,7 @@ from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction_contact import FrictionContact
 from dolfinx_llm.finite.law_contact import LawContact
 from dolfinx_llm.finite.load_step import Placed
-from dolfinx_llm.finite.location import find_on_frame
+from dolfinx_llm.finite.location import INSIDE, find_on_frame
 from dolfinx_llm.finite.normal_contact import NormalContact
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact, OneSide
 from dolfinx_llm.finite.obstacle_friction import ObstacleFriction
@@ -77,7 +77,7 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
     site = find_site(interface, dofs.spaces)
     sides = Sides.of(site.whole)
     frame = sides.surfaces[sides.frame]
-    design = Design.of(frame.x, frame.facets, interface.design is not None)
+    design = Design.of(frame.x, frame.cells, interface.design is not None)
     drawn = np.concatenate([s.x.ravel() for s in site.whole])
     contact: MovingContact
     if type(interface.law) not in BUILT_IN:
@@ -149,9 +149,10 @@ def _nodes(
                 return nodal
             assert isinstance(sides, Sides)
             frame = sides.surfaces[side]
-            found = find_on_frame(x, frame.x, frame.facets, sides.outward(drawn))
-            N = np.maximum(found.N, 0.0)
-            return np.einsum("nk,nk->n", N, nodal[frame.facets[found.facet]]) / N.sum(axis=1)
+            found = find_on_frame(x, frame.x, frame.cells, sides.outward(drawn))
+            inside = found.beyond[:, None] <= INSIDE
+            N = np.where(inside, found.N, np.maximum(found.N, 0.0))
+            return np.einsum("nk,nk->n", N, nodal[frame.cells[found.facet]]) / N.sum(axis=1)
         raise ContactInputError(
             f"interface {interface.name}: a Function that a law varies by lives on the mesh of "
             "neither side. Give one of a side's mesh, or a function of positions"

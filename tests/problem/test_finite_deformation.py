@@ -47,19 +47,20 @@ def blocks(cells, widths=(1.0, 1.0), kind="quadrilateral", seed=5, shift=0.0):
     return bodies_mesh(COMM, parts, all_cells, kind, ends, where)
 
 
-def bodies_of(domain, young=1000.0, poisson=0.4):
+def bodies_of(domain, young=1000.0, poisson=0.4, degree=1):
     """Displacement and residual form."""
-    V = compat.function_space(domain, shape=(2,))
+    V = compat.function_space(domain, degree=degree, shape=(2,))
     u = fem.Function(V)
     mu, lam = (fem.Constant(domain, c) for c in finite_patch.lame(young, poisson))
-    F = ufl.derivative(finite_patch.energy(u, mu, lam) * ufl.dx, u, ufl.TestFunction(V))
+    measure = ufl.dx if degree == 1 else ufl.dx(degree=4)
+    F = ufl.derivative(finite_patch.energy(u, mu, lam) * measure, u, ufl.TestFunction(V))
     return V, u, F
 
 
-def pressed(cells, law=None, order=(LOW, HIGH), material=(1000.0, 0.4, 300.0), **scene):
+def pressed(cells, law=None, order=(LOW, HIGH), material=(1000.0, 0.4, 300.0), degree=1, **scene):
     """The patch test on blocks with their left sides on one line."""
     domain, tags = blocks(cells, **scene)
-    V, u, F = bodies_of(domain, *material[:2])
+    V, u, F = bodies_of(domain, *material[:2], degree)
     held = []
     for k, marks in ((1, (BOTTOM,)), (0, (LEFT_0, LEFT_1))):
         facets = tags.indices[np.isin(tags.values, marks)]
@@ -82,6 +83,9 @@ def pressed(cells, law=None, order=(LOW, HIGH), material=(1000.0, 0.4, 300.0), *
         {"cells": (10, 8), "widths": (1.0, 0.73), "material": (1000.0, 0.4, 600.0)},
         {"cells": (6, 7), "law": llm.Tied(), "material": (2000.0, 0.3, 300.0)},
         {"cells": (7, 5), "law": llm.Coulomb(0.3), "order": (HIGH, LOW)},
+        {"cells": (5, 3), "widths": (1.0, 0.61), "kind": "triangle", "degree": 2},
+        {"cells": (4, 9), "law": llm.Tied(), "degree": 2},
+        {"cells": (4, 3), "law": llm.Coulomb(0.3), "widths": (1.0, 0.73), "degree": 2},
     ],
     ids=str,
 )
