@@ -29,6 +29,7 @@ TRUSTED = 0.03  # residual, relative, below which slip has its exact derivative
 HELPED, LESS = 0.5, 0.1  # where it has not brought the residual down by as much: only below a tenth
 SETTLINGS = 6  # solves for the pairs in contact of the linear model, where nodes slide far
 CUTS = 8  # of a change that turns elements inside out
+FLIES = 1e6  # cells, by which no body moves in an iteration that something holds
 
 
 class StepFailed(ContactError):
@@ -201,6 +202,9 @@ class Increment:
         finite = np.isfinite(du).all() and np.isfinite(dq).all()
         if not self.dofs.comm.allreduce(bool(finite), op=MPI.LAND):
             raise StepFailed("the linear solver gives no finite numbers")
+        far = self.dofs.comm.allreduce(float(np.abs(du).max(initial=0.0)), op=MPI.MAX)
+        if far > FLIES * steps.bodies.size:
+            raise StepFailed(f"a body flies away, by {far:.2g} in an iteration: nothing holds it")
         return du, np.split(dq, np.cumsum([len(q) for q in self.own])[:-1]) if self.own else []
 
     def _foresee(self, du: np.ndarray, changes: list[np.ndarray]) -> bool:

@@ -181,7 +181,7 @@ class ObstacleContact(MovingContact):
         turned = np.moveaxis(normals[1 : gdim + 1] - normals[gdim + 1 :], 0, 2)  # (n, i, k)
         smooth = np.isfinite(by_x).all(axis=1) & (np.abs(turned).max(axis=(1, 2)) < KINK)
         vectors = np.zeros_like(x)
-        np.add.at(vectors, surface.cells, facet_vectors(x, surface.cells))
+        np.add.at(vectors, surface.cells, facet_vectors(surface.straightened(x), surface.cells))
         vectors = self.sides.nodal.T @ vectors
         areas = np.linalg.norm(vectors, axis=1)
         away = np.einsum("ni,ni->n", vectors, -normals[0]) < TURNED_AWAY * areas
