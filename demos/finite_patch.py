@@ -5,7 +5,7 @@ in 3D held along y. A pressure follows all that looks up and is free, whatever t
 beside the punch. Both bodies must then stretch alike, by two numbers that solve two equations,
 while the foundation's surface slides along under the punch.
 
-    mpirun -n 2 python demos/finite_patch.py [--cells tri|hex|tet] [--pressure 600] [--plot DIR] ...
+    mpirun -n 2 python demos/finite_patch.py [--cells tri|hex|tet] [--degree 2] [--plot DIR] ...
 """
 
 import argparse

@@ -30,6 +30,7 @@ from dolfinx_llm.finite.terms import FAST, ContactTerms
 from dolfinx_llm.forms.condensed.krylov import WIDEST
 from dolfinx_llm.operators.numbering import BodyDofs
 
+LITTLE = 0.5  # of the largest force of an unknown, below which the preconditioner leaves it out
 BETA = 0.3  # by how much rows yield, of what a single node does: 0.1 and 1 take as many iterations
 
 
@@ -62,6 +63,9 @@ class Condensed:
         # value.
         E = kron(sides.nodal, identity(gdim), format="csr")
         top = (E.T @ t.top[x]).tocsr()
+        if sides.surfaces[sides.moving].element.order > 1:  # normals differ along a facet
+            largest = abs(top).max(axis=0).toarray().ravel()
+            top.data[np.abs(top.data) < LITTLE * largest[top.indices]] = 0.0
         top.eliminate_zeros()
         on, several = top.tocoo(), np.zeros(len(t.rest), dtype=bool)
         pair = np.full(len(t.rest), -1)

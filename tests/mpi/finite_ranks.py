@@ -16,8 +16,9 @@ if "condensed" in sys.argv:
     nonlinear_parts.FROM_UNKNOWNS = {2: 0, 3: 0}
 comm = MPI.COMM_WORLD
 kind = sys.argv[1] if len(sys.argv) > 1 else "quad"
+degree = 2 if "second" in sys.argv else 1
 boxes = finite_patch.BOXES[2 if kind == "quad" else 3]
-contact = finite_patch.problem(patch2d.bodies(comm, kind, boxes=boxes))
+contact = finite_patch.problem(patch2d.bodies(comm, kind, boxes=boxes), degree=degree)
 contact.solve()
 stretch, pressure = finite_patch.errors(contact, finite_patch.stretches(300.0))
 forces = [side.force.tolist() for side in contact.results[0].sides]
@@ -30,7 +31,7 @@ if kind == "quad":  # strips that stick and slip under friction
     assert min(strips.counts()[:2]) > 0
     force += sheared.ravel().tolist()
 else:
-    punch = Punch(kind, llm.Coulomb(0.3), comm=comm)
+    punch = Punch(kind, llm.Coulomb(0.3), comm=comm, degree=degree)
     side = punch.to(down=0.05, along=0.01).sides[1]
     assert {1, 2} <= set(side.status)
     force += side.force.ravel().tolist()

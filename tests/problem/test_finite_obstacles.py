@@ -36,7 +36,7 @@ class Floor(llm.Obstacle):
         return x[:, -1] * (1.0 + 0.3 * x[:, -1]), into
 
 
-def block(kind, cells=4):
+def block(kind, cells=4, degree=1):
     """Unit block, its foot and top tagged; displacement and residual."""
     dim, cell = KINDS[kind]
     make = mesh.create_rectangle if dim == 2 else mesh.create_box
@@ -48,11 +48,12 @@ def block(kind, cells=4):
     order = np.argsort(np.concatenate(at))
     values = np.repeat([FOOT, TOP], [len(found) for found in at]).astype(np.int32)
     tags = mesh.meshtags(domain, dim - 1, np.concatenate(at)[order], values[order])
-    V = compat.function_space(domain, shape=(dim,))
+    V = compat.function_space(domain, degree=degree, shape=(dim,))
     u = fem.Function(V)
     mu, lam = (fem.Constant(domain, c) for c in finite_patch.lame(1000.0, 0.4))
     energy = finite_patch.energy(u, mu, lam) if dim == 2 else energy_3d(u, mu, lam)
-    return domain, tags, V, u, ufl.derivative(energy * ufl.dx, u, ufl.TestFunction(V))
+    dx = ufl.dx if degree == 1 else ufl.dx(degree=4)
+    return domain, tags, V, u, ufl.derivative(energy * dx, u, ufl.TestFunction(V))
 
 
 def energy_3d(u, mu, lam):
@@ -183,16 +184,17 @@ def test_carried():
     assert np.abs(after.slip).max() < 1e-10 and set(after.status) == {1}
 
 
-def test_as_a_body_that_does_not_yield():
+@pytest.mark.parametrize("degree", [1, 2])
+def test_as_a_body_that_does_not_yield(degree):
     """Partial slip of a block that is dragged over the plane, and over a coarser body of which all
     is prescribed: the same forces, pair by pair."""
     found = []
     for rigid in (True, False):
-        domain, tags, V, u, F = block("quad", 6)
+        domain, tags, V, u, F = block("quad", 6, degree)
         g = fem.Function(V)
         facets = tags.indices[tags.values == TOP]
         bcs = [fem.dirichletbc(g, fem.locate_dofs_topological(V, 1, facets))]
-        below, marks, W, w, G = block("quad", 2)
+        below, marks, W, w, G = block("quad", 2, degree)
         below.geometry.x[:, :2] = (below.geometry.x[:, :2] - [0.3, 1.0]) * [2.0, 1.0]
         every = np.arange(W.dofmap.index_map.size_local, dtype=np.int32)
         bcs.append(fem.dirichletbc(fem.Function(W), every))

@@ -20,6 +20,7 @@ class Punch:
         lift: how far the punch is moved up at first; nothing touches then.
         energy: of a displacement and the Lamé constants mu and lambda.
         closed: whether the bodies' whole outlines can touch.
+        degree: of the elements.
     """
 
     def __init__(
@@ -30,6 +31,7 @@ class Punch:
         energy=finite_patch.energy,
         comm=MPI.COMM_SELF,
         closed=False,
+        degree=1,
     ):
         self.dim = dim = 2 if kind in ("quad", "tri") else 3
         low = (0.0,) * dim, (1.6, *(1.0,) * (dim - 1)), (6, 3) if dim == 2 else (4, 3, 2)
@@ -38,10 +40,10 @@ class Punch:
         scene = patch2d.bodies(comm, kind, separate=True, boxes=(low, high), rough=0.2)
         self.u, forms, bcs, self.ends = [], [], [], []
         for k, (domain, _) in enumerate(scene):
-            V = compat.function_space(domain, shape=(dim,))
+            V = compat.function_space(domain, degree=degree, shape=(dim,))
             u = fem.Function(V)
             lame = (fem.Constant(domain, c) for c in finite_patch.lame(1000.0, 0.3))
-            dx = ufl.dx(degree=3)
+            dx = ufl.dx(degree=3 if degree == 1 else 4)
             forms.append(ufl.derivative(energy(u, *lame) * dx, u, ufl.TestFunction(V)))
             held = fem.locate_dofs_geometrical(V, lambda p, z=1.5 * k: np.isclose(p[dim - 1], z))
             self.ends.append(fem.Constant(domain, np.zeros(dim)))

@@ -161,13 +161,13 @@ def held_ends(V, tags, field):
     return fem.dirichletbc(known, dofs)
 
 
-def _problem(a, L, spaces, tags, field, interface, **options):
+def _problem(a, L, spaces, tags, field, interface, make=llm.ContactProblem, **options):
     sides = (2, 3) if len(tags) == 1 else ((tags[0], 2), (tags[1], 3))
     one = len(spaces) == 1
     bcs = [held_ends(V, own, field) for V, own in zip(spaces, tags, strict=True)]
     chosen = [llm.Interface(tags[0], sides, **(interface or {}))]
     a, L = (a[0], L[0]) if one else (a, L)
-    return llm.ContactProblem(a, L, bcs=bcs, interfaces=chosen, **options)
+    return make(a, L, bcs=bcs, interfaces=chosen, **options)
 
 
 def patch_problem(spaces, tags, field, interface=None, **options):
