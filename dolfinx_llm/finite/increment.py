@@ -55,6 +55,17 @@ def _inside_out(comm: MPI.Comm, body: np.ndarray, du: np.ndarray) -> StepFailed:
     )
 
 
+def _check_solution(comm: MPI.Comm, du: np.ndarray, dq: np.ndarray, size: float) -> None:
+    """Require changes of this rank's u (n_local,) and of own unknowns that are numbers, and that of
+    u no larger than held bodies of cells of a size [length] move; collective."""
+    finite = np.isfinite(du).all() and np.isfinite(dq).all()
+    if not comm.allreduce(bool(finite), op=MPI.LAND):
+        raise StepFailed("the linear solver gives no finite numbers")
+    far = comm.allreduce(float(np.abs(du).max(initial=0.0)), op=MPI.MAX)
+    if far > FLIES * size:
+        raise StepFailed(f"a body flies away, by {far:.2g} in an iteration: nothing holds it")
+
+
 def _push(total: np.ndarray, at: np.ndarray, force: np.ndarray) -> None:
     """Add forces known to every rank to those on this rank's dofs (n_local,)."""
     mine = (at >= 0) & (at < len(total))
@@ -199,12 +210,7 @@ class Increment:
         steps, r = self.steps, np.where(self.fixed, self.u - self.target, self.r)
         with steps.times.timed("factorisation"), failing():
             du, dq = steps.system.solve(K, self.terms, self.loads, r, self.u, self.error)
-        finite = np.isfinite(du).all() and np.isfinite(dq).all()
-        if not self.dofs.comm.allreduce(bool(finite), op=MPI.LAND):
-            raise StepFailed("the linear solver gives no finite numbers")
-        far = self.dofs.comm.allreduce(float(np.abs(du).max(initial=0.0)), op=MPI.MAX)
-        if far > FLIES * steps.bodies.size:
-            raise StepFailed(f"a body flies away, by {far:.2g} in an iteration: nothing holds it")
+        _check_solution(self.dofs.comm, du, dq, steps.bodies.size)
         return du, np.split(dq, np.cumsum([len(q) for q in self.own])[:-1]) if self.own else []
 
     def _foresee(self, du: np.ndarray, changes: list[np.ndarray]) -> bool:

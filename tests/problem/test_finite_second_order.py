@@ -30,13 +30,13 @@ def test_finite_patch(kinds, order):
     separate = isinstance(kinds, tuple)
     bodies = patch2d.bodies(COMM, kinds, 1, separate, boxes=finite_patch.BOXES[3])
     problem = finite_patch.problem(bodies, order=order, degree=2)
-    problem.solve(increments=2)
+    problem.solve()
     stretch, pressure = finite_patch.errors(problem, finite_patch.stretches(300.0))
     assert stretch < 1e-12 and pressure < 1e-11
     result = problem.results[0]
     for side in result.sides:  # forces of nodes are those of the area that they stand for
         assert np.abs(side.normal_force - 300.0 * side.area).max() < 1e-9 * 300.0
-    assert max(h["iteration"] for h in problem.history) <= 6
+    assert max(h["iteration"] for h in problem.history) <= 7
 
 
 def test_order():
