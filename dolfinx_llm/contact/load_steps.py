@@ -31,7 +31,7 @@ SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
 
 def advance(
     iteration: ContactIteration, f: np.ndarray, g: np.ndarray, increments: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple]:
     """One load step to this rank's load f and gaps g, in parts; halved where one fails.
 
     Args:
@@ -41,7 +41,8 @@ def advance(
         increments: equal parts to begin with.
 
     Returns:
-        u of this rank, λ (n,) and the frames' displacement (n_v,).
+        u of this rank, λ (n,), the frames' displacement (n_v,), and the ``snapshot`` where the last
+        part began.
 
     Raises:
         ContactError: no convergence even in small parts; the iteration is then where it was.
@@ -88,7 +89,7 @@ def advance(
         iteration.accept(found, g_t)
         done = reached
     iteration.f, iteration.g = f, g
-    return _settled(iteration, u), found.multiplier, iteration.w[: equations.n_v]
+    return _settled(iteration, u), found.multiplier, iteration.w[: equations.n_v], before
 
 
 def _settled(iteration: ContactIteration, u: np.ndarray) -> np.ndarray:

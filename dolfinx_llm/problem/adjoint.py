@@ -24,8 +24,8 @@ class Differentiable:
         sensitivities of a functional J(u): with p that is returned, dJ/dm is the derivative of
         L(p) - a(u, p) by what m changes there, u held. Collective.
 
-        With friction it is that of the last load step, or of the last part of it, from the state
-        before it: exact where one part leads there from rest, or where all sticks or opens.
+        With friction it is that of one load step from rest, taken in one part, or of several in
+        which nothing has slipped or opened before: what is left of earlier steps depends on m, too.
 
         Args:
             dJ: linear form, ``ufl.derivative(J, u, v)`` with v a test function of the space; a
@@ -37,7 +37,7 @@ class Differentiable:
         Raises:
             ContactInputError: another form.
             ContactError: nothing has been solved; contact alone holds a body; the form a is not
-                symmetric.
+                symmetric; the state depends on load steps, or parts of the last one, before.
         """
         with collective(self.bulk.comm):
             forms = in_order(self.bulk.forms, self.bulk.spaces, given_forms(1, dJ))

@@ -11,6 +11,7 @@ from dolfinx_llm.base.log import progress
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.load_steps import advance
+from dolfinx_llm.contact.past import from_the_past
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.choice import FORMS
 from dolfinx_llm.forms.step import StepForm
@@ -51,6 +52,7 @@ class ContactMethod:
         self.iteration: Any = None
         self._last: tuple[np.ndarray, list[np.ndarray]]  # u of this rank, motions of obstacles
         self._reported: np.ndarray  # λ of the last step, with forces at supports
+        self._began: Any = None  # snapshot where its last part began; None: it has failed
         self._use(setting)
 
     def _use(self, setting: Setting) -> None:
@@ -121,8 +123,9 @@ class ContactMethod:
         stage = "solve" if operators.tied else "iteration of contact laws"
         with self.setting.times.timed(stage):
             with nullcontext() if operators.tied else progress(None, stage) as self.iteration.bar:
-                u, multiplier, v = advance(self.iteration, f, g, increments)
-        self._last = u, motions
+                self._began = None
+                u, multiplier, v, began = advance(self.iteration, f, g, increments)
+        self._last, self._began = (u, motions), began
         if operators.held.any() or (operators.interfaces_at > 1).any():
             friction = [(state.bearing_rows(), state.nodes.L_kappa) for state in self.states]
             force = self.setting.bulk.force(u)
@@ -135,12 +138,24 @@ class ContactMethod:
 
         Raises:
             ContactError: nothing has been solved, or contact alone holds a body, or K is not
-                symmetric.
+                symmetric, or what was solved depends on steps before.
         """
-        step = None if self.iteration is None else self.iteration.last
-        if step is None or not self._ready:
+        i, setting = self.iteration, self.setting
+        step = None if i is None else i.last
+        if step is None or self._began is None or not self._ready:
             raise ContactError("there is no state to linearise about: call solve() first")
-        setting = self.setting
+        states, before = self._began[:2]
+        if self.in_time:
+            raise ContactError(
+                "the adjoint of steps in time is not there: each depends on the last"
+            )
+        if before is not None and (
+            told := from_the_past(self.states, states, i.multiplier, i.w, setting.operators.scale)
+        ):
+            raise ContactError(
+                f"the adjoint is that of one load step from rest, taken in one part: {told}. Call "
+                "reset() and solve() once"
+            )
         if setting.operators.floating.count:
             raise ContactError(
                 "the adjoint of bodies that contact alone holds is not there: hold them by supports"

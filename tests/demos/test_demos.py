@@ -184,3 +184,20 @@ def test_shrink_fit_cooling(tmp_path):
         assert abs(row["left"]) < 1e-12 * row["flow"]
     assert (tmp_path / "shrink_fit_cooling.png").read_bytes()[:4] == b"\x89PNG"
     assert len(json.loads((tmp_path / "rows.json").read_text())) == 4
+
+
+@pytest.mark.parametrize(
+    ("mu", "solver"), [(0.3, "auto"), longer(0.3, "condensed"), longer(0.2, "saddle")]
+)
+def test_adjoint(tmp_path, mu, solver):
+    """Derivatives by moduli and load against differences, where nodes stick and slip."""
+    import adjoint
+
+    files = "--json", tmp_path / "rows.json", "--plot", tmp_path
+    chosen = "--mu", mu, "--solver", solver, "--elements", 6, 7
+    found = adjoint.main([*map(str, (*files, *chosen))])
+    assert found["stick"] and found["slip"]
+    for name, told, differences in found["rows"]:
+        assert told == pytest.approx(differences, rel=1e-6), name
+    assert (tmp_path / "adjoint.png").read_bytes()[:4] == b"\x89PNG"
+    assert len(json.loads((tmp_path / "rows.json").read_text())["rows"]) == 5

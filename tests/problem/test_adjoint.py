@@ -6,6 +6,7 @@ import ufl
 from contact_scenes import ABOVE, BELOW, hold_all, rectangle
 from dolfinx import fem
 from mpi4py import MPI
+from own_law import Soft
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -52,11 +53,16 @@ class Scene:
         x = ufl.SpatialCoordinate(self.spaces[i].mesh)
         return (x[1] * u[0] + 20.0 * u[1] ** 2) * ufl.dx
 
-    def value(self):
+    def value(self, increments=1):
         """J of a first load step from rest."""
         self.problem.reset()
-        u = self.problem.solve()
+        u = self.problem.solve(increments)
         return sum(fem.assemble_scalar(fem.form(self.J(i, f))) for i, f in enumerate(u))
+
+    def adjoint(self):
+        """Of J."""
+        pairs = enumerate(zip(self.problem.u, self.test))
+        return self.problem.adjoint([ufl.derivative(self.J(i, f), f, w) for i, (f, w) in pairs])
 
 
 LONG = pytest.mark.long
@@ -85,10 +91,7 @@ def test_adjoint_is_the_derivative(law, solver, degree):
     if law.slips and degree == 1:
         last = scene.problem.history[-1]
         assert last["stick"] and last["slip"], last
-    u = scene.problem.u
-    p = scene.problem.adjoint(
-        [ufl.derivative(scene.J(i, f), f, w) for i, (f, w) in enumerate(zip(u, scene.test))]
-    )
+    u, p = scene.problem.u, scene.adjoint()
     parameters, rates = [*scene.load, *scene.E], []
     for i in (0, 1):
         rates.append(fem.assemble_scalar(fem.form(scene.L(i, p[i]))))
@@ -102,3 +105,41 @@ def test_adjoint_is_the_derivative(law, solver, degree):
         values.append(scene.value())
     # p gives value times derivative, since a and L are linear in E and load.
     assert parts @ rates == pytest.approx((values[0] - values[1]) / 4e-3, rel=1e-6)
+
+
+def test_what_depends_on_the_way_there():
+    """Slip that earlier steps or parts have left depends on the parameters, too: refused."""
+    scene = Scene(llm.Coulomb(0.3))
+    scene.value()
+    assert scene.problem.history[-1]["slip"]
+    one = scene.adjoint()[0].x.array.copy()
+    scene.problem.solve()
+    with pytest.raises(llm.ContactError, match="of one load step from rest.*go"):
+        scene.adjoint()
+    scene.value(increments=2)
+    with pytest.raises(llm.ContactError, match="taken in one part"):
+        scene.adjoint()
+    scene.value()
+    assert scene.adjoint()[0].x.array == pytest.approx(one, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(30.0), Soft(p0=1e-3, h=0.01)])
+def test_what_does_not(law):
+    """Parts in which nothing slips, and laws that keep nothing."""
+    scene, found = Scene(law), []
+    for increments in (1, 3):
+        scene.value(increments)
+        found.append(np.concatenate([p.x.array for p in scene.adjoint()]))
+    assert found[1] == pytest.approx(found[0], rel=1e-7, abs=1e-9 * np.abs(found[0]).max())
+
+
+def test_after_a_failure(monkeypatch):
+    """Of a load step that failed there is no state."""
+    scene = Scene(llm.Coulomb(0.3))
+    scene.value()
+    monkeypatch.setattr("dolfinx_llm.contact.iteration.MAXIMUM", 1)
+    scene.load[0].value = 0.1
+    with pytest.raises(llm.ContactError, match="did not converge"):
+        scene.problem.solve()
+    with pytest.raises(llm.ContactError, match="no state to linearise"):
+        scene.adjoint()
