@@ -1,7 +1,9 @@
 """The contact demos at small sizes, against theory and against the conditions of contact."""
 
 import json
+import re
 
+import arch
 import cattaneo_mindlin
 import friction_block
 import hertz2d
@@ -265,3 +267,25 @@ def test_rubber_seal():
     assert max(row["balance"] for row in rows) < 1e-9
     assert max(row["parts"] for row in rows) == 1
     assert max(row["iterations"] for row in rows) <= 8
+
+
+# Stones
+
+
+@pytest.mark.parametrize("n", [8, *map(longer, range(9, 21))])
+def test_arch(n):
+    """Stands 1 % above the least thickness, with a thrust line within the stones and a thrust
+    within the bounds of rigid ones; falls 1 % below, with a hinge at the outer foot."""
+    least = arch.least_thickness(n)
+    found, line = arch.tried(n, 1.01 * least, (2, 3))
+    assert found["stands"] and found["outside"] <= 1e-9
+    low, high = (arch.thrust(n, 1.01 * least, sense) for sense in (1.0, -1.0))
+    assert 0.0 < low <= found["thrust"] <= high < 1.02 * low
+    x = arch.joints(n, 1.01 * least)
+    area = 0.5 * n * np.sin(np.pi / n) * (np.diff(np.square(np.linalg.norm(x[0], axis=1)))[0])
+    assert abs(found["carried"] / (arch.WEIGHT * area) - 1.0) <= 1e-9
+    assert len(line) == n + 1
+    fallen, line = arch.tried(n, 0.99 * least, (2, 3))
+    assert not fallen["stands"] and line is None
+    foot = f"{-1.0 - 0.495 * least:.3g}"
+    assert re.search(rf"do not balance.*body 0 .*rotation about \[{foot}, 0.0\]", fallen["told"])
