@@ -14,7 +14,7 @@ from dolfinx_llm.design.weights import design_weights
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.forms.step import LinearStep, StepForm, StepResult
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.choices import Interface, SelfContact
 from dolfinx_llm.interface.obstacle import Obstacle
 from dolfinx_llm.interface.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from dolfinx_llm.laws.conductance import Conductance
@@ -57,6 +57,7 @@ __all__ = [
     "RigidPlane",
     "RigidSphere",
     "RigidSurface",
+    "SelfContact",
     "StepForm",
     "StepResult",
     "Tied",

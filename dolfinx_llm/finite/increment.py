@@ -202,6 +202,7 @@ class Increment:
         self.own = [q + cut * d for q, d in zip(self.own, changes, strict=True)]
         exact, before = any(held.exact for held in self.held), self.error
         self.evaluate()
+        self.stuck &= before > CONVERGED  # a step starts in balance where supports alone move
         early = exact and self.error > HELPED * before  # slip has turned round
         self.trusted *= LESS if early else 1.0
 

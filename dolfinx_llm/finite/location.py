@@ -1,7 +1,8 @@
 """Nodes of one surface on the moving frame, found along its averaged normals.
 
 Node p at x meets the frame at y(xi) where x = sum_J N_J(xi) y_J + g n, with n the direction of
-sum_J N_J(xi) n_J and n_J averaged normals of the frame's nodes: continuous over its edges.
+sum_J N_J(xi) n_J and n_J averaged normals of the frame's nodes: continuous over its edges. Of a
+surface that meets itself it is that of sum_J N_J(xi) n_J - n_p, since both sides are alike there.
 """
 
 from __future__ import annotations
@@ -9,12 +10,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
 from dolfinx_llm.finite.normals import NodalNormals
-from dolfinx_llm.geometry.cells import CORNERS, joined_lists, repeated_for, shape_functions
+from dolfinx_llm.geometry.cells import (
+    CORNERS,
+    cell_sizes,
+    joined_lists,
+    repeated_for,
+    shape_functions,
+)
 from dolfinx_llm.geometry.element import element_of
 
 TRIED = {2: 6, 3: 12}  # facets next to a node that it may meet
@@ -23,6 +30,8 @@ MET = 1e-10  # distance over facet size that is left where a node has met a face
 INSIDE = 1e-9  # shape functions above minus this: within a facet
 MISSED = 1e3  # reference coordinates of what does not meet a facet
 VAGUE = 0.1  # length of the mean of unit normals below which a facet's nodes tell no direction
+OPPOSITE = 1.4  # the same of n_J - n_p, where normals differ by 90 degrees
+BEHIND_IT = 0.5  # of a facet: what lies deeper behind one does not meet it, if it meets another
 ITERATIONS_TO_MEET = 15
 SETTLED = 1e-9  # last change of Newton's iteration: its square is rounding
 
@@ -57,7 +66,13 @@ class OnFrame:
         return OnFrame(**fields)
 
 
-def find_on_frame(x: np.ndarray, y: np.ndarray, facets: np.ndarray, normals: np.ndarray) -> OnFrame:
+def find_on_frame(
+    x: np.ndarray,
+    y: np.ndarray,
+    facets: np.ndarray,
+    normals: np.ndarray,
+    own: np.ndarray | None = None,
+) -> OnFrame:
     """Where nodes meet a frame: within a facet, the nearest of these; else beyond the nearest.
 
     Args:
@@ -65,19 +80,23 @@ def find_on_frame(x: np.ndarray, y: np.ndarray, facets: np.ndarray, normals: np.
         y: (m, gdim) the frame's nodes [length].
         facets: (f, k) its facets.
         normals: (m, gdim) of its nodes.
+        own: (n, gdim) normals of the nodes, where both are of one surface.
     """
     n, gdim = x.shape
     p, tried = y[facets], min(TRIED[gdim], len(facets))
     tree = cKDTree(p.mean(axis=1))
     near = tree.query(x, k=tried)[1].reshape(n, tried)
-    found, away = _nearest(x, y, facets, normals, np.repeat(np.arange(n), tried), near.ravel())
+    found, away = _nearest(
+        x, y, facets, (normals, own), np.repeat(np.arange(n), tried), near.ravel()
+    )
     rest = np.flatnonzero(away > 0.0)  # beyond all of them: over a long facet, or over none
     if len(rest) and tried < len(facets):
         radius = np.linalg.norm(p - p.mean(axis=1)[:, None], axis=2).max()
         around = tree.query_ball_point(x[rest], AROUND * radius)
         which = np.concatenate([np.arange(len(rest)), repeated_for(np.arange(len(rest)), around)])
         facet = np.concatenate([found.facet[rest], joined_lists(around)])
-        again, _ = _nearest(x[rest], y, facets, normals, which, facet)
+        of = normals, None if own is None else own[rest]
+        again, _ = _nearest(x[rest], y, facets, of, which, facet)
         fields = {name: np.array(getattr(found, name)) for name in found.__dataclass_fields__}
         for name, value in fields.items():
             value[rest] = getattr(again, name)
@@ -89,14 +108,16 @@ def _nearest(
     x: np.ndarray,
     y: np.ndarray,
     facets: np.ndarray,
-    normals: np.ndarray,
+    normals: tuple[np.ndarray, np.ndarray | None],
     which: np.ndarray,
     facet: np.ndarray,
 ) -> tuple[OnFrame, np.ndarray]:
     """The best of the facets (k,) that are tried for nodes ``which`` (k,), each at least once, and
     how far (n,) nodes lie beyond it [length]."""
-    p = y[facets[facet]]
-    xi, height, met = _meet(x[which], p, normals[facets[facet]])
+    p, n = y[facets[facet]], normals[0][facets[facet]]
+    own = None if normals[1] is None else normals[1][which]
+    n = n if own is None else n - own[:, None]
+    xi, height, met = _meet(x[which], p, n, VAGUE if own is None else OPPOSITE)
     N, foot = shape_functions(facets.shape[1], xi)[0], _of_corners(facets.shape[1], xi)
     within = np.where(foot > INSIDE, foot, 0.0)
     within /= within.sum(axis=1)[:, None]
@@ -105,22 +126,17 @@ def _nearest(
     away = np.linalg.norm(_sums(N - within, p), axis=1)
     away = np.where(met, np.where(foot.min(axis=1) < -INSIDE, away, 0.0), np.inf)
     order = np.lexsort((facet, np.abs(height), away, which))
+    if own is not None:  # the other face of its own wall may be nearer than what a node faces
+        deep = (
+            height * np.linalg.norm(_sums(N, n), axis=1) < -BEHIND_IT * cell_sizes(y, facets)[facet]
+        )
+        order = np.lexsort((facet, np.abs(height), away, deep | ~met, which))
     best = order[np.unique(which[order], return_index=True)[1]]
-    return _on_frame(facet[best], xi[best], height[best], met[best], facets, normals), away[best]
-
-
-def _on_frame(
-    facet: np.ndarray,
-    xi: np.ndarray,
-    height: np.ndarray,
-    met: np.ndarray,
-    facets: np.ndarray,
-    normals: np.ndarray,
-) -> OnFrame:
-    N, dN = shape_functions(facets.shape[1], xi)
-    mean = _sums(N, normals[facets[facet]])
-    beyond = -_of_corners(facets.shape[1], xi).min(axis=1)
-    return OnFrame(facet, xi, N, dN, height, mean, met, beyond)
+    mean = _sums(N, n if own is None else n + own[:, None] * ~met[:, None, None])[best]
+    N, dN = shape_functions(facets.shape[1], xi[best])
+    beyond = -foot[best].min(axis=1)
+    found = OnFrame(facet[best], xi[best], N, dN, height[best], mean, met[best], beyond)
+    return found, away[best]
 
 
 def _of_corners(k: int, xi: np.ndarray) -> np.ndarray:
@@ -129,9 +145,11 @@ def _of_corners(k: int, xi: np.ndarray) -> np.ndarray:
     return element_of(d, element_of(d, k).corners).shape(xi)[0]
 
 
-def _meet(x: np.ndarray, y: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _meet(
+    x: np.ndarray, y: np.ndarray, n: np.ndarray, vague: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Reference coordinates, heights and success of Newton's iteration for points x (n, gdim) on
-    facets with nodes y and normals n (n, k, gdim)."""
+    facets with nodes y and normals n (n, k, gdim), the mean of which is longer than ``vague``."""
     k, d = y.shape[1], x.shape[1] - 1
     xi = np.full((len(x), d), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[element_of(d, k).corners])
     height = np.zeros(len(x))
@@ -151,7 +169,7 @@ def _meet(x: np.ndarray, y: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.n
         rest = x - _sums(N, y + height[:, None, None] * n)
         size = np.linalg.norm(y - y.mean(axis=1)[:, None], axis=2).max(axis=1)
         met = np.linalg.norm(rest, axis=1) < MET * size
-        met &= np.linalg.norm(_sums(N, n), axis=1) > VAGUE
+        met &= np.linalg.norm(_sums(N, n), axis=1) > vague
     xi[~met], height[~met] = 0.0, 0.0
     return xi, height, met
 
@@ -198,6 +216,7 @@ def location_derivatives(
     normals: NodalNormals,
     columns: tuple[np.ndarray, int],
     width: int,
+    itself: NodalNormals | None = None,
 ) -> LocationDerivatives:
     """How places and normals change with x, y and, through these, the nodal normals.
 
@@ -210,9 +229,12 @@ def location_derivatives(
         y, facets, normals: of the frame.
         columns: (n, gdim) numbers of the coordinates of the nodes x; number of the frame's first.
         width: number of all coordinates.
+        itself: normals of the nodes x, where both are of one surface.
     """
     cells = facets[at.facet]
     gdim, nn = y.shape[1], normals.n[cells]
+    if itself is not None:
+        nn = nn - (itself.n * at.met[:, None])[:, None]
     raised = y[cells] + at.height[:, None, None] * nn
     inverse = np.linalg.inv(_tangent(raised, nn, at.N, at.dN))
     n, k = at.N.shape
@@ -221,6 +243,8 @@ def location_derivatives(
     own = np.concatenate([np.broadcast_to(unit, (n, gdim, gdim)), -weights], axis=2)
     places = np.concatenate([columns[0], coordinates(cells, gdim, columns[1])], axis=1)
     mean = jacobian(weights, coordinates(cells, gdim), y.size) @ normals.derivative  # N_J dn_J
+    if itself is not None:
+        mean = mean - diags(np.repeat(at.met, gdim).astype(float)) @ itself.derivative
     point = jacobian(own, places, width) - per_item(at.height[:, None, None] * unit) @ mean
     xi = per_item(inverse[:, :-1]) @ point
     direction = np.einsum("nkd,nki->nid", at.dN, nn)

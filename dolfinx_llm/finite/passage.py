@@ -9,6 +9,7 @@ from dolfinx_llm.finite.inside import deepest
 from dolfinx_llm.finite.location import INSIDE
 from dolfinx_llm.finite.normal_contact import OVER, NormalPlace
 from dolfinx_llm.finite.normals import averaged
+from dolfinx_llm.finite.self_sides import SelfSides
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import MovingContact, Place
 from dolfinx_llm.geometry.cells import cell_sizes
@@ -43,7 +44,10 @@ def check_passage(contact: MovingContact, before: Place, after: Place) -> None:
             f"{sides.surfaces[sides.frame].name}, the deepest, at {x[worst].round(6).tolist()}, by "
             f"{-at.gap[worst]:.3g} where facets have the size {size[worst]:.3g}"
         )
-    _check_outlines(sides, before, after)
+    if isinstance(sides, SelfSides):
+        sides.check_crossed(sides.split(after.z)[0])
+    else:
+        _check_outlines(sides, before, after)
 
 
 def _check_outlines(sides: Sides, before: Place, after: Place) -> None:

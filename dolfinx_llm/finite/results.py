@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm.finite.law_contact import LawContact
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
+from dolfinx_llm.finite.self_sides import SelfSides
 from dolfinx_llm.finite.terms import ContactTerms, MovingContact
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.surface import Surface
@@ -134,6 +135,9 @@ def moving_results(
     weights = place.N.maximum(0.0).T
     pressed = per_area(weights @ pressing[:, None], weights @ place.areas[0])
     drawn = sides.surfaces[sides.frame].x
+    if isinstance(sides, SelfSides):  # both are the frame's surface
+        pressed[active] = per_area(moving.normal_force[:, None], place.areas[0])[active]
+        at_frame = np.where(active, status, at_frame)
     return MovingInterfaceResult(
         frame=Frame(y, cells if sides.frame == 0 else cells[:, ::-1], v=y - drawn),
         sides=(first, second),

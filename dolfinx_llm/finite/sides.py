@@ -140,8 +140,12 @@ class Sides:
 
     def candidates(self, z: np.ndarray) -> np.ndarray:
         """(f,) facets of the moving side that face the frame and lie near; held during a step."""
+        return self.facing(z, self._places(z))
+
+    def facing(self, z: np.ndarray, at: OnFrame) -> np.ndarray:
+        """(f,) the same of nodes that meet the frame at given places."""
         x, y = self.split(z)
-        facets, at = self.facets(True), self._places(z)
+        facets = self.facets(True)
         size = cell_sizes(y, self.facets(False))[at.facet]
         near = at.met & (np.abs(at.gap) <= self.within * size)
         area = vector_areas(x, facets)
@@ -174,8 +178,9 @@ class Sides:
         x, y = self.split(z)
         frame = self.cells(False)
         normals = nodal_normals(y, self.skin(False), self.first[1], self.width)
-        at = find_on_frame(x, y, frame, normals.n)
-        d = location_derivatives(at, y, frame, normals, self.columns, self.width)
+        own = self.own_normals(x)
+        at = self.found(x, y, normals.n, None if own is None else own.n, candidates)
+        d = location_derivatives(at, y, frame, normals, self.columns, self.width, own)
         if self.chains is None:
             covered = self._clipped(z, candidates, True), self._clipped(z, candidates, False)
         else:
@@ -183,6 +188,25 @@ class Sides:
             of = self.facets(True), candidates, x, y, at, d, normals, self.first, elements
             covered = covered_lines(self.chains, *of)
         return Meeting(at, d, normals, covered)
+
+    def found(
+        self,
+        x: np.ndarray,
+        y: np.ndarray,
+        normals: np.ndarray,
+        own: np.ndarray | None,
+        candidates: np.ndarray,
+    ) -> OnFrame:
+        """Where the moving side's nodes x meet the frame; arguments as of ``find_on_frame``."""
+        return find_on_frame(x, y, self.cells(False), normals, own)
+
+    def own_normals(self, x: np.ndarray) -> NodalNormals | None:
+        """Normals of the moving side's nodes, where they count."""
+        return None
+
+    def carries(self, candidates: np.ndarray) -> np.ndarray:
+        """(f,) which facets of the frame's surface are the frame's."""
+        return np.ones(len(self.facets(False)), dtype=bool)
 
     def covered(self, z: np.ndarray, candidates: np.ndarray, moving: bool) -> Covered:
         """What is covered of a side alone; arguments as for ``meet``."""
@@ -196,7 +220,7 @@ class Sides:
         elements = self.surfaces[self.moving].element, self.surfaces[self.frame].element
         skins = (
             Skin(x, facets, elements[0], candidates, self.first[0]),
-            Skin(y, frame, elements[1], np.ones(len(frame), dtype=bool), self.first[1]),
+            Skin(y, frame, elements[1], self.carries(candidates), self.first[1]),
         )
         return covered_facets(*(skins if moving else skins[::-1]), self.width)
 

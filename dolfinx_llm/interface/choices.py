@@ -8,6 +8,8 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.surface import check_facet_tags
 from dolfinx_llm.interface.obstacle import Obstacle
+from dolfinx_llm.laws.coulomb import Coulomb
+from dolfinx_llm.laws.frictionless import Frictionless
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.tied import Tied
 
@@ -84,6 +86,46 @@ class Interface:
     def tagged_sides(self) -> list[tuple[Any, int]]:
         """The sides that are bodies, as (facet tags, tag)."""
         return [_tagged(self, side) for side in self.sides if not isinstance(side, Obstacle)]
+
+
+class SelfContact(Interface):
+    """A surface that may fold onto itself, at finite deformation; what touches is found by itself.
+
+    Facets meet where they face each other and lie near, at the start of each increment; neighbours
+    along the surface do not. Of two parts that meet, the coarser one's nodes are the frame's: the
+    result's sides are the surface twice, as what moves on the frame and as what carries it. In the
+    plane.
+
+    Args:
+        facet_tags: dolfinx mesh tags of facets.
+        tag: of the surface, which may be in several pieces.
+        law: ``Frictionless()`` or ``Coulomb(mu)``; None: ``Frictionless()``.
+        design: "auto", "weights" or None, as of ``Interface``.
+
+    Raises:
+        ContactInputError: another law or design.
+    """
+
+    def __init__(
+        self, facet_tags: Any, tag: int, law: Law | None = None, design: str | None = "auto"
+    ) -> None:
+        accepted = "a surface that meets itself takes Frictionless() or Coulomb(mu)"
+        law = Frictionless() if law is None else law
+        if type(law) not in (Frictionless, Coulomb):
+            checks.refuse("law", law, accepted)
+        if design == "positions":
+            checks.refuse("design", design, 'choose "auto", "weights" or None')
+        checks.integer("tag", tag, "give the facet tag of the surface")
+        super().__init__(facet_tags, (tag, tag), law, design=design)
+
+    @property
+    def name(self) -> str:
+        """The surface, for messages."""
+        return f"{self.sides[0]} | itself"
+
+    def tagged_sides(self) -> list[tuple[Any, int]]:
+        """The surface, as (facet tags, tag)."""
+        return super().tagged_sides()[:1]
 
 
 def _tagged(interface: Interface, side: Any) -> Any:

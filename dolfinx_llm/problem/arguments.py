@@ -17,7 +17,7 @@ from dolfinx_llm.forms.choice import SOLVERS
 from dolfinx_llm.forms.options import check_values
 from dolfinx_llm.forms.step import StepForm
 from dolfinx_llm.geometry.spaces import is_scalar
-from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.choices import Interface, SelfContact
 from dolfinx_llm.problem.blocks import Blocks
 from dolfinx_llm.problem.form_arguments import (
     check_meshes,
@@ -78,6 +78,12 @@ def problem_arguments(
             interface_list(interfaces, spaces),
             nodal_list(nodal_loads, [*spaces, *(b.V for b in blocks if b.mixed)]),
         )
+        for interface in given.interfaces:
+            if isinstance(interface, SelfContact):
+                raise ContactInputError(
+                    f"interface {interface.name}: a surface meets itself at finite deformation "
+                    "alone, in a NonlinearContactProblem"
+                )
         own = isinstance(solver, StepForm)
         if not own:
             checks.one_of("solver", solver, SOLVERS)

@@ -19,13 +19,14 @@ from dolfinx_llm.finite.obstacle_contact import ObstacleContact, OneSide
 from dolfinx_llm.finite.obstacle_friction import ObstacleFriction
 from dolfinx_llm.finite.pressed_obstacle import Pressed, PressedFriction
 from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure
+from dolfinx_llm.finite.self_sides import SelfSides
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.system import NewtonSystem
 from dolfinx_llm.finite.terms import MovingContact
 from dolfinx_llm.finite.tied_contact import TiedContact
 from dolfinx_llm.geometry.surface import Surface, extract_surface
 from dolfinx_llm.interface.against import checked_clearance, forced
-from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.choices import Interface, SelfContact
 from dolfinx_llm.interface.site import Site, find_site, space_of
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
@@ -70,6 +71,8 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
         )
     if interface.obstacle is not None:
         return _against(interface, dofs)
+    if isinstance(interface, SelfContact):
+        return _on_itself(interface, dofs)
     if interface.design == "positions":
         raise ContactInputError(
             'design="positions": the frame moves with the bodies, choose "auto", "weights" or None'
@@ -90,6 +93,27 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
         contact = FrictionContact(sides, design, law["mu"], law["cohesive"])
     else:
         contact = NormalContact(sides, design)
+    return _placed(contact, site.whole, site.spaces, dofs)
+
+
+def _on_itself(interface: SelfContact, dofs: BodyDofs) -> Placed:
+    """A surface that meets itself; as of ``contact_of``."""
+    [(tags, tag)] = interface.tagged_sides()
+    space = space_of(tags, dofs.spaces)
+    surface = extract_surface(dofs.spaces[space], tags, tag)
+    if surface.x.shape[1] == 3 or surface.element.order > 1:
+        raise ContactInputError(
+            f"{surface.name}: surfaces in space, and of second-order bodies, cannot meet "
+            "themselves yet: tag the parts that touch and give an Interface of them"
+        )
+    sides = SelfSides.of_one(surface)
+    design = Design.of(surface.x, surface.facets, interface.design is not None)
+    contact: MovingContact = NormalContact(sides, design)
+    site = Site(interface, sides.surfaces, (space, space), None, dofs.comm)
+    if interface.law.slips:
+        drawn = np.concatenate([s.x.ravel() for s in site.whole])
+        law = interface.law.start(_nodes(interface, sides, site, drawn, dofs))
+        contact = FrictionContact(sides, design, law["mu"], law["cohesive"])
     return _placed(contact, site.whole, site.spaces, dofs)
 
 

@@ -5,6 +5,7 @@ import re
 
 import arch
 import cattaneo_mindlin
+import folding
 import friction_block
 import hertz2d
 import hertz3d
@@ -289,3 +290,20 @@ def test_arch(n):
     assert not fallen["stands"] and line is None
     foot = f"{-1.0 - 0.495 * least:.3g}"
     assert re.search(rf"do not balance.*body 0 .*rotation about \[{foot}, 0.0\]", fallen["told"])
+
+
+# A surface that folds onto itself
+
+
+@pytest.mark.parametrize("steps", [2, longer(6)])
+def test_folding(steps, tmp_path):
+    """Forces of mirrored nodes, no overlap, a film and pictures."""
+    shown = ["--plot", str(tmp_path)] if steps > 2 else []
+    found = folding.main(["--steps", str(steps), *shown])
+    assert found["pairs"] >= 10
+    assert found["asymmetry"] <= 1e-8
+    assert found["overlap"] <= 1e-6
+    assert not found["halved"] or steps < 6
+    if shown:
+        names = {path.name for path in tmp_path.iterdir()}
+        assert {"folding.gif", "bodies.png", "interface_0.png"} <= names

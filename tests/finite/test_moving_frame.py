@@ -17,6 +17,7 @@ from dolfinx_llm.finite.law_contact import LawContact
 from dolfinx_llm.finite.location import find_on_frame
 from dolfinx_llm.finite.normal_contact import NormalContact
 from dolfinx_llm.finite.pressure import Follower
+from dolfinx_llm.finite.self_sides import SelfSides
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import Origin
 from dolfinx_llm.geometry.surface import Surface
@@ -93,6 +94,7 @@ def sheet(rng, ends, n, height, up, kind, bend=0.1, order=1):
     return Surface(np.column_stack([x, z]), facets, nodes, 0 * nodes, kind, elements=elements)
 
 
+FOLDED = "folded"  # a surface that meets itself
 SCENES = {  # ends of the lower and the upper surface, whose order is changed, kinds of facets
     "inside": ((0.0, 1.0), (0.13, 0.87), False),
     "beyond one end": ((0.0, 1.0), (0.13, 1.2), False),
@@ -112,6 +114,13 @@ SCENES = {  # ends of the lower and the upper surface, whose order is changed, k
 def scene(name):
     """Sides, coordinates, and random forces on the nodes of the moving side."""
     rng = np.random.default_rng(7)
+    if name == FOLDED:  # both lines, joined by a loop, are one surface
+        low, high = line(rng, (0.0, 1.0), 5, 0.0, True), line(rng, (0.13, 1.0), 7, 0.005, False)
+        x = np.concatenate([low.x, [[1.3, -0.1], [1.5, 0.1], [1.3, 0.3]], high.x[::-1]])
+        chain = np.arange(len(x))
+        facets = np.column_stack([chain[:-1], chain[1:]])
+        sides = SelfSides.of_one(Surface(x, facets, chain, 0 * chain, "hairpin"))
+        return sides, np.tile(x.ravel(), 2), rng.uniform(0.5, 1.5, len(x))
     below, above, swapped, *kinds = SCENES[name]
     orders = [k for k in kinds if isinstance(k, int)] or [1, 1]
     kinds = [k for k in kinds if isinstance(k, str)]
@@ -175,9 +184,12 @@ def differences(function, z, h=1e-6):
 
 
 BY_TURNS = list(itertools.product(SCENES, [None, STICK, SLIP, Bond(), Layer()]))
+OF_ONE = list(itertools.product([FOLDED], [None, STICK, SLIP]))
 
 
-@pytest.mark.parametrize(("name", "law"), some_of(BY_TURNS, BY_TURNS[:30:2] + BY_TURNS[30::6]))
+@pytest.mark.parametrize(
+    ("name", "law"), some_of(BY_TURNS + OF_ONE, BY_TURNS[:30:2] + BY_TURNS[30::6] + OF_ONE)
+)
 def test_tangent_is_the_derivative(name, law):
     """Forces and gaps, through places, normals, clipped areas and the design's global equations;
     slip, the law of friction, and laws of one's own."""
@@ -231,7 +243,7 @@ def test_gaps_are_those_of_round_surfaces(kind):
     assert left[1] < 0.05 / 12**2 / 16 and left[1] < left[0] / 5.0
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [*SCENES, FOLDED])
 def test_forces_and_moments_of_both_sides_cancel(name):
     z, _, _, terms = pressed(name)
     t = terms(z)

@@ -518,6 +518,14 @@ add(
     lambda s: s.problem(interfaces=[[s.interface]]),
 )
 add("give at least one", lambda s: s.problem(interfaces=[]))
+add(
+    "law=.*Frictionless.. or Coulomb",
+    *(lambda s, x=x: llm.SelfContact(s.tags, 3, law=x) for x in (llm.Tied(), "none")),
+)
+add("tag=.*give the facet tag", *(lambda s, x=x: llm.SelfContact(s.tags, x) for x in (None, 1.5)))
+add("design=", lambda s: llm.SelfContact(s.tags, 3, design="positions"))
+add("facet tags", lambda s: llm.SelfContact(None, 3))
+add("at finite deformation alone", lambda s: s.problem(interfaces=llm.SelfContact(s.tags, 3)))
 add("facet tags belong to none", lambda s: s.problem(interfaces=llm.Interface(s.other[1], (2, 3))))
 add(
     "nodal_loads(: item)?=.*give a list of dolfinx Functions",

@@ -1,0 +1,181 @@
+"""A surface that meets itself: parted into a frame and what moves on it, where it stands now.
+
+Both sides are the same surface, whose coordinates stand twice in z, so that all that holds of two
+surfaces holds of one: derivatives by a node add up in the system. At the start of an increment the
+facets that face each other are found, and parted so that facets side by side stay together and
+facets across from each other come apart. The coarser part, or of equal ones that whose normals as
+drawn come first, carries the frame. Neighbours do not face each other: their normals differ by less
+than 90 degrees, or few facets lie between them along the surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import bmat, csr_matrix, identity
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.finite.location import BEHIND_IT, OnFrame, find_on_frame
+from dolfinx_llm.finite.normals import NodalNormals, nodal_normals
+from dolfinx_llm.finite.sides import AS_COARSE, Sides
+from dolfinx_llm.geometry.cells import cell_sizes, vector_areas
+from dolfinx_llm.geometry.facets_near import Polygons, facing_pairs
+from dolfinx_llm.geometry.surface import Surface
+
+FACES = 1.4  # [rad] between opposite normals of facets that can touch
+FORESEEN = 2.0  # gap over the largest facet up to which facets are parted: more than can touch
+BESIDE = 2  # facets along the surface between those that can touch, at least
+CROSSED = 0.1  # of a facet: deeper lies what has gone through
+
+
+@dataclass(frozen=True, eq=False)
+class SelfSides(Sides):
+    """Both sides are one surface; the facets that can touch move, all others are the frame."""
+
+    @classmethod
+    def of_one(cls, surface: Surface) -> SelfSides:
+        """Of a surface as drawn."""
+        sides = Sides.of((surface, surface))
+        return cls(sides.surfaces, 0, sides.chains, sides.rounded)
+
+    def candidates(self, z: np.ndarray) -> np.ndarray:
+        """(f,) facets that move, face the frame and lie near; held during a step."""
+        x, y = self.split(z)
+        moving = self.parted(x)
+        normals = self.outward(z)
+        return moving & self.facing(z, self.found(x, y, normals, normals, moving))
+
+    def found(
+        self,
+        x: np.ndarray,
+        y: np.ndarray,
+        normals: np.ndarray,
+        own: np.ndarray | None,
+        candidates: np.ndarray,
+    ) -> OnFrame:
+        """See ``Sides``; facets that move are no frame."""
+        frame = np.flatnonzero(self.carries(candidates))
+        at = find_on_frame(x, y, self.facets(False)[frame], normals, own)
+        return replace(at, facet=frame[at.facet])
+
+    def own_normals(self, x: np.ndarray) -> NodalNormals:
+        """See ``Sides``."""
+        return nodal_normals(x, self.facets(True), self.first[0], self.width)
+
+    def carries(self, candidates: np.ndarray) -> np.ndarray:
+        """(f,) facets that do not move."""
+        return ~candidates
+
+    def parted(self, x: np.ndarray) -> np.ndarray:
+        """(f,) facets that move on what they face, of nodes x (n, gdim).
+
+        Raises:
+            ContactError: facets face each other in a ring of odd length, which has no two sides.
+        """
+        facets = self.facets(True)
+        f, size = len(facets), cell_sizes(x, facets)
+        area, centre = vector_areas(x, facets), x[facets].mean(axis=1)
+        normal = area / np.linalg.norm(area, axis=1)[:, None]
+        surface = replace(self.surfaces[0], x=x)
+        i, j = facing_pairs(
+            [Polygons.of(surface)], np.arange(f), FORESEEN * float(size.max()), FACES
+        )
+        arm, deep = centre[j] - centre[i], -BEHIND_IT * np.maximum(size[i], size[j])
+        ahead = np.einsum("ni,ni->n", arm, normal[i]) > deep
+        ahead &= -np.einsum("ni,ni->n", arm, normal[j]) > deep
+        beside = _beside(facets)
+        within = identity(f, format="csr")
+        for _ in range(BESIDE):
+            within = within @ beside
+        next_to = within.tocoo()
+        ahead &= ~np.isin(i * f + j, next_to.row.astype(np.int64) * f + next_to.col)
+        i, j = i[ahead], j[ahead]
+        paired = np.zeros(f, dtype=bool)
+        paired[i] = paired[j] = True
+        ends = np.concatenate([i, j]), np.concatenate([j, i])
+        across = csr_matrix((np.ones(len(ends[0])), ends), (f, f))
+        together = beside.tocoo()
+        keep = paired[together.row] & paired[together.col]
+        keep &= np.einsum("ni,ni->n", normal[together.row], normal[together.col]) > 0.0
+        alike = csr_matrix((np.ones(keep.sum()), (together.row[keep], together.col[keep])), (f, f))
+        count, label = connected_components(
+            bmat([[alike, across], [across, alike]], format="csr"), directed=False
+        )
+        one, other = np.split(label, 2)
+        odd = paired & (one == other)
+        if odd.any():
+            raise ContactError(
+                f"{self.surfaces[0].name} meets itself where it has no two sides: {odd.sum()} "
+                f"facets, the first at {centre[odd][0].round(6).tolist()}, lie across from what "
+                "hangs together with them. Take smaller load steps, or tag the sides apart and "
+                "give an Interface"
+            )
+        return paired & self._comes_first(one, other, count, size)[one]
+
+    def check_crossed(self, x: np.ndarray) -> None:
+        """Require that no facets of nodes x (n, 2) cross each other.
+
+        Raises:
+            ContactError: the surface has gone through itself.
+        """
+        facets, size = self.facets(True), cell_sizes(x, self.facets(True))
+        centre = x[facets].mean(axis=1)
+        i, j = cKDTree(centre).query_pairs(float(size.max()), output_type="ndarray").T
+        apart = (facets[i][:, :, None] != facets[j][:, None]).all(axis=(1, 2))
+        i, j = i[apart], j[apart]
+        heights = [_heights(x[facets[a]], x[facets[b]]) for a, b in ((i, j), (j, i))]
+        across = [h[:, 0] * h[:, 1] < 0.0 for h in heights]
+        depth = np.abs(np.concatenate(heights, axis=1)).min(axis=1)
+        through = across[0] & across[1] & (depth > CROSSED * np.minimum(size[i], size[j]))
+        if through.any():
+            worst = int(np.where(through, depth, 0.0).argmax())
+            raise ContactError(
+                f"{self.surfaces[0].name} goes through itself: {through.sum()} pair(s) of facets "
+                f"cross, the deepest at {centre[i[worst]].round(6).tolist()} by "
+                f"{depth[worst]:.3g}, where facets have the size {size[i[worst]]:.3g}"
+            )
+
+    def _comes_first(
+        self, one: np.ndarray, other: np.ndarray, count: int, size: np.ndarray
+    ) -> np.ndarray:
+        """(count,) which parts move: of each and of what is across from it the finer.
+
+        Args:
+            one, other: (f,) the part of each facet, and the part across from it.
+            count: number of parts.
+            size: (f,) of the facets [length].
+        """
+        drawn = self.surfaces[0]
+        area = vector_areas(drawn.x, drawn.facets)
+        number = np.maximum(np.bincount(one, minlength=count), 1)
+        mean = np.bincount(one, size, count) / number
+        turned = np.stack([np.bincount(one, a, count) for a in area.T], axis=1) / number[:, None]
+        turned = (turned / size.max()).round(6) + 0.0
+        across = np.arange(count)
+        across[one], across[other] = other, one
+        difference = mean - mean[across]
+        alike = np.abs(difference) <= AS_COARSE * size.max()
+        change = turned - turned[across]
+        which = np.argmax(change != 0.0, axis=1)
+        sign = np.take_along_axis(change, which[:, None], axis=1)[:, 0]
+        by_place = np.where(sign != 0.0, sign < 0.0, np.arange(count) < across)
+        return np.where(alike, by_place, difference < 0.0)
+
+
+def _heights(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """(n, 2) of the ends of segments p (n, 2, 2) over the lines through segments q (n, 2, 2)."""
+    along = q[:, 1] - q[:, 0]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    across /= np.linalg.norm(along, axis=1)[:, None]
+    return np.einsum("nki,ni->nk", p - q[:, :1], across)
+
+
+def _beside(facets: np.ndarray) -> csr_matrix:
+    """(f, f) which facets share a node, or are the same."""
+    f, k = facets.shape
+    at = np.repeat(np.arange(f), k), facets.ravel()
+    incidence = csr_matrix((np.ones(f * k), at), (f, int(facets.max()) + 1))
+    return (incidence @ incidence.T).tocsr()

@@ -1,0 +1,127 @@
+"""Surfaces that fold onto themselves: how they are parted, and what they carry."""
+
+import folding
+import numpy as np
+import pytest
+from conftest import TESTS, run_mpi_json
+from mpi4py import MPI
+from sampling import longer
+
+import dolfinx_llm as llm
+from dolfinx_llm.finite.self_sides import SelfSides
+from dolfinx_llm.geometry.surface import Surface
+
+NEAR = folding.RADIUS - 0.04  # way of the jaws before the legs touch
+
+
+def chain(x, closed=False):
+    """Sides of a polyline of points (n, 2), whose normals point to its left."""
+    at = np.arange(len(x))
+    facets = np.column_stack([at, np.roll(at, -1)])[: None if closed else -1]
+    return SelfSides.of_one(Surface(np.asarray(x), facets, at, 0 * at, "chain"))
+
+
+def spiral(turns, step):
+    """Points of a spiral of a given distance between its windings."""
+    angle = np.linspace(2 * np.pi, 2 * np.pi * (turns + 1), 72 * turns)
+    r = step * angle / (2 * np.pi)
+    return np.column_stack([r * np.cos(angle), r * np.sin(angle)])
+
+
+def serpentine(strands, gap):
+    """The outline of a wire folded to and fro, up one side and back on the other."""
+    x = [np.linspace(0.0, 2.0, 11)[:: 1 - 2 * (k % 2)] for k in range(strands)]
+    y = [np.full(11, k * (gap + 0.3)) for k in range(strands)]
+    middle = np.column_stack([np.concatenate(x), np.concatenate(y)])
+    side = 0.15 * np.repeat(1 - 2 * (np.arange(strands) % 2), 11)[:, None] * [0.0, 1.0]
+    return np.concatenate([middle + side, (middle - side)[::-1]])
+
+
+def test_facets_across_come_apart():
+    """Of facets of a serpentine wire that face each other at less than a facet one moves, one does
+    not. On a spiral seen from one side, and around a convex outline, nothing faces anything."""
+    x = serpentine(4, 0.1)
+    sides = chain(x, closed=True)
+    moving, facets = sides.parted(x), sides.facets(True)
+    centre, along = x[facets].mean(axis=1), np.diff(x[facets], axis=1)[:, 0]
+    normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)[:, None]
+    arm = centre[None] - centre[:, None]
+    ahead = np.einsum("fgi,fi->fg", arm, normal)
+    facing = (normal @ normal.T < -0.95) & (ahead > 0.0) & (ahead < 0.12)
+    i, j = np.nonzero(facing & facing.T & (np.linalg.norm(arm, axis=2) - ahead < 0.02))
+    apart = np.abs(i - j) > 2  # the end of a pocket is as near along the surface as across
+    i, j = i[apart], j[apart]
+    assert len(i) > 30
+    assert (moving[i] != moving[j]).all()
+    angle = np.linspace(0.0, -2.0 * np.pi, 41)[:-1]
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    for x, closed in ((spiral(3, 0.5), False), (circle, True)):
+        assert not chain(x, closed).parted(x).any()
+
+
+def test_no_two_sides():
+    """The inside of a small hole faces itself all around."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 10)[:-1]
+    hole = np.column_stack([np.cos(angle), np.sin(angle)])
+    with pytest.raises(llm.ContactError, match="meets itself where it has no two sides: 9 facets"):
+        chain(hole, True).parted(hole)
+
+
+@pytest.mark.parametrize("mu", [0.0, longer(0.3)])
+def test_mirror(mu):
+    """Half a hairpin on a rigid plane in its middle, without friction, carries the same forces at
+    all nodes; so it does where the whole has friction, since nothing slips."""
+    whole, jaws = folding.problem(*folding.hairpin(MPI.COMM_WORLD), mu)
+    domain, tags = folding.hairpin(MPI.COMM_WORLD, half=True)
+    plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
+    touch = llm.Interface(tags, (folding.INSIDE, plane), law=llm.Frictionless())
+    half, jaw = folding.problem(domain, tags, interfaces=[touch], middle=True)
+    for way in (0.5, NEAR, folding.RADIUS + folding.PRESSED):
+        jaws[0].value, jaws[1].value = way, -way
+        jaw[1].value = -way
+        whole.solve(), half.solve()
+    first, second = whole.results[0].sides
+    (side,) = half.results[0].sides
+    at = np.linalg.norm(side.X[:, None] - first.X, axis=2).argmin(axis=1)
+    force, size = (first.force + second.force)[at], np.abs(side.force).max()
+    assert (np.abs(force[:, 1]) > 0.1 * size).sum() > 5
+    assert np.abs(force - side.force).max() <= 1e-8 * size
+    assert np.abs(first.x[at] - side.x).max() <= 1e-8
+    assert folding.asymmetry(whole.results[0].sides) <= 1e-8
+    assert folding.overlap(first.x, first.facets) <= 1e-6
+
+
+@pytest.mark.long
+def test_mesh_without_symmetry():
+    """Nodes that do not meet nodes: forces and moments balance; between nodes facets that bend may
+    overlap by a part of their size."""
+    problem, jaws = folding.problem(*folding.hairpin(MPI.COMM_WORLD, skew=0.15))
+    for way in (0.5, NEAR, folding.RADIUS + folding.PRESSED):
+        jaws[0].value, jaws[1].value = way, -way
+        problem.solve()
+    (result,) = problem.results
+    frame, moving = result.sides
+    pressing, size = moving.status > 0, np.abs(moving.force).sum()
+    assert pressing.sum() > 5 and (moving.normal_force[pressing] > 0.0).all()
+    assert np.abs(moving.force.sum(axis=0) + frame.force.sum(axis=0)).max() <= 1e-10 * size
+    assert np.abs(result.moment(side=0) + result.moment(side=1)).max() <= 1e-10 * size
+    assert folding.overlap(moving.x, moving.facets) <= 0.1
+
+
+def test_through_itself():
+    """Legs that have changed places."""
+    sides = chain(folding.bent(np.linspace(-2.5, 2.5, 61), 0.0))
+    x = sides.surfaces[0].x.copy()
+    sides.check_crossed(x)
+    x[:, 1] -= np.sign(x[:, 1]) * np.minimum(1.05, np.maximum(0.0, 1.0 - x[:, 0]))
+    with pytest.raises(llm.ContactError, match=r"goes through itself: [1-9]\d* pair.s. of facets"):
+        sides.check_crossed(x)
+
+
+@pytest.mark.long
+def test_on_ranks():
+    """The same on two ranks."""
+    one = folding.main(["--steps", "3"])
+    two = run_mpi_json(TESTS / "mpi" / "folded.py", 2)
+    assert two["pairs"] == one["pairs"]
+    assert two["force"] == pytest.approx(one["force"], rel=1e-9)
