@@ -90,15 +90,19 @@ class DirectSolver:
             raise refused(error, self._options, "solve") from None
         return self.solution.array_r.copy()
 
-    def refine(self, b: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """This rank's part of x with one solve, not refined, for what it leaves of a load b."""
-        if self.ksp.getType() not in ("richardson", "preonly"):
-            return self.solve(b)
+    def left(self, b: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """This rank's part of what x leaves of a load b."""
         self.solution.array_w[:] = x
         self.matrix.mult(self.solution, self.rhs)
-        self.rhs.array_w[:] = b - self.rhs.array_r
+        return b - self.rhs.array_r
+
+    def once(self, b: np.ndarray) -> np.ndarray:
+        """``solve`` without refinement, where that is what the options ask for."""
+        if self.ksp.getType() not in ("richardson", "preonly"):
+            return self.solve(b)
+        self.rhs.array_w[:] = b
         self.ksp.getPC().apply(self.rhs, self.solution)
-        return x + self.solution.array_r
+        return self.solution.array_r.copy()
 
     def solve_many(self, b: np.ndarray) -> np.ndarray:
         """The same for several loads, the columns of b (n_local, k), without refinement."""

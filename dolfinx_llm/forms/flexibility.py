@@ -18,9 +18,10 @@ from dolfinx_llm.base.log import progress
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, singular, wrong_signs
+from dolfinx_llm.forms.verdict import beyond, largest
 from dolfinx_llm.laws.complementarity import complementarity
 from dolfinx_llm.operators.motions import pins
-from dolfinx_llm.operators.petsc import with_springs
+from dolfinx_llm.operators.petsc import diagonal_of, with_springs
 from dolfinx_llm.operators.system import ContactOperators
 
 COLUMNS = 64  # right-hand sides solved at once
@@ -79,6 +80,8 @@ class Flexibility(StepForm):
         self.f: np.ndarray | None = None  # this rank's load that h and r are of
         self._u: np.ndarray | None = None  # what ``_pinned`` found last
         self._about = np.zeros(self.rows.sizes[1])  # λ that it is for
+        self._terms = np.abs(diagonal_of(pinned))
+        self._stiff = np.where(operators.dofs.fixed, self.scale, 1.0)  # their rows are identities
         self._factor: Any = None  # ``LinearStep`` that was solved last, and its solver
 
     def _interface_sum(self, part: np.ndarray) -> np.ndarray:
@@ -178,15 +181,17 @@ class Flexibility(StepForm):
 
     def _pinned(self, multiplier: np.ndarray) -> np.ndarray:
         """This rank's displacement under f - B λ where springs hold the pins: the last one with
-        what that leaves, which refines it. One that is much smaller is found anew, since it would
-        be a difference of large ones."""
+        what that leaves, if this is more than rounding; which refines it. One that is much smaller
+        is found anew, since it would be a difference of large ones."""
         load = self.f - self._local_B @ self._in_petsc_order(multiplier)
-        if self._u is not None:
-            found = self._solver.refine(load, self._u)
-            now, before = self.comm.allreduce(np.array([found @ found, self._u @ self._u]))
-            self._u = found if now >= CANCELS**2 * before else None
         if self._u is None:
             self._u = self._solver.solve(load)
+            return self._u
+        left = self._solver.left(load, self._u)
+        if beyond(*largest(self.comm, self._stiff * left, self._stiff * self._terms * self._u)):
+            found = self._u + self._solver.once(left)
+            now, before = self.comm.allreduce(np.array([found @ found, self._u @ self._u]))
+            self._u = found if now >= CANCELS**2 * before else self._solver.solve(load)
         return self._u
 
     def correct(self, found: StepResult) -> None:

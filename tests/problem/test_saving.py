@@ -30,7 +30,7 @@ def test_friction_goes_on_on_two_ranks(tmp_path):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12 * np.abs(b).max())
     found = run_mpi_json("saved.py", 2, file, 0.002)
     for a, b in zip(found["figures"], exact, strict=True):
-        np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-12 * np.abs(b).max())
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12 * np.abs(b).max())
 
 
 def test_impact_goes_on(tmp_path):
