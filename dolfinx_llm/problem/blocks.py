@@ -23,6 +23,10 @@ class Blocks:
 
     Collective.
 
+    Args:
+        W: of the form.
+        scalar: whether V may be that of a temperature.
+
     Attributes:
         W, V: the spaces.
         mixed: whether W has other blocks.
@@ -32,7 +36,7 @@ class Blocks:
         ContactInputError: W is no space that bodies may have.
     """
 
-    def __init__(self, W: Any) -> None:
+    def __init__(self, W: Any, scalar: bool = True) -> None:
         self.W, self.V, self.mixed = W, W, bool(is_mixed(W))
         n = W.dofmap.index_map.size_local * W.dofmap.index_map_bs
         self._order = np.arange(n)  # of W's dofs
@@ -41,7 +45,7 @@ class Blocks:
             self.V, dofs = displacement_block(W)
             own = dofs[: self.V.dofmap.index_map.size_local * self.V.dofmap.index_map_bs]
             self._order = np.append(own, np.setdiff1d(self._order, own))
-        check_space(self.V, highest=2, scalar=True)
+        check_space(self.V, highest=2, scalar=scalar)
         nodes = self.V.dofmap.index_map.size_local * self.V.dofmap.index_map_bs
         self.others = n - nodes  # dofs of this rank that are no displacements
         self.scale = np.ones(n)
@@ -105,6 +109,19 @@ class Blocks:
         out = np.zeros(n)
         own = self._order[: n - self.others]
         out[own] = load.x.array[: len(own)]
+        return out
+
+    def values(self, function: fem.Function) -> np.ndarray:
+        """(n_local,) of a Function of W, as ``fill`` takes them."""
+        return self.ours(function.x.array[: len(self._order)]) / self.scale
+
+    def displacement(self, function: fem.Function) -> fem.Function:
+        """Of a Function of W; collective."""
+        if not self.mixed:
+            return function
+        out, n = fem.Function(self.V), len(self._order) - self.others
+        out.x.array[:n] = function.x.array[self._order[:n]]
+        out.x.scatter_forward()
         return out
 
     def fill(self, function: fem.Function, values: np.ndarray) -> None:

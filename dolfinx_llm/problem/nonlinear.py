@@ -36,8 +36,9 @@ class NonlinearContactProblem(Pictured, SavedNonlinear):
     Args:
         F: residual UFL form of the bodies in the Function ``u`` and a test function, e.g.
             ``ufl.derivative`` of an energy; a sequence of them for bodies on several meshes.
-        u: displacement of Lagrange elements of first or second order, or a sequence, in the order
-            of F. It is updated in place; what it holds at first is where the first step starts.
+        u: displacement of Lagrange elements of first or second order, or a Function of a mixed
+            space of which it is a block, or a sequence, in the order of F. It is updated in place;
+            what it holds at first is where the first step starts.
         J: derivative of F, or a sequence; None: ``ufl.derivative(F, u)``.
         bcs: Dirichlet conditions on the displacement; values may change between steps.
         interfaces: ``Interface`` objects with the law ``Tied()``, ``Frictionless()``,

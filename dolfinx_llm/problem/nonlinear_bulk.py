@@ -18,7 +18,7 @@ from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.forms.choice import SOLVERS
 from dolfinx_llm.geometry.cells import middle_jacobians
-from dolfinx_llm.geometry.spaces import CELLS, check_space
+from dolfinx_llm.geometry.spaces import CELLS
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.operators.petsc import block_diagonal
@@ -33,7 +33,7 @@ from dolfinx_llm.problem.arguments import (
     nodal_by_mesh,
     nodal_list,
 )
-from dolfinx_llm.problem.bulk import fill
+from dolfinx_llm.problem.blocks import Blocks
 from dolfinx_llm.problem.form_arguments import check_meshes, listed
 
 RESIDUAL = "give a residual form in u and a test function, or a list of them, one per mesh"
@@ -55,10 +55,12 @@ class NonlinearArguments:
     loads: list[FreeSurfacePressure]
     nodal_loads: list[fem.Function]
 
+    blocks: list[Blocks]  # function space of each mesh, and that of its displacement
+
     @property
     def spaces(self) -> list[Any]:
         """Function space of each mesh."""
-        return [u.function_space for u in self.u]
+        return [b.W for b in self.blocks]
 
 
 def nonlinear_arguments(
@@ -112,8 +114,7 @@ def nonlinear_arguments(
                 checks.refuse("J", form, DERIVATIVE)
         check_petsc_options(options[1], options[0])
         checks.one_of("solver", solver, SOLVERS)
-    for V in spaces:
-        check_space(V, highest=2)
+    blocks = [Blocks(V, scalar=False) for V in spaces]
     with collective(comm):
         given = NonlinearArguments(
             isinstance(u, (list, tuple)),
@@ -123,7 +124,8 @@ def nonlinear_arguments(
             kept_list(bcs, spaces),
             interface_list(interfaces, spaces) if interfaces != () else [],
             pressures(loads, spaces),
-            nodal_list(nodal_loads, spaces),
+            nodal_list(nodal_loads, [*spaces, *(b.V for b in blocks if b.mixed)]),
+            blocks,
         )
     agree_on(comm, given, forms, (solver, *options))
     agree(comm, "the loads", [[tag for _, tag in load.tagged()] for load in given.loads])
@@ -154,7 +156,9 @@ class NonlinearBulk:
         given: arguments of ``NonlinearContactProblem``.
 
     Attributes:
-        spaces: function space of each mesh.
+        blocks: per mesh the dofs of its form's function space, of which the vector of all bodies
+            has those that are no displacements in units of their own.
+        spaces: function space of each mesh's displacement.
         dofs: their numbers in the vector of all bodies, and which are prescribed.
         size: of the largest cell along an axis [length].
 
@@ -163,16 +167,22 @@ class NonlinearBulk:
     """
 
     def __init__(self, given: NonlinearArguments) -> None:
-        self.u, self.spaces = given.u, given.spaces
+        self.u, self.blocks, self._W = given.u, given.blocks, given.spaces
+        self.spaces = [b.V for b in self.blocks]
         self.comm = self.spaces[0].mesh.comm
         with collective(self.comm):
             self._F = [compat.form("F", form) for form in given.F]
             self._J = [compat.form("J", form) for form in given.J]
         self._given = given.bcs
         self._nodal = nodal_by_mesh(given.nodal_loads, self.spaces)
-        self._bcs = by_mesh(self.comm, self._given, self.spaces)
-        fixed = [compat.fixed_dofs(V, bcs) for V, bcs in zip(self.spaces, self._bcs)]
-        self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(fixed))
+        self._bcs = by_mesh(self.comm, self._given, self._W)
+        found = zip(self.blocks, self._W, self._bcs, strict=True)
+        fixed = [b.ours(compat.fixed_dofs(W, bcs)) for b, W, bcs in found]
+        mixed = any(b.mixed for b in self.blocks)
+        others = tuple(b.others for b in self.blocks) if mixed else ()
+        self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(fixed), others)
+        if mixed:  # units are those of the first tangent
+            self._tangent().destroy()
         places = [V.tabulate_dof_coordinates()[compat.cell_dofs(V)] for V in self.spaces]
         mine = max(float(np.ptp(x, axis=1).max(initial=0.0)) for x in places)
         self.size = self.comm.allreduce(mine, op=MPI.MAX)
@@ -184,10 +194,10 @@ class NonlinearBulk:
             ContactInputError: other dofs are prescribed than when the problem was made, or values
                 are not finite.
         """
-        self._bcs = by_mesh(self.comm, self._given, self.spaces)
+        self._bcs = by_mesh(self.comm, self._given, self._W)
         parts = [
-            compat.prescribed_values(V, bcs)[:n]
-            for V, bcs, n in zip(self.spaces, self._bcs, self.dofs.counts)
+            b.ours(compat.prescribed_values(b.W, bcs)[:n]) / b.scale
+            for b, bcs, n in zip(self.blocks, self._bcs, self.dofs.counts)
         ]
         values = np.concatenate(parts)
         if self.comm.allreduce(int((np.isfinite(values) != self.dofs.fixed).sum())):
@@ -198,40 +208,51 @@ class NonlinearBulk:
         return np.where(self.dofs.fixed, values, 0.0)
 
     def now(self) -> np.ndarray:
-        """(n_local,) the displacement as it stands in the Functions u."""
-        return np.concatenate([u.x.array[:n] for u, n in zip(self.u, self.dofs.counts)])
+        """(n_local,) what stands in the Functions u."""
+        return np.concatenate([b.values(u) for b, u in zip(self.blocks, self.u, strict=True)])
 
     def put(self, u: np.ndarray) -> None:
-        """Write this rank's displacement (n_local,) into the Functions u; collective."""
-        fill(self.u, u, self.dofs.counts)
+        """Write this rank's u (n_local,) into the Functions u; collective."""
+        parts = np.split(u, np.cumsum(self.dofs.counts))
+        for b, function, part in zip(self.blocks, self.u, parts, strict=False):
+            b.fill(function, part)
 
     def residual(self, u: np.ndarray) -> np.ndarray:
         """This rank's F(u) less the nodal loads, of all dofs; collective."""
         self.put(u)
         parts = []
-        for V, form, nodal in zip(self.spaces, self._F, self._nodal, strict=True):
-            part = compat.assemble_force((form,), (1.0,), V)
+        for b, form, nodal in zip(self.blocks, self._F, self._nodal, strict=True):
+            part = compat.assemble_force((form,), (1.0,), b.W)
             for load in nodal:
-                part -= load.x.array[: len(part)]
-            parts.append(part)
+                part -= b.nodal(load)
+            parts.append(b.ours(part) * b.scale)
         return np.concatenate(parts)
 
     def tangent(self, u: np.ndarray) -> PETSc.Mat:
         """PETSc AIJ of the derivative of F at u, without conditions; collective."""
         self.put(u)
-        return block_diagonal([compat.assemble_matrix(J, [], 1.0) for J in self._J])
+        return self._tangent()
+
+    def _tangent(self) -> PETSc.Mat:
+        """The same at the Functions u as they are."""
+        free = [np.zeros(len(b.scale), dtype=bool) for b in self.blocks]
+        parts = zip(self.blocks, self._J, free, strict=True)
+        return block_diagonal(
+            [b.matrix(compat.assemble_matrix(J, [], 1.0), none) for b, J, none in parts]
+        )
 
     def inside_out(self, u: np.ndarray) -> tuple[int, list[float]]:
         """How many cells are inside out, in the middle, at this rank's u (n_local,), and where the
         first of them is drawn; collective."""
         self.put(u)
         found = []
-        for V, w in zip(self.spaces, self.u, strict=True):
+        for b, w in zip(self.blocks, self.u, strict=True):
+            V, v = b.V, b.displacement(w)
             topology = V.mesh.topology
             cells = compat.cell_dofs(V)[: topology.index_map(topology.dim).size_local]
             cells = cells[:, : CELLS[compat.cell_kinds(V.mesh)[0]][0]]  # corners come first
             X = V.tabulate_dof_coordinates()[:, : self.dofs.gdim]
-            x = X + w.x.array.reshape(X.shape)
+            x = X + v.x.array.reshape(X.shape)
             turned = middle_jacobians(X, cells) * middle_jacobians(x, cells) <= 0.0
             found += X[cells[turned]].mean(axis=1).round(6).tolist()
         every = [place for places in self.comm.allgather(found) for place in places]

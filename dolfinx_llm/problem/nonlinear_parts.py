@@ -227,7 +227,14 @@ def numbered(
     owners = [np.empty(0, dtype=np.int64), *(c.what.owner for c in contacts)]
     own = Numbering(np.concatenate(owners), dofs.comm.rank)
     limit, why = FROM_UNKNOWNS[dofs.gdim], "as asked"
-    if solver == "auto":
+    if dofs.mixed:
+        if solver == "condensed":
+            raise ContactInputError(
+                "solver='condensed' needs a positive definite tangent, which that of a mixed "
+                "function space is not in general: use solver='saddle'"
+            )
+        solver, why = "saddle", "chosen: the function space is mixed"
+    elif solver == "auto":
         large = dofs.sizes[1] + own.sizes[1] >= limit
         solver = "condensed" if large else "saddle"
         why = "chosen: " + (

@@ -187,7 +187,13 @@ class SavedNonlinear(Saving):
     _newton: Any
 
     def saved_spaces(self) -> Sequence[Any]:
-        """Spaces of the bodies' dofs."""
+        """Spaces of the bodies' dofs.
+
+        Raises:
+            ContactInputError: a mixed space.
+        """
+        if self.bulk.dofs.others:
+            raise ContactInputError("problems of mixed spaces cannot be saved yet")
         return self.bulk.dofs.spaces
 
     def places(self) -> np.ndarray:

@@ -14,12 +14,15 @@ comm, field = MPI.COMM_WORLD, mixed.Field(2, waves=False)
 spaces, tags = so.blocks(comm, ("triangle", "triangle"), (4, 6), *mixed.BOXES[2])
 with mixed.problem(spaces, tags, field, 0.5) as problem:
     found = dict(zip(("u", "grad u", "p"), mixed.errors(problem.solve(), field), strict=True))
-forces = []
-for blocks in (None, (("DG", 1, False), ("Lagrange", 2, True))):
-    with mixed.pressed(llm.Frictionless(), blocks, comm, "saddle") as problem:
+for make in (llm.ContactProblem, mixed.nonlinear):
+    forces = []
+    for blocks in (None, (("DG", 1, False), ("Lagrange", 2, True))):
+        problem = mixed.pressed(llm.Frictionless(), blocks, comm, "saddle", make)
         problem.solve()
         forces.append([side.force for side in problem.results[0].sides])
-for side, values in enumerate(zip(*forces, strict=True)):
-    found[f"side {side}"] = float(np.abs(np.subtract(*values)).max() / np.abs(values[0]).max())
+        problem.destroy()
+    for side, values in enumerate(zip(*forces, strict=True)):
+        error = np.abs(np.subtract(*values)).max() / np.abs(values[0]).max()
+        found[f"{make.__name__}, side {side}"] = float(error)
 if comm.rank == 0:
     print(json.dumps(found))

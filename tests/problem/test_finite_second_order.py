@@ -1,10 +1,12 @@
 """Second-order bodies at finite deformation: exact states, orders, forms, ranks."""
 
 import finite_patch
+import mixed
 import numpy as np
 import patch2d
 import pytest
 import second_order_blocks as so
+import test_finite_deformation as fd
 import ufl
 from conftest import run_mpi_json
 from dolfinx import fem
@@ -77,6 +79,62 @@ def test_forms(kind, monkeypatch):
     assert {1, 2} <= set(one.sides[1].status) and one.pressure.min() >= 0.0
     total = sum(side.force.sum(axis=0) for side in one.sides)
     assert np.abs(total).max() < 1e-10 * np.abs(one.resultant).max()
+
+
+def incompressible(cells, law, q, kind="triangle", compliance=0.0, **scene):
+    """The patch test on blocks in Taylor and Hood's (u, p): p ln J - p²/2 compliance."""
+    domain, tags = fd.blocks(cells, kind=kind, **scene)
+    W = mixed.mixed_space(domain, *mixed.TAYLOR_HOOD)
+    w, mu, c = fem.Function(W), 1000.0 / 3.0, fem.Constant(domain, compliance)
+    u, p = ufl.split(w)
+    G = ufl.Identity(2) + ufl.grad(u)
+    J = ufl.det(G)
+    energy = mu / 2 * (ufl.inner(G, G) - 2) + (p - mu) * ufl.ln(J) - c / 2 * p**2
+    F = ufl.derivative(energy * ufl.dx(degree=4), w, ufl.TestFunction(W))
+    held = []
+    for k, marks in ((1, (fd.BOTTOM,)), (0, (fd.LEFT_0, fd.LEFT_1))):
+        V = W.sub(0).sub(k)
+        zero = fem.Function(V.collapse()[0])
+        facets = tags.indices[np.isin(tags.values, marks)]
+        dofs = fem.locate_dofs_topological((V, zero.function_space), 1, facets)
+        held.append(fem.dirichletbc(zero, dofs, V))
+    loads = [
+        llm.FreeSurfacePressure(tags, fd.TOP, q),
+        llm.FreeSurfacePressure(tags, fd.LOW, q, covered_by=(tags, fd.HIGH)),
+    ]
+    interface = llm.Interface(tags, (fd.LOW, fd.HIGH), law=law)
+    return llm.NonlinearContactProblem(F, w, bcs=held, interfaces=[interface], loads=loads)
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        {"cells": (5, 3), "law": llm.Frictionless(), "widths": (1.0, 0.61)},
+        {"cells": (4, 6), "law": llm.Tied(), "kind": "quadrilateral"},
+        {"cells": (3, 4), "law": llm.Coulomb(0.3), "compliance": 1e-4},
+    ],
+    ids=str,
+)
+def test_incompressible(scene):
+    """Taylor and Hood's (u, p): a homogeneous state, at ν = 0.5 with stretches a and 1/a,
+    μ (a² - 1/a²) = q; p is its pressure."""
+    q, mu, compliance = 300.0, 1000.0 / 3.0, scene.get("compliance", 0.0)
+    problem = incompressible(q=q, **scene)
+    w = problem.solve(increments=2)
+    a = np.sqrt(q / mu / 2 + np.sqrt((q / mu / 2) ** 2 + 1.0))
+    known = np.array([a, 1.0 / a])
+    if compliance:
+        poisson = 1.0 / (2.0 + 2.0 * mu * compliance)
+        known = np.array(finite_patch.stretches(q, 2.0 * mu * (1.0 + poisson), poisson))
+    u, p = w.sub(0).collapse(), w.sub(1).collapse()
+    x = u.function_space.tabulate_dof_coordinates()[:, :2]
+    assert np.abs(u.x.array.reshape(x.shape) - x * (known - 1.0)).max() < 1e-10
+    # No traction at the sides: mu (a² - 1) + p = 0.
+    assert np.abs(p.x.array + mu * (known[0] ** 2 - 1.0)).max() < 1e-8 * q
+    result = problem.results[0]
+    pressed = result.frame_area > 1e-9 * result.frame_area.max()
+    assert np.abs(result.pressure[pressed] / q - 1.0).max() < 1e-9
+    assert max(h["iteration"] for h in problem.history) <= 7
 
 
 @pytest.mark.long

@@ -128,7 +128,13 @@ def errors(found, field):
     return np.sqrt(sums[:, 0] / sums[:, 1])
 
 
-def pressed(law, blocks, comm, solver="auto"):
+def nonlinear(a, L, *, solver, **chosen):
+    """The same bodies as of a residual form, at finite deformation."""
+    w = fem.Function(a.arguments()[0].ufl_function_space())
+    return llm.NonlinearContactProblem(ufl.action(a, w) - L, w, **chosen)
+
+
+def pressed(law, blocks, comm, solver="auto", make=llm.ContactProblem):
     """A block dragged along a larger one, lifted at one end and pressed at the other; ν = 0.3.
 
     Where the pressures of a mixed space contain the divergences, it is the plain problem."""
@@ -156,4 +162,4 @@ def pressed(law, blocks, comm, solver="auto"):
             bcs.append(fem.dirichletbc(known, dofs, space))
     L = (60.0 - 160.0 * x[0]) * w[1] * ds(so.TOP[1])
     interface = llm.Interface(own, (2, 3), law=law)
-    return llm.ContactProblem(a, L, bcs=bcs, interfaces=[interface], solver=solver)
+    return make(a, L, bcs=bcs, interfaces=[interface], solver=solver)
