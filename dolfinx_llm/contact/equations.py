@@ -122,7 +122,7 @@ class Equations:
             calmed: as of ``law_rows``.
         """
         if self._operators.tied:
-            return replace(self._ties, g=g)
+            return replace(self._ties, g=g, rhs=self.loads)
         active = self.closed_rows()
         kept = np.where(active, self.about, 0.0)
         compliance = np.where(self.soft, SOFT / self.scale, self.compliance)

@@ -46,6 +46,13 @@ def choose_solver(
                 "function space is not in general: use solver='saddle'"
             )
         asked = "saddle"
+    if operators.tied and any(any(g.forced) for g in operators.geometries):
+        if asked == "condensed":
+            raise ContactError(
+                "solver='condensed' has no forces on obstacles that bodies are tied to: use "
+                "solver='saddle'"
+            )
+        asked = "saddle"
     if not operators.tied:
         return _choose_steps(asked, symmetric, operators)
     if asked != "auto":

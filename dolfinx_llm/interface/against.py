@@ -169,9 +169,7 @@ def forces_on(obstacle: Obstacle, before: tuple[bool, ...]) -> np.ndarray:
     return np.array([0.0 if f is None else f for f in force])
 
 
-def under_force(
-    obstacle: Obstacle, pairs: ContactPairs, unilateral: bool
-) -> tuple[ContactPairs, np.ndarray]:
+def under_force(obstacle: Obstacle, pairs: ContactPairs) -> tuple[ContactPairs, np.ndarray]:
     """Translations of an obstacle that forces are prescribed for, as those of a frame of one node:
     the pairs, whose rows all see that node, and (1, d, gdim) directions in which it moves: the axes
     of the prescribed components, or what of them contact can resist. No force: (0, c, gdim)."""
@@ -179,11 +177,6 @@ def under_force(
     axes = np.eye(gdim)[list(forced(obstacle, gdim))]
     if not len(axes):
         return pairs, np.empty((0, c, gdim))
-    if not unilateral:
-        raise ContactInputError(
-            f"force={obstacle.force} on the {type(obstacle).__name__}: forces on obstacles are for "
-            "Frictionless() and Coulomb(mu); with Tied() prescribe the displacement"
-        )
     _, size, vectors = np.linalg.svd(pairs.base.reshape(-1, gdim) @ axes.T)
     resisted = size > RESISTED * size[0]
     if not resisted.all() or len(size) < len(axes):

@@ -172,7 +172,7 @@ def assembled(
     given: tuple[bool, ...] = ()
     if interface.obstacle is not None:
         given = forced(interface.obstacle, gdim)
-        own, base = under_force(interface.obstacle, pairs[0], law.opens)
+        own, base = under_force(interface.obstacle, pairs[0])
         pairs = [own]
     geometry = InterfaceGeometry(
         interface, tuple(p.surface for p in pairs), site.spaces, tuple(pairs), frame, base,

@@ -35,8 +35,8 @@ class Obstacle:
             point that defines it; the origin for your own.
         force: (gdim,) force on the obstacle instead of a displacement [force], with None where the
             displacement is prescribed, e.g. (None, -10.0): pressed down with 10, held sideways.
-            What it does not press against it does not reach. None: no force is prescribed. For laws
-            that let bodies part.
+            What it does not press against it does not reach. None: no force is prescribed. With
+            ``Tied()`` the obstacle is the rigid end of a body, with its force or motion.
 
     >>> class Sine(Obstacle):
     ...     "The floor y = sin(x) / 10."

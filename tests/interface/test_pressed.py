@@ -122,12 +122,10 @@ def stuck(form, refused):
 
 
 def test_refused():
-    """Forces that nothing resists, on what is tied, for other components than before."""
+    """Forces that nothing resists, for other components than before."""
     frictionless = llm.Frictionless()
     with pytest.raises(llm.ContactError, match=r"nothing resists the part \[1.0, 0.0\]"):
         Block("triangle", lambda R: plane(R, force=(1.0, 9.0)), frictionless).solve()
-    with pytest.raises(llm.ContactInputError, match="forces on obstacles are for"):
-        Block("triangle", lambda R: plane(R, force=(None, 9.0)), llm.Tied())
     block = Block("triangle", lambda R: plane(R, force=(None, 9.0)), frictionless)
     with pytest.raises(llm.ContactInputError, match="Make the problem anew"):
         block.solve(force=(0.0, 9.0))
