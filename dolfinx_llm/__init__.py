@@ -25,6 +25,7 @@ from dolfinx_llm.laws.rows import LawNodes, LawRows
 from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.output import plot, post
 from dolfinx_llm.problem import classical
+from dolfinx_llm.problem.evolution import Evolution
 from dolfinx_llm.problem.find import find_interfaces
 from dolfinx_llm.problem.loads import free_surface_load
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
@@ -43,6 +44,7 @@ __all__ = [
     "ContactError",
     "ContactInputError",
     "ContactProblem",
+    "Evolution",
     "Frame",
     "FreeSurfacePressure",
     "Frictionless",

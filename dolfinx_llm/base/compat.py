@@ -65,6 +65,28 @@ def function_space(
     return dolfinx.fem.FunctionSpace(mesh, (family, degree))
 
 
+def quadrature_space(mesh: Any, degree: int, shape: tuple[int, ...] = ()) -> Any:
+    """Space of values, each of a shape, at the points of the quadrature rule of a degree: what
+    bodies remember there. Integrate with ``metadata={"quadrature_degree": degree}``."""
+    try:
+        import basix.ufl
+
+        element = basix.ufl.quadrature_element(_cell_name(mesh), value_shape=shape, degree=degree)
+    except ImportError:
+        element = ufl.FiniteElement("Quadrature", mesh.ufl_cell(), degree, quad_scheme="default")
+        element = ufl.TensorElement(element, shape=shape) if shape else element
+    return getattr(dolfinx.fem, "functionspace", dolfinx.fem.FunctionSpace)(mesh, element)
+
+
+def points_of(V: Any) -> np.ndarray | None:
+    """(n, tdim) points of a ``quadrature_space`` on the reference cell; None of other spaces."""
+    element = V.ufl_element()
+    if hasattr(element, "has_custom_quadrature"):  # of Basix
+        return element.custom_quadrature()[0] if element.has_custom_quadrature else None
+    name, degree = element.family(), element.degree()
+    return quadrature_points(V.mesh, degree) if name == "Quadrature" else None
+
+
 def cell_dofs(space_or_geometry: Any) -> np.ndarray:
     """(n_cells, k) dofs of a function space's cells, or nodes of a mesh geometry's."""
     if hasattr(space_or_geometry, "dofmaps") and hasattr(space_or_geometry, "x"):
@@ -220,8 +242,10 @@ def prescribed(V: Any, bcs: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
 def evaluate(
     expression: Any, points: np.ndarray, mesh: Any, shape: tuple[int, ...] = ()
 ) -> np.ndarray:
-    """Values of a UFL expression at reference points of every local cell: (n_cells, ...)."""
-    compiled = dolfinx.fem.Expression(expression, points)
+    """Values of an expression, UFL or compiled for these reference points, in every local cell:
+    (n_cells, ...)."""
+    done = isinstance(expression, dolfinx.fem.Expression)
+    compiled = expression if done else dolfinx.fem.Expression(expression, points)
     n = mesh.topology.index_map(mesh.topology.dim).size_local
     cells = np.arange(n, dtype=np.int32)
     if "mesh" in inspect.signature(compiled.eval).parameters:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -28,31 +29,37 @@ class NewtonSteps:
 
     Attributes:
         history: of the last step, a dict per iteration.
-        reached: the last state that was found.
         terms: of the interfaces there.
     """
 
     def __init__(self, equations: Equations) -> None:
         self.equations = equations
         self.history: list[dict] = []
-        self.reached: NewtonState | None = None
         self.terms: list[ContactTerms] = []
+        self._reached: NewtonState
 
-    def step(self, step: LoadStep, increments: int) -> NewtonState:
-        """The state at the end of a load step.
+    def step(
+        self, step: LoadStep, increments: int, begins: Callable[[float], None]
+    ) -> Iterator[NewtonState]:
+        """The states at the ends of a load step's parts, found as they are asked for.
+
+        Args:
+            step: what is to be done.
+            increments: equal parts to begin with.
+            begins: told which part of the step is tried, before each.
 
         Raises:
-            ContactError: Newton's iteration fails however small the increments are; ``reached`` is
-                the last state that was found.
+            ContactError: Newton's iteration fails however small the increments are.
         """
-        self.history, self.reached = [], step.start
+        self.history, self._reached = [], step.start
         self._left = [np.zeros(1, dtype=bool)] * len(self.equations.interfaces)
         done, part, smallest = 0.0, 1.0 / increments, 2.0**-HALVINGS / increments
         with progress(None, "load step") as bar:
             while done < 1.0 - 1e-12:
                 end = 1.0 if done + part > 1.0 - 1e-12 else done + part
+                begins(end - done)
                 try:
-                    self.reached = self._increment(step, end, bar)
+                    self._reached = self._increment(step, end, bar)
                 except StepFailed as failed:
                     part *= 0.5
                     log.info("increment to %.4g failed: %s; halved", end, failed)
@@ -60,13 +67,13 @@ class NewtonSteps:
                         raise ContactError(
                             f"Newton's iteration fails at {done:.4g} of the load step, also with "
                             f"increments of {2.0 * part:.2g} of it: {failed}. The state at "
-                            f"{done:.4g} is kept. Take smaller load steps, or check supports, "
-                            "loads and the mesh"
+                            f"{done:.4g} is kept, of bodies with a memory that of the start. Take "
+                            "smaller load steps, or check supports, loads and the mesh"
                         ) from None
                 else:
                     done, part = end, min(2.0 * part, 1.0 / increments)
+                    yield self._reached
         self._say_left()
-        return self.reached
 
     def unbalanced(self, start: NewtonState) -> np.ndarray:
         """(n_local,) residual of a state under the loads as they are now, but for follower loads;
@@ -76,7 +83,7 @@ class NewtonSteps:
 
     def _increment(self, step: LoadStep, end: float, bar: Any) -> NewtonState:
         """Newton's iteration from the last state to the part ``end`` of a load step."""
-        start = self.reached or step.start
+        start = self._reached
         run = Increment(self.equations, start, step, end)
         before = [t.place for t in run.terms]
         for iteration in range(1, NEWTON_ITERATIONS + 1):

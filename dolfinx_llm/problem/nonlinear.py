@@ -21,12 +21,13 @@ from dolfinx_llm.finite.results import MovingInterfaceResult, moving_results
 from dolfinx_llm.geometry.cells import cell_sizes
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.output.pictured import Pictured
+from dolfinx_llm.problem.memory import INSTANT, Memory, Remembering
 from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_arguments
 from dolfinx_llm.problem.nonlinear_parts import contact_of, follower_of, numbered, pose_of
 from dolfinx_llm.problem.saving import SavedNonlinear
 
 
-class NonlinearContactProblem(Pictured, SavedNonlinear):
+class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
     """Bodies F(u; v) = 0 that touch along interfaces, at finite deformation and large sliding.
 
     The frame's nodes are those of the coarser surface of each interface; the other one's nodes are
@@ -129,21 +130,8 @@ class NonlinearContactProblem(Pictured, SavedNonlinear):
             np.zeros(len(self.bulk.dofs.fixed)),
         )
 
-    def solve(self, increments: int = 1) -> fem.Function | list[fem.Function]:
-        """Take a load step: from the last state to what conditions, loads and forms say now.
-
-        Args:
-            increments: equal parts of the step; they are halved where Newton's iteration fails.
-
-        Returns:
-            The displacement u, which is updated in place.
-
-        Raises:
-            ContactInputError: increments below 1, values that are not finite, also those of F at
-                the displacement where the step starts.
-            ContactError: Newton's iteration fails however small increments are; u is then the
-                last state that was found, and ``solve`` may be called again.
-        """
+    def _take(self, increments: int, memory: Memory) -> fem.Function | list[fem.Function]:
+        """A load step from the last state."""
         with collective(self.comm):
             checks.integer("increments", increments, "give an integer of at least 1", low=1)
             pressures = np.array([load.value() for load in self.loads])
@@ -151,7 +139,8 @@ class NonlinearContactProblem(Pictured, SavedNonlinear):
         told = increments, pressures.tolist(), [pose.tolist() for pose in poses]
         agree(self.comm, "increments, pressures and obstacles", told)
         values = self.bulk.values()
-        start = self._state
+        start, results = self._state, self.results
+        memory.begins(INSTANT)
         unbalanced = self._newton.unbalanced(start)
         wrong = int((~np.isfinite(unbalanced)).sum())
         check(
@@ -164,23 +153,25 @@ class NonlinearContactProblem(Pictured, SavedNonlinear):
         values = np.where(self.bulk.dofs.fixed, values, start.u)
         step = LoadStep(start, values, pressures, poses, unbalanced)
         try:
-            self._newton.step(step, increments)
-        finally:  # what has been reached is kept where the rest fails
-            reached = self._newton.reached or start
-            self.bulk.put(reached.u)
-            if reached is not start:
-                self._state = reached
-                with self.times.timed("results"):
-                    self.results = self._found()
+            for reached in self._newton.step(step, increments, memory.begins):
+                self._keep(reached)
+                memory.found()
+            start = self._state
+        finally:  # what has been reached is kept where the rest fails and nothing is to go back
+            if memory.state and self._state is not start:
+                self._state, self.results = start, results
+            self.bulk.put(self._state.u)
         return self.u
 
-    def _found(self) -> list[MovingInterfaceResult]:
-        """Results of the interfaces in the last state."""
-        placed, terms = self._newton.equations.interfaces, self._newton.terms
-        return [
-            moving_results(c.what, c.at(self.bulk.dofs, self._state.u), t)
-            for c, t in zip(placed, terms, strict=True)
-        ]
+    def _keep(self, state: NewtonState) -> None:
+        """Take over a state that has been found, with its results."""
+        self.bulk.put(state.u)
+        self._state, placed = state, self._newton.equations.interfaces
+        with self.times.timed("results"):
+            self.results = [
+                moving_results(c.what, c.at(self.bulk.dofs, state.u), t)
+                for c, t in zip(placed, self._newton.terms, strict=True)
+            ]
 
     def destroy(self) -> None:
         """Free the factorisation, which the next ``solve`` makes anew; collective. On one rank the

@@ -23,11 +23,12 @@ from dolfinx_llm.output.pictured import Pictured
 from dolfinx_llm.problem.adjoint import Differentiable
 from dolfinx_llm.problem.arguments import problem_arguments, step_arguments
 from dolfinx_llm.problem.bulk import LinearBulk
+from dolfinx_llm.problem.memory import Memory, Remembering
 from dolfinx_llm.problem.methods import ContactMethod, Setting
 from dolfinx_llm.problem.saving import SavedContact
 
 
-class ContactProblem(Differentiable, Pictured, SavedContact):
+class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
     """Bodies with stiffness a and load L that touch along interfaces, (31) of the paper.
 
     Args:
@@ -152,24 +153,8 @@ class ContactProblem(Differentiable, Pictured, SavedContact):
         """K, by the name that dolfinx's ``LinearProblem`` has for it."""
         return self.K
 
-    def solve(self, increments: int = 1) -> fem.Function | list[fem.Function]:
-        """Assemble the load, solve, and fill ``results``; first ``update``.
-
-        With a law that lets bodies part or slip, each call is a load step that starts from the
-        state of the one before; ``reset()`` forgets it.
-
-        Args:
-            increments: equal parts in which the change of the load since the last call is applied;
-                more are taken by themselves where the law does not converge. Tied: not used.
-
-        Returns:
-            The displacement, of a mixed space all blocks: a Function, or a list for several meshes.
-
-        Raises:
-            ContactInputError: increments below 1.
-            ContactError: NaN in the load, a system that cannot be solved, a law that does not
-                converge.
-        """
+    def _take(self, increments: int, memory: Memory) -> fem.Function | list[fem.Function]:
+        """A load step: ``update``, assemble the load, solve, and fill ``results``."""
         increments = step_arguments(self.comm, increments, self.interfaces, self.spaces)
         self.update()
         with self.times.timed("assembly of f"):
@@ -185,6 +170,7 @@ class ContactProblem(Differentiable, Pictured, SavedContact):
             if self.comm.rank == 0:
                 log.warning(warning)
         self._u = self.bulk.functions(u)
+        memory.found()
         return self.u
 
     def reset(self) -> None:

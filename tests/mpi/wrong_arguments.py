@@ -388,6 +388,32 @@ add(
     lambda s: llm.Interface(s.tags, (2, 3), frame=(FRAME_X, FRAME_CELLS)),
 )
 
+# What bodies remember
+
+add(
+    "(accepted|state|state: item|dt)=.*give",
+    *(lambda s, given=given: s.solved.solve(**given) for given in (
+        {"accepted": "update"}, {"accepted": 1}, {"state": 1.0}, {"state": ["u"]}, {"dt": 0.1},
+        {"state": {}}, {"dt": [0.1]}, {"dt": "dt"},
+    )),
+    lambda s: s.solved.solve(dt=fem.Constant(s.mesh, 0.0)),
+    lambda s: s.solved.solve(dt=fem.Constant(s.mesh, (1.0, 1.0))),
+)  # fmt: skip
+add(
+    "rules(: key|: value)?=.*give a dict",
+    *(lambda s, x=x: llm.Evolution(x) for x in (None, {}, [], "u", {"u": 1}, {1: 2.0})),
+    lambda s: llm.Evolution({fem.Function(s.V): 1.0}),
+    lambda s: llm.Evolution({fem.Function(s.V): "u"}),
+)
+add(
+    "rules: the Function .* has the shape",
+    lambda s: llm.Evolution({fem.Function(s.V): ufl.SpatialCoordinate(s.mesh)[0]}),
+)
+add(
+    "rules: what the Function .* cannot be compiled",
+    lambda s: llm.Evolution({fem.Function(s.V): s.v + ufl.SpatialCoordinate(s.mesh)}),
+)
+
 # Frames
 
 add(
