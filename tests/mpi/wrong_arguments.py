@@ -411,7 +411,7 @@ add(
 )
 add(
     "rules: what the Function .* cannot be compiled",
-    lambda s: llm.Evolution({fem.Function(s.V): s.v + ufl.SpatialCoordinate(s.mesh)}),
+    lambda s: llm.Evolution({fem.Function(s.V): s.v * s.v[0] * s.u[0]}),
 )
 
 # Frames
