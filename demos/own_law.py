@@ -282,7 +282,7 @@ def main():
         for name, rows in figures.items():
             keys = ("d", "force", "Griffith") if name == "peel" else ("U", "stress", "closed form")
             x, found, known = ([row[key] for row in rows] for key in keys)
-            lines.append([(f"{name}: {keys[1]}", "C0o-", x, found), (keys[2], "k:", x, known)])
+            lines.append([(f"{name}: {keys[1]}", "C0o", x, found), (keys[2], "k+", x, known)])
         path = args.plot / "own_law.png"
         llm.plot.curves(lines, path, xlabel="motion of the ends")
     if args.json and MPI.COMM_WORLD.rank == 0:

@@ -23,6 +23,8 @@ SIDES = (
 class Interface:
     """Two surfaces in contact. Neither side is preferred; their order does not matter.
 
+    It does not change once it is made: ``dataclasses.replace(interface, law=...)`` makes another.
+
     Args:
         facet_tags: dolfinx mesh tags of facets; unused where ``sides`` brings its own.
         sides: the two facet tags, e.g. (3, 7); or ((tags_0, 3), (tags_1, 7)) for two meshes. One
@@ -68,6 +70,10 @@ class Interface:
             raise ContactInputError("against a rigid obstacle there is no frame: leave frame=None")
         for tags, _ in self.tagged_sides():
             check_facet_tags("facet tags", tags)
+
+    def __repr__(self) -> str:
+        framed = "" if self.frame is None else f", frame of {len(self.frame.x)} nodes"
+        return f"{type(self).__name__}({self.name}, law={self.law}{framed}, design={self.design!r})"
 
     @property
     def name(self) -> str:

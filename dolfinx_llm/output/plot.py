@@ -257,6 +257,8 @@ def draw_interface(result: InterfaceForces, path: str | Path, field: str = "pres
         axis.plot(s[order], value[order], "-", color="0.6")
     for k, name in enumerate(render.STATUS):
         at = result.frame_status == k
+        if not at.any():
+            continue
         axis.plot(s[at], value[at], f"C{k}o", mfc=None if k else "none", label=name)
     axis.set(xlabel="distance along the contact", ylabel=field)
     if field == "status":

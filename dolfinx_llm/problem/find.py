@@ -59,8 +59,8 @@ def find_interfaces(
     the same facets as well.
 
     Args:
-        facet_tags: facets that are looked at, of any value: dolfinx mesh tags, or one for each
-            space; None: all at the outside of the bodies.
+        facet_tags: facets that are looked at, of any value: dolfinx mesh tags, or one or None for
+            each space; None: all at the outside of the bodies.
         V: function space of the bodies, or a list of those of several meshes.
         law: of the interfaces that ``laws`` does not name; None: ``Tied()``, or where ``laws`` is
             given none: these pairs are left out.
@@ -70,7 +70,8 @@ def find_interfaces(
         angle: by which normals of what may touch are not opposite [rad]; None: 0.5.
 
     Returns:
-        One ``Interface`` per pair of bodies, in the order of their numbers. The sides' tags are
+        One ``Interface`` per pair of bodies, in the order of their numbers; of another law by
+        ``dataclasses.replace(interface, law=...)``. The sides' tags are
         these numbers, as in ``print(problem)`` and messages, so that the name is "3 | 7".
 
     Raises:
@@ -114,6 +115,8 @@ def _per_space(name: str, tags: Any, spaces: Sequence[Any]) -> list[Any]:
     if len(given) != len(spaces):
         checks.refuse(name, tags, f"give one for each of the {len(spaces)} function space(s)")
     for own, space in zip(given, spaces, strict=True):
+        if own is None and name == "facet_tags":
+            continue
         check_facet_tags(name, own)
         if not compat.tags_belong_to(own, space.mesh):
             raise ContactInputError(f"{name}: they belong to another mesh than the function space")

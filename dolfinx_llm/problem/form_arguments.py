@@ -50,7 +50,8 @@ def given_forms(count: int, value: Any) -> list[ufl.Form]:
         if any(mesh is not meshes[0] for mesh in meshes) or len(domains) > 1:
             raise ContactInputError(
                 f"the form {name} lives on several meshes: give one form per mesh, whose arguments "
-                "and Functions are of that mesh"
+                "and Functions are of that mesh (interpolate those of a submesh onto it: "
+                "entity_maps are not taken)"
             )
     return forms
 

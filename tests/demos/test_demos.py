@@ -201,3 +201,25 @@ def test_adjoint(tmp_path, mu, solver):
         assert told == pytest.approx(differences, rel=1e-6), name
     assert (tmp_path / "adjoint.png").read_bytes()[:4] == b"\x89PNG"
     assert len(json.loads((tmp_path / "rows.json").read_text())["rows"]) == 5
+
+
+@pytest.mark.parametrize(
+    ("name", "forces"), [longer("oring", None), longer("assembly", [[4.0, 0.0, -40.0]] * 2)]
+)
+def test_first_scripts(name, forces, tmp_path):
+    """Scripts as new users write them run as they are, show bodies with pressure, and balance."""
+    script = TESTS / "demos" / "first_scripts" / f"{name}.py"
+    assert len(script.read_text().splitlines()) <= 70
+    out = subprocess.run(
+        [sys.executable, str(script)], cwd=tmp_path, env=clean_environment(), timeout=300,
+        capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    found = np.array(json.loads(out.splitlines()[-1]))
+    if forces is None:  # the ring has no load of its own
+        np.testing.assert_allclose(found[0], -found[1], atol=1e-9 * np.abs(found).max())
+        assert np.abs(found[:, 1]).min() > 100 * np.abs(found[:, 0]).max()
+        assert (tmp_path / "out" / "squeeze.gif").stat().st_size > 10_000
+    else:
+        np.testing.assert_allclose(np.abs(found), np.abs(forces), atol=1e-9)
+    assert (tmp_path / "out" / "bodies.png").read_bytes()[:4] == b"\x89PNG"
+    assert list((tmp_path / "out").glob("bodies*.pvd"))

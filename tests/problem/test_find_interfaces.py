@@ -45,6 +45,8 @@ def test_all_and_none_besides(blocks, kind):
     found = llm.find_interfaces(None, wall.V)
     assert named(wall, found) == sorted(tuple(sorted((i, j))) for i, _, j in wall.faces)
     assert all(isinstance(interface.law, llm.Tied) for interface in found)
+    of_a_list = llm.find_interfaces([None], [wall.V])
+    assert str(of_a_list) == str(found) and f"Interface({found[0].name}, law=Tied" in str(found)
     names = [interface.name for interface in found]
     assert names == [f"{a} | {b}" for a, b in (name.split(" | ") for name in names)]
     assert len(set(names)) == len(names)
