@@ -14,10 +14,11 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.facing import TURN, Facing, Separation, facing_facets
 from dolfinx_llm.geometry.overlap_curved import is_flat
-from dolfinx_llm.geometry.overlap_flat import Plane, common_plane, plane_with
+from dolfinx_llm.geometry.overlap_flat import Plane, common_area, common_plane, plane_with
 from dolfinx_llm.geometry.surface import Surface
 
 TOGETHER = 0.2  # [rad] by which both surfaces may turn against the plane of what may part
@@ -38,6 +39,14 @@ class Piece:
     def parts(self, sides: Sequence[Surface]) -> tuple[Surface, Surface]:
         """Both sides' surfaces of this piece alone."""
         return sides[0].part(self.facets[0]), sides[1].part(self.facets[1])
+
+    def only(self, *chosen: np.ndarray) -> Piece:
+        """Of each side some facets (k_i,), with the same plane."""
+        first, second = (own[some] for own, some in zip(self.facets, chosen, strict=True))
+        weights = self.weights
+        if weights is not None:
+            weights = weights[0][chosen[0]], weights[1][chosen[1]]
+        return replace(self, facets=(first, second), weights=weights)
 
     def moved(self, sides: Sequence[Surface]) -> Piece:
         """The same facets with their plane where the tagged surfaces are now; curved where none
@@ -164,6 +173,52 @@ class _Found:
         row, col = np.concatenate(rows), np.concatenate(cols)
         n = sum(self.count)
         return connected_components(coo_matrix((np.ones(len(row)), (row, col)), (n, n)), False)[1]
+
+
+def separated(piece: Piece, sides: Sequence[Surface]) -> list[Piece]:
+    """A piece for each pair of connected parts of both sides that cover each other, where these
+    meet at nodes of the other side, as feet do on the same facets of a plate; in 2D always. Else
+    the piece itself."""
+    if piece.plane is None:
+        return [piece]
+    label = [_connected(side.facets[own]) for side, own in zip(sides, piece.facets, strict=True)]
+    if not any(own.max(initial=0) for own in label):
+        return [piece]
+    x = [
+        piece.plane.project(side.x)[side.facets[own]]
+        for side, own in zip(sides, piece.facets, strict=True)
+    ]
+    low, high = ([f(a, axis=1) for a in x] for f in (np.min, np.max))
+    box = [
+        [(low[k][label[k] == b].min(axis=0), high[k][label[k] == b].max(axis=0))
+         for b in range(label[k].max() + 1)] for k in (0, 1)
+    ]  # fmt: skip
+    found, first, second = [], *(np.array(b) for b in box)
+    meets = (first[:, None, 0] < second[None, :, 1]).all(axis=2)
+    meets &= (second[None, :, 0] < first[:, None, 1]).all(axis=2)
+    for i, j in np.argwhere(meets):
+        chosen = []
+        for k, own, other in ((0, i, second[j]), (1, j, first[i])):
+            near = (low[k] < other[1]).all(axis=1) & (high[k] > other[0]).all(axis=1)
+            chosen.append(near & (label[k] == own))
+        part = piece.only(*chosen)
+        try:
+            common_area(*part.parts(sides), piece.plane)
+        except ContactError:  # boxes alone do
+            continue
+        found.append(part)
+    nodes = [[np.unique(s.cells[p.facets[k]]) for p in found] for k, s in enumerate(sides)]
+    meet = x[0].shape[2] == 1 or any(
+        np.unique(np.concatenate(n), return_counts=True)[1].max() > 1 for n in nodes if n
+    )
+    return found if meet else [piece]
+
+
+def _connected(facets: np.ndarray) -> np.ndarray:
+    """(m,) connected part of each facet, by nodes."""
+    i, j = neighbours(facets, by_nodes=True)
+    graph = coo_matrix((np.ones(len(i)), (i, j)), (len(facets),) * 2)
+    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def tied_plane(parts: Sequence[Surface]) -> Plane | None:

@@ -15,7 +15,7 @@ from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.overlap_curved import vector_areas_in_contact
 from dolfinx_llm.geometry.overlap_flat import common_area, local_bases
 from dolfinx_llm.geometry.pairs import ContactPairs, locate_pairs
-from dolfinx_llm.geometry.pieces import Piece
+from dolfinx_llm.geometry.pieces import Piece, separated
 from dolfinx_llm.interface.against import against_obstacle, forced, under_force
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.control import in_control_values, with_control
@@ -116,12 +116,27 @@ def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
     pieces, rims = find_pieces(whole, interface.law.opens, interface.name, notes)
     if len(pieces) > 1 and interface.frame is not None:
         pieces = [whole_piece(pieces)]
+    if interface.frame is None:
+        pieces = [part for piece in pieces for part in separated(piece, whole)]
+        site = replace(site, shared=shared_by(pieces, site))
     clock.stop("facing facets")
     parts: list[Part] = []
     for piece in pieces:  # one frame has cells of one kind
         corners = parts[0].frame.cells.shape[1] if parts else None
         parts.append(build_piece(site, piece, notes, clock, corners))
     return assembled(site, parts, rims, notes, clock)
+
+
+def shared_by(pieces: Sequence[Piece], site: Site) -> tuple[np.ndarray, ...]:
+    """Per side (n,) nodes that several pieces, or other interfaces have; none of laws that may slip
+    or part."""
+    if len(pieces) == 1 or not site.interface.law.ties:
+        return site.shared
+    found = []
+    for k, side in enumerate(site.whole):
+        nodes = np.concatenate([np.unique(side.cells[piece.facets[k]]) for piece in pieces])
+        found.append(np.bincount(nodes, minlength=len(side.x)) > 1)
+    return tuple(a | b for a, b in zip(found, site.shared or found, strict=True))
 
 
 def build_against(

@@ -34,7 +34,7 @@ def whole_piece(pieces: Sequence[Piece]) -> Piece:
 def joined(
     whole: Sequence[Surface], parts: Sequence[Part]
 ) -> tuple[tuple[ContactPairs, ...], Frame, np.ndarray, Certificate]:
-    """One frame and pairs of both sides for all parts, which share no node."""
+    """One frame and pairs of both sides for all parts; nodes of several have a pair in each."""
     if len(parts) == 1:
         part = parts[0]
         return part.pairs, part.frame, part.base, part.certificate
@@ -63,7 +63,7 @@ def _joined_pairs(
     nodes = by_dof[
         np.searchsorted(surface.dofs, np.concatenate([p.dofs for p in pairs]), sorter=by_dof)
     ]
-    order = np.argsort(nodes)
+    order = np.argsort(nodes, kind="stable")
     cells = np.cumsum([0] + [len(frame.cells) for frame in frames])
     both = {
         name: np.concatenate([getattr(p, name) for p in pairs])[order]

@@ -60,7 +60,7 @@ class ContactOperators:
             that λ is that of least change: which of them would be left out is not to matter.
         held: (n,) rows at dofs that are prescribed.
         free: (n, gdim) base vectors at dofs that are not.
-        interfaces_at: (n,) to how many interfaces each row's node belongs.
+        interfaces_at: (n,) to how many interfaces, and pieces of one, each row's node belongs.
         redundant: (n,) rows of ties that follow from others, at prescribed dofs and where several
             interfaces meet; they are left out of what is solved.
         bodies: connected bodies and their rigid motions.
@@ -121,7 +121,8 @@ class ContactOperators:
         free = np.where(fixed, 0.0, self.rows.base[mine])
         self.free = free = self.gather(self.rows.numbering, free)
         self.held = ~free.any(axis=1)
-        nodes = [np.unique(self.rows.dofs[place.rows, 0]) for place in self.places]
+        each = [g.pairs[0].base.shape[1] for g in self.geometries]  # rows of a pair
+        nodes = [self.rows.dofs[p.rows, 0][::c] for p, c in zip(self.places, each, strict=True)]
         known, count = np.unique(np.concatenate(nodes), return_counts=True)
         self.interfaces_at = count[np.searchsorted(known, self.rows.dofs[:, 0])]
         sides = zip(self.geometries, self.places, strict=True)

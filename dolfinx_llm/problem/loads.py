@@ -10,6 +10,7 @@ from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.overlap_flat import common_area, common_plane
+from dolfinx_llm.geometry.pieces import Piece, separated
 from dolfinx_llm.geometry.spaces import check_space
 from dolfinx_llm.geometry.surface import check_facet_tags, extract_surface
 
@@ -55,9 +56,14 @@ def free_surface_load(
             check_space(other_side[0], highest=2)
         other = extract_surface(*other_side)
         plane = common_plane(side, other)
-        s = plane.project(side.x)
-        covered = NodalLoads.on(side, s, common_area(side, other, plane)).forces
-        nodal += pressure * np.outer(covered, plane.normal)
+        whole = Piece((np.arange(len(side.facets)), np.arange(len(other.facets))), plane, 0)
+        by_dof = np.argsort(side.dofs)
+        for piece in separated(whole, (side, other)):
+            own, over = piece.parts((side, other))
+            area = common_area(own, over, plane)
+            covered = NodalLoads.on(own, plane.project(own.x), area).forces
+            at = by_dof[np.searchsorted(side.dofs, own.dofs, sorter=by_dof)]
+            nodal[at] += pressure * np.outer(covered, plane.normal)
     load = fem.Function(V, name="load")
     mine = side.owner == V.mesh.comm.rank
     start = V.dofmap.index_map.local_range[0]
