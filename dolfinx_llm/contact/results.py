@@ -213,7 +213,7 @@ def _side_result(
     motion = u - follows
     normal_motion = np.einsum("ni,ni->n", motion, pairs.normal)
     return SideResult(
-        x=pairs.x,
+        x=pairs.X,
         u=u,
         force=force,
         normal=pairs.normal,

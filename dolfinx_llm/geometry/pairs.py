@@ -67,6 +67,11 @@ class ContactPairs:
         return self.surface.x[self.nodes]
 
     @property
+    def X(self) -> np.ndarray:
+        """(n, gdim) the same as drawn, where periodic sides lie apart [length]."""
+        return self.surface.X[self.nodes]
+
+    @property
     def met(self) -> np.ndarray:
         """(n, gdim) where the nodes meet the frame, or an obstacle, as drawn [length]."""
         return self.x - (self.gap if self.control is None else self.control @ self.gap)

@@ -37,9 +37,12 @@ class Interface:
             L_b, "positions" moves the frame's nodes (paper, section 5; in 2D to the closed form
             of ``design.line``), None leaves it as it is, "auto" takes the closed form in 2D and
             corrects weights where the frame does not pass already.
+        shift: (gdim,) vector from where side 1 is to where it meets side 0 [length]: with
+            ``Tied()`` the bodies are periodic, whether or not the meshes of both sides match.
 
     Raises:
-        ContactInputError: unknown design or law, or sides that are no pair.
+        ContactInputError: unknown design or law, sides that are no pair, a shift of what is not
+            tied.
     """
 
     facet_tags: Any
@@ -47,6 +50,7 @@ class Interface:
     law: Law = field(default_factory=Tied)
     frame: Frame | None = None
     design: str | None = "auto"
+    shift: Any = None
 
     def __post_init__(self) -> None:
         checks.one_of("design", self.design, DESIGNS)
@@ -70,6 +74,15 @@ class Interface:
             raise ContactInputError("against a rigid obstacle there is no frame: leave frame=None")
         for tags, _ in self.tagged_sides():
             check_facet_tags("facet tags", tags)
+        if self.shift is not None:
+            accepted = "give a vector from side 1 to side 0, or None"
+            shift = checks.array("shift", self.shift, (None,), accepted)
+            if rigid or not self.law.ties:
+                raise ContactInputError(
+                    f"shift={shift.tolist()} with the law {self.law}: two sides that are tied may "
+                    "lie apart by it; what opens or slips meets where it is drawn"
+                )
+            object.__setattr__(self, "shift", shift)
 
     def __repr__(self) -> str:
         framed = "" if self.frame is None else f", frame of {len(self.frame.x)} nodes"

@@ -53,12 +53,27 @@ def find_site(
     whole = tuple(
         extract_surface(spaces[i], tags, tag) for i, (tags, tag) in zip(owners, tagged, strict=True)
     )
+    if interface.shift is not None:
+        whole = whole[0], brought(whole[1], interface.shift)
     if len(whole) == 2:
         check_sides(whole[0], whole[1], same_mesh=owners[0] == owners[1])
     held = None
     if fixed is not None:
         held = tuple(_held(side, spaces[i], fixed[i]) for side, i in zip(whole, owners))
     return Site(interface, whole, owners, held, spaces[0].mesh.comm, scalar=scalar)
+
+
+def brought(side: Surface, shift: np.ndarray) -> Surface:
+    """A side where it meets the other one, by a shift (gdim,) from where it is drawn.
+
+    Raises:
+        ContactInputError: the shift is of another dimension.
+    """
+    if len(shift) != side.x.shape[1]:
+        raise ContactInputError(
+            f"shift={shift.tolist()}: the bodies lie in {side.x.shape[1]}D, give as many numbers"
+        )
+    return replace(side, x=side.x + shift, drawn=side.x)
 
 
 def check_field(interface: Interface, scalar: bool) -> None:

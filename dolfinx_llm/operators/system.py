@@ -157,7 +157,7 @@ class ContactOperators:
         bodies, moves = self.bodies, []
         for side, dofs in zip(self.pairs, self.side_dofs, strict=True):
             label = self.dofs.values(dofs[:, 0], self.dofs.spread(bodies.label))
-            modes = bodies.own_modes(label.astype(np.int64), side.x)
+            modes = bodies.own_modes(label.astype(np.int64), side.X)
             move = np.einsum("nci,nim->ncm", side.base, modes)
             n, c, m = move.shape
             first = np.broadcast_to(m * label.astype(np.int64)[:, None, None], move.shape)

@@ -230,4 +230,4 @@ def _told(interface: Interface) -> tuple[str, ...]:
     frame, obstacle = interface.frame, interface.obstacle
     nodes = () if frame is None else (frame.x.tobytes().hex(), frame.cells.tobytes().hex())
     law, rigid = checks.shown(interface.law), "" if obstacle is None else repr(obstacle)
-    return interface.name, law, str(interface.design), rigid, *nodes
+    return interface.name, law, str(interface.design), rigid, str(interface.shift), *nodes

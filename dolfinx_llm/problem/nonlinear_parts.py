@@ -64,6 +64,8 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
         raise ContactInputError(
             f"law={checks.shown(interface.law)}: at finite deformation choose method='newton'"
         )
+    if interface.shift is not None:
+        raise ContactInputError("shift: periodic bodies are for small deformation")
     tie = interface.law
     if isinstance(tie, Tied) and (hasattr(tie.gap, "value") or tie.given_gap):
         raise ContactInputError(

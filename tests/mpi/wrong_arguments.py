@@ -383,6 +383,25 @@ add(
     )),
 )  # fmt: skip
 add(
+    "shift=.*(give a vector|two sides that are tied)",
+    *(lambda s, x=x: llm.Interface(s.tags, (2, 3), shift=x) for x in (
+        "x", 1.0, [[1.0, 0.0, 0.0]], [NAN, 0.0, 0.0], [None, 1.0, 0.0],
+    )),
+    lambda s: llm.Interface(s.tags, (2, 3), shift=(0, 0, 1), law=llm.Frictionless()),
+)  # fmt: skip
+add(
+    "shift=.*as many numbers",
+    lambda s: s.problem(interfaces=llm.Interface(s.tags, (2, 3), shift=(0.0, 1.0))),
+)
+add(
+    "shift: periodic bodies",
+    lambda s: s.nonlinear(
+        interfaces=llm.Interface(
+            s.bent[1], (patch2d.FOUNDATION_TOP, patch2d.PUNCH_BOTTOM), shift=(0.0, 0.0)
+        )
+    ),
+)
+add(
     "frame=.*give a dolfinx_llm.Frame",
     lambda s: llm.Interface(s.tags, (2, 3), frame=s.mesh),
     lambda s: llm.Interface(s.tags, (2, 3), frame=(FRAME_X, FRAME_CELLS)),
