@@ -174,3 +174,16 @@ def test_bodies_of_a_residual_form():
 def test_refused(changed, words):
     with pytest.raises(llm.ContactInputError, match=words):
         blocks(llm.Frictionless(), **{"dt": 0.1} | changed)
+
+
+def test_disc_that_bounces(tmp_path):
+    """Coulomb's impulse takes of the spin, and energy grows by friction's part alone."""
+    import bouncing_ball
+
+    options = ["--elements", "5", "--bounces", "1", "--plot", str(tmp_path)]
+    found, rows = bouncing_ball.main(options)
+    assert abs(found["along"][0] - 1.0) <= 1e-3 and abs(found["spin"][0] - 1.0) <= 0.01
+    assert 0.8 < found["e"][0] < 1.0 and found["growth"] <= 1e-6
+    assert rows[-1, 4] < 0.85 * bouncing_ball.SPIN
+    for name in ("bouncing_ball.png", "bouncing_ball_energy.png"):
+        assert (tmp_path / name).stat().st_size > 0
