@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import inspect
 from collections.abc import Sequence
 from pathlib import Path
@@ -71,7 +72,8 @@ def quadrature_space(mesh: Any, degree: int, shape: tuple[int, ...] = ()) -> Any
     try:
         import basix.ufl
 
-        element = basix.ufl.quadrature_element(_cell_name(mesh), value_shape=shape, degree=degree)
+        kind = cell_kinds(mesh)[0]
+        element = basix.ufl.quadrature_element(kind, value_shape=shape, degree=degree)
     except ImportError:
         element = ufl.FiniteElement("Quadrature", mesh.ufl_cell(), degree, quad_scheme="default")
         element = ufl.TensorElement(element, shape=shape) if shape else element
@@ -262,9 +264,15 @@ def vtx_writer(comm: MPI.Comm, path: str | Path, u: Any) -> Any:
     return dolfinx.io.VTXWriter(comm, str(path), [u], engine="BP4")  # which all ParaViews read
 
 
+def io_module(*names: str) -> Any:
+    """The first of these modules of dolfinx.io that this version has, or None."""
+    there = [name for name in names if importlib.util.find_spec(f"dolfinx.io.{name}")]
+    return importlib.import_module(f"dolfinx.io.{there[0]}") if there else None
+
+
 def quadrature_points(mesh: Any, degree: int) -> np.ndarray:
     """Quadrature points on the reference cell of a mesh: (n, tdim)."""
-    kind = getattr(basix.CellType, _cell_name(mesh))
+    kind = getattr(basix.CellType, cell_kinds(mesh)[0])
     return basix.make_quadrature(kind, degree)[0]
 
 
@@ -285,16 +293,8 @@ def geometry_degree(mesh: Any) -> int:
     return int((cmap() if callable(cmap) else cmap).degree)
 
 
-def _cell_name(mesh: Any) -> str:
-    name = mesh.ufl_cell().cellname
-    return name() if callable(name) else name
-
-
 def model_to_mesh(model: Any, comm: MPI.Comm, rank: int = 0, gdim: int = 3) -> tuple[Any, ...]:
     """gmsh model to (mesh, cell tags, facet tags)."""
-    try:
-        from dolfinx.io import gmsh as reader
-    except ImportError:
-        from dolfinx.io import gmshio as reader
+    reader = io_module("gmsh", "gmshio")
     data = reader.model_to_mesh(model, comm, rank, gdim=gdim)
     return (data.mesh, data.cell_tags, data.facet_tags) if hasattr(data, "mesh") else data[:3]

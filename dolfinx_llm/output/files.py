@@ -16,6 +16,7 @@ from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import check, collective
 from dolfinx_llm.interface.forces import InterfaceForces
+from dolfinx_llm.output.series import open_series
 from dolfinx_llm.output.values import (
     cell_maximum,
     check_displacement,
@@ -33,10 +34,9 @@ from dolfinx_llm.output.writing import (
     write_csv,
     write_grid,
     write_index,
-    writing,
 )
 
-SUFFIXES = (".pvd", ".bp")
+SUFFIXES = (".pvd", ".bp", ".vtkhdf")
 
 
 def write_bodies(
@@ -46,14 +46,14 @@ def write_bodies(
 
     Args:
         path: file that ends on .pvd: the index of VTU files beside it, one per step and rank, which
-            hold all fields in one grid; or on .bp (VTX, where dolfinx has ADIOS2). Its folder is
-            made.
+            hold all fields in one grid; or on .bp (VTX, where dolfinx has ADIOS2) or .vtkhdf (from
+            dolfinx 0.10 on; at corners alone, as "u"). Its folder is made.
         u: displacement Function.
         cell_fields: name to scalar UFL expression; in VTU only.
 
     Raises:
-        ContactInputError: another ending, or what VTX cannot hold or this dolfinx not write; a path
-            that cannot be written; other types. On all ranks.
+        ContactInputError: another ending, or what a format cannot hold or this dolfinx not write; a
+            path that cannot be written; other types. On all ranks.
     """
     file = _BodyFile(path, u, {} if cell_fields is None else cell_fields)
     file.write(0.0)
@@ -68,24 +68,15 @@ class _BodyFile:
         with collective(self._comm):
             path = writable_file("path", given, SUFFIXES)
             _check_fields(cell_fields, u.function_space.mesh)
-            if path.suffix == ".bp" and cell_fields:
-                raise ContactInputError(f"{path}: cell_fields are for .pvd; VTX holds one space")
+            if path.suffix != ".pvd" and cell_fields:
+                raise ContactInputError(f"{path}: cell_fields are for .pvd")
         self._u, self._cell_fields, self._path = u, cell_fields, path
         self._steps: list[tuple[float, list[str]]] = []
-        self._vtx: Any = None
-        if path.suffix == ".bp":
-            u.name = "displacement"
-            with writing(path):
-                self._vtx = compat.vtx_writer(self._comm, path, u)
-            if self._vtx is None:
-                raise ContactInputError(
-                    f"{path}: this dolfinx {dolfinx.__version__} is built without ADIOS2, which "
-                    "VTX needs. Write .pvd instead"
-                )
+        self._series: Any = None if path.suffix == ".pvd" else open_series(path, u)
 
     def write(self, time: float) -> None:
-        if self._vtx is not None:
-            self._vtx.write(time)
+        if self._series is not None:
+            self._series.write(time)
             return
         grid = _own_grid(self._u, self._cell_fields)
         filled = np.flatnonzero(self._comm.allgather(len(grid.cells) > 0))
@@ -99,8 +90,8 @@ class _BodyFile:
                 write_index(self._path, self._steps)
 
     def close(self) -> None:
-        if self._vtx is not None:
-            self._vtx.close()
+        if self._series is not None:
+            self._series.close()
 
 
 def _own_grid(u: dolfinx.fem.Function, cell_fields: dict[str, Expr]) -> Grid:
@@ -209,7 +200,7 @@ class LoadSteps:
     Args:
         problem: the ``ContactProblem``, or the ``NonlinearContactProblem``.
         folder: where the files go; it is made.
-        suffix: of the bodies' files: ".pvd", or ".bp" for VTX.
+        suffix: of the bodies' files: ".pvd", or ".bp" for VTX, ".vtkhdf" for VTKHDF.
         cell_fields: makes of a mesh's displacement the fields of ``write_bodies``.
 
     Raises:

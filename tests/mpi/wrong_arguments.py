@@ -848,7 +848,7 @@ add(
     ),
 )
 add(
-    "must end on .pvd or .bp",
+    "must end on .pvd or .bp or .vtkhdf",
     lambda s: post.write_bodies(s.path("u.vtk"), s.solved.u),
     lambda s: post.write_bodies(s.path("u"), s.solved.u),
 )

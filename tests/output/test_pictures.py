@@ -20,6 +20,7 @@ from dolfinx.common import has_adios2
 from matplotlib import colors
 from mpi4py import MPI
 from paper_data import scene as patch_scene
+from scipy.spatial import cKDTree as tree
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat, plot, post
@@ -436,6 +437,30 @@ def test_nodes_of_cells(kind, tmp_path):
             assert np.abs(affine @ np.linalg.lstsq(affine, x, rcond=None)[0] - x).max() < 1e-14
 
 
+def test_vtkhdf(patch, tmp_path):
+    """The displacement is that of the corners, step by step; from dolfinx 0.10 on."""
+    u, problem = patch
+    if compat.io_module("vtkhdf") is None:
+        with pytest.raises(llm.ContactInputError, match="has no VTKHDF.*Write .pvd"):
+            post.write_bodies(tmp_path / "bodies.vtkhdf", u)
+        return
+    with post.LoadSteps(problem, tmp_path, suffix=".vtkhdf") as files:
+        files.write()
+        files.write()
+    with pytest.raises(llm.ContactInputError, match="cell_fields are for .pvd"):
+        post.write_bodies(tmp_path / "other.vtkhdf", u, {"x": u[0]})
+    path = tmp_path / "bodies_0.vtkhdf"
+    mesh = compat.io_module("vtkhdf").read_mesh(COMM, path)
+    size = mesh.geometry.index_map().size_local
+    assert size == u.function_space.mesh.geometry.index_map().size_local
+    known = tree(u.function_space.tabulate_dof_coordinates())
+    pyvista = pytest.importorskip("pyvista")
+    grid = pyvista.get_reader(path).read()
+    far, near = known.query(grid.points)
+    assert far.max() < 1e-12
+    np.testing.assert_allclose(grid["u"], u.x.array.reshape(-1, 3)[near], atol=1e-12)
+
+
 def test_vtx(patch, tmp_path):
     """BP4 holds raw numbers: those of the displacement are found in it."""
     u, problem = patch
@@ -455,7 +480,7 @@ def test_vtx(patch, tmp_path):
 
 
 def test_errors_of_files(patch, tmp_path):
-    with pytest.raises(llm.ContactInputError, match="must end on .pvd or .bp"):
+    with pytest.raises(llm.ContactInputError, match="must end on .pvd or .bp or .vtkhdf"):
         post.write_bodies(tmp_path / "bodies.vtu", patch[0])
     low = pairs.block(COMM, (2, 2, 1), (-1.0, -1.0, 0.0), (1.0, 1.0, 1.0), "tetrahedron")
     high = pairs.block(COMM, (3, 3, 1), (-0.5, -0.5, 1.0), (0.5, 0.5, 2.0), "hexahedron")
