@@ -16,7 +16,7 @@ from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.settling import foreseen, slide
 from dolfinx_llm.finite.system import Part
 from dolfinx_llm.finite.terms import Held, MovingContact
-from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
+from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
 ROUNDED = 4e-15  # residual over stiffness times length: stresses near 1 + grad u = 1 are rounded
@@ -72,6 +72,14 @@ def _push(total: np.ndarray, at: np.ndarray, force: np.ndarray) -> None:
     np.add.at(total, at[mine], force[mine])
 
 
+def _stay(status: np.ndarray | None, q: np.ndarray, steps: Equations) -> Any:
+    """Which pairs without friction stay in contact in a step in time: those that press with forces
+    q at its start; (n,) or one for all."""
+    if status is None or not steps.bodies.in_time:
+        return False
+    return (status == CLOSED) & (q[: len(status)] > 0.0)
+
+
 class Increment:
     """Newton's iteration from a state to a part of a load step.
 
@@ -88,8 +96,7 @@ class Increment:
 
     def __init__(self, steps: Equations, good: NewtonState, step: LoadStep, end: float) -> None:
         self.steps, self.end = steps, end
-        self.dofs, start = steps.bodies.dofs, step.start
-        self.fixed = self.dofs.fixed
+        self.dofs, self.fixed, start = steps.bodies.dofs, steps.bodies.dofs.fixed, step.start
         self.u, self.own = good.u.copy(), [q.copy() for q in good.own]
         self.target = start.u + end * (step.values - start.u)
         self.pressures = start.pressures + end * (step.pressures - start.pressures)
@@ -107,6 +114,7 @@ class Increment:
             ]
             self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
         self.status: list[Any] = list(good.status)
+        self.stays = [_stay(status, q, steps) for status, q in zip(start.status, start.own)]
         self.changes, self.doubt, self.stuck, self.error = 0, 0.0, False, np.inf
         self._body = self._residual(self.u)
         self.evaluate()
@@ -164,9 +172,11 @@ class Increment:
             reach = np.where(start == OPEN, NO_GAP * size, max(NO_GAP * size, self.doubt / scale))
             now, found = contact.touching(place, q, start, held, reach)
             fallen = self.stuck and not (start != OPEN).any()  # bodies that contact alone supports
-            if (before is None or fallen) and not now.any() and place.pairs.any():  # nearest touch
+            fallen = (before is None or fallen) and not self.steps.bodies.in_time
+            if fallen and not now.any() and place.pairs.any():  # nearest touch
                 reach = np.full(len(start), place.gap.min() + NEARLY * size)
                 now, found = contact.touching(place, q, start, held, reach)
+            now = np.where(self.stays[i] & place.pairs, CLOSED, now)
             self.changes += int(((now != OPEN) != (start != OPEN)).sum())
             self.status[i] = now
             self.held[i] = replace(found, pairs=place.pairs)
@@ -226,6 +236,7 @@ class Increment:
             q, held = self.own[i], self.held[i]
             z, place = self.dofs.values(placed.numbers, du), self.terms[i].place
             now = foreseen(placed.what, place, (z, q + dq), held, NO_GAP * self.steps.size)
+            now = np.where(self.stays[i] & place.pairs, CLOSED, now)
             if (now != self.status[i]).any():
                 self.status[i], found = now, True
                 self.terms[i] = placed.what.terms(place, q, now, held, placed.free)

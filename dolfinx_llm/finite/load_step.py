@@ -19,6 +19,9 @@ class Bodies(Protocol):
 
     dofs: BodyDofs
     size: float  # of the largest cell [length]
+    version: int  # counts the changes of what they are made of
+    in_time: bool  # load steps are steps in time: bodies may fly, and pairs without friction that
+    # press at the start of one stay in contact in it
 
     def residual(self, u: np.ndarray) -> np.ndarray:
         """This rank's residual of all dofs at u (n_local,)."""
@@ -79,10 +82,11 @@ class Equations:
     size: float  # of the facets in contact [length]
     times: StageTimes  # to which seconds are added
     scale: float = 0.0  # stiffness of the bodies, known with the first tangent [force / length]
+    measured: int = -1  # version of the bodies that this is of
 
     def measure(self, u: np.ndarray) -> None:
-        """Find the bodies' stiffness at this rank's u, once; collective."""
-        if self.scale == 0.0:
+        """Find the bodies' stiffness at this rank's u, once for what they are now; collective."""
+        if self.measured != self.bodies.version:
             K = self.bodies.tangent(u)
-            self.scale = mean_diagonal(K)
+            self.scale, self.measured = mean_diagonal(K), self.bodies.version
             K.destroy()

@@ -133,6 +133,12 @@ class ContactMethod:
         self._reported = multiplier
         return u, multiplier, v
 
+    def pushed(self) -> np.ndarray:
+        """(n_local,) -B λ of the last solve [force]."""
+        operators = self.setting.operators
+        own = self.iteration.multiplier[operators.rows.numbering.mine]
+        return -times(operators.B, own)
+
     def adjoint(self, load: np.ndarray) -> np.ndarray:
         """This rank's p of the transposed step of the last solve, load (n_local,).
 

@@ -113,6 +113,12 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         return self.bulk.u if self._several else self.bulk.u[0]
 
     @property
+    def pushed(self) -> np.ndarray:
+        """(n_local,) what interfaces and follower loads push this rank's dofs with in the last
+        state [force]."""
+        return self._state.pushed
+
+    @property
     def history(self) -> list[dict]:
         """Iterations of the last ``solve``."""
         return self._newton.history

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
@@ -139,6 +140,11 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
         if not self.results:
             raise ContactError("there is no displacement yet: call solve() first")
         return self._u if self.bulk.several else self._u[0]
+
+    @property
+    def pushed(self) -> np.ndarray:
+        """(n_local,) -B λ, what interfaces push this rank's dofs with [force]."""
+        return self.method.pushed()
 
     @property
     def K(self) -> PETSc.Mat:

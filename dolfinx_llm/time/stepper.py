@@ -21,6 +21,7 @@ from dolfinx_llm.problem.form_arguments import form_space, given_forms, listed
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
 from dolfinx_llm.time.inertia import moved_mass
+from dolfinx_llm.time.mean import MeanForces
 from dolfinx_llm.time.saved import SavedSteps
 
 SCHEMES = "massless", "newmark"
@@ -30,16 +31,18 @@ DENSITY = "give a positive number, a UFL expression or a list of them, one per m
 
 
 class TimeStepper(SavedSteps):
-    """Bodies of static forms that have inertia, stepped in time by the trapezoidal rule.
+    """Bodies of static forms that have inertia, stepped in time by the trapezoidal rule, nonlinear
+    forces by their mean on the way of a step.
 
     The cells at surfaces that may meet have no mass, the next ones carry it: these surfaces are at
     rest with what touches them and what lies behind, so that impact needs no impulse and contact
     forces do not chatter. Pairs without friction that press each other at the start of a step stay
-    in contact in it, so that the forces of both ends do no work where bodies part: energy of linear
-    bodies under constant loads never grows, and what impact takes falls with the square of the
-    step.
+    in contact in it, so that the forces of both ends do no work where bodies part: energy under
+    constant loads never grows, and what impact takes falls with the square of the step.
 
-        M (u - u0 - dt v0) 4 / dt² + (F(u) + B λ) + (F(u0) + B λ0) = 0,   v = 2 (u - u0) / dt - v0
+        M (u - u0 - dt v0) 4 / dt² + 2 F̄ + B λ + B λ0 = 0,   v = 2 (u - u0) / dt - v0
+
+    with F̄ the mean of F on the straight way from u0 to u, (F(u) + F(u0)) / 2 where F is linear.
 
     Args:
         rho: density as drawn: a number, a Constant, Function or UFL expression that does not
@@ -94,20 +97,18 @@ class TimeStepper(SavedSteps):
         for V in spaces:
             check_space(V, highest=2)
         agree(self.comm, "dt and scheme", (dt, scheme))
-        self.density, inertia = [], []
         self._rates = [fem.Constant(V.mesh, 4.0 / dt**2) for V in spaces]
-        forms = list(listed(a))
+        forms, masses, self.density = list(listed(a)), [], []
+        with collective(self.comm):
+            self._mean = mean = MeanForces(forms, listed(L)) if nonlinear else None
         for i, (V, density) in enumerate(zip(spaces, densities, strict=True)):
             if surfaces := _surfaces(V, chosen) if scheme == "massless" else []:
                 density = density * moved_mass(V, density, surfaces)
-            w, *others = forms[i].arguments()  # the form's own: spaces are compared by identity
-            dx = ufl.Measure("dx", domain=V.mesh)
-            mass = density * ufl.inner(others[0] if others else ufl.TrialFunction(V), w) * dx
-            now = density * ufl.inner(listed(L)[i], w) * dx if nonlinear else mass
-            forms[i] = forms[i] + self._rates[i] * now
+            mass, now = _inertia(density, V, forms[i], listed(L)[i] if mean else None)
+            forms[i] = sum((mean.forms[i],) if mean else (), forms[i] + self._rates[i] * now)
             self.density.append(density)
-            inertia.append(compat.form("rho", mass))
-        self._M = block_diagonal([compat.assemble_matrix(m, [], 1.0) for m in inertia])
+            masses.append(compat.assemble_matrix(compat.form("rho", mass), [], 1.0))
+        self._M = block_diagonal(masses)
         self._pushes = [fem.Function(V, name="inertia") for V in spaces]
         given = [nodal_loads] if isinstance(nodal_loads, fem.Function) else list(nodal_loads)
         kind: Any = NonlinearContactProblem if nonlinear else ContactProblem
@@ -119,10 +120,8 @@ class TimeStepper(SavedSteps):
             **options,
         )
         self._u = list(listed(L)) if nonlinear else [fem.Function(V, name="u") for V in spaces]
-        self._v = [fem.Function(V, name="v") for V in spaces]
-        self._linear, self._left = not nonlinear, np.zeros(0)
-        if self._linear:
-            self.problem.method.in_time = True
+        self._v, self._left = [fem.Function(V, name="v") for V in spaces], np.zeros(0)
+        (self.problem.bulk if nonlinear else self.problem.method).in_time = True
         self._bare = diagonal_of(self._M) == 0.0
 
     @property
@@ -137,28 +136,28 @@ class TimeStepper(SavedSteps):
 
     def start(self) -> None:
         """Find the forces at the start, from u, v and the loads as they are; the first ``step``
-        does so unless you have done it before. Surfaces of linear bodies that have no mass come to
-        rest with what lies behind them; nonlinear ones have to be drawn so. Collective.
+        does so unless you have done it before. Surfaces without mass come to rest with what lies
+        behind them; ties have the forces that hold them as bodies accelerate. Collective.
 
         Raises:
             ContactError: contact does not balance what presses it.
         """
         u = self._values(self._u)
         fixed, c = self.problem.bulk.dofs.fixed, 4.0 / self.dt**2
-        if self._linear:
-            self._use(INERT * c)
-            self._push(INERT * c * times(self._M, u))
-            self.problem.solve()
-            rests = self._values(listed(self.problem.u))
-            u = np.where(self._bare & ~fixed, rests, u)
+        self._use(INERT * c)
+        self._push(INERT * c * times(self._M, u))
+        if self._mean:
+            self._mean.begin(u, self.problem.bulk.dofs.counts, on=False)
+            self.problem.reset()
+        self.problem.solve()
+        rests = self._values(listed(self.problem.u))
+        u = np.where(self._bare & ~fixed, rests, u)
         self._use(c)
         self._push(np.zeros(len(u)))
-        if self._linear:
-            left = -self.problem.bulk.force(u)
-        else:
-            self.problem.reset()
-            left = self.problem.bulk.residual(u)
-        self._left = np.where(self._bare | fixed, 0.0, left - c * times(self._M, u))
+        bulk = self.problem.bulk
+        left = bulk.residual(u) if self._mean else -bulk.force(u)
+        left -= self.problem.pushed + c * times(self._M, u)
+        self._left = np.where(self._bare | fixed, 0.0, left)
         fill(self._u, u, self.problem.bulk.dofs.counts)
 
     def step(self) -> fem.Function | list[fem.Function]:
@@ -199,11 +198,16 @@ class TimeStepper(SavedSteps):
         """One step of dt."""
         u, v, c = self._values(self._u), self._values(self._v), 4.0 / dt**2
         push = c * times(self._M, u + dt * v) - self._left
+        counts = self.problem.bulk.dofs.counts
         self._use(c)
         self._push(push)
+        if self._mean:
+            self._mean.begin(u, counts, on=True)
         self.problem.solve()
-        now, counts = self._values(listed(self.problem.u)), self.problem.bulk.dofs.counts
+        now = self._values(listed(self.problem.u))
         self._left = push - c * times(self._M, now)
+        if self._mean:
+            self._left -= np.where(self.problem.bulk.dofs.fixed, 0.0, self._mean.values())
         rate = (now - u) / dt
         fill(self._u, now, counts)
         fill(self._v, np.where(self._bare, rate, 2.0 * rate - v), counts)
@@ -212,6 +216,8 @@ class TimeStepper(SavedSteps):
             self._accepted(self)
 
     def _use(self, c: float) -> None:
+        if self._mean and c != self._rates[0].value:
+            self.problem.bulk.version += 1
         for rate in self._rates:
             rate.value = c
 
@@ -233,6 +239,15 @@ def _spaces(a: Any, L: Any, nonlinear: bool) -> list[Any]:
         checks.instance("L", item, fem.Function, "give the Function u that F is written in")
     given_forms(1, a)
     return [u.function_space for u in listed(L)]
+
+
+def _inertia(density: Any, V: Any, form: ufl.Form, u: Any) -> tuple[ufl.Form, ufl.Form]:
+    """Mass, and inertia of a static form in V, which is a residual in the Function u or bilinear,
+    None; with its own arguments: spaces are compared by identity."""
+    w, *others = form.arguments()
+    dx = ufl.Measure("dx", domain=V.mesh)
+    mass = density * ufl.inner(others[0] if others else ufl.TrialFunction(V), w) * dx
+    return mass, mass if u is None else density * ufl.inner(u, w) * dx
 
 
 def _positive(name: str, value: Any) -> float:
