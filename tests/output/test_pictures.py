@@ -450,7 +450,7 @@ def test_vtkhdf(patch, tmp_path):
     with pytest.raises(llm.ContactInputError, match="cell_fields are for .pvd"):
         post.write_bodies(tmp_path / "other.vtkhdf", u, {"x": u[0]})
     path = tmp_path / "bodies_0.vtkhdf"
-    mesh = compat.io_module("vtkhdf").read_mesh(COMM, path)
+    mesh = compat.io_module("vtkhdf").read_mesh(COMM, str(path))
     size = mesh.geometry.index_map().size_local
     assert size == u.function_space.mesh.geometry.index_map().size_local
     known = tree(u.function_space.tabulate_dof_coordinates())
