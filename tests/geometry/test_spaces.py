@@ -1,4 +1,4 @@
-"""Meshes that bodies may have; one of several kinds of cells stands for what newer dolfinx reads."""
+"""Meshes that bodies may have; a stand-in has several kinds of cells, which newer dolfinx reads."""
 
 from types import SimpleNamespace
 
