@@ -170,7 +170,10 @@ class Equations:
         return rows.tied(s.others.speaker, s.others.unheld & calmed, self.scale)
 
     def all_stick(self, step: LinearStep) -> LinearStep:
-        """The first step, when nothing is known: all stick, as in the paper."""
+        """The first step, when nothing is known: all stick, as in the paper; but where nothing
+        opens or slips, which is solved at once."""
+        if not any(s.law.opens or s.law.slips for s in self.states):
+            return step
         for s in self.states:
             s.own.status = np.full(len(s.nodes.kappa), STICK)
         first, count = self.n_v, self.m - self.n_v

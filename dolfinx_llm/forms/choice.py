@@ -76,6 +76,9 @@ def _choose_steps(asked: str, symmetric: bool, operators: ContactOperators) -> t
     limit, few = CROSSOVER[operators.dofs.gdim], rows <= FLEXIBLE and symmetric
     cheap = operators.dofs.gdim == 2 or rows * unknowns ** (1 / 3) <= ASKING
     condensed = asked == "auto" and unknowns >= limit and symmetric and _iterates(operators)
+    laws = [geometry.interface.law for geometry in operators.geometries]
+    if not (condensed or any(law.opens or law.slips for law in laws)):
+        return "saddle", "chosen: nothing opens or slips, so that one factorisation serves"
     if few and (cheap or not condensed):
         first = "as asked, " if asked == "saddle" else ""
         return "flexibility", f"{first}with up to {FLEXIBLE} multipliers the bodies are asked once"

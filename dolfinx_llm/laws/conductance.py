@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,10 +23,10 @@ class Conductance(Law):
 
     Args:
         h: conductance, at least 0 [power / (area temperature)]: a number, a function of positions
-            (k, gdim) that returns (k,), or a scalar dolfinx Function of one of the bodies' meshes.
-            It is asked anew in every solve, so that a function may tell it from the pressure of
-            another problem's last one: ``lambda x: c * contact.results[0].pressure_at(x)``.
-            Nothing flows where it is 0.
+            (k, gdim) that returns (k,), a scalar dolfinx Constant, or a scalar Function of one of
+            the bodies' meshes. It is asked anew in every solve, so that a function may tell it from
+            the pressure of another problem's last one, see ``result.pressure_at``:
+            ``lambda x: c * contact.results[0].pressure_at(x)``. Nothing flows where it is 0.
 
     Raises:
         ContactInputError: h negative or no number.
@@ -38,8 +39,14 @@ class Conductance(Law):
     components, opens, gives, closes_gap, scalar = "cartesian", False, True, False, True
 
     def __post_init__(self) -> None:
-        if not callable(self.h):
-            checks.number("Conductance: h", self.h, CONDUCTS, low=0.0)
+        if not callable(h := self._now):
+            checks.number("Conductance: h", h, CONDUCTS, low=0.0)
+
+    @property
+    def _now(self) -> Any:
+        """h, of a Constant its value."""
+        value = getattr(self.h, "value", self.h)
+        return float(value) if isinstance(value, np.ndarray) and value.ndim == 0 else value
 
     def __repr__(self) -> str:
         return f"Conductance(h={checks.shown(self.h)})"
@@ -53,7 +60,7 @@ class Conductance(Law):
         Raises:
             ContactInputError: h is negative or no number at a node.
         """
-        h = np.asarray(nodes.values(self.h), dtype=float)
+        h = np.asarray(nodes.values(self._now), dtype=float)
         if h.shape != (len(nodes.x),) or not ((h >= 0.0) & (h < np.inf)).all():  # NaN as well
             told = f"shape {h.shape}" if h.ndim != 1 or not len(h) else f"{h.min()} to {h.max()}"
             raise ContactInputError(

@@ -90,6 +90,25 @@ def test_flow_through_a_part():
     assert abs(flows[2]) < 1e-15 < flows[0] < flows[1]
 
 
+def test_conductance_as_constant_or_function():
+    """Both change between solves."""
+    bodies = heat.blocks(COMM, 2)
+    constant = fem.Constant(bodies[0][0], H)
+    function = fem.Function(compat.function_space(bodies[1][0]))
+    for h in (constant, function):
+        scene = heat.Conducting(bodies, llm.Conductance(h), heat.Linear(2))
+        for now in (H, 3.0 * H):
+            if h is constant:
+                constant.value = now
+            else:
+                function.x.array[:] = now
+            scene.bcs[1].g.x.array[:] += scene.field.jump - heat.FLUX / now
+            scene.field.jump = heat.FLUX / now
+            check(scene)
+    with pytest.raises(llm.ContactInputError, match="a finite number of at least 0"):
+        llm.Conductance(fem.Constant(bodies[0][0], -1.0))
+
+
 @pytest.mark.parametrize("law", [llm.Tied(), llm.Conductance(H)], ids=str)
 def test_heated_body(law):
     """A body that only the interface cools: all of its heat goes there."""
