@@ -223,3 +223,17 @@ def test_first_scripts(name, forces, tmp_path):
         np.testing.assert_allclose(np.abs(found), np.abs(forces), atol=1e-9)
     assert (tmp_path / "out" / "bodies.png").read_bytes()[:4] == b"\x89PNG"
     assert list((tmp_path / "out").glob("bodies*.pvd"))
+
+
+@pytest.mark.long
+def test_periodic_cell(tmp_path):
+    """Conductivity of the series, and none but the mean gradient without fibre."""
+    import periodic_cell
+
+    files = "--json", tmp_path / "rows.json", "--plot", tmp_path
+    rows = periodic_cell.main(["--refine", "1", *map(str, files)])
+    for row in rows:
+        assert row["k"] == pytest.approx(row["series"], rel=5e-3)
+        assert np.abs(row["no fibre"]).max() < 1e-13
+    assert (tmp_path / "periodic_cell.png").read_bytes()[:4] == b"\x89PNG"
+    assert len(json.loads((tmp_path / "rows.json").read_text())) == 3
