@@ -108,7 +108,7 @@ def matching(comm, n):
     a, L = (fem.form(form) for form in forms(V))
     began = time.perf_counter()
     K = compat.assemble_matrix(a, bcs, 1.0)
-    f = compat.assemble_load(L, a, bcs, V, [])
+    f = compat.assemble_load(L, a, bcs, compat.prescribed(V, bcs), [])
     assembled = time.perf_counter() - began
     fixed = ~np.isnan(compat.prescribed_values(V, bcs)[: len(f)])
     _, row = solve_scaled(K, f, body_modes(V, fixed))

@@ -108,7 +108,7 @@ def one_mesh(scene, V, a, L, bcs, solver, nodal=(), constraint=None):
     out = ~np.isnan(compat.prescribed_values(V, bcs)[:n])
     if constraint is None:
         K = compat.assemble_matrix(a, bcs, 1.0)
-        f = compat.assemble_load(L, a, bcs, V, nodal)
+        f = compat.assemble_load(L, a, bcs, compat.prescribed(V, bcs), nodal)
     else:
         K, f = constrained_system(constraint, V, a, L, bcs, nodal)
         space = constraint.function_space
