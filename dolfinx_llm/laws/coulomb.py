@@ -40,9 +40,12 @@ class Coulomb(Law):
         method: "newton": semismooth Newton on the projection form; "switch": the paper's own
             switch between stick and slip with the direction of the last iterate (16), (17), which
             settles gross sliding, and does not settle first slip where directions turn.
+        dynamic: coefficient where the surfaces slide, at most mu, which then holds where they are
+            at rest; given in the same ways; None: mu. What slips at the end of a load step or step
+            in time has it from the next one on, until it comes to rest.
 
     Raises:
-        ContactInputError: mu negative or not finite, unknown method.
+        ContactInputError: mu negative or not finite, unknown method, dynamic above mu.
 
     >>> Coulomb(0.3)
     Coulomb(mu=0.3, method='newton')
@@ -53,6 +56,7 @@ class Coulomb(Law):
     mu: Varying
     method: str = "newton"
     cohesion: Varying = 0.0
+    dynamic: Varying | None = None
     slips: bool = field(init=False, default=True)  # whether there are tangential forces at all
     shares = True
 
@@ -62,11 +66,12 @@ class Coulomb(Law):
         return "local" if self.slips else "normal"
 
     @property
-    def _bounds(self) -> tuple[Varying, Varying]:
-        return self.mu, self.cohesion
+    def _bounds(self) -> dict[str, Varying]:
+        given = {"mu": self.mu, "cohesion": self.cohesion, "dynamic": self.dynamic}
+        return {name: value for name, value in given.items() if value is not None}
 
     def __post_init__(self) -> None:
-        for name, value in zip(("mu", "cohesion"), self._bounds, strict=True):
+        for name, value in self._bounds.items():
             if isinstance(value, np.ndarray) and value.ndim:
                 _at_least_0(name, value, len(value))
             elif not callable(value):
@@ -74,13 +79,15 @@ class Coulomb(Law):
                     f"Coulomb: {name}", value, "give a finite number of at least 0", low=0.0
                 )
         checks.one_of("Coulomb: method", self.method, METHODS)
-        bears = any(callable(a) or bool(np.any(np.asarray(a) > 0.0)) for a in self._bounds)
+        bears = any(callable(a) or bool(np.any(np.asarray(a) > 0.0)) for a in self._bounds.values())
         object.__setattr__(self, "slips", bears)
 
     def __repr__(self) -> str:
         shown = [f"mu={checks.shown(self.mu)}", f"method={self.method!r}"]
         if callable(self.cohesion) or np.any(np.asarray(self.cohesion) != 0.0):
             shown.append(f"cohesion={checks.shown(self.cohesion)}")
+        if self.dynamic is not None:
+            shown.append(f"dynamic={checks.shown(self.dynamic)}")
         return f"Coulomb({', '.join(shown)})"
 
     def start(self, nodes: LawNodes) -> dict[str, np.ndarray]:
@@ -90,14 +97,26 @@ class Coulomb(Law):
             nodes: at rest.
 
         Raises:
-            ContactInputError: not a value of at least 0 for each.
+            ContactInputError: not a value of at least 0 for each, dynamic above mu.
         """
         n = len(nodes.x)
-        mu, cohesion = (
-            _at_least_0(name, nodes.values(value), n)
-            for name, value in zip(("mu", "cohesion"), self._bounds, strict=True)
-        )
-        return {"mu": mu, "cohesive": nodes.area * cohesion}
+        found = {
+            name: _at_least_0(name, nodes.values(value), n) for name, value in self._bounds.items()
+        }
+        above = found.get("dynamic", found["mu"]) - found["mu"]
+        if (above > 0.0).any():
+            raise ContactInputError(
+                f"Coulomb: dynamic is above mu, by {above.max():g}: what slips would be at rest at "
+                "once. Give a coefficient of at most mu"
+            )
+        return {"mu": found["mu"], "cohesive": nodes.area * found["cohesion"]}
+
+    def end_step(self, nodes: LawNodes) -> dict[str, np.ndarray]:
+        if self.dynamic is None:
+            return nodes.history
+        slips = nodes.status == SLIP
+        mu = np.where(slips, nodes.values(self.dynamic), nodes.values(self.mu))
+        return nodes.history | {"mu": mu}
 
     def _bound(self, nodes: LawNodes) -> np.ndarray:
         """(k,) what tangential forces may reach, node by node [force]. One that is pulled at, by a

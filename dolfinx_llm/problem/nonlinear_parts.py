@@ -64,6 +64,11 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
         raise ContactInputError(
             f"law={checks.shown(interface.law)}: at finite deformation choose method='newton'"
         )
+    if isinstance(interface.law, Coulomb) and interface.law.dynamic is not None:
+        raise ContactInputError(
+            f"law={checks.shown(interface.law)}: a dynamic coefficient is for small deformation: "
+            "the moving frame keeps no state of its nodes from step to step. Leave dynamic=None"
+        )
     if interface.shift is not None:
         raise ContactInputError("shift: periodic bodies are for small deformation")
     tie = interface.law

@@ -239,6 +239,11 @@ add(
     lambda s: llm.Coulomb(0.1, method=["newton"]),
 )
 add(
+    "Coulomb: dynamic.*: give a finite number of at least 0",
+    lambda s: llm.Coulomb(0.1, dynamic=-0.1),
+    lambda s: llm.Coulomb(0.1, dynamic="0.05"),
+)
+add(
     "close_gap=.*give True or False",
     lambda s: llm.Tied(close_gap="no"),
     lambda s: llm.Tied(close_gap=1),
