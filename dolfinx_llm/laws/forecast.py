@@ -31,6 +31,16 @@ class Forecast:
     k: np.ndarray  # (n,) stiffness of rows; 0: out of contact for good [force / length]
     press: np.ndarray  # (n,) rows whose force must not be negative
 
+    def normal(self) -> Forecast:
+        """The same of normal forces alone, and of the motions that mainly these see: with friction,
+        whose forces are told otherwise, for the time being those of the guess."""
+        squares = self.L.power(2)
+        of_press = np.asarray(squares[self.press].sum(axis=0)).ravel()
+        seen = of_press > 0.5 * np.asarray(squares.sum(axis=0)).ravel()
+        L = self.L[:, np.flatnonzero(seen)]
+        own = np.asarray(L.power(2).sum(axis=1) - 0.5 * squares.sum(axis=1)).ravel() > 0.0
+        return Forecast(L, np.where(own, self.k, 0.0), self.press)
+
     def pressing(self, force: np.ndarray, position: np.ndarray) -> np.ndarray:
         """(n,) rows of ``press`` with λ' > 0.
 

@@ -26,8 +26,7 @@ from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.step import LinearStep
 from dolfinx_llm.operators.petsc import diagonal_of, times
 
-# Residuals about the last iterate, of the load, and the part that a linear solve leaves of them.
-LEAVES = (1e-8, 0.0), (1e-6, 1e-4), (np.inf, 1e-2)
+LEAVES = 1e-2  # of a residual about the last iterate, by a linear solve, at most
 ASTRAY = 1e3  # times the load: residuals of the last solution from which on it is no start
 AT_ROUNDING = 1e-10  # of the load: where GMRES has got there, rounding alone leaves no more
 FINAL = 1e-13  # of the load: nothing less is asked for
@@ -200,9 +199,11 @@ class FrictionStep:
         return q, size
 
     def _goal(self, size: float, load: float) -> float:
-        """What a solve is to leave of a residual about the last iterate."""
-        part = next(part for most, part in LEAVES if size <= most * load)
-        return max(part * min(size, load), FINAL * load)
+        """What a solve is to leave of a residual about the last iterate. Newton's next one is about
+        its square: less is not worth it."""
+        if self._of.loose is not None:
+            return max(self._of.loose, FINAL) * load
+        return max(min(LEAVES, size / load) * min(size, load), FINAL * load)
 
     def _serve(self, anew: bool) -> None:
         """Make the multigrid anew, or fit it to this step."""

@@ -22,11 +22,12 @@ from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import Reduced
 from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.forms.direct import set_up_ksp
-from dolfinx_llm.operators.petsc import create_aij, times
+from dolfinx_llm.operators.petsc import create_aij, join_blocks, times
 from dolfinx_llm.operators.system import ContactOperators
 
 STIFFER = 0.5  # of what bodies set against a jump: by so much a law's stiffness has not changed
-SET_UP = 12  # iterations that a new multigrid costs, about
+BEGINS = 4  # iterations more, of a solve's first digits, with any multigrid
+SET_UP = 24  # iterations that a new multigrid costs, about
 
 
 class KeptMultigrid:
@@ -103,15 +104,35 @@ class KeptMultigrid:
         self._at = np.unique(mine)
         self.changed = form.comm.allreduce(len(self._at))
         if self.changed:
-            chosen = PETSc.IS().createGeneral((self._at + tail.first).astype(PETSc.IntType),
-                                              A[2].comm)  # fmt: skip
-            matrix = A[2].createSubMatrix(chosen, chosen)
-            chosen.destroy()
+            matrix = self._around(form, A)
             options = {"ksp_type": "preonly", "pc_type": "lu", "mat_mumps_icntl_24": 1,
                        "pc_factor_mat_solver_type": "mumps"}  # fmt: skip
             self._factor = set_up_ksp(matrix, "llm_changed_", options)
             self._b, self._c = matrix.createVecs()
             matrix.destroy()
+
+    def _around(self, form: Transformation, A: Any) -> Any:
+        """The matrix on the chosen places and the bodies' dofs next to them: what law and bodies
+        say of these at once, neither the multigrid nor the places alone tell."""
+        right, below, corner = A
+        comm, first, start = corner.comm, form.tail.first, self._split.first
+        indptr, columns, _ = right.getValuesCSR()
+        every = np.concatenate(form.comm.allgather(self._at + first))
+        row = np.repeat(np.arange(self._n), np.diff(indptr))
+        self._near = np.unique(row[np.isin(columns, every)])
+        places = [
+            PETSc.IS().createGeneral(at.astype(PETSc.IntType), comm)
+            for at in (self._near + start, self._at + first)
+        ]
+        body, tail = places
+        parts = [
+            [self._split.inside.createSubMatrix(body, body), right.createSubMatrix(body, tail)],
+            [below.createSubMatrix(tail, body), corner.createSubMatrix(tail, tail)],
+        ]
+        matrix, _ = join_blocks(parts)
+        for item in (*places, *parts[0], *parts[1]):
+            item.destroy()
+        return matrix
 
     def _changes(
         self, form: Transformation, rows: EliminatedRows, reduced: Reduced
@@ -135,28 +156,40 @@ class KeptMultigrid:
 
     def apply(self, body: np.ndarray, tail: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The preconditioner times this rank's residual of the bodies and of the other places."""
-        right, below, corner = self._A
-        first = self._correction(tail)
+        first = self._correction(body, tail)
         if first is not None:
-            body, tail = body - times(right, first), tail - times(corner, first)
+            body, tail = self._left(body, tail, *first)
         scale = self._S.array_r
         self._x.array_w[:] = scale * np.concatenate([body, times(self._P, tail, transposed=True)])
         self.ksp.getPC().apply(self._x, self._y)
         found = scale * self._y.array_r
         inside, outside = found[: self._n], times(self._P, found[self._n :])
-        if first is not None:
-            left = tail - times(below, inside) - times(corner, outside)
-            outside += first + self._correction(left)
+        again = self._correction(*self._left(body, tail, inside, outside)) if first else None
+        for part in (first, again):
+            if part is not None:
+                inside, outside = inside + part[0], outside + part[1]
         return inside, outside
 
-    def _correction(self, tail: np.ndarray) -> np.ndarray | None:
+    def _left(
+        self, body: np.ndarray, tail: np.ndarray, x: np.ndarray, y: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What x of the bodies and y of the other places leave of a residual."""
+        right, below, corner = self._A
+        inside = body - times(self._split.inside, x) - times(right, y)
+        return inside, tail - times(below, x) - times(corner, y)
+
+    def _correction(
+        self, body: np.ndarray, tail: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """What the factorised part makes of a residual; None where nothing has changed."""
         if self._factor is None:
             return None
-        self._c.array_w[:] = tail[self._at]
+        k = len(self._near)
+        self._c.array_w[:] = np.concatenate([body[self._near], tail[self._at]])
         self._factor.solve(self._c, self._b)
-        found = np.zeros(len(tail))
-        found[self._at] = self._b.array_r
-        return found
+        x, y = np.zeros(len(body)), np.zeros(len(tail))
+        x[self._near], y[self._at] = self._b.array_r[:k], self._b.array_r[k:]
+        return x, y
 
     def release(self) -> None:
         """Free what is another step's; collective."""
@@ -173,7 +206,7 @@ class KeptMultigrid:
 
 
 class FrictionSystem:
-    """What steps with friction keep from one to the next.
+    """What steps of contact laws keep from one to the next.
 
     Attributes:
         split, operators: bodies and interfaces.
@@ -198,11 +231,12 @@ class FrictionSystem:
         self.excess = 0.0  # iterations that an old one has taken more
         self.iterations = self.set_ups = 0
         self.residual = 0.0
+        self.loose: float | None = None  # of the load, that solves may leave; None: by residuals
         self.left = 0.0  # residual of the last solve, as it is scaled
         self.last: Any = None  # u, λ and w of the last solve
 
     def describe(self) -> str:
-        """For ``print(problem)``: how steps with friction are solved."""
+        """For ``print(problem)``: how steps are solved."""
         how = "LU by MUMPS"
         if not self.direct:
             how = f"GMRES + GAMG, {self.iterations} iterations, {self.set_ups} set-ups"
@@ -234,7 +268,7 @@ class FrictionSystem:
         self.iterations += took
         if fresh and digits > 1.5:
             self.usual, self.excess = took / digits, 0.0
-        self.excess += took - self.usual * digits
+        self.excess += max(took - self.usual * digits - BEGINS, 0.0)
 
     def discard(self) -> None:
         """Give the multigrid up; collective."""

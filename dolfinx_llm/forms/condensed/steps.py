@@ -19,14 +19,13 @@ from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.friction import SOLVED, FrictionStep
 from dolfinx_llm.forms.condensed.kept import FrictionSystem
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
-from dolfinx_llm.forms.condensed.symmetric import items_of
+from dolfinx_llm.forms.condensed.symmetric import items_of, rigid_modes_of
 from dolfinx_llm.forms.condensed.system import CondensedSystem
 from dolfinx_llm.forms.exchange import SetUp, WholeSteps
 from dolfinx_llm.forms.options import FACTORISED
 from dolfinx_llm.forms.step import SOFT, LinearStep, StepResult, force_level
 from dolfinx_llm.forms.verdict import FinalError
 from dolfinx_llm.laws.forecast import Forecast
-from dolfinx_llm.operators.bodies import rigid_modes
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
@@ -57,7 +56,7 @@ class CondensedForm(WholeSteps):
         super().prepare(K, operators)
         with self.times.timed("reduction"):
             self.split = SplitStiffness(K, operators.rows.dofs)
-            self._items, self._modes = items_of(operators), _rigid_modes_of(operators)
+            self._items, self._modes = items_of(operators), rigid_modes_of(operators)
         self._known = np.zeros(0)  # what the system's matrix was made of
         self._spring, self._swings = 0.0, 0
         self._seen: list[np.ndarray] = []  # rows in contact in the steps towards one load
@@ -74,45 +73,65 @@ class CondensedForm(WholeSteps):
         step = replace(step, g=step.g - step.compliance * step.about)  # rows are eliminated as such
         if not _holds(step):  # what the matrix alone does not tell
             self.release()
-        new, before = f is not self._f, self._wrong
+        new = f is not self._f
+        self._seen = [] if new else self._seen
+        back = any(np.array_equal(step.active, one) for one in self._seen)
+        self._seen.append(step.active)
         if self._symmetric(step):
-            return self._forecast(f, step, new)
-        found = super().solve(f, step)
-        rises = not new and 0 < self._wrong >= before
-        self._swings = 0 if new else self._swings + rises
-        self._judge_friction(found, step)
-        return found
+            found = self._frictionless(f, step, back)
+        else:
+            found = self._with_friction(f, step, back, new)
+        return found if back else self._foretold(step, found)
 
     def _symmetric(self, step: LinearStep) -> bool:
         return abs(step.E - step.L.T).nnz == 0 and _holds(step)
 
-    def _forecast(self, f: np.ndarray, step: LinearStep, new: bool) -> StepResult:
+    def _by_cg(self, step: LinearStep) -> bool:
+        """Whether CG solves it, of rows that stay, of bodies that contact alone holds, and by
+        options of the user's; GMRES with a multigrid that follows what changes does elsewhere."""
+        given = self.options or {}
+        own = given.get("pc_type") in FACTORISED or any(key.startswith("ksp_") for key in given)
+        floats = self.operators.floating.rigid.modes.shape[1] > 0
+        return self._symmetric(step) and bool(own or floats or not step.may_open.any())
+
+    def _frictionless(self, f: np.ndarray, step: LinearStep, back: bool) -> StepResult:
         """A step without friction. Where signs are wrong it need not be solved to the end: what
         presses next is forecast from what there is; pairs are asked for where that comes back."""
-        self._seen = [] if new else self._seen
-        back = any(np.array_equal(step.active, one) for one in self._seen)
-        self._seen.append(step.active)
         self.most = CondensedForm.most if back else 0
-        made, solver = self._served(step), self.system.solver
-        if step.may_open.any() and not (back or (solver.ksp is not None and solver.direct)):
-            self.system.loose = loose = LOOSELY * FIRMER ** len(self._seen)
+        made = self._served(step)
+        system = self.system if self._by_cg(step) else self.friction
+        if step.may_open.any() and not (back or system.direct):
+            system.loose = loose = LOOSELY * FIRMER ** len(self._seen)
             found = self.result(step, *made.ask(step.loaded(f), step.g, step.rhs, step.about))
-            self.system.loose = 0.0
+            system.loose = 0.0
             least = -DOUBTLESS * loose * force_level(found.multiplier, found.y + step.g, self.scale)
             gap = self.scale * (step.L @ found.w - found.y - step.g)
             if (found.wrong & (np.where(step.active, found.multiplier, gap) < least)).any():
                 self._f, self._wrong = f, np.inf
-                return self._foretold(step, found)
+                return found
         found = super().solve(f, step)
-        self.tolerance, self.accuracy = self.system.tolerance, CondensedForm.accuracy
-        return found if back else self._foretold(step, found)
+        self.accuracy = CondensedForm.accuracy
+        self.tolerance = self.system.tolerance if self._by_cg(step) else 0.0
+        return found
+
+    def _with_friction(self, f: np.ndarray, step: LinearStep, back: bool, new: bool) -> StepResult:
+        """A step with friction, as far as the law's residual is worth it."""
+        self._served(step)
+        self.friction.loose, before = None, self._wrong
+        self.most = WholeSteps.most if self.friction.direct else ASKED * back
+        found = super().solve(f, step)
+        rises = back and 0 < self._wrong >= before
+        self._swings = 0 if new else self._swings + rises
+        self._judge_friction(found, step)
+        return found
 
     def _foretold(self, step: LinearStep, found: StepResult) -> StepResult:
         """The same, with those rows wrong that will change."""
-        if not found.wrong.any():
+        if not found.wrong.any() or (self.friction is not None and self.friction.direct):
             return found
-        held = step.active | step.may_open
-        forecast = Forecast(step.L, np.where(held, self._stiffness, 0.0), step.may_open)
+        k = np.where(step.active | step.may_open, self._stiffness, 0.0)
+        forecast = Forecast(step.L, k, step.may_open)
+        forecast = forecast if self._symmetric(step) else forecast.normal()
         pressing = forecast.pressing(found.multiplier, found.y + step.g)
         wrong = step.may_open & (pressing != step.active)
         return replace(found, wrong=wrong) if wrong.any() else found
@@ -165,7 +184,7 @@ class CondensedForm(WholeSteps):
             self._items,
             self.operators.dofs.gdim,
         )
-        if self._symmetric(step):
+        if self._by_cg(step):
             hold = -step.D.diagonal()
             self._eliminate(eliminated, step, hold)
             self.eager = False  # to ask takes a solve by CG
@@ -176,12 +195,12 @@ class CondensedForm(WholeSteps):
             # What hardly anything but contact holds moves far under a small residual.
             weak = self.operators.floating.rigid.modes.shape[1] > 0
             few = "pc_type" not in options[1] and self.split.inside.getSize()[0] < FEWEST
+            few = few and not self._symmetric(step)
             direct = weak or few or options[1].get("pc_type") in FACTORISED
             self.friction = FrictionSystem(self.split, self.operators, self._modes, options, direct)
         with self.times.timed("factorisation"):
             made = FrictionStep(self.friction, eliminated, on, step)
         self.eager = self.friction.direct
-        self.most = WholeSteps.most if self.eager else ASKED
         return made
 
     def _eliminate(self, eliminated: EliminatedRows, step: LinearStep, hold: np.ndarray) -> None:
@@ -268,24 +287,3 @@ def _holds(step: LinearStep) -> bool:
     own = step.D.diagonal()
     alone = abs(step.D - diags(own)).max() == 0.0 if len(own) else True
     return bool(alone and (own <= 0.0).all() and not step.rhs[own == 0.0].any())
-
-
-def _rigid_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]:
-    """Rigid modes at this rank's dofs of the bodies (n_local, k) and at all unknowns w (m, k),
-    about the middle of the scene and of its size, so that far coordinates cost no digits."""
-    bodies = operators.bodies
-    low, high = bodies.low.min(axis=0), bodies.high.max(axis=0)
-    centre, size = 0.5 * (low + high), np.linalg.norm(high - low)
-    body = rigid_modes((bodies.points - centre) / size, bodies.components)
-    k = body.shape[2]
-    modes = np.zeros((operators.unknowns.sizes[1], k))
-    for geometry, place in zip(operators.geometries, operators.places, strict=True):
-        at, places, directions = place.frame, geometry.places, geometry.directions
-        if geometry.rigid and not len(directions):  # bodies slip past it
-            at, places = place.slips, geometry.law_nodes[0]
-            directions = geometry.jump_directions
-            if at.start == at.stop:
-                continue
-        of = rigid_modes((places - centre) / size, bodies.components)
-        modes[at] = np.einsum("mdi,mik->mdk", directions, of).reshape(-1, k)
-    return body.reshape(-1, k), modes

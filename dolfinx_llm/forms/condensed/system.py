@@ -91,6 +91,11 @@ class CondensedSystem:
         self.reduced = ReducedMatrix(self.form, self.scale, self._weak)
         self.matrix, self.S = self.reduced.matrix, self.reduced.S
 
+    @property
+    def direct(self) -> bool:
+        """Whether it is known to factorise."""
+        return self.solver.ksp is not None and self.solver.direct
+
     def set_up(self) -> None:
         """Preconditioner or factorisation, if it is not there yet."""
         if self.solver.ksp is None:
