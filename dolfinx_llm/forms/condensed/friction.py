@@ -11,6 +11,7 @@ sides that sticks).
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.gmres import solve_right
 from dolfinx_llm.forms.condensed.kept import SET_UP, FrictionSystem
+from dolfinx_llm.forms.condensed.reduced import GRAIN
 from dolfinx_llm.forms.condensed.symmetric import Reduced
 from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.forms.direct import DirectSolver
@@ -174,17 +176,17 @@ class FrictionStep:
         """
         of, fresh = self._of, self._of.kept is None
         self._serve(fresh)
-        size = self._norm(b - self._times(q))
+        size = self._norm(self._left(b, q))
         if not size <= ASTRAY * load:
-            q, size = 0.0 * q, load
+            q, size = 0.0 * q, load  # what is left of the load
         same = abs(size - of.left) < 1e-6 * of.left  # nothing has changed since
         goal = FINAL * load if same or not main else self._goal(size, load)
         while size > goal and load > 0.0:
             before, digits = size, float(np.log10(size / goal))
             limit = HOPELESS if fresh else int(OUTWORN * of.usual * digits) + SPARE
-            change, took, reason = self._gmres(b - self._times(q), goal / size, limit)
-            q = q + change
-            size = self._norm(b - self._times(q))
+            change, took, reason = self._gmres(self._left(b, q), goal / size, limit)
+            q += change
+            size = self._norm(self._left(b, q))
             of.count(took, digits, fresh)
             if size <= 2.0 * goal:
                 break
@@ -197,6 +199,28 @@ class FrictionStep:
                 left = f"{size / load:.0e} of the load left"
                 raise ContactError(f"{took} iterations, PETSc's reason {reason}, {left}")
         return q, size
+
+    def _left(self, b: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """b - A q, once q has taken what rigid motions make of it that supports do not hold, where
+        that gains: under a residual that is small against the load these would still go far."""
+        left = b - self._times(q)
+        if self._of.weak is None:
+            return left
+        W, comm = self._weak, self._split.comm
+        product = np.column_stack([self._times(column) for column in W.T])
+        energy = comm.allreduce(W.T @ product)
+        part = np.linalg.lstsq(energy, comm.allreduce(W.T @ left), rcond=GRAIN)[0]
+        after = left - product @ part
+        if not self._norm(after) <= self._norm(left):
+            return left
+        q += W @ part
+        return after
+
+    @cached_property
+    def _weak(self) -> np.ndarray:
+        """(n_q, k) these motions."""
+        body, frame = self._of.weak
+        return self._form.unknowns(body, np.where(self._reduced.told[:, None], 0.0, frame))
 
     def _goal(self, size: float, load: float) -> float:
         """What a solve is to leave of a residual about the last iterate. Newton's next one is about

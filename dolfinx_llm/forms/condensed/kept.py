@@ -140,8 +140,8 @@ class KeptMultigrid:
         """(m,) unknowns of the frames that differ, and dofs of surface nodes."""
         before = self._reduced
         changed = (reduced.told != before.told) | reduced.rim
-        apart = abs(reduced.stiff - before.stiff)
-        most = np.asarray(apart.max(axis=1).todense()).ravel()
+        apart, most = abs(reduced.stiff - before.stiff).tocoo(), np.zeros(len(changed))
+        np.maximum.at(most, apart.row, apart.data)
         changed |= ~reduced.told & (most > STIFFER * reduced.stiffness)
         led = abs(reduced.C - before.C).tocoo()
         led_at = led.data > 1e-6
@@ -234,6 +234,7 @@ class FrictionSystem:
         self.loose: float | None = None  # of the load, that solves may leave; None: by residuals
         self.left = 0.0  # residual of the last solve, as it is scaled
         self.last: Any = None  # u, λ and w of the last solve
+        self.weak: Any = None  # rigid motions of bodies and frames that supports do not hold
 
     def describe(self) -> str:
         """For ``print(problem)``: how steps are solved."""

@@ -30,7 +30,7 @@ from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
 
-SWINGS = 3  # steps towards one load in which no fewer pairs are wrong than before
+SWINGS = 8  # steps towards one load in which no fewer pairs are wrong than in any before
 FEWEST = 10_000  # unknowns of bodies from which on friction by GMRES is no slower than factorising
 LOOSELY = 1e-2  # of the load, that the first solve towards it leaves if its signs are wrong
 FIRMER = 0.1  # from one of these to the next
@@ -58,7 +58,7 @@ class CondensedForm(WholeSteps):
             self.split = SplitStiffness(K, operators.rows.dofs)
             self._items, self._modes = items_of(operators), rigid_modes_of(operators)
         self._known = np.zeros(0)  # what the system's matrix was made of
-        self._spring, self._swings = 0.0, 0
+        self._spring, self._swings, self._fewest = 0.0, 0, np.inf
         self._seen: list[np.ndarray] = []  # rows in contact in the steps towards one load
         self.__dict__.pop("_stiffness", None)
 
@@ -87,12 +87,11 @@ class CondensedForm(WholeSteps):
         return abs(step.E - step.L.T).nnz == 0 and _holds(step)
 
     def _by_cg(self, step: LinearStep) -> bool:
-        """Whether CG solves it, of rows that stay, of bodies that contact alone holds, and by
-        options of the user's; GMRES with a multigrid that follows what changes does elsewhere."""
+        """Whether CG solves it, of rows that stay and by options of the user's; GMRES with a
+        multigrid that follows what changes does elsewhere."""
         given = self.options or {}
         own = given.get("pc_type") in FACTORISED or any(key.startswith("ksp_") for key in given)
-        floats = self.operators.floating.rigid.modes.shape[1] > 0
-        return self._symmetric(step) and bool(own or floats or not step.may_open.any())
+        return self._symmetric(step) and bool(own or not step.may_open.any())
 
     def _frictionless(self, f: np.ndarray, step: LinearStep, back: bool) -> StepResult:
         """A step without friction. Where signs are wrong it need not be solved to the end: what
@@ -117,11 +116,14 @@ class CondensedForm(WholeSteps):
     def _with_friction(self, f: np.ndarray, step: LinearStep, back: bool, new: bool) -> StepResult:
         """A step with friction, as far as the law's residual is worth it."""
         self._served(step)
-        self.friction.loose, before = None, self._wrong
+        self.friction.loose = None
         self.most = WholeSteps.most if self.friction.direct else ASKED * back
         found = super().solve(f, step)
-        rises = back and 0 < self._wrong >= before
-        self._swings = 0 if new else self._swings + rises
+        if new:
+            self._swings, self._fewest = 0, np.inf
+        elif self._wrong:
+            self._swings += self._wrong >= self._fewest
+            self._fewest = min(self._wrong, self._fewest)
         self._judge_friction(found, step)
         return found
 
@@ -192,12 +194,12 @@ class CondensedForm(WholeSteps):
         self.split.hold(self.operators.floating.pins, self._spring)
         if self.friction is None:
             options = self.prefix, dict(self.options or {})
-            # What hardly anything but contact holds moves far under a small residual.
-            weak = self.operators.floating.rigid.modes.shape[1] > 0
             few = "pc_type" not in options[1] and self.split.inside.getSize()[0] < FEWEST
             few = few and not self._symmetric(step)
-            direct = weak or few or options[1].get("pc_type") in FACTORISED
+            direct = few or options[1].get("pc_type") in FACTORISED
             self.friction = FrictionSystem(self.split, self.operators, self._modes, options, direct)
+        floats = self.operators.floating.rigid.modes.shape[1] > 0
+        self.friction.weak = self._weak(step) if floats else None
         with self.times.timed("factorisation"):
             made = FrictionStep(self.friction, eliminated, on, step)
         self.eager = self.friction.direct
