@@ -62,7 +62,7 @@ def test_solvers(tmp_path):
     report = tmp_path / "report.json"
     command = [sys.executable, str(DEMOS / "solvers.py"), "--largest", "8500", "--repeat", "1"]
     out = subprocess.run(
-        [*command, "--json", str(report)],
+        [*command, "--json", str(report), "--plot", str(tmp_path)],
         env=clean_environment(),
         capture_output=True,
         text=True,
@@ -70,9 +70,11 @@ def test_solvers(tmp_path):
         timeout=90,
     ).stdout
     rows = {row["method"]: row for row in json.loads(report.read_text())}
-    assert len(rows) == 5 and all(name in out for name in rows)
-    kinds = "condensed", "frictionless", "matching"
-    tied, frictionless, matching = (rows[f"{kind} CG + GAMG"]["iterations"] for kind in kinds)
+    assert len(rows) == 6 and all(name in out for name in rows)
+    assert (tmp_path / "solvers.png").read_bytes()[:4] == b"\x89PNG"
+    tied, matching = (rows[f"{kind} CG + GAMG"]["iterations"] for kind in ("condensed", "matching"))
+    laws = "frictionless", "friction"
+    frictionless, friction = (rows[f"{law} GMRES + GAMG"]["iterations"] for law in laws)
     assert 0 < tied <= 1.3 * matching
     # All solves of a load step: by PETSc's version 2.1 to 3.6 times, as sliding between the bodies
     # is missing on coarse levels.

@@ -212,20 +212,17 @@ def test_auto(monkeypatch):
 
 @pytest.mark.parametrize("n", [1, longer(2)])
 def test_steps_reuse_the_set_up(n):
-    """Load steps without friction: the flexibility's answer, with one preconditioner as long as
-    the pairs in contact stay, and with other loads."""
+    """Load steps without friction: the flexibility's answer, with one preconditioner for all pairs
+    that are in contact, and all loads."""
     found = run_mpi_json("condensed_reuse.py", n)
     for name, outcome in found.items():
         assert outcome["error"] <= 1e-10 and outcome["residual"] <= 1e-13, name
     closed, bent = (found["pressed"], found["twice"]), found["bent"]
     for outcome in closed:
         assert outcome["set-ups"] == 1 and len(set(outcome["active"])) == 1
-        assert outcome["iterations"][-1] <= outcome["iterations"][0]
-    first, later = closed[0]["iterations"][0], closed[0]["iterations"][1:] + closed[1]["iterations"]
-    assert max(later) < first  # from the last solution
-    assert (
-        1 < bent["set-ups"] <= len(bent["active"]) and bent["active"][-1] < closed[0]["active"][0]
-    )
+    first, later = (sum(outcome["iterations"]) for outcome in closed)
+    assert later <= 1.1 * first  # none for what is built anew
+    assert bent["set-ups"] == 1 and bent["active"][-1] < closed[0]["active"][0]
 
 
 def test_steps_reuse_a_factorisation(monkeypatch):
@@ -266,7 +263,7 @@ def test_worn_preconditioner_is_renewed(monkeypatch):
     """In the middle of a solve, where it takes too many iterations."""
     V, tags = scenes.two_blocks(COMM, 4, 3)
     known = condensed_reuse.follow(*condensed_reuse.blocks(V, tags, "auto"))
-    problem, constants = condensed_reuse.blocks(V, tags, "condensed")
+    problem, constants = condensed_reuse.blocks(V, tags, "condensed", {"ksp_type": "cg"})
     monkeypatch.setattr(krylov, "COST", 0.0)
     for (_, u, _), (_, v, _) in zip(known, condensed_reuse.follow(problem, constants)):
         assert np.abs(u - v).max() <= 1e-10 * np.abs(u).max()
@@ -312,9 +309,10 @@ def test_friction_by_multigrid(monkeypatch):
         assert kept.direct == (patience == 0) == ("LU by MUMPS" in str(problem))
 
 
-def test_opening_by_multigrid():
-    """A tilted block: few steps, none factorised; forces as by flexibility. All wrong signs at once
-    open and close the rim by turns."""
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_opening_by_multigrid(mu):
+    """A tilted block, dragged with friction: few steps, none factorised; forces as by flexibility.
+    All wrong signs at once open and close the rim by turns."""
     forces = []
     for solver in ("saddle", "condensed"):
         V, tags = scenes.two_blocks(COMM, 6, 5)
@@ -326,17 +324,36 @@ def test_opening_by_multigrid():
         ]
         moved = fem.Function(V)
         across = V.tabulate_dof_coordinates()[ends[0], 0]
+        moved.x.array.reshape(-1, 3)[ends[0], 0] = 0.01 * mu
         moved.x.array.reshape(-1, 3)[ends[0], 2] = -0.006 + 0.06 * (across - across.mean())
         bcs = [fem.dirichletbc(moved, ends[0]), fem.dirichletbc(np.zeros(3), ends[1], V)]
         problem = llm.ContactProblem(
             a, fem.Constant(V.mesh, 0.0) * L, bcs=bcs,
-            interfaces=[llm.Interface(tags, (2, 3), law=llm.Frictionless())], solver=solver,
+            interfaces=[llm.Interface(tags, (2, 3), law=llm.Coulomb(mu))], solver=solver,
+            petsc_options={"pc_type": "gamg"} if solver == "condensed" else None,
         )  # fmt: skip
         problem.solve()
         forces.append(np.concatenate([side.force for side in problem.results[0].sides]))
-    assert len(problem.history) <= 6 and not problem.method.form.friction.notes
+    kept = problem.method.form.friction
+    assert len(problem.history) <= (12 if mu else 6) and not kept.notes and not kept.direct
     assert problem.history[0]["active"] > problem.history[-1]["active"] > 0
     assert np.abs(forces[1] - forces[0]).max() <= 1e-9 * np.abs(forces[0]).max()
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_bodies_that_contact_holds_by_multigrid(mu):
+    """Pressed, then bent until a part opens; nothing but contact holds the upper block against the
+    load."""
+    V, tags = scenes.two_blocks(COMM, 6, 5)
+    law, gamg = llm.Coulomb(mu), {"pc_type": "gamg"}
+    known = condensed_reuse.follow(*condensed_reuse.blocks(V, tags, "auto", law=law))
+    problem, constants = condensed_reuse.blocks(V, tags, "condensed", gamg, law)
+    for (_, u, _), (_, v, _) in zip(known, condensed_reuse.follow(problem, constants)):
+        assert np.abs(u - v).max() <= 1e-10 * np.abs(u).max()
+    kept = problem.method.form.friction
+    assert (
+        not kept.notes and not kept.direct and active[-1] < len(problem.results[0].sides[0].x) * 2
+    )
 
 
 def test_friction_takes_as_many_iterations_with_another_multigrid(monkeypatch):

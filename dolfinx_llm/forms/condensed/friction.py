@@ -10,6 +10,7 @@ sides that sticks).
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -152,6 +153,7 @@ class FrictionStep:
     def _iterate(self, b: np.ndarray, q: np.ndarray, main: bool) -> Any:
         """q by GMRES; None where it does not get there, and ``_solver`` has taken over."""
         of, load = self._of, self._norm(b)
+        began, before, ready = time.perf_counter(), of.iterations, of.seconds
         if of.excess > SET_UP:
             of.discard()
         try:
@@ -164,6 +166,10 @@ class FrictionStep:
             return None
         if main:
             of.residual, of.left = size / load if load > 0.0 else 0.0, size
+        spent, ready = time.perf_counter() - began, of.seconds - ready
+        of.steps.append({
+            "iterations": of.iterations - before, "set-up": ready, "solve": spent - ready,
+        })  # fmt: skip
         return q
 
     def _improved(
@@ -209,7 +215,7 @@ class FrictionStep:
         W, comm = self._weak, self._split.comm
         product = np.column_stack([self._times(column) for column in W.T])
         energy = comm.allreduce(W.T @ product)
-        part = np.linalg.lstsq(energy, comm.allreduce(W.T @ left), rcond=GRAIN)[0]
+        part = np.linalg.lstsq(energy, comm.allreduce(W.T @ left), rcond=float(GRAIN))[0]
         after = left - product @ part
         if not self._norm(after) <= self._norm(left):
             return left
@@ -231,9 +237,10 @@ class FrictionStep:
 
     def _serve(self, anew: bool) -> None:
         """Make the multigrid anew, or fit it to this step."""
-        of = self._of
+        of, began = self._of, time.perf_counter()
         kept = of.multigrid(self._rows, self._reduced) if anew else of.kept
         kept.fit(self._form, self._rows, self._reduced, self._blocks)
+        of.seconds += time.perf_counter() - began
 
     def _gmres(self, r: np.ndarray, rtol: float, limit: int) -> tuple[np.ndarray, int, int]:
         """What solves for a residual, the iterations that it took, and PETSc's reason."""

@@ -211,7 +211,8 @@ class FrictionSystem:
     Attributes:
         split, operators: bodies and interfaces.
         direct: factorise; set where GMRES has not got there.
-        iterations: of GMRES in all steps so far; ``set_ups`` of GAMG.
+        iterations: of GMRES in all steps so far; ``set_ups`` of GAMG; ``seconds`` for these.
+        steps: of each solve its "iterations" and the seconds of its "set-up" and "solve".
         residual: over the load, of the last solve.
     """
 
@@ -229,7 +230,8 @@ class FrictionSystem:
         self.kept: Any = None  # ``KeptMultigrid``, once there is one
         self.usual = 2.0  # iterations per digit of a new multigrid
         self.excess = 0.0  # iterations that an old one has taken more
-        self.iterations = self.set_ups = 0
+        self.iterations, self.set_ups, self.seconds = 0, 0, 0.0
+        self.steps: list[dict] = []
         self.residual = 0.0
         self.loose: float | None = None  # of the load, that solves may leave; None: by residuals
         self.left = 0.0  # residual of the last solve, as it is scaled

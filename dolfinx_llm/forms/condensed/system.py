@@ -92,6 +92,11 @@ class CondensedSystem:
         self.matrix, self.S = self.reduced.matrix, self.reduced.S
 
     @property
+    def set_ups(self) -> int:
+        """How often preconditioner or factorisation were made."""
+        return self.solver.set_ups
+
+    @property
     def direct(self) -> bool:
         """Whether it is known to factorise."""
         return self.solver.ksp is not None and self.solver.direct
