@@ -27,7 +27,7 @@ OPTIONS = {
     "rubber_seal": "--refine 2 --plot .",
     "scale": "--largest 10000 --plot .",
     "second_order": "--cells 8 16 32 --elements 4 8 --plot .",
-    "solvers": "--only CG --largest 60000 --repeat 1 --plot .",
+    "solvers": "--only GAMG --largest 60000 --repeat 1 --plot .",
     "stiff_cases": "--size 4 --plot .",
     "tutorial": "",
 }

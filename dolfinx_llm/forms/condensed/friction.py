@@ -22,7 +22,7 @@ from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.gmres import solve_right
 from dolfinx_llm.forms.condensed.kept import SET_UP, FrictionSystem
-from dolfinx_llm.forms.condensed.reduced import GRAIN
+from dolfinx_llm.forms.condensed.reduced import WeakMotions
 from dolfinx_llm.forms.condensed.symmetric import Reduced
 from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.forms.direct import DirectSolver
@@ -68,7 +68,8 @@ class FrictionStep:
         if self._reduced is None:
             self._factorise()
         else:
-            self._scaling = self._scales()
+            diagonal = diagonal_of(self._split.inside), diagonal_of(self._blocks[2])
+            self._scaling = scales_of(np.concatenate(diagonal), self._scale)
 
     def _assemble(self) -> None:
         """Blocks of the matrix, of the step as it is or reduced."""
@@ -90,12 +91,6 @@ class FrictionStep:
         self._blocks = ()
         matrix.setBlockSize(self._form.gdim)
         self._solver = DirectSolver(matrix, prefix, own | {"pc_type": "lu"}, own=True)
-
-    def _scales(self) -> np.ndarray:
-        """This rank's inverse square roots of the diagonal."""
-        diagonal = np.concatenate([diagonal_of(self._split.inside), diagonal_of(self._blocks[2])])
-        size = np.abs(diagonal)
-        return 1.0 / np.sqrt(np.where(size > 1e-12 * self._scale, size, self._scale))
 
     def ask(
         self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray, about: np.ndarray | None = None
@@ -147,8 +142,7 @@ class FrictionStep:
         return np.concatenate([body, times(below, q[:n]) + times(corner, q[n:])])
 
     def _norm(self, r: np.ndarray) -> float:
-        r = self._scaling * r
-        return float(np.sqrt(self._split.comm.allreduce(float(r @ r))))
+        return float(np.sqrt(self._split.comm.allreduce(float(np.sum((self._scaling * r) ** 2)))))
 
     def _iterate(self, b: np.ndarray, q: np.ndarray, main: bool) -> Any:
         """q by GMRES; None where it does not get there, and ``_solver`` has taken over."""
@@ -167,9 +161,8 @@ class FrictionStep:
         if main:
             of.residual, of.left = size / load if load > 0.0 else 0.0, size
         spent, ready = time.perf_counter() - began, of.seconds - ready
-        of.steps.append({
-            "iterations": of.iterations - before, "set-up": ready, "solve": spent - ready,
-        })  # fmt: skip
+        took = {"iterations": of.iterations - before, "set-up": ready, "solve": spent - ready}
+        of.steps.append(took)
         return q
 
     def _improved(
@@ -186,7 +179,7 @@ class FrictionStep:
         if not size <= ASTRAY * load:
             q, size = 0.0 * q, load  # what is left of the load
         same = abs(size - of.left) < 1e-6 * of.left  # nothing has changed since
-        goal = FINAL * load if same or not main else self._goal(size, load)
+        goal = FINAL * load if same or not main else goal_of(size, load, of.loose)
         while size > goal and load > 0.0:
             before, digits = size, float(np.log10(size / goal))
             limit = HOPELESS if fresh else int(OUTWORN * of.usual * digits) + SPARE
@@ -207,33 +200,16 @@ class FrictionStep:
         return q, size
 
     def _left(self, b: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """b - A q, once q has taken what rigid motions make of it that supports do not hold, where
-        that gains: under a residual that is small against the load these would still go far."""
+        """b - A q, once q has taken weak motions."""
         left = b - self._times(q)
-        if self._of.weak is None:
-            return left
-        W, comm = self._weak, self._split.comm
-        product = np.column_stack([self._times(column) for column in W.T])
-        energy = comm.allreduce(W.T @ product)
-        part = np.linalg.lstsq(energy, comm.allreduce(W.T @ left), rcond=float(GRAIN))[0]
-        after = left - product @ part
-        if not self._norm(after) <= self._norm(left):
-            return left
-        q += W @ part
-        return after
+        return left if self._of.weak is None else self._motions.take(q, left)
 
     @cached_property
-    def _weak(self) -> np.ndarray:
-        """(n_q, k) these motions."""
+    def _motions(self) -> WeakMotions:
+        """Rigid motions that supports do not hold."""
         body, frame = self._of.weak
-        return self._form.unknowns(body, np.where(self._reduced.told[:, None], 0.0, frame))
-
-    def _goal(self, size: float, load: float) -> float:
-        """What a solve is to leave of a residual about the last iterate. Newton's next one is about
-        its square: less is not worth it."""
-        if self._of.loose is not None:
-            return max(self._of.loose, FINAL) * load
-        return max(min(LEAVES, size / load) * min(size, load), FINAL * load)
+        W = self._form.unknowns(body, np.where(self._reduced.told[:, None], 0.0, frame))
+        return WeakMotions(self._split.comm, W, self._times, self._norm)
 
     def _serve(self, anew: bool) -> None:
         """Make the multigrid anew, or fit it to this step."""
@@ -263,3 +239,18 @@ class FrictionStep:
         for item in (self._solver, self._test, self._form.T, *self._blocks):
             if item is not None:
                 item.destroy()
+
+
+def scales_of(diagonal: np.ndarray, scale: float) -> np.ndarray:
+    """Inverse square roots of a diagonal; of entries that are none that of ``scale``."""
+    size = np.abs(diagonal)
+    return 1.0 / np.sqrt(np.where(size > 1e-12 * scale, size, scale))
+
+
+def goal_of(size: float, load: float, loose: float | None) -> float:
+    """What a solve is to leave of a residual about the last iterate, of the sizes of that and of
+    the load, or of the load where that is given. Newton's next residual is about the square of one:
+    less is not worth it."""
+    if loose is not None:
+        return max(loose, FINAL) * load
+    return max(min(LEAVES, size / load) * min(size, load), FINAL * load)

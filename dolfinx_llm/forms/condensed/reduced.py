@@ -1,5 +1,6 @@
 """The reduced matrix of the condensed form, scaled to unit diagonal."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.forms.condensed.gmres import Product
 from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.operators.petsc import times
 
@@ -74,6 +76,35 @@ class ReducedMatrix:
         """Free the PETSc objects; collective."""
         for item in (self.form.T, self.matrix, self.S):
             item.destroy()
+
+
+class WeakMotions:
+    """Motions W that supports do not hold, of a matrix that need not be symmetric.
+
+    Args:
+        comm: MPI communicator.
+        W: (n, k) this rank's part.
+        times: A x.
+        norm: of a residual, in which GMRES makes it small.
+    """
+
+    def __init__(
+        self, comm: MPI.Comm, W: np.ndarray, times: Product, norm: Callable[[np.ndarray], float]
+    ) -> None:
+        self._comm, self._W, self._norm = comm, W, norm
+        self._product = np.column_stack([times(column) for column in W.T])
+        self._energy = comm.allreduce(W.T @ self._product)
+
+    def take(self, q: np.ndarray, left: np.ndarray) -> np.ndarray:
+        """What is left, once q has taken of W what that leaves no force along, where that gains:
+        under a residual that is small against the load such motions would still go far."""
+        force = self._comm.allreduce(self._W.T @ left)
+        part = np.linalg.lstsq(self._energy, force, rcond=float(GRAIN))[0]
+        after = left - self._product @ part
+        if not self._norm(after) <= self._norm(left):
+            return left
+        q += self._W @ part
+        return after
 
 
 def _inverse_root(M: np.ndarray) -> np.ndarray:

@@ -11,15 +11,14 @@ from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.sparse import diags, identity
-from scipy.sparse.linalg import splu
+from scipy.sparse import diags
 
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.friction import SOLVED, FrictionStep
 from dolfinx_llm.forms.condensed.kept import FrictionSystem
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
-from dolfinx_llm.forms.condensed.symmetric import items_of, rigid_modes_of
+from dolfinx_llm.forms.condensed.symmetric import items_of, rigid_modes_of, weak_motions
 from dolfinx_llm.forms.condensed.system import CondensedSystem
 from dolfinx_llm.forms.exchange import SetUp, WholeSteps
 from dolfinx_llm.forms.options import FACTORISED
@@ -140,14 +139,8 @@ class CondensedForm(WholeSteps):
 
     @cached_property
     def _stiffness(self) -> np.ndarray:
-        """(n,) what a body sets against the motion of a row's node alone, about."""
-        operators, rows = self.operators, self.operators.rows
-        mine = rows.numbering.mine
-        dofs = rows.dofs[mine] - self.split.first
-        fixed = operators.dofs.fixed[dofs]
-        own = np.where(fixed, self.scale, self.split.diagonal[dofs])
-        stiffness = (rows.base[mine] ** 2 * own).sum(axis=1) / YIELDING
-        return gather_rows(operators.comm, stiffness)[rows.numbering.number]
+        """(n,) of rows."""
+        return row_stiffness(self.operators, self.split, self.scale)
 
     def _judge_friction(self, found: StepResult, step: LinearStep) -> None:
         """How far balance and laws may be trusted; where contact goes back and forth, pairs are
@@ -160,8 +153,7 @@ class CondensedForm(WholeSteps):
             noise = 0.5 * self.noise / level
             self.accuracy = min(max(noise, WholeSteps.accuracy), CondensedForm.accuracy)
         else:  # an inexact solve ends no iteration
-            exact = self.friction.residual <= SOLVED
-            self.accuracy = CondensedForm.accuracy if exact else -1.0
+            self.accuracy = CondensedForm.accuracy if self.friction.residual <= SOLVED else -1.0
 
     def left(self, f: np.ndarray, u: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
         """See ``StepForm``; where ties let K go, as the last solve has left it."""
@@ -198,8 +190,8 @@ class CondensedForm(WholeSteps):
             few = few and not self._symmetric(step)
             direct = few or options[1].get("pc_type") in FACTORISED
             self.friction = FrictionSystem(self.split, self.operators, self._modes, options, direct)
-        floats = self.operators.floating.rigid.modes.shape[1] > 0
-        self.friction.weak = self._weak(step) if floats else None
+        if self.operators.floating.rigid.modes.shape[1]:
+            self.friction.weak = weak_motions(self.operators, step.L)
         with self.times.timed("factorisation"):
             made = FrictionStep(self.friction, eliminated, on, step)
         self.eager = self.friction.direct
@@ -219,7 +211,7 @@ class CondensedForm(WholeSteps):
             with self.times.timed("reduction"):
                 self.system = CondensedSystem(
                     self.split, eliminated, self.operators.dofs.fixed, self.scale, self.prefix,
-                    self.options, modes=self._modes, weak=self._weak(step),
+                    self.options, modes=self._modes, weak=weak_motions(self.operators, step.L),
                     proximal=hold if hold.any() else None,
                 )  # fmt: skip
             if self.operators.tied:  # the matrix stays
@@ -227,17 +219,6 @@ class CondensedForm(WholeSteps):
                 with self.times.timed("factorisation"):
                     self.system.set_up()
         self._known = wanted
-
-    def _weak(self, step: LinearStep) -> Any:
-        """Rigid motions of bodies that supports alone do not hold firmly, and of the frames; None
-        where ties hold all."""
-        if self.operators.tied:
-            return None
-        rigid, L = self.operators.floating.rigid.modes, step.L
-        if not (L.shape[1] and rigid.shape[1]):
-            return rigid, np.zeros((L.shape[1], rigid.shape[1]))
-        fit = splu((L.T @ L + 1e-10 * identity(L.shape[1])).tocsc())
-        return rigid, fit.solve(L.T @ self.operators.floating.G)
 
     def describe(self) -> str:
         """See ``StepForm``."""
@@ -282,6 +263,22 @@ class _Symmetric:
 
     def destroy(self) -> None:
         """What is set up may serve the next step."""
+
+
+def row_stiffness(operators: ContactOperators, split: SplitStiffness, scale: float) -> np.ndarray:
+    """(n,) what a body sets against the motion of a row's node alone, about [force / length].
+
+    Args:
+        operators: of the interfaces.
+        split: stiffness of the bodies.
+        scale: of the surfaces, for prescribed dofs.
+    """
+    rows = operators.rows
+    mine = rows.numbering.mine
+    dofs = rows.dofs[mine] - split.first
+    own = np.where(operators.dofs.fixed[dofs], scale, split.diagonal[dofs])
+    stiffness = (rows.base[mine] ** 2 * own).sum(axis=1) / YIELDING
+    return gather_rows(operators.comm, stiffness)[rows.numbering.number]
 
 
 def _holds(step: LinearStep) -> bool:

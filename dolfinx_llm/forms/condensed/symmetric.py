@@ -10,9 +10,10 @@ place of v and κ a multigrid method sees two bodies that do not touch.
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csr_matrix, diags, identity
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.forms.step import LinearStep
@@ -208,6 +209,18 @@ def rigid_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]
         of = rigid_modes((places - centre) / size, bodies.components)
         modes[at] = np.einsum("mdi,mik->mdk", directions, of).reshape(-1, k)
     return body.reshape(-1, k), modes
+
+
+def weak_motions(operators: ContactOperators, L: csr_matrix) -> Any:
+    """Rigid motions that supports alone do not hold firmly of bodies (n_local, k), and of frames
+    (m, k), which rows see by L (n, m); None where ties hold all."""
+    if operators.tied:
+        return None
+    rigid = operators.floating.rigid.modes
+    if not (L.shape[1] and rigid.shape[1]):
+        return rigid, np.zeros((L.shape[1], rigid.shape[1]))
+    fit = splu((L.T @ L + 1e-10 * identity(L.shape[1])).tocsc())
+    return rigid, fit.solve(L.T @ operators.floating.G)
 
 
 def at_blocks(M: csr_matrix, at: np.ndarray) -> np.ndarray:
