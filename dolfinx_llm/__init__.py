@@ -31,6 +31,7 @@ from dolfinx_llm.problem.loads import free_surface_load
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
 from dolfinx_llm.time.stepper import TimeStepper
+from dolfinx_llm.time.transfer import transfer
 
 __version__ = "0.2.0"
 
@@ -71,4 +72,5 @@ __all__ = [
     "free_surface_load",
     "plot",
     "post",
+    "transfer",
 ]

@@ -13,6 +13,7 @@ try:
     import dolfinx
     import dolfinx.common
     import dolfinx.fem.petsc
+    import dolfinx.geometry
     import dolfinx.io
     import numpy as np
     import ufl
@@ -67,8 +68,7 @@ def function_space(
 
 
 def quadrature_space(mesh: Any, degree: int, shape: tuple[int, ...] = ()) -> Any:
-    """Space of values, each of a shape, at the points of the quadrature rule of a degree: what
-    bodies remember there. Integrate with ``metadata={"quadrature_degree": degree}``."""
+    """Space of values, each of a shape, at the points of the quadrature rule of a degree."""
     try:
         import basix.ufl
 
@@ -168,9 +168,8 @@ def form(name: str, ufl_form: Any) -> Any:
 
 def assemble_matrix(a: Any, bcs: Sequence[Any], diagonal: float) -> PETSc.Mat:
     """Assembled PETSc AIJ of a compiled form; ``diagonal`` on the rows of ``bcs``."""
-    name = "diagonal"
-    if name not in inspect.signature(dolfinx.fem.petsc.assemble_matrix).parameters:
-        name = "diag"
+    given = inspect.signature(dolfinx.fem.petsc.assemble_matrix).parameters
+    name = "diagonal" if "diagonal" in given else "diag"
     A = dolfinx.fem.petsc.assemble_matrix(a, bcs=bcs, **{name: diagonal})
     A.assemble()
     return A
@@ -244,17 +243,13 @@ def prescribed(V: Any, bcs: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
 def evaluate(
     expression: Any, points: np.ndarray, mesh: Any, shape: tuple[int, ...] = ()
 ) -> np.ndarray:
-    """Values of an expression, UFL or compiled for these reference points, in every local cell:
-    (n_cells, ...)."""
+    """Values of UFL, or compiled for these reference points, in all local cells: (n_cells, ...)."""
     done = isinstance(expression, dolfinx.fem.Expression)
     compiled = expression if done else dolfinx.fem.Expression(expression, points)
     n = mesh.topology.index_map(mesh.topology.dim).size_local
     cells = np.arange(n, dtype=np.int32)
-    if "mesh" in inspect.signature(compiled.eval).parameters:
-        values = compiled.eval(mesh, cells)
-    else:
-        values = compiled.eval(cells)
-    return values.reshape(n, len(points), *shape)
+    of = (mesh, cells) if "mesh" in inspect.signature(compiled.eval).parameters else (cells,)
+    return compiled.eval(*of).reshape(n, len(points), *shape)
 
 
 def vtx_writer(comm: MPI.Comm, path: str | Path, u: Any) -> Any:
@@ -274,6 +269,12 @@ def quadrature_points(mesh: Any, degree: int) -> np.ndarray:
     """Quadrature points on the reference cell of a mesh: (n, tdim)."""
     kind = getattr(basix.CellType, cell_kinds(mesh)[0])
     return basix.make_quadrature(kind, degree)[0]
+
+
+def cell_tree(mesh: Any, cells: np.ndarray) -> Any:
+    """dolfinx's tree of the boxes of some local cells."""
+    make = getattr(dolfinx.geometry, "bb_tree", dolfinx.geometry.BoundingBoxTree)
+    return make(mesh, mesh.topology.dim, entities=cells)
 
 
 def cell_kinds(mesh: Any) -> list[str]:

@@ -97,3 +97,19 @@ def transfer(
         frame = there.interpolation(there.locate(new.frame.x))
     sizes = tuple(len(p.nodes) for p in old.pairs)
     return Transfer(frame, tuple(places), sizes, (old.jump_directions, new.jump_directions))
+
+
+def remeshed(old: InterfaceGeometry, new: InterfaceGeometry) -> tuple[Transfer, list[csr_matrix]]:
+    """Between geometries of one interface on two meshes, drawn at the same places: pairs go with
+    the nearest old one; against an obstacle its nodes are those of the law.
+
+    Returns:
+        The transfer, and per side (n_new, n_old) values of the old pairs at the new ones.
+    """
+    of = [a.interpolation(b.x) for a, b in zip(old.pairs, new.pairs, strict=True)]
+    frame = of[0]
+    if old.frame is not None and new.frame is not None:
+        frame = old.frame.interpolation(old.frame.locate(new.frame.x))
+    places = tuple(np.asarray(N.argmax(axis=1)).ravel() for N in of)
+    sizes = tuple(len(p.nodes) for p in old.pairs)
+    return Transfer(frame, places, sizes, (old.jump_directions, new.jump_directions)), of

@@ -81,6 +81,11 @@ class ContactMethod:
         if not keep:
             self.iteration = None
 
+    def prepare(self) -> None:
+        """Set up what load steps need, which the first of them does otherwise; collective."""
+        if not self._ready:
+            self._set_up()
+
     def _set_up(self) -> None:
         """The form, and an iteration that goes on from the one before, if there is one."""
         bulk, operators = self.setting.bulk, self.setting.operators
@@ -106,8 +111,7 @@ class ContactMethod:
 
     def solve(self, f: np.ndarray, increments: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """This rank's u, and all of λ and v, at the end of the step to a load f (n_local,)."""
-        if not self._ready:
-            self._set_up()
+        self.prepare()
         operators = self.setting.operators
         if getattr(self.form, "operators", operators) is not operators:
             raise ContactError(
@@ -185,8 +189,7 @@ class ContactMethod:
 
     def take(self, common: dict[str, np.ndarray], local: dict[str, np.ndarray]) -> None:
         """Go on from what ``kept`` returned; collective."""
-        if not self._ready:
-            self._set_up()
+        self.prepare()
         i, u = self.iteration, local["u"]
         i.multiplier, i.w, i.g = (common[name] for name in ("multiplier", "w", "g"))
         i.f, i.equations.loads, self._reported = local["f"], common["loads"], common["reported"]

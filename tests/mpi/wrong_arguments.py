@@ -438,6 +438,12 @@ add(
     lambda s: llm.Evolution({fem.Function(s.V): s.v * s.v[0] * s.u[0]}),
 )
 
+add(
+    "(old|new)=.*give a ContactProblem",
+    *(lambda s, x=x: llm.transfer(x, s.solved) for x in (None, "old", 1)),
+    lambda s: llm.transfer(s.solved, s.u),
+)
+
 # Frames
 
 add(

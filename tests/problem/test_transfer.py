@@ -1,0 +1,178 @@
+"""States carried over to other meshes: the same one, finer ones, and what is refused."""
+
+import friction_block
+import numpy as np
+import pytest
+import rolling_disc
+import ufl
+from dolfinx import fem
+from friction_block import BOTTOM, body, stress
+from hertz2d import hold
+from mpi4py import MPI
+from sampling import longer
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat
+
+COMM = MPI.COMM_SELF
+
+
+def dragged(elements, *ways):
+    scene = friction_block.Dragged(0.3, elements)
+    for way in ways:
+        scene.top.g.x.array[:] = way
+        scene.problem.solve()
+    return scene
+
+
+def friction(scene):
+    return scene.problem.results[0].resultant[0]
+
+
+def test_same_mesh_goes_on_as_if_nothing_had_been():
+    """Displacement, forces, slip; in the next steps what stuck goes on from there."""
+    old, new = dragged((8, 11), 0.0, 0.0005), dragged((8, 11))
+    llm.transfer(old.problem, new.problem)
+    for way in (None, 0.0007, 0.0004):
+        for scene in (old, new) if way is not None else ():
+            scene.top.g.x.array[:] = way
+            scene.problem.solve()
+        (one,), (two,) = old.problem.results, new.problem.results
+        size = np.abs(one.sides[0].force).max()
+        for a, b in zip(one.sides, two.sides, strict=True):
+            np.testing.assert_allclose(b.force, a.force, rtol=0.0, atol=1e-12 * size)
+            np.testing.assert_array_equal(b.status, a.status)
+        for a, b in zip(old.problem.u, new.problem.u, strict=True):
+            far = np.abs(a.x.array).max()
+            np.testing.assert_allclose(b.x.array, a.x.array, rtol=0.0, atol=1e-12 * far)
+
+
+@pytest.mark.parametrize("k", [1, longer(2), longer(4)])
+def test_a_finer_mesh_keeps_the_tangential_force(k):
+    """As carried, solved again without any change, and a step later against all steps there."""
+    old, new = dragged((8 * k, 11 * k), 0.0, 0.0005), dragged((10 * k, 15 * k))
+    first = dragged((10 * k, 15 * k), 0.0, 0.0005)
+    llm.transfer(old.problem, new.problem)
+    assert abs(friction(new) / friction(old) - 1.0) <= 0.02  # peaks at the ends
+    new.top.g.x.array[:] = 0.0005
+    new.problem.solve()
+    assert abs(friction(new) / friction(first) - 1.0) <= 0.02 / k
+    for scene in (new, first):
+        scene.top.g.x.array[:] = 0.0008
+        scene.problem.solve()
+    assert abs(friction(new) / friction(first) - 1.0) <= 0.02 / k
+
+
+def stuck(kind, cells):
+    """A block that a plane holds by friction, pressed and pushed from above."""
+    domain, tags = body(COMM, (0.0, 0.0), (2.0, 1.0), cells)
+    V = compat.function_space(domain, shape=(2,))
+    w, top = ufl.TestFunction(V), lambda x: np.isclose(x[1], 1.0)
+    down, along = hold(V, 1, top), hold(V, 0, top)
+    plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
+    interfaces = [llm.Interface(tags, (BOTTOM, plane), law=llm.Coulomb(0.5))]
+    options = {"bcs": [down, along], "interfaces": interfaces}
+    if kind == "linear":
+        a = ufl.inner(stress(ufl.TrialFunction(V), 10.0, 0.3), ufl.grad(w)) * ufl.dx
+        zero = ufl.inner(fem.Constant(domain, (0.0, 0.0)), w) * ufl.dx
+        problem = llm.ContactProblem(a, zero, **options)
+    else:
+        u = fem.Function(V)
+        F = ufl.inner(stress(u, 10.0, 0.3), ufl.grad(w)) * ufl.dx
+        problem = llm.NonlinearContactProblem(F, u, **options)
+
+    def go(depth, way):
+        down.g.x.array[:], along.g.x.array[:] = -depth, way
+        problem.solve()
+        side = problem.results[0].sides[0]
+        return side.force.sum(axis=0), (side.status == 1).sum()
+
+    return problem, go
+
+
+@pytest.mark.parametrize("kind", ["linear", "nonlinear"])
+def test_what_sticks_on_an_obstacle_stays(kind):
+    """Pushed, carried over and let back: the force along the plane is there, and gone again."""
+    old, go = stuck(kind, (8, 4))
+    go(0.02, 0.0)
+    before, sticks = go(0.02, 0.003)
+    assert sticks >= 6 and abs(before[0]) > 0.02
+    new, there = stuck(kind, (12, 6))
+    llm.transfer(old, new)
+    after, _ = there(0.02, 0.003)
+    np.testing.assert_allclose(after, before, rtol=0.03)
+    whole, anew = stuck(kind, (12, 6))
+    anew(0.02, 0.0)
+    anew(0.02, 0.003)
+    expected, _ = anew(0.02, 0.001)
+    np.testing.assert_allclose(there(0.02, 0.001)[0], expected, rtol=0.03)
+    assert whole is not new
+
+
+def test_bodies_that_touch_are_told_apart():
+    """Nodes of two bodies at one place, whose displacements differ."""
+    from dolfinx_llm.problem.elsewhere import found_elsewhere
+
+    spaces = []
+    for n in (4, 7):
+        x, quads = friction_block.brick((0.0, 0.0), (1.0, 1.0), (n, n), False)
+        y, more = friction_block.brick((0.0, 1.0), (1.0, 1.0), (n + 1, n), False)
+        domain = compat.create_mesh(
+            COMM, np.vstack([quads, more + len(x)]), np.vstack([x, y]), "quadrilateral"
+        )
+        spaces.append(compat.function_space(domain, shape=(2,)))
+    from dolfinx_llm.operators.bodies import body_labels
+
+    old, new = spaces
+    u, (label, _) = fem.Function(old), body_labels(old)
+    x = old.tabulate_dof_coordinates()[:, :2]
+    upper = np.array([x[label == k, 1].mean() for k in (0, 1)]) > 1.0
+    u.x.array[:] = np.where(upper[label][:, None], 5.0 + 2.0 * x, x).ravel()
+    (found,) = found_elsewhere([old], [new], [[u]])
+    label, _ = body_labels(new)
+    x = new.tabulate_dof_coordinates()[:, :2]
+    upper = np.array([x[label == k, 1].mean() for k in (0, 1)]) > 1.0
+    expected = np.where(upper[label][:, None], 5.0 + 2.0 * x, x).ravel()
+    np.testing.assert_allclose(found, expected, atol=1e-13)
+
+
+def test_velocities_go_on():
+    """A disc that slides on a plane, on another mesh half way."""
+    old, new = (rolling_disc.Disc(elements=n, steps=10, comm=COMM) for n in (4, 5))
+    rows = old.run(0.5)
+    llm.transfer(old.stepper, new.stepper)
+    assert new.stepper.t == old.stepper.t
+    after = new.run(1.0)
+    exact = 1.0 - after[:, 0] / 3.0
+    impulse = (
+        0.1 / 3.0
+    )  # of friction in a step: half of one may be lost with the forces at the start
+    assert abs(rows[-1, 1] - (1.0 - rows[-1, 0] / 3.0)) <= 0.2 * impulse
+    assert np.abs(after[:, 1] - exact).max() <= impulse
+    np.testing.assert_allclose(np.diff(after[:, 1]), -impulse, rtol=0.1)
+
+
+def test_other_bodies_are_refused():
+    old, _ = stuck("linear", (4, 2))
+    _, go = stuck("linear", (4, 2))
+    with pytest.raises(llm.ContactError, match="nothing has been solved"):
+        llm.transfer(old, old)
+    go = stuck("linear", (4, 2))
+    go[1](0.02, 0.0)
+    with pytest.raises(llm.ContactInputError, match="differ: give the same kind"):
+        llm.transfer(go[0], stuck("nonlinear", (4, 2))[0])
+    with pytest.raises(llm.ContactInputError, match="give a ContactProblem"):
+        llm.transfer(go[0], None)
+    other, tags = body(COMM, (0.0, 0.0), (3.0, 1.0), (4, 2))
+    V = compat.function_space(other, shape=(2,))
+    w = ufl.TestFunction(V)
+    a = ufl.inner(stress(ufl.TrialFunction(V), 10.0, 0.3), ufl.grad(w)) * ufl.dx
+    plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
+    longer_one = llm.ContactProblem(
+        a,
+        ufl.inner(fem.Constant(other, (0.0, 0.0)), w) * ufl.dx,
+        bcs=[hold(V, k, lambda x: np.isclose(x[1], 1.0)) for k in (0, 1)],
+        interfaces=[llm.Interface(tags, (BOTTOM, plane), law=llm.Coulomb(0.5))],
+    )
+    with pytest.raises(llm.ContactInputError, match="6 nodes of the new mesh lie outside"):
+        llm.transfer(go[0], longer_one)
