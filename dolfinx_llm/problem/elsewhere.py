@@ -12,7 +12,7 @@ from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.operators.bodies import body_labels
 
-BEYOND = 0.1  # of the largest cell of the old mesh: by how much new nodes may lie outside of it
+OUTLYING = 0.1  # of the largest cell of the old mesh: by how much new nodes may lie outside of it
 
 
 class Elsewhere:
@@ -71,14 +71,14 @@ class Elsewhere:
             ContactInputError: nodes lie outside of the old mesh.
         """
         far, *found = self._ask(self._x, self._body, functions)
-        out = far > BEYOND * self._size
+        out = far > OUTLYING * self._size
         each = self._comm.allgather((int(out.sum()), far.max(initial=0.0), self._x[out][:1]))
         if count := sum(part[0] for part in each):
             first = np.concatenate([part[2] for part in each])[0].round(6).tolist()
             raise ContactInputError(
                 f"{count} nodes of the new mesh lie outside of the old one, by up to "
                 f"{max(part[1] for part in each):.3g}, the first at {first}; up to "
-                f"{BEYOND * self._size:.3g} is taken: draw the same bodies at the same places"
+                f"{OUTLYING * self._size:.3g} is taken: draw the same bodies at the same places"
             )
         return found
 
@@ -88,7 +88,8 @@ class Elsewhere:
         """Distance of this rank's points from the old bodies, and values of Functions there."""
         answers: Any = None
         for rank in range(self._comm.size):
-            found = self._answer(*self._comm.bcast((x, body), root=rank), functions)
+            points, of = self._comm.bcast((x, body), root=rank)
+            found = self._answer(points, of, functions)
             gathered = self._comm.gather(found, root=rank)
             answers = gathered if rank == self._comm.rank else answers
         best = np.argmin([answer[0] for answer in answers], axis=0)
