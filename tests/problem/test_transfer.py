@@ -144,11 +144,10 @@ def test_velocities_go_on():
     assert new.stepper.t == old.stepper.t
     after = new.run(1.0)
     exact = 1.0 - after[:, 0] / 3.0
-    impulse = (
-        0.1 / 3.0
-    )  # of friction in a step: half of one may be lost with the forces at the start
-    assert abs(rows[-1, 1] - (1.0 - rows[-1, 0] / 3.0)) <= 0.2 * impulse
-    assert np.abs(after[:, 1] - exact).max() <= impulse
+    impulse = 0.1 / 3.0  # of friction in a step, half of which the first step of a scene lacks
+    lacks = abs(rows[-1, 1] - (1.0 - rows[-1, 0] / 3.0))
+    assert lacks <= 0.6 * impulse
+    assert np.abs(after[:, 1] - exact).max() <= lacks + 0.2 * impulse
     np.testing.assert_allclose(np.diff(after[:, 1]), -impulse, rtol=0.1)
 
 
