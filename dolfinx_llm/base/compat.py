@@ -246,10 +246,9 @@ def evaluate(
     """Values of UFL, or compiled for these reference points, in all local cells: (n_cells, ...)."""
     done = isinstance(expression, dolfinx.fem.Expression)
     compiled = expression if done else dolfinx.fem.Expression(expression, points)
-    n = mesh.topology.index_map(mesh.topology.dim).size_local
-    cells = np.arange(n, dtype=np.int32)
+    cells = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local, dtype=np.int32)
     of = (mesh, cells) if "mesh" in inspect.signature(compiled.eval).parameters else (cells,)
-    return compiled.eval(*of).reshape(n, len(points), *shape)
+    return compiled.eval(*of).reshape(len(cells), len(points), *shape)
 
 
 def vtx_writer(comm: MPI.Comm, path: str | Path, u: Any) -> Any:

@@ -21,7 +21,7 @@ from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
 from dolfinx_llm.problem.state_file import Arrays
 
-SAMPLED = "mu", "cohesive"  # of Coulomb's law: told by positions, not remembered
+SAMPLED = "cohesive", "mu"  # of Coulomb's law: told by positions; mu is, where it is one
 
 
 def carry_over(old: Any, new: Any) -> None:
@@ -65,7 +65,8 @@ def _contact(old: ContactProblem, new: ContactProblem) -> Arrays:
         state, fresh = (p.method.states[i] for p in (old, new))
         own = state.own.carried(change, fresh.own)
         if isinstance(state.law, Coulomb):
-            own.history |= {name: fresh.own.history[name] for name in SAMPLED}
+            names = SAMPLED if state.law.dynamic is None else SAMPLED[:1]
+            own.history |= {name: fresh.own.history[name] for name in names}
         told = {f.name: getattr(own, f.name) for f in fields(ContactState)}
         law = told.pop("history")
         found |= {f"interface {i} {name}": value for name, value in told.items()}
