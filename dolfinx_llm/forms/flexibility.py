@@ -65,9 +65,14 @@ class Flexibility(StepForm):
         # leaves the springs at the pins alone, is Qᵀ (f - B λ) = Qᵀ K R α.
         self.modes = rigid.modes.copy()
         self._weak = rigid.forces[:, rigid.free :]
-        for k in range(rigid.free, len(rigid.body)):
-            self.modes[:, k] -= self._solver.solve(rigid.forces[:, k])
         k = len(rigid.body)
+        for some in rigid.one_of_each(np.arange(rigid.free, k)):
+            answer, motion = (
+                self._solver.solve(rigid.forces[:, some].sum(axis=1)),
+                rigid.owner(some),
+            )
+            on = np.flatnonzero(motion >= 0)
+            self.modes[on, motion[on]] -= answer[on]
         self._own = np.zeros((k, k))  # Qᵀ K R
         self._own[rigid.free :, rigid.free :] = self.comm.allreduce(
             self.modes[:, rigid.free :].T @ self._weak

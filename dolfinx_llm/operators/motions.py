@@ -44,6 +44,24 @@ class RigidMotions:
     stiffness: np.ndarray  # (k, k) modesᵀ K modes
     noise: np.ndarray  # (k,) what rounding of K may have done to it
 
+    def one_of_each(self, which: np.ndarray) -> list[np.ndarray]:
+        """Motions ``which`` in groups with no more than one of each body, which one solve may take
+        together: K does not couple bodies."""
+        order = which[np.argsort(self.body[which], kind="stable")]
+        new = np.diff(self.body[order], prepend=-1) != 0
+        place = np.arange(len(order)) - np.maximum.accumulate(
+            np.where(new, np.arange(len(order)), 0)
+        )
+        return [order[place == p] for p in range(place.max(initial=-1) + 1)]
+
+    def owner(self, some: np.ndarray) -> np.ndarray:
+        """(n_local,) which of some motions, one of each body, is that of a dof's body; -1: none."""
+        of = np.full(self.bodies.count + 1, -1)
+        of[self.body[some]] = some
+        label = np.full(len(self.modes), -1)
+        label[self.bodies.dofs] = np.repeat(self.bodies.label, self.bodies.components)
+        return of[label]
+
     def describe(self, amounts: np.ndarray, forces: np.ndarray) -> str:
         """Words for (free,) amounts of the free motions, and the forces (free,) along them."""
         words, size = [], np.abs(amounts).max(initial=0.0)
@@ -96,8 +114,12 @@ def rigid_motions(bodies: Bodies, K: Any, fixed: np.ndarray) -> RigidMotions:
             forces[own, i] = pushed[own, : len(vector)] @ vector
         else:
             free += 1
-    stiffness = bodies.comm.allreduce(modes.T @ forces)
     body = np.array([b for b, _ in order], dtype=np.int64)
+    stiffness = np.zeros((k, k))
+    for b in np.unique(body):  # K does not couple bodies
+        own, of = np.flatnonzero(label == b), np.flatnonzero(body == b)
+        stiffness[np.ix_(of, of)] = modes[np.ix_(own, of)].T @ forces[np.ix_(own, of)]
+    stiffness = bodies.comm.allreduce(stiffness)
     return RigidMotions(
         bodies, body, parts, free, modes, forces, 0.5 * (stiffness + stiffness.T), noise
     )
@@ -144,16 +166,24 @@ def _of_body(bodies: Bodies, b: int, N: np.ndarray, fields: Any, label: np.ndarr
 
 def pins(comm: MPI.Comm, modes: np.ndarray) -> list[int]:
     """This rank's dofs (local numbers) that together hold the modes (n_local, k) best, k in all."""
-    rest, chosen = modes.copy(), []
+    rest, chosen = np.asfortranarray(modes), []
+    rest = rest.copy(order="F") if rest is modes else rest
+    size = np.einsum("nk,nk->n", rest, rest)
     for _ in range(rest.shape[1]):
-        size = np.einsum("nk,nk->n", rest, rest)
         best = int(size.argmax()) if len(size) else 0
         found = comm.allgather((float(size[best]), rest[best]) if len(size) else (-1.0, None))
         rank = int(np.argmax([round(length, 12) for length, _ in found]))
         direction = found[rank][1]
         if rank == comm.rank:
             chosen.append(best)
-        rest = rest - np.outer(rest @ direction, direction) / (direction @ direction)
+        among = np.flatnonzero(direction)  # the motions of one body
+        direction = direction[among]
+        part = rest[:, among] @ direction
+        on = np.flatnonzero(part)
+        before = rest[np.ix_(on, among)]
+        after = before - np.outer(part[on], direction) / (direction @ direction)
+        rest[np.ix_(on, among)] = after
+        size[on] += (after**2).sum(axis=1) - (before**2).sum(axis=1)
     return chosen
 
 

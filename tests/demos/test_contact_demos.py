@@ -4,6 +4,7 @@ import json
 import re
 
 import arch
+import assembly
 import cattaneo_mindlin
 import folding
 import friction_block
@@ -15,7 +16,11 @@ import pytest
 import ring_on_block
 import rubber_seal
 from conftest import run_mpi_json
+from mpi4py import MPI
 from sampling import longer
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat
 
 LIMITS = {"cold": 12, "later": 4}  # iterations: of a first step, of one that follows
 
@@ -307,3 +312,35 @@ def test_folding(steps, tmp_path):
     if shown:
         names = {path.name for path in tmp_path.iterdir()}
         assert {"folding.gif", "bodies.png", "interface_0.png"} <= names
+
+
+# A CAD assembly
+
+
+def test_contacts_of_an_assembly(tmp_path):
+    """All pairs of parts of a STEP file that touch, none besides; also by laws of some."""
+    domain, cells = assembly.read(MPI.COMM_SELF, tmp_path / "assembly.step", 8.0)
+    V = compat.function_space(domain, shape=(3,))
+    by_hand = {tuple(sorted(pair)) for pair in assembly.TOUCHES}
+    assert len(by_hand) == 11
+    plate, washers = assembly.PARTS.index("plate") + 1, (5, 6)
+    laws = {(plate, k): llm.Frictionless() for k in range(1, 11)}
+    laws |= {(washers[0], 2): llm.Tied(), washers: llm.Tied()}  # these do not touch
+    some = {pair for pair in by_hand if "plate" in pair} | {("bracket", "washer-1")}
+    for wanted, given in ((by_hand, {}), (some, {"laws": laws, "cell_tags": cells})):
+        found = llm.find_interfaces(None, V, **given)
+        pairs = [tuple(sorted(assembly.part_of(i, domain, cells))) for i in found]
+        assert len(pairs) == len(wanted) and set(pairs) == wanted
+
+
+@pytest.mark.long
+def test_assembly(tmp_path):
+    """All pairs that touch, none besides; every part in balance."""
+    step = tmp_path / "assembly.step"
+    found = assembly.main(["--step", str(step)])
+    assert step.read_text().startswith("ISO-10303-21")
+    assert found["parts"] == 10 and found["pairs"] == 11
+    assert not found["missed"] and not found["besides"]
+    assert found["pull"] > 100.0
+    assert found["balance"] <= 1e-9
+    assert abs(found["through"] - 1.0) <= 1e-9
