@@ -47,6 +47,20 @@ def test_impact_goes_on(tmp_path):
     np.testing.assert_allclose(first.stepper.v.x.array, second.stepper.v.x.array, atol=1e-12)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_impact_goes_on_on_ranks(ranks, tmp_path):
+    """Saved in the middle of contact; time, pressure, energies and momentum after it."""
+    import impact_bar
+
+    bar = impact_bar.Bar(10, comm=MPI.COMM_SELF)
+    bar.run(1.4)
+    bar.stepper.save(tmp_path / "bar.npz")
+    exact = bar.run(2.2)[-1]
+    found = run_mpi_json("saved_steps.py", ranks, tmp_path / "bar.npz", 2.2)["last"]
+    np.testing.assert_allclose(found, exact, rtol=1e-12, atol=1e-12)
+
+
 def pressed(n=3, law=None):
     """A residual form of a block on a plane."""
     corners = [[0.0, 0.0], [1.0, 1.0]]
