@@ -4,6 +4,7 @@ Row p is N_p = N(xi_p) + delta_p with the smallest corrections, weighted by w_p 
 which nodes share a facet) so that they vary continuously with the place of p, for which
 
     sum_J delta_pJ = 0, sum_J delta_pJ t·y_J = 0 for tangents t at p    (forces and moments stay),
+    on second-order frames sum_J delta_pJ t·(y_J - x_p) s·(y_J - x_p) = 0    (so do curved places),
     sum_p N_pJ f_p - f_J = (G kappa)_J + k mu_J, Gᵀ mu = 0              (28).
 
 With W = diag(w_p), C the rows (1, t·(y - x_p) / h), S = C W Cᵀ and one mu per frame node
@@ -18,6 +19,7 @@ but where the rim is covered so poorly that corrections would be large.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import combinations_with_replacement
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags
@@ -27,7 +29,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.stencils import adjacency
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
-from dolfinx_llm.geometry.element import element_of
+from dolfinx_llm.geometry.element import Element, element_of
 from dolfinx_llm.geometry.overlap_flat import local_bases
 
 CORRECTED = 0.4  # correction from which on the limit k is raised at the start of a step
@@ -103,7 +105,10 @@ class Design:
 
     stencils: Stencils
     facets: np.ndarray  # (f, k) of the frame
-    chart: np.ndarray  # (m, c) orthogonal functions 1, s of the frame as drawn
+    element: Element  # of these
+    chart: (
+        np.ndarray
+    )  # (m, c) orthogonal functions of the frame as drawn: 1, s, at second order s s
     size: float  # h, of the chart of a stencil [length]
     wanted: bool = True  # False: rows stay as they are
 
@@ -111,12 +116,21 @@ class Design:
     def of(cls, Y: np.ndarray, facets: np.ndarray, wanted: bool = True) -> Design:
         """Design of a frame with nodes Y (m, gdim) as drawn."""
         span = np.linalg.norm(Y[facets] - np.roll(Y[facets], 1, axis=1), axis=2).max()
-        return cls(Stencils.of(facets, len(Y)), facets, chart(Y), float(span), wanted)
+        element = element_of(Y.shape[1] - 1, facets.shape[1])
+        stencils, functions = Stencils.of(facets, len(Y)), chart(Y, element.order)
+        return cls(stencils, facets, element, functions, float(span), wanted)
 
     @property
     def bernstein(self) -> np.ndarray:
         """(k, k) E of the frame's facets: weights follow control values, which are not negative."""
-        return element_of(self.chart.shape[1] - 1, self.facets.shape[1]).bernstein
+        return self.element.bernstein
+
+    @property
+    def products(self) -> list[tuple[int, int]]:
+        """Of coordinates: the squares that rows of a second-order frame reproduce."""
+        return list(combinations_with_replacement(range(self.element.dim), 2))[
+            : None if self.element.order > 1 else 0
+        ]
 
     def rows(
         self,
@@ -146,10 +160,9 @@ class Design:
         w = np.einsum("nk,nks->ns", plus, window) / total[:, None]
         tangents = local_bases(at.normal)[:, :-1]
         arm = y[nodes] - x[:, None]
-        C = np.concatenate(
-            [np.ones((n, 1, w.shape[1])), np.einsum("nai,nsi->nas", tangents, arm) / self.size],
-            axis=1,
-        )
+        along = np.einsum("nai,nsi->nas", tangents, arm) / self.size
+        squares = [along[:, a] * along[:, b] for a, b in self.products]
+        C = np.stack([np.ones_like(w), *np.moveaxis(along, 1, 0), *squares], axis=1)
         CW = C * w[:, None]
         inverse = np.linalg.inv(np.einsum("nas,nbs->nab", CW, C))
         lift = np.einsum("nas,nab->nsb", CW, inverse)  # W Cᵀ S⁻¹
@@ -238,9 +251,16 @@ class Design:
         # Constraints: dc_aJ = (t_a·(dy_J - dx_p) - t_a·dn n·(y_J - x_p)) / h.
         height = np.einsum("nsi,ni->ns", q["arm"], at.normal)
         places = np.concatenate([columns[0], coordinates(rows.nodes, gdim, columns[1])], axis=1)
+        by_row = [
+            t[:, None, None] * q["P"] - lift[:, :, None] * rows.delta[:, None, :]
+            for t, lift in zip(q["t"].T, np.moveaxis(q["lift"], 2, 0), strict=True)
+        ]
         for a in range(gdim - 1):
-            Q = q["t"][:, a + 1, None, None] * q["P"]
-            Q = Q - q["lift"][:, :, a + 1, None] * rows.delta[:, None, :]
+            Q = by_row[1 + a]
+            for ends, of_product in zip(self.products, by_row[gdim:], strict=True):
+                for one, other in (ends, ends[::-1]):
+                    if one == a:
+                        Q = Q + of_product * q["C"][:, None, 1 + other]
             tangent = q["tangents"][:, a] / self.size
             moved = np.einsum("nst,ni->nsti", Q, tangent).reshape(n, s, s * gdim)
             own = -np.einsum("nst,ni->nsi", Q, tangent)
@@ -250,11 +270,18 @@ class Design:
         return found.tocsr(), by_mu
 
 
-def chart(Y: np.ndarray) -> np.ndarray:
-    """(m, gdim) orthogonal functions on a frame as drawn: 1 and coordinates in its mean plane."""
+def chart(Y: np.ndarray, order: int) -> np.ndarray:
+    """(m, c) orthogonal functions on a frame as drawn: 1, coordinates in its mean plane, and their
+    products at second order."""
     centred = Y - Y.mean(axis=0)
     _, _, axes = np.linalg.svd(centred, full_matrices=False)
-    functions = np.column_stack([np.ones(len(Y)), centred @ axes[:-1].T])
+    s = centred @ axes[:-1].T
+    functions = np.column_stack([np.ones(len(Y)), s])
+    if order > 1:
+        s = s / np.linalg.norm(s, axis=0).max()
+        pairs = combinations_with_replacement(range(s.shape[1]), 2)
+        functions = np.column_stack([functions, *(s[:, a] * s[:, b] for a, b in pairs)])
+        functions = np.linalg.qr(functions / np.linalg.norm(functions, axis=0))[0]
     return functions / np.linalg.norm(functions, axis=0)
 
 

@@ -77,13 +77,13 @@ class NormalContact(MovingContact):
     def counts(self) -> tuple[int, int, int]:
         """Numbers of forces, mu and kappa."""
         surfaces, frame = self.sides.surfaces, self.sides.frame
-        return len(surfaces[1 - frame].x), len(surfaces[frame].x), self.sides.gdim
+        return len(surfaces[1 - frame].x), len(surfaces[frame].x), self.design.chart.shape[1]
 
     @property
     def owner(self) -> np.ndarray:
         """(size,) ranks that own the unknowns."""
         surfaces, frame = self.sides.surfaces, self.sides.frame
-        first = np.zeros(self.sides.gdim, dtype=np.int64)
+        first = np.zeros(self.counts[2], dtype=np.int64)
         return np.concatenate([surfaces[1 - frame].owner, surfaces[frame].owner, first])
 
     def hold(self, z: np.ndarray) -> Held:

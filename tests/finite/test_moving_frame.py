@@ -176,7 +176,7 @@ def pressed(name, law=None, mu=0.3):
     return z, n, q, terms
 
 
-def differences(function, z, h=1e-6):
+def differences(function, z, h=5e-7):
     """Three random directions, and central differences of a function along them."""
     E = np.random.default_rng(3).standard_normal((3, len(z)))
     columns = [(function(z + h * e) - function(z - h * e)) / (2.0 * h) for e in E]
@@ -195,9 +195,8 @@ def test_tangent_is_the_derivative(name, law):
     slip, the law of friction, and laws of one's own."""
     z, n, q, terms = pressed(name, law)
     t = terms(z)
-    d = slice(
-        n, n + len(t.place.areas[1]) + t.place.normal.shape[1]
-    )  # mu and kappa, which follow the positions
+    # mu and kappa, which follow the positions
+    d = slice(n, n + len(t.place.areas[1]) + t.place.rows.G.shape[1])
     kept = np.setdiff1d(np.arange(len(q)), np.arange(d.start, d.stop))
     own, left, top = t.own.toarray(), t.left.toarray(), t.top.toarray()
     dq = -np.linalg.solve(own[d, d], left[d])
@@ -218,7 +217,7 @@ def test_tangent_is_the_derivative(name, law):
             initial=0.0
         )
     # The design matters here, and what it changes is differentiated.
-    assert t.delta > 0.03
+    assert t.delta > (0.01 if "second" in name else 0.03)
 
 
 @pytest.mark.parametrize("kind", ["line", "quad", "tri"])
@@ -262,7 +261,7 @@ def test_free_pressure_follows(name):
         z = np.concatenate([s.x.ravel() for s in surfaces])
         follower = Follower(None, surfaces, Sides.of(surfaces))
         force = partial(follower.terms, p=3.0, candidates=follower.hold(z))
-        E, found = differences(lambda z, force=force: -force(z)[0], z, 5e-7)
+        E, found = differences(lambda z, force=force: -force(z)[0], z)
         assert np.abs(force(z)[1] @ E - found).max() < 1e-9 * 3.0
 
 

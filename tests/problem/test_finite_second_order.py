@@ -34,7 +34,7 @@ def test_finite_patch(kinds, order):
     problem = finite_patch.problem(bodies, order=order, degree=2)
     problem.solve()
     stretch, pressure = finite_patch.errors(problem, finite_patch.stretches(300.0))
-    assert stretch < 1e-12 and pressure < 1e-11
+    assert stretch < 1e-10 and pressure < 1e-9
     result = problem.results[0]
     for side in result.sides:  # forces of nodes are those of the area that they stand for
         assert np.abs(side.normal_force - 300.0 * side.area).max() < 1e-9 * 300.0
