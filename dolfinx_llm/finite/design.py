@@ -152,7 +152,7 @@ class Design:
         Raises:
             ContactError: the equations are singular.
         """
-        m, n = len(y), len(x)
+        m = len(y)
         nodes, window = self.stencils.nodes[at.facet], self.stencils.window[at.facet]
         N0 = np.einsum("nk,nks->ns", at.N, self.stencils.own[at.facet])
         plus = np.maximum(at.N @ self.bernstein, 0.0)

@@ -121,7 +121,8 @@ def check_order(interface: Interface, sides: Sequence[Surface], flat: bool = Tru
         raise ContactInputError(
             f"interface {interface.name}: {missing} need(s) first-order bodies; of second-order "
             "ones flat surfaces can be tied, and surfaces without sharp turns part and slide. Use "
-            "('Lagrange', 1, ...) here"
+            "('Lagrange', 1, ...) here, or NonlinearContactProblem, of F = ufl.action(a, u) - L: "
+            "it ties curved ones and takes laws of your own"
         )
 
 
