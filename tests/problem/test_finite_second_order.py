@@ -99,6 +99,7 @@ def tied_rings(counts, first):
     return so.errors(nonlinear(a, L, bcs=bcs, interfaces=[interface]).solve(), field)
 
 
+@pytest.mark.long
 def test_curved_ties():
     """A ring in a ring on meshes that do not match, and turned: nearly the errors of meshes that
     do."""
