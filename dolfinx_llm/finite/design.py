@@ -19,7 +19,6 @@ but where the rim is covered so poorly that corrections would be large.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import combinations_with_replacement
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags
@@ -27,6 +26,7 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.stencils import adjacency
+from dolfinx_llm.finite.chart import chart, products
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
 from dolfinx_llm.geometry.element import Element, element_of
@@ -117,20 +117,13 @@ class Design:
         """Design of a frame with nodes Y (m, gdim) as drawn."""
         span = np.linalg.norm(Y[facets] - np.roll(Y[facets], 1, axis=1), axis=2).max()
         element = element_of(Y.shape[1] - 1, facets.shape[1])
-        stencils, functions = Stencils.of(facets, len(Y)), chart(Y, element.order)
+        stencils, functions = Stencils.of(facets, len(Y)), chart(Y, element)
         return cls(stencils, facets, element, functions, float(span), wanted)
 
     @property
     def bernstein(self) -> np.ndarray:
         """(k, k) E of the frame's facets: weights follow control values, which are not negative."""
         return self.element.bernstein
-
-    @property
-    def products(self) -> list[tuple[int, int]]:
-        """Of coordinates: the squares that rows of a second-order frame reproduce."""
-        return list(combinations_with_replacement(range(self.element.dim), 2))[
-            : None if self.element.order > 1 else 0
-        ]
 
     def rows(
         self,
@@ -161,7 +154,7 @@ class Design:
         tangents = local_bases(at.normal)[:, :-1]
         arm = y[nodes] - x[:, None]
         along = np.einsum("nai,nsi->nas", tangents, arm) / self.size
-        squares = [along[:, a] * along[:, b] for a, b in self.products]
+        squares = [along[:, a] * along[:, b] for a, b in products(self.element)]
         C = np.stack([np.ones_like(w), *np.moveaxis(along, 1, 0), *squares], axis=1)
         CW = C * w[:, None]
         inverse = np.linalg.inv(np.einsum("nas,nbs->nab", CW, C))
@@ -257,7 +250,7 @@ class Design:
         ]
         for a in range(gdim - 1):
             Q = by_row[1 + a]
-            for ends, of_product in zip(self.products, by_row[gdim:], strict=True):
+            for ends, of_product in zip(products(self.element), by_row[gdim:], strict=True):
                 for one, other in (ends, ends[::-1]):
                     if one == a:
                         Q = Q + of_product * q["C"][:, None, 1 + other]
@@ -268,21 +261,6 @@ class Design:
             found = found + jacobian(np.concatenate([own, moved], axis=2), places, width)
             found = found + per_item(turned) @ d.normal
         return found.tocsr(), by_mu
-
-
-def chart(Y: np.ndarray, order: int) -> np.ndarray:
-    """(m, c) orthogonal functions on a frame as drawn: 1, coordinates in its mean plane, and their
-    products at second order."""
-    centred = Y - Y.mean(axis=0)
-    _, _, axes = np.linalg.svd(centred, full_matrices=False)
-    s = centred @ axes[:-1].T
-    functions = np.column_stack([np.ones(len(Y)), s])
-    if order > 1:
-        s = s / np.linalg.norm(s, axis=0).max()
-        pairs = combinations_with_replacement(range(s.shape[1]), 2)
-        functions = np.column_stack([functions, *(s[:, a] * s[:, b] for a, b in pairs)])
-        functions = np.linalg.qr(functions / np.linalg.norm(functions, axis=0))[0]
-    return functions / np.linalg.norm(functions, axis=0)
 
 
 def _bordered(M: csr_matrix, G: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
