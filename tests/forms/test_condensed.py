@@ -352,6 +352,7 @@ def test_bodies_that_contact_holds_by_multigrid(mu):
         assert np.abs(u - v).max() <= 1e-10 * np.abs(u).max()
     kept = problem.method.form.friction
     assert not kept.notes and not kept.direct
+    assert "first load step on one core about" in str(problem)
 
 
 def test_friction_takes_as_many_iterations_with_another_multigrid(monkeypatch):
