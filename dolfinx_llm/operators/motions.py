@@ -87,18 +87,21 @@ def rigid_motions(bodies: Bodies, K: Any, fixed: np.ndarray) -> RigidMotions:
     label, R = np.full(len(fixed), -1), np.zeros((len(fixed), bodies.ways))
     label[bodies.dofs] = np.repeat(bodies.label, bodies.components)
     R[bodies.dofs] = bodies.own_modes(bodies.label, bodies.points).reshape(-1, R.shape[1])
-    allowed = _allowed(bodies, R, label, fixed)
+    by_body = np.argsort(label, kind="stable")
+    ends = np.searchsorted(label[by_body], np.arange(bodies.count + 1))
+    dofs = [by_body[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    allowed = _allowed(bodies, R, dofs, fixed)
     width = max((N.shape[1] for N in allowed), default=0)
     moved = np.zeros((len(fixed), width))  # of all bodies at once: K does not couple them
     for b, N in enumerate(allowed):
-        own = label == b
-        moved[own, : N.shape[1]] = R[own] @ N
+        moved[dofs[b], : N.shape[1]] = R[dofs[b]] @ N
     moved[fixed] = 0.0
     pushed, diagonal = np.empty_like(moved), np.abs(diagonal_of(K))
     for k in range(width):
         pushed[:, k] = times(K, moved[:, k])
     found = [
-        _of_body(bodies, b, N, (moved, pushed, diagonal), label) for b, N in enumerate(allowed)
+        _of_body(bodies, b, N, [field[dofs[b]] for field in (moved, pushed, diagonal)])
+        for b, N in enumerate(allowed)
     ]
     order = [(b, j) for held in (False, True) for b, (_, _, h, _) in enumerate(found)
              for j in np.flatnonzero(h == held)]  # fmt: skip
@@ -107,7 +110,7 @@ def rigid_motions(bodies: Bodies, K: Any, fixed: np.ndarray) -> RigidMotions:
     parts, noise, free = np.zeros((k, R.shape[1])), np.zeros(k), 0
     for i, (b, j) in enumerate(order):
         N, C, held, level = allowed[b], found[b][0], found[b][2], found[b][3]
-        own, vector = label == b, C[:, j]
+        own, vector = dofs[b], C[:, j]
         modes[own, i] = moved[own, : len(vector)] @ vector
         parts[i], noise[i] = N @ vector, level[j]
         if held[j]:
@@ -117,7 +120,7 @@ def rigid_motions(bodies: Bodies, K: Any, fixed: np.ndarray) -> RigidMotions:
     body = np.array([b for b, _ in order], dtype=np.int64)
     stiffness = np.zeros((k, k))
     for b in np.unique(body):  # K does not couple bodies
-        own, of = np.flatnonzero(label == b), np.flatnonzero(body == b)
+        own, of = dofs[b], np.flatnonzero(body == b)
         stiffness[np.ix_(of, of)] = modes[np.ix_(own, of)].T @ forces[np.ix_(own, of)]
     stiffness = bodies.comm.allreduce(stiffness)
     return RigidMotions(
@@ -126,10 +129,10 @@ def rigid_motions(bodies: Bodies, K: Any, fixed: np.ndarray) -> RigidMotions:
 
 
 def _allowed(
-    bodies: Bodies, R: np.ndarray, label: np.ndarray, fixed: np.ndarray
+    bodies: Bodies, R: np.ndarray, dofs: list[np.ndarray], fixed: np.ndarray
 ) -> list[np.ndarray]:
     """Per body (modes, k) combinations of its rigid motions that move no prescribed dof."""
-    held = [np.linalg.qr(R[fixed & (label == b)], mode="r") for b in range(bodies.count)]
+    held = [np.linalg.qr(R[own[fixed[own]]], mode="r") for own in dofs]
     out = []
     for parts in zip(*bodies.comm.allgather(held), strict=True):
         _, values, vectors = np.linalg.svd(np.concatenate(parts))
@@ -138,11 +141,11 @@ def _allowed(
     return out
 
 
-def _of_body(bodies: Bodies, b: int, N: np.ndarray, fields: Any, label: np.ndarray) -> Any:
-    """Motions of one body that are free or weakly held: their coefficients (columns of N, k),
-    stiffness (k,), whether springs hold them (k,), and the stiffness that rounding alone may cause
-    (k,)."""
-    moved, pushed, diagonal = (field[label == b] for field in fields)
+def _of_body(bodies: Bodies, b: int, N: np.ndarray, fields: Any) -> Any:
+    """Motions of one body, of ``fields`` at its dofs, that are free or weakly held: their
+    coefficients (columns of N, k), stiffness (k,), whether springs hold them (k,), and the
+    stiffness that rounding alone may cause (k,)."""
+    moved, pushed, diagonal = fields
     k = N.shape[1]
     moved, pushed = moved[:, :k], pushed[:, :k]
     weighted = diagonal[:, None] * moved

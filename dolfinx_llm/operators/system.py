@@ -154,9 +154,9 @@ class ContactOperators:
 
     def _check_support(self, K: PETSc.Mat) -> None:
         """Require that supports and ties hold every body, if these are all there is."""
-        bodies, moves = self.bodies, []
+        bodies, moves, labels = self.bodies, [], self.dofs.spread(self.bodies.label)
         for side, dofs in zip(self.pairs, self.side_dofs, strict=True):
-            label = self.dofs.values(dofs[:, 0], self.dofs.spread(bodies.label))
+            label = self.dofs.values(dofs[:, 0], labels)
             modes = bodies.own_modes(label.astype(np.int64), side.X)
             move = np.einsum("nci,nim->ncm", side.base, modes)
             n, c, m = move.shape
