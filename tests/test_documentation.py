@@ -272,5 +272,8 @@ def test_every_demo_has_a_page(tmp_path, monkeypatch):
             assert not ours or path.parent.joinpath(link).exists(), f"{path}: {link}"
 
 
-def test_options_of_the_gallery_are_the_demos():
+def test_every_demo_draws():
+    """The gallery runs those that it names with options of their own, all others with --plot."""
     assert set(gallery.OPTIONS) <= set(gallery.demos())
+    for name in set(gallery.demos()) - set(gallery.OPTIONS):
+        assert '"--plot"' in (ROOT / "demos" / f"{name}.py").read_text(), name
