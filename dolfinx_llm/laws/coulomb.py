@@ -67,8 +67,8 @@ class Coulomb(Law):
 
     @property
     def _bounds(self) -> dict[str, Varying]:
-        given = {"mu": self.mu, "cohesion": self.cohesion, "dynamic": self.dynamic}
-        return {name: value for name, value in given.items() if value is not None}
+        given: dict[str, Varying] = {"mu": self.mu, "cohesion": self.cohesion}
+        return given if self.dynamic is None else given | {"dynamic": self.dynamic}
 
     def __post_init__(self) -> None:
         for name, value in self._bounds.items():
