@@ -22,7 +22,7 @@ METHODS = (
     "saddle",
     "condensed Cholesky",
     "condensed CG + GAMG",
-    "frictionless GMRES + GAMG",
+    "frictionless CG + GAMG",
     "friction GMRES + GAMG",
     "matching CG + GAMG",
 )
@@ -85,7 +85,7 @@ def contact(comm, n, solver, options, law):
         "residual": problem.method.iteration.verdict.residual,
     }
     if parts:
-        steps = form.friction.steps
+        steps = (form.friction or form.system).steps
         times["steps"] = row["set-up"]
         row |= {key: sum(step[key] for step in steps) for key in steps[0]}
         times["steps"] -= row["set-up"] + row["solve"]

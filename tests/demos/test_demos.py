@@ -73,12 +73,12 @@ def test_solvers(tmp_path):
     assert len(rows) == 6 and all(name in out for name in rows)
     assert (tmp_path / "solvers.png").read_bytes()[:4] == b"\x89PNG"
     tied, matching = (rows[f"{kind} CG + GAMG"]["iterations"] for kind in ("condensed", "matching"))
-    laws = "frictionless", "friction"
-    frictionless, friction = (rows[f"{law} GMRES + GAMG"]["iterations"] for law in laws)
+    frictionless = rows["frictionless CG + GAMG"]["iterations"]
     assert 0 < tied <= 1.3 * matching
     # All solves of a load step: by PETSc's version 2.1 to 3.6 times, as sliding between the bodies
     # is missing on coarse levels.
     assert 0 < frictionless <= 3.6 * matching
+    assert 0 < rows["friction GMRES + GAMG"]["iterations"] <= 3.0 * matching
     assert max(row["residual"] for row in rows.values()) <= 1e-12
 
 

@@ -212,8 +212,8 @@ def test_auto(monkeypatch):
 
 @pytest.mark.parametrize("n", [1, longer(2)])
 def test_steps_reuse_the_set_up(n):
-    """Load steps without friction: the flexibility's answer, with one preconditioner for all pairs
-    that are in contact, and all loads."""
+    """Load steps without friction: the flexibility's answer, with one preconditioner as long as
+    the pairs in contact stay, and with other loads."""
     found = run_mpi_json("condensed_reuse.py", n)
     for name, outcome in found.items():
         assert outcome["error"] <= 1e-10 and outcome["residual"] <= 1e-13, name
@@ -222,7 +222,9 @@ def test_steps_reuse_the_set_up(n):
         assert outcome["set-ups"] == 1 and len(set(outcome["active"])) == 1
     first, later = (sum(outcome["iterations"]) for outcome in closed)
     assert later <= 1.1 * first  # none for what is built anew
-    assert bent["set-ups"] == 1 and bent["active"][-1] < closed[0]["active"][0]
+    assert (
+        1 < bent["set-ups"] <= len(bent["active"]) and bent["active"][-1] < closed[0]["active"][0]
+    )
 
 
 def test_steps_reuse_a_factorisation(monkeypatch):
@@ -350,7 +352,7 @@ def test_bodies_that_contact_holds_by_multigrid(mu):
     problem, constants = condensed_reuse.blocks(V, tags, "condensed", gamg, law)
     for (_, u, _), (_, v, _) in zip(known, condensed_reuse.follow(problem, constants)):
         assert np.abs(u - v).max() <= 1e-10 * np.abs(u).max()
-    kept = problem.method.form.friction
+    kept = problem.method.form.friction or problem.method.form.system
     assert not kept.notes and not kept.direct
     assert "first load step on one core about" in str(problem)
 

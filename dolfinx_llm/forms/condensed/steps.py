@@ -86,11 +86,10 @@ class CondensedForm(WholeSteps):
         return abs(step.E - step.L.T).nnz == 0 and _holds(step)
 
     def _by_cg(self, step: LinearStep) -> bool:
-        """Whether CG solves it, of rows that stay and by options of the user's; GMRES with a
-        multigrid that follows what changes does elsewhere."""
-        given = self.options or {}
-        own = given.get("pc_type") in FACTORISED or any(key.startswith("ksp_") for key in given)
-        return self._symmetric(step) and bool(own or not step.may_open.any())
+        """Whether CG solves it: of rows that stay, by options of the user's, and of bodies that may
+        slide freely, where GMRES stalls; elsewhere GMRES's multigrid follows what changes."""
+        stays = self.operators.floating.rigid.modes.shape[1] > 0 or not step.may_open.any()
+        return self._symmetric(step) and bool(stays or _chosen(self.options or {}))
 
     def _frictionless(self, f: np.ndarray, step: LinearStep, back: bool) -> StepResult:
         """A step without friction. Where signs are wrong it need not be solved to the end: what
@@ -279,6 +278,12 @@ def row_stiffness(operators: ContactOperators, split: SplitStiffness, scale: flo
     own = np.where(operators.dofs.fixed[dofs], scale, split.diagonal[dofs])
     stiffness = (rows.base[mine] ** 2 * own).sum(axis=1) / YIELDING
     return gather_rows(operators.comm, stiffness)[rows.numbering.number]
+
+
+def _chosen(options: dict) -> bool:
+    """Whether options of PETSc say how a symmetric matrix is to be solved."""
+    krylov = any(key.startswith("ksp_") for key in options)
+    return krylov or options.get("pc_type") in FACTORISED
 
 
 def _holds(step: LinearStep) -> bool:
