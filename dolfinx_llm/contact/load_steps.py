@@ -62,7 +62,8 @@ def advance(
         # What falls is told by its motion, if that is found soon.
         falls = unbalanced(equations, iteration.operators.floating, f_t, equations.loads)
         try:
-            found = iteration.iterate(f_t, g_t, FALLING if falls else MAXIMUM)
+            most = FALLING if falls else MAXIMUM
+            found = _iterated(iteration, f_t, g_t, most, reached)
         except (FinalError, ContactInputError):  # smaller parts are of no help
             iteration.restore(first)
             raise
@@ -104,6 +105,18 @@ def _settled(iteration: ContactIteration, u: np.ndarray) -> np.ndarray:
     if n_v:
         iteration.w[:n_v] -= least_squares(L, moved[:, None])[:, 0]
     return u - floating.modes @ strayed
+
+
+def _iterated(
+    iteration: ContactIteration, f: np.ndarray, g: np.ndarray, most: int, part: float
+) -> StepResult:
+    """The iteration to a part of the load step, which the history says."""
+    first = len(iteration.history)
+    try:
+        return iteration.iterate(f, g, most)
+    finally:
+        for entry in iteration.history[first:]:
+            entry["part"] = part
 
 
 def _judged(
