@@ -48,7 +48,8 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
     Attributes:
         results: after ``solve``, an ``InterfaceResult`` per interface, the same on every rank.
         history: of the last ``solve``, a dict per iteration: "part" (of the load step),
-            "iteration", "active" (pairs in contact), "stick", "slip", "changes", "residual" (relative).
+            "iteration", "active" (pairs in contact), "stick", "slip", "changes", "residual"
+            (relative).
         form: "saddle", "condensed", "flexibility", by ``solver``, laws and size; or of your own.
         unknowns: global number of displacements u, multipliers lambda and frame unknowns v.
         times: seconds per stage, summed over all calls.
