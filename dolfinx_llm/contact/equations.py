@@ -21,11 +21,12 @@ from dolfinx_llm.contact.friction_nodes import friction_nodes
 from dolfinx_llm.contact.led import rows_of, told
 from dolfinx_llm.contact.proximal import FrameRows
 from dolfinx_llm.contact.state import InterfaceState
-from dolfinx_llm.forms.step import SOFT, LinearStep
+from dolfinx_llm.forms.step import SIGN, SOFT, LinearStep
 from dolfinx_llm.laws.rows import STICK, LawRows
 from dolfinx_llm.laws.speakers import sums
 from dolfinx_llm.operators.system import ContactOperators
 
+ROUNDED_OFF = 4.0 * float(np.finfo(float).eps) / SOFT
 CARRIED = 1e-3  # part of a force on an obstacle from which on contact does not balance it
 
 
@@ -44,6 +45,8 @@ class Equations:
         lags: normal forces that bound friction are those of the last iterate.
         soft: (n,) rows that give way to changes alone, by ``SOFT``: supports, or other rows of the
             same nodes, leave forces open.
+        felt: part of the largest force that is more than rounding: where rows of joints give way it
+            is divided by ``SOFT``.
         start: (n,) λ at the start of the load step: friction at rest keeps it [force].
         about: (n,) λ about which these do, at a solution the solution's [force].
         normal: (n,) rows that may open.
@@ -60,6 +63,7 @@ class Equations:
         # Of ties no row that repeats others is in contact.
         loose = np.concatenate([np.full(nodes.rows.size, not nodes.law.ties) for nodes in places])
         self.soft = (operators.soft | operators.loops) & loose
+        self.felt = max(SIGN, ROUNDED_OFF) if operators.loops.any() else SIGN
         self.compliance = np.zeros(self.n)
         L = block_diag([nodes.L for nodes in places], format="csr")
         L_kappa = block_diag([nodes.L_kappa for nodes in places], format="csr")

@@ -49,8 +49,7 @@ class ContactIteration:
         f, g: this rank's load and the gaps at rest, from which the first load step starts.
 
     Attributes:
-        operators, equations: as given; of the laws.
-        states: per interface its ``InterfaceState``.
+        operators, equations, states: as given; of the laws; per interface ``InterfaceState``.
         multiplier: (n,) λ [force]; None: nothing has been solved.
         w: (m,) frame and slip unknowns [length].
         alpha: rigid motion of bodies that nothing else holds.
@@ -142,7 +141,7 @@ class ContactIteration:
         glides, rest = glide(equations, False), self.snapshot()[0]
         for iteration in range(1, most + 1):
             equations.lags = changes > many and not known
-            equations.about = about[0] if calm else equations.start
+            equations.about = about[0] if calm and before <= CONSTANT else equations.start
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
             if glides or (not known and iteration == 1):
                 step = equations.all_stick(step)
@@ -231,10 +230,11 @@ class ContactIteration:
         # its pair then is as it was.
         meets = self.scale * apart[rows].max(axis=1) <= SIGN * largest
         meets &= chosen & np.array_equal(speaker, s.others.speaker)
-        felt = changed & (force[rows].max(axis=1) > SIGN * largest) & ~meets
+        felt = changed & (force[rows].max(axis=1) > self.equations.felt * largest) & ~meets
         changes = int((felt | found.wrong[normal]).sum())
         if s.nodes.kappa.size:
-            felt = s.law.at_stake(s.at(found.multiplier, found.w, self.scale)) > SIGN * largest
+            stake = s.law.at_stake(s.at(found.multiplier, found.w, self.scale))
+            felt = stake > self.equations.felt * largest
             told = self.equations.law_rows(s, found.multiplier, found.w, self._calmed)
             differs = ((told.status != own.status) & felt) | (told.holds != own.holds)
             changes += int(differs.sum())
