@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import rolling_disc
 import ufl
+from conftest import run_mpi_json
 from dolfinx import fem
 from friction_block import BOTTOM, body, stress
 from hertz2d import hold
@@ -175,3 +176,11 @@ def test_other_bodies_are_refused():
     )
     with pytest.raises(llm.ContactInputError, match="6 nodes of the new mesh lie outside"):
         llm.transfer(go[0], longer_one)
+
+
+@pytest.mark.parametrize("n", [2, longer(3)])
+def test_on_ranks(n):
+    """Cells and nodes of the two meshes are on other ranks."""
+    one, several = (run_mpi_json("carried.py", ranks)["found"] for ranks in (1, n))
+    np.testing.assert_allclose(several, one, atol=1e-10)
+    assert one[1][0] > one[0][0] > 0.05
