@@ -76,15 +76,15 @@ class Ball:
         self.stepper.start()
         self.rows.append(self.row())
         met = 0
-        while met < bounces or self.rows[-1][5] > 0.0 or self.rows[-1][3] > 0.0:
+        while met < bounces or self.rows[-1][5] != 0.0 or self.rows[-1][3] > 0.0:
             height, speed, s = self.rows[-1][1], self.rows[-1][3], self.stepper
             near = speed < 0.0 and height < -1.1 * speed * FAR
-            dt = NEAR if near or self.rows[-1][5] > 0.0 else FAR
+            dt = NEAR if near or self.rows[-1][5] != 0.0 else FAR
             if dt != s.dt:
                 s.dt = dt
             s.step()
             self.rows.append(self.row())
-            met += self.rows[-2][5] > 0.0 and self.rows[-1][5] == 0.0
+            met += self.rows[-2][5] != 0.0 and self.rows[-1][5] == 0.0
             if files:
                 files.write(s.t)
         return np.array(self.rows)
@@ -92,7 +92,7 @@ class Ball:
 
 def figures(rows, mu):
     """Of each bounce: e, and what is gained along the plane and lost of the spin over theory."""
-    touched = np.concatenate([[False], rows[:, 5] > 0.0, [False]])
+    touched = np.concatenate([[False], rows[:, 5] != 0.0, [False]])
     begins, ends = (np.flatnonzero(np.diff(touched.astype(int)) == k) for k in (1, -1))
     found = {"e": [], "along": [], "spin": []}
     for i, j in zip(begins - 1, ends - 1, strict=True):

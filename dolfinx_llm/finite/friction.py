@@ -40,6 +40,7 @@ class Friction(MovingContact):
     """
 
     settles: ClassVar[bool] = False
+    pressed: ClassVar[tuple[int, ...]] = (STICK, SLIP)
 
     mu: np.ndarray  # (n,) coefficient of friction at the moving side's nodes
     cohesion: np.ndarray  # (n,) [force / area]

@@ -16,7 +16,7 @@ from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.settling import foreseen, slide
 from dolfinx_llm.finite.system import Part
 from dolfinx_llm.finite.terms import Held, MovingContact
-from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
+from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
 ROUNDED = 4e-15  # residual over stiffness times length: stresses near 1 + grad u = 1 are rounded
@@ -72,12 +72,20 @@ def _push(total: np.ndarray, at: np.ndarray, force: np.ndarray) -> None:
     np.add.at(total, at[mine], force[mine])
 
 
-def _stay(status: np.ndarray | None, q: np.ndarray, steps: Equations) -> Any:
-    """Which pairs without friction stay in contact in a step in time: those that press with forces
-    q at its start; (n,) or one for all."""
-    if status is None or not steps.bodies.in_time:
-        return False
-    return (status == CLOSED) & (q[: len(status)] > 0.0)
+def _stays(steps: Equations, start: NewtonState) -> list[Any]:
+    """Per interface the pairs that stay in contact in a step in time: those that press at its
+    start; (n,) or one for all."""
+    return [
+        steps.bodies.in_time
+        and status is not None
+        and np.isin(status, placed.what.pressed) & (q[: len(status)] > 0.0)
+        for placed, status, q in zip(steps.interfaces, start.status, start.own, strict=True)
+    ]
+
+
+def _staying(contact: MovingContact, stays: np.ndarray, now: np.ndarray) -> np.ndarray:
+    """(n,) status of pairs, with those (n,) that stay in contact."""
+    return np.where(stays & (now == OPEN), contact.pressed[-1], now)
 
 
 class Increment:
@@ -114,7 +122,7 @@ class Increment:
             ]
             self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
         self.status: list[Any] = list(good.status)
-        self.stays = [_stay(status, q, steps) for status, q in zip(start.status, start.own)]
+        self.stays = _stays(steps, start)
         self.changes, self.doubt, self.stuck, self.error = 0, 0.0, False, np.inf
         self._body = self._residual(self.u)
         self.evaluate()
@@ -176,7 +184,7 @@ class Increment:
             if fallen and not now.any() and place.pairs.any():  # nearest touch
                 reach = np.full(len(start), place.gap.min() + NEARLY * size)
                 now, found = contact.touching(place, q, start, held, reach)
-            now = np.where(self.stays[i] & place.pairs, CLOSED, now)
+            now = _staying(contact, self.stays[i] & place.pairs, now)
             self.changes += int(((now != OPEN) != (start != OPEN)).sum())
             self.status[i] = now
             self.held[i] = replace(found, pairs=place.pairs)
@@ -236,7 +244,7 @@ class Increment:
             q, held = self.own[i], self.held[i]
             z, place = self.dofs.values(placed.numbers, du), self.terms[i].place
             now = foreseen(placed.what, place, (z, q + dq), held, NO_GAP * self.steps.size)
-            now = np.where(self.stays[i] & place.pairs, CLOSED, now)
+            now = _staying(placed.what, self.stays[i] & place.pairs, now)
             if (now != self.status[i]).any():
                 self.status[i], found = now, True
                 self.terms[i] = placed.what.terms(place, q, now, held, placed.free)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from dolfinx_llm.finite.normal_contact import NormalPlace
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import Held
 from dolfinx_llm.laws.law import Law
-from dolfinx_llm.laws.rows import OPEN, LawNodes
+from dolfinx_llm.laws.rows import CLOSED, OPEN, LawNodes
 
 PULLS = 1e-9  # force over stiffness times facet size below which it is none
 REACHES = 4.0  # gap over the frame's facet up to which laws can pull
@@ -42,6 +43,8 @@ class Kept:
 class ToldContact(FrictionContact):
     """Unknowns: a normal force per node, mu, kappa, and where the law slips tau as under friction,
     whose own coefficients are 0."""
+
+    pressed: ClassVar[tuple[int, ...]] = (CLOSED,)
 
     law: Law
     nodes: LawNodes  # all n as drawn, with the law's history at the start

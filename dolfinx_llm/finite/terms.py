@@ -87,6 +87,8 @@ class MovingContact:
     """
 
     settles: ClassVar[bool] = True  # nothing but lambda and gaps decides which pairs are closed
+    pressed: ClassVar[tuple[int, ...]] = (CLOSED,)  # status of pairs that stay closed in a step in
+    # time if they press at its start, and, the last, what they are where they would open
 
     sides: Any  # its surfaces: ``Sides``, or ``OneSide``
 

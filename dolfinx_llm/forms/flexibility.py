@@ -25,7 +25,7 @@ from dolfinx_llm.operators.petsc import diagonal_of, with_springs
 from dolfinx_llm.operators.system import ContactOperators
 
 COLUMNS = 64  # right-hand sides solved at once
-CANCELS = 0.1  # size of a displacement over that of the last one, from which on it starts from that
+NEARBY = 0.1  # change of a displacement over its size, up to which it goes on from the last one
 
 
 class Flexibility(StepForm):
@@ -186,17 +186,20 @@ class Flexibility(StepForm):
 
     def _pinned(self, multiplier: np.ndarray) -> np.ndarray:
         """This rank's displacement under f - B λ where springs hold the pins: the last one with
-        what that leaves, if this is more than rounding; which refines it. One that is much smaller
-        is found anew, since it would be a difference of large ones."""
+        what that leaves, if this is more than rounding; which refines it. One that is not near
+        takes a second solve: a single one is not exact enough for all of it."""
         load = self.f - self._local_B @ self._in_petsc_order(multiplier)
         if self._u is None:
             self._u = self._solver.solve(load)
             return self._u
         left = self._solver.left(load, self._u)
         if beyond(*largest(self.comm, self._stiff * left, self._stiff * self._terms * self._u)):
-            found = self._u + self._solver.once(left)
-            now, before = self.comm.allreduce(np.array([found @ found, self._u @ self._u]))
-            self._u = found if now >= CANCELS**2 * before else self._solver.solve(load)
+            change = self._solver.once(left)
+            found = self._u + change
+            changed, now = self.comm.allreduce(np.array([change @ change, found @ found]))
+            if changed > NEARBY**2 * now:
+                found = found + self._solver.once(self._solver.left(load, found))
+            self._u = found
         return self._u
 
     def correct(self, found: StepResult) -> None:

@@ -120,7 +120,7 @@ class ContactMethod:
             )
         if self.in_time and self.iteration.multiplier is not None:
             for state in self.states:
-                if state.law.opens and not state.nodes.kappa.size:
+                if state.law.opens and (state.law.shares or not state.nodes.kappa.size):
                     state.stays = self.iteration.multiplier[state.nodes.rows[:, -1]] > 0.0
         motions = operators.obstacle_motions()
         g = self._gaps(f, motions)

@@ -36,9 +36,9 @@ class TimeStepper(SavedSteps):
 
     The cells at surfaces that may meet have no mass, the next ones carry it: these surfaces are at
     rest with what touches them and what lies behind, so that impact needs no impulse and contact
-    forces do not chatter. Pairs without friction that press each other at the start of a step stay
-    in contact in it, so that the forces of both ends do no work where bodies part: energy under
-    constant loads never grows, and what impact takes falls with the square of the step.
+    forces do not chatter. Pairs that press each other at the start of a step stay in contact in
+    it, so that the forces of both ends do no work where bodies part: energy under constant loads
+    never grows without friction, and what impact takes falls with the square of the step.
 
         M (u - u0 - dt v0) 4 / dt² + 2 F̄ + B λ + B λ0 = 0,   v = 2 (u - u0) / dt - v0
 
