@@ -20,8 +20,8 @@ class Bodies(Protocol):
     dofs: BodyDofs
     size: float  # of the largest cell [length]
     version: int  # counts the changes of what they are made of
-    in_time: bool  # load steps are steps in time: bodies may fly, and pairs without friction that
-    # press at the start of one stay in contact in it
+    in_time: bool  # load steps are steps in time: bodies may fly, and pairs that press at the start
+    # of one stay in contact in it
 
     def residual(self, u: np.ndarray) -> np.ndarray:
         """This rank's residual of all dofs at u (n_local,)."""

@@ -42,11 +42,13 @@ class ContactMethod:
         setting: what it works with.
         form: ``StepForm`` that solves the linear steps.
         iteration: ``ContactIteration``, which holds the state, once there is one.
-        in_time: load steps are steps in time: pairs without friction that press at the start of one
-            stay in contact in it, and bodies may fly.
+        in_time: load steps are steps in time: pairs that press at the start of one stay in contact
+            in it, and bodies may fly.
+        starts: the next one finds the forces at the start: none stays, since it may not have been
+            there, as on the mesh that a stepper goes on from.
     """
 
-    in_time = False
+    in_time = starts = False
 
     def __init__(self, setting: Setting) -> None:
         self.iteration: Any = None
@@ -121,7 +123,8 @@ class ContactMethod:
         if self.in_time and self.iteration.multiplier is not None:
             for state in self.states:
                 if state.law.opens and (state.law.shares or not state.nodes.kappa.size):
-                    state.stays = self.iteration.multiplier[state.nodes.rows[:, -1]] > 0.0
+                    force = self.iteration.multiplier[state.nodes.rows[:, -1]]
+                    state.stays = (force > 0.0) & (not self.starts)
         motions = operators.obstacle_motions()
         g = self._gaps(f, motions)
         stage = "solve" if operators.tied else "iteration of contact laws"

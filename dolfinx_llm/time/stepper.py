@@ -61,8 +61,7 @@ class TimeStepper(SavedSteps):
 
     Attributes:
         u, v: displacement and velocity, a Function or a list; set them before the first step.
-        t: time, 0 at first.
-        dt: as given.
+        t, dt: time, 0 at first; as given.
         density: per mesh the density that has been moved, UFL.
         problem: ``ContactProblem`` or ``NonlinearContactProblem`` of a step: its ``results`` are at
             the end of the step.
@@ -144,7 +143,7 @@ class TimeStepper(SavedSteps):
         """
         u = self._values(self._u)
         fixed, c = self.problem.bulk.dofs.fixed, 4.0 / self.dt**2
-        self._use(INERT * c)
+        self._use(INERT * c, starts=True)
         self._push(INERT * c * times(self._M, u))
         if self._mean:
             self._mean.begin(u, self.problem.bulk.dofs.counts, on=False)
@@ -154,8 +153,7 @@ class TimeStepper(SavedSteps):
         u = np.where(self._bare & ~fixed, rests, u)
         self._use(c)
         self._push(np.zeros(len(u)))
-        bulk = self.problem.bulk
-        left = bulk.residual(u) if self._mean else -bulk.force(u)
+        left = self.problem.bulk.residual(u) if self._mean else -self.problem.bulk.force(u)
         left -= self.problem.pushed + c * times(self._M, u)
         self._left = np.where(self._bare | fixed, 0.0, left)
         fill(self._u, u, self.problem.bulk.dofs.counts)
@@ -215,8 +213,10 @@ class TimeStepper(SavedSteps):
         if self._accepted is not None:
             self._accepted(self)
 
-    def _use(self, c: float) -> None:
-        if self._mean and c != self._rates[0].value:
+    def _use(self, c: float, starts: bool = False) -> None:
+        if not self._mean:
+            self.problem.method.starts = starts
+        elif c != self._rates[0].value:
             self.problem.bulk.version += 1
         for rate in self._rates:
             rate.value = c
