@@ -96,14 +96,6 @@ class DirectSolver:
         self.matrix.mult(self.solution, self.rhs)
         return b - self.rhs.array_r
 
-    def once(self, b: np.ndarray) -> np.ndarray:
-        """``solve`` without refinement, where that is what the options ask for."""
-        if self.ksp.getType() not in ("richardson", "preonly"):
-            return self.solve(b)
-        self.rhs.array_w[:] = b
-        self.ksp.getPC().apply(self.rhs, self.solution)
-        return self.solution.array_r.copy()
-
     def solve_many(self, b: np.ndarray) -> np.ndarray:
         """The same for several loads, the columns of b (n_local, k), without refinement."""
         comm, k = self.matrix.comm, b.shape[1]

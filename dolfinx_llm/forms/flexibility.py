@@ -18,14 +18,12 @@ from dolfinx_llm.base.log import progress
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, singular, wrong_signs
-from dolfinx_llm.forms.verdict import beyond, largest
 from dolfinx_llm.laws.complementarity import complementarity
 from dolfinx_llm.operators.motions import pins
-from dolfinx_llm.operators.petsc import diagonal_of, with_springs
+from dolfinx_llm.operators.petsc import with_springs
 from dolfinx_llm.operators.system import ContactOperators
 
 COLUMNS = 64  # right-hand sides solved at once
-NEARBY = 0.1  # change of a displacement over its size, up to which it goes on from the last one
 
 
 class Flexibility(StepForm):
@@ -84,9 +82,8 @@ class Flexibility(StepForm):
         self.F: Any = self._flexibility()  # (n, n) on rank 0, None elsewhere
         self.f: np.ndarray | None = None  # this rank's load that h and r are of
         self._u: np.ndarray | None = None  # what ``_pinned`` found last
+        self._of: Any = None  # load and λ that it is for
         self._about = np.zeros(self.rows.sizes[1])  # λ that it is for
-        self._terms = np.abs(diagonal_of(pinned))
-        self._stiff = np.where(operators.dofs.fixed, self.scale, 1.0)  # their rows are identities
         self._factor: Any = None  # ``LinearStep`` that was solved last, and its solver
 
     def _interface_sum(self, part: np.ndarray) -> np.ndarray:
@@ -186,20 +183,13 @@ class Flexibility(StepForm):
 
     def _pinned(self, multiplier: np.ndarray) -> np.ndarray:
         """This rank's displacement under f - B λ where springs hold the pins: the last one with
-        what that leaves, if this is more than rounding; which refines it. One that is not near
-        takes a second solve: a single one is not exact enough for all of it."""
-        load = self.f - self._local_B @ self._in_petsc_order(multiplier)
-        if self._u is None:
-            self._u = self._solver.solve(load)
-            return self._u
-        left = self._solver.left(load, self._u)
-        if beyond(*largest(self.comm, self._stiff * left, self._stiff * self._terms * self._u)):
-            change = self._solver.once(left)
-            found = self._u + change
-            changed, now = self.comm.allreduce(np.array([change @ change, found @ found]))
-            if changed > NEARBY**2 * now:
-                found = found + self._solver.once(self._solver.left(load, found))
-            self._u = found
+        what that leaves, which refines it."""
+        if self._u is None or self._of[0] is not self.f or (self._of[1] != multiplier).any():
+            load = self.f - self._local_B @ self._in_petsc_order(multiplier)
+            left = load if self._u is None else self._solver.left(load, self._u)
+            found = self._solver.solve(left)
+            self._u = found if self._u is None else self._u + found
+            self._of = self.f, multiplier
         return self._u
 
     def correct(self, found: StepResult) -> None:
