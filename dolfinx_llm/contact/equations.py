@@ -199,10 +199,9 @@ class Equations:
         """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
         with theirs."""
         forces = self.L_t @ multiplier
-        left = (
-            forces if self._operators.tied else self._frames.rows(self.L_t).gather @ forces
-        ) - self.loads
-        return float(np.abs(left).max(initial=0.0))
+        if not self._operators.tied:
+            forces = self._frames.rows(self.L_t).gather @ forces
+        return float(np.abs(forces - self.loads).max(initial=0.0))
 
     def release(self, multiplier: np.ndarray, allowed: float) -> bool:
         """Whether frame nodes that have balanced in sums miss it by more than is allowed [force];

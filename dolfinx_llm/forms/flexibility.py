@@ -65,10 +65,8 @@ class Flexibility(StepForm):
         self._weak = rigid.forces[:, rigid.free :]
         k = len(rigid.body)
         for some in rigid.one_of_each(np.arange(rigid.free, k)):
-            answer, motion = (
-                self._solver.solve(rigid.forces[:, some].sum(axis=1)),
-                rigid.owner(some),
-            )
+            answer = self._solver.solve(rigid.forces[:, some].sum(axis=1))
+            motion = rigid.owner(some)
             on = np.flatnonzero(motion >= 0)
             self.modes[on, motion[on]] -= answer[on]
         self._own = np.zeros((k, k))  # Qᵀ K R
@@ -81,9 +79,8 @@ class Flexibility(StepForm):
         self.G = self._interface_sum(self._local_B_t @ self.modes)
         self.F: Any = self._flexibility()  # (n, n) on rank 0, None elsewhere
         self.f: np.ndarray | None = None  # this rank's load that h and r are of
-        self._u: np.ndarray | None = None  # what ``_pinned`` found last
-        self._of: Any = None  # load and λ that it is for
-        self._about = np.zeros(self.rows.sizes[1])  # λ that it is for
+        self._u = np.zeros(len(self.modes))  # what ``_pinned`` found last
+        self._of: Any = None, np.zeros(self.rows.sizes[1])  # load and λ that it is for
         self._factor: Any = None  # ``LinearStep`` that was solved last, and its solver
 
     def _interface_sum(self, part: np.ndarray) -> np.ndarray:
@@ -109,7 +106,7 @@ class Flexibility(StepForm):
     def _load(self, f: np.ndarray) -> None:
         """Take this rank's load: h, and the resultant along the floating modes."""
         self.f = f
-        self._take(self._about)
+        self._take(self._of[1])
         self.r = self.comm.allreduce(self.modes.T @ f)
         self._alpha = np.zeros(len(self.r))
 
@@ -184,11 +181,9 @@ class Flexibility(StepForm):
     def _pinned(self, multiplier: np.ndarray) -> np.ndarray:
         """This rank's displacement under f - B λ where springs hold the pins: the last one with
         what that leaves, which refines it."""
-        if self._u is None or self._of[0] is not self.f or (self._of[1] != multiplier).any():
+        if self._of[0] is not self.f or (self._of[1] != multiplier).any():
             load = self.f - self._local_B @ self._in_petsc_order(multiplier)
-            left = load if self._u is None else self._solver.left(load, self._u)
-            found = self._solver.solve(left)
-            self._u = found if self._u is None else self._u + found
+            self._u = self._u + self._solver.solve(self._solver.left(load, self._u))
             self._of = self.f, multiplier
         return self._u
 
@@ -199,7 +194,7 @@ class Flexibility(StepForm):
 
     def _take(self, multiplier: np.ndarray) -> None:
         """h on rank 0, from the displacement for some multipliers."""
-        y, self._about = self._interface_sum(self._local_B_t @ self._pinned(multiplier)), multiplier
+        y = self._interface_sum(self._local_B_t @ self._pinned(multiplier))
         if self.comm.rank == 0:
             self.h = y + self.F @ multiplier
 
