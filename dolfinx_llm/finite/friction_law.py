@@ -20,7 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SHORT = 1e-10  # part of the bound by which a slipping pair may fall short of it
+from dolfinx_llm.laws.coulomb import AT_LIMIT
+
 LEVEL = 1e-6  # part of a prescribed direction in the tangent plane that is none
 
 
@@ -54,7 +55,7 @@ def sticks(
         slipped: (k,) which slipped in the last iterate.
     """
     z = in_plane(normal, tau + c * sigma)
-    return np.linalg.norm(z, axis=1) <= bound * np.where(slipped, 1.0 - SHORT, 1.0 + SHORT)
+    return np.linalg.norm(z, axis=1) <= bound * np.where(slipped, 1.0 - AT_LIMIT, 1.0 + AT_LIMIT)
 
 
 def friction_rows(

@@ -23,6 +23,7 @@ from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK, LawNodes, LawRows
 
 METHODS = ("newton", "switch")
+AT_LIMIT = 1e-10  # relative: so near to the limit what has slipped slips, what has stuck sticks
 Varying = float | np.ndarray | Callable[[np.ndarray], np.ndarray]  # or a dolfinx Function
 
 
@@ -129,7 +130,7 @@ class Coulomb(Law):
         if self.method == "switch":
             rows = switch_rows(T, s, delta, nodes.c, nodes.status)
         else:
-            rows = newton_rows(T, s, delta, nodes.c)
+            rows = newton_rows(T, s, delta, nodes.c, nodes.status)
         # N of the next iterate stands in the rows, cohesion does not depend on it.
         pressed = nodes.N > 0.0
         cohesion = nodes.sums(np.where(pressed, nodes.history["cohesive"], 0.0))
@@ -170,7 +171,9 @@ def projection_miss(T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarr
     return _length(T - z * (np.minimum(s, size) / np.maximum(size, 1e-300))[:, None])
 
 
-def newton_rows(T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarray) -> LawRows:
+def newton_rows(
+    T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarray, before: np.ndarray | int = STICK
+) -> LawRows:
     """Semismooth Newton on T = projection of z = T + c δ, in the stabilised form of Hüeber, Stadler
     and Wohlmuth, SIAM J. Sci. Comput. 30 (2008) 572-596.
 
@@ -179,6 +182,8 @@ def newton_rows(T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarray) 
         s: (n,) bound of these, μ N; at most 0 where nothing presses [force].
         delta: (n, d) slip of this load step [length].
         c: (n,) positive [force / length]; the solution does not depend on it.
+        before: (n,) status in the last iterate, or one for all: what has slipped is at the limit
+            when the next load step begins, where rounding must not decide.
 
     >>> T, s, delta = np.array([[1.0], [4.0], [1.0]]), np.array([3.0, 3.0, 0.0]), np.zeros((3, 1))
     >>> newton_rows(T, s, delta, np.ones(3)).status.tolist() == [STICK, SLIP, OPEN]
@@ -187,7 +192,8 @@ def newton_rows(T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarray) 
     n, d = T.shape
     z, s, closed = T + c[:, None] * delta, np.maximum(s, 0.0), s > 0.0
     size, t = _length(z), _length(T)
-    status = np.where(~closed, OPEN, np.where(size < s, STICK, SLIP))
+    limit = s * np.where(before == SLIP, 1.0 - AT_LIMIT, 1.0 + AT_LIMIT)
+    status = np.where(~closed, OPEN, np.where(size < limit, STICK, SLIP))
     safe = np.maximum(size, 1e-300)
     direction = z / safe[:, None]
     e = np.minimum(s, size) / safe

@@ -112,3 +112,13 @@ def test_a_node_that_is_pulled_at_takes_nothing_from_its_speaker():
     assert law.miss(nodes)[0] <= 1e-15
     assert np.abs(law.rows(nodes).left(nodes)[0]).max() <= 1e-15
     assert law.strength(nodes).tolist() == [5.0, 0.0]
+
+
+def test_rounding_does_not_choose_at_the_limit():
+    """A load step begins with |T| = mu N and no slip where the last one ended in slip."""
+    n = 100
+    T = np.stack([np.cos(np.arange(n)), np.sin(np.arange(n))], axis=1)
+    T *= 1.0 + np.spacing(1.0) * np.random.default_rng(1).integers(-4, 5, n)[:, None]
+    for before in STICK, SLIP:
+        rows = newton_rows(T, np.ones(n), np.zeros((n, 2)), np.ones(n), np.full(n, before))
+        assert (rows.status == before).all()
