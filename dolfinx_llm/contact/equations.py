@@ -239,12 +239,6 @@ def below(blocks: list[csr_matrix]) -> csr_matrix:
     return blocks[0] if len(blocks) == 1 else stack(blocks, format="csr")
 
 
-def given_way(equations: Equations, multiplier: np.ndarray) -> float:
-    """By how much forces (n,) of rows differ from those about which these give way [force]."""
-    soft = equations.soft & equations.closed_rows()
-    return float(np.abs(multiplier - equations.about)[soft].max(initial=0.0))
-
-
 def spread(equations: Equations, noise: float) -> float:
     """Noise of multipliers times how many balance at a frame node, at most: so often its balance is
     rounded [force]."""

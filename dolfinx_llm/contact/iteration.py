@@ -16,7 +16,8 @@ from tqdm import tqdm
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import tell_iteration
-from dolfinx_llm.contact.equations import Equations, given_way, spread
+from dolfinx_llm.contact.equations import Equations, spread
+from dolfinx_llm.contact.giving import CONSTANT, GivingWay
 from dolfinx_llm.contact.gliding import glide, slips
 from dolfinx_llm.contact.loose import regain, require_friction
 from dolfinx_llm.contact.state import ContactState, InterfaceState
@@ -31,8 +32,6 @@ MAXIMUM = 60  # iterations
 MANY = 0.2  # of the pairs: where more change, friction is not yet what it will be
 FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
 AGAIN = 0.05  # the same in later load steps, on curved frames, for which pairs touch
-CONSTANT = 1e-8  # part of the largest force by which those at supports may still change
-ROUGH = 1e-6  # the same where that does not fall: it is rounding over ``SOFT``
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 FLOATS = 1e-6  # of the forces, that springs carry where contact without friction holds no body
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
@@ -133,7 +132,8 @@ class ContactIteration:
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
         equations.start, self._calmed, self._vital = about[0], False, False
         calm, before, w_last, chances = 0, np.inf, w, CHANCES  # iterations without change
-        changes, many, runs, given = 0, _many(self.states, known), 0, np.inf  # given: to supports
+        changes, many, runs = 0, _many(self.states, known), 0
+        giving = GivingWay(equations)
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         pull = Pull(floating, spring, f, self.forces, alpha)
         for s in self.states:
@@ -141,7 +141,7 @@ class ContactIteration:
         glides, rest = glide(equations, False), self.snapshot()[0]
         for iteration in range(1, most + 1):
             equations.lags = changes > many and not known
-            equations.about = about[0] if calm and before <= CONSTANT else equations.start
+            equations.about = giving.ahead if calm and before <= CONSTANT else equations.start
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
             if glides or (not known and iteration == 1):
                 step = equations.all_stick(step)
@@ -181,8 +181,7 @@ class ContactIteration:
             stalled = calm > CALM and miss > 0.5 * before
             enough = max(ENOUGH, spread(equations, self.form.noise) / largest)
             settled = miss <= self.form.accuracy or (stalled and miss <= enough)
-            given, last = given_way(equations, multiplier) / largest, given
-            settled &= given <= (ROUGH if calm > CALM and given > 0.5 * last else CONSTANT)
+            settled &= giving.rest(multiplier, largest, calm > CALM)
             rests = settled and calm > corrections and pull.rests
             released = (rests or calm > 1) and equations.release(multiplier, ENOUGH * largest)
             if rests and not released and chances and regain(self.states, multiplier):

@@ -1,0 +1,50 @@
+"""Forces of rows that give way to changes alone, as they settle from iteration to iteration."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from dolfinx_llm.contact.equations import Equations
+
+CONSTANT = 1e-8  # part of the largest force by which those at supports may still change
+ROUGH = 1e-5  # the same where that falls no more: by ``SOFT`` less than 1e-11 of what bodies give
+EVEN, SLOW = 0.02, 0.98  # difference of two ratios that is none; the largest that comes to an end
+
+
+class GivingWay:
+    """Where supports, or other rows, leave forces open, rows give way by ``SOFT`` to what changes
+    of λ, and the next iteration starts from there. Combinations of rows that nearly follow from
+    others then change by the same part of the last change each time: these are summed up at once.
+
+    Args:
+        equations: of the rows, about λ at the start of the load step.
+
+    Attributes:
+        ahead: (n,) λ about which rows give way next [force].
+    """
+
+    def __init__(self, equations: Equations) -> None:
+        self._equations, self.ahead = equations, equations.start
+        self._given, self._ratio = np.inf, 0.0
+
+    def rest(self, multiplier: np.ndarray, largest: float, calm: bool) -> bool:
+        """Whether the forces λ (n,) differ little from those about which rows give way now.
+
+        Args:
+            multiplier: λ of this iteration [force].
+            largest: force [force].
+            calm: nothing else has changed for a while.
+        """
+        equations = self._equations
+        soft = equations.soft & equations.closed_rows()
+        change = np.where(soft, multiplier - equations.about, 0.0)
+        last, self._given = self._given, float(np.abs(change).max(initial=0.0))
+        before, ratio = self._ratio, self._given / max(last, 1e-300)
+        steady = abs(ratio - before) <= EVEN * before and ratio <= SLOW
+        self._ratio = 0.0 if steady else ratio
+        self.ahead = multiplier + (ratio / (1.0 - ratio) * change if steady else 0.0)
+        falls = not calm or self._given <= 0.5 * last
+        return self._given <= (CONSTANT if falls else ROUGH) * largest
