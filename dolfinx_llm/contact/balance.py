@@ -20,7 +20,8 @@ from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.floating import out_of_balance
 from dolfinx_llm.forms.verdict import FinalError
 from dolfinx_llm.laws.coulomb import Coulomb
-from dolfinx_llm.operators.motions import Floating, RigidMotions
+from dolfinx_llm.operators.floating import Floating
+from dolfinx_llm.operators.motions import RigidMotions
 
 LEFT = 1e-6  # of the forces, that the programme may leave: it solves to seven digits
 PROGRAMMED = 10_000  # multipliers up to which it takes less than a solve
@@ -72,7 +73,7 @@ def _left(
         left_out = rows.ravel()[~s.nodes.kept]
         low[left_out] = high[left_out] = 0.0
     basis = _plain(floating.rigid)
-    own, one = csr_matrix(basis @ floating.G[:, :k].T), identity(k)
+    own, one = basis @ floating.G[:, :k].T, identity(k)
     balance = vstack(
         [hstack([own, one, csr_matrix((k, 1))]), hstack([equations.L_t, csr_matrix((n_v, k + 1))])]
     )
@@ -101,16 +102,16 @@ def _left(
     return float(found.fun), basis.T @ motion.eqlin.marginals[:k]
 
 
-def _plain(rigid: RigidMotions) -> np.ndarray:
+def _plain(rigid: RigidMotions) -> csr_matrix:
     """(free, free) basis in which the free motions of each body are its translations and rotation,
     as far as supports leave these."""
-    out = np.zeros((rigid.free, rigid.free))
+    blocks, at = [], []
     for b in np.unique(rigid.body[: rigid.free]):
         own = np.flatnonzero(rigid.body[: rigid.free] == b)
         _, pivots = qr(rigid.parts[own], mode="r", pivoting=True)
-        plain = np.linalg.inv(rigid.parts[np.ix_(own, pivots[: len(own)])])
-        out[np.ix_(own, own)] = plain
-    return out
+        blocks.append(np.linalg.inv(rigid.parts[np.ix_(own, pivots[: len(own)])]).ravel())
+        at.append([i.ravel() for i in np.meshgrid(own, own, indexing="ij")])
+    return csr_matrix((np.concatenate(blocks), np.hstack(at)), (rigid.free, rigid.free))
 
 
 def _friction(s: InterfaceState, n: int) -> tuple[csr_matrix, csr_matrix, np.ndarray]:

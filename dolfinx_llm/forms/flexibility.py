@@ -19,8 +19,7 @@ from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, singular, wrong_signs
 from dolfinx_llm.laws.complementarity import complementarity
-from dolfinx_llm.operators.motions import pins
-from dolfinx_llm.operators.petsc import with_springs
+from dolfinx_llm.operators.petsc import local_csr, with_springs
 from dolfinx_llm.operators.system import ContactOperators
 
 COLUMNS = 64  # right-hand sides solved at once
@@ -53,33 +52,32 @@ class Flexibility(StepForm):
         self.rows, self.scale = operators.rows.numbering, operators.scale
         self.comm, self.floating = operators.comm, operators.floating
         rigid = self.floating.rigid
-        self._local_B = _local_csr(operators.B)
+        self._local_B = local_csr(operators.B)
         self._local_B_t = self._local_B.T.tocsr()
         # Springs hold all rigid motions, also those that springs of the form a hold weakly: under
         # forces in balance they carry nothing.
-        pinned = with_springs(self.K, pins(self.comm, rigid.modes), operators.diagonal)
+        pinned = with_springs(self.K, rigid.pins(len(rigid.body)), operators.diagonal)
         self._solver = DirectSolver(pinned, self._prefix, self._options, own=True)
         # What is left of K u + B λ = f when u = K_p⁻¹ (f - B λ) + Q α, with Q = R - K_p⁻¹ K R that
         # leaves the springs at the pins alone, is Qᵀ (f - B λ) = Qᵀ K R α.
-        self.modes = rigid.modes.copy()
-        self._weak = rigid.forces[:, rigid.free :]
+        self.modes = rigid.modes
         k = len(rigid.body)
         for some in rigid.one_of_each(np.arange(rigid.free, k)):
-            answer = self._solver.solve(rigid.forces[:, some].sum(axis=1))
+            answer = self._solver.solve(rigid.forces[:, some].sum(axis=1).A1)
             motion = rigid.owner(some)
             on = np.flatnonzero(motion >= 0)
-            self.modes[on, motion[on]] -= answer[on]
+            self.modes = self.modes - csr_matrix((answer[on], (on, motion[on])), self.modes.shape)
         self._own = np.zeros((k, k))  # Qᵀ K R
-        self._own[rigid.free :, rigid.free :] = self.comm.allreduce(
-            self.modes[:, rigid.free :].T @ self._weak
-        )
+        weak = slice(rigid.free, None)
+        own = self.modes[:, weak].T @ rigid.forces[:, weak]
+        self._own[weak, weak] = self.comm.allreduce(own.toarray())
         self._own = 0.5 * (self._own + self._own.T)
         self._held = np.zeros((k, k))
-        self._held[: rigid.free, : rigid.free] = self.floating.square
-        self.G = self._interface_sum(self._local_B_t @ self.modes)
+        self._held[: rigid.free, : rigid.free] = self.floating.square.toarray()
+        self.G = self._interface_sum((self._local_B_t @ self.modes).toarray())
         self.F: Any = self._flexibility()  # (n, n) on rank 0, None elsewhere
         self.f: np.ndarray | None = None  # this rank's load that h and r are of
-        self._u = np.zeros(len(self.modes))  # what ``_pinned`` found last
+        self._u = np.zeros(self.modes.shape[0])  # what ``_pinned`` found last
         self._of: Any = None, np.zeros(self.rows.sizes[1])  # load and λ that it is for
         self._factor: Any = None  # ``LinearStep`` that was solved last, and its solver
 
@@ -213,12 +211,6 @@ class Flexibility(StepForm):
         if self._solver is not None:
             self._solver.destroy()
         self._solver = None
-
-
-def _local_csr(M: Any) -> csr_matrix:
-    """This rank's rows of a PETSc matrix, all columns."""
-    indptr, indices, data = M.getValuesCSR()
-    return csr_matrix((data, indices, indptr), (len(indptr) - 1, M.getSize()[1]))
 
 
 def _choose(step: LinearStep, A: np.ndarray, rhs: np.ndarray) -> np.ndarray:

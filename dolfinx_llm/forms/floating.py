@@ -3,7 +3,7 @@
 import numpy as np
 
 from dolfinx_llm.forms.verdict import UNBALANCED, FinalError
-from dolfinx_llm.operators.motions import Floating
+from dolfinx_llm.operators.floating import Floating
 
 PULLED = 8  # iterations in which the springs are pulled the same way: nothing else will hold
 PLAIN = 1e-4  # of the forces, that they must carry for it while contact still changes

@@ -3,21 +3,18 @@
 A body on springs that are weak against its own stiffness moves far: K⁻¹ is then that motion and
 little else, and the forces in the body are differences of large numbers. So these motions are
 told apart from the start, with a stiffness of their own, which is zero where nothing holds them.
+Each moves one body alone, and K couples no bodies: all tables are sparse, and grow with the bodies.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import scipy.linalg
-from mpi4py import MPI
-from petsc4py import PETSc
-from scipy.sparse import csr_matrix, diags, identity
-from scipy.sparse.linalg import splu
+from scipy.sparse import bsr_matrix, csr_matrix
 
-from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.operators.bodies import Bodies
-from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import diagonal_of, times
 
 STILL = 1e-10  # part of its size by which a rigid motion may move prescribed dofs and count as none
@@ -25,10 +22,6 @@ WEAK = 1e-2  # of a body's own stiffness, below which that of springs counts as 
 NOISE = 30.0  # rounding errors of K below which a rigid motion counts as free
 FAR = 30.0  # sizes of cells from the origin, from which on their coordinates cost digits
 EPS = np.finfo(float).eps
-SPRING = 1e-10  # stiffness of the springs that hold free bodies, of the surfaces'
-WEAKER = 1e-5  # ... of that of springs which hold other bodies
-LEAST = 1e-13  # ... of the surfaces', at least
-DRIFTS = 1e-9  # rounding of K over the stiffness of springs, from which on it is looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +32,9 @@ class RigidMotions:
     body: np.ndarray  # (k,) that each moves
     parts: np.ndarray  # (k, 3 or 6) of its body's motions in ``Bodies.own_modes``
     free: int  # how many of them nothing holds
-    modes: np.ndarray  # (n_local, k) on this rank's dofs, zero at prescribed ones
-    forces: np.ndarray  # (n_local, k) K times modes, zero for the free ones
-    stiffness: np.ndarray  # (k, k) modesᵀ K modes
+    modes: csr_matrix  # (n_local, k) on this rank's dofs, zero at prescribed ones
+    forces: csr_matrix  # (n_local, k) K times modes, zero for the free ones
+    stiffness: csr_matrix  # (k, k) modesᵀ K modes
     noise: np.ndarray  # (k,) what rounding of K may have done to it
 
     def one_of_each(self, which: np.ndarray) -> list[np.ndarray]:
@@ -54,13 +47,44 @@ class RigidMotions:
         )
         return [order[place == p] for p in range(place.max(initial=-1) + 1)]
 
+    @cached_property
+    def label(self) -> np.ndarray:
+        """(n_local,) body of each of this rank's dofs; -1: of none."""
+        label = np.full(self.modes.shape[0], -1)
+        label[self.bodies.dofs] = np.repeat(self.bodies.label, self.bodies.components)
+        return label
+
     def owner(self, some: np.ndarray) -> np.ndarray:
         """(n_local,) which of some motions, one of each body, is that of a dof's body; -1: none."""
         of = np.full(self.bodies.count + 1, -1)
         of[self.body[some]] = some
-        label = np.full(len(self.modes), -1)
-        label[self.bodies.dofs] = np.repeat(self.bodies.label, self.bodies.components)
-        return of[label]
+        return of[self.label]
+
+    def pins(self, count: int) -> list[int]:
+        """This rank's dofs (local numbers) that together hold the first motions best, ``count`` in
+        all: of each body as many as it has motions, one after the other."""
+        comm, groups = self.bodies.comm, self.one_of_each(np.arange(count))
+        rest = np.zeros((self.modes.shape[0], len(groups)))
+        for k, some in enumerate(groups):
+            rest[:, k] = self.modes[:, some].sum(axis=1).A1
+        chosen: list[int] = []
+        for some in groups:
+            size, bodies = np.einsum("nk,nk->n", rest, rest), self.body[some]
+            best = np.full((len(some), 1 + len(groups)), -1.0)
+            order = np.lexsort((-size, self.label))
+            first = np.searchsorted(self.label[order], bodies)
+            first = order[np.minimum(first, len(order) - 1)] if len(order) else 0 * bodies
+            here = self.label[first] == bodies if len(order) else np.zeros(len(some), dtype=bool)
+            best[here] = np.column_stack([size, rest])[first[here]]
+            every = np.array(comm.allgather(best))
+            rank = every[:, :, 0].round(12).argmax(axis=0)
+            chosen += first[rank == comm.rank].tolist()
+            d = np.zeros((self.bodies.count + 1, len(groups)))
+            d[bodies] = every[rank, np.arange(len(some)), 1:]
+            d /= np.maximum(np.linalg.norm(d, axis=1), 1e-300)[:, None]
+            along = d[self.label]
+            rest -= np.einsum("nk,nk->n", rest, along)[:, None] * along
+        return chosen
 
     def describe(self, amounts: np.ndarray, forces: np.ndarray) -> str:
         """Words for (free,) amounts of the free motions, and the forces (free,) along them."""
@@ -76,189 +100,113 @@ class RigidMotions:
 
 def no_motions(bodies: Bodies, n: int) -> RigidMotions:
     """None at all, of bodies with n dofs on this rank: where ties hold them nobody asks."""
-    none, parts = np.zeros((n, 0)), np.zeros((0, bodies.ways))
-    body, square = np.zeros(0, dtype=np.int64), np.zeros((0, 0))
+    none, parts = csr_matrix((n, 0)), np.zeros((0, bodies.ways))
+    body, square = np.zeros(0, dtype=np.int64), csr_matrix((0, 0))
     return RigidMotions(bodies, body, parts, 0, none, none, square, np.zeros(0))
 
 
 def rigid_motions(bodies: Bodies, K: Any, fixed: np.ndarray) -> RigidMotions:
     """The rigid motions of each body that supports alone, (n_local,) fixed dofs, do not hold, or
     only by weak springs; K has identity rows at fixed dofs."""
-    label, R = np.full(len(fixed), -1), np.zeros((len(fixed), bodies.ways))
-    label[bodies.dofs] = np.repeat(bodies.label, bodies.components)
-    R[bodies.dofs] = bodies.own_modes(bodies.label, bodies.points).reshape(-1, R.shape[1])
-    by_body = np.argsort(label, kind="stable")
-    ends = np.searchsorted(label[by_body], np.arange(bodies.count + 1))
-    dofs = [by_body[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
-    allowed = _allowed(bodies, R, dofs, fixed)
-    width = max((N.shape[1] for N in allowed), default=0)
-    moved = np.zeros((len(fixed), width))  # of all bodies at once: K does not couple them
-    for b, N in enumerate(allowed):
-        moved[dofs[b], : N.shape[1]] = R[dofs[b]] @ N
+    of = np.repeat(bodies.label, bodies.components)
+    R = bodies.own_modes(bodies.label, bodies.points).reshape(-1, bodies.ways)
+    allowed = _allowed(bodies, R, of, fixed[bodies.dofs])
+    moved = np.zeros((len(fixed), allowed.shape[2]))  # of all bodies at once
+    moved[bodies.dofs] = np.einsum("nw,nwk->nk", R, allowed[of])
     moved[fixed] = 0.0
-    pushed, diagonal = np.empty_like(moved), np.abs(diagonal_of(K))
-    for k in range(width):
+    pushed, diagonal = np.empty_like(moved), np.abs(diagonal_of(K))[bodies.dofs]
+    for k in range(moved.shape[1]):
         pushed[:, k] = times(K, moved[:, k])
-    found = [
-        _of_body(bodies, b, N, [field[dofs[b]] for field in (moved, pushed, diagonal)])
-        for b, N in enumerate(allowed)
-    ]
+    found = _of_bodies(bodies, of, allowed, (moved[bodies.dofs], pushed[bodies.dofs], diagonal))
     order = [(b, j) for held in (False, True) for b, (_, _, h, _) in enumerate(found)
              for j in np.flatnonzero(h == held)]  # fmt: skip
-    k = len(order)
-    modes, forces = np.zeros((len(fixed), k)), np.zeros((len(fixed), k))
+    k, width = len(order), moved.shape[1]
+    number, C = np.full((bodies.count, width), -1), np.zeros((bodies.count, width, width))
     parts, noise, free = np.zeros((k, R.shape[1])), np.zeros(k), 0
     for i, (b, j) in enumerate(order):
-        N, C, held, level = allowed[b], found[b][0], found[b][2], found[b][3]
-        own, vector = dofs[b], C[:, j]
-        modes[own, i] = moved[own, : len(vector)] @ vector
-        parts[i], noise[i] = N @ vector, level[j]
-        if held[j]:
-            forces[own, i] = pushed[own, : len(vector)] @ vector
-        else:
-            free += 1
-    body = np.array([b for b, _ in order], dtype=np.int64)
-    stiffness = np.zeros((k, k))
-    for b in np.unique(body):  # K does not couple bodies
-        own, of = dofs[b], np.flatnonzero(body == b)
-        stiffness[np.ix_(of, of)] = modes[np.ix_(own, of)].T @ forces[np.ix_(own, of)]
-    stiffness = bodies.comm.allreduce(stiffness)
-    return RigidMotions(
-        bodies, body, parts, free, modes, forces, 0.5 * (stiffness + stiffness.T), noise
+        vectors, _, held, level = found[b]
+        number[b, j], C[b, : len(vectors), j] = i, vectors[:, j]
+        parts[i], noise[i] = allowed[b][:, : len(vectors)] @ vectors[:, j], level[j]
+        free += not held[j]
+    shape, columns = (len(fixed), k), number[of]
+    modes, forces = (
+        _at_columns(bodies.dofs, there, np.einsum("nk,nkj->nj", field[bodies.dofs], C[of]), shape)
+        for field, there in ((moved, columns), (pushed, np.where(columns < free, -1, columns)))
     )
+    stiffness = bodies.comm.allreduce((modes.T @ forces).tocsr())
+    body = np.array([b for b, _ in order], dtype=np.int64)
+    stiffness = (0.5 * (stiffness + stiffness.T)).tocsr()
+    return RigidMotions(bodies, body, parts, free, modes, forces, stiffness, noise)
 
 
-def _allowed(
-    bodies: Bodies, R: np.ndarray, dofs: list[np.ndarray], fixed: np.ndarray
-) -> list[np.ndarray]:
-    """Per body (modes, k) combinations of its rigid motions that move no prescribed dof."""
-    held = [np.linalg.qr(R[own[fixed[own]]], mode="r") for own in dofs]
-    out = []
-    for parts in zip(*bodies.comm.allgather(held), strict=True):
-        _, values, vectors = np.linalg.svd(np.concatenate(parts))
+def _at_columns(
+    rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]
+) -> csr_matrix:
+    """Values (n, w) in rows (n,) and columns (n, w), -1: in none."""
+    kept = (columns >= 0) & (values != 0.0)
+    row = np.broadcast_to(rows[:, None], columns.shape)[kept]
+    return csr_matrix((values[kept], (row, columns[kept])), shape)
+
+
+def _allowed(bodies: Bodies, R: np.ndarray, of: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """(bodies, modes, k) combinations of each body's rigid motions that move no prescribed dof,
+    then zeros; R (n, modes), bodies ``of`` (n,) and ``fixed`` (n,) of its dofs."""
+    held = {}
+    at = np.flatnonzero(fixed)[np.argsort(of[fixed], kind="stable")]
+    for own in np.split(at, np.flatnonzero(np.diff(of[at])) + 1) if len(at) else []:
+        held[of[own[0]]] = np.linalg.qr(R[own], mode="r")
+    every = bodies.comm.allgather(held)
+    out, widest = np.tile(np.eye(R.shape[1]), (bodies.count, 1, 1)), 0
+    counts = np.full(bodies.count, R.shape[1])
+    for b in sorted(set().union(*every)):
+        _, values, vectors = np.linalg.svd(np.concatenate([h[b] for h in every if b in h]))
         rank = int((values > STILL * max(values.max(initial=0.0), 1.0)).sum())
-        out.append(vectors[rank:].T)
-    return out
+        counts[b], out[b] = R.shape[1] - rank, 0.0
+        out[b, :, : counts[b]] = vectors[rank:].T
+    widest = counts.max(initial=0)
+    return out[:, :, :widest]
 
 
-def _of_body(bodies: Bodies, b: int, N: np.ndarray, fields: Any) -> Any:
-    """Motions of one body, of ``fields`` at its dofs, that are free or weakly held: their
-    coefficients (columns of N, k), stiffness (k,), whether springs hold them (k,), and the
-    stiffness that rounding alone may cause (k,)."""
+def _of_bodies(bodies: Bodies, of: np.ndarray, allowed: np.ndarray, fields: Any) -> list[Any]:
+    """Per body its motions, of ``fields`` at its dofs, that are free or weakly held: their
+    coefficients (columns of ``allowed``, k), stiffness (k,), whether springs hold them (k,), and
+    the stiffness that rounding alone may cause (k,)."""
     moved, pushed, diagonal = fields
-    k = N.shape[1]
-    moved, pushed = moved[:, :k], pushed[:, :k]
     weighted = diagonal[:, None] * moved
-    sums = (moved.T @ pushed, moved.T @ weighted, (weighted * moved).T @ (weighted * moved))
-    own, size, square = bodies.comm.allreduce(np.stack(sums)) if k else np.zeros((3, 0, 0))
-    nodes = bodies.comm.allreduce(len(diagonal), op=MPI.SUM) / bodies.components
+
+    def sums(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """(bodies, k, k) aᵀ b of each."""
+        if not a.size:
+            return np.zeros((bodies.count, *(a.shape[1],) * 2))
+        shape = len(of), bodies.count * a.shape[1]
+        left, right = (
+            bsr_matrix((x[:, None, :], of, np.arange(len(of) + 1)), shape) for x in (a, b)
+        )
+        product = (left.T @ right).tobsr((a.shape[1],) * 2)
+        found = np.zeros((bodies.count, *(a.shape[1],) * 2))
+        found[product.indices] = product.data
+        return found
+
+    squares = np.bincount(of, (weighted**2).sum(axis=1), bodies.count)
+    nodes = np.bincount(of, minlength=bodies.count) / bodies.components
+    own, size, squares, nodes = map(
+        bodies.comm.allreduce, (sums(moved, pushed), sums(moved, weighted), squares, nodes)
+    )
     across = nodes ** (1.0 / bodies.gdim)  # nodes from end to end
-    if not k:
-        return np.zeros((0, 0)), np.zeros(0), np.zeros(0, dtype=bool), np.zeros(0)
-    values, vectors = scipy.linalg.eigh(0.5 * (own + own.T), size)
-    weak = values * across**2 < WEAK
-    values, vectors = values[weak], vectors[:, weak]
-    vectors = vectors / np.linalg.norm(N @ vectors, axis=0)
-    values = np.einsum("ij,ik,kj->j", vectors, own, vectors)
     # Places far from the origin lose digits, and with them the rigid motions of cells.
-    extent = np.linalg.norm(bodies.high[b] - bodies.low[b])
-    far = max(np.abs([bodies.low[b], bodies.high[b]]).max() / extent * across / FAR, 1.0)
-    noise = NOISE * EPS * far * np.sqrt(np.maximum(np.diagonal(square).sum(), 0.0))
-    return vectors, values, values > noise, np.full(len(values), noise / NOISE)
-
-
-def pins(comm: MPI.Comm, modes: np.ndarray) -> list[int]:
-    """This rank's dofs (local numbers) that together hold the modes (n_local, k) best, k in all."""
-    rest, chosen = np.asfortranarray(modes), []
-    rest = rest.copy(order="F") if rest is modes else rest
-    size = np.einsum("nk,nk->n", rest, rest)
-    for _ in range(rest.shape[1]):
-        best = int(size.argmax()) if len(size) else 0
-        found = comm.allgather((float(size[best]), rest[best]) if len(size) else (-1.0, None))
-        rank = int(np.argmax([round(length, 12) for length, _ in found]))
-        direction = found[rank][1]
-        if rank == comm.rank:
-            chosen.append(best)
-        among = np.flatnonzero(direction)  # the motions of one body
-        direction = direction[among]
-        part = rest[:, among] @ direction
-        on = np.flatnonzero(part)
-        before = rest[np.ix_(on, among)]
-        after = before - np.outer(part[on], direction) / (direction @ direction)
-        rest[np.ix_(on, among)] = after
-        size[on] += (after**2).sum(axis=1) - (before**2).sum(axis=1)
-    return chosen
-
-
-class Floating:
-    """Rigid motions that supports leave to the bodies, α, each held by a weak spring at one dof.
-    The springs pull to where the bodies were. At a solution they carry nothing: what they carry
-    else is the part of the load that neither supports nor contact take. ``loose`` (count, j) are
-    those combinations that carry no force at all, in whichever state of contact."""
-
-    def __init__(
-        self, rigid: RigidMotions, B: PETSc.Mat, rows: Numbering, loose: np.ndarray
-    ) -> None:
-        self.comm: MPI.Comm = rigid.bodies.comm
-        self.rigid = rigid
-        self.count, self.loose = self.rigid.free, loose
-        self.modes = self.rigid.modes[:, : self.count]
-        self.pins = pins(self.comm, self.modes)
-        self._at_pins = gather_rows(self.comm, self.modes[self.pins])  # (count, count)
-        self.square = self._at_pins.T @ self._at_pins
-        own = np.zeros((rows.sizes[0], self.rigid.modes.shape[1]))
-        for k, mode in enumerate(self.rigid.modes.T):
-            own[:, k] = times(B, mode, transposed=True)
-        self.G = gather_rows(self.comm, own)[rows.number]  # (n, k) Bᵀ of all rigid motions
-
-    def at_pins(self, amounts: np.ndarray) -> np.ndarray:
-        """Motion of this rank's pins for (count,) α [length]."""
-        return self.modes[self.pins] @ amounts
-
-    def amounts(self, u: np.ndarray) -> np.ndarray:
-        """(count,) α of this rank's displacement u (n_local,)."""
-        return np.linalg.solve(self._at_pins, gather_rows(self.comm, u[self.pins]))
-
-    def strayed(self, u: np.ndarray) -> np.ndarray:
-        """(count,) the part of this rank's displacement u (n_local,) along the loose motions: what
-        is left without it has the least sum of squares."""
-        if not self.loose.shape[1]:
-            return np.zeros(self.count)
-        moves = self.modes @ self.loose
-        sums = self.comm.allreduce(moves.T @ np.column_stack([moves, u]))
-        return self.loose @ np.linalg.solve(sums[:, :-1], sums[:, -1])
-
-    def spring(self, scale: float) -> float:
-        """Stiffness of the springs [force / length]: weak against ``scale``, and against springs
-        of the bodies' own that they may act in line with, as far as digits allow."""
-        weakest = np.diagonal(self.rigid.stiffness)[self.count :].min(initial=np.inf)
-        return float(max(min(SPRING * scale, WEAKER * weakest), LEAST * scale))
-
-    @property
-    def grip(self) -> np.ndarray:
-        """(n, count) by how much multipliers may push along the free motions."""
-        return np.abs(self.G[:, : self.count])
-
-    def drift(self, L: csr_matrix, frames: int, active: np.ndarray) -> float:
-        """Relative error of motions that weak springs alone hold: the stiffness of the bodies, with
-        its rounding, stands beside theirs. The first columns of L (n, m), so many, are L_b; (n,)
-        rows are in contact."""
-        rigid, weak = self.rigid, slice(self.count, None)
-        own, noise = rigid.stiffness[weak, weak], np.diag(rigid.noise[weak])
-        if not (np.diagonal(noise) > DRIFTS * np.diagonal(own)).any():
-            return 0.0
-        L = (diags(active.astype(float)) @ L[:, :frames]).tocsr()
-        on = np.diff(L.indptr) > 0
-        G = self.G[:, weak] * on[:, None]
-        if L.shape[1]:
-            fit = splu((L.T @ L + 1e-10 * identity(L.shape[1])).tocsc())
-            G = G - L @ fit.solve(L.T @ G)
-        values, vectors = np.linalg.eigh(G.T @ G)
-        loose = vectors[:, values < 1e-8 * max(np.abs(self.G).max(initial=0.0), 1.0)]
-        if not loose.shape[1]:
-            return 0.0
-        return float(scipy.linalg.eigh(loose.T @ noise @ loose, loose.T @ own @ loose)[0].max())
-
-    def sizes(self, f: np.ndarray) -> np.ndarray:
-        """(count,) this rank's loads f along the motions, summed up over all without sign."""
-        return self.comm.allreduce(np.abs(self.modes).T @ np.abs(f))
+    extent = np.linalg.norm(bodies.high - bodies.low, axis=1)
+    reach = np.maximum(np.abs(bodies.low), np.abs(bodies.high)).max(axis=1)
+    far = np.maximum(reach / extent * across / FAR, 1.0)
+    noise, found = NOISE * EPS * far * np.sqrt(squares), []
+    for b, count in enumerate((allowed != 0.0).any(axis=1).sum(axis=1)):
+        if not count:
+            found.append((np.zeros((0, 0)), np.zeros(0), np.zeros(0, dtype=bool), np.zeros(0)))
+            continue
+        mine = own[b, :count, :count]
+        values, vectors = scipy.linalg.eigh(0.5 * (mine + mine.T), size[b, :count, :count])
+        weak = values * across[b] ** 2 < WEAK
+        vectors = vectors[:, weak]
+        vectors = vectors / np.linalg.norm(allowed[b, :, :count] @ vectors, axis=0)
+        values = np.einsum("ij,ik,kj->j", vectors, mine, vectors)
+        found.append((vectors, values, values > noise[b], np.full(len(values), noise[b] / NOISE)))
+    return found

@@ -40,6 +40,12 @@ def times(M: PETSc.Mat, x: np.ndarray, transposed: bool = False) -> np.ndarray:
     return values
 
 
+def local_csr(M: PETSc.Mat) -> csr_matrix:
+    """This rank's rows of a matrix, all columns."""
+    indptr, indices, data = M.getValuesCSR()
+    return csr_matrix((data, indices, indptr), (len(indptr) - 1, M.getSize()[1]))
+
+
 def diagonal_of(K: PETSc.Mat) -> np.ndarray:
     """This rank's diagonal entries of K."""
     diagonal = K.getDiagonal()

@@ -4,14 +4,16 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix, vstack
+from scipy.sparse import coo_matrix, csr_matrix, identity, vstack
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.operators.floating import Loose
 from dolfinx_llm.operators.motions import RigidMotions, no_motions
-from dolfinx_llm.operators.prescribed import ColumnSpace, independent_rows
+from dolfinx_llm.operators.prescribed import independent_rows
 
 FIT_DIRECTLY = 5000  # frame unknowns up to which a factorisation is the quickest least-squares fit
+NAMED = 8  # bodies that a message names, of many
 UNHELD = 1e-11  # singular values below, of the largest, are motions that nothing holds
 
 
@@ -28,7 +30,7 @@ def check_support(
         ContactError: they do not.
     """
     loose = unheld(rigid, interfaces)
-    if not loose.shape[1]:
+    if not loose.count:
         return
     if rigid.bodies.components == 1:
         raise ContactError(
@@ -37,16 +39,16 @@ def check_support(
             "condition, or a term h (u - u_0) ds of exchange with the surroundings"
         )
     raise ContactError(
-        f"{loose.shape[1]} rigid motion(s) are held by no support and no interface; they move "
+        f"{loose.count} rigid motion(s) are held by no support and no interface; they move "
         f"{movers(rigid, loose)}. Add Dirichlet conditions or springs that hold them"
     )
 
 
 def floating_motions(
     rigid: RigidMotions, interfaces: Sequence[tuple[csr_matrix | None, csr_matrix]], tied: bool
-) -> tuple[RigidMotions, np.ndarray]:
-    """The motions that contact has to hold, and those combinations of the free ones (free, j) that
-    no contact holds, on which loads must not do work.
+) -> tuple[RigidMotions, Loose]:
+    """The motions that contact has to hold, and those combinations of the free ones that no contact
+    holds, on which loads must not do work.
 
     Args:
         rigid: of the bodies.
@@ -59,28 +61,30 @@ def floating_motions(
     if not (tied or rigid.bodies.components == 1):
         return rigid, unheld(rigid, interfaces)
     check_support(rigid, interfaces)
-    rigid = no_motions(rigid.bodies, len(rigid.modes)) if tied else rigid
-    return rigid, np.zeros((rigid.free, 0))
+    rigid = no_motions(rigid.bodies, rigid.modes.shape[0]) if tied else rigid
+    return rigid, Loose(identity(rigid.free, format="csr"))
 
 
-def movers(rigid: RigidMotions, loose: np.ndarray) -> str:
-    """Words for the bodies that some of the free motions, columns of (free, j), move."""
+def movers(rigid: RigidMotions, loose: Loose) -> str:
+    """Words for the bodies that some of the free motions move, the first ones by name."""
     named = [f"{name} in {ways}" for name, ways in _moved(rigid, loose)]
-    return f"{', '.join(named)} independent way(s)"
+    more = f" and {len(named) - NAMED} more" if len(named) > NAMED else ""
+    return f"{', '.join(named[:NAMED])} independent way(s){more}"
 
 
-def _moved(rigid: RigidMotions, loose: np.ndarray) -> list[tuple[str, int]]:
+def _moved(rigid: RigidMotions, loose: Loose) -> list[tuple[str, int]]:
     """Names of these bodies, and in how many ways each is moved."""
-    left = np.zeros((rigid.bodies.count, rigid.parts.shape[1], loose.shape[1]))
-    np.add.at(left, rigid.body[: rigid.free], rigid.parts[: rigid.free, :, None] * loose[:, None])
+    some = loose.some(rigid.parts.shape[1] + 2)  # as many as tell them apart
+    left = np.zeros((rigid.bodies.count, rigid.parts.shape[1], some.shape[1]))
+    np.add.at(left, rigid.body[: rigid.free], rigid.parts[: rigid.free, :, None] * some[:, None])
     counts = np.linalg.matrix_rank(left, 1e-6)
     return [(rigid.bodies.name(b), int(ways)) for b, ways in enumerate(counts) if ways]
 
 
 def unheld(
     rigid: RigidMotions, interfaces: Sequence[tuple[csr_matrix | None, csr_matrix]]
-) -> np.ndarray:
-    """(free, j) orthonormal combinations of the free motions that no interface holds both ways.
+) -> Loose:
+    """Combinations of the free motions that no interface holds both ways.
 
     A combination of rigid motions is not held if it has no stiffness (K R c = 0), does not move
     prescribed dofs, and the frames can follow it (Bᵀ R c in the range of L_b).
@@ -90,12 +94,10 @@ def unheld(
         interfaces: of each L_b, None without a frame, and Bᵀ R (rows, modes of all bodies).
     """
     bodies, free = rigid.bodies, rigid.free
-    if not free:
-        return np.zeros((0, 0))
     row = rigid.body[:free, None] * rigid.parts.shape[1] + np.arange(rigid.parts.shape[1])
     at = row.ravel(), np.repeat(np.arange(free), rigid.parts.shape[1])
     moves = csr_matrix((rigid.parts[:free].ravel(), at), (bodies.count * row.shape[1], free))
-    rows = [csr_matrix((1, free))]
+    rows = [csr_matrix((0, free))]
     for L, BtR in interfaces:
         own = (BtR @ moves).tocsc()
         used = np.flatnonzero(np.diff(own.indptr))  # of two bodies, as a rule
@@ -108,11 +110,7 @@ def unheld(
     held = vstack(rows, format="csr")
     held.data[np.abs(held.data) < UNHELD * np.abs(held.data).max(initial=1.0)] = 0.0
     held.eliminate_zeros()
-    count = free - len(independent_rows(held, UNHELD))
-    if not count:
-        return np.zeros((free, 0))
-    chance = np.random.default_rng(2001).normal(size=(free, count))
-    return np.linalg.qr(ColumnSpace(held.T.tocsr()).without(chance))[0]
+    return Loose(held[independent_rows(held, UNHELD)])
 
 
 def least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:

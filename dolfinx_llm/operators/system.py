@@ -18,7 +18,8 @@ from dolfinx_llm.interface.control import control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.operators.assemble import assemble_B, assemble_L_b, interface_operator
 from dolfinx_llm.operators.bodies import Bodies
-from dolfinx_llm.operators.motions import Floating, rigid_motions
+from dolfinx_llm.operators.floating import Floating
+from dolfinx_llm.operators.motions import rigid_motions
 from dolfinx_llm.operators.numbering import (
     BodyDofs,
     Numbering,
@@ -276,10 +277,12 @@ def anatomy(operators: ContactOperators) -> list[str]:
         "several interfaces meet; of all forces with the same effect the least are given"
     )
     floating = operators.floating
-    loose = (
-        f"  taken as zero: {floating.loose.shape[1]} rigid motion(s) that supports and interfaces "
-        f"leave open, on which no load may do work; they move "
-        f"{movers(floating.rigid, floating.loose)}"
-    )
+    loose = []
+    if floating.loose.count:
+        loose = [
+            f"  taken as zero: {floating.loose.count} rigid motion(s) that supports and interfaces "
+            f"leave open, on which no load may do work; they move "
+            f"{movers(floating.rigid, floating.loose)}"
+        ]
     lines = [line for geometry in operators.geometries for line in describe(geometry)]
-    return [text] * bool(repeated) + [loose] * (floating.loose.shape[1] > 0) + lines
+    return [text] * bool(repeated) + loose + lines

@@ -6,11 +6,13 @@ import ufl
 import wall_scenes as walls
 from dolfinx import fem
 from mpi4py import MPI
+from scipy.sparse import csr_matrix
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
 from dolfinx_llm.forms.direct import DirectSolver
-from dolfinx_llm.operators.motions import pins
+from dolfinx_llm.operators.bodies import Bodies
+from dolfinx_llm.operators.motions import RigidMotions
 
 
 def chosen(modes):
@@ -27,14 +29,17 @@ def chosen(modes):
 @pytest.mark.parametrize("bodies", [1, 5])
 def test_pins_of_single_bodies(bodies):
     """Motions of a body at its own dofs alone, in any order."""
+    low = np.stack([2.0 * np.arange(bodies), np.zeros(bodies)], axis=1)
+    wall = walls.Wall(MPI.COMM_SELF, np.stack([low, low + 1.0], axis=1), [[4, 3]] * bodies)
     rng = np.random.default_rng(17)
-    modes = np.zeros((20 * bodies, 3 * bodies))
-    for b in range(bodies):
-        modes[20 * b : 20 * b + 20, 3 * b : 3 * b + 3] = rng.standard_normal((20, 3))
-    modes = modes[:, rng.permutation(3 * bodies)]
-    before = modes.copy()
-    found = pins(MPI.COMM_SELF, modes)
-    assert found == chosen(modes) and np.array_equal(modes, before)
+    body = rng.permutation(np.repeat(np.arange(bodies), 3))
+    known = Bodies([wall.V])
+    label = np.repeat(known.label, 2)
+    modes = np.where(label[:, None] == body, rng.standard_normal((len(label), len(body))), 0.0)
+    table, none = csr_matrix(modes), csr_matrix((len(body),) * 2)
+    rigid = RigidMotions(known, body, np.eye(3), len(body), table, table, none, body)
+    found = rigid.pins(len(body))
+    assert sorted(found) == sorted(chosen(modes))
     assert np.linalg.matrix_rank(modes[found]) == 3 * bodies
 
 

@@ -79,9 +79,10 @@ def test_motions_move_no_support():
     bodies, K, fixed = squares.parts(PIN)
     rigid = rigid_motions(bodies, K, fixed)
     assert rigid.free == 4 and np.bincount(rigid.body).tolist() == [1, 3]
-    assert not rigid.modes[fixed].any() and not rigid.stiffness.any()
+    modes = rigid.modes.toarray()
+    assert not modes[fixed].any() and not rigid.stiffness.nnz
     arm = squares.x[bodies.label == 0]  # from the pin, at the origin
-    turn = rigid.modes.reshape(-1, 2, 4)[bodies.label == 0, :, list(rigid.body).index(0)]
+    turn = modes.reshape(-1, 2, 4)[bodies.label == 0, :, list(rigid.body).index(0)]
     assert np.abs(np.einsum("ni,ni->n", arm, turn)).max() < 1e-14
     assert np.allclose(
         np.linalg.norm(turn, axis=1), np.linalg.norm(arm, axis=1) * np.abs(turn).max()
@@ -95,9 +96,10 @@ def test_weak_springs_are_motions_with_a_stiffness(spring):
     squares = Squares(spring=spring)
     rigid = rigid_motions(*squares.parts([]))
     assert rigid.free == 0
-    order = np.argsort(np.linalg.eigvalsh(rigid.stiffness))
+    stiffness = np.linalg.eigvalsh(rigid.stiffness.toarray())
+    order = np.argsort(stiffness)
     known = np.array([1 / 3, 1.0, 1.0]) * spring
-    found = np.linalg.eigvalsh(rigid.stiffness)[order]
+    found = stiffness[order]
     assert np.allclose(found, known, rtol=1e-12 + 1e-15 / spring)
 
 

@@ -216,11 +216,11 @@ def weak_motions(operators: ContactOperators, L: csr_matrix) -> Any:
     (m, k), which rows see by L (n, m); None where ties hold all."""
     if operators.tied:
         return None
-    rigid = operators.floating.rigid.modes
+    rigid = operators.floating.rigid.modes.toarray()
     if not (L.shape[1] and rigid.shape[1]):
         return rigid, np.zeros((L.shape[1], rigid.shape[1]))
     fit = splu((L.T @ L + 1e-10 * identity(L.shape[1])).tocsc())
-    return rigid, fit.solve(L.T @ operators.floating.G)
+    return rigid, fit.solve((L.T @ operators.floating.G).toarray())
 
 
 def at_blocks(M: csr_matrix, at: np.ndarray) -> np.ndarray:
