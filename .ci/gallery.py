@@ -16,6 +16,7 @@ import shutil
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -32,6 +33,7 @@ OPTIONS = {
     "tutorial": "",
 }
 SECONDS = 400.0  # that a demo may take
+WORKERS = 2  # demos at a time
 STYLE = """
 body { max-width: 62rem; margin: 2rem auto; padding: 0 1rem; font: 16px/1.5 sans-serif; }
 pre { overflow: auto; padding: .7rem; background: #f6f8fa; font-size: 13px; max-height: 40rem; }
@@ -54,8 +56,8 @@ def demos() -> dict[str, str]:
 
 
 # ## Running
-def run(name: str) -> None:
-    """Run a demo in a folder of its own, and keep what it shows."""
+def run(name: str) -> str:
+    """Run a demo in a folder of its own, keep what it shows, and tell how long it took."""
     folder = KEPT / name
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -67,12 +69,12 @@ def run(name: str) -> None:
         words, cwd=folder, env=environment, capture_output=True, text=True, timeout=SECONDS
     )
     if done.returncode:
-        sys.exit(f"{name} failed\n{done.stdout[-2000:]}{done.stderr[-4000:]}")
+        raise SystemExit(f"{name} failed\n{done.stdout[-2000:]}{done.stderr[-4000:]}")
     seconds = time.perf_counter() - began
     command = f"python demos/{name}.py {options}".strip()
     (folder / "printed.txt").write_text(done.stdout)
     (folder / "run.json").write_text(json.dumps({"command": command, "seconds": seconds}) + "\n")
-    print(f"{name:20} {seconds:6.1f} s, {len(pictures(name))} picture(s)", flush=True)
+    return f"{name:20} {seconds:6.1f} s, {len(pictures(name))} picture(s)"
 
 
 def pictures(name: str) -> list[Path]:
@@ -162,8 +164,9 @@ def markdown_pages(folder: Path) -> None:
 
 def main(arguments: list[str]) -> None:
     if arguments[0] == "run":
-        for name in arguments[1:] or demos():
-            run(name)
+        with ThreadPoolExecutor(WORKERS) as workers:
+            for told in workers.map(run, arguments[1:] or demos()):
+                print(told, flush=True)
     else:
         gallery(Path(arguments[1]))
         markdown_pages(Path(arguments[1]))

@@ -31,6 +31,7 @@ except ImportError as error:
         f"The import failed with: {error}"
     ) from error
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 
 if TYPE_CHECKING:
@@ -113,25 +114,6 @@ def has_nodes(V: Any) -> bool:
     return name in ("Lagrange", "P", "Q")
 
 
-def is_function(value: Any) -> bool:
-    """Whether this is a dolfinx Function."""
-    return isinstance(value, dolfinx.fem.Function)
-
-
-def nodal_values(function: Any, V: Any, order: int = 1) -> np.ndarray:
-    """(n,) values of a scalar Function at the nodes that this rank owns of V, a vector space of its
-    mesh and this order; collective."""
-    if len(function.ufl_shape):
-        raise ContactInputError(
-            f"Function {function.name} has the shape {function.ufl_shape}: give a scalar one"
-        )
-    own = dolfinx.fem.Function(function_space(V.mesh, degree=order))
-    own.interpolate(function)
-    values = np.zeros(V.dofmap.index_map.size_local + V.dofmap.index_map.num_ghosts)
-    values[cell_dofs(V)] = own.x.array[cell_dofs(own.function_space)]
-    return values[: V.dofmap.index_map.size_local]
-
-
 def tags_belong_to(tags: Any, mesh: Any) -> bool:
     """Whether mesh tags were made for this mesh."""
     if hasattr(tags, "topology"):
@@ -150,8 +132,28 @@ def same_space(V: Any, W: Any) -> bool:
     return V is W or V._cpp_object == W._cpp_object
 
 
-def form(name: str, ufl_form: Any) -> Any:
+def entity_maps_of(given: Any, count: int) -> list[Any]:
+    """Entity maps of so many forms: from dolfinx 0.10 on a list of EntityMap for all, before a dict
+    for all or a list of dicts; ``ContactInputError`` where they do not fit."""
+    if given is None:
+        return [None] * count
+    if "entity_maps" not in inspect.signature(dolfinx.fem.form).parameters:
+        raise ContactInputError(
+            f"entity_maps: dolfinx {dolfinx.__version__} has none, 0.8 and newer have: interpolate "
+            "Functions of other meshes onto that of the form"
+        )
+    new, several = getattr(dolfinx.mesh, "EntityMap", None), isinstance(given, (list, tuple))
+    each = list(given) if several and not new else [given] * count
+    items = each[0] if new and several else each
+    if len(each) != count or not all(isinstance(item, new or dict) for item in items):
+        kind = "a list of dolfinx.mesh.EntityMap" if new else "a dict, or a list of one per form"
+        checks.refuse("entity_maps", given, f"does not fit: give {kind}")
+    return each
+
+
+def form(name: str, ufl_form: Any, entity_maps: Any = None) -> Any:
     """Compiled form; ``ContactInputError`` where UFL or dolfinx cannot compile it."""
+    options = {} if entity_maps is None else {"entity_maps": entity_maps}
     try:
         if ufl_form.arguments()[0].ufl_function_space().mesh.comm.size > 1:
             # First on every rank: newer UFL raises no Exception, which rank 0 alone would meet.
@@ -160,10 +162,15 @@ def form(name: str, ufl_form: Any) -> Any:
                 lowered = remove_complex_nodes(lowered)  # v and conj(v) are one
             lowered = apply_derivatives(lowered)
             check_form_arity(lowered, ufl_form.arguments())
-        return dolfinx.fem.form(ufl_form)
+        return dolfinx.fem.form(ufl_form, **options)
     except (Exception, ArityMismatch) as error:
         text = " ".join(str(error).split())[:300]
         raise ContactInputError(f"the form {name} cannot be compiled: {text}") from error
+
+
+def forms(name: str, ufl_forms: Sequence[Any], entity_maps: Sequence[Any]) -> list[Any]:
+    """Compiled forms, with the entity maps of each."""
+    return [form(name, *pair) for pair in zip(ufl_forms, entity_maps, strict=True)]
 
 
 def assemble_matrix(a: Any, bcs: Sequence[Any], diagonal: float) -> PETSc.Mat:
@@ -185,10 +192,8 @@ def assemble_load(
     if values[fixed].any():
         dolfinx.fem.petsc.apply_lifting(b, [a], [bcs])
     b.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
-    load = b.array_r[:n].copy()
+    load = sum(nodal, b.array_r[:n].copy())
     b.destroy()
-    for force in nodal:
-        load += force
     return np.where(fixed[:n], values[:n], load)
 
 
@@ -218,11 +223,6 @@ def prescribed_values(V: Any, bcs: Sequence[Any]) -> np.ndarray:
     """Values that the conditions prescribe, per owned and ghost dof; NaN where a dof is free."""
     fixed, values = prescribed(V, bcs)
     return np.where(fixed, values, np.nan)
-
-
-def fixed_dofs(V: Any, bcs: Sequence[Any]) -> np.ndarray:
-    """(n_owned dofs,) which dofs the conditions prescribe."""
-    return prescribed(V, bcs)[0][: V.dofmap.index_map.size_local * V.dofmap.index_map_bs]
 
 
 def prescribed(V: Any, bcs: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_matrix, diags, vstack
 
-from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.geometry.spaces import order_of
+from dolfinx_llm.geometry.spaces import is_function, nodal_values, order_of
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.site import BENT
 from dolfinx_llm.laws.law import Law
@@ -184,7 +183,7 @@ def _sampled(
     value: Any,
 ) -> np.ndarray:
     """(k,) of what a user gives for a law at x (k, gdim), see ``LawNodes``; collective."""
-    if not compat.is_function(value):
+    if not is_function(value):
         return at_positions(value, x)
     found = []
     for side, space in zip(
@@ -193,7 +192,7 @@ def _sampled(
         V = operators.dofs.spaces[space]
         if value.function_space.mesh is V.mesh:
             local = np.concatenate([
-                compat.nodal_values(value, W, order_of(W)) if W is V
+                nodal_values(value, W, order_of(W)) if W is V
                 else np.zeros(W.dofmap.index_map.size_local)
                 for W in operators.dofs.spaces
             ])  # fmt: skip

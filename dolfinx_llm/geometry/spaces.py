@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from dolfinx import fem
 
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
@@ -97,6 +98,25 @@ def order_of(V: Any) -> int:
     """Order of a function space that ``check_space`` has passed."""
     nodes = CELLS[compat.cell_kinds(V.mesh)[0]]
     return 1 + nodes.index(V.dofmap.dof_layout.num_dofs)
+
+
+def is_function(value: Any) -> bool:
+    """Whether this is a dolfinx Function."""
+    return isinstance(value, fem.Function)
+
+
+def nodal_values(function: Any, V: Any, order: int = 1) -> np.ndarray:
+    """(n,) values of a scalar Function at the nodes that this rank owns of V, a vector space of its
+    mesh and this order; collective."""
+    if len(function.ufl_shape):
+        raise ContactInputError(
+            f"Function {function.name} has the shape {function.ufl_shape}: give a scalar one"
+        )
+    own = fem.Function(compat.function_space(V.mesh, degree=order))
+    own.interpolate(function)
+    values = np.zeros(V.dofmap.index_map.size_local + V.dofmap.index_map.num_ghosts)
+    values[compat.cell_dofs(V)] = own.x.array[compat.cell_dofs(own.function_space)]
+    return values[: V.dofmap.index_map.size_local]
 
 
 def _check_mesh(mesh: Any, highest: int) -> None:

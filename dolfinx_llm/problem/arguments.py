@@ -44,6 +44,7 @@ class Arguments:
     bcs: Sequence[Any]  # Dirichlet conditions; the user's own list, which may change
     interfaces: list[Interface]
     nodal_loads: list[fem.Function]
+    entity_maps: list[Any]  # of dolfinx, per form a, or None
 
 
 def problem_arguments(
@@ -55,11 +56,12 @@ def problem_arguments(
     solver: Any,
     petsc_options_prefix: Any,
     petsc_options: Any,
+    entity_maps: Any,
 ) -> Arguments:
     """Check the arguments of ``ContactProblem``; collective: ``ContactInputError`` on all ranks."""
     comm = communicator(a, L, bcs, nodal_loads)
     with collective(comm):
-        forms = given_forms(2, a)
+        forms = given_forms(2, a, entity_maps)
         spaces = [form_space(form) for form in forms]
         check_meshes(spaces)
     blocks = [Blocks(V) for V in spaces]
@@ -68,7 +70,7 @@ def problem_arguments(
             "one form a is of displacements, another of a scalar field: make a problem of each"
         )
     with collective(comm):
-        loads = in_order(forms, spaces, given_forms(1, L))
+        loads = in_order(forms, spaces, given_forms(1, L, entity_maps))
         given = Arguments(
             isinstance(a, (list, tuple)),
             forms,
@@ -77,6 +79,7 @@ def problem_arguments(
             kept_list(bcs, spaces),
             interface_list(interfaces, spaces),
             nodal_list(nodal_loads, [*spaces, *(b.V for b in blocks if b.mixed)]),
+            compat.entity_maps_of(entity_maps, len(forms)),
         )
         for interface in given.interfaces:
             if isinstance(interface, SelfContact):

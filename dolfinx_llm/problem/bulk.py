@@ -65,10 +65,10 @@ class LinearBulk:
         self._W, self.spaces = [b.W for b in self.blocks], [b.V for b in self.blocks]
         self.comm = comm = self.spaces[0].mesh.comm
         with times.timed("form compilation"), collective(comm):
-            self._a = [compat.form("a", form) for form in given.a]
-            self._L = [compat.form("L", form) for form in given.L]
+            self._a = compat.forms("a", given.a, given.entity_maps)
+            self._L = compat.forms("L", given.L, given.entity_maps)
         self._nodal = nodal_by_mesh(given.nodal_loads, self.spaces)
-        self._given = given.bcs
+        self._given, self._entity_maps = given.bcs, given.entity_maps
         self._K: Any = None  # see K
         self.forms = given.a
         self._actions: Any = None  # of the forms a, once ``force`` is asked for
@@ -162,7 +162,7 @@ class LinearBulk:
         """This rank's derivative (n_local,) of a functional, of linear forms in the order of the
         spaces, by what is free to move."""
         with collective(self.comm):
-            compiled = [compat.form("dJ", form) for form in forms]
+            compiled = compat.forms("dJ", forms, self._entity_maps)
         parts = [compat.assemble_force((c,), (1.0,), V) for c, V in zip(compiled, self.spaces)]
         found = np.concatenate(parts)
         found = found if self.control is None else self.control.forces(found)
@@ -173,10 +173,8 @@ class LinearBulk:
         what bodies exert on interfaces and supports."""
         if self._actions is None:
             self._motions = [fem.Function(W) for W in self._W]
-            self._actions = [
-                compat.form("a", ufl.action(form, motion))
-                for form, motion in zip(self.forms, self._motions, strict=True)
-            ]
+            actions = [ufl.action(a, u) for a, u in zip(self.forms, self._motions, strict=True)]
+            self._actions = compat.forms("a", actions, self._entity_maps)
         parts = []
         for i, (b, function) in enumerate(zip(self.blocks, self.functions(u), strict=True)):
             self._motions[i].x.array[:] = function.x.array

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import ufl
 from dolfinx import fem
+from ufl.algorithms import extract_coefficients
 
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
@@ -45,6 +46,13 @@ class Evolution:
                 raise ContactInputError(
                     f"rules: the Function {function.name} has the shape {function.ufl_shape}, and "
                     f"what it becomes {new.ufl_shape}: {RULES}"
+                )
+            parts = (p for p in extract_coefficients(new) if isinstance(p, fem.Function))
+            mesh = function.function_space.mesh
+            if other := [p.name for p in parts if p.function_space.mesh is not mesh]:
+                raise ContactInputError(
+                    f"rules: the Function {function.name} follows from {', '.join(other)} of "
+                    "another mesh: interpolate onto its own"
                 )
         with collective(self.state[0].function_space.mesh.comm):
             self._new = [_compiled(f, new) for f, new in rules.items()]

@@ -26,8 +26,8 @@ def listed(value: Any) -> Sequence[Any]:
     return value if isinstance(value, (list, tuple)) else [value]
 
 
-def given_forms(count: int, value: Any) -> list[ufl.Form]:
-    """UFL forms with a number of arguments."""
+def given_forms(count: int, value: Any, entity_maps: Any = None) -> list[ufl.Form]:
+    """UFL forms with a number of arguments, of one mesh each unless there are entity maps."""
     name, kind, accepted = FORMS[count]
     forms = list(listed(value))
     if not forms:
@@ -46,12 +46,14 @@ def given_forms(count: int, value: Any) -> list[ufl.Form]:
         ]
         if len(meshes) < count:
             checks.refuse(name, form, "its arguments must be of dolfinx function spaces")
+        if entity_maps is not None:
+            continue
         domains = {domain.ufl_id() for domain in form.ufl_domains()}
         if any(mesh is not meshes[0] for mesh in meshes) or len(domains) > 1:
             raise ContactInputError(
                 f"the form {name} lives on several meshes: give one form per mesh, whose arguments "
-                "and Functions are of that mesh (interpolate those of a submesh onto it: "
-                "entity_maps are not taken)"
+                "and Functions are of that mesh; or entity_maps, as of dolfinx.fem.form (0.8 and "
+                "newer), where one is a submesh of the other"
             )
     return forms
 

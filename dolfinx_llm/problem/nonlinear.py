@@ -54,6 +54,8 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
             "auto": by size.
         petsc_options_prefix: of the options of the linear solver.
         petsc_options: PETSc options on top of the solver's own.
+        entity_maps: as of ``dolfinx.fem.form``, for forms with Functions or integrals of other
+            meshes.
 
     Attributes:
         method: "saddle" or "condensed", by ``solver`` and size.
@@ -84,9 +86,12 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         solver: str = "auto",
         petsc_options_prefix: str = "llm_",
         petsc_options: dict | None = None,
+        entity_maps: Any = None,
     ):
         options = petsc_options_prefix, petsc_options
-        given = nonlinear_arguments(F, u, J, bcs, interfaces, loads, nodal_loads, solver, options)
+        given = nonlinear_arguments(
+            F, u, J, bcs, interfaces, loads, nodal_loads, solver, options, entity_maps
+        )
         free_garbage(given.spaces[0].mesh.comm)
         self.interfaces, self.loads = given.interfaces, given.loads
         self.times, self._several = StageTimes(), given.several

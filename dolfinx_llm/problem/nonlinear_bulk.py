@@ -54,8 +54,8 @@ class NonlinearArguments:
     interfaces: list[Interface]
     loads: list[FreeSurfacePressure]
     nodal_loads: list[fem.Function]
-
     blocks: list[Blocks]  # function space of each mesh, and that of its displacement
+    entity_maps: list[Any]  # of dolfinx, per form F, or None
 
     @property
     def spaces(self) -> list[Any]:
@@ -73,11 +73,12 @@ def nonlinear_arguments(
     nodal_loads: Any,
     solver: Any,
     options: tuple[Any, Any],
+    entity_maps: Any,
 ) -> NonlinearArguments:
     """Check the arguments of ``NonlinearContactProblem``; collective.
 
     Args:
-        F, u, J, bcs, interfaces, loads, nodal_loads, solver: as given.
+        F, u, J, bcs, interfaces, loads, nodal_loads, solver, entity_maps: as given.
         options: prefix and PETSc options.
 
     Raises:
@@ -126,6 +127,7 @@ def nonlinear_arguments(
             pressures(loads, spaces),
             nodal_list(nodal_loads, [*spaces, *(b.V for b in blocks if b.mixed)]),
             blocks,
+            compat.entity_maps_of(entity_maps, len(forms)),
         )
     agree_on(comm, given, forms, (solver, *options))
     agree(comm, "the loads", [[tag for _, tag in load.tagged()] for load in given.loads])
@@ -173,13 +175,13 @@ class NonlinearBulk:
         self.spaces = [b.V for b in self.blocks]
         self.comm = self.spaces[0].mesh.comm
         with collective(self.comm):
-            self._F = [compat.form("F", form) for form in given.F]
-            self._J = [compat.form("J", form) for form in given.J]
+            self._F = compat.forms("F", given.F, given.entity_maps)
+            self._J = compat.forms("J", given.J, given.entity_maps)
         self._given = given.bcs
         self._nodal = nodal_by_mesh(given.nodal_loads, self.spaces)
         self._bcs = by_mesh(self.comm, self._given, self._W)
         found = zip(self.blocks, self._W, self._bcs, strict=True)
-        fixed = [b.ours(compat.fixed_dofs(W, bcs)) for b, W, bcs in found]
+        fixed = [b.ours(compat.prescribed(W, bcs)[0][: len(b.scale)]) for b, W, bcs in found]
         mixed = any(b.mixed for b in self.blocks)
         others = tuple(b.others for b in self.blocks) if mixed else ()
         self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(fixed), others)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction_contact import FrictionContact
@@ -24,6 +24,7 @@ from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.system import NewtonSystem
 from dolfinx_llm.finite.terms import MovingContact
 from dolfinx_llm.finite.tied_contact import TiedContact
+from dolfinx_llm.geometry.spaces import is_function, nodal_values
 from dolfinx_llm.geometry.surface import Surface, extract_surface
 from dolfinx_llm.interface.against import checked_clearance, forced
 from dolfinx_llm.interface.choices import Interface, SelfContact
@@ -162,7 +163,7 @@ def _nodes(
     n, q = len(x), sides.gdim - 1
 
     def sampled(value: Any) -> np.ndarray:
-        if not compat.is_function(value):
+        if not is_function(value):
             return at_positions(value, x)
         for side in (sides.moving, sides.frame):
             if side is None:  # rigid
@@ -171,7 +172,7 @@ def _nodes(
             if value.function_space.mesh is not V.mesh:
                 continue
             local = np.concatenate([
-                compat.nodal_values(value, W) if W is V else np.zeros(W.dofmap.index_map.size_local)
+                nodal_values(value, W) if W is V else np.zeros(W.dofmap.index_map.size_local)
                 for W in dofs.spaces
             ])  # fmt: skip
             at = dofs.of(site.spaces[side], site.whole[side])[:, 0]

@@ -44,6 +44,8 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
             {"ksp_type": "preonly", "pc_type": "cholesky"}; "auto": by size; or your ``StepForm``.
         petsc_options_prefix: of the options of the linear solver.
         petsc_options: PETSc options on top of the solver's own.
+        entity_maps: as of ``dolfinx.fem.form``, for forms with Functions or integrals of other
+            meshes.
 
     Attributes:
         results: after ``solve``, an ``InterfaceResult`` per interface, the same on every rank.
@@ -75,10 +77,12 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
         solver: str | StepForm = "auto",
         petsc_options_prefix: str = "llm_",
         petsc_options: dict | None = None,
+        entity_maps: Any = None,
     ):
         given = problem_arguments(
-            a, L, bcs, interfaces, nodal_loads, solver, petsc_options_prefix, petsc_options
-        )
+            a, L, bcs, interfaces, nodal_loads, solver, petsc_options_prefix, petsc_options,
+            entity_maps,
+        )  # fmt: skip
         free_garbage(given.blocks[0].W.mesh.comm)
         self.interfaces, self.solver = given.interfaces, solver
         self.times = StageTimes()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import ufl
@@ -24,17 +25,20 @@ class MeanForces:
     Args:
         F: residual forms, one per mesh.
         u: displacements at the end of a step, in which they are written.
+        entity_maps: of dolfinx, per form, or None.
 
     Attributes:
         forms: to be added to F.
     """
 
-    def __init__(self, F: Sequence[ufl.Form], u: Sequence[fem.Function]) -> None:
+    def __init__(
+        self, F: Sequence[ufl.Form], u: Sequence[fem.Function], entity_maps: Sequence[Any]
+    ) -> None:
         self._before = [fem.Function(w.function_space, name="u0") for w in u]
         self._on = [fem.Constant(w.function_space.mesh, 1.0) for w in u]
         parts = zip(F, u, self._before, self._on, strict=True)
         self.forms = [on * _beyond_the_mean(form, w, w0) for form, w, w0, on in parts]
-        self._compiled = [compat.form("F", form) for form in self.forms]
+        self._compiled = compat.forms("F", self.forms, entity_maps)
 
     def begin(self, u: np.ndarray, counts: Sequence[int], on: bool) -> None:
         """Start a step at this rank's u (n_local,), so many dofs of each mesh; ``on``: False where

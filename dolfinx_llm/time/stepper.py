@@ -88,7 +88,8 @@ class TimeStepper(SavedSteps):
         self._several, self._accepted, self.t = isinstance(a, (list, tuple)), accepted, 0.0
         nonlinear = any(isinstance(item, fem.Function) for item in listed(L))
         with collective(self.comm):
-            spaces = _spaces(a, L, nonlinear)
+            spaces = _spaces(a, L, nonlinear, options.get("entity_maps"))
+            maps = compat.entity_maps_of(options.get("entity_maps"), len(spaces))
             self.dt = dt = _positive("dt", dt)
             checks.one_of("scheme", scheme, SCHEMES)
             chosen = interface_list(interfaces, spaces)
@@ -99,7 +100,7 @@ class TimeStepper(SavedSteps):
         self._rates = [fem.Constant(V.mesh, 4.0 / dt**2) for V in spaces]
         forms, masses, self.density = list(listed(a)), [], []
         with collective(self.comm):
-            self._mean = mean = MeanForces(forms, listed(L)) if nonlinear else None
+            self._mean = mean = MeanForces(forms, listed(L), maps) if nonlinear else None
         for i, (V, density) in enumerate(zip(spaces, densities, strict=True)):
             if surfaces := _surfaces(V, chosen) if scheme == "massless" else []:
                 density = density * moved_mass(V, density, surfaces)
@@ -231,13 +232,13 @@ class TimeStepper(SavedSteps):
         self._M.destroy()
 
 
-def _spaces(a: Any, L: Any, nonlinear: bool) -> list[Any]:
+def _spaces(a: Any, L: Any, nonlinear: bool, entity_maps: Any) -> list[Any]:
     """Function spaces of the displacement."""
     if not nonlinear:
-        return [form_space(form) for form in given_forms(2, a)]
+        return [form_space(form) for form in given_forms(2, a, entity_maps)]
     for item in listed(L):
         checks.instance("L", item, fem.Function, "give the Function u that F is written in")
-    given_forms(1, a)
+    given_forms(1, a, entity_maps)
     return [u.function_space for u in listed(L)]
 
 

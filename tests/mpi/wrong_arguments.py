@@ -553,6 +553,10 @@ add(
     lambda s: s.problem(a=fem.Function(s.other[0])[0] * ufl.inner(s.u, s.v) * ufl.dx(s.mesh)),
 )
 add(
+    "entity_maps(=.*does not fit|.*has none)",
+    *(lambda s, x=x: s.problem(entity_maps=x) for x in (3, "", [3])),
+)
+add(
     "cannot be compiled",
     lambda s: s.problem(a=s.u[0] ** 2 * s.v[0] * ufl.dx),
     lambda s: s.problem(L=ufl.sqrt(s.v[0]) * ufl.dx),
