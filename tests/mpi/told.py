@@ -1,16 +1,27 @@
-"""A small contact scene with the log switched on as a user would: told.py [LEVEL]"""
+"""A small contact scene with the log switched on as a user would: told.py [LEVEL [gathered]]
 
+Where it is gathered rank 0 prints what all ranks told, else it goes to stderr.
+"""
+
+import io
 import logging
 import sys
 
 import contact_scenes
 from mpi4py import MPI
 
-logging.basicConfig(level=logging.WARNING, format="rank=%(rank)d %(message)s", force=True)
+from dolfinx_llm import plot  # noqa: F401  (whose import prints nothing either)
+
+comm, log = MPI.COMM_WORLD, logging.getLogger("dolfinx_llm")
+told = io.StringIO() if "gathered" in sys.argv else sys.stderr
+form = "%(levelname)s rank=%(rank)d %(message)s"
+logging.basicConfig(level=logging.WARNING, format=form, stream=told, force=True)
 if len(sys.argv) > 1:
-    logging.getLogger("dolfinx_llm").setLevel(sys.argv[1])
-scene, motions = contact_scenes.random_pressed(MPI.COMM_WORLD, 103)
-logging.getLogger("dolfinx_llm").debug("built")
+    log.setLevel(sys.argv[1])
+scene, motions = contact_scenes.random_pressed(comm, 103)
+log.debug("built")
 scene.move(motions[0])
-if MPI.COMM_WORLD.rank == 0:
-    print(f"{len(scene.problem.history)} iterations")
+log.setLevel(logging.NOTSET)
+texts = comm.gather("" if told is sys.stderr else told.getvalue())
+if comm.rank == 0:
+    print(*texts, f"{len(scene.problem.history)} iterations", sep="\n")
