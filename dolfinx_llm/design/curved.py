@@ -25,7 +25,7 @@ from dolfinx_llm.design.stencils import (
     row_weights,
     spread,
 )
-from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.cells import areas_around, cross_plane, unit, unit_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import outline_edges
 from dolfinx_llm.geometry.pairs import ContactPairs
@@ -68,8 +68,7 @@ def smooth_rows(
     surface = SmoothSurface.through(frame)
     ring = adjacency(frame.cells, len(frame.x))
     edges = outline_edges(frame.cells)
-    area, sides = vector_areas(frame.x, frame.cells), []
-    normals = area / np.linalg.norm(area, axis=1)[:, None]
+    normals, sides = unit_normals(frame.x, frame.cells), []
     for p in pairs:
         clamped = _at_outline(frame, p, edges, normals)
         W = _weights(frame, clamped, edges, normals, ring)
@@ -178,8 +177,7 @@ def _along_lines(
         a, b = frame.x[edge[:, 0]], frame.x[edge[:, 1]]
         length = np.linalg.norm(b - a, axis=1)
         t = (b - a) / length[:, None]
-        across = np.cross(normals[spread(clamped.cell, W.indptr)[entries]], t)
-        across /= np.linalg.norm(across, axis=1)[:, None]
+        across = unit(np.cross(normals[spread(clamped.cell, W.indptr)[entries]], t))
         off = np.abs(np.einsum("zi,zi->z", frame.x[node] - a, across))
         on |= np.isin(node, edges) & (off <= ON_LINE * length)
     keep[entries] = on
@@ -231,7 +229,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(n, 3) cross products, or (n, 1) in the plane."""
     if a.shape[1] == 3:
         return np.cross(a, b)
-    return (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])[:, None]
+    return cross_plane(a, b)[:, None]
 
 
 def _corrections(
@@ -283,15 +281,9 @@ def loads_along_normals(
 def with_mean_normals(pairs: Sequence[ContactPairs], normals: np.ndarray) -> list[ContactPairs]:
     """Both sides with n_p = sum_J N_pJ n_J over its length, out of each, from the frame nodes'."""
     means = [sign * p.N @ normals for sign, p in zip((1.0, -1.0), pairs, strict=True)]
-    return [
-        replace(p, normal=n / np.linalg.norm(n, axis=1)[:, None])
-        for p, n in zip(pairs, means, strict=True)
-    ]
+    return [replace(p, normal=unit(n)) for p, n in zip(pairs, means, strict=True)]
 
 
 def nodal_normals(frame: Frame) -> np.ndarray:
     """(m, gdim) unit normals, the mean of the cells around each node by area."""
-    area = vector_areas(frame.x, frame.corners)
-    normal = np.zeros_like(frame.x)
-    np.add.at(normal, frame.cells, area[:, None, :])
-    return normal / np.linalg.norm(normal, axis=1)[:, None]
+    return unit(areas_around(frame.x, frame.corners, frame.cells))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dolfinx_llm.geometry.cells import shape_functions
+from dolfinx_llm.geometry.cells import cross_plane, shape_functions
 
 _SPREADS = (0.2, 0.3, 0.4, 0.5, 0.6)  # random starts: standard deviation over local side length
 # Linear and bilinear parts of the quad's map p = mean + a xi + b eta + d xi eta.
@@ -49,8 +49,7 @@ def _locate(Y: np.ndarray, cells: np.ndarray, x: np.ndarray) -> tuple[np.ndarray
     # Inverse of the bilinear map in closed form: s = a xi + b eta + d xi eta.
     s = x - p.mean(axis=2)
     a, b, d = (np.tensordot(g, p, ([0], [2])) for g in _MODES)
-    cross = lambda u, v: u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]  # noqa: E731
-    A, H, C = -cross(b, d), cross(s, d) + cross(a, b), cross(s, a)
+    A, H, C = -cross_plane(b, d), cross_plane(s, d) + cross_plane(a, b), cross_plane(s, a)
     eta = -2.0 * C / (H + np.sqrt(np.maximum(H * H - 4.0 * A * C, 0.0)))
     g = a + d * eta[..., None]
     xi = ((s - b * eta[..., None]) * g).sum(axis=-1) / (g * g).sum(axis=-1)
@@ -97,7 +96,7 @@ def cell_shapes(
     """Corner angles [rad] and sides of B frames, (B, n_corners), and derivatives by q."""
     i, nxt, prv = scene.corners.T
     e, b = Y[:, nxt] - Y[:, i], Y[:, prv] - Y[:, i]
-    angle = np.arctan2(e[..., 0] * b[..., 1] - e[..., 1] * b[..., 0], (e * b).sum(axis=-1))
+    angle = np.arctan2(cross_plane(e, b), (e * b).sum(axis=-1))
     side = np.linalg.norm(e, axis=-1)
     perp = np.array([[0.0, 1.0], [-1.0, 0.0]])
     ge, gb = -e @ perp / (e * e).sum(-1, keepdims=True), b @ perp / (b * b).sum(-1, keepdims=True)

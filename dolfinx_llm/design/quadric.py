@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, identity
 
 from dolfinx_llm.design.stencils import inner_part, spread, sums
-from dolfinx_llm.geometry.cells import bases, vector_areas
+from dolfinx_llm.geometry.cells import bases, unit, vector_areas
 from dolfinx_llm.geometry.frame import Frame
 
 FIT = 60  # steps of the fit
@@ -74,7 +74,7 @@ class SmoothSurface:
             point, normal = (
                 np.column_stack([sums(c, blend.indptr) for c in (weight * a).T]) for a in found
             )
-            normal /= np.linalg.norm(normal, axis=1)[:, None]
+            normal = unit(normal)
             start = x + np.einsum("ni,ni->n", point - x, normal)[:, None] * normal
         return point - N @ self.miss, normal
 
@@ -96,8 +96,7 @@ class SmoothSurface:
                 q[:, 2] + q[:, 4] * a + 2.0 * q[:, 5] * b
                 + 3.0 * (q[:, 7] * a * a + q[:, 9] * b * b) + 6.0 * q[:, 8] * a * b,
             ])  # fmt: skip
-        normal = np.column_stack([-slope, 1.0 - 2.0 * bend * z])
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        normal = unit(np.column_stack([-slope, 1.0 - 2.0 * bend * z]))
         local = self.size[cell, None] * np.column_stack([s, z])
         base = self.base[cell]
         return (
@@ -113,8 +112,7 @@ def _mean_bases(frame: Frame) -> np.ndarray:
     of = csr_matrix((np.ones(n * k), frame.cells.ravel(), np.arange(0, n * k + 1, k)))
     around = of @ of.T
     around.data[:] = 1.0
-    normal = around @ vector_areas(frame.x, frame.cells)
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    normal = unit(around @ vector_areas(frame.x, frame.cells))
     middle = np.full((n, min(k - 1, 2)), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
     t = frame.evaluate(np.arange(n), middle)[2]
     return bases(t - np.einsum("nai,ni->na", t, normal)[..., None] * normal[:, None, :])

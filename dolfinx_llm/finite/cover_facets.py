@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from dolfinx_llm.finite.areas import Covered
 from dolfinx_llm.finite.facet_planes import FacetPlanes, plane_integrals
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, summing
-from dolfinx_llm.finite.polygons import OWN, Polygons, cut
+from dolfinx_llm.finite.polygons import OWN, Clipped, cut
 from dolfinx_llm.geometry.cells import gauss, joined_lists, repeated_for, shape_functions
 from dolfinx_llm.geometry.element import Element
 from dolfinx_llm.geometry.overlap_flat import reference_coordinates
@@ -113,7 +113,7 @@ class _Edges:
 
     @classmethod
     def of(
-        cls, pieces: Polygons, pairs: np.ndarray, i: np.ndarray, p: np.ndarray, h: np.ndarray
+        cls, pieces: Clipped, pairs: np.ndarray, i: np.ndarray, p: np.ndarray, h: np.ndarray
     ) -> _Edges:
         """Edges of the pieces of some pairs, whose other facets lie at p (n, m, 2), h (n, m)."""
         row, place = np.nonzero(pieces.used[pairs])

@@ -15,6 +15,7 @@ from dolfinx_llm.finite.areas import Covered
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item, summing
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
 from dolfinx_llm.finite.normals import NodalNormals
+from dolfinx_llm.geometry.cells import cross_plane
 from dolfinx_llm.geometry.element import Element, element_of
 
 
@@ -175,8 +176,8 @@ def _cut(x: np.ndarray, y: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.nd
     (y - x_0) x n = eta (x_1 - x_0) x n.
     """
     side, q = x[:, 1] - x[:, 0], y - x[:, 0]
-    down = side[:, 0] * n[:, 1] - side[:, 1] * n[:, 0]
-    eta = (q[:, 0] * n[:, 1] - q[:, 1] * n[:, 0]) / down
+    down = cross_plane(side, n)
+    eta = cross_plane(q, n) / down
     inside = ((eta >= 0.0) & (eta <= 1.0)).astype(float)
     eta = np.clip(eta, 0.0, 1.0)
     by_q = inside[:, None] * np.column_stack([n[:, 1], -n[:, 0]]) / down[:, None]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.finite.jacobians import coordinates, cross_matrix, jacobian, per_item
-from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.cells import areas_around
 
 QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # turns by 90 degrees
 
@@ -36,15 +36,8 @@ def area_derivatives(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
     return 0.5 * np.moveaxis(cross_matrix(across), 1, 2).reshape(f, 3, 3 * k)
 
 
-def averaged(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """(m, gdim) sums of the vector areas of the facets (f, k) around each node [area]."""
-    total = np.zeros_like(x)
-    np.add.at(total, facets, vector_areas(x, facets)[:, None])
-    return total
-
-
 def nodal_normals(x: np.ndarray, facets: np.ndarray, first: int, width: int) -> NodalNormals:
-    """Normals of the nodes, along ``averaged``, with their derivatives.
+    """Normals of the nodes, along ``areas_around``, with their derivatives.
 
     Args:
         x: (m, gdim) positions [length].
@@ -53,7 +46,7 @@ def nodal_normals(x: np.ndarray, facets: np.ndarray, first: int, width: int) -> 
         width: number of all coordinates.
     """
     (m, gdim), (f, k) = x.shape, facets.shape
-    total = averaged(x, facets)
+    total = areas_around(x, facets)
     size = np.linalg.norm(total, axis=1)
     n = total / size[:, None]
     areas = jacobian(area_derivatives(x, facets), coordinates(facets, gdim, first), width)

@@ -8,11 +8,10 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.inside import deepest
 from dolfinx_llm.finite.location import INSIDE
 from dolfinx_llm.finite.normal_contact import OVER, NormalPlace
-from dolfinx_llm.finite.normals import averaged
 from dolfinx_llm.finite.self_sides import SelfSides
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import MovingContact, Place
-from dolfinx_llm.geometry.cells import cell_sizes
+from dolfinx_llm.geometry.cells import areas_around, cell_sizes
 from dolfinx_llm.geometry.facing import TURN
 
 AHEAD = 0.5  # of a facet: no deeper lies what is in front of the frame at first
@@ -74,7 +73,7 @@ def _sizes(sides: Sides, place: NormalPlace) -> np.ndarray:
 def _ahead(sides: Sides, place: NormalPlace) -> np.ndarray:
     """(n,) which nodes lie in front of the frame, and face it."""
     at = place.at
-    vectors = averaged(sides.split(place.z)[0], sides.skin(True))
+    vectors = areas_around(sides.split(place.z)[0], sides.skin(True))
     cosine = np.einsum("ni,ni->n", vectors, at.normal) / np.linalg.norm(vectors, axis=1)
     there = at.met & (at.beyond <= INSIDE) & (cosine < -np.cos(TURN))
     return there & (at.gap > -AHEAD * _sizes(sides, place))

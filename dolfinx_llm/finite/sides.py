@@ -30,8 +30,14 @@ from dolfinx_llm.finite.location import (
     find_on_frame,
     location_derivatives,
 )
-from dolfinx_llm.finite.normals import NodalNormals, averaged, nodal_normals
-from dolfinx_llm.geometry.cells import cell_sizes, vector_areas
+from dolfinx_llm.finite.normals import NodalNormals, nodal_normals
+from dolfinx_llm.geometry.cells import (
+    areas_around,
+    cell_sizes,
+    unit,
+    unit_normals,
+    vector_areas,
+)
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface
@@ -160,8 +166,7 @@ class Sides:
 
     def outward(self, z: np.ndarray) -> np.ndarray:
         """(m, gdim) unit normals of the frame's nodes, out of its body."""
-        total = averaged(self.split(z)[1], self.skin(False))
-        return total / np.linalg.norm(total, axis=1)[:, None]
+        return unit(areas_around(self.split(z)[1], self.skin(False)))
 
     def _places(self, z: np.ndarray) -> OnFrame:
         """Where the moving side's nodes lie on the frame."""
@@ -250,8 +255,7 @@ class Sides:
 
 def _rounded(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
     """(n,) nodes about which a surface with facets (f, k) is curved, and has no edge."""
-    mean, area = averaged(x, facets), vector_areas(x, facets)
-    mean, area = (a / np.linalg.norm(a, axis=1)[:, None] for a in (mean, area))
-    angle, most = np.linalg.norm(mean[facets] - area[:, None], axis=2), np.zeros(len(x))
+    mean, normal = unit(areas_around(x, facets)), unit_normals(x, facets)
+    angle, most = np.linalg.norm(mean[facets] - normal[:, None], axis=2), np.zeros(len(x))
     np.maximum.at(most, facets, angle)
     return (most > CURVES) & (most < SHARP)

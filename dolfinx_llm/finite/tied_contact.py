@@ -19,6 +19,7 @@ from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.jacobians import summing
 from dolfinx_llm.finite.sides import Meeting, Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place
+from dolfinx_llm.geometry.cells import unit
 from dolfinx_llm.laws.rows import OPEN, STICK
 
 DRAWN = 1e-9  # gap over facet size that is none
@@ -113,8 +114,8 @@ class TiedContact(MovingContact):
     def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> Place:
         """Rows as drawn, normals and areas as they are now."""
         sides, at = self.sides, self.drawn.at
-        normal = np.einsum("nk,nki->ni", at.N, sides.outward(z)[sides.cells(False)[at.facet]])
-        normal = normal / np.linalg.norm(normal, axis=1)[:, None]
+        of_facets = sides.outward(z)[sides.cells(False)[at.facet]]
+        normal = unit(np.einsum("nk,nki->ni", at.N, of_facets))
         own, frame = (sides.forces(self.drawn, z, moving)[0] for moving in (True, False))
         areas = own, sides.control[1].T @ frame
         return Place(z, np.where(self.pairs, 0.0, np.inf), normal, self.N, areas)

@@ -52,6 +52,29 @@ def vector_areas(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
 
 
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """(n, gdim) vectors over their lengths."""
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
+
+
+def unit_normals(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """(n_cells, gdim) unit normals, along ``vector_areas``."""
+    return unit(vector_areas(x, cells))
+
+
+def areas_around(x: np.ndarray, facets: np.ndarray, cells: np.ndarray | None = None) -> np.ndarray:
+    """(m, gdim) sums of the vector areas of the facets (f, k) around each node, of those of cells
+    (f, j) where these have more nodes than the facets' corners [area]."""
+    total = np.zeros_like(x)
+    np.add.at(total, facets if cells is None else cells, vector_areas(x, facets)[:, None])
+    return total
+
+
+def cross_plane(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(...) cross products of vectors (..., 2) in the plane, which NumPy 2 has no more."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
 def facet_vectors(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
     """(m, k, gdim) integrals of N n dA over each facet (m, k), exact also on warped quads and on
     bent facets of second order [area]."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from dolfinx_llm.geometry.cells import joined_lists, repeated_for, vector_areas
+from dolfinx_llm.geometry.cells import joined_lists, repeated_for, unit, unit_normals
 from dolfinx_llm.geometry.surface import Surface
 
 TOUCH = 0.1  # of the larger facet's radius: distance of what touches, where none is given
@@ -28,8 +28,8 @@ class Polygons:
     @classmethod
     def of(cls, surface: Surface) -> Polygons:
         """The facets of a surface."""
-        area = vector_areas(surface.x, surface.facets)
-        return cls(surface.x[surface.facets], area / np.linalg.norm(area, axis=1)[:, None])
+        x, facets = surface.x, surface.facets
+        return cls(x[facets], unit_normals(x, facets))
 
     @classmethod
     def together(cls, parts: Sequence[Polygons]) -> Polygons:
@@ -89,8 +89,7 @@ def _face(
     i, j, size = i[at], j[at], size[at]
     limit = np.broadcast_to(np.asarray(limit, dtype=float), good.shape)[at]
     n0, n1 = facets.normal[i], facets.normal[j]
-    along = n0 - n1
-    along /= np.linalg.norm(along, axis=1)[:, None]
+    along = unit(n0 - n1)
     p, q = facets.corners[i], facets.corners[j]
     over, inside = _overlap(p, q, along, MEET * size)
     # The gap along this direction is linear: it is looked at where corners lie over each other.

@@ -15,7 +15,7 @@ from dolfinx_llm.geometry.cells import (
     points_of,
     repeated_for,
     shape_functions,
-    vector_areas,
+    unit_normals,
 )
 from dolfinx_llm.geometry.element import Element
 
@@ -131,8 +131,7 @@ class ClosestPoints:
         on = np.flatnonzero(bound <= rounding)
         found = cKDTree(x[on]).query_ball_point(centre, radius + 2.0 * rounding.max())
         points, cells = [on[joined_lists(found)]], [repeated_for(np.arange(len(centre)), found)]
-        normal = vector_areas(self.x, self.cells)
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        normal = unit_normals(self.x, self.cells)
         corners = self.x[self.cells] - centre[:, None]
         warp = np.abs(np.einsum("cki,ci->ck", corners, normal)).max(axis=1)
         off, bound, tree = np.flatnonzero(bound > rounding), bound + rounding, cKDTree(centre)

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.geometry.cells import facet_vectors, gauss
+from dolfinx_llm.geometry.cells import cross_plane, facet_vectors, gauss, unit
 from dolfinx_llm.geometry.element import element_of, shape_functions
 from dolfinx_llm.geometry.surface import Surface
 
@@ -60,8 +60,7 @@ def local_bases(normals: np.ndarray) -> np.ndarray:
     if normals.shape[1] == 2:
         return np.stack([np.column_stack([normals[:, 1], -normals[:, 0]]), normals], axis=1)
     axis = np.eye(3)[np.argmin(np.round(np.abs(normals), 12), axis=1)]
-    t1 = axis - np.einsum("ni,ni->n", axis, normals)[:, None] * normals
-    t1 /= np.linalg.norm(t1, axis=1)[:, None]
+    t1 = unit(axis - np.einsum("ni,ni->n", axis, normals)[:, None] * normals)
     return np.stack([t1, np.cross(normals, t1), normals], axis=1)
 
 
@@ -155,7 +154,7 @@ def covered_points(
     inside, partial, pieces = _covered_parts(s, facets, area)
     facet = np.flatnonzero(inside)
     t = np.einsum("gkd,mki->mgdi", element.shape(xi)[1], p[facet])
-    weight = np.abs(_cross(t[:, :, 0], t[:, :, 1])) * w
+    weight = np.abs(cross_plane(t[:, :, 0], t[:, :, 1])) * w
     found = [(facet, np.broadcast_to(xi, (len(facet), *xi.shape)), weight)]
     if len(partial):
         cut, x, weight = _piece_points(p[partial], pieces)
@@ -218,7 +217,7 @@ def _piece_points(p: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.nda
     # Duffy points of the triangle (centre, a, b): centre + r (a + t (b - a) - centre), weight r.
     edge = a[:, None, :] + u[:, None] * (b - a)[:, None, :] - centre[:, None, :]
     x = centre[:, None, None, :] + u[:, None, None] * edge[:, None, :, :]
-    weight = (w * u)[:, None] * w * _cross(a - centre, b - centre)[:, None, None]
+    weight = (w * u)[:, None] * w * cross_plane(a - centre, b - centre)[:, None, None]
     x, weight = x.reshape(len(a), -1, 2), weight.reshape(len(a), -1)
     # Shapely's exterior rings run clockwise after normalize(); the sign of the sum tells.
     total = np.bincount(facet, weight.sum(axis=1), len(p))
@@ -247,10 +246,6 @@ def reference_coordinates(p: np.ndarray, x: np.ndarray) -> np.ndarray:
         if np.abs(step).max(initial=0.0) < 1e-9:  # quadratic: what is left is rounding
             break
     return np.stack([r, s], axis=2)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def common_area(side0: Surface, side1: Surface, plane: Plane) -> Any:

@@ -15,7 +15,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.cells import unit, vector_areas
 from dolfinx_llm.geometry.facing import TURN, Facing, Separation, facing_facets
 from dolfinx_llm.geometry.overlap_curved import is_flat
 from dolfinx_llm.geometry.overlap_flat import Plane, common_area, common_plane, plane_with
@@ -94,7 +94,7 @@ class _Found:
         self.sides, self.facing, self.unilateral = sides, facing, unilateral
         self.count = [len(f.facets) for f in facing]
         areas = [vector_areas(side.x, side.facets) for side in sides]
-        normals = [a / np.linalg.norm(a, axis=1)[:, None] for a in areas]
+        normals = [unit(a) for a in areas]
         self.area = np.concatenate([a[f.facets] for a, f in zip(areas, facing)])
         self.normal = np.concatenate([n[f.facets] for n, f in zip(normals, facing)])
         across = [normals[1 - k][f.partner] for k, f in enumerate(facing)]
@@ -130,8 +130,7 @@ class _Found:
             return None
         sign = np.where(self.side[which] == 0, 1.0, -1.0)[:, None]
         own, across = sign * self.normal[which], -sign * self.across[which]
-        mean = own + across
-        mean /= np.linalg.norm(mean, axis=1)[:, None]
+        mean = unit(own + across)
         between = np.arccos(np.clip(np.einsum("ni,ni->n", own, across), -1.0, 1.0))
         turned = np.arccos(np.clip(mean @ normal, -1.0, 1.0)) - 0.5 * between
         return plane_with(normal, *parts) if turned.max() <= TOGETHER else None

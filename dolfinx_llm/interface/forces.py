@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dolfinx_llm.base import checks
+from dolfinx_llm.geometry.cells import cross_plane
 from dolfinx_llm.geometry.frame import Frame
 
 
@@ -129,6 +130,6 @@ class InterfaceForces:
             checks.refuse("side", side, accepted)
         of = self.sides[side]
         arm = of.x - (0.0 if about is None else np.asarray(about, dtype=float))
-        if arm.shape[1] == 2:  # NumPy 2 has no cross product in the plane
-            return np.array([np.sum(arm[:, 0] * of.force[:, 1] - arm[:, 1] * of.force[:, 0])])
+        if arm.shape[1] == 2:
+            return np.array([cross_plane(arm, of.force).sum()])
         return np.cross(arm, of.force).sum(axis=0)

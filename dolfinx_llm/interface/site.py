@@ -12,7 +12,7 @@ from mpi4py import MPI
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
-from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.cells import unit_normals
 from dolfinx_llm.geometry.spaces import is_scalar
 from dolfinx_llm.geometry.surface import Surface, check_sides, extract_surface
 from dolfinx_llm.interface.choices import Interface
@@ -132,8 +132,7 @@ def say_straight(interface: Interface, sides: Sequence[Surface], notes: list[str
         off = np.abs(side.straightened(side.x) - side.x).max()
         if side.elements is None or off > STRAIGHT_FACETS * side.diameter:
             continue
-        area = vector_areas(side.x, side.facets)
-        normal = area / np.linalg.norm(area, axis=1)[:, None]
+        normal = unit_normals(side.x, side.facets)
         if np.abs(normal - normal[0]).max() > BENT:
             text = (
                 f"the facets of {side.name} are straight and the surface is curved: pressures of "

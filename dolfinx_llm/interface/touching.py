@@ -7,7 +7,7 @@ import numpy as np
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import log
-from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.cells import areas_around, unit_normals, vector_areas
 from dolfinx_llm.geometry.facing import TURN, Separation, separation
 from dolfinx_llm.geometry.overlap_curved import is_flat, vector_areas_in_contact
 from dolfinx_llm.geometry.overlap_flat import Plane, common_area, common_plane
@@ -130,12 +130,10 @@ def _refuse(sides: Sequence[Surface], separations: Sequence[Separation]) -> NoRe
 def steep_rim(whole: Surface, facets: np.ndarray, over: np.ndarray) -> np.ndarray:
     """(n,) nodes of a tagged surface where it goes on, without a sharp edge, into others than the
     given facets, left out though the other side is there: some of their nodes (n,) lie over it."""
-    area = vector_areas(whole.x, whole.facets)
-    normal = area / np.linalg.norm(area, axis=1)[:, None]
+    normal = unit_normals(whole.x, whole.facets)
     left = over[whole.facets].any(axis=1)
     left[facets] = False
-    mean = np.zeros_like(whole.x)
-    np.add.at(mean, whole.facets[facets], area[facets][:, None, :])
+    mean = areas_around(whole.x, whole.facets[facets])
     size = np.linalg.norm(mean, axis=1)
     mean /= np.where(size > 0.0, size, 1.0)[:, None]
     rim = np.zeros(len(whole.x), dtype=bool)

@@ -17,7 +17,7 @@ from ufl.core.expr import Expr
 
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.cells import unit_normals
 from dolfinx_llm.geometry.element import element_of
 from dolfinx_llm.geometry.spaces import is_scalar
 from dolfinx_llm.geometry.surface import facet_nodes
@@ -145,8 +145,8 @@ def outline(skins: Sequence[Skin]) -> np.ndarray:
         )
         bent = count == 1
         if gdim == 3:
-            areas = vector_areas(s.x.reshape(-1, 3), np.arange(n * k).reshape(n, k))
-            normals = np.repeat(areas / np.linalg.norm(areas, axis=1)[:, None], k, axis=0)
+            cells = np.arange(n * k).reshape(n, k)
+            normals = np.repeat(unit_normals(s.x.reshape(-1, 3), cells), k, axis=0)
             sums = np.zeros((len(first), 3, 3))
             np.add.at(sums, edge.ravel(), normals[:, :, None] * normals[:, None, :])
             # Facets turn either way round: |n1 n1ᵀ + n2 n2ᵀ|² = 2 + 2 (n1·n2)²
