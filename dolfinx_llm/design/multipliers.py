@@ -20,10 +20,7 @@ Parts = Sequence[tuple[np.ndarray, np.ndarray]]  # unknowns (n,) and functions (
 
 
 def equations(
-    stencils: Sequence[RowStencils],
-    at: Sequence[np.ndarray],
-    areas: Sequence[np.ndarray],
-    m: int,
+    stencils: Sequence[RowStencils], at: Sequence[np.ndarray], areas: Sequence[np.ndarray], m: int
 ) -> csr_matrix:
     """(m c, m c) sum_p c_p P_p c_pᵀ / w_p, by which the multipliers mu change the residual.
 

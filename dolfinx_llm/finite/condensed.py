@@ -19,11 +19,7 @@ from dolfinx_llm.operators.numbering import BodyDofs, Numbering
 FIRST = 1e-5  # relative residual that a linear solve is to reach, at most
 NEXT = 1e-2  # the same over Newton's residual, so that it converges quadratically
 NEEDLESS = 1e-14  # of Newton's residual, which no solve need fall below
-GMRES = {
-    "ksp_type": "gmres",
-    "ksp_max_it": 150,
-    "pc_factor_mat_solver_type": "mumps",
-}
+GMRES = {"ksp_type": "gmres", "ksp_max_it": 150, "pc_factor_mat_solver_type": "mumps"}
 
 
 def tolerance(error: float) -> float:

@@ -52,7 +52,6 @@ class Friction(MovingContact):
 
     @property
     def owner(self) -> np.ndarray:
-        """(size,) ranks that own the unknowns."""
         nodes = self.sides.surfaces[self.sides.moving].owner
         return np.concatenate([super().owner, np.repeat(nodes, self.sides.gdim)])
 
@@ -83,12 +82,7 @@ class Friction(MovingContact):
         raise NotImplementedError
 
     def touching(
-        self,
-        place: Any,
-        q: np.ndarray,
-        before: np.ndarray,
-        held: Held,
-        reach: np.ndarray,
+        self, place: Any, q: np.ndarray, before: np.ndarray, held: Held, reach: np.ndarray
     ) -> tuple[np.ndarray, Held]:
         """(n,) status, open, stick or slip, and what is held; arguments as without friction."""
         origin = held.origin or self.started(place, held, before != OPEN)

@@ -48,18 +48,15 @@ class FrictionContact(Friction, NormalContact):
         return place.N
 
     def way(self, place: NormalPlace, origin: Origin) -> tuple[np.ndarray, csr_matrix]:
-        """(n, gdim) sigma, and its derivative (n gdim, width) [length]."""
         x, y = self.sides.split(place.z)
         way = self.sides.control[0] @ x - origin.points @ y
         return way, self.sides.jumps(origin.points)
 
     def turned(self, place: NormalPlace, nodes: np.ndarray) -> csr_matrix:
-        """(k gdim, width) derivatives of the normals of nodes (k,) in contact [1 / length]."""
         among = np.searchsorted(place.on, nodes)
         return place.turned[coordinates(among[:, None], self.sides.gdim).ravel()]
 
     def growth(self, place: NormalPlace, nodes: np.ndarray) -> csr_matrix:
-        """(k, width) derivatives of the areas of nodes (k,) [area / length]."""
         return place.by_z[0][nodes]
 
     def dragged(self, t: ContactTerms, place: NormalPlace, tau: np.ndarray) -> ContactTerms:

@@ -25,12 +25,7 @@ class LawContact(ToldContact):
     """Contact under a law of one's own."""
 
     def touching(
-        self,
-        place: NormalPlace,
-        q: np.ndarray,
-        before: np.ndarray,
-        held: Held,
-        reach: np.ndarray,
+        self, place: NormalPlace, q: np.ndarray, before: np.ndarray, held: Held, reach: np.ndarray
     ) -> tuple[np.ndarray, Held]:
         """(n,) status as the law says, and what is held; arguments as without a law."""
         origin = held.origin or self.started(place, held, before != OPEN)

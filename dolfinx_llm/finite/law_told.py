@@ -96,13 +96,11 @@ class ToldContact(FrictionContact):
 
     @property
     def size(self) -> int:
-        """Number of unknowns."""
         nodes = self.sides.surfaces[self.sides.moving]
         return super().size - (0 if self.law.slips else nodes.x.size)
 
     @property
     def owner(self) -> np.ndarray:
-        """(size,) ranks that own the unknowns."""
         return super().owner[: self.size]
 
     def check_reach(self, held: Held, asked: np.ndarray) -> None:

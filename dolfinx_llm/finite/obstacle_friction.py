@@ -37,18 +37,15 @@ class ObstacleFriction(Friction, ObstacleContact):
         return self.sides.control @ place.pose.back(self.sides.split(place.z)[0])
 
     def way(self, place: ObstaclePlace, origin: Origin) -> tuple[np.ndarray, csr_matrix]:
-        """(n, gdim) sigma, and its derivative (n gdim, width) [length]."""
         x = self.sides.control @ self.sides.split(place.z)[0]
         way = x - place.pose.on(origin.points)
         return way, self.sides.jumps(place.N)
 
     def turned(self, place: ObstaclePlace, nodes: np.ndarray) -> csr_matrix:
-        """(k gdim, width) derivatives of the normals of nodes (k,) in contact [1 / length]."""
         own = coordinates(nodes[:, None], self.sides.gdim)
         return jacobian(place.turned[nodes], own, len(place.z))
 
     def growth(self, place: ObstaclePlace, nodes: np.ndarray) -> csr_matrix:
-        """(k, width) derivatives of the areas of nodes (k,) [area / length]."""
         x, surface = self.sides.split(place.z)[0], self.sides.surfaces[0]
         area, by_x = surface_integrals(x, surface, everything(x, surface, 0, x.size), 0)
         unit = area / np.maximum(np.linalg.norm(area, axis=1), 1e-300)[:, None]

@@ -37,12 +37,10 @@ class Pressed(ObstacleContact):
 
     @property
     def size(self) -> int:
-        """Number of unknowns."""
         return super().size + len(self.axes)
 
     @property
     def owner(self) -> np.ndarray:
-        """(size,) ranks that own the unknowns."""
         return np.concatenate([super().owner, 0 * self.axes])
 
     def _pose(self, pose: np.ndarray | None, q: np.ndarray) -> np.ndarray:
@@ -56,12 +54,7 @@ class Pressed(ObstacleContact):
         return super().place(z, q, replace(held, pose=self._pose(held.pose, q)))
 
     def touching(
-        self,
-        place: ObstaclePlace,
-        q: np.ndarray,
-        before: np.ndarray,
-        held: Held,
-        reach: np.ndarray,
+        self, place: ObstaclePlace, q: np.ndarray, before: np.ndarray, held: Held, reach: np.ndarray
     ) -> tuple[np.ndarray, Held]:
         """(n,) status of the pairs, and what is held; q may have moved on from the place."""
         s = self._pose(held.pose, q)[self.sides.gdim :][: self.sides.gdim]

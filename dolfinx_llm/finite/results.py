@@ -80,12 +80,10 @@ class MovingInterfaceResult(InterfaceForces):
 
     @property
     def traction(self) -> np.ndarray:
-        """(m, gdim) tangential traction of side 0 on the frame at its nodes [force / area]."""
         return self.frame_traction
 
     @property
     def frame_drawn(self) -> np.ndarray:
-        """(m, gdim) the frame's nodes as drawn [length]."""
         assert self.frame is not None
         return self.frame.x - self.frame.v
 

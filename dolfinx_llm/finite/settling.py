@@ -19,11 +19,7 @@ def slide(contact: MovingContact, terms: ContactTerms, dz: np.ndarray) -> float:
 
 
 def foreseen(
-    contact: Any,
-    place: Place,
-    changed: tuple[np.ndarray, np.ndarray],
-    held: Held,
-    reach: float,
+    contact: Any, place: Place, changed: tuple[np.ndarray, np.ndarray], held: Held, reach: float
 ) -> np.ndarray:
     """(n,) status of the pairs in the linear model.
 

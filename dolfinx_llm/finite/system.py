@@ -19,13 +19,7 @@ from dolfinx_llm.finite.coupling import Coupling
 from dolfinx_llm.finite.terms import ContactTerms
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
-from dolfinx_llm.operators.petsc import (
-    create_aij,
-    is_symmetric,
-    join_blocks,
-    same_entries,
-    times,
-)
+from dolfinx_llm.operators.petsc import create_aij, is_symmetric, join_blocks, same_entries, times
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,11 +213,7 @@ class NewtonSystem(Parts):
         return found[0] + moved, found[1]
 
     def _factorised(
-        self,
-        K: PETSc.Mat,
-        terms: Sequence[ContactTerms],
-        b: np.ndarray,
-        rest: Sequence[np.ndarray],
+        self, K: PETSc.Mat, terms: Sequence[ContactTerms], b: np.ndarray, rest: Sequence[np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray]:
         """The solution by MUMPS for forces b (n_local,) and what the own equations leave."""
         if not terms:
@@ -234,9 +224,7 @@ class NewtonSystem(Parts):
         return parts[0], gather_rows(self.dofs.comm, parts[1])[self.own.number]
 
     def _solved(
-        self,
-        blocks: Sequence[Sequence[PETSc.Mat]],
-        b: Sequence[np.ndarray],
+        self, blocks: Sequence[Sequence[PETSc.Mat]], b: Sequence[np.ndarray]
     ) -> list[np.ndarray]:
         matrix, places = join_blocks(blocks)
         for M in (M for row in blocks for M in row):

@@ -85,11 +85,7 @@ class Law:
             ContactInputError: they do not.
         """
         bases = ("local", "normal", "cartesian")
-        fits = {
-            "local": True,
-            "normal": self.opens and not self.slips,
-            "cartesian": self.ties,
-        }
+        fits = {"local": True, "normal": self.opens and not self.slips, "cartesian": self.ties}
         if self.scalar:
             only = self.gives and not (self.opens or self.slips)
             fits = {"cartesian": only}

@@ -74,11 +74,7 @@ def with_reactions(
 
 
 def _nearest(
-    fixed: csr_matrix,
-    forces: np.ndarray,
-    wanted: np.ndarray,
-    presses: np.ndarray,
-    rounding: float,
+    fixed: csr_matrix, forces: np.ndarray, wanted: np.ndarray, presses: np.ndarray, rounding: float
 ) -> np.ndarray:
     """The forces (k,) nearest to those wanted that have the same effect fixedᵀ λ (q,) as others,
     where they press not negative beyond rounding [force]."""

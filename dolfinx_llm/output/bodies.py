@@ -105,10 +105,7 @@ def checked_view(colour: Any, scale: Any, section: Any, gdim: int, label: str = 
 
 
 def gather(
-    comm: MPI.Comm,
-    u: Sequence[Function],
-    fields: Sequence[Function | None],
-    section: Plane3 | None,
+    comm: MPI.Comm, u: Sequence[Function], fields: Sequence[Function | None], section: Plane3 | None
 ) -> list[Skin] | None:
     """The skin of every mesh, on rank 0; collective."""
     found = []

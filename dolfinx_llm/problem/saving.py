@@ -36,6 +36,7 @@ class Saving(Disposable):
     """Problems whose state can be saved and read again."""
 
     interfaces: Any
+    bulk: Any
 
     def save(self, file: str | Path) -> None:
         """Write the state of the last step: displacement, contact, and what laws keep. An older
@@ -86,8 +87,14 @@ class Saving(Disposable):
         self.take_arrays(common, local)
 
     def saved_spaces(self) -> Sequence[Any]:
-        """Spaces of the bodies' dofs."""
-        raise NotImplementedError
+        """Spaces of the bodies' dofs.
+
+        Raises:
+            ContactInputError: a mixed space.
+        """
+        if self.bulk.dofs.others:
+            raise ContactInputError("problems of mixed spaces cannot be saved yet")
+        return self.bulk.dofs.spaces
 
     def state_arrays(self) -> tuple[Arrays, Arrays]:
         """What is the same on every rank, and this rank's values of the bodies' dofs."""
@@ -124,25 +131,13 @@ class SavedContact(Saving):
     """Saving of ``ContactProblem``."""
 
     method: Any
-    bulk: Any
     operators: Any
-
-    def saved_spaces(self) -> Sequence[Any]:
-        """Spaces of the bodies' dofs.
-
-        Raises:
-            ContactInputError: a mixed space.
-        """
-        if self.bulk.dofs.others:
-            raise ContactInputError("problems of mixed spaces cannot be saved yet")
-        return self.bulk.dofs.spaces
 
     def places(self) -> np.ndarray:
         """Places of the interfaces, which tell this scene from others."""
         return np.concatenate([p.x for p in self.operators.pairs])
 
     def state_arrays(self) -> tuple[Arrays, Arrays]:
-        """What is the same on every rank, and this rank's values at the bodies' dofs."""
         common, local = self.method.kept()
         common |= {"places": self.places(), "history": np.array(json.dumps(self.method.history))}
         for i, state in enumerate(self.method.states):
@@ -153,11 +148,6 @@ class SavedContact(Saving):
         return common, local
 
     def take_arrays(self, common: Arrays, local: Arrays) -> None:
-        """Go on from what ``state_arrays`` returned; collective.
-
-        Args:
-            common, local: as it returned them.
-        """
         self.update()
         self.method.take(common, local)
         for i, state in enumerate(self.method.states):
@@ -182,19 +172,8 @@ class SavedContact(Saving):
 class SavedNonlinear(Saving):
     """Saving of ``NonlinearContactProblem``; results are known again after the next ``solve``."""
 
-    bulk: Any
     _state: Any
     _newton: Any
-
-    def saved_spaces(self) -> Sequence[Any]:
-        """Spaces of the bodies' dofs.
-
-        Raises:
-            ContactInputError: a mixed space.
-        """
-        if self.bulk.dofs.others:
-            raise ContactInputError("problems of mixed spaces cannot be saved yet")
-        return self.bulk.dofs.spaces
 
     def places(self) -> np.ndarray:
         """Places of the interfaces, which tell this scene from others."""
@@ -219,11 +198,6 @@ class SavedNonlinear(Saving):
         return common, {"u": state.u, "pushed": state.pushed}
 
     def take_arrays(self, common: Arrays, local: Arrays) -> None:
-        """Go on from what ``state_arrays`` returned; collective.
-
-        Args:
-            common, local: as it returned them.
-        """
         count = range(len(self._state.own))
         self._state = replace(
             self._state,
