@@ -188,7 +188,7 @@ OF_ONE = list(itertools.product([FOLDED], [None, STICK, SLIP]))
 
 
 @pytest.mark.parametrize(
-    ("name", "law"), some_of(BY_TURNS + OF_ONE, BY_TURNS[:30:2] + BY_TURNS[30::6] + OF_ONE)
+    ("name", "law"), some_of(BY_TURNS + OF_ONE, BY_TURNS[:30:3] + BY_TURNS[30::6] + OF_ONE)
 )
 def test_tangent_is_the_derivative(name, law):
     """Forces and gaps, through places, normals, clipped areas and the design's global equations;

@@ -31,6 +31,7 @@ def test_random_scenes(seed, settings):
     check(whole_steps.compare(COMM, seed))
 
 
+@pytest.mark.long  # of every law and form: contact/test_law_pairs
 def test_ranks():
     found = run_mpi_json("whole_steps.py", 2, 423)
     assert len(found) == 1

@@ -328,7 +328,9 @@ def test_pieces_have_cells_of_one_kind():
         assert len(frame.cells) == {None: 18, 3: 18, 4: 36}[corners]
 
 
-@pytest.mark.parametrize(("ranks", "scenes"), [(2, ["3D"]), (3, ["roller", "O-ring"])])
+@pytest.mark.parametrize(
+    ("ranks", "scenes"), [(3, ["roller"]), longer(2, ["3D"]), longer(3, ["O-ring"])]
+)
 def test_ranks(ranks, scenes):
     one, other = (run_mpi_json("facing_ranks.py", n, *scenes) for n in (1, ranks))
     assert one.keys() == other.keys() and len(one) > 3

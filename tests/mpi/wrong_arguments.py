@@ -1097,8 +1097,8 @@ def entries(size, part):
     every = [*TABLE, *ONE_RANK]
     if size == 1:
         return every
-    asked = {(2, 0): (0,), (2, 1): (2, 3), (3, 0): (1,)}[size, part]
-    return [e for k, e in enumerate(every) if k % 4 in asked] + (DIFFERENT if part == 0 else [])
+    asked = {(2, 0): (0,), (2, 1): (2, 3, 4, 6, 7), (3, 0): (1, 5)}[size, part]
+    return [e for k, e in enumerate(every) if k % 8 in asked] + (DIFFERENT if part == 0 else [])
 
 
 def outcome(scene, entry):

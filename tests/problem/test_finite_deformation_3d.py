@@ -5,7 +5,6 @@ import numpy as np
 import patch2d
 import pytest
 import ufl
-from conftest import run_mpi_json
 from dolfinx import fem
 from mpi4py import MPI
 from sampling import longer
@@ -117,9 +116,3 @@ def test_held_side(law):
     assert isinstance(law, llm.Tied) or pressed.min() > -1e-9 * pressed.max()
     assert np.abs(forces[1]).max() < np.abs(forces[1].sum(axis=0)).max()
     assert np.abs(sum(f.sum(axis=0) for f in forces)).max() < 1e-9 * pressed.max()
-
-
-def test_three_ranks():
-    one, three = (run_mpi_json("finite_ranks.py", n, "tet") for n in (1, 3))
-    assert one["stretch"] < 1e-10 and one["pressure"] < 1e-9
-    assert np.allclose(one["force"], three["force"], rtol=1e-9, atol=1e-9 * 300.0)

@@ -9,7 +9,6 @@ import pytest
 import second_order_blocks as so
 import test_finite_deformation as fd
 import ufl
-from conftest import run_mpi_json
 from dolfinx import fem
 from mpi4py import MPI
 from pressed_scenes import Punch
@@ -198,11 +197,3 @@ def test_incompressible(scene):
     pressed = result.frame_area > 1e-9 * result.frame_area.max()
     assert np.abs(result.pressure[pressed] / q - 1.0).max() < 1e-9
     assert max(h["iteration"] for h in problem.history) <= 7
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("kind", ["quad", "tet"])
-def test_two_ranks(kind):
-    one, two = (run_mpi_json("finite_ranks.py", n, kind, "second") for n in (1, 2))
-    assert two["stretch"] < 1e-10 and two["pressure"] < 1e-9
-    assert np.allclose(one["force"], two["force"], rtol=1e-8, atol=1e-9 * 300.0)
