@@ -5,13 +5,15 @@ side load is a part of the weight of each block, as if the ground were tilted, a
 For every joint is told how much of its friction it uses, for every block how well it is balanced.
 Limit analysis of rigid blocks, a linear programme of forces at both ends of each joint, bounds the
 side load from above (its friction dilates): 5 % beyond it the wall must fall, and what moves is
-told.
+told. With --stack towers of blocks under their weight are timed instead.
 
     mpirun -n 2 python demos/wall.py [--rows N] [--columns N] [--loads A ...] [--plot DIR] ...
+    python demos/wall.py --stack 100 200 400 1000 2000 [--mu 0]
 """
 
 import argparse
 import json
+import resource
 import time
 from pathlib import Path
 
@@ -74,10 +76,10 @@ def rigid_limit(blocks):
 
 
 class Wall:
-    """The problem; ``load`` is the side load over the weight."""
+    """The problem of blocks (b, 2, 2); ``load`` is the side load over the weight."""
 
-    def __init__(self, rows, columns, n=2, comm=MPI.COMM_WORLD):
-        self.blocks, points, cells = bond(rows, columns), [], []
+    def __init__(self, blocks, n=2, mu=MU, comm=MPI.COMM_WORLD):
+        self.blocks, points, cells, self.mu = blocks, [], [], mu
         for k, (low, high) in enumerate(self.blocks):
             m = max(1, round((high - low)[0] * (2 * n - k % 2)))  # meshes do not match
             x = np.stack(np.meshgrid(*map(np.linspace, low, high, (m + 1, n + 1)), indexing="ij"))
@@ -90,7 +92,8 @@ class Wall:
         at = mesh.locate_entities_boundary(domain, 1, lambda p: p[1] < 1e-9)
         tags = mesh.meshtags(domain, 1, np.sort(at), np.full(len(at), GROUND, dtype=np.int32))
         u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
-        self.load, law = fem.Constant(domain, np.array([0.0, -1.0])), llm.Coulomb(MU)
+        self.load, law = fem.Constant(domain, np.array([0.0, -1.0])), llm.Frictionless()
+        law = llm.Coulomb(mu) if mu else law
         self.interfaces = llm.find_interfaces(None, V, law=law)
         ground = llm.Interface(tags, (GROUND, llm.RigidPlane((0, 0), (0, 1))), law=law)
         a = ufl.inner(stress(u, E, NU), ufl.grad(w)) * ufl.dx
@@ -111,15 +114,35 @@ class Wall:
         for result in self.problem.results:
             N = sum(result.sides[0].normal_force)
             T = np.linalg.norm((result.sides[0].force).sum(axis=0)) ** 2 - N**2
-            used += [np.sqrt(max(T, 0.0)) / (MU * N)] if N > 1e-6 else []
+            used += [np.sqrt(max(T, 0.0)) / (self.mu * N)] if self.mu and N > 1e-6 else []
             pull = min(pull, *(side.normal_force.min() for side in result.sides))
         total = self.problem.results[-1].sides[0].force.sum(axis=0)
         area = (self.blocks[:, 1] - self.blocks[:, 0]).prod(axis=1).sum()
         return row | {
             "stands": True, "iterations": len(self.problem.history),
-            "seconds": time.perf_counter() - began, "friction used": max(used), "pull": pull,
+            "seconds": time.perf_counter() - began, "friction used": max(used, default=0.0),
+            "pull": pull,
             "balance": float(np.abs(total / area - [part, -1.0]).max()),
         }  # fmt: skip
+
+
+def tower(n, mu):
+    """A stack of n blocks: processor and wall seconds of set-up and solve, memory of the process so
+    far, and by how much a joint's force misses the weight above it, over that of all."""
+    low, clocks = np.stack([0.0 * np.arange(n), 0.5 * np.arange(n)], axis=1), []
+    clocks.append((time.process_time(), time.perf_counter()))
+    wall = Wall(np.stack([low, low + [1.0, 0.5]], axis=1), mu=mu)
+    clocks.append((time.process_time(), time.perf_counter()))
+    row = wall.step(0.0)
+    clocks.append((time.process_time(), time.perf_counter()))
+    missed = [
+        abs(r.sides[0].normal_force.sum() / (0.5 * n) - 1.0 + r.sides[0].x[:, 1].mean() / (0.5 * n))
+        for r in wall.problem.results
+    ]
+    wall.problem.destroy()
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    spent = dict(zip(("set-up", "solve"), np.diff(clocks, axis=0).round(2).tolist()))
+    return {"blocks": n, "GB": memory, "missed": max(missed)} | spent | row
 
 
 def main(arguments=None):
@@ -127,11 +150,18 @@ def main(arguments=None):
     parser.add_argument("--rows", type=int, default=4)
     parser.add_argument("--columns", type=int, default=6)
     parser.add_argument("--loads", type=float, nargs="+", default=[0.2])
+    parser.add_argument("--stack", type=int, nargs="+", default=[], metavar="N")
+    parser.add_argument("--mu", type=float, default=MU)
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--plot", type=Path, metavar="DIR")
     args, rows = parser.parse_args(arguments), []
-    limit = rigid_limit(bond(args.rows, args.columns))
-    wall = Wall(args.rows, args.columns)
+    if args.stack:
+        rows = [tower(n, args.mu) for n in args.stack]
+        if MPI.COMM_WORLD.rank == 0:
+            print(*rows, sep="\n")
+        return rows
+    blocks = bond(args.rows, args.columns)
+    limit, wall = rigid_limit(blocks), Wall(blocks)
     for part in [*args.loads, 1.05 * limit]:
         rows.append(wall.step(part) | {"limit": limit})
         if MPI.COMM_WORLD.rank == 0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags, identity
@@ -46,6 +46,8 @@ class Followers:
         k, t = nodes.kappa.shape
         follows = nodes.of(tied)
         speaker = speakers(follows, nodes.of(active))
+        if np.array_equal(speaker, np.arange(k)):
+            return replace(Followers.none(nodes), unheld=unheld(follows, speaker))
         alike = follow(speaker, nodes.tangents)
         weak = np.repeat(speaker != np.arange(k), t).astype(float)
         relative = (identity(k * t) - diags(weak) @ alike).tocsr()

@@ -89,6 +89,7 @@ class InterfaceState:
         self.curved = self.shares and nodes.curved
         self.glides, self.touched = False, 0  # no pair follows the frame tangentially
         self.stays = np.zeros(len(nodes.rows), dtype=bool)  # pairs that cannot part
+        self.others, self._touching = Followers.none(nodes), np.empty(0)
         self.forget()
 
     @property
@@ -107,7 +108,6 @@ class InterfaceState:
             holds=np.zeros(k, dtype=bool),
             history={},
         )
-        self.others, self._touching = Followers.none(self.nodes), np.empty(0)
         self.begin()
         if k:
             rest = self._at_rest()

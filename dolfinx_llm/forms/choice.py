@@ -20,6 +20,7 @@ SOLVERS = ("auto", "saddle", "condensed")
 # measured on two blocks and on two rings.
 CROSSOVER = {2: 500_000, 3: 20_000}
 ASKING = 3e4  # multipliers times the root of unknowns, to which that is quicker than multigrid
+MOTIONS = 300  # of bodies that contact alone holds, up to which CG can take all of them out
 FLEXIBLE = 1500  # multipliers up to which contact laws iterate on the surfaces' flexibility
 # Seconds of the first load step in 3D on one core, as measured on two blocks of bricks of 8e3 to
 # 1.5e5 unknowns: times multipliers and unknowns^(4/3), and times unknowns.
@@ -111,6 +112,6 @@ def _iterates(operators: ContactOperators) -> bool:
     """Whether contact laws of any size are solved by multigrid in the condensed form."""
     laws = [geometry.interface.law for geometry in operators.geometries]
     friction = any(law.slips or law.gives for law in laws)
-    floats = operators.floating.rigid.modes.shape[1] > 0
+    floats = operators.floating.rigid.modes.shape[1]
     narrow = widest(operators.L, operators.dofs.gdim) <= WIDEST
-    return narrow and not (friction and floats)
+    return narrow and floats <= (0 if friction else MOTIONS)

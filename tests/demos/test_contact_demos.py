@@ -352,19 +352,28 @@ def test_wall():
     a squat wall, which slides, bounds a slender one, which topples, and what is beyond it falls."""
     assert wall.rigid_limit(wall.bond(2, 3)) == pytest.approx(wall.MU, rel=1e-9)
     assert 0.0 < wall.rigid_limit(wall.bond(8, 1)) <= 1.0 / 4.0 + 1e-9
-    one = wall.Wall(2, 3)
+    one = wall.Wall(wall.bond(2, 3))
     row = one.step(0.2)
     assert row["stands"] and row["balance"] <= 1e-9
     assert row["friction used"] <= 1.0 + 1e-7 and row["pull"] >= -1e-9
     row = one.step(1.05 * wall.MU)
     assert not row["stands"] and "do not balance the load" in row["told"]
     one.problem.destroy()
+    assert all(row["missed"] <= 1e-13 for row in wall.main(["--stack", "3", "6", "--mu", "0"]))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("mu", [0.0, wall.MU])
+def test_tower(mu):
+    """Of many blocks that contact alone holds: the weight above each joint, in few iterations."""
+    row = wall.tower(250, mu)
+    assert row["missed"] <= 1e-10 and row["iterations"] <= 10
 
 
 @pytest.mark.long
 def test_largest_wall():
     """Nodes without force at joints changed state for ever by rounding; now in a few iterations."""
-    one = wall.Wall(4, 6)
+    one = wall.Wall(wall.bond(4, 6))
     row = one.step(0.2)
     assert row["stands"] and row["iterations"] <= 20 and row["balance"] <= 1e-9
     one.problem.destroy()
