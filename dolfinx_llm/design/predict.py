@@ -12,7 +12,7 @@ import numpy as np
 
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.cells import bases, vector_areas
-from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.frame import Frame, bent
 from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.surface import Surface
 
@@ -34,7 +34,8 @@ def predict_frame(
             facets stay where they are.
         by_nodes: of ``coarser_facets``.
         corners: of the frame's cells where only one kind will do; None: those of the coarser side.
-        order: of the cells, at most that of both sides.
+        order: of the cells, at most that of both sides; those of second order on curved surfaces
+            are bent as drawn.
 
     Returns:
         The frame and a sentence that says what it is.
@@ -52,7 +53,10 @@ def predict_frame(
         x = x + np.outer(middle - plane.height(x), plane.normal)
     note = f"frame: predicted, the {len(facets)} facets in contact of the coarser side "
     frame = Frame(x, cells)
-    return frame if k == 0 else frame.flipped(), f"{note}({sides[k].name})"
+    frame = frame if k == 0 else frame.flipped()
+    if plane is None and order > 1:
+        frame = bent(frame, sides[k].x[nodes])
+    return frame, f"{note}({sides[k].name})"
 
 
 def coarser_facets(

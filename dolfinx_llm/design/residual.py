@@ -48,6 +48,8 @@ class FrameLoads:
     places: Sequence[np.ndarray]  # (n_i, d) where their nodes are [length]
     size: float  # of the frame's cells [length]
     scale: float  # largest force [area]
+    tangents: np.ndarray | None = None  # (m, gdim - 1, gdim) at the nodes of a curved frame, where
+    # s and places are positions in space
 
     @classmethod
     def of(
@@ -60,7 +62,8 @@ class FrameLoads:
     @property
     def count(self) -> int:
         """Of equations at a frame node: 1, with moments gdim."""
-        return 1 + self.loads[0].moments.shape[1]
+        d = self.loads[0].moments.shape[1]
+        return 1 + d if self.tangents is None else d
 
     def at(self, side: int, indptr: np.ndarray, nodes: np.ndarray) -> np.ndarray:
         """(z, count) what the rows' loads are at entries: force, and moments about the node."""
@@ -70,6 +73,8 @@ class FrameLoads:
             return force / self.scale
         arm = spread(self.places[side], indptr) - self.s[nodes]
         moment = (spread(load.moments, indptr) + arm * force) / self.size
+        if self.tangents is not None:
+            moment = np.einsum("zai,zi->za", self.tangents[nodes], moment)
         return np.column_stack([force, moment]) / self.scale
 
     def residual(self, N: Sequence[csr_matrix]) -> np.ndarray:

@@ -9,6 +9,7 @@ pattern of a CSR matrix, so that all rows are treated at once, whatever their nu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -104,13 +105,27 @@ def flat_stencils(W: csr_matrix, s: np.ndarray, N: csr_matrix, degree: int = 1) 
         N: (n, m) the rows, which reproduce linear fields.
         degree: of the polynomials, 1 or 2.
     """
-    root, total = np.sqrt(W.data), sums(W.data, W.indptr)
+    total = sums(W.data, W.indptr)
     mean = np.column_stack([sums(W.data * c, W.indptr) / total for c in s[W.indices].T])
-    local = s[W.indices] - spread(mean, W.indptr)
+    functions = monomials(s[W.indices] - spread(mean, W.indptr), degree)
+    if degree > 1:
+        return polynomial_stencils(W, functions, _deficits(N, s, mean))
+    return polynomial_stencils(W, functions)
+
+
+def polynomial_stencils(
+    W: csr_matrix, functions: Sequence[np.ndarray], wanted: Sequence[np.ndarray] | None = None
+) -> FlatStencils:
+    """Stencils of weights W whose corrections keep the rows' sums of functions.
+
+    Args:
+        functions: each (z,) at the entries of W; the first is 1.
+        wanted: of each (n,) what the rows' sums lack; None: nothing.
+    """
+    root, n = np.sqrt(W.data), len(W.indptr) - 1
     columns: list[np.ndarray] = []
     targets: list[np.ndarray] = []
-    wanted = _deficits(N, s, mean) if degree > 1 else [np.zeros(len(total))] * (s.shape[1] + 1)
-    for value, target in zip(monomials(local, degree), wanted, strict=True):
+    for value, target in zip(functions, wanted or [np.zeros(n)] * len(functions), strict=True):
         q = root * value
         size = sums(q * q, W.indptr)
         for _ in range(2):  # again, against rounding
@@ -123,7 +138,7 @@ def flat_stencils(W: csr_matrix, s: np.ndarray, N: csr_matrix, degree: int = 1) 
         columns.append(q / spread(norm, W.indptr))
         targets.append(target / norm)
     missing = np.zeros(len(root))
-    if degree > 1:
+    if wanted is not None:
         missing = root * sum(q * spread(t, W.indptr) for q, t in zip(columns, targets))
     return FlatStencils(RowStencils(W.indptr, W.indices, root, np.column_stack(columns)), missing)
 

@@ -106,8 +106,10 @@ def balanced_rows(
     ring = adjacency(frame.cells, len(s))
     best: Sequence[csr_matrix] = N
     least = (np.inf, np.inf)
-    for widths in _widths(s, N):
-        weights = [_weights(M, ring, frame, width) for M, width in zip(N, widths, strict=True)]
+    for widths in widths_of(s, N):
+        weights = [
+            row_stencil_weights(M, ring, frame, width) for M, width in zip(N, widths, strict=True)
+        ]
         found = _corrected(loading, N, keep, weights)
         residual = np.abs(loading.residual(found)).max()
         change = max(abs(M - L).max() for M, L in zip(found, N, strict=True))
@@ -129,7 +131,7 @@ def balanced_rows(
     return best
 
 
-def _widths(s: np.ndarray, N: Sequence[csr_matrix]) -> list[tuple[int, int]]:
+def widths_of(s: np.ndarray, N: Sequence[csr_matrix]) -> list[tuple[int, int]]:
     """Rings of nodes in the rows' stencils of both sides, in the order in which they are tried.
 
     A side whose facets are larger than the frame's cells presses on few of its nodes: its rows
@@ -140,7 +142,7 @@ def _widths(s: np.ndarray, N: Sequence[csr_matrix]) -> list[tuple[int, int]]:
     return list(dict.fromkeys([(1, 1), (coarse[0], coarse[1]), (2, 2)]))
 
 
-def _weights(N: csr_matrix, ring: csr_matrix, frame: Frame, width: int) -> csr_matrix:
+def row_stencil_weights(N: csr_matrix, ring: csr_matrix, frame: Frame, width: int) -> csr_matrix:
     """(n, m) weights of a row's stencil: the nodes of the cells around its own corners."""
     own = inner_part(N)
     corners = own if frame.element.order == 1 else inner_part((N @ _to_corners(frame)).tocsr())

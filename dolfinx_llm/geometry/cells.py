@@ -86,7 +86,7 @@ def facet_vectors(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
     if element.order == 1:  # 2 x 2 points integrate N det J, of degree 2 in each direction
         xi, w = CORNERS[4] / np.sqrt(3.0), np.ones(4)
     N, dN = element.shape(xi)
-    return np.einsum("mgi,gk->mki", _normals(x, facets, dN), w[:, None] * N)
+    return np.einsum("mgi,gk->mki", facet_normals(x, facets, dN), w[:, None] * N)
 
 
 def facet_mass(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
@@ -94,14 +94,15 @@ def facet_mass(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
     element = element_of(x.shape[1] - 1, facets.shape[1])
     xi, w = element.quadrature
     N, dN = element.shape(xi)
-    area = w * np.linalg.norm(_normals(x, facets, dN), axis=2)
+    area = w * np.linalg.norm(facet_normals(x, facets, dN), axis=2)
     return np.einsum("mg,gk,gl->mkl", area, N, N)
 
 
-def _normals(x: np.ndarray, facets: np.ndarray, dN: np.ndarray) -> np.ndarray:
+def facet_normals(x: np.ndarray, facets: np.ndarray, dN: np.ndarray) -> np.ndarray:
     """(m, g, gdim) normals of facets (m, k), of the size of the Jacobian, where shape functions
-    have the slopes dN (g, k, d)."""
-    t = np.einsum("gkd,mki->mgdi", dN, x[facets])
+    have the slopes dN (g, k, d), or (m, g, k, d)."""
+    dN = np.broadcast_to(dN, (len(facets), *dN.shape[-3:]))
+    t = np.einsum("mgkd,mki->mgdi", dN, x[facets])
     if x.shape[1] == 2:
         return np.stack([-t[:, :, 0, 1], t[:, :, 0, 0]], axis=2)
     return np.cross(t[:, :, 0], t[:, :, 1])

@@ -179,7 +179,8 @@ class Frame:
         Args:
             v: (m, gdim) displacement of the nodes [length].
         """
-        return replace(self, x=self.x + v, v=None)
+        x = self.x + v
+        return replace(self, x=x, v=None) if self.element.order == 1 else bent(self, x)
 
     def flipped(self) -> Frame:
         """The same frame with its normal turned round."""
@@ -229,6 +230,15 @@ class Frame:
             location: of n points, as ``locate`` gives it.
         """
         return self._places.interpolation(location, self.cells, self.element)
+
+
+def bent(frame: Frame, x: np.ndarray) -> Frame:
+    """A checked frame of straight second-order cells with its nodes at x (m, gdim), on a curved
+    surface [length]."""
+    found = object.__new__(Frame)
+    for name, value in {"x": x, "cells": frame.cells, "v": None}.items():
+        object.__setattr__(found, name, value)
+    return found
 
 
 def displaced(frame: Frame, v: np.ndarray) -> Frame:

@@ -29,7 +29,8 @@ class NodalLoads:
 
     forces: np.ndarray  # (n,) integrals of N_p over the area in contact [area]
     shares: np.ndarray  # (n,) area of its facets that each node stands for; forces at first order
-    moments: np.ndarray  # (n, gdim - 1) integrals of N_p (s - s_p); (n, 0) at first order
+    moments: np.ndarray  # (n, gdim - 1) integrals of N_p (s - s_p), on curved surfaces (n, gdim) of
+    # N_p (x - x_p); (n, 0) at first order
     touched: np.ndarray  # (n,) whether a facet of the node is in contact
     mass: csr_matrix | None = None  # (n, n) integrals of N_p N_q of second-order facets [area]
     sound: np.ndarray | None = None  # (n,) whether one of them is by more than ``UNTOLD`` of it
@@ -72,7 +73,7 @@ class NodalLoads:
             np.add.at(moments, nodes, np.einsum("egk,egkd->ekd", wN, arm))
             touched[nodes] = True
             np.add.at(covered, facet, weight.sum(axis=1))
-            products.append(_assembled(np.einsum("egk,egl->ekl", wN, N), nodes, n))
+            products.append(assembled(np.einsum("egk,egl->ekl", wN, N), nodes, n))
         sound[cells[covered > UNTOLD * whole]] = True
         moments = moments if order > 1 else moments[:, :0]
         return cls(forces, shares, moments, touched, sum(products), sound)
@@ -87,7 +88,7 @@ class NodalLoads:
             return cls.of_forces(np.linalg.norm(vectors, axis=1))
         blocks, touched = facet_mass(side.x, cells), np.zeros(n, dtype=bool)
         touched[cells] = True
-        mass = _assembled(blocks, cells, n)
+        mass = assembled(blocks, cells, n)
         area = np.repeat(blocks.sum(axis=(1, 2)) / side.element.nodes, side.element.nodes)
         shares = np.bincount(cells.ravel(), area, n)
         return cls(mass @ np.ones(n), shares, np.zeros((n, 0)), touched, mass, touched)
@@ -112,7 +113,7 @@ class NodalLoads:
         return NodalLoads(forces, shares, moments, touched, whole, sound)
 
 
-def _assembled(blocks: np.ndarray, nodes: np.ndarray, n: int) -> csr_matrix:
+def assembled(blocks: np.ndarray, nodes: np.ndarray, n: int) -> csr_matrix:
     """(n, n) sum of blocks (e, k, k) at nodes (e, k)."""
     row = np.broadcast_to(nodes[:, :, None], blocks.shape).ravel()
     col = np.broadcast_to(nodes[:, None, :], blocks.shape).ravel()

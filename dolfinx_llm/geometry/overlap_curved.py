@@ -5,7 +5,8 @@ surface along its own normal. Only facets at the other's outline are clipped, ea
 tangent plane (Shapely); closed surfaces have no outline.
 """
 
-from typing import Any, NoReturn
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import shapely
@@ -41,12 +42,15 @@ def vector_areas_in_contact(
     """
     reach = np.inf if may_part else FARTHEST
     vectors = [_covered(side, other, reach) for side, other in ((side0, side1), (side1, side0))]
-    if not all(np.abs(a).any() for a in vectors):
-        _no_overlap(side0, side1)
+    require_overlap((side0, side1), vectors)
     return vectors
 
 
-def _no_overlap(side: Surface, other: Surface) -> NoReturn:
+def require_overlap(sides: Sequence[Surface], vectors: Sequence[np.ndarray]) -> None:
+    """Refuse sides whose vector areas in contact (n_i, gdim) are none."""
+    if all(np.abs(a).any() for a in vectors):
+        return
+    side, other = sides
     boxes = [
         f"{s.x.min(axis=0).round(6).tolist()} to {s.x.max(axis=0).round(6).tolist()}"
         for s in (side, other)
@@ -59,6 +63,29 @@ def _no_overlap(side: Surface, other: Surface) -> NoReturn:
 
 def _covered(side: Surface, other: Surface, reach: float) -> np.ndarray:
     """(n, gdim) vector areas of a side's nodes over what the other covers."""
+    p, normal = side.x[side.facets], Facets.of(side).normal
+    whole, cut = covered_facets(side, other, reach)
+    vectors = np.zeros(p.shape)
+    vectors[whole] = facet_vectors(side.x, side.facets[whole])
+    cell = np.arange(p.shape[1])[None, :]
+    for f, s, pieces in cut:
+        part = np.sum([covered_forces(s, cell, piece) for piece in pieces], axis=0)
+        vectors[f] = part[0][:, None] * normal[f]
+    a = np.zeros_like(side.x)
+    np.add.at(a, side.facets, vectors)
+    return a
+
+
+def covered_facets(
+    side: Surface, other: Surface, reach: float
+) -> tuple[np.ndarray, list[tuple[int, np.ndarray, list[Any]]]]:
+    """What of a side's facets the other one covers.
+
+    Returns:
+        (m,) whether the whole of each facet; of those that the other's outline cuts the number,
+        corners (c, gdim - 1) in the facet's own plane, and pieces: intervals, or polygons.
+    """
+    side, other = side.of_corners(), other.of_corners()
     surface, p, own = Frame(other.x, other.facets), side.x[side.facets], Facets.of(side)
     centre, radius, normal = own.centre, own.radius, own.normal
     at = surface.locate(centre)
@@ -69,15 +96,16 @@ def _covered(side: Surface, other: Surface, reach: float) -> np.ndarray:
     within = gap <= reach * np.maximum(2.0 * radius, surface.cell_size[at.cell])
     inside = (at.outside < 0.5) & ~border
     _check(side, other, inside, facing, gap, within, 2.0 * radius)
-    vectors = np.zeros(p.shape)
     whole = inside & within & (facing < FACING)
-    vectors[whole] = facet_vectors(side.x, side.facets[whole])
     clip: Any = _Clip(other, side) if border.any() else None
+    cut = []
     for f in np.flatnonzero(border):  # the few facets at the outline
-        vectors[f] = clip(p[f], normal[f], radius[f], gap[f] if reach > FARTHEST else 0.0)
-    a = np.zeros_like(side.x)
-    np.add.at(a, side.facets, vectors)
-    return a
+        s, pieces = clip(p[f], normal[f], radius[f], gap[f] if reach > FARTHEST else 0.0)
+        if pieces is None:
+            whole[f] = True
+        elif pieces:
+            cut.append((f, s, pieces))
+    return whole, cut
 
 
 def _check(
@@ -147,9 +175,12 @@ class _Clip:
         self.off = off[other.facets].max(axis=1)
         self.tree = cKDTree(discs.centre)
 
-    def __call__(self, p: np.ndarray, normal: np.ndarray, radius: float, gap: float) -> np.ndarray:
-        """(k, gdim) integrals of N n dA over the covered part of the facet p (k, gdim)."""
-        k, gdim = p.shape
+    def __call__(
+        self, p: np.ndarray, normal: np.ndarray, radius: float, gap: float
+    ) -> tuple[np.ndarray, list[Any] | None]:
+        """The facet p (k, gdim) in its plane, (k, gdim - 1), and pieces of it that are covered;
+        None: all of it."""
+        gdim = p.shape[1]
         centre = p.mean(axis=0)
         reach = 1.5 * (radius + self.radius) + gap
         near = np.array(self.tree.query_ball_point(centre, reach), int)
@@ -158,23 +189,18 @@ class _Clip:
         facing = self.normal[near] @ normal
         close = np.abs(height).min(axis=1) <= 2.0 * FARTHEST * max(radius, self.radius) + gap
         keep = (facing < FACING) & close
+        s = (p - centre) @ base.T
         if not keep.any():
-            return np.zeros(p.shape)
+            return s, []
         # Ends that lie a gap apart are the same line; seen along this facet's normal they differ
         # by gap times tilt.
         tilt = np.sqrt(1.0 - np.clip(facing[keep].max(), -1.0, 0.0) ** 2)
         margin = 1e-9 * radius + 0.75 * self.off[near[keep]].max() * tilt
-        s, t = (p - centre) @ base.T, (self.p[near[keep]] - centre) @ base.T
-        cell = np.arange(k)[None, :]
+        t = (self.p[near[keep]] - centre) @ base.T
         if gdim == 2:
-            pieces = _merged(t[..., 0], margin)
-            part = np.sum([covered_forces(s, cell, piece) for piece in pieces], axis=0)
-        else:
-            cover = shapely.union_all(shapely.polygons(t)).buffer(margin, join_style="mitre")
-            if cover.covers(shapely.polygons(s)):
-                return facet_vectors(p, cell)[0]
-            part = covered_forces(s, cell, cover)
-        return part[0][:, None] * normal
+            return s, _merged(t[..., 0], margin)
+        cover = shapely.union_all(shapely.polygons(t)).buffer(margin, join_style="mitre")
+        return s, None if cover.covers(shapely.polygons(s)) else [cover]
 
 
 def _merged(t: np.ndarray, margin: float) -> list[tuple[float, float]]:

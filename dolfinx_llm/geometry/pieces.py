@@ -138,12 +138,17 @@ class _Found:
     def _weights(self, of: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Per side the weights of facets about where the sides are nearest."""
         near = min(self.distance[o].min() for o in of)
-        radius = min(
-            np.linalg.norm(self.centre[o] - self.centre[o].mean(axis=0), axis=1).max() for o in of
-        )
-        reach = max((VICINITY * radius) ** 2, 1e-300)  # one facet alone has no radius
+        reach = (VICINITY * min(self._radius(o) for o in of)) ** 2
         first, second = (reach / (reach + (self.distance[o] - near) ** 2) for o in of)
         return first**2, second**2
+
+    def _radius(self, of: np.ndarray) -> float:
+        """Of facets about their middle; of one alone half its size [length]."""
+        if of.sum() > 1:
+            x = self.centre[of]
+            return float(np.linalg.norm(x - x.mean(axis=0), axis=1).max())
+        size = np.linalg.norm(self.area[of])
+        return 0.5 * float(size if self.area.shape[1] == 2 else np.sqrt(size))
 
     def smooth_parts(self) -> int:
         """Number of connected parts without a sharp edge inside."""

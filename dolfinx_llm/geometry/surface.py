@@ -69,6 +69,15 @@ class Surface:
             drawn=drawn,
         )
 
+    def of_corners(self) -> Surface:
+        """The same with the corners alone, between which facets are straight."""
+        if self.elements is None:
+            return self
+        nodes, facets = np.unique(self.facets, return_inverse=True)
+        own = {name: getattr(self, name)[nodes] for name in ("x", "dofs", "owner")}
+        facets = facets.reshape(self.facets.shape)
+        return replace(self, facets=facets, elements=None, drawn=None, **own)
+
     def moved(self, u: np.ndarray) -> Surface:
         """The surface at x = X + u, u (n, gdim) since the drawing; nothing is gathered anew."""
         return replace(self, x=self.X + u, drawn=self.X)

@@ -11,8 +11,8 @@ from scipy.sparse import csr_matrix, triu
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.timing import Clock
+from dolfinx_llm.geometry.bent_loads import loads_in_contact
 from dolfinx_llm.geometry.loads import NodalLoads
-from dolfinx_llm.geometry.overlap_curved import vector_areas_in_contact
 from dolfinx_llm.geometry.overlap_flat import common_area, local_bases
 from dolfinx_llm.geometry.pairs import ContactPairs, locate_pairs
 from dolfinx_llm.geometry.pieces import Piece, separated
@@ -22,7 +22,7 @@ from dolfinx_llm.interface.control import in_control_values, with_control
 from dolfinx_llm.interface.frames import REACH, choose_frame, common_order, move_nodes
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.interface.join import Part, joined, whole_piece
-from dolfinx_llm.interface.rows import balanced, designed, kept_nodes
+from dolfinx_llm.interface.rows import balanced, bent_pairs, designed, kept_nodes
 from dolfinx_llm.interface.site import Site, check_order, find_site, say_straight
 from dolfinx_llm.interface.touching import check_flat, find_pieces
 
@@ -221,17 +221,16 @@ def build_piece(
     interface, law, plane = site.interface, site.interface.law, piece.plane
     sides = piece.parts(site.whole)
     area: Any = None
+    order = common_order(sides, interface.frame)
     if plane is None:  # curved: vector areas, smooth rows, balance in least squares
         check_order(interface, sides, flat=False)
         if interface.design == "positions":
             raise ContactInputError("design='positions' needs flat sides; use 'weights' or 'auto'")
-        vectors = vector_areas_in_contact(sides[0], sides[1], law.opens)
-        loads = [NodalLoads.of_forces(np.linalg.norm(a, axis=1)) for a in vectors]
+        loads, vectors = loads_in_contact(sides, law.opens, order)
     else:
         if not law.opens:
             check_flat(sides, plane)
         area = common_area(sides[0], sides[1], plane)
-        order = common_order(sides)
         loads = [NodalLoads.on(side, plane.project(side.x), area, order) for side in sides]
     clock.stop("patch forces")
     if last is None:
@@ -251,7 +250,12 @@ def build_piece(
         for side, load, sign, taking_part in zip(sides, loads, (1.0, -1.0), nodes, strict=True)
     ]
     clock.stop("location")
-    if plane is None:
+    if plane is None and order > 1:
+        pairs, certificate, normals = bent_pairs(
+            interface, frame, pairs, vectors, notes, kept_nodes(site, pairs)
+        )
+        base = local_bases(normals)
+    elif plane is None:
         pairs, certificate, normals = balanced(interface, frame, pairs, vectors, notes)
         base = local_bases(normals)
     else:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.design.line import frame_at_roots
@@ -42,6 +42,11 @@ def choose_frame(
     if interface.frame is not None:
         frame = face_side_1(interface.frame, sides[0])
         if plane is None:
+            if frame.element.order > 1:
+                raise ContactInputError(
+                    "the given frame has straight cells of second order, the surfaces are curved: "
+                    "give cells of first order, or frame=None for the facets of the coarser side"
+                )
             return frame, "frame: given", REACH
         if frame.gdim == 2 and interface.design == "positions":
             return *frame_at_roots(sides, plane, area, frame), COVERED
@@ -62,9 +67,10 @@ def choose_frame(
     return *predict_frame(sides, touched, plane, interface.law.opens, corners, order), REACH
 
 
-def common_order(sides: Sequence[Surface]) -> int:
-    """Order of the fields that pass: the lower one of both sides."""
-    return min(side.element.order for side in sides)
+def common_order(sides: Sequence[Surface], frame: Frame | None = None) -> int:
+    """Order of the fields that pass: the lower one of both sides, and of a given frame."""
+    orders = [side.element.order for side in sides]
+    return min(orders if frame is None else [*orders, frame.element.order])
 
 
 def move_nodes(

@@ -11,6 +11,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.balance import balance
+from dolfinx_llm.design.bent import bent_normals, bent_rows
 from dolfinx_llm.design.curved import (
     loads_along_normals,
     nodal_normals,
@@ -92,6 +93,42 @@ def balanced(
         notes.append(f"initial gap or overlap up to {gap:.3g} {closed}")
     if close_gap:
         notes.append(f"the smooth surface that gaps are counted from is known to about {place:.1e}")
+    return pairs, certificate, normals
+
+
+def bent_pairs(
+    interface: Interface,
+    frame: Frame,
+    pairs: list[ContactPairs],
+    vectors: Sequence[np.ndarray],
+    notes: list[str],
+    keep: Sequence[np.ndarray] | None,
+) -> tuple[list[ContactPairs], Certificate, np.ndarray]:
+    """The same of second-order bodies tied along curved surfaces, on a frame that is bent as they
+    are; arguments and results as of ``balanced``, ``keep`` of ``kept_nodes``."""
+    normals, plain = bent_normals(frame), [p.N for p in pairs]
+    vectors = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
+    before = _residual(plain, vectors, normals, False)
+    if interface.design is not None:
+        N = bent_rows(frame, pairs, normals, keep)
+        pairs = [with_weights(p, M, frame) for p, M in zip(pairs, N, strict=True)]
+        notes.append("design: rows of L_b corrected (weights), in tangent planes")
+    N = [p.N for p in pairs]
+    after = _residual(N, vectors, normals, False)
+    pairs = with_mean_normals(pairs, normals)
+    across = [np.einsum("ni,ni->n", p.gap, p.normal) for p in pairs]
+    size = max(p.surface.diameter for p in pairs)
+    along = [p.gap - a[:, None] * p.normal for a, p in zip(across, pairs, strict=True)]
+    certificate = Certificate(
+        float(after.max()),
+        float(before.max()),
+        rank_certificate(frame, N),
+        float(max(np.abs(a).max() for a in along) / size),
+        float(max(np.abs(a - b).max() for a, b in zip(N, plain, strict=True))),
+    )
+    closed = "is closed" if interface.law.closes_gap else "is kept, tied as drawn without stress"
+    largest = max(np.abs(a).max() for a in across)
+    notes.append(f"initial gap or overlap up to {largest:.3g} {closed}")
     return pairs, certificate, normals
 
 

@@ -115,14 +115,14 @@ def check_order(interface: Interface, sides: Sequence[Surface], flat: bool = Tru
         missing = f"the law {interface.law}"
     elif interface.design == "positions":
         missing = "design='positions' (use 'weights' or 'auto')"
-    elif not flat:
-        missing = "curved surfaces"
+    elif not flat and not interface.law.ties:
+        missing = "surfaces with sharp turns"
     if missing:
         raise ContactInputError(
-            f"interface {interface.name}: {missing} need(s) first-order bodies; of second-order "
-            "ones flat surfaces can be tied, and surfaces without sharp turns part and slide. Use "
-            "('Lagrange', 1, ...) here, or NonlinearContactProblem, of F = ufl.action(a, u) - L: "
-            "it ties curved ones and takes laws of your own"
+            f"interface {interface.name}: {missing} need(s) first-order bodies; second-order ones "
+            "can be tied, and part and slide along surfaces without sharp turns. Use "
+            "('Lagrange', 1, ...) here, or NonlinearContactProblem, of F = ufl.action(a, u) - L, "
+            "which takes laws of your own"
         )
 
 

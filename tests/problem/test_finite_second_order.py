@@ -1,7 +1,7 @@
 """Second-order bodies at finite deformation: exact states, orders, forms, ranks."""
 
+import bent_rings
 import finite_patch
-import gmsh
 import mixed
 import numpy as np
 import patch2d
@@ -16,7 +16,6 @@ from sampling import longer
 from test_second_order import QUAD, TRI, scene
 
 import dolfinx_llm as llm
-from dolfinx_llm import compat
 from dolfinx_llm.problem import nonlinear_parts
 
 COMM = MPI.COMM_SELF
@@ -49,61 +48,13 @@ def nonlinear(a, L, **chosen):
     return llm.NonlinearContactProblem(F, u, **chosen)
 
 
-def ring(n, low, high, first):
-    """A curved second-order mesh of a closed ring, n cells around from an angle on; its circles
-    have the tags 1 and 2."""
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Terminal", 0)
-    geo, make, around = gmsh.model.geo, gmsh.model.mesh, range(4)
-    centre, angles = geo.addPoint(0, 0, 0), first + np.arange(4) * np.pi / 2
-    x = [[geo.addPoint(r * np.cos(t), r * np.sin(t), 0) for t in angles] for r in (low, high)]
-    arcs = [[geo.addCircleArc(p[i], centre, p[(i + 1) % 4]) for i in around] for p in x]
-    lines = [geo.addLine(*ends) for ends in zip(*x, strict=True)]
-    loops = [
-        geo.addCurveLoop([arcs[0][i], lines[(i + 1) % 4], -arcs[1][i], -lines[i]]) for i in around
-    ]
-    surfaces = [geo.addPlaneSurface([loop]) for loop in loops]
-    geo.synchronize()
-    for curves, k in ((sum(arcs, []), n // 4), (lines, n // 8)):
-        for curve in curves:
-            make.setTransfiniteCurve(curve, k + 1)
-    for surface in surfaces:
-        make.setTransfiniteSurface(surface)
-    for tag, curves in enumerate(arcs, 1):
-        gmsh.model.addPhysicalGroup(1, curves, tag)
-    gmsh.model.addPhysicalGroup(2, surfaces, 3)
-    make.generate(2)
-    make.setOrder(2)
-    domain, _, tags = compat.model_to_mesh(gmsh.model, COMM, 0, gdim=2)
-    gmsh.finalize()
-    return domain, tags
-
-
-def tied_rings(counts, first):
-    """Errors of two rings with a smooth answer, prescribed on the inner- and outermost circle."""
-    field, a, L, bcs, sides = so.Waves(2), [], [], [], []
-    parts = ((1.0, 1.5, 0.0, 1), (1.5, 2.0, first, 2))
-    for n, (low, high, angle, outer) in zip(counts, parts, strict=True):
-        domain, tags = ring(n, low, high, angle)
-        V = compat.function_space(domain, degree=2, shape=(2,))
-        load = -ufl.div(so.stress(field.expression(domain)))
-        a.append(so.elasticity(V))
-        L.append(ufl.inner(load, ufl.TestFunction(V)) * ufl.dx(degree=6))
-        known = fem.Function(V)
-        known.interpolate(field)
-        at = fem.locate_dofs_topological(V, 1, tags.find(outer))
-        bcs.append(fem.dirichletbc(known, at))
-        sides.append((tags, 3 - outer))
-    interface = llm.Interface(None, tuple(sides), law=llm.Tied(close_gap=True))
-    return so.errors(nonlinear(a, L, bcs=bcs, interfaces=[interface]).solve(), field)
-
-
 @pytest.mark.long
 def test_curved_ties():
     """A ring in a ring on meshes that do not match, and turned: nearly the errors of meshes that
     do."""
     coarse, fine, matching = (
-        tied_rings(*s) for s in (((16, 24), 0.13), ((32, 48), 0.13), ((32, 32), 0.0))
+        bent_rings.errors(bent_rings.tied(*s, make=nonlinear, close_gap=True))[:2]
+        for s in (((16, 24), 0.13), ((32, 48), 0.13), ((32, 32), 0.0))
     )
     assert (np.log2(np.divide(coarse, fine)) >= [2.5, 1.8]).all()
     assert (np.divide(fine, matching) <= [1.4, 1.3]).all()

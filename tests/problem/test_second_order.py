@@ -1,5 +1,6 @@
 """Second-order bodies: stresses that are constant or linear pass between any two meshes."""
 
+import bent_rings
 import hertz2d
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import ufl
 from conftest import run_mpi_json
 from dolfinx import fem
 from mpi4py import MPI
+from sampling import longer
 from scipy.spatial.transform import Rotation
 
 import dolfinx_llm as llm
@@ -177,6 +179,52 @@ class Glue(llm.Law):
 def test_what_is_not_there_is_refused(interface, words):
     with pytest.raises(llm.ContactError, match=words):
         solved((TRI, QUAD), (3, 4), interface=interface)
+
+
+# Curved surfaces
+
+
+@pytest.mark.parametrize(("coarse", "fine"), [
+    ((16, 24), (32, 48)), longer((32, 48), (64, 96)),
+])  # fmt: skip
+def test_third_order_on_curved_meshes(coarse, fine):
+    """A ring in a ring on meshes that do not match: no worse than on meshes that do."""
+    n = fine[0]
+    first, found = (bent_rings.errors(bent_rings.tied(c, 0.13)) for c in (coarse, fine))
+    assert (np.log2(first / found) >= [2.8, 1.9, 1.6, 1.8]).all()
+    if n > 32:
+        assert (found <= 1.2 * bent_rings.errors(bent_rings.tied((n, n), 0.0))).all()
+
+
+@pytest.mark.long
+def test_curved_surfaces_in_space():
+    """Tetrahedra on tetrahedra along a cylinder."""
+    for h in (0.5, 0.25):
+        found, matching = (
+            bent_rings.errors(bent_rings.tied_shells(sizes)) for sizes in ((h, h / 1.5), (h, h))
+        )
+        assert (found <= 1.2 * matching).all()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("degrees", [(1, 2), (2, 1)], ids=str)
+def test_first_and_second_order_along_a_circle(degrees):
+    """The rates of first order, and less error than between bodies of first order."""
+    coarse, fine = (
+        bent_rings.errors(bent_rings.tied(c, 0.13, degrees=degrees)) for c in ((16, 24), (32, 48))
+    )
+    assert (np.log2(coarse / fine) >= [1.8, 1.0]).all()
+    assert (fine < bent_rings.errors(bent_rings.tied((32, 48), 0.13, degrees=(1, 1)))).all()
+
+
+def test_straight_frame_between_curved_bodies_is_refused():
+    t = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+    corners = np.column_stack([np.cos(t), np.sin(t)])
+    middle = 0.5 * (corners + np.roll(corners, -1, axis=0))
+    n = np.arange(16)
+    frame = llm.Frame(np.vstack([corners, middle]), np.column_stack([n, (n + 1) % 16, n + 16]))
+    with pytest.raises(llm.ContactError, match="straight cells of second order"):
+        bent_rings.tied((16, 24), 0.13, frame=frame)
 
 
 # Bodies that may part

@@ -1,0 +1,140 @@
+"""Rows between second-order bodies that are tied along curved surfaces.
+
+The frame's cells are second-order facets as they are drawn. Each row has a chart of its own, the
+tangent plane at its node, in which it reproduces polynomials of degree 2; each frame node one in
+which forces f_p = ∫ N_p dA and moments ∫ N_p (x - Y_J) dA of both sides cancel, so that tractions
+that are linear along the surface pass. Charts of neighbours differ by terms of third order, and so
+do the areas that two meshes have of one surface: what no correction removes without large ones
+stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.design.multipliers import equations, factor
+from dolfinx_llm.design.residual import FrameLoads
+from dolfinx_llm.design.stencils import (
+    FlatStencils,
+    adjacency,
+    monomials,
+    polynomial_stencils,
+    spread,
+    sums,
+)
+from dolfinx_llm.design.weights import NARROW, row_stencil_weights, widths_of
+from dolfinx_llm.geometry.cells import CORNERS, facet_normals
+from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.overlap_flat import local_bases
+from dolfinx_llm.geometry.pairs import ContactPairs
+
+DAMPINGS = (1e-12, 1e-9, 1e-6, 1e-3)  # of the largest entry: what large multipliers are held with
+DOES = 1e-3  # of the largest force, with which narrow stencils do: wide ones cost accuracy
+REFINED = 4  # solves, each for what the last one left
+
+
+def bent_normals(frame: Frame) -> np.ndarray:
+    """(m, gdim) unit normals of second-order cells, at each node the mean of those around."""
+    element = frame.element
+    xi = element.linear @ CORNERS[element.corners]
+    normals = np.zeros_like(frame.x)
+    np.add.at(normals, frame.cells, facet_normals(frame.x, frame.cells, element.shape(xi)[1]))
+    return normals / np.linalg.norm(normals, axis=1)[:, None]
+
+
+def bent_rows(
+    frame: Frame,
+    pairs: Sequence[ContactPairs],
+    normals: np.ndarray,
+    keep: Sequence[np.ndarray] | None = None,
+) -> list[csr_matrix]:
+    """Per side (n_i, m) rows with the smallest corrections.
+
+    Args:
+        frame: m nodes, of second order.
+        pairs: of both sides, with loads of second order.
+        normals: (m, gdim) at the frame's nodes.
+        keep: per side (n_i,) whether a row stays as it is; None: all may change.
+
+    Raises:
+        ContactError: corrections would be large whatever is left.
+    """
+    tangents = local_bases(normals)[:, :-1]
+    loading = FrameLoads(
+        frame.x, [p.loads for p in pairs], [p.x for p in pairs], float(frame.cell_size.mean()),
+        max(float(np.abs(p.loads.forces).max()) for p in pairs), tangents,
+    )  # fmt: skip
+    ring, plain = adjacency(frame.cells, len(frame.x)), [p.N for p in pairs]
+    free = [np.ones(len(p.nodes)) for p in pairs] if keep is None else [1.0 - k for k in keep]
+    best, least = plain, np.inf
+    for widths in widths_of(frame.x[:, 1:], plain):
+        stencils = [
+            _stencils(row_stencil_weights(M, ring, frame, width), frame, p, normals)
+            for M, p, width in zip(plain, pairs, widths, strict=True)
+        ]
+        for held in DAMPINGS:
+            found = _balanced(loading, plain, stencils, free, held)
+            change = max(abs(M - L).max() for M, L in zip(found, plain, strict=True))
+            left = float(np.abs(loading.residual(found)).max())
+            if change <= NARROW and left < least:
+                best, least = found, left
+            if change <= NARROW:
+                break
+        if least <= DOES:
+            break
+    if best is plain:
+        raise ContactError(
+            "design by weights: rows of the curved frame would need corrections above "
+            f"{NARROW:g}. Give bodies whose meshes along the interface are more alike, or finer"
+        )
+    return best
+
+
+def _stencils(
+    W: csr_matrix, frame: Frame, pairs: ContactPairs, normals: np.ndarray
+) -> FlatStencils:
+    """Stencils of a side's rows, each in the tangent plane at its node."""
+    means = pairs.N @ normals
+    base = local_bases(means / np.linalg.norm(means, axis=1)[:, None])[:, :-1]
+    size = frame.cell_size.mean()
+
+    def functions(M: csr_matrix) -> list[np.ndarray]:
+        arm = (frame.x[M.indices] - spread(pairs.x, M.indptr)) / size
+        return monomials(np.einsum("zai,zi->za", spread(base, M.indptr), arm), 2)
+
+    own = pairs.N
+    wanted = [-sums(own.data * f, own.indptr) for f in functions(own)]
+    wanted[0] = wanted[0] + 1.0
+    return polynomial_stencils(W, functions(W), wanted)
+
+
+def _balanced(
+    loading: FrameLoads,
+    N: Sequence[csr_matrix],
+    found: Sequence[FlatStencils],
+    free: Sequence[np.ndarray],
+    held: float,
+) -> list[csr_matrix]:
+    """Rows that reproduce their polynomials, and balance as far as held multipliers allow."""
+    m, stencils = len(loading.s), [f.rows for f in found]
+    areas = [load.shares / loading.scale for load in loading.loads]
+    share = [spread(k, st.indptr) for k, st in zip(free, stencils, strict=True)]
+    at = [loading.at(i, st.indptr, st.nodes) * share[i][:, None] for i, st in enumerate(stencils)]
+    A = equations(stencils, at, areas, m)
+    solve = factor(A + held * A.diagonal().max() * diags(np.ones(A.shape[0]))).solve
+    delta, last, best = [f.missing * k for f, k in zip(found, share)], np.inf, list(N)
+    for k in range(REFINED):
+        rows = [M + st.matrix(d, m) for M, d, st in zip(N, delta, stencils, strict=True)]
+        residual = loading.residual(rows)
+        if k and not np.abs(residual).max() < last:
+            break
+        best, last = rows, np.abs(residual).max()
+        mu = solve(residual.ravel()).reshape(m, -1)
+        for i, (st, sign) in enumerate(zip(stencils, (-1.0, 1.0), strict=True)):
+            value = np.einsum("za,za->z", at[i], mu[st.nodes]) / spread(areas[i], st.indptr)
+            delta[i] = delta[i] + sign * st.project(value)
+    return best

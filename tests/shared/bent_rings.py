@@ -1,0 +1,113 @@
+"""A ring in a ring, of second order on curved second-order meshes, with a smooth answer."""
+
+import gmsh
+import numpy as np
+import second_order_blocks as so
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+import dolfinx_llm as llm
+from dolfinx_llm import compat
+
+COMM = MPI.COMM_SELF
+
+
+def ring(n, low, high, first, order=2):
+    """A mesh, at second order a curved one, of a closed ring, n cells around from an angle on; its
+    circles have the tags 1 and 2."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    geo, make, around = gmsh.model.geo, gmsh.model.mesh, range(4)
+    centre, angles = geo.addPoint(0, 0, 0), first + np.arange(4) * np.pi / 2
+    x = [[geo.addPoint(r * np.cos(t), r * np.sin(t), 0) for t in angles] for r in (low, high)]
+    arcs = [[geo.addCircleArc(p[i], centre, p[(i + 1) % 4]) for i in around] for p in x]
+    lines = [geo.addLine(*ends) for ends in zip(*x, strict=True)]
+    loops = [
+        geo.addCurveLoop([arcs[0][i], lines[(i + 1) % 4], -arcs[1][i], -lines[i]]) for i in around
+    ]
+    surfaces = [geo.addPlaneSurface([loop]) for loop in loops]
+    geo.synchronize()
+    for curves, k in ((sum(arcs, []), n // 4), (lines, n // 8)):
+        for curve in curves:
+            make.setTransfiniteCurve(curve, k + 1)
+    for surface in surfaces:
+        make.setTransfiniteSurface(surface)
+    for tag, curves in enumerate(arcs, 1):
+        gmsh.model.addPhysicalGroup(1, curves, tag)
+    gmsh.model.addPhysicalGroup(2, surfaces, 3)
+    make.generate(2)
+    make.setOrder(order)
+    domain, _, tags = compat.model_to_mesh(gmsh.model, COMM, 0, gdim=2)
+    gmsh.finalize()
+    return domain, tags
+
+
+def shell(h, low, high):
+    """A curved mesh of tetrahedra of size h of a quarter of a tube; its inner and outer surface
+    have the tags 1 and 2, the others 9."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    occ, model = gmsh.model.occ, gmsh.model
+    tubes = [(3, occ.addCylinder(0, 0, 0, 0, 0, 1, r, angle=np.pi / 2)) for r in (low, high)]
+    occ.cut(tubes[1:], tubes[:1])
+    occ.synchronize()
+    faces = [tag for _, tag in model.getEntities(2)]
+    round_ones = [tag for tag in faces if model.getType(2, tag) == "Cylinder"]
+    round_ones.sort(key=lambda tag: model.getBoundingBox(2, tag)[3])
+    for tag, face in enumerate(round_ones, 1):
+        model.addPhysicalGroup(2, [face], tag)
+    model.addPhysicalGroup(2, [tag for tag in faces if tag not in round_ones], 9)
+    model.addPhysicalGroup(3, [tag for _, tag in model.getEntities(3)], 3)
+    for name in ("Min", "Max"):
+        gmsh.option.setNumber(f"Mesh.MeshSize{name}", h)
+    model.mesh.generate(3)
+    model.mesh.setOrder(2)
+    domain, _, tags = compat.model_to_mesh(model, COMM, 0, gdim=3)
+    gmsh.finalize()
+    return domain, tags
+
+
+def tied(counts, first, make=llm.ContactProblem, degrees=(2, 2), close_gap=False, **chosen):
+    """Two rings of so many cells around, the outer one turned by an angle, see ``joined``."""
+    parts = zip(counts, degrees, ((1.0, 1.5, 0.0), (1.5, 2.0, first)), strict=True)
+    meshes = [ring(n, *low_high, degree) for n, degree, low_high in parts]
+    return joined(meshes, degrees, make, close_gap, **chosen)
+
+
+def tied_shells(sizes, **chosen):
+    """The same of two quarters of tubes, of tetrahedra of these sizes."""
+    meshes = [shell(h, *r) for h, r in zip(sizes, ((1.0, 1.5), (1.5, 2.0)), strict=True)]
+    return joined(meshes, **chosen)
+
+
+def joined(meshes, degrees=(2, 2), make=llm.ContactProblem, close_gap=False, **chosen):
+    """Two bodies with the answer ``Waves``, prescribed on the inner- and outermost surface. More
+    arguments are the interface's."""
+    a, L, bcs, sides, field = [], [], [], [], so.Waves(meshes[0][0].geometry.dim)
+    for outer, degree, (domain, tags) in zip((1, 2), degrees, meshes, strict=True):
+        V = compat.function_space(domain, degree=degree, shape=(domain.geometry.dim,))
+        exact, w = field.expression(domain), ufl.TestFunction(V)
+        ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)
+        a.append(so.elasticity(V))
+        traction = so.stress(exact) * ufl.FacetNormal(domain)
+        L.append(
+            ufl.inner(-ufl.div(so.stress(exact)), w) * ufl.dx(degree=6)
+            + ufl.inner(traction, w) * ds(9, degree=6)
+        )
+        known = fem.Function(V)
+        known.interpolate(field)
+        at = fem.locate_dofs_topological(V, domain.topology.dim - 1, tags.find(outer))
+        bcs.append(fem.dirichletbc(known, at))
+        sides.append((tags, 3 - outer))
+    interface = llm.Interface(None, tuple(sides), law=llm.Tied(close_gap=close_gap), **chosen)
+    return make(a, L, bcs=bcs, interfaces=[interface])
+
+
+def errors(problem):
+    """Relative errors in L2 and in the gradient, and of the tractions read, if any are."""
+    u = problem.solve()
+    field = so.Waves(u[0].function_space.mesh.geometry.dim)
+    found, result = so.errors(u, field), problem.results[0]
+    read = all(getattr(side, "density", None) is not None for side in result.sides)
+    return np.array([*found, *(so.traction_errors(result, field) if read else [])])
