@@ -27,7 +27,7 @@ from dolfinx_llm.design.stencils import (
     sums,
 )
 from dolfinx_llm.design.weights import NARROW, row_stencil_weights, widths_of
-from dolfinx_llm.geometry.cells import CORNERS, facet_normals
+from dolfinx_llm.geometry.cells import CORNERS, facet_normals, unit
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import local_bases
 from dolfinx_llm.geometry.pairs import ContactPairs
@@ -43,7 +43,7 @@ def bent_normals(frame: Frame) -> np.ndarray:
     xi = element.linear @ CORNERS[element.corners]
     normals = np.zeros_like(frame.x)
     np.add.at(normals, frame.cells, facet_normals(frame.x, frame.cells, element.shape(xi)[1]))
-    return normals / np.linalg.norm(normals, axis=1)[:, None]
+    return unit(normals)
 
 
 def bent_rows(
@@ -98,8 +98,7 @@ def _stencils(
     W: csr_matrix, frame: Frame, pairs: ContactPairs, normals: np.ndarray
 ) -> FlatStencils:
     """Stencils of a side's rows, each in the tangent plane at its node."""
-    means = pairs.N @ normals
-    base = local_bases(means / np.linalg.norm(means, axis=1)[:, None])[:, :-1]
+    base = local_bases(unit(pairs.N @ normals))[:, :-1]
     size = frame.cell_size.mean()
 
     def functions(M: csr_matrix) -> list[np.ndarray]:
