@@ -221,7 +221,7 @@ class Equations:
             if obstacle is not None and missed > CARRIED * force > 0.0:
                 return (
                     f"interface {geometry.interface.name}: contact does not balance the force on "
-                    f"the {type(obstacle).__name__}, {obstacle.pose(gdim)[-1]}: "
+                    f"the {type(obstacle).__name__}, {obstacle.pose(gdim)[3]}: "
                     f"at least {missed / force:.2g} of it is left. It is pulled off, or slides "
                     "without end: give None where its displacement is to be prescribed, or change "
                     "the force"

@@ -78,6 +78,7 @@ class InterfaceResult(InterfaceForces):
     presses: bool = True  # the law lets bodies part: no force pulls
     # (gdim,) of an obstacle, prescribed or where a force brings it [length]; None with a frame
     displacement: np.ndarray | None = None
+    rotation: np.ndarray | None = None  # (1,), (3,) of an obstacle, likewise [rad]
     frame_density: np.ndarray | None = None  # (m, 1 + gdim) see ``InterfaceForces``
 
 
@@ -114,6 +115,8 @@ def collect_results(
         for p, motion, gap in zip(geometry.pairs, moved, gaps[place.sides], strict=True):
             own = slice(first, first + len(p.nodes))
             follows = p.N @ v + prescribed[i]
+            if geometry.swings is not None:
+                follows += np.einsum("d,ndi->ni", w[place.frame], geometry.swings.motions)
             if geometry.normals_alone:  # across the mean of the nodes' normals, as the law has it
                 across = operators.blocks[i][own] @ w[place.frame]
                 across -= np.einsum("ni,ni->n", follows, p.normal)
@@ -124,7 +127,12 @@ def collect_results(
             held = state.held if state else np.zeros(len(forces), dtype=bool)
             sides = _between_bodies(geometry, sides, operators.scale, held)
         nodal = _at_nodes(geometry, sides)
-        results.append(_interface_result(geometry, sides, nodal, v, state))
+        found = _interface_result(geometry, sides, nodal, v, state)
+        if obstacle := geometry.interface.obstacle:
+            turn, swings = np.array(obstacle.pose(gdim)[1]), geometry.swings
+            turn = turn if swings is None else turn + swings.rotation(w[place.frame])
+            found = replace(found, rotation=turn)
+        results.append(found)
     return results
 
 
@@ -243,7 +251,7 @@ def _interface_result(
         side, shift = nodal[0], np.array(obstacle.pose(v.shape[1])[0]) + v.sum(axis=0)
         density = None if side.density is None else _along(side.density, side.normal)
         own = side.normal_force, side.area, side.tangential_force, side.status
-        return InterfaceResult(None, nodal, None, *own, presses, shift, density)
+        return InterfaceResult(None, nodal, None, *own, presses, shift, frame_density=density)
     assert frame is not None
     cartesian, normal = law.components == "cartesian", geometry.normals
     total = pairs.N.T @ side.force

@@ -135,8 +135,9 @@ class ObstacleContact(MovingContact):
         Raises:
             ContactInputError: they do not fit, or a force is prescribed for other components.
         """
-        shift, turn, pivot, _ = self.obstacle.pose(self.sides.gdim)
-        return np.array([*pivot, *shift, *turn, *forces_on(self.obstacle, self.forced)])
+        gdim = self.sides.gdim
+        shift, turn, pivot, *_ = self.obstacle.pose(gdim)
+        return np.array([*pivot, *shift, *turn, *forces_on(self.obstacle, self.forced, gdim)])
 
     def hold(self, z: np.ndarray) -> Held:
         """Nothing but the pose, which the increment knows."""

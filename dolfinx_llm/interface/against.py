@@ -15,7 +15,7 @@ from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.geometry import InterfaceGeometry
-from dolfinx_llm.interface.obstacle import Obstacle
+from dolfinx_llm.interface.obstacle import Obstacle, Swings
 from dolfinx_llm.interface.touching import BURIED, say_depth, steep_rim
 
 RESISTED = 1e-6  # part of the largest: below it a motion meets no resistance of contact
@@ -151,51 +151,72 @@ def _say_place(
 
 def forced(obstacle: Obstacle, gdim: int) -> tuple[bool, ...]:
     """Per component whether a force on the obstacle is prescribed."""
-    return tuple(f is not None for f in obstacle.pose(gdim)[-1])
+    return tuple(f is not None for f in obstacle.pose(gdim)[3])
 
 
-def forces_on(obstacle: Obstacle, before: tuple[bool, ...]) -> np.ndarray:
-    """(gdim,) the force on an obstacle now, 0 where none is prescribed [force].
+def loaded(obstacle: Obstacle, gdim: int) -> tuple[bool, ...]:
+    """Per component of ``forced`` and of the rotation whether a force or moment is prescribed."""
+    force, moment = obstacle.pose(gdim)[3:]
+    return tuple(f is not None for f in force + moment)
+
+
+def forces_on(obstacle: Obstacle, before: tuple[bool, ...], gdim: int) -> np.ndarray:
+    """The force on an obstacle now [force], and as far as ``before`` goes its moment, 0 where none
+    is prescribed.
 
     Raises:
         ContactInputError: it is prescribed for other components than it was ``before``.
     """
-    force = obstacle.pose(len(before))[-1]
-    if tuple(f is not None for f in force) != before:
+    force, moment = obstacle.pose(gdim)[3:]
+    given = (force + moment)[: len(before)]
+    if tuple(f is not None for f in given) != before:
         raise ContactInputError(
-            f"force={force} of the {type(obstacle).__name__}: when the problem was made, force was "
-            f"prescribed by component as {before}. Make the problem anew to change that"
+            f"force={force}, moment={moment} of the {type(obstacle).__name__}: when the problem "
+            f"was made, they were prescribed by component as {before}. Make the problem anew to "
+            "change that"
         )
+    force = given
     return np.array([0.0 if f is None else f for f in force])
 
 
-def under_force(obstacle: Obstacle, pairs: ContactPairs) -> tuple[ContactPairs, np.ndarray]:
-    """Translations of an obstacle that forces are prescribed for, as those of a frame of one node:
-    the pairs, whose rows all see that node, and (1, d, gdim) directions in which it moves: the axes
-    of the prescribed components, or what of them contact can resist. No force: (0, c, gdim)."""
-    _, c, gdim = pairs.base.shape
-    axes = np.eye(gdim)[list(forced(obstacle, gdim))]
+def under_force(
+    obstacle: Obstacle, pairs: ContactPairs
+) -> tuple[ContactPairs, np.ndarray, Swings | None]:
+    """Motions of an obstacle that forces and moments are prescribed for, as those of a frame of one
+    node: the pairs, whose rows all see that node, (1, d, gdim) directions in which it moves, and
+    how it turns: the prescribed components, or what of them contact can resist. No force:
+    (0, c, gdim)."""
+    n, c, gdim = pairs.base.shape
+    axes = np.eye(len(loaded(obstacle, gdim)))[list(loaded(obstacle, gdim))]
     if not len(axes):
-        return pairs, np.empty((0, c, gdim))
-    _, size, vectors = np.linalg.svd(pairs.base.reshape(-1, gdim) @ axes.T)
+        return pairs, np.empty((0, c, gdim)), None
+    swings = Swings.of(obstacle, pairs.met, axes[:, gdim:])
+    seen = np.einsum("nci,ndi->ncd", pairs.base, axes[:, :gdim] + swings.motions)
+    _, size, vectors = np.linalg.svd(seen.reshape(n * c, -1))
     resisted = size > RESISTED * size[0]
     if not resisted.all() or len(size) < len(axes):
         axes = vectors[: int(resisted.sum())] @ axes
-    return replace(pairs, N=csr_matrix(np.ones((len(pairs.nodes), 1)))), axes[None]
+        swings = Swings.of(obstacle, pairs.met, axes[:, gdim:])
+    pairs = replace(pairs, N=csr_matrix(np.ones((n, 1))))
+    return pairs, axes[None, :, :gdim], swings if swings.turns.any() else None
 
 
 def prescribed_loads(geometry: InterfaceGeometry) -> np.ndarray:
     """(m d,) loads on the frame unknowns of an interface, L_bᵀ λ = loads, as they are now: zeros at
     a frame, minus the force at an obstacle [force]."""
-    obstacle, axes = geometry.interface.obstacle, geometry.directions
+    obstacle, axes, swings = geometry.interface.obstacle, geometry.directions, geometry.swings
     loads = np.zeros(axes.shape[0] * axes.shape[1])
     if obstacle is None:
         return loads
-    values = forces_on(obstacle, geometry.forced)
+    values = forces_on(obstacle, geometry.forced, axes.shape[2])
     if not any(geometry.forced):
         return loads
-    along = axes[0] @ values
-    left = values - along @ axes[0]
+    ways = axes[0] if swings is None else np.hstack([axes[0], swings.turns])
+    values = values[: ways.shape[1]]  # in units of force
+    if swings is not None:
+        values[axes.shape[2] :] /= swings.size
+    along = ways @ values
+    left = values - along @ ways
     check_resisted(left, values, obstacle, before=f"interface {geometry.interface.name}: ")
     return -along
 

@@ -16,7 +16,7 @@ from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.overlap_flat import common_area, local_bases
 from dolfinx_llm.geometry.pairs import ContactPairs, locate_pairs
 from dolfinx_llm.geometry.pieces import Piece, separated
-from dolfinx_llm.interface.against import against_obstacle, forced, under_force
+from dolfinx_llm.interface.against import against_obstacle, loaded, under_force
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.control import in_control_values, with_control
 from dolfinx_llm.interface.frames import REACH, choose_frame, common_order, move_nodes
@@ -185,14 +185,20 @@ def assembled(
     else:
         base = np.broadcast_to(np.eye(gdim), base.shape)
     given: tuple[bool, ...] = ()
+    swings = None
     if interface.obstacle is not None:
-        given = forced(interface.obstacle, gdim)
-        own, base = under_force(interface.obstacle, pairs[0])
+        given = loaded(interface.obstacle, gdim)
+        own, base, swings = under_force(interface.obstacle, pairs[0])
+        if any(given[gdim:]) and not law.ties:
+            raise ContactInputError(
+                f"interface {interface.name}: moment={interface.obstacle.moment!r} is of the rigid "
+                "end of a body, law=Tied(); an obstacle that bodies part from turns as prescribed"
+            )
         pairs = [own]
     geometry = InterfaceGeometry(
         interface, tuple(p.surface for p in pairs), site.spaces, tuple(pairs), frame, base,
         float(pairs[0].forces.sum()), certificate, tuple(rims), tuple(notes), clock.times,
-        site, tuple(parts), given,
+        site, tuple(parts), given, swings,
     )  # fmt: skip
     if log.isEnabledFor(logging.INFO):
         stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())

@@ -13,6 +13,7 @@ from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.join import Part
+from dolfinx_llm.interface.obstacle import Swings
 from dolfinx_llm.interface.site import Site
 
 
@@ -35,7 +36,9 @@ class InterfaceGeometry:
     site: Site  # what it was built of
     parts: tuple[Part, ...]  # its pieces, one after the other in frame and pairs; none against an
     # obstacle
-    forced: tuple[bool, ...] = ()  # per component whether a force on the obstacle is prescribed
+    forced: tuple[bool, ...] = ()  # per component whether a force on the obstacle is prescribed,
+    # and a moment
+    swings: Swings | None = None  # how a rigid end turns with the unknowns of ``directions``
 
     @property
     def rigid(self) -> bool:

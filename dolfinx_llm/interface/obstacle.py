@@ -1,6 +1,9 @@
 """What all rigid obstacles share: where they are, and what moves or presses them."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,6 +40,8 @@ class Obstacle:
             displacement is prescribed, e.g. (None, -10.0): pressed down with 10, held sideways.
             What it does not press against it does not reach. None: no force is prescribed. With
             ``Tied()`` the obstacle is the rigid end of a body, with its force or motion.
+        moment: about the pivot instead of a rotation [force length], of a rigid end alone: in 2D a
+            number, in 3D (3,) with None where the rotation is prescribed. None: the rotation is.
 
     >>> class Sine(Obstacle):
     ...     "The floor y = sin(x) / 10."
@@ -56,6 +61,7 @@ class Obstacle:
     rotation: float | np.ndarray | None = field(default=None, kw_only=True)  # angle, (3,) [rad]
     pivot: np.ndarray | None = field(default=None, kw_only=True)  # (gdim,) [length]
     force: tuple[float | None, ...] | None = field(default=None, kw_only=True)  # (gdim,) [force]
+    moment: Any = field(default=None, kw_only=True)  # number, (3,) [force length]
 
     def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance of points to the surface, and the direction into the obstacle.
@@ -106,15 +112,12 @@ class Obstacle:
         Returns:
             (n, gdim) [length].
         """
-        _, turn, pivot, _ = self.pose(x.shape[1])
-        arm = x - np.array(pivot)
-        if x.shape[1] == 2:
-            return turn[0] * np.column_stack([-arm[:, 1], arm[:, 0]])
-        return np.cross(turn, arm)
+        _, turn, pivot, *_ = self.pose(x.shape[1])
+        return turned(x - np.array(pivot), np.array(turn))
 
-    def pose(self, gdim: int) -> tuple[tuple, tuple, tuple, tuple]:
-        """Displacement, rotation, pivot and force as they are now, as numbers; forces None where
-        the displacement is prescribed.
+    def pose(self, gdim: int) -> tuple[tuple, tuple, tuple, tuple, tuple]:
+        """Displacement, rotation, pivot, force and moment as they are now, as numbers; forces and
+        moments None where the motion is prescribed.
 
         Args:
             gdim: dimension of the space, 2 or 3.
@@ -122,7 +125,7 @@ class Obstacle:
         Raises:
             ContactInputError: sizes that do not fit, values that are not finite.
         """
-        force = self._forces(gdim)
+        force, moment = self._forces("force", gdim), self._forces("moment", 1 if gdim == 2 else 3)
         zeros = (0.0,) * gdim
         shift, pivot, turn = zeros, zeros, (0.0,) * (1 if gdim == 2 else 3)
         if self.displacement is not None:
@@ -134,20 +137,55 @@ class Obstacle:
             turn = (checks.number("rotation", self.rotation, "give the angle, a finite number"),)
         elif self.rotation is not None:
             turn = tuple(vector("rotation", self.rotation, 3).tolist())
-        found = [k for k, f in enumerate(force) if f is not None and shift[k]]
-        if found:
-            raise ContactInputError(
-                f"displacement={shift} and force={force}: component {found[0]} has both; where a "
-                "force is given the displacement is found: leave 0 there"
-            )
-        return shift, turn, pivot, force
+        for names, moves, forces in (
+            ("displacement force", shift, force), ("rotation moment", turn, moment)
+        ):  # fmt: skip
+            if found := [k for k, f in enumerate(forces) if f is not None and moves[k]]:
+                motion, given = names.split()
+                raise ContactInputError(
+                    f"{motion}={moves} and {given}={forces}: component {found[0]} has both; where "
+                    f"a {given} is given the {motion} is found: leave 0 there"
+                )
+        return shift, turn, pivot, force, moment
 
-    def _forces(self, gdim: int) -> tuple[float | None, ...]:
-        """``force``, component by component."""
-        if self.force is None:
-            return (None,) * gdim
-        want = f"give {gdim} entries, finite numbers or None where the displacement is prescribed"
-        given = checks.items("force", self.force, want)
-        if len(given) != gdim:
-            checks.refuse("force", self.force, want)
-        return tuple(None if f is None else checks.number("force", f, want) for f in given)
+    def _forces(self, name: str, size: int) -> tuple[float | None, ...]:
+        """``force`` or ``moment``, component by component."""
+        value = getattr(self, name)
+        if value is None:
+            return (None,) * size
+        want = f"give {size} entries, finite numbers or None where the motion is prescribed"
+        if size == 1:
+            return (checks.number(name, value, "give a finite number, or None"),)
+        given = checks.items(name, value, want)
+        if len(given) != size:
+            checks.refuse(name, value, want)
+        return tuple(None if f is None else checks.number(name, f, want) for f in given)
+
+
+def turned(arm: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """(n, gdim) motion of points at arms (n, gdim) from the pivot, turned by a small angle (1,) or
+    rotation vector (3,)."""
+    if arm.shape[1] == 2:
+        return turn[0] * np.column_stack([-arm[:, 1], arm[:, 0]])
+    return np.cross(turn, arm)
+
+
+@dataclass(frozen=True, eq=False)
+class Swings:
+    """How a rigid end turns with its d unknowns, which are lengths: angles times ``size``."""
+
+    turns: np.ndarray  # (d, 1), (d, 3) of the size times the angle or rotation vector
+    motions: np.ndarray  # (n, d, gdim) by which it moves the points of the pairs
+    size: float  # of the arms [length]
+
+    @classmethod
+    def of(cls, obstacle: Obstacle, x: np.ndarray, turns: np.ndarray) -> Swings:
+        """Of an obstacle's points x (n, gdim)."""
+        arm = x - np.array(obstacle.pose(x.shape[1])[2])
+        size = float(np.linalg.norm(arm, axis=1).max()) or 1.0
+        motions = [turned(arm / size, turn) for turn in turns]
+        return cls(turns, np.stack(motions, axis=1), size)
+
+    def rotation(self, w: np.ndarray) -> np.ndarray:
+        """(1,), (3,) of unknowns (d,) [rad]."""
+        return w @ self.turns / self.size

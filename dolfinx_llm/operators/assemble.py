@@ -12,6 +12,8 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix, vstack
 
 from dolfinx_llm.geometry.pairs import ContactPairs
+from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.interface.obstacle import Swings
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering, Rows
 from dolfinx_llm.operators.petsc import create_aij
 
@@ -28,7 +30,10 @@ def assemble_B(rows: Rows, dofs: BodyDofs) -> PETSc.Mat:
 
 
 def interface_operator(
-    pairs: Sequence[ContactPairs], directions: np.ndarray, normals: bool = False
+    pairs: Sequence[ContactPairs],
+    directions: np.ndarray,
+    normals: bool = False,
+    swings: Swings | None = None,
 ) -> csr_matrix:
     """L_b of one frame, on every rank: row (p, i), column (J, k) holds N_J(xi_p) a_i · d_Jk. Rows
     come one side after the other; directions (m, d, gdim) are those in which the frame's nodes
@@ -36,7 +41,8 @@ def interface_operator(
 
     Where these are ``normals`` alone, a pair's normal is the mean of the nodes', and the column
     holds N_J / |sum_K N_K n_K|, out of side 1 with the other sign: then translations pass, and
-    what balances in L_bᵀ λ has no resultant, however much the nodes' normals differ.
+    what balances in L_bᵀ λ has no resultant, however much the nodes' normals differ. Of a rigid
+    end, a frame of one node, ``swings`` are added to the directions, pair by pair.
     """
     blocks = []
     for side in pairs:
@@ -46,7 +52,10 @@ def interface_operator(
             own = np.einsum("ni,ni->n", side.base[:, 0], side.N @ directions[:, 0])
             value = np.broadcast_to(1.0 / own[N.row, None, None], (len(N.row), 1, 1))
         else:
-            value = np.einsum("nci,ndi->ncd", side.base[N.row], directions[N.col])
+            ways = (
+                directions[N.col] if swings is None else directions[N.col] + swings.motions[N.row]
+            )
+            value = np.einsum("nci,ndi->ncd", side.base[N.row], ways)
         value = value * N.data[:, None, None]
         row = np.broadcast_to((N.row[:, None] * c + np.arange(c))[:, :, None], value.shape)
         col = np.broadcast_to((N.col[:, None] * d + np.arange(d))[:, None, :], value.shape)
@@ -54,6 +63,12 @@ def interface_operator(
         shape = (N.shape[0] * c, N.shape[1] * d)
         blocks.append(csr_matrix((value[keep], (row[keep], col[keep])), shape=shape))
     return vstack(blocks, format="csr")
+
+
+def frame_operator(geometry: InterfaceGeometry) -> csr_matrix:
+    """L_b of an interface's frame, or of an obstacle under force, on every rank."""
+    g = geometry
+    return interface_operator(g.pairs, g.directions, g.normals_alone, g.swings)
 
 
 def assemble_L_b(

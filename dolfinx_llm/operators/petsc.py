@@ -57,7 +57,8 @@ def diagonal_of(K: PETSc.Mat) -> np.ndarray:
 def join_blocks(blocks: Sequence[Sequence[PETSc.Mat | None]]) -> tuple[PETSc.Mat, list[np.ndarray]]:
     """AIJ from a nest of blocks, and this rank's rows of each block row: the nest interleaves the
     blocks by rank."""
-    nest = PETSc.Mat().createNest(blocks)
+    comm = next(M.comm for M in blocks[0] if M is not None)
+    nest = PETSc.Mat().createNest(blocks, comm=comm)
     matrix = nest.convert("aij", PETSc.Mat())
     start = matrix.getOwnershipRange()[0]
     rows = [block.getIndices() - start for block in nest.getNestISs()[0]]

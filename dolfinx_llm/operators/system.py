@@ -16,7 +16,7 @@ from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.against import prescribed_loads
 from dolfinx_llm.interface.control import control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
-from dolfinx_llm.operators.assemble import assemble_B, assemble_L_b, interface_operator
+from dolfinx_llm.operators.assemble import assemble_B, assemble_L_b, frame_operator
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.floating import Floating
 from dolfinx_llm.operators.motions import rigid_motions
@@ -110,9 +110,7 @@ class ContactOperators:
         self.rows = Rows.of(self.comm, self.pairs, self.side_dofs)
         self.frames = frame_numbering(self.geometries, self.comm)
         self.unknowns = slip_numbering(self.geometries, self.frames)
-        self.blocks = [
-            interface_operator(g.pairs, g.directions, g.normals_alone) for g in self.geometries
-        ]
+        self.blocks = [frame_operator(geometry) for geometry in self.geometries]
 
     def _find_repeated(self) -> None:
         """Rows at prescribed dofs and at nodes of several interfaces, and those of ties among them

@@ -134,6 +134,11 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
             f"law={checks.shown(law)}: against a rigid obstacle at finite deformation choose "
             "Frictionless() or Coulomb(...), or prescribe the body's displacement"
         )
+    if obstacle.moment is not None:
+        raise ContactInputError(
+            f"moment={obstacle.moment!r} is of the rigid end of a body, in a ContactProblem; at "
+            "finite deformation an obstacle turns as prescribed"
+        )
     site = find_site(interface, dofs.spaces)
     surface = site.whole[0]
     checked_clearance(obstacle, surface.x)

@@ -294,6 +294,13 @@ add(
 )
 add("pivot=1.0: give 2 numbers", lambda s: llm.RigidPlane((0, 0), (0, 1), pivot=1.0))
 add(
+    "moment=.*give (3 entries|a finite number)",
+    lambda s: llm.RigidPlane((0, 0), (0, 1), moment=(1.0, 2.0)),
+    lambda s: llm.RigidPlane((0, 0, 0), (0, 0, 1), moment=1.0),
+    lambda s: llm.RigidPlane((0, 0, 0), (0, 0, 1), moment=(None, "far", 0.0)),
+)
+add("rotation=.*has both", lambda s: llm.RigidPlane((0, 0), (0, 1), moment=1.0, rotation=0.1))
+add(
     "force=.*give 2( entries)?",
     lambda s: llm.RigidPlane((0, 0), (0, 1), force=-10.0),
     lambda s: llm.RigidPlane((0, 0), (0, 1), force=(None, "down")),

@@ -85,18 +85,20 @@ def rolling(V):
     return scenes.hold(V, where, lambda p: np.zeros((gdim, p.shape[1])))
 
 
-def stack(laws, form, force, comm=MPI.COMM_SELF):
-    """Two rectangles on each other, the lower one clamped, a plane pressed on the upper one's top.
+def stack(laws, form, plane, comm=MPI.COMM_SELF):
+    """Two rectangles on each other, the lower one clamped, a plane on the upper one's top.
 
     Args:
         laws: of the bodies' interface, and of the plane.
         form: of ``FORMS``.
-        force: on the plane.
+        plane: at height 2, or the force that presses it.
 
     Returns:
         The problem, solved, and its displacements (n,).
     """
-    rng, plane = np.random.default_rng(5), llm.RigidPlane((0.0, 2.0), (0.0, -1.0), force=force)
+    rng = np.random.default_rng(5)
+    if not isinstance(plane, llm.RigidPlane):
+        plane = llm.RigidPlane((0.0, 2.0), (0.0, -1.0), force=plane)
     made = [
         cs.rectangle(comm, (n, 3), (-1, z), (1, z + 1), "triangle", 0.2, rng)
         for n, z in ((5, 0), (4, 1))
