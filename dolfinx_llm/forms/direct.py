@@ -90,6 +90,14 @@ class DirectSolver:
             raise refused(error, self._options, "solve") from None
         return self.solution.array_r.copy()
 
+    def once(self, b: np.ndarray) -> np.ndarray:
+        """``solve`` without refinement, where that is what the options ask for."""
+        if self.ksp.getType() not in ("richardson", "preonly"):
+            return self.solve(b)
+        self.rhs.array_w[:] = b
+        self.ksp.getPC().apply(self.rhs, self.solution)
+        return self.solution.array_r.copy()
+
     def left(self, b: np.ndarray, x: np.ndarray) -> np.ndarray:
         """This rank's part of what x leaves of a load b."""
         self.solution.array_w[:] = x

@@ -18,11 +18,13 @@ from dolfinx_llm.base.log import progress
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, singular, wrong_signs
+from dolfinx_llm.forms.verdict import largest
 from dolfinx_llm.laws.complementarity import complementarity
 from dolfinx_llm.operators.petsc import local_csr, with_springs
 from dolfinx_llm.operators.system import ContactOperators
 
 COLUMNS = 64  # right-hand sides solved at once
+SURE = 1e-10  # of a load, up to which a solve that leaves it is not refined
 
 
 class Flexibility(StepForm):
@@ -79,6 +81,7 @@ class Flexibility(StepForm):
         self.f: np.ndarray | None = None  # this rank's load that h and r are of
         self._u = np.zeros(self.modes.shape[0])  # what ``_pinned`` found last
         self._of: Any = None, np.zeros(self.rows.sizes[1])  # load and λ that it is for
+        self._stiff = np.where(operators.dofs.fixed, self.scale, 1.0)  # their rows are identities
         self._factor: Any = None  # ``LinearStep`` that was solved last, and its solver
 
     def _interface_sum(self, part: np.ndarray) -> np.ndarray:
@@ -178,10 +181,15 @@ class Flexibility(StepForm):
 
     def _pinned(self, multiplier: np.ndarray) -> np.ndarray:
         """This rank's displacement under f - B λ where springs hold the pins: the last one with
-        what that leaves, which refines it."""
+        what that leaves, which refines it; a second solve where the first was rough."""
         if self._of[0] is not self.f or (self._of[1] != multiplier).any():
             load = self.f - self._local_B @ self._in_petsc_order(multiplier)
-            self._u = self._u + self._solver.solve(self._solver.left(load, self._u))
+            left = self._solver.left(load, self._u)
+            self._u = self._u + self._solver.once(left)
+            again = self._solver.left(load, self._u)
+            was, still = largest(self.comm, self._stiff * left, self._stiff * again)
+            if still > SURE * was:
+                self._u = self._u + self._solver.once(again)
             self._of = self.f, multiplier
         return self._u
 
