@@ -4,7 +4,14 @@ A bar of E = rho = length = 1, held at its right end, is stretched to u = (1 - x
 Its free end meets the obstacle where it lay at first at t = 1, presses with p = 1/2 until t = 2 and
 leaves it with the velocity 1/2; the motion has the period 3.
 
-    mpirun -n 2 python demos/impact_bar.py [--elements N] [--courant C] [--time T] [--plot DIR] ...
+The front of the wave swings on the mesh: with 100 cells contact lasts from 1.005 to 1.995, in one
+piece, and the mean pressure is 0.4 % low, but pressure is up to a half off at the ends of contact
+and a quarter between. With --damping 0.1 it is within 1.4 % but for a tenth of contact at either
+end, where it overshoots by a quarter, and 6 % of the energy go. --adaptive 1e-4 divides the steps
+in which the bar meets or leaves the obstacle, which take most of the energy else.
+
+    mpirun -n 2 python demos/impact_bar.py [--elements N] [--courant C] [--time T] \
+        [--damping D] [--adaptive PART] [--plot DIR] ...
 """
 
 import argparse
@@ -68,14 +75,17 @@ class Bar:
 
 
 def figures(rows, dt):
-    """Times at which contact closes and opens, pressure, energy."""
+    """Times at which contact closes and opens, pressure and how far it swings, energy."""
     t, p, energy = rows[:, 0], rows[:, 1], rows[:, 2] + rows[:, 3]
     closed = p > 1e-9
     changes = np.flatnonzero(np.diff(closed.astype(int))) + 1
     times = np.where(closed[changes], t[changes], t[changes] - dt)  # when it was last closed
+    middle = abs(t - PERIOD / 2) < 0.4  # where theory has the pressure of all contact
+    swings = float(np.abs(p[middle] / PRESSURE - 1.0).max(initial=0.0))
     return {
         "closes": times[0::2].tolist(), "opens": times[1::2].tolist(),
-        "pressure": float(p[closed].mean()), "growth": float(np.diff(energy).max() / energy[0]),
+        "pressure": float(p[closed].mean()), "swings": swings,
+        "growth": float(np.diff(energy).max() / energy[0]),
         "loss": float(1.0 - energy[-1] / energy[0]), "momentum": float(rows[-1, 4]),
     }  # fmt: skip
 
@@ -85,11 +95,13 @@ def main(arguments=None):
     parser.add_argument("--elements", type=int, default=100)
     parser.add_argument("--courant", type=float, default=0.5)
     parser.add_argument("--time", type=float, default=2.5)
+    parser.add_argument("--damping", type=float, default=0.0)
+    parser.add_argument("--adaptive", type=float, help="part of the energy a step may lose")
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--plot", type=Path, metavar="DIR")
     parser.add_argument("--output", type=Path, metavar="DIR", help="time series for ParaView")
     args = parser.parse_args(arguments)
-    bar = Bar(args.elements, args.courant)
+    bar = Bar(args.elements, args.courant, damping=args.damping, adaptive=args.adaptive)
     if args.output:
         with llm.post.LoadSteps(bar.stepper.problem, args.output) as files:
             while bar.stepper.t < args.time - 1e-9:

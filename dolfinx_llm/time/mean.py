@@ -40,12 +40,12 @@ class MeanForces:
         self.forms = [on * _beyond_the_mean(form, w, w0) for form, w, w0, on in parts]
         self._compiled = compat.forms("F", self.forms, entity_maps)
 
-    def begin(self, u: np.ndarray, counts: Sequence[int], on: bool) -> None:
-        """Start a step at this rank's u (n_local,), so many dofs of each mesh; ``on``: False where
-        forces are to be those of its end. Collective."""
+    def begin(self, u: np.ndarray, counts: Sequence[int], part: float) -> None:
+        """Start a step at this rank's u (n_local,), so many dofs of each mesh, in which this part
+        is felt; 0: forces are those of its end. Collective."""
         fill(self._before, u, counts)
-        for switch in self._on:
-            switch.value = float(on)
+        for on in self._on:
+            on.value = part
 
     def values(self) -> np.ndarray:
         """(n_local,) of this rank, for the displacements as they are now; collective."""

@@ -11,6 +11,7 @@ from dolfinx import fem
 from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.saving import Saving
 from dolfinx_llm.problem.state_file import Arrays
+from dolfinx_llm.time.impact import Touch
 
 
 class SavedSteps(Saving):
@@ -22,6 +23,7 @@ class SavedSteps(Saving):
     _u: list[fem.Function]
     _v: list[fem.Function]
     _left: np.ndarray
+    _touch: Touch
 
     @property
     def interfaces(self) -> Any:
@@ -39,7 +41,9 @@ class SavedSteps(Saving):
     def state_arrays(self) -> tuple[Arrays, Arrays]:
         """What is the same on every rank, and this rank's values at the bodies' dofs."""
         common, local = self.problem.state_arrays()
-        common |= {"time": np.array([self.t, self.dt])}
+        touch = self._touch
+        common |= {"time": np.array([self.t, self.dt, touch.kinetic, touch.largest])}
+        common |= {"touch": np.array([touch.gap, touch.force])}
         own = {"displacement": self._values(self._u), "velocity": self._values(self._v)}
         return common, local | own | {"inertia": self._left}
 
@@ -49,8 +53,18 @@ class SavedSteps(Saving):
         Args:
             common, local: as it returned them.
         """
-        self.t, self.dt = map(float, common["time"])
-        self._use(4.0 / self.dt**2)
+        self.dt = float(common["time"][1])
+        self._use(self._rate(self.dt))
+        self.take_back(common, local)
+
+    def take_back(self, common: Arrays, local: Arrays) -> None:
+        """The same with dt as it is now; collective.
+
+        Args:
+            common, local: as ``state_arrays`` returned them.
+        """
+        self.t = float(common["time"][0])
+        self._touch = Touch(*common["touch"], *map(float, common["time"][2:]))
         self.problem.take_arrays(common, local)
         counts = self.problem.bulk.dofs.counts
         fill(self._u, local["displacement"], counts)
@@ -61,6 +75,10 @@ class SavedSteps(Saving):
         """(n_local,) of this rank."""
         counts = self.problem.bulk.dofs.counts
         return np.concatenate([w.x.array[:n] for w, n in zip(functions, counts, strict=True)])
+
+    def _rate(self, dt: float) -> float:
+        """Of inertia in steps of dt [1 / time²]."""
+        raise NotImplementedError
 
     def _use(self, c: float) -> None:
         """Take another rate of inertia [1 / time²]."""

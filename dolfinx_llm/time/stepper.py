@@ -10,8 +10,6 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_llm.base import checks, compat
-from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.geometry.spaces import check_space
 from dolfinx_llm.operators.petsc import block_diagonal, diagonal_of, times
@@ -20,17 +18,19 @@ from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.form_arguments import form_space, given_forms, listed
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
+from dolfinx_llm.time.divided import DividedSteps
+from dolfinx_llm.time.impact import Touch
 from dolfinx_llm.time.inertia import moved_mass
 from dolfinx_llm.time.mean import MeanForces
-from dolfinx_llm.time.saved import SavedSteps
 
 SCHEMES = "massless", "newmark"
 PARTED = 6  # of a step that fails
 INERT = 1e6  # inertia over that of a step, by which bodies stay where they are at first
+DAMPINGS = "give a number from 0 to 1"
 DENSITY = "give a positive number, a UFL expression or a list of them, one per mesh"
 
 
-class TimeStepper(SavedSteps):
+class TimeStepper(DividedSteps):
     """Bodies of static forms that have inertia, stepped in time by the trapezoidal rule, nonlinear
     forces by their mean on the way of a step.
 
@@ -43,6 +43,8 @@ class TimeStepper(SavedSteps):
         M (u - u0 - dt v0) 4 / dt² + 2 F̄ + B λ + B λ0 = 0,   v = 2 (u - u0) / dt - v0
 
     with F̄ the mean of F on the straight way from u0 to u, (F(u) + F(u0)) / 2 where F is linear.
+    With damping d the end of a step has the weight (1 + d) / 2 and its start (1 - d) / 2, in forces
+    and velocities.
 
     Args:
         rho: density as drawn: a number, a Constant, Function or UFL expression that does not
@@ -57,6 +59,11 @@ class TimeStepper(SavedSteps):
         nodal_loads: as of the problem.
         accepted: called with the stepper after each step that has been found, also after parts of
             one that was halved: update what bodies remember in it.
+        adaptive: part of the largest kinetic energy so far that closing may take in a step, and
+            square of the part of the largest force that a pair which opens may pull with; where it
+            is more the step is divided, which factorises anew. None: no step is.
+        damping: 0 to 1: takes d ω² dt / 2 of a motion of frequency ω per unit of time; 0.1 takes
+            the swinging that follows the front of a wave, and the energy in it.
         options: of the problem: ``bcs``, ``solver``, ...
 
     Attributes:
@@ -82,6 +89,8 @@ class TimeStepper(SavedSteps):
         interfaces: Any = (),
         nodal_loads: Any = (),
         accepted: Callable[[TimeStepper], None] | None = None,
+        adaptive: float | None = None,
+        damping: float = 0.0,
         **options: Any,
     ):
         self.comm = communicator(a, L)
@@ -92,12 +101,14 @@ class TimeStepper(SavedSteps):
             maps = compat.entity_maps_of(options.get("entity_maps"), len(spaces))
             self.dt = dt = _positive("dt", dt)
             checks.one_of("scheme", scheme, SCHEMES)
+            _check_choices(adaptive, damping)
             chosen = interface_list(interfaces, spaces)
             densities = _densities(rho, spaces)
         for V in spaces:
             check_space(V, highest=2)
-        agree(self.comm, "dt and scheme", (dt, scheme))
-        self._rates = [fem.Constant(V.mesh, 4.0 / dt**2) for V in spaces]
+        agree(self.comm, "dt, scheme, adaptive and damping", (dt, scheme, adaptive, damping))
+        self._end = 0.5 * (1.0 + damping)  # weight of what there is at the end of a step
+        self._rates = [fem.Constant(V.mesh, self._rate(dt)) for V in spaces]
         forms, masses, self.density = list(listed(a)), [], []
         with collective(self.comm):
             self._mean = mean = MeanForces(forms, listed(L), maps) if nonlinear else None
@@ -123,6 +134,7 @@ class TimeStepper(SavedSteps):
         self._v, self._left = [fem.Function(V, name="v") for V in spaces], np.zeros(0)
         (self.problem.bulk if nonlinear else self.problem.method).in_time = True
         self._bare = diagonal_of(self._M) == 0.0
+        self._adaptive, self._touch = adaptive, Touch.of((), 0.0)
 
     @property
     def u(self) -> fem.Function | list[fem.Function]:
@@ -143,11 +155,11 @@ class TimeStepper(SavedSteps):
             ContactError: contact does not balance what presses it.
         """
         u = self._values(self._u)
-        fixed, c = self.problem.bulk.dofs.fixed, 4.0 / self.dt**2
+        fixed, c = self.problem.bulk.dofs.fixed, self._rate(self.dt)
         self._use(INERT * c, starts=True)
         self._push(INERT * c * times(self._M, u))
         if self._mean:
-            self._mean.begin(u, self.problem.bulk.dofs.counts, on=False)
+            self._mean.begin(u, self.problem.bulk.dofs.counts, 0.0)
             self.problem.reset()
         self.problem.solve()
         rests = self._values(listed(self.problem.u))
@@ -158,6 +170,7 @@ class TimeStepper(SavedSteps):
         left -= self.problem.pushed + c * times(self._M, u)
         self._left = np.where(self._bare | fixed, 0.0, left)
         fill(self._u, u, self.problem.bulk.dofs.counts)
+        self._touch, _ = self._met()
 
     def step(self) -> fem.Function | list[fem.Function]:
         """Go on by dt, to the loads and prescribed values as they are now; in parts where that
@@ -178,30 +191,16 @@ class TimeStepper(SavedSteps):
         self._advance(self.dt, PARTED)
         return self.u
 
-    def _advance(self, dt: float, halvings: int) -> None:
-        """Go on by dt, in halves where that fails."""
-        before = self._values(self._u)
-        try:
-            self._once(dt)
-        except ContactInputError:
-            raise
-        except ContactError as failed:
-            fill(self._u, before, self.problem.bulk.dofs.counts)
-            if not halvings:
-                raise
-            log.info("a step of %.3g fails: %s; halved", dt, failed)
-            self._advance(0.5 * dt, halvings - 1)
-            self._advance(0.5 * dt, halvings - 1)
-
     def _once(self, dt: float) -> None:
         """One step of dt."""
-        u, v, c = self._values(self._u), self._values(self._v), 4.0 / dt**2
-        push = c * times(self._M, u + dt * v) - self._left
+        u, v, c = self._values(self._u), self._values(self._v), self._rate(dt)
+        before = 1.0 / self._end - 1.0  # weight of what there was, over that
+        push = c * times(self._M, u + dt * v) - before * self._left
         counts = self.problem.bulk.dofs.counts
         self._use(c)
         self._push(push)
         if self._mean:
-            self._mean.begin(u, counts, on=True)
+            self._mean.begin(u, counts, 0.5 / self._end)
         self.problem.solve()
         now = self._values(listed(self.problem.u))
         self._left = push - c * times(self._M, now)
@@ -209,10 +208,10 @@ class TimeStepper(SavedSteps):
             self._left -= np.where(self.problem.bulk.dofs.fixed, 0.0, self._mean.values())
         rate = (now - u) / dt
         fill(self._u, now, counts)
-        fill(self._v, np.where(self._bare, rate, 2.0 * rate - v), counts)
-        self.t += dt
-        if self._accepted is not None:
-            self._accepted(self)
+        fill(self._v, np.where(self._bare, rate, rate / self._end - before * v), counts)
+
+    def _rate(self, dt: float) -> float:
+        return 1.0 / (self._end * dt) ** 2
 
     def _use(self, c: float, starts: bool = False) -> None:
         if not self._mean:
@@ -253,6 +252,13 @@ def _inertia(density: Any, V: Any, form: ufl.Form, u: Any) -> tuple[ufl.Form, uf
 
 def _positive(name: str, value: Any) -> float:
     return checks.number(name, value, "give a positive number", above=0.0)
+
+
+def _check_choices(adaptive: Any, damping: Any) -> None:
+    if adaptive is not None:
+        _positive("adaptive", adaptive)
+    if checks.number("damping", damping, DAMPINGS, low=0.0) > 1.0:
+        checks.refuse("damping", damping, DAMPINGS)
 
 
 def _densities(rho: Any, spaces: Sequence[Any]) -> list[Any]:
