@@ -24,7 +24,7 @@ from dolfinx_llm.operators.petsc import local_csr, with_springs
 from dolfinx_llm.operators.system import ContactOperators
 
 COLUMNS = 64  # right-hand sides solved at once
-SURE = 1e-10  # of a load, up to which a solve that leaves it is not refined
+ROUGHLY = 1e-10  # of a load, up to which a solve that leaves it is not refined
 
 
 class Flexibility(StepForm):
@@ -188,7 +188,7 @@ class Flexibility(StepForm):
             self._u = self._u + self._solver.once(left)
             again = self._solver.left(load, self._u)
             was, still = largest(self.comm, self._stiff * left, self._stiff * again)
-            if still > SURE * was:
+            if still > ROUGHLY * was:
                 self._u = self._u + self._solver.once(again)
             self._of = self.f, multiplier
         return self._u

@@ -26,7 +26,7 @@ from dolfinx_llm.time.mean import MeanForces
 SCHEMES = "massless", "newmark"
 PARTED = 6  # of a step that fails
 INERT = 1e6  # inertia over that of a step, by which bodies stay where they are at first
-DAMPINGS = "give a number from 0 to 1"
+UP_TO_ONE = "give a number from 0 to 1"
 DENSITY = "give a positive number, a UFL expression or a list of them, one per mesh"
 
 
@@ -257,8 +257,8 @@ def _positive(name: str, value: Any) -> float:
 def _check_choices(adaptive: Any, damping: Any) -> None:
     if adaptive is not None:
         _positive("adaptive", adaptive)
-    if checks.number("damping", damping, DAMPINGS, low=0.0) > 1.0:
-        checks.refuse("damping", damping, DAMPINGS)
+    if checks.number("damping", damping, UP_TO_ONE, low=0.0) > 1.0:
+        checks.refuse("damping", damping, UP_TO_ONE)
 
 
 def _densities(rho: Any, spaces: Sequence[Any]) -> list[Any]:
