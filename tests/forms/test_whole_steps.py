@@ -26,7 +26,7 @@ def settings(monkeypatch):
     monkeypatch.setattr(load_steps, "SMALLEST", load_steps.SMALLEST)
 
 
-@pytest.mark.parametrize("seed", some_of(SEEDS, SEEDS[::6]))
+@pytest.mark.parametrize("seed", some_of(SEEDS, SEEDS[:1]))
 def test_random_scenes(seed, settings):
     check(whole_steps.compare(COMM, seed))
 

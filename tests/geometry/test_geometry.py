@@ -7,6 +7,7 @@ import numpy as np
 import paper_data as paper
 import pytest
 import shapely
+from sampling import drawn
 from scenes import grid
 
 import dolfinx_llm as llm
@@ -516,12 +517,12 @@ def scalar_pairs(n0, n1, frame_n, seed, kind=4):
     return frame, x, N, [a.cell for a in at], forces, [s for s, _ in sides]
 
 
-@pytest.mark.parametrize(
-    ("n0", "n1", "n"), [(10, 13, 10), (10, 10, 8), (10, 20, 10), (6, 7, 5), (13, 10, 12)]
-)
-@pytest.mark.parametrize("kind", [3, 4])
-@pytest.mark.parametrize("seed", [7, 2001])
-def test_design_weights(n0, n1, n, kind, seed):
+COUNTS = (10, 13, 10), (10, 10, 8), (10, 20, 10), (6, 7, 5), (13, 10, 12)
+
+
+@pytest.mark.parametrize(("counts", "kind", "seed"), drawn(COUNTS, (3, 4), (7, 2001)))
+def test_design_weights(counts, kind, seed):
+    n0, n1, n = counts
     frame, x, N, cells, forces, nodes = scalar_pairs(n0, n1, n, seed, kind)
     before = np.abs(design.patch_residual(N, forces)).max()
     assert before > 1e-3  # else nothing is tested

@@ -78,9 +78,9 @@ def pressed(cells, law=None, order=(LOW, HIGH), material=(1000.0, 0.4, 300.0), d
 @pytest.mark.parametrize(
     "scene",
     [
-        {"cells": (5, 16)},
+        longer({"cells": (5, 16)}),
         {"cells": (9, 3), "widths": (1.0, 0.61), "kind": "triangle"},
-        {"cells": (10, 8), "widths": (1.0, 0.73), "material": (1000.0, 0.4, 600.0)},
+        longer({"cells": (10, 8), "widths": (1.0, 0.73), "material": (1000.0, 0.4, 600.0)}),
         {"cells": (6, 7), "law": llm.Tied(), "material": (2000.0, 0.3, 300.0)},
         {"cells": (7, 5), "law": llm.Coulomb(0.3), "order": (HIGH, LOW)},
         {"cells": (5, 3), "widths": (1.0, 0.61), "kind": "triangle", "degree": 2},

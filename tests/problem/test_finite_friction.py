@@ -65,7 +65,7 @@ class Pushed:
     [
         longer(0.0, (3, 2), SLOPE, 0.45, 0.0),
         longer(0.1, (4, 2), SLOPE, 0.45, 0.0),
-        (0.2, (2, 2), ((0.0, 0.0), (3.0, 0.5), (13, 2)), 0.3, 0.0),  # the frame is the block's
+        longer(0.2, (2, 2), ((0.0, 0.0), (3.0, 0.5), (13, 2)), 0.3, 0.0),  # its frame the block's
         (0.3, (5, 3), SLOPE, 0.3, 0.01),
     ],
 )
@@ -164,7 +164,7 @@ def test_slip_converges_as_fast_as_contact():
         assert len(near) <= 4 and near[1] < 100.0 * near[0] ** 2
 
 
-@pytest.mark.parametrize("mu", [0.1, 0.3])
+@pytest.mark.parametrize("mu", [0.1, longer(0.3)])
 def test_few_iterations_in_compression(mu):
     """Steps of 10 %, the ends of rough blocks being held."""
     domain, tags = blocks((6, 8), (1.0, 0.6), shift=0.2)

@@ -52,9 +52,8 @@ def same(found, known, bound=1e-12):
 
 @pytest.mark.parametrize(
     ("n", "names"),
-    [(2, ["predicted", "symmetric", "two meshes"]), (3, ["symmetric"]),
-     longer(3, ["paper"]),
-     longer(4, ["clamped"])],
+    [(2, ["predicted", "two meshes"]), (3, ["symmetric"]), longer(2, ["symmetric"]),
+     longer(3, ["paper"]), longer(4, ["clamped"])],
 )  # fmt: skip
 def test_number_of_ranks(n, names, one_rank):
     found = run_mpi_json("solve_scenes.py", n, *names)

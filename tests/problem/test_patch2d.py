@@ -7,6 +7,7 @@ import patch2d
 import pytest
 from conftest import run_mpi_json
 from mpi4py import MPI
+from sampling import drawn, longer
 
 from dolfinx_llm import ContactError, Frame
 from dolfinx_llm.design import line
@@ -48,8 +49,9 @@ def residual(Y, x, f):
     return np.abs(r).max() / max(f[0].max(), f[1].max())
 
 
-@pytest.mark.parametrize("overlap", ["full", "shifted", "inside"])
-@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize(
+    ("overlap", "scale"), drawn(["full", "shifted", "inside"], [1e-6, 1.0, 1e6], every=2)
+)
 def test_random_lines(overlap, scale):
     rng = np.random.default_rng(2001)
     ends = {"full": (0.0, 1.0), "shifted": (0.213, 1.4), "inside": (0.171, 0.83)}[overlap]
@@ -127,8 +129,10 @@ def figures(contact):
     return u, result, patch2d.errors(u, forces_, [side.area for side in result.sides])
 
 
-@pytest.mark.parametrize("separate", [False, True])
-@pytest.mark.parametrize("kind", ["quad", "tri"])
+@pytest.mark.parametrize(
+    ("kind", "separate"),
+    [("quad", False), ("tri", True), longer("quad", True), longer("tri", False)],
+)
 def test_patch(kind, separate):
     scene = patch2d.bodies(MPI.COMM_SELF, kind, 1, separate)
     frames = []
