@@ -43,7 +43,7 @@ types: tools ## check types
 docs: tools ## build the pages, the gallery of demos and all public names in build/docs
 	$(ACTIVATE) && python .ci/docs.py build/docs && python .ci/gallery.py pages build/docs
 
-gallery: tools ## run the demos, keep their pictures and numbers, and build the pages; DEMOS="slope"
+gallery: tools ## run the demos, keep their pictures and numbers, and build the pages; DEMOS="slope", DEMOS=0/3
 	$(ACTIVATE) && python .ci/gallery.py run $(DEMOS) && python .ci/gallery.py pages build/docs
 
 tools: setup # from PyPI into .venv; a new .venv has none of them

@@ -1,4 +1,4 @@
-"""The demos as pages: .ci/gallery.py run [NAME ...] | pages FOLDER
+"""The demos as pages: .ci/gallery.py run [NAME ... | PART/PARTS] | pages FOLDER
 
 ``run`` runs the demos, each in build/gallery/NAME, and keeps there pictures, what was printed, and
 what it took. ``pages`` writes to FOLDER a page for every demo, of its docstring, its code and what
@@ -53,6 +53,15 @@ def demos() -> dict[str, str]:
         if any(isinstance(node, ast.FunctionDef) and node.name == "main" for node in tree.body):
             found[path.stem] = ast.get_docstring(tree) or ""
     return found
+
+
+def chosen(words: list[str]) -> list[str]:
+    """Demos by name, or of a part such as 0/3, in turn; none given: all."""
+    every = list(demos())
+    if len(words) == 1 and "/" in words[0]:
+        part, parts = map(int, words[0].split("/"))
+        return every[part::parts]
+    return words or every
 
 
 # ## Running
@@ -165,7 +174,7 @@ def markdown_pages(folder: Path) -> None:
 def main(arguments: list[str]) -> None:
     if arguments[0] == "run":
         with ThreadPoolExecutor(WORKERS) as workers:
-            for told in workers.map(run, arguments[1:] or demos()):
+            for told in workers.map(run, chosen(arguments[1:])):
                 print(told, flush=True)
     else:
         gallery(Path(arguments[1]))

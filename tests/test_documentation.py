@@ -10,9 +10,13 @@ import re
 import sys
 import textwrap
 from functools import cached_property
+from pathlib import Path
 
+import numpy as np
 import pytest
+import scenes
 from conftest import TESTS
+from mpi4py import MPI
 
 import dolfinx_llm
 
@@ -227,6 +231,47 @@ def test_pages_do_not_name_what_is_not_there():
             assert (ROOT / page).parent.joinpath(link).exists(), f"{page}: {link}"
 
 
+def blocks():
+    """Page, and code, of what the pages write in Python about this package."""
+    for page, content in PAGES.items():
+        for code in re.findall(r"^```python\n(.*?)^```", content, re.M | re.S):
+            yield page, code
+
+
+def test_code_of_the_pages_has_arguments_that_exist():
+    """It is Python, and calls of llm name arguments that are there."""
+    checked = 0
+    for page, code in blocks():
+        for node in ast.walk(ast.parse(code)):
+            name = ast.unparse(node.func) if isinstance(node, ast.Call) else ""
+            if not name.startswith("llm."):
+                continue
+            item = dolfinx_llm
+            for part in name.split(".")[1:]:
+                item = getattr(item, part)
+            accepted = inspect.signature(item).parameters
+            free = any(p.kind == p.VAR_KEYWORD for p in accepted.values())
+            given = {k.arg for k in node.keywords if k.arg}
+            assert free or given <= set(accepted), f"{page}: {name}({given - set(accepted)})"
+            checked += 1
+    assert checked > 20
+
+
+@pytest.mark.long
+def test_use_of_the_readme_runs(tmp_path, monkeypatch):
+    """As it stands, with what it says that there is."""
+    monkeypatch.chdir(tmp_path)
+    V, tags = scenes.two_blocks(MPI.COMM_SELF, 3, 2)
+    a, L = scenes.forms(V)
+    held = [*scenes.SYMMETRY, (2, scenes.on(2, 2.0))]
+    bcs = scenes.hold(V, held, lambda p: np.stack([0.0 * p[0], 0.0 * p[0], -0.01 * p[2]]))
+    (code,) = (code for page, code in blocks() if page == "README.md")
+    there = {"V": V, "tags": tags, "a": a, "L": L, "bcs": bcs}
+    exec(code.replace("(3, 7)", "(2, 3)"), there)
+    assert there["result"].pressure.min() > 0.0
+    assert {"bodies.pvd", "bodies.png", "frame.vtu"} <= {p.name for p in Path("out").iterdir()}
+
+
 def test_readme_is_a_front_page():
     assert len(PAGES["README.md"].splitlines()) <= 120
 
@@ -270,6 +315,11 @@ def test_every_demo_has_a_page(tmp_path, monkeypatch):
         for link in re.findall(r'(?:href|src)="([^"#:]+)"', path.read_text()):
             ours = not link.endswith(("dolfinx_llm.html", ".py"))  # pdoc's; the repository's
             assert not ours or path.parent.joinpath(link).exists(), f"{path}: {link}"
+
+
+def test_parts_of_the_gallery_are_all_of_it():
+    parts = [gallery.chosen([f"{k}/3"]) for k in range(3)]
+    assert sorted(sum(parts, [])) == list(gallery.demos()) == gallery.chosen([])
 
 
 def test_every_demo_draws():
