@@ -20,6 +20,7 @@ from dolfinx_llm.finite.jacobians import summing
 from dolfinx_llm.finite.sides import Meeting, Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place
 from dolfinx_llm.geometry.cells import unit
+from dolfinx_llm.interface.carried import carried_rows
 from dolfinx_llm.laws.rows import OPEN, STICK
 
 DRAWN = 1e-9  # gap over facet size that is none
@@ -72,12 +73,14 @@ class TiedContact(MovingContact):
                 f"with gaps of up to {far:.3g}: at finite deformation choose Tied(close_gap=True), "
                 "or draw them in touch"
             )
-        at, n, m = meeting.at.part(on), len(x), len(y)
-        loads = (sides.control[0].T @ f)[on], sides.control[1].T @ fy
-        limit = design.smallest_limit(at, x[on], y, loads)
-        found = design.rows(at, x[on], y, loads, limit)
-        delta, pick = float(np.abs(found.delta).max()), summing(on, n)
-        N = (sides.control[0] @ pick @ found.matrix(m)).tocsr()
+        n, found = len(x), _carried(sides)
+        if found is None:
+            at, loads = meeting.at.part(on), ((sides.control[0].T @ f)[on], sides.control[1].T @ fy)
+            limit = design.smallest_limit(at, x[on], y, loads)
+            rows = design.rows(at, x[on], y, loads, limit)
+            found = on, rows.matrix(len(y)), float(np.abs(rows.delta).max())
+        on, own, delta = found
+        N = (sides.control[0] @ summing(on, n) @ own).tocsr()
         pairs = np.zeros(n, dtype=bool)
         pairs[on] = True
         pairs &= abs(sides.control[0]) @ ~pairs == 0.0  # and all that they are made of
@@ -178,3 +181,14 @@ class TiedContact(MovingContact):
             D[at] = (np.eye(len(on)) - UU) / np.outer(weights, weights)
         self.found.append((P.tocsr(), D.tocsr()))
         return self.found[0]
+
+
+def _carried(sides: Sides) -> tuple[np.ndarray, csr_matrix, float] | None:
+    """``carried_rows`` of second-order bodies, where small corrections do."""
+    surfaces = sides.surfaces[sides.moving], sides.surfaces[sides.frame]
+    if any(surface.element.order == 1 for surface in surfaces):
+        return None
+    try:
+        return carried_rows(*surfaces)
+    except ContactError:  # rows that pass constant pressures need less
+        return None

@@ -13,7 +13,7 @@ from dolfinx import fem
 from mpi4py import MPI
 from pressed_scenes import Punch
 from sampling import longer
-from test_second_order import QUAD, TRI, scene
+from test_second_order import HEX, QUAD, TET, TRI, scene
 
 import dolfinx_llm as llm
 from dolfinx_llm.problem import nonlinear_parts
@@ -43,6 +43,7 @@ def test_finite_patch(kinds, order):
 
 def nonlinear(a, L, **chosen):
     """Linear bodies by residual forms."""
+    a, L = (form if isinstance(form, list) else [form] for form in (a, L))
     u = [fem.Function(form.arguments()[0].ufl_function_space()) for form in a]
     F = [ufl.action(form, w) - load for form, load, w in zip(a, L, u, strict=True)]
     return llm.NonlinearContactProblem(F, u, **chosen)
@@ -50,19 +51,18 @@ def nonlinear(a, L, **chosen):
 
 @pytest.mark.long
 def test_curved_ties():
-    """A ring in a ring on meshes that do not match, and turned: nearly the errors of meshes that
-    do."""
+    """A ring in a ring on meshes that do not match, and turned: no worse than on meshes that do."""
     coarse, fine, matching = (
         bent_rings.errors(bent_rings.tied(*s, make=nonlinear, close_gap=True))[:2]
         for s in (((16, 24), 0.13), ((32, 48), 0.13), ((32, 32), 0.0))
     )
-    assert (np.log2(np.divide(coarse, fine)) >= [2.5, 1.8]).all()
-    assert (np.divide(fine, matching) <= [1.4, 1.3]).all()
+    assert (np.log2(np.divide(coarse, fine)) >= [2.8, 1.9]).all()
+    assert (np.divide(fine, matching) <= 1.2).all()
 
 
 def test_order():
-    """Ties of linear bodies with a smooth answer: between orders 2.5 and 3 in displacement, 1.5 and
-    2 in stress, and a hundredth of the errors of first order."""
+    """Ties of linear bodies with a smooth answer: of third order in displacement, of second in
+    stress, and a hundredth of the errors of first order."""
 
     def found(n, degree):
         spaces, tags = scene((TRI, QUAD), n, degrees=(degree, degree))
@@ -72,8 +72,20 @@ def test_order():
     field = so.Waves(2)
 
     coarse, fine, first = found((8, 12), 2), found((16, 24), 2), found((16, 24), 1)
-    assert (np.log2(np.divide(coarse, fine)) >= [2.5, 1.5]).all()
+    assert (np.log2(np.divide(coarse, fine)) >= [2.9, 1.9]).all()
     assert (np.divide(first, fine) >= [100.0, 70.0]).all()
+
+
+@pytest.mark.parametrize(
+    ("kinds", "n"), [((TRI, QUAD), (5, 7)), longer((QUAD, TRI), (4, 6)), longer((TET, HEX), (3, 2)),
+                     longer((TET, TET), (2, 3)), longer((HEX, HEX), (3, 4))],
+)  # fmt: skip
+def test_linear_stress_passes(kinds, n):
+    """Ties of linear bodies: pressures that are linear along the surface."""
+    spaces, tags = scene(kinds, n)
+    field = so.Polynomial(2, spaces[0].mesh.geometry.dim)
+    problem = so.manufactured_problem(spaces, tags, field, make=nonlinear)
+    assert so.largest_error(problem.solve(), field) <= 1e-10
 
 
 @pytest.mark.parametrize("kind", ["tri", longer("quad"), longer("tet"), longer("hex")])

@@ -100,6 +100,12 @@ class Polynomial:
         x = x[: len(self.linear)]
         return self.linear @ x + np.einsum("ijk,jn,kn->in", self.square, x, x)
 
+    def expression(self, domain):
+        x = ufl.SpatialCoordinate(domain)
+        linear, square = ufl.as_matrix(self.linear.tolist()), ufl.as_tensor(self.square.tolist())
+        i, j, k = ufl.indices(3)
+        return ufl.as_vector(linear[i, j] * x[j] + square[i, j, k] * x[j] * x[k], i)
+
     def stress(self, x):
         """(n, gdim, gdim) at points x (n, gdim)."""
         both = self.square + self.square.transpose(0, 2, 1)

@@ -1,0 +1,49 @@
+"""Second-order surfaces that are tied, of which one carries the frame: its nodes are its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse import csr_matrix, identity
+
+from dolfinx_llm.design.bent import bent_normals, bent_rows
+from dolfinx_llm.design.weights import balanced_rows
+from dolfinx_llm.geometry.bent_loads import loads_in_contact
+from dolfinx_llm.geometry.frame import Frame, bent
+from dolfinx_llm.geometry.loads import NodalLoads
+from dolfinx_llm.geometry.overlap_flat import common_area
+from dolfinx_llm.geometry.pairs import locate_pairs
+from dolfinx_llm.geometry.pieces import tied_plane
+from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.interface.frames import REACH
+
+
+def carried_rows(moving: Surface, carrier: Surface) -> tuple[np.ndarray, csr_matrix, float]:
+    """Nodes (p,) of a surface that are tied to another one, their rows (p, m) of its nodes, and the
+    largest correction. Tractions pass that are linear along flat surfaces, nearly so along curved
+    ones.
+
+    Raises:
+        ContactError: the surfaces do not face each other, or rows cannot be corrected.
+    """
+    sides = moving, carrier
+    frame, plane = Frame(carrier.straightened(carrier.x), carrier.cells), tied_plane(sides)
+    if plane is None:
+        loads, _ = loads_in_contact(sides, False, 2)
+        frame = bent(frame, carrier.x)
+    else:
+        area = common_area(*sides, plane)
+        loads = [NodalLoads.on(side, plane.project(side.x), area, 2) for side in sides]
+    own, other = (
+        locate_pairs(side, load, frame, sign, REACH, plane)
+        for side, load, sign in zip(sides, loads, (1.0, -1.0), strict=True)
+    )
+    other = replace(other, N=identity(len(carrier.x), format="csr")[other.nodes])
+    keep = np.zeros(len(own.nodes), dtype=bool), np.ones(len(other.nodes), dtype=bool)
+    if plane is None:
+        N = bent_rows(frame, (own, other), bent_normals(frame), keep)
+    else:
+        s, plain = plane.project(frame.x), (own.N, other.N)
+        N = list(balanced_rows(frame, s, plain, (own.loads, other.loads), keep))
+    return own.nodes, N[0], float(abs(N[0] - own.N).max())
