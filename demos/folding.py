@@ -5,7 +5,8 @@ inner surface is tagged as a whole, and what touches of it is found by itself. T
 symmetric about its middle, and so must be the forces, though one part of the surface carries the
 frame and the other moves on it; no node may lie behind what it touches.
 
-    mpirun -n 2 python demos/folding.py [--refine N] [--mu MU] [--skew S] [--plot DIR]
+    mpirun -n 2 python demos/folding.py [--refine N] [--mu MU] [--skew S] [--cells hex]
+        [--degree 2] [--plot DIR]
 """
 
 import argparse
@@ -16,12 +17,13 @@ import ufl
 from dolfinx import fem, mesh
 from finite_patch import energy, lame
 from mpi4py import MPI
-from patch2d import brick
+from patch2d import CELLS, brick
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
 
 RADIUS, THICK, LEG = 1.0, 0.12, 1.0  # of the inner surface; of the wall; straight, at either end
+DEEP, LAYERS = 0.3, 2  # in 3D, where the hairpin stays in its plane: depth, and cells along it
 YOUNG, POISSON = 100.0, 0.3
 INSIDE, OUTSIDE = 1, 2
 ALONG, ACROSS = 60, 2  # cells
@@ -36,43 +38,46 @@ def bent(way, depth):
     return np.column_stack([r * np.cos(turn) - leg, r * np.sin(turn)])
 
 
-def hairpin(comm, refine=1, skew=0.0, half=False):
+def hairpin(comm, refine=1, skew=0.0, half=False, kind="quad", layers=LAYERS):
     """Mesh and facet tags, if so wished of the upper half; cells are longer on one side of the
     middle by a part ``skew``."""
-    part = 1 + (not half)
-    s, cells = brick((0.0, 1.0 - part), (1.0, part), (ACROSS, part * ALONG // 2), False, refine)
+    part, dim = 1 + (not half), 3 if kind in ("hex", "tet") else 2
+    box = (0.0, 1.0 - part, 0.0), (1.0, part, DEEP), (ACROSS, part * ALONG // 2, layers)
+    s, cells = brick(*(values[:dim] for values in box), kind in ("tri", "tet"), refine)
     way = (0.5 * np.pi * RADIUS + LEG) * (s[:, 1] + skew * (1.0 - s[:, 1] ** 2))
-    x = bent(way, THICK * s[:, 0])
+    x = np.column_stack([bent(way, THICK * s[:, 0]), s[:, 2:]])
     n = None if comm.rank == 0 else 0  # rank 0 brings the mesh
-    domain = compat.create_mesh(comm, cells[:n], x[:n], "quadrilateral")
+    domain = compat.create_mesh(comm, cells[:n], x[:n], CELLS[kind])
     out = lambda p: np.maximum(np.abs(p[1]), np.hypot(np.maximum(p[0], 0.0), p[1]))  # noqa: E731
     marks = [lambda p, r=r: np.abs(out(p) - r) < 1e-3 * THICK for r in (RADIUS, RADIUS + THICK)]
-    facets = [mesh.locate_entities_boundary(domain, 1, mark) for mark in marks]
+    facets = [mesh.locate_entities_boundary(domain, dim - 1, mark) for mark in marks]
     values = np.repeat([INSIDE, OUTSIDE], [len(f) for f in facets]).astype(np.int32)
     order = np.argsort(np.concatenate(facets))
-    return domain, mesh.meshtags(domain, 1, np.concatenate(facets)[order], values[order])
+    return domain, mesh.meshtags(domain, dim - 1, np.concatenate(facets)[order], values[order])
 
 
-def problem(domain, tags, mu=0.0, interfaces=None, solver="auto", middle=False):
+def problem(domain, tags, mu=0.0, interfaces=None, solver="auto", middle=False, degree=1):
     """The problem, and the Constants by which both jaws move the legs, whose ends stay in place
     along the jaws; ``interfaces`` in the place of self contact, ``middle``: held there."""
-    V = compat.function_space(domain, shape=(2,))
+    dim = domain.geometry.dim
+    V = compat.function_space(domain, degree=degree, shape=(dim,))
     u = fem.Function(V, name="u")
     stiff = (fem.Constant(domain, value) for value in lame(YOUNG, POISSON))
-    F = ufl.derivative(energy(u, *stiff) * ufl.dx, u, ufl.TestFunction(V))
+    F = ufl.derivative(energy(u, *stiff) * ufl.dx(degree=4), u, ufl.TestFunction(V))
     bcs, jaws = [], [fem.Constant(domain, 0.0) for _ in range(2)]
     V0, _ = V.sub(0).collapse()
     end = lambda p: np.isclose(p[0], -LEG) & np.isclose(np.abs(p[1]), RADIUS + THICK)  # noqa: E731
     dofs = fem.locate_dofs_geometrical((V.sub(0), V0), end)
     bcs.append(fem.dirichletbc(fem.Function(V0), dofs, V.sub(0)))
-    if middle:
-        V1, _ = V.sub(1).collapse()
-        dofs = fem.locate_dofs_geometrical((V.sub(1), V1), lambda p: np.abs(p[1]) < 1e-9)
-        bcs.append(fem.dirichletbc(fem.Function(V1), dofs, V.sub(1)))
+    for k, at in [(1, [0.0])] * middle + [(2, [0.0, DEEP])] * (dim - 2):
+        Vk, _ = V.sub(k).collapse()
+        held = lambda p, k=k, at=at: np.isclose(p[k], np.c_[at]).any(axis=0)  # noqa: E731
+        dofs = fem.locate_dofs_geometrical((V.sub(k), Vk), held)
+        bcs.append(fem.dirichletbc(fem.Function(Vk), dofs, V.sub(k)))
     for jaw, side in zip(jaws, (-1.0, 1.0), strict=True):
         leg = lambda p, s=side: np.isclose(s * p[1], RADIUS + THICK) & (p[0] < 1e-9)  # noqa: E731
-        facets = mesh.locate_entities_boundary(domain, 1, leg)
-        dofs = fem.locate_dofs_topological(V.sub(1), 1, facets)
+        facets = mesh.locate_entities_boundary(domain, dim - 1, leg)
+        dofs = fem.locate_dofs_topological(V.sub(1), dim - 1, facets)
         bcs.append(fem.dirichletbc(jaw, dofs, V.sub(1)))
     law = llm.Coulomb(mu) if mu else llm.Frictionless()
     contact = interfaces or [llm.SelfContact(tags, INSIDE, law)]
@@ -96,8 +101,9 @@ def overlap(x, facets):
 def asymmetry(side_pair):
     """Largest difference of the forces of mirrored nodes, over the largest force."""
     force, X = side_pair[0].force + side_pair[1].force, side_pair[0].X
-    mirrored = np.linalg.norm(X[:, None] - X * [1.0, -1.0], axis=2).argmin(axis=1)
-    return np.abs(force - force[mirrored] * [1.0, -1.0]).max() / np.abs(force).max()
+    turn = np.array([1.0, -1.0, 1.0])[: X.shape[1]]
+    mirrored = np.linalg.norm(X[:, None] - X * turn, axis=2).argmin(axis=1)
+    return np.abs(force - force[mirrored] * turn).max() / np.abs(force).max()
 
 
 def main(arguments=None):

@@ -44,16 +44,17 @@ class Skin:
     first: int  # number of the nodes' first coordinate
 
 
-def covered_facets(own: Skin, other: Skin, width: int) -> Covered:
+def covered_facets(own: Skin, other: Skin, width: int, behind: float) -> Covered:
     """What the other surface covers of a surface.
 
     Args:
         own, other: in this configuration.
         width: number of all coordinates.
+        behind: how far behind a facet another may lie across, over its size.
     """
     planes = FacetPlanes.of(own.x, own.facets, own.element)
     (f, k), n = own.facets.shape, own.element.nodes
-    i, j = _across(planes, own, other)
+    i, j = _across(planes, own, other, behind)
     ends, heights = planes.seen(i, other.x[other.facets[j][:, ::-1]])  # looked at from behind
     pieces = cut(planes.corners[i], ends)
     part = np.bincount(i, pieces.area, f) / planes.size
@@ -79,7 +80,9 @@ def covered_facets(own: Skin, other: Skin, width: int) -> Covered:
     return Covered(share, (jacobian(change, columns, width) + gather @ by_edge).tocsr())
 
 
-def _across(planes: FacetPlanes, own: Skin, other: Skin) -> tuple[np.ndarray, np.ndarray]:
+def _across(
+    planes: FacetPlanes, own: Skin, other: Skin, behind: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of facets that may lie across each other: (n,) of the surface, (n,) of the other."""
     a, b = np.flatnonzero(own.used), np.flatnonzero(other.used)
     if not len(a) or not len(b):
@@ -93,7 +96,8 @@ def _across(planes: FacetPlanes, own: Skin, other: Skin) -> tuple[np.ndarray, np
     arm = theirs.centre[j] - planes.centre[i]
     height = np.einsum("ni,ni->n", planes.normal[i], arm)
     aside = np.linalg.norm(arm - height[:, None] * planes.normal[i], axis=1)
-    good = (np.abs(height) < far) & (aside < radius[0][i] + radius[1][j])
+    deep = behind * np.sqrt(np.maximum(planes.size[i], theirs.size[j]))
+    good = (-deep < height) & (height < far) & (aside < radius[0][i] + radius[1][j])
     good &= np.einsum("ni,ni->n", planes.normal[i], theirs.normal[j]) < OPPOSED
     return i[good], j[good]
 

@@ -11,9 +11,9 @@ With W = diag(w_p), C the rows (1, t·(y - x_p) / h), S = C W Cᵀ and one mu pe
 
     delta_p = -P_p mu,   P_p = W - W Cᵀ S⁻¹ C W.
 
-G holds affine functions on the frame as drawn times f_J: what of the residual no correction can
-remove, since both surfaces carry the same force about the same place (rounding on flat ones). k = 0
-but where the rim is covered so poorly that corrections would be large.
+G holds affine functions on the frame as drawn, held during a step, times f_J: what of the residual
+no correction can remove, since both surfaces carry the same force about the same place (rounding on
+flat ones). k = 0 but where the rim is covered so poorly that corrections would be large.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.stencils import adjacency
-from dolfinx_llm.finite.chart import chart, products
+from dolfinx_llm.finite.chart import products
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
 from dolfinx_llm.geometry.element import Element, element_of
@@ -106,9 +106,6 @@ class Design:
     stencils: Stencils
     facets: np.ndarray  # (f, k) of the frame
     element: Element  # of these
-    chart: (
-        np.ndarray
-    )  # (m, c) orthogonal functions of the frame as drawn: 1, s, at second order s s
     size: float  # h, of the chart of a stencil [length]
     wanted: bool = True  # False: rows stay as they are
 
@@ -117,8 +114,7 @@ class Design:
         """Design of a frame with nodes Y (m, gdim) as drawn."""
         span = np.linalg.norm(Y[facets] - np.roll(Y[facets], 1, axis=1), axis=2).max()
         element = element_of(Y.shape[1] - 1, facets.shape[1])
-        stencils, functions = Stencils.of(facets, len(Y)), chart(Y, element)
-        return cls(stencils, facets, element, functions, float(span), wanted)
+        return cls(Stencils.of(facets, len(Y)), facets, element, float(span), wanted)
 
     @property
     def bernstein(self) -> np.ndarray:
@@ -132,6 +128,7 @@ class Design:
         y: np.ndarray,
         forces: tuple[np.ndarray, np.ndarray],
         limit: float,
+        chart: np.ndarray,
     ) -> DesignedRows:
         """Rows with the smallest corrections.
 
@@ -141,6 +138,7 @@ class Design:
             y: (m, gdim) the frame's nodes [length].
             forces: (n,), (m,) of unit pressure on the common area [area].
             limit: k [area].
+            chart: (m, c) of ``finite.chart``.
 
         Raises:
             ContactError: the equations are singular.
@@ -168,7 +166,7 @@ class Design:
             ((forces[0][:, None, None] * P).ravel(), (rows.ravel(), cols.ravel())), (m, m)
         )
         fy = forces[1]
-        M, G = self._held(M, limit), self.chart * (fy if fy.any() else np.ones(m))[:, None]
+        M, G = self._held(M, limit), chart * (fy if fy.any() else np.ones(m))[:, None]
         r = np.bincount(nodes.ravel(), (forces[0][:, None] * N0).ravel(), m) - fy
         mu, kappa = _bordered(M, G, r)
         t = np.einsum("nsa,ns->na", lift, mu[nodes])  # S⁻¹ C W mu
@@ -178,7 +176,7 @@ class Design:
             "P": P, "lift": lift, "C": C, "t": t, "v": v, "tangents": tangents, "arm": arm,
             "window": window, "plus": plus, "total": total, "w": w,
         }  # fmt: skip
-        return DesignedRows(nodes, N0 + delta, delta, M, G, mu, self.chart @ kappa, parts)
+        return DesignedRows(nodes, N0 + delta, delta, M, G, mu, chart @ kappa, parts)
 
     def _held(self, M: csr_matrix, limit: float) -> csr_matrix:
         """M with the limit on its diagonal, and pins at nodes that no row reaches."""
@@ -193,6 +191,7 @@ class Design:
         x: np.ndarray,
         y: np.ndarray,
         forces: tuple[np.ndarray, np.ndarray],
+        chart: np.ndarray,
     ) -> float:
         """The smallest k with small corrections, to be held during a step [area].
 
@@ -202,7 +201,7 @@ class Design:
         """
         largest = forces[0].max()
         for limit in LIMITS if self.wanted else LIMITS[-1:]:
-            delta = (found := self.rows(at, x, y, forces, limit * largest)).delta
+            delta = (found := self.rows(at, x, y, forces, limit * largest, chart)).delta
             raised = np.einsum("ns,nsi,ni->n", delta, y[found.nodes] - x[:, None], at.normal)
             far = y.shape[1] == 2 and np.abs(raised).max() >= RAISED * self.size  # in the plane
             if np.abs(delta).max() < CORRECTED and not far:

@@ -27,7 +27,6 @@ from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import CLOSED, OPEN, LawNodes
 
 PULLS = 1e-9  # force over stiffness times facet size below which it is none
-REACHES = 4.0  # gap over the frame's facet up to which laws can pull
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +83,7 @@ class ToldContact(FrictionContact):
             status=np.full(n, OPEN),
         )
         return cls(
-            replace(sides, within=REACHES),
+            replace(sides, within=sides.laws_reach),
             design,
             np.zeros(n),
             np.zeros(n),
@@ -93,6 +92,11 @@ class ToldContact(FrictionContact):
             np.zeros(n) if law.closes_gap else gap,
             neighbours(sides.cells(True), n),
         )
+
+    @property
+    def overlaps(self) -> bool:
+        """Whether surfaces may overlap under its forces."""
+        return self.law.gives
 
     @property
     def size(self) -> int:
@@ -114,8 +118,8 @@ class ToldContact(FrictionContact):
         if lost.any():
             raise ContactError(
                 f"the law {self.law!r} pulls at {int(lost.sum())} nodes that lie farther than "
-                f"{REACHES:g} facets from the other side now, or beyond its edge. Take coarser "
-                "facets there, or a law that ends before"
+                f"{self.sides.within:g} facets from the other side now, or beyond its edge. Take "
+                "coarser facets there, or a law that ends before"
             )
 
     def _jump(

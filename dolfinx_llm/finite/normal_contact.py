@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags
 
+from dolfinx_llm.finite.chart import chart, functions_of
 from dolfinx_llm.finite.design import Design, DesignedRows
 from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item, summing
 from dolfinx_llm.finite.location import OnFrame
@@ -77,7 +78,7 @@ class NormalContact(MovingContact):
     def counts(self) -> tuple[int, int, int]:
         """Numbers of forces, mu and kappa."""
         surfaces, frame = self.sides.surfaces, self.sides.frame
-        return len(surfaces[1 - frame].x), len(surfaces[frame].x), self.design.chart.shape[1]
+        return len(surfaces[1 - frame].x), len(surfaces[frame].x), functions_of(self.design.element)
 
     @property
     def owner(self) -> np.ndarray:
@@ -92,13 +93,13 @@ class NormalContact(MovingContact):
         meeting = self.sides.meet(z, candidates)
         f = [self.sides.forces(meeting, z, moving)[0] for moving in (True, False)]
         on = np.flatnonzero((f[0] > 0.0) & meeting.at.met)
-        if not len(on):
-            return Held(candidates, f[0] > 0.0, 0.0)
         x, y = self.sides.split(z)
-        at_nodes = [C.T @ a for C, a in zip(self.sides.control, f, strict=True)]
-        loads = at_nodes[0][on], at_nodes[1]
-        limit = self.design.smallest_limit(meeting.at.part(on), x[on], y, loads)
-        return Held(candidates, f[0] > 0.0, limit)
+        loads = [C.T @ a for C, a in zip(self.sides.control, f, strict=True)]
+        functions, limit = self._chart(loads[1]), 0.0
+        if len(on):
+            of = meeting.at.part(on), x[on], y, (loads[0][on], loads[1])
+            limit = self.design.smallest_limit(*of, functions)
+        return Held(candidates, f[0] > 0.0, limit, functions)
 
     def missed(self, place: NormalPlace, held: Held) -> Held | None:
         """The same with facets that have passed the frame since the start, and without pairs that
@@ -115,7 +116,14 @@ class NormalContact(MovingContact):
             added[:] = False
         if not (added.any() or left.any()):
             return None
-        return replace(held, candidates=held.candidates | added, pairs=held.pairs & ~left)
+        found = replace(held, candidates=held.candidates | added, pairs=held.pairs & ~left)
+        meeting = self.sides.meet(place.z, found.candidates)
+        covered = self.sides.control[1].T @ self.sides.forces(meeting, place.z, False)[0]
+        return replace(found, chart=self._chart(covered))
+
+    def _chart(self, forces: np.ndarray) -> np.ndarray:
+        """Of the design, for forces (m,) of unit pressure on what is covered of the frame."""
+        return chart(self.sides.surfaces[self.sides.frame].x, self.design.element, forces)
 
     def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> NormalPlace:
         """Pairs, rows and gaps with derivatives: what does not depend on forces.
@@ -135,7 +143,7 @@ class NormalContact(MovingContact):
         at, d = meeting.at.part(on), meeting.d.part(on, gdim)
         columns = sides.columns[0][on], sides.columns[1]
         loads = (sides.control[0].T @ f[0])[on], f[1]
-        rows = self.design.rows(at, x[on], y, loads, held.limit)
+        rows = self.design.rows(at, x[on], y, loads, held.limit, held.chart)
         by_place, by_mu = self.design.derivatives(rows, at, d, columns, sides.width)
         by_areas = forces[0][1], sides.control[1].T @ forces[1][1]
         if held.lagged:
@@ -208,7 +216,7 @@ class NormalContact(MovingContact):
             (np.repeat(f[on], s), (rows.nodes.ravel(), np.arange(k * s))), (m, k * s)
         )
         balance_z = by_entry @ by_place + rows.matrix(m).T @ df[on] - diags(1.0 + rows.left) @ dfy
-        border_z = csr_matrix(self.design.chart * rows.mu[:, None]).T @ dfy
+        border_z = csr_matrix(held.chart * rows.mu[:, None]).T @ dfy
         closed = active[on] & ~held_fast(A, free)
         by_closed = summing(on, n) @ diags(closed.astype(float))
         idle = np.ones(n)

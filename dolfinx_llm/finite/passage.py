@@ -44,7 +44,8 @@ def check_passage(contact: MovingContact, before: Place, after: Place) -> None:
             f"{-at.gap[worst]:.3g} where facets have the size {size[worst]:.3g}"
         )
     if isinstance(sides, SelfSides):
-        sides.check_crossed(sides.split(after.z)[0])
+        given = {"allowed": THROUGH} if contact.overlaps else {}
+        sides.check_crossed(sides.split(after.z)[0], **given)
     else:
         _check_outlines(sides, before, after)
 

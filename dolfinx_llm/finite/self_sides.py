@@ -11,6 +11,7 @@ than 90 degrees, or few facets lie between them along the surface.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, identity
@@ -20,7 +21,7 @@ from scipy.spatial import cKDTree
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.location import BEHIND_IT, OnFrame, find_on_frame
 from dolfinx_llm.finite.normals import NodalNormals, nodal_normals
-from dolfinx_llm.finite.sides import AS_COARSE, Sides
+from dolfinx_llm.finite.sides import WITHIN, Sides
 from dolfinx_llm.geometry.cells import cell_sizes, vector_areas
 from dolfinx_llm.geometry.facets_near import Polygons, facing_pairs
 from dolfinx_llm.geometry.surface import Surface
@@ -28,12 +29,17 @@ from dolfinx_llm.geometry.surface import Surface
 FACES = 1.4  # [rad] between opposite normals of facets that can touch
 FORESEEN = 2.0  # gap over the largest facet up to which facets are parted: more than can touch
 BESIDE = 2  # facets along the surface between those that can touch, at least
+MUCH_FINER = 0.05  # difference of mean sizes over their sum, below which facets are alike
+BEFORE = np.array([1.0, 0.7549, 0.5698])  # a direction by which normals come first
 CROSSED = 0.1  # of a facet: deeper lies what has gone through
 
 
 @dataclass(frozen=True, eq=False)
 class SelfSides(Sides):
     """Both sides are one surface; the facets that can touch move, all others are the frame."""
+
+    # Where a surface bends back, what lies farther is hardly across any more.
+    laws_reach: ClassVar[float] = WITHIN
 
     @classmethod
     def of_one(cls, surface: Surface) -> SelfSides:
@@ -58,12 +64,17 @@ class SelfSides(Sides):
     ) -> OnFrame:
         """See ``Sides``; facets that move are no frame."""
         frame = np.flatnonzero(self.carries(candidates))
-        at = find_on_frame(x, y, self.facets(False)[frame], normals, own)
+        at = find_on_frame(x, y, self.cells(False)[frame], normals, own)
         return replace(at, facet=frame[at.facet])
 
     def own_normals(self, x: np.ndarray) -> NodalNormals:
         """See ``Sides``."""
-        return nodal_normals(x, self.facets(True), self.first[0], self.width)
+        return nodal_normals(x, self.skin(True), self.first[0], self.width)
+
+    @property
+    def farthest_behind(self) -> float:
+        """See ``Sides``: the other face of its own wall is nothing that a facet meets."""
+        return BEHIND_IT
 
     def carries(self, candidates: np.ndarray) -> np.ndarray:
         """(f,) facets that do not move."""
@@ -80,9 +91,7 @@ class SelfSides(Sides):
         area, centre = vector_areas(x, facets), x[facets].mean(axis=1)
         normal = area / np.linalg.norm(area, axis=1)[:, None]
         surface = replace(self.surfaces[0], x=x)
-        i, j = facing_pairs(
-            [Polygons.of(surface)], np.arange(f), FORESEEN * float(size.max()), FACES
-        )
+        i, j = facing_pairs([Polygons.of(surface)], np.arange(f), FORESEEN * size.max(), FACES)
         arm, deep = centre[j] - centre[i], -BEHIND_IT * np.maximum(size[i], size[j])
         ahead = np.einsum("ni,ni->n", arm, normal[i]) > deep
         ahead &= -np.einsum("ni,ni->n", arm, normal[j]) > deep
@@ -113,23 +122,23 @@ class SelfSides(Sides):
                 "hangs together with them. Take smaller load steps, or tag the sides apart and "
                 "give an Interface"
             )
-        return paired & self._comes_first(one, other, count, size)[one]
+        return paired & self._comes_first(one, other, count)[one]
 
-    def check_crossed(self, x: np.ndarray) -> None:
-        """Require that no facets of nodes x (n, 2) cross each other.
+    def check_crossed(self, x: np.ndarray, allowed: float = CROSSED) -> None:
+        """Require that no facets of nodes x (n, gdim) cross each other by more than a part of them.
 
         Raises:
             ContactError: the surface has gone through itself.
         """
         facets, size = self.facets(True), cell_sizes(x, self.facets(True))
-        centre = x[facets].mean(axis=1)
+        centre, area = x[facets].mean(axis=1), vector_areas(x, facets)
+        normal = area / np.linalg.norm(area, axis=1)[:, None]
         i, j = cKDTree(centre).query_pairs(float(size.max()), output_type="ndarray").T
         apart = (facets[i][:, :, None] != facets[j][:, None]).all(axis=(1, 2))
         i, j = i[apart], j[apart]
-        heights = [_heights(x[facets[a]], x[facets[b]]) for a, b in ((i, j), (j, i))]
-        across = [h[:, 0] * h[:, 1] < 0.0 for h in heights]
-        depth = np.abs(np.concatenate(heights, axis=1)).min(axis=1)
-        through = across[0] & across[1] & (depth > CROSSED * np.minimum(size[i], size[j]))
+        both = [_through(x[facets[a]], x[facets[b]], normal[b]) for a, b in ((i, j), (j, i))]
+        depth = np.minimum(*both) if x.shape[1] == 2 else np.maximum(*both)
+        through = depth > allowed * np.minimum(size[i], size[j])
         if through.any():
             worst = int(np.where(through, depth, 0.0).argmax())
             raise ContactError(
@@ -138,39 +147,45 @@ class SelfSides(Sides):
                 f"{depth[worst]:.3g}, where facets have the size {size[i[worst]]:.3g}"
             )
 
-    def _comes_first(
-        self, one: np.ndarray, other: np.ndarray, count: int, size: np.ndarray
-    ) -> np.ndarray:
-        """(count,) which parts move: of each and of what is across from it the finer.
+    def _comes_first(self, one: np.ndarray, other: np.ndarray, count: int) -> np.ndarray:
+        """(count,) which parts move: of each and of what is across from it the finer, as drawn.
+
+        Parts grow from increment to increment: what decides must not change with them.
 
         Args:
             one, other: (f,) the part of each facet, and the part across from it.
             count: number of parts.
-            size: (f,) of the facets [length].
         """
         drawn = self.surfaces[0]
-        area = vector_areas(drawn.x, drawn.facets)
+        area, size = vector_areas(drawn.x, drawn.facets), cell_sizes(drawn.x, drawn.facets)
         number = np.maximum(np.bincount(one, minlength=count), 1)
         mean = np.bincount(one, size, count) / number
         turned = np.stack([np.bincount(one, a, count) for a in area.T], axis=1) / number[:, None]
-        turned = (turned / size.max()).round(6) + 0.0
         across = np.arange(count)
         across[one], across[other] = other, one
         difference = mean - mean[across]
-        alike = np.abs(difference) <= AS_COARSE * size.max()
-        change = turned - turned[across]
-        which = np.argmax(change != 0.0, axis=1)
-        sign = np.take_along_axis(change, which[:, None], axis=1)[:, 0]
-        by_place = np.where(sign != 0.0, sign < 0.0, np.arange(count) < across)
+        alike = np.abs(difference) <= MUCH_FINER * (mean + mean[across])
+        change = (turned - turned[across]) @ BEFORE[: area.shape[1]]
+        told = np.abs(change) > 1e-6 * np.abs(area).max()
+        by_place = np.where(told, change < 0.0, np.arange(count) < across)
         return np.where(alike, by_place, difference < 0.0)
 
 
-def _heights(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """(n, 2) of the ends of segments p (n, 2, 2) over the lines through segments q (n, 2, 2)."""
-    along = q[:, 1] - q[:, 0]
-    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    across /= np.linalg.norm(along, axis=1)[:, None]
-    return np.einsum("nki,ni->nk", p - q[:, :1], across)
+def _through(p: np.ndarray, q: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(n,) how deep the edges of facets p (n, k, gdim) go through facets q (n, k, gdim) with unit
+    normals: the least distance of an edge's ends from the plane, and of the place from q's outline;
+    0 where none does [length]."""
+    side = np.roll(q, -1, axis=1) - q
+    inward = side if p.shape[2] == 2 else np.cross(normal[:, None], side)
+    inward = inward / np.linalg.norm(inward, axis=2)[:, :, None]
+    height = np.einsum("nki,ni->nk", p - q.mean(axis=1)[:, None], normal)
+    ends = height, np.roll(height, -1, axis=1)
+    across = ends[0] * ends[1] < 0.0
+    part = ends[0] / np.where(across, ends[0] - ends[1], 1.0)
+    place = p + part[:, :, None] * (np.roll(p, -1, axis=1) - p)
+    within = np.einsum("nkli,nli->nkl", place[:, :, None] - q[:, None], inward).min(axis=2)
+    depth = np.minimum(within, np.minimum(*np.abs(ends)))
+    return np.where(across, depth, 0.0).max(axis=1, initial=0.0)
 
 
 def _beside(facets: np.ndarray) -> csr_matrix:

@@ -15,13 +15,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, identity, kron
 
 from dolfinx_llm.finite.areas import Covered, surface_integrals
-from dolfinx_llm.finite.cover_facets import Skin, covered_facets
+from dolfinx_llm.finite.cover_facets import LAYER, Skin, covered_facets
 from dolfinx_llm.finite.cover_line import Chains, covered_lines
 from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.location import (
@@ -69,6 +69,8 @@ class Sides:
     chains: Chains | None  # of the frame's facets, in the plane
     rounded: np.ndarray  # (m,) the frame's nodes about which it is drawn curved, not at an edge
     within: float = WITHIN
+
+    laws_reach: ClassVar[float] = 4.0  # gap over the frame's facet up to which laws can pull
 
     @classmethod
     def of(cls, surfaces: Sequence[Surface]) -> Sides:
@@ -209,6 +211,11 @@ class Sides:
         """Normals of the moving side's nodes, where they count."""
         return None
 
+    @property
+    def farthest_behind(self) -> float:
+        """How far behind a facet in space another may lie that it meets, over its size."""
+        return LAYER
+
     def carries(self, candidates: np.ndarray) -> np.ndarray:
         """(f,) which facets of the frame's surface are the frame's."""
         return np.ones(len(self.facets(False)), dtype=bool)
@@ -227,7 +234,7 @@ class Sides:
             Skin(x, facets, elements[0], candidates, self.first[0]),
             Skin(y, frame, elements[1], self.carries(candidates), self.first[1]),
         )
-        return covered_facets(*(skins if moving else skins[::-1]), self.width)
+        return covered_facets(*(skins if moving else skins[::-1]), self.width, self.farthest_behind)
 
     def forces(
         self, meeting: Meeting, z: np.ndarray, moving: bool

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -34,6 +34,9 @@ class Held:
     candidates: np.ndarray  # (f,) facets of the moving side that can touch
     pairs: np.ndarray  # (n,) its nodes that take part
     limit: float  # k of the design
+    chart: np.ndarray = field(
+        default_factory=lambda: np.zeros((0, 0))
+    )  # (m, c) functions that it leaves to the frame
     lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
     near: bool = False  # whether the last iterate was near the solution
     exact: bool = False  # whether slip has its exact derivative: see ``friction_law``
@@ -91,6 +94,11 @@ class MovingContact:
     # time if they press at its start, and, the last, what they are where they would open
 
     sides: Any  # its surfaces: ``Sides``, or ``OneSide``
+
+    @property
+    def overlaps(self) -> bool:
+        """Whether surfaces may overlap under its forces."""
+        return False
 
     @property
     def size(self) -> int:

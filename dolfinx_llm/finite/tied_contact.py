@@ -15,6 +15,7 @@ from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.finite.areas import Covered
+from dolfinx_llm.finite.chart import chart
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.jacobians import summing
 from dolfinx_llm.finite.sides import Meeting, Sides
@@ -76,8 +77,8 @@ class TiedContact(MovingContact):
         n, found = len(x), _carried(sides)
         if found is None:
             at, loads = meeting.at.part(on), ((sides.control[0].T @ f)[on], sides.control[1].T @ fy)
-            limit = design.smallest_limit(at, x[on], y, loads)
-            rows = design.rows(at, x[on], y, loads, limit)
+            of, functions = (at, x[on], y, loads), chart(y, design.element, loads[1])
+            rows = design.rows(*of, design.smallest_limit(*of, functions), functions)
             found = on, rows.matrix(len(y)), float(np.abs(rows.delta).max())
         on, own, delta = found
         N = (sides.control[0] @ summing(on, n) @ own).tocsr()

@@ -8,7 +8,6 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.surface import check_facet_tags
 from dolfinx_llm.interface.obstacle import Obstacle
-from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.tied import Tied
@@ -112,26 +111,24 @@ class SelfContact(Interface):
 
     Facets meet where they face each other and lie near, at the start of each increment; neighbours
     along the surface do not. Of two parts that meet, the coarser one's nodes are the frame's: the
-    result's sides are the surface twice, as what moves on the frame and as what carries it. In the
-    plane.
+    result's sides are the surface twice, as what moves on the frame and as what carries it.
 
     Args:
         facet_tags: dolfinx mesh tags of facets.
         tag: of the surface, which may be in several pieces.
-        law: ``Frictionless()`` or ``Coulomb(mu)``; None: ``Frictionless()``.
+        law: ``Frictionless()``, ``Coulomb(mu)`` or one of your own; None: ``Frictionless()``.
         design: "auto", "weights" or None, as of ``Interface``.
 
     Raises:
-        ContactInputError: another law or design.
+        ContactInputError: ties, or another design.
     """
 
     def __init__(
         self, facet_tags: Any, tag: int, law: Law | None = None, design: str | None = "auto"
     ) -> None:
-        accepted = "a surface that meets itself takes Frictionless() or Coulomb(mu)"
         law = Frictionless() if law is None else law
-        if type(law) not in (Frictionless, Coulomb):
-            checks.refuse("law", law, accepted)
+        if isinstance(law, Tied):
+            checks.refuse("law", law, "a surface that meets itself is not tied: take another law")
         if design == "positions":
             checks.refuse("design", design, 'choose "auto", "weights" or None')
         checks.integer("tag", tag, "give the facet tag of the surface")

@@ -86,7 +86,11 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
             'design="positions": the frame moves with the bodies, choose "auto", "weights" or None'
         )
     site = find_site(interface, dofs.spaces)
-    sides = Sides.of(site.whole)
+    return _on_frame(interface, Sides.of(site.whole), site, dofs)
+
+
+def _on_frame(interface: Interface, sides: Sides, site: Site, dofs: BodyDofs) -> Placed:
+    """Two surfaces of which one carries the frame; as of ``contact_of``."""
     frame = sides.surfaces[sides.frame]
     design = Design.of(frame.x, frame.cells, interface.design is not None)
     drawn = np.concatenate([s.x.ravel() for s in site.whole])
@@ -109,20 +113,9 @@ def _on_itself(interface: SelfContact, dofs: BodyDofs) -> Placed:
     [(tags, tag)] = interface.tagged_sides()
     space = space_of(tags, dofs.spaces)
     surface = extract_surface(dofs.spaces[space], tags, tag)
-    if surface.x.shape[1] == 3 or surface.element.order > 1:
-        raise ContactInputError(
-            f"{surface.name}: surfaces in space, and of second-order bodies, cannot meet "
-            "themselves yet: tag the parts that touch and give an Interface of them"
-        )
     sides = SelfSides.of_one(surface)
-    design = Design.of(surface.x, surface.facets, interface.design is not None)
-    contact: MovingContact = NormalContact(sides, design)
     site = Site(interface, sides.surfaces, (space, space), None, dofs.comm)
-    if interface.law.slips:
-        drawn = np.concatenate([s.x.ravel() for s in site.whole])
-        law = interface.law.start(_nodes(interface, sides, site, drawn, dofs))
-        contact = FrictionContact(sides, design, law["mu"], law["cohesive"])
-    return _placed(contact, site.whole, site.spaces, dofs)
+    return _on_frame(interface, sides, site, dofs)
 
 
 def _against(interface: Interface, dofs: BodyDofs) -> Placed:

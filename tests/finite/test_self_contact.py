@@ -5,9 +5,12 @@ import numpy as np
 import pytest
 from conftest import TESTS, run_mpi_json
 from mpi4py import MPI
+from own_law import Soft
 from sampling import longer
 
 import dolfinx_llm as llm
+from dolfinx_llm.finite.design import Design
+from dolfinx_llm.finite.normal_contact import NormalContact
 from dolfinx_llm.finite.self_sides import SelfSides
 from dolfinx_llm.geometry.surface import Surface
 
@@ -67,15 +70,46 @@ def test_no_two_sides():
         chain(hole, True).parted(hole)
 
 
-@pytest.mark.parametrize("mu", [0.0, longer(0.3)])
-def test_mirror(mu):
+def test_folded_edgewise():
+    """Legs on each other, of which one carries the frame: as drawn they lie in line along the main
+    axis of the whole, and what balances the covered part must not depend on rounding."""
+    rng, at = np.random.default_rng(0), np.arange(61)
+    for _ in range(5):
+        x = folding.bent(np.linspace(-2.5, 2.5, 61), 0.0)
+        number = rng.permutation(61)
+        facets = np.argsort(number)[np.column_stack([at[:-1], at[1:]])]
+        sides = SelfSides.of_one(Surface(x[number], facets, at, 0 * at, "chain"))
+        contact = NormalContact(sides, Design.of(sides.surfaces[0].x, facets))
+        x[:, 1] *= 0.01 + 0.99 * np.maximum(x[:, 0], 0.0)
+        x += 1e-15 * rng.standard_normal(x.shape)
+        z = np.concatenate([x[number].ravel()] * 2)
+        held = contact.hold(z)
+        place = contact.place(z, np.zeros(contact.size), held)
+        assert held.candidates.sum() == 11 and (place.areas[1] > 0.0).sum() == 12
+        assert np.abs(place.rows.mu).max() <= 1e-9
+
+
+MIRRORED = [
+    (0.0, "quad", 1),
+    longer(0.3, "quad", 1),
+    longer(0.0, "quad", 2),
+    longer(0.0, "tri", 2),
+    longer(0.0, "hex", 1),
+    longer(0.3, "hex", 1),
+]
+
+
+@pytest.mark.parametrize("mu, kind, degree", MIRRORED)
+def test_mirror(mu, kind, degree):
     """Half a hairpin on a rigid plane in its middle, without friction, carries the same forces at
     all nodes; so it does where the whole has friction, since nothing slips."""
-    whole, jaws = folding.problem(*folding.hairpin(MPI.COMM_WORLD), mu)
-    domain, tags = folding.hairpin(MPI.COMM_WORLD, half=True)
-    plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
+    chosen = {"kind": kind, "layers": 3}
+    whole, jaws = folding.problem(*folding.hairpin(MPI.COMM_WORLD, **chosen), mu, degree=degree)
+    domain, tags = folding.hairpin(MPI.COMM_WORLD, half=True, **chosen)
+    dim = domain.geometry.dim
+    plane = llm.RigidPlane((0.0, 0.0, 0.0)[:dim], (0.0, 1.0, 0.0)[:dim])
     touch = llm.Interface(tags, (folding.INSIDE, plane), law=llm.Frictionless())
-    half, jaw = folding.problem(domain, tags, interfaces=[touch], middle=True)
+    half, jaw = folding.problem(domain, tags, interfaces=[touch], middle=True, degree=degree)
     for way in (0.5, NEAR, folding.RADIUS + folding.PRESSED):
         jaws[0].value, jaws[1].value = way, -way
         jaw[1].value = -way
@@ -88,7 +122,50 @@ def test_mirror(mu):
     assert np.abs(force - side.force).max() <= 1e-8 * size
     assert np.abs(first.x[at] - side.x).max() <= 1e-8
     assert folding.asymmetry(whole.results[0].sides) <= 1e-8
-    assert folding.overlap(first.x, first.facets) <= 1e-6
+    assert dim == 3 or folding.overlap(first.x, first.facets) <= 1e-6
+
+
+def test_in_space():
+    """Legs on each other with a depth: what is covered, and gaps; legs that have gone through each
+    other."""
+    x, n = folding.bent(np.linspace(-2.5, 2.5, 61), 0.0), 61
+    at = np.arange(n - 1)
+    facets = np.column_stack([at, at + n, at + n + 1, at + 1])
+    extruded = lambda x: np.column_stack([np.tile(x, (2, 1)), np.repeat([0.0, 0.1], n)])  # noqa: E731
+    owner = np.arange(2 * n)
+    sides = SelfSides.of_one(Surface(extruded(x), facets, owner, 0 * owner, "band"))
+    contact = NormalContact(sides, Design.of(extruded(x), facets))
+    x[:, 1] *= 0.01 + 0.99 * np.maximum(x[:, 0], 0.0)
+    z = np.tile(extruded(x).ravel(), 2)
+    place = contact.place(z, np.zeros(contact.size), contact.hold(z))
+    carries, moves = place.areas[1] > 0.0, place.areas[0] > 0.0
+    assert carries.sum() == moves.sum() == 24
+    for areas in place.areas:
+        assert areas.sum() == pytest.approx(11 * 0.1 * 5.0 / 60.0, rel=1e-12)
+    assert place.gap[moves] == pytest.approx(0.02, rel=1e-12)
+    sides.check_crossed(extruded(x))
+    x[:, 1] -= np.sign(x[:, 1]) * np.where(x[:, 0] < 0.0, 0.035, 0.0)
+    with pytest.raises(llm.ContactError, match=r"goes through itself: [1-9]\d* pair.s. of facets"):
+        sides.check_crossed(extruded(x))
+
+
+@pytest.mark.long
+def test_soft_layer():
+    """A law of one's own: symmetric, and legs overlap by what it tells."""
+    domain, tags = folding.hairpin(MPI.COMM_WORLD)
+    law = Soft(30.0, 0.01)
+    problem, jaws = folding.problem(
+        domain, tags, interfaces=[llm.SelfContact(tags, folding.INSIDE, law)]
+    )
+    for way in (0.5, NEAR, folding.RADIUS + folding.PRESSED):
+        jaws[0].value, jaws[1].value = way, -way
+        problem.solve()
+    frame, moving = problem.results[0].sides
+    assert folding.asymmetry((frame, moving)) <= 1e-8
+    pressing = moving.status > 0
+    pressure = moving.normal_force[pressing] / moving.area[pressing]
+    assert pressing.sum() > 5
+    assert moving.gap[pressing] == pytest.approx(-law.h * np.log1p(pressure / law.p0), rel=1e-8)
 
 
 @pytest.mark.long

@@ -586,7 +586,7 @@ add(
 )
 add("give at least one", lambda s: s.problem(interfaces=[]))
 add(
-    "law=.*Frictionless.. or Coulomb",
+    "law=.*meets itself is not tied|law=.*Frictionless.. or Coulomb",
     *(lambda s, x=x: llm.SelfContact(s.tags, 3, law=x) for x in (llm.Tied(), "none")),
 )
 add("tag=.*give the facet tag", *(lambda s, x=x: llm.SelfContact(s.tags, x) for x in (None, 1.5)))
