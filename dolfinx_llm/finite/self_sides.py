@@ -22,7 +22,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.location import BEHIND_IT, OnFrame, find_on_frame
 from dolfinx_llm.finite.normals import NodalNormals, nodal_normals
 from dolfinx_llm.finite.sides import WITHIN, Sides
-from dolfinx_llm.geometry.cells import cell_sizes, vector_areas
+from dolfinx_llm.geometry.cells import cell_sizes, unit_normals, vector_areas
 from dolfinx_llm.geometry.facets_near import Polygons, facing_pairs
 from dolfinx_llm.geometry.surface import Surface
 
@@ -31,6 +31,7 @@ FORESEEN = 2.0  # gap over the largest facet up to which facets are parted: more
 BESIDE = 2  # facets along the surface between those that can touch, at least
 MUCH_FINER = 0.05  # difference of mean sizes over their sum, below which facets are alike
 BEFORE = np.array([1.0, 0.7549, 0.5698])  # a direction by which normals come first
+STILL_ON = 1e-9  # of a facet beyond its outline: still on it
 CROSSED = 0.1  # of a facet: deeper lies what has gone through
 
 
@@ -131,13 +132,12 @@ class SelfSides(Sides):
             ContactError: the surface has gone through itself.
         """
         facets, size = self.facets(True), cell_sizes(x, self.facets(True))
-        centre, area = x[facets].mean(axis=1), vector_areas(x, facets)
-        normal = area / np.linalg.norm(area, axis=1)[:, None]
+        centre, normal = x[facets].mean(axis=1), unit_normals(x, facets)
         i, j = cKDTree(centre).query_pairs(float(size.max()), output_type="ndarray").T
         apart = (facets[i][:, :, None] != facets[j][:, None]).all(axis=(1, 2))
         i, j = i[apart], j[apart]
-        both = [_through(x[facets[a]], x[facets[b]], normal[b]) for a, b in ((i, j), (j, i))]
-        depth = np.minimum(*both) if x.shape[1] == 2 else np.maximum(*both)
+        both = [_through(x[facets[[a, b]]], normal[[a, b]]) for a, b in ((i, j), (j, i))]
+        depth = np.maximum(*both)
         through = depth > allowed * np.minimum(size[i], size[j])
         if through.any():
             worst = int(np.where(through, depth, 0.0).argmax())
@@ -171,21 +171,26 @@ class SelfSides(Sides):
         return np.where(alike, by_place, difference < 0.0)
 
 
-def _through(p: np.ndarray, q: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """(n,) how deep the edges of facets p (n, k, gdim) go through facets q (n, k, gdim) with unit
-    normals: the least distance of an edge's ends from the plane, and of the place from q's outline;
-    0 where none does [length]."""
+def _through(x: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(n,) how deep edges of facets p go through facets q, as x (2, n, k, gdim) with unit normals
+    (2, n, gdim): the least distance of such an edge's ends from q, or by which q lies behind or in
+    front of p where that is less; 0 where none does [length]."""
+    p, q = x
     side = np.roll(q, -1, axis=1) - q
-    inward = side if p.shape[2] == 2 else np.cross(normal[:, None], side)
-    inward = inward / np.linalg.norm(inward, axis=2)[:, :, None]
-    height = np.einsum("nki,ni->nk", p - q.mean(axis=1)[:, None], normal)
+    inward = side if q.shape[2] == 2 else np.cross(normal[1][:, None], side)
+    height, across = (
+        np.einsum("nki,ni->nk", a - b.mean(axis=1)[:, None], n)
+        for a, b, n in zip(x, x[::-1], normal[::-1], strict=True)
+    )
     ends = height, np.roll(height, -1, axis=1)
-    across = ends[0] * ends[1] < 0.0
-    part = ends[0] / np.where(across, ends[0] - ends[1], 1.0)
+    cut = ends[0] * ends[1] < 0.0
+    part = ends[0] / np.where(cut, ends[0] - ends[1], 1.0)
     place = p + part[:, :, None] * (np.roll(p, -1, axis=1) - p)
     within = np.einsum("nkli,nli->nkl", place[:, :, None] - q[:, None], inward).min(axis=2)
-    depth = np.minimum(within, np.minimum(*np.abs(ends)))
-    return np.where(across, depth, 0.0).max(axis=1, initial=0.0)
+    size = np.einsum("nli,nli->nl", inward, inward).max(axis=1)[:, None]
+    depth = np.where(cut & (within >= -STILL_ON * size), np.minimum(*np.abs(ends)), 0.0)
+    both = np.maximum(np.minimum(across.max(axis=1), -across.min(axis=1)), 0.0)
+    return np.minimum(depth.max(axis=1, initial=0.0), both)
 
 
 def _beside(facets: np.ndarray) -> csr_matrix:
