@@ -93,9 +93,7 @@ MIRRORED = [
     (0.0, "quad", 1),
     longer(0.3, "quad", 1),
     longer(0.0, "quad", 2),
-    longer(0.0, "tri", 2),
     longer(0.0, "hex", 1),
-    longer(0.3, "hex", 1),
 ]
 
 
