@@ -22,6 +22,7 @@ from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import LawNodes, LawRows
+from dolfinx_llm.laws.sliding import Sliding
 from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.output import plot, post
 from dolfinx_llm.problem import classical
@@ -61,6 +62,7 @@ __all__ = [
     "RigidSphere",
     "RigidSurface",
     "SelfContact",
+    "Sliding",
     "StepForm",
     "StepResult",
     "Tied",
