@@ -37,6 +37,8 @@ SOLVED = 1e-12  # of the load: what is solved as far may be the end of an iterat
 HOPELESS = 150  # iterations with a multigrid of the same step, then a factorisation takes over
 OUTWORN = 2.0  # times the iterations per digit of a new multigrid, from which on it is made anew
 SPARE = 8  # iterations more that an old one may take
+ENDS = 1e3  # times the goal: a residual from which on a solve is one of the last towards a load
+OTHER = 0.3  # of the places on the surfaces: where more have changed, a new one is quicker
 
 
 class FrictionStep:
@@ -61,9 +63,8 @@ class FrictionStep:
                 self._reduced = Reduced(step, of.operators)
             except (np.linalg.LinAlgError, RuntimeError) as error:
                 of.give_up(f"the law's rows cannot be taken apart ({error})")
-        self._rows = eliminated
-        if self._reduced is not None:
-            self._rows = replace(eliminated, L=self._reduced.L[on])
+        L = eliminated.L if self._reduced is None else self._reduced.L[on]
+        self._rows = replace(eliminated, L=L)
         self._assemble()
         if self._reduced is None:
             self._factorise()
@@ -80,8 +81,7 @@ class FrictionStep:
             self._split, self._rows, self._fixed, everywhere, soft, whole=True
         )
         self._E, self._D = law.E[:, self._on], law.D
-        own = self._E.T.tocsr()[self._rows.multipliers.mine]
-        self._test = self._form.columns_of(own)
+        self._test = self._form.columns_of(self._E.T.tocsr()[self._rows.multipliers.mine])
         laws = self._form.frame_law(self._E, self._D, self._scale)
         self._blocks: tuple = self._form.blocks(-laws, self._scale, self._test)
 
@@ -148,8 +148,6 @@ class FrictionStep:
         """q by GMRES; None where it does not get there, and ``_solver`` has taken over."""
         of, load = self._of, self._norm(b)
         began, before, ready = time.perf_counter(), of.iterations, of.seconds
-        if of.excess > SET_UP:
-            of.discard()
         try:
             q, size = self._improved(b, q, load, main)
         except ContactInputError:
@@ -173,13 +171,12 @@ class FrictionStep:
         Raises:
             ContactError: GMRES does not get there with a multigrid of this very step.
         """
-        of, fresh = self._of, self._of.kept is None
-        self._serve(fresh)
-        size = self._norm(self._left(b, q))
+        of, size = self._of, self._norm(self._left(b, q))
         if not size <= ASTRAY * load:
             q, size = 0.0 * q, load  # what is left of the load
         same = abs(size - of.left) < 1e-6 * of.left  # nothing has changed since
         goal = FINAL * load if same or not main else goal_of(size, load, of.loose)
+        fresh = self._serve(False, size > ENDS * goal)
         while size > goal and load > 0.0:
             before, digits = size, float(np.log10(size / goal))
             limit = HOPELESS if fresh else int(OUTWORN * of.usual * digits) + SPARE
@@ -190,8 +187,7 @@ class FrictionStep:
             if size <= 2.0 * goal:
                 break
             if not fresh:
-                fresh = True
-                self._serve(True)
+                fresh = self._serve(True, True)
             elif not size < 0.1 * before:
                 if reason > 0 and size <= AT_ROUNDING * load:
                     return q, 0.0
@@ -211,12 +207,18 @@ class FrictionStep:
         W = self._form.unknowns(body, np.where(self._reduced.told[:, None], 0.0, frame))
         return WeakMotions(self._split.comm, W, self._times, self._norm)
 
-    def _serve(self, anew: bool) -> None:
-        """Make the multigrid anew, or fit it to this step."""
-        of, began = self._of, time.perf_counter()
-        kept = of.multigrid(self._rows, self._reduced) if anew else of.kept
-        kept.fit(self._form, self._rows, self._reduced, self._blocks)
+    def _serve(self, anew: bool, far: bool) -> bool:
+        """Fit the multigrid to this step, or make it anew, also where the step differs by much and
+        is to be solved far; whether it is new."""
+        of, step = self._of, (self._form, self._rows, self._reduced)
+        began, other = time.perf_counter(), 1.0 if of.kept is None else of.kept.meet(*step)
+        worn = of.kept is None or of.excess > SET_UP
+        anew = anew or worn or (far and other > OTHER)
+        if anew:
+            of.multigrid(*step[1:]).meet(*step)
+        of.kept.fit(self._form, self._reduced, self._blocks)
         of.seconds += time.perf_counter() - began
+        return anew
 
     def _gmres(self, r: np.ndarray, rtol: float, limit: int) -> tuple[np.ndarray, int, int]:
         """What solves for a residual, the iterations that it took, and PETSc's reason."""

@@ -28,6 +28,7 @@ from dolfinx_llm.operators.system import ContactOperators
 STIFFER = 0.5  # of what bodies set against a jump: by so much a law's stiffness has not changed
 BEGINS = 4  # iterations more, of a solve's first digits, with any multigrid
 SET_UP = 24  # iterations that a new multigrid costs, about
+USUAL = 2.0  # iterations per digit of a new multigrid, at least
 
 
 class KeptMultigrid:
@@ -40,7 +41,7 @@ class KeptMultigrid:
         reduced: the step.
         fixed: (n_local,) prescribed dofs.
         scale: stiffness of the surfaces [force / length].
-        modes: rigid modes at this rank's dofs (n_local, k) and the unknowns w (m, k).
+        modes: near-null space at this rank's dofs (n_local, k) and the unknowns w (m, k).
         options: prefix and PETSc options.
     """
 
@@ -82,12 +83,22 @@ class KeptMultigrid:
         self._P: Any = None
         self._factor: Any = None
 
-    def fit(self, form: Transformation, rows: EliminatedRows, reduced: Reduced, A: Any) -> None:
-        """Take over another step with blocks A of ``Transformation.blocks``, and factorise these
-        where it differs."""
+    def meet(self, form: Transformation, rows: EliminatedRows, reduced: Reduced) -> float:
+        """Take over another step, but for its matrix; by which part of its places it differs."""
         self.release()
+        tail, self._n = form.tail, len(form.fixed)
+        w, dofs = self._changes(form, rows, reduced)
+        at = self._split.surface + self._split.first
+        places = tail.left[np.isin(at, dofs)]
+        mine = np.concatenate([places, tail.seats[w[tail.mine_used]]])
+        self._at = np.unique(mine)
+        self.changed = form.comm.allreduce(len(self._at))
+        return float((w & ~reduced.rim).mean()) if len(w) else 0.0
+
+    def fit(self, form: Transformation, reduced: Reduced, A: Any) -> None:
+        """Take over the matrix of the step that was met, of blocks A of ``Transformation.blocks``,
+        and factorise it where it differs."""
         self._A, tail = A, form.tail
-        self._n = len(form.fixed)
         kept = ~reduced.told
         kept[form.frame.dependent] = False
         surface = (form.nodes.T @ self._T).tocoo()
@@ -97,12 +108,6 @@ class KeptMultigrid:
         value = np.concatenate([surface.data, frame.data])
         local = csr_matrix((value, (row, col)), shape=tail.sizes)
         self._P = create_aij(form.comm, tail.sizes, tail.sizes, local)
-        w, dofs = self._changes(form, rows, reduced)
-        at = self._split.surface + self._split.first
-        places = tail.left[np.isin(at, dofs)]
-        mine = np.concatenate([places, tail.seats[w[tail.mine_used]]])
-        self._at = np.unique(mine)
-        self.changed = form.comm.allreduce(len(self._at))
         if self.changed:
             matrix = self._around(form, A)
             options = {"ksp_type": "preonly", "pc_type": "lu", "mat_mumps_icntl_24": 1,
@@ -211,6 +216,7 @@ class FrictionSystem:
     Attributes:
         split, operators: bodies and interfaces.
         direct: factorise; set where GMRES has not got there.
+        usual: iterations per digit of a new multigrid; ``excess``: that an old one has taken more.
         iterations: of GMRES in all steps so far; ``set_ups`` of GAMG; ``seconds`` for these.
         steps: of each solve its "iterations" and the seconds of its "set-up" and "solve".
         residual: over the load, of the last solve.
@@ -220,16 +226,17 @@ class FrictionSystem:
         self,
         split: SplitStiffness,
         operators: ContactOperators,
-        modes: tuple[np.ndarray, np.ndarray],
+        modes: tuple[Any, Any],
         options: tuple[str, dict],
         direct: bool,
     ) -> None:
-        self.split, self.operators, self.direct, self._modes = split, operators, direct, modes
+        self.split, self.operators, self.direct = split, operators, direct
+        self._modes, self._sliding = modes
         self._prefix, self._options = options
         self.notes: list[str] = []
         self.kept: Any = None  # ``KeptMultigrid``, once there is one
-        self.usual = 2.0  # iterations per digit of a new multigrid
-        self.excess = 0.0  # iterations that an old one has taken more
+        self.usual = USUAL
+        self.excess = 0.0
         self.iterations, self.set_ups, self.seconds = 0, 0, 0.0
         self.steps: list[dict] = []
         self.residual = 0.0
@@ -254,15 +261,11 @@ class FrictionSystem:
         self.discard()
         self.excess = 0.0
         dofs, scale = self.operators.dofs, self.operators.scale
-        self.kept = KeptMultigrid(
-            self.split,
-            rows,
-            reduced,
-            dofs.fixed,
-            scale,
-            self._modes,
-            self.own_options(("ksp_type",)),
-        )
+        modes = self._modes
+        if reduced.slips.any():
+            modes = tuple(np.hstack(both) for both in zip(modes, self._sliding, strict=True))
+        options = self.own_options(("ksp_type",))
+        self.kept = KeptMultigrid(self.split, rows, reduced, dofs.fixed, scale, modes, options)
         self.set_ups += 1
         return self.kept
 
@@ -270,7 +273,7 @@ class FrictionSystem:
         """Take down what a solve took that gained some digits, with a new multigrid or another."""
         self.iterations += took
         if fresh and digits > 1.5:
-            self.usual, self.excess = took / digits, 0.0
+            self.usual, self.excess = max(took / digits, USUAL), 0.0
         self.excess += max(took - self.usual * digits - BEGINS, 0.0)
 
     def discard(self) -> None:

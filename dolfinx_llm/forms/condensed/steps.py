@@ -17,8 +17,9 @@ from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.friction import SOLVED, FrictionStep
 from dolfinx_llm.forms.condensed.kept import FrictionSystem
+from dolfinx_llm.forms.condensed.modes import rigid_modes_of, sliding_modes_of, weak_motions
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
-from dolfinx_llm.forms.condensed.symmetric import items_of, rigid_modes_of, weak_motions
+from dolfinx_llm.forms.condensed.symmetric import items_of
 from dolfinx_llm.forms.condensed.system import CondensedSystem
 from dolfinx_llm.forms.exchange import SetUp, WholeSteps
 from dolfinx_llm.forms.options import FACTORISED
@@ -188,7 +189,8 @@ class CondensedForm(WholeSteps):
             few = "pc_type" not in options[1] and self.split.inside.getSize()[0] < FEWEST
             few = few and not self._symmetric(step)
             direct = few or options[1].get("pc_type") in FACTORISED
-            self.friction = FrictionSystem(self.split, self.operators, self._modes, options, direct)
+            modes = self._modes, sliding_modes_of(self.operators)
+            self.friction = FrictionSystem(self.split, self.operators, modes, options, direct)
         if self.operators.floating.rigid.modes.shape[1]:
             self.friction.weak = weak_motions(self.operators, step.L)
         with self.times.timed("factorisation"):

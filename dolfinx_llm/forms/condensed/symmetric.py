@@ -10,14 +10,12 @@ place of v and κ a multigrid method sees two bodies that do not touch.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, identity
+from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.forms.step import LinearStep
-from dolfinx_llm.operators.bodies import rigid_modes
 from dolfinx_llm.operators.system import ContactOperators
 
 REGULAR = 1e-3  # of a law's forces, added to them where it does not depend on them
@@ -188,39 +186,6 @@ def items_of(operators: ContactOperators) -> np.ndarray:
         sizes.append(np.full(len(kappa), kappa.shape[1]))
     size = np.concatenate(sizes)
     return np.repeat(np.arange(len(size)), size)
-
-
-def rigid_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]:
-    """Rigid modes at this rank's dofs of the bodies (n_local, k) and at all unknowns w (m, k),
-    about the middle of the scene and of its size, so that far coordinates cost no digits."""
-    bodies = operators.bodies
-    low, high = bodies.low.min(axis=0), bodies.high.max(axis=0)
-    centre, size = 0.5 * (low + high), np.linalg.norm(high - low)
-    body = rigid_modes((bodies.points - centre) / size, bodies.components)
-    k = body.shape[2]
-    modes = np.zeros((operators.unknowns.sizes[1], k))
-    for geometry, place in zip(operators.geometries, operators.places, strict=True):
-        at, places, directions = place.frame, geometry.places, geometry.directions
-        if geometry.rigid and not len(directions):  # bodies slip past it
-            at, places = place.slips, geometry.law_nodes[0]
-            directions = geometry.jump_directions
-            if at.start == at.stop:
-                continue
-        of = rigid_modes((places - centre) / size, bodies.components)
-        modes[at] = np.einsum("mdi,mik->mdk", directions, of).reshape(-1, k)
-    return body.reshape(-1, k), modes
-
-
-def weak_motions(operators: ContactOperators, L: csr_matrix) -> Any:
-    """Rigid motions that supports alone do not hold firmly of bodies (n_local, k), and of frames
-    (m, k), which rows see by L (n, m); None where ties hold all."""
-    if operators.tied:
-        return None
-    rigid = operators.floating.rigid.modes.toarray()
-    if not (L.shape[1] and rigid.shape[1]):
-        return rigid, np.zeros((L.shape[1], rigid.shape[1]))
-    fit = splu((L.T @ L + 1e-10 * identity(L.shape[1])).tocsc())
-    return rigid, fit.solve((L.T @ operators.floating.G).toarray())
 
 
 def at_blocks(M: csr_matrix, at: np.ndarray) -> np.ndarray:
