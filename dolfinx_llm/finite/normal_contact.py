@@ -82,7 +82,6 @@ class NormalContact(MovingContact):
 
     @property
     def owner(self) -> np.ndarray:
-        """(size,) ranks that own the unknowns."""
         surfaces, frame = self.sides.surfaces, self.sides.frame
         first = np.zeros(self.counts[2], dtype=np.int64)
         return np.concatenate([surfaces[1 - frame].owner, surfaces[frame].owner, first])

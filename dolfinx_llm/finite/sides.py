@@ -31,13 +31,7 @@ from dolfinx_llm.finite.location import (
     location_derivatives,
 )
 from dolfinx_llm.finite.normals import NodalNormals, nodal_normals
-from dolfinx_llm.geometry.cells import (
-    areas_around,
-    cell_sizes,
-    unit,
-    unit_normals,
-    vector_areas,
-)
+from dolfinx_llm.geometry.cells import areas_around, cell_sizes, unit, unit_normals, vector_areas
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface

@@ -123,12 +123,7 @@ class MovingContact:
         raise NotImplementedError
 
     def touching(
-        self,
-        place: Any,
-        q: np.ndarray,
-        before: np.ndarray,
-        held: Held,
-        reach: np.ndarray,
+        self, place: Any, q: np.ndarray, before: np.ndarray, held: Held, reach: np.ndarray
     ) -> tuple[np.ndarray, Held]:
         """(n,) status of the pairs, and what is held from now on: closed where lambda - scale gap
         > 0.

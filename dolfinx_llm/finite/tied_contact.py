@@ -97,16 +97,10 @@ class TiedContact(MovingContact):
 
     @property
     def owner(self) -> np.ndarray:
-        """(size,) ranks that own the unknowns."""
         return np.repeat(self.sides.surfaces[self.sides.moving].owner, self.sides.gdim)
 
     def touching(
-        self,
-        place: Place,
-        q: np.ndarray,
-        before: np.ndarray,
-        held: Held,
-        reach: np.ndarray,
+        self, place: Place, q: np.ndarray, before: np.ndarray, held: Held, reach: np.ndarray
     ) -> tuple[np.ndarray, Held]:
         """(n,) all pairs stick."""
         return np.where(self.pairs, STICK, OPEN), held
