@@ -3,7 +3,7 @@
 Right half, plane strain; the block is of J2 plasticity with linear hardening, small strain, by
 radial return written in UFL, so that ``ufl.derivative`` finds the consistent tangent. Plastic
 strain is a value at the points of quadrature, one in each of the four triangles of a square, which
-do not lock. The punch is pressed in, let up a little and taken away.
+do not lock. The punch is pressed in and drawn out until nothing touches.
 
 Reference: the block alone, one piece, whose nodes below the punch are moved down and then let go.
 Without hardening Prandtl's limit of the force per half width is (2 + pi) / sqrt(3) = 2.97 times the
@@ -30,6 +30,7 @@ from dolfinx_llm import compat, plot
 E, NU, YIELD, HARDENING, STIFF = 1000.0, 0.3, 4.0, 10.0, 1e6
 BLOCK, PUNCH = ((0.0, -3.0), (4.0, 3.0)), ((0.0, 0.0), (1.0, 0.5))
 POINT = 1  # degree of the quadrature
+UP = [0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 0.6, -0.1]  # of the depth, on the way out
 
 
 def box(comm, corner, size, n):
@@ -73,14 +74,16 @@ class Plastic:
         return wide - ufl.tr(e) / 3 * ufl.Identity(3)
 
     def let_go(self):
-        """Nothing presses the block any more: depth of its corner on the axis."""
+        """Nothing presses the block any more."""
         free = llm.NonlinearContactProblem(self.residual, self.u, bcs=self.bcs)
         free.solve(accepted=self.memory)
+
+    def depth(self):
+        """Of its corner on the axis."""
         V, u = self.u.function_space, self.u
         x = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
         at = np.isclose(x[:, 0], 0.0) & np.isclose(x[:, 1], 0.0)
-        depth = -u.x.array.reshape(-1, 2)[: len(x)][at, 1].sum()
-        return V.mesh.comm.allreduce(float(depth))
+        return V.mesh.comm.allreduce(float(-u.x.array.reshape(-1, 2)[: len(x)][at, 1].sum()))
 
 
 class Indentation:
@@ -129,7 +132,8 @@ def one_piece(elements, depths, comm=MPI.COMM_WORLD):
         pressed.solve(accepted=block.memory)
         r = compat.assemble_force((form,), (1.0,), V).reshape(-1, 2)[own, 1].sum()
         forces.append(-comm.allreduce(float(r)) / (PUNCH[1][0] * YIELD))
-    return forces, block.let_go()
+    block.let_go()
+    return forces, block.depth()
 
 
 def main(arguments=None):
@@ -145,19 +149,20 @@ def main(arguments=None):
     depths = args.depth * np.arange(1, down + 1) / down
     with ExitStack() as stack:
         files = args.output and stack.enter_context(llm.post.LoadSteps(scene.contact, args.output))
-        for depth in [*depths, *(args.depth * np.array([0.95, 0.9]))]:
+        for depth in [*depths, *(args.depth * np.array(UP))]:
             scene.go(float(depth))
             if files:
                 files.write()
             if args.plot and depth == args.depth:
                 scene.contact.plot(args.plot)
-    printed = scene.block.let_go()
+    printed = scene.block.depth()
     forces, left = one_piece(args.elements[0], depths)
     rows = np.array(scene.rows)
     found = {
         "force": float(rows[down - 1, 1]),
         "over one piece": (rows[:down, 1] / forces).tolist(),
-        "let up": float(rows[-1, 1]),
+        "let up": float(rows[down + UP.index(0.9), 1]),
+        "away": float(rows[-1, 1]),
         "print": printed,
         "print over one piece": printed / left,
     }

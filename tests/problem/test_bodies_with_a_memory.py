@@ -201,4 +201,4 @@ def test_demo_of_an_indentation(ranks, tmp_path):
     assert np.abs(np.array(found["over one piece"]) - 1.0).max() <= 0.01
     assert abs(found["print over one piece"] - 1.0) <= 0.01
     assert 0.03 < found["print"] < 0.06 and found["force"] > 2.0
-    assert 0.0 < found["let up"] < 0.9 * found["force"]
+    assert 0.0 < found["let up"] < 0.9 * found["force"] and abs(found["away"]) <= 1e-9
