@@ -1,36 +1,44 @@
-"""Laws of one's own on the moving frame, at the nodes of the moving side: see ``law_told``. Their
-rows take the place of the gap's, where they give, and of friction's."""
+"""Laws of one's own at the nodes of the moving side, on the frame or on a rigid obstacle: see
+``law_told``. Their rows take the place of the gap's, where they give, and of friction's."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, diags, vstack
 
-from dolfinx_llm.finite.friction import tangential
+from dolfinx_llm.finite.design import Design
+from dolfinx_llm.finite.friction import Friction, tangential
+from dolfinx_llm.finite.friction_contact import FrictionContact
 from dolfinx_llm.finite.friction_law import in_plane
 from dolfinx_llm.finite.jacobians import coordinates, summing
 from dolfinx_llm.finite.law_system import LawSystem
 from dolfinx_llm.finite.law_told import ToldContact
-from dolfinx_llm.finite.normal_contact import NormalContact, NormalPlace
+from dolfinx_llm.finite.obstacle_contact import OneSide
+from dolfinx_llm.finite.obstacle_friction import ObstacleFriction
+from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, moved
-from dolfinx_llm.laws.rows import CLOSED, OPEN
+from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.interface.obstacle import Obstacle
+from dolfinx_llm.laws.law import Law
+from dolfinx_llm.laws.rows import CLOSED, OPEN, LawNodes
 
 BARE = 1e-9  # area over the largest below which a law is not asked
 
 
 @dataclass(frozen=True, eq=False)
 class LawContact(ToldContact):
-    """Contact under a law of one's own."""
+    """Contact under a law of one's own; put before contact with friction in the list of bases."""
 
     def touching(
-        self, place: NormalPlace, q: np.ndarray, before: np.ndarray, held: Held, reach: np.ndarray
+        self, place: Any, q: np.ndarray, before: np.ndarray, held: Held, reach: np.ndarray
     ) -> tuple[np.ndarray, Held]:
         """(n,) status as the law says, and what is held; arguments as without a law."""
         origin = held.origin or self.started(place, held, before != OPEN)
         apart = moved(place, -self.gap_drawn)
-        status, _ = NormalContact.touching(self, apart, q, before, held, reach)
+        status, held = super(Friction, self).touching(apart, q, before, held, reach)
         areas = place.areas[0]
         asked = np.flatnonzero(place.pairs & (areas > BARE * areas.max(initial=0.0)))
         status[areas <= BARE * areas.max(initial=0.0)] = OPEN
@@ -50,11 +58,12 @@ class LawContact(ToldContact):
         return status, begun
 
     def terms(
-        self, place: NormalPlace, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
+        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
     ) -> ContactTerms:
         """All that Newton's iteration asks for; arguments as without a law."""
         (n, gdim), c, gives = place.normal.shape, held.scale, self.law.gives
-        t = NormalContact.terms(self, place, q, status, held, np.ones_like(free) if gives else free)
+        supported = np.ones_like(free) if gives else free
+        t = super(Friction, self).terms(place, q, status, held, supported)
         at, size = np.flatnonzero(status != OPEN), t.own.shape[0]
         every = bmat([[t.left, t.own]], format="csr")
         if self.law.slips:
@@ -100,3 +109,49 @@ class LawContact(ToldContact):
             miss=miss,
             kept=self.keeps(place, q, status, held),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class LawOnFrame(LawContact, FrictionContact):
+    """On the moving frame."""
+
+    @classmethod
+    def under(
+        cls, law: Law, nodes: LawNodes, sides: Sides, design: Design, z: np.ndarray
+    ) -> LawOnFrame:
+        """Contact of surfaces drawn at coordinates z (width,).
+
+        Args:
+            law: of one's own.
+            nodes: of the moving side, with what users give sampled there.
+            sides, design, z: of the surfaces.
+        """
+        meeting = sides.meet(z, sides.candidates(z))
+        gap = sides.control[0] @ np.where(meeting.at.met, meeting.at.gap, 0.0)
+        nodes = replace(nodes, area=sides.forces(meeting, z, True)[0])
+        sides = replace(sides, within=sides.laws_reach)
+        return cls(sides, design, *cls.told(sides, law, nodes, gap))
+
+
+@dataclass(frozen=True, eq=False)
+class LawOnObstacle(LawContact, ObstacleFriction):
+    """On a rigid obstacle that is moved."""
+
+    @classmethod
+    def under(
+        cls, law: Law, nodes: LawNodes, surface: Surface, obstacle: Obstacle
+    ) -> LawOnObstacle:
+        """Contact of a surface, as drawn, with an obstacle where it is now.
+
+        Args:
+            law: of one's own.
+            nodes: of the surface, with what users give sampled there.
+            surface, obstacle: what touches.
+        """
+        zero = np.zeros(len(surface.x))
+        alone = ObstacleFriction.of(surface, obstacle, zero, zero)
+        z = surface.x.ravel()
+        place = alone.place(z, np.zeros(alone.size), alone.hold(z))
+        gap = np.where(place.pairs, place.gap, 0.0)
+        told = cls.told(alone.sides, law, replace(nodes, area=place.areas[0]), gap)
+        return cls(OneSide((surface,)), obstacle, alone.forced, *told)

@@ -11,18 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.finite.design import Design
-from dolfinx_llm.finite.friction import tangential
-from dolfinx_llm.finite.friction_contact import FrictionContact
+from dolfinx_llm.finite.friction import Friction, tangential
 from dolfinx_llm.finite.law_rows import Linear, Tangents, linear
-from dolfinx_llm.finite.normal_contact import NormalPlace
-from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import Held
+from dolfinx_llm.geometry.cells import cell_sizes
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import CLOSED, OPEN, LawNodes
 
@@ -39,9 +36,9 @@ class Kept:
 
 
 @dataclass(frozen=True, eq=False)
-class ToldContact(FrictionContact):
-    """Unknowns: a normal force per node, mu, kappa, and where the law slips tau as under friction,
-    whose own coefficients are 0."""
+class ToldContact(Friction):
+    """Unknowns: those without friction, and where the law slips tau as under friction, whose own
+    coefficients are 0."""
 
     pressed: ClassVar[tuple[int, ...]] = (CLOSED,)
 
@@ -50,17 +47,16 @@ class ToldContact(FrictionContact):
     gap_drawn: np.ndarray  # (n,) that does not count [length]
     neighbours: np.ndarray  # (n,) of each node, on the surface
 
-    @classmethod
-    def of(
-        cls, sides: Sides, design: Design, law: Law, nodes: LawNodes, z: np.ndarray
-    ) -> ToldContact:
-        """Contact of surfaces drawn at coordinates z.
+    @staticmethod
+    def told(sides: Any, law: Law, nodes: LawNodes, gap: np.ndarray) -> tuple[Any, ...]:
+        """Of a law of one's own all that it knows at first: coefficients of friction, and the
+        fields of this class.
 
         Args:
-            sides, design: of the surfaces.
+            sides: the surfaces.
             law: of one's own.
-            nodes: of the moving side, with what users give sampled there.
-            z: (width,) [length].
+            nodes: of the moving side, with areas, and with what users give sampled there.
+            gap: (n,) as drawn [length].
 
         Raises:
             ContactInputError: a law that ties along the surface.
@@ -71,27 +67,11 @@ class ToldContact(FrictionContact):
                 "or have components 'normal'"
             )
         n = len(nodes.x)
-        meeting = sides.meet(z, sides.candidates(z))
-        gap = sides.control[0] @ np.where(meeting.at.met, meeting.at.gap, 0.0)
-        nothing = np.zeros((n, law.jumps(sides.gdim)))
-        nodes = replace(
-            nodes,
-            area=sides.forces(meeting, z, True)[0],
-            force=nothing,
-            jump=nothing,
-            before=nothing,
-            status=np.full(n, OPEN),
-        )
-        return cls(
-            replace(sides, within=sides.laws_reach),
-            design,
-            np.zeros(n),
-            np.zeros(n),
-            law,
-            replace(nodes, history=law.start(nodes)),
-            np.zeros(n) if law.closes_gap else gap,
-            neighbours(sides.cells(True), n),
-        )
+        zero, nothing = np.zeros(n), np.zeros((n, law.jumps(sides.gdim)))
+        nodes = replace(nodes, force=nothing, jump=nothing, before=nothing, status=np.full(n, OPEN))
+        nodes = replace(nodes, history=law.start(nodes))
+        cells = sides.surfaces[sides.moving].cells
+        return zero, zero, law, nodes, zero if law.closes_gap else gap, neighbours(cells, n)
 
     @property
     def overlaps(self) -> bool:
@@ -122,9 +102,7 @@ class ToldContact(FrictionContact):
                 "coarser facets there, or a law that ends before"
             )
 
-    def _jump(
-        self, place: NormalPlace, held: Held, at: np.ndarray
-    ) -> tuple[np.ndarray, Tangents | None]:
+    def _jump(self, place: Any, held: Held, at: np.ndarray) -> tuple[np.ndarray, Tangents | None]:
         """(k, q) jumps of nodes (k,), and the base of their components along the surface."""
         parts, tangents = [], None
         if self.law.slips:
@@ -137,7 +115,7 @@ class ToldContact(FrictionContact):
             parts.append((self.gap_drawn - place.gap)[at][:, None])
         return np.concatenate(parts, axis=1), tangents
 
-    def _tangents(self, place: NormalPlace, at: np.ndarray) -> Tangents:
+    def _tangents(self, place: Any, at: np.ndarray) -> Tangents:
         ends = at, self.neighbours[at]
         first = self.sides.first[0]
         x = self.sides.split(place.z)[0]
@@ -153,7 +131,7 @@ class ToldContact(FrictionContact):
         return held.kept or Kept(self.nodes.history, 0.0 * jump, np.zeros(len(jump), dtype=bool))
 
     def _told(
-        self, place: NormalPlace, q: np.ndarray, status: np.ndarray, held: Held, at: np.ndarray
+        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, at: np.ndarray
     ) -> tuple[LawNodes, Tangents | None]:
         """What the law is told of nodes (k,), with their jump as it is."""
         n, gdim = place.normal.shape
@@ -177,7 +155,7 @@ class ToldContact(FrictionContact):
         ), tangents
 
     def said(
-        self, place: NormalPlace, q: np.ndarray, status: np.ndarray, held: Held, at: np.ndarray
+        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, at: np.ndarray
     ) -> tuple[Linear, Tangents | None]:
         """The law about this iterate, at nodes (k,)."""
         nodes, tangents = self._told(place, q, status, held, at)
@@ -190,7 +168,7 @@ class ToldContact(FrictionContact):
         return said, tangents
 
     def keeps(
-        self, place: NormalPlace, q: np.ndarray, status: np.ndarray, held: Held
+        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held
     ) -> Callable[[], Kept]:
         """What is kept if this is the end of the increment."""
 
@@ -204,7 +182,8 @@ class ToldContact(FrictionContact):
                 history.setdefault(name, every)[at] = value
             jump = kept.jump.copy()
             jump[at] = nodes.jump
-            least = PULLS * held.scale * self.design.size
+            surface = self.sides.surfaces[self.sides.moving]
+            least = PULLS * held.scale * cell_sizes(surface.x, surface.facets).max()
             return Kept(history, jump, q[: len(jump)] < -least)
 
         return ended

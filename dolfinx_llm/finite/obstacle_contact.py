@@ -40,6 +40,8 @@ class OneSide:
     surfaces: tuple[Surface]
     moving: int = 0
     frame: None = None
+    first: tuple[int, int] = (0, 0)  # number of the nodes' first coordinate, and of no frame's
+    within: float = np.inf  # gap over a facet's size from which on nothing is looked for
 
     @property
     def gdim(self) -> int:

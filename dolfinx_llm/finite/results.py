@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_matrix, diags
 
-from dolfinx_llm.finite.law_contact import LawContact
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
 from dolfinx_llm.finite.self_sides import SelfSides
 from dolfinx_llm.finite.terms import ContactTerms, MovingContact
@@ -112,8 +111,8 @@ def moving_results(
     for kind in (STICK, SLIP, CLOSED):
         at_frame[np.asarray(abs(place.N).T @ (status == kind)).ravel() > 0.0] = kind
     slips = sides.in_order(sides.nodal @ terms.slip, _at_frame(place.N, terms.slip, active))
-    gives = isinstance(contact, LawContact) and contact.law.gives
-    own_gap = _at_nodes(sides, place.gap if gives else np.where(active, 0.0, place.gap))
+    shut = active & (not contact.overlaps)
+    own_gap = _at_nodes(sides, np.where(shut, 0.0, place.gap))
     gaps = sides.in_order(own_gap, np.where(loaded, 0.0, np.inf))
     own_area = (sides.control[0].T @ place.areas[0], place.areas[1])
     statuses, areas = sides.in_order(status, at_frame), sides.in_order(*own_area)
@@ -157,7 +156,8 @@ def _against_obstacle(
     assert isinstance(place, ObstaclePlace)
     x, force = (contact.sides.split(values)[0] for values in (z, -terms.force))
     C, E = contact.sides.control, contact.sides.nodal
-    gap, area = _at_nodes(contact.sides, np.where(status != OPEN, 0.0, place.gap)), place.areas[0]
+    shut, area = (status != OPEN) & (not contact.overlaps), place.areas[0]
+    gap = _at_nodes(contact.sides, np.where(shut, 0.0, place.gap))
     side = _side(
         surface, x, force, -place.normal, gap, E @ terms.slip, status, C.T @ area
     )  # fmt: skip

@@ -11,7 +11,7 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction_contact import FrictionContact
-from dolfinx_llm.finite.law_contact import LawContact
+from dolfinx_llm.finite.law_contact import LawOnFrame, LawOnObstacle
 from dolfinx_llm.finite.load_step import Placed
 from dolfinx_llm.finite.location import INSIDE, find_on_frame
 from dolfinx_llm.finite.normal_contact import NormalContact
@@ -97,7 +97,7 @@ def _on_frame(interface: Interface, sides: Sides, site: Site, dofs: BodyDofs) ->
     contact: MovingContact
     if type(interface.law) not in BUILT_IN:
         nodes = _nodes(interface, sides, site, drawn, dofs)
-        contact = LawContact.of(sides, design, interface.law, nodes, drawn)
+        contact = LawOnFrame.under(interface.law, nodes, sides, design, drawn)
     elif isinstance(interface.law, Tied):
         contact = TiedContact.of(sides, drawn, design, interface.law.close_gap)
     elif interface.law.slips:
@@ -122,10 +122,12 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     """An interface with a rigid obstacle; as of ``contact_of``."""
     law, obstacle = interface.law, interface.obstacle
     assert obstacle is not None
-    if type(law) not in (Frictionless, Coulomb):
+    own = type(law) not in BUILT_IN
+    if isinstance(law, Tied) or (own and obstacle.force is not None):
         raise ContactInputError(
             f"law={checks.shown(law)}: against a rigid obstacle at finite deformation choose "
-            "Frictionless() or Coulomb(...), or prescribe the body's displacement"
+            "Frictionless() or Coulomb(...), a law of your own where it is moved and not under a "
+            "force, or prescribe the body's displacement"
         )
     if obstacle.moment is not None:
         raise ContactInputError(
@@ -136,13 +138,15 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     surface = site.whole[0]
     checked_clearance(obstacle, surface.x)
     friction: list[np.ndarray] = []
+    nodes = _nodes(interface, OneSide((surface,)), site, surface.x.ravel(), dofs)
+    if own:
+        contact = LawOnObstacle.under(law, nodes, surface, obstacle)
+        return _placed(contact, site.whole, site.spaces, dofs)
     if law.slips:
-        side = OneSide((surface,))
-        bears = law.start(_nodes(interface, side, site, surface.x.ravel(), dofs))
+        bears = law.start(nodes)
         friction = [bears["mu"], bears["cohesive"]]
     kind = AGAINST[law.slips, any(forced(obstacle, surface.x.shape[1]))]
-    contact = kind.of(surface, obstacle, *friction)
-    return _placed(contact, site.whole, site.spaces, dofs)
+    return _placed(kind.of(surface, obstacle, *friction), site.whole, site.spaces, dofs)
 
 
 def pose_of(placed: Placed, moved: bool = True) -> np.ndarray:

@@ -13,7 +13,7 @@ from dolfinx_llm.finite.areas import everything, surface_integrals
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction_contact import FrictionContact
 from dolfinx_llm.finite.friction_law import in_plane
-from dolfinx_llm.finite.law_contact import LawContact
+from dolfinx_llm.finite.law_contact import LawOnFrame
 from dolfinx_llm.finite.location import find_on_frame
 from dolfinx_llm.finite.normal_contact import NormalContact
 from dolfinx_llm.finite.pressure import Follower
@@ -151,7 +151,7 @@ def pressed(name, law=None, mu=0.3):
     rng = np.random.default_rng(13)
     if isinstance(law, Law):
         told = LawNodes(moving.x, *(np.ones(n),) * 7)
-        contact, law = LawContact.of(sides, design, law, told, z), STICK
+        contact, law = LawOnFrame.under(law, told, sides, design, z), STICK
     elif law is not None:
         contact = FrictionContact(sides, design, np.full(n, mu), rng.uniform(0.0, 2.0, n))
     q, held = np.zeros(contact.size), replace(contact.hold(z), limit=0.0)

@@ -149,7 +149,8 @@ def test_in_space():
 
 @pytest.mark.long
 def test_soft_layer():
-    """A law of one's own: symmetric, and legs overlap by what it tells."""
+    """A law of one's own: symmetric, legs overlap by what it tells, and half of the hairpin does by
+    half as much on a plane, where its legs carry the same forces."""
     domain, tags = folding.hairpin(MPI.COMM_WORLD)
     law = Soft(30.0, 0.01)
     problem, jaws = folding.problem(
@@ -164,6 +165,18 @@ def test_soft_layer():
     pressure = moving.normal_force[pressing] / moving.area[pressing]
     assert pressing.sum() > 5
     assert moving.gap[pressing] == pytest.approx(-law.h * np.log1p(pressure / law.p0), rel=1e-8)
+    domain, tags = folding.hairpin(MPI.COMM_WORLD, half=True)
+    plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
+    touch = llm.Interface(tags, (folding.INSIDE, plane), law=Soft(30.0, 0.005))
+    half, jaw = folding.problem(domain, tags, interfaces=[touch], middle=True)
+    for way in (0.5, NEAR, folding.RADIUS + folding.PRESSED):
+        jaw[1].value = -way
+        half.solve()
+    (side,) = half.results[0].sides
+    at = np.linalg.norm(side.X[:, None] - frame.X, axis=2).argmin(axis=1)
+    difference = np.abs((frame.force + moving.force)[at] - side.force).max(axis=1)
+    assert difference.max() <= 1e-3 * np.abs(side.force).max()  # at the rim: areas end in a facet
+    assert difference[side.X[:, 0] < -0.5].max() <= 1e-7 * np.abs(side.force).max()
 
 
 @pytest.mark.long

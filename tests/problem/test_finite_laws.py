@@ -13,6 +13,7 @@ from test_finite_obstacles import FOOT, TOP, block, rolled
 import dolfinx_llm as llm
 
 SOFT, GLUE = Soft(30.0, 0.05), Glue(4000.0, first=0.05, last=0.6)
+SMOOTH = Glue(4000.0, ratio=0.0, first=0.05, last=0.6)  # nothing resists along the surface
 MU, LAM = finite_patch.lame(1000.0, 0.4)  # of ``block``
 
 
@@ -131,6 +132,70 @@ def test_slips_as_told_in_any_pose(kind):
         assert np.abs(result.resultant + area * (R @ force)).max() < 1e-9
         assert np.abs(result.pressure + force[-1]).max() < 1e-9
     assert opening > law.first
+
+
+@pytest.mark.parametrize(
+    ("law", "known", "pulls", "kind"),
+    [
+        (SOFT, soft, (-0.05, -0.4, 0.02), "tet"),
+        (SMOOTH, glue, (0.3, 0.55, 0.2, -0.1, 0.8), "quad"),
+        longer(SOFT, soft, (-0.05, -0.4, 0.02), "quad"),
+        longer(SMOOTH, glue, (0.3, 0.55, 0.2, -0.1, 0.8), "tet"),
+    ],
+)
+def test_closed_forms_on_an_obstacle(law, known, pulls, kind):
+    """One block on a rigid plane that is moved away from it, or into it."""
+    _, tags, V, u, F = block(kind, 2)
+    dim, worst = V.mesh.geometry.dim, 0.0
+    plane = llm.RigidPlane(np.zeros(dim), np.eye(dim)[-1], displacement=np.zeros(dim))
+    W = V.sub(dim - 1).collapse()[0]
+    top = fem.locate_dofs_geometrical((V.sub(dim - 1), W), lambda x: np.isclose(x[dim - 1], 1.0))
+    bcs = [*rolled(V, range(dim - 1)), fem.dirichletbc(fem.Function(W), top, V.sub(dim - 1))]
+    interface = llm.Interface(tags, (FOOT, plane), law=law)
+    problem = llm.NonlinearContactProblem(F, u, bcs=bcs, interfaces=[interface])
+    for U in pulls:
+        plane.displacement = -U * np.eye(dim)[-1]
+        problem.solve()
+        left = lambda b, U=U, at=worst: known(law, U - b + 1.0, at) - stretched(b, dim)  # noqa: E731
+        b = brentq(left, 0.4, 2.5, xtol=1e-15)
+        worst, stress = max(worst, U - b + 1.0), stretched(b, dim)
+        result = problem.results[0]
+        assert np.abs(result.pressure + stress).max() < 1e-8 * max(abs(stress), 1.0)
+        if abs(stress) > 1e-6:
+            assert np.abs(result.sides[0].gap - (U - b + 1.0)).max() < 1e-9
+    assert abs(stress) < 1e-6
+
+
+@pytest.mark.parametrize("kind", ["quad", longer("tet")])
+def test_slips_as_told_on_an_obstacle(kind):
+    """A glued rigid body is moved along and off a plane, and turned with it."""
+    law = Glue(400.0, ratio=0.5, first=0.05, last=0.6)
+    _, tags, V, u, F = block(kind, 2)
+    dim, g = V.mesh.geometry.dim, fem.Function(V)
+    every = np.arange(V.dofmap.index_map.size_local, dtype=np.int32)
+    still = 0.0 if dim == 2 else np.zeros(3)
+    plane = llm.RigidPlane(np.zeros(dim), np.eye(dim)[-1], rotation=still)
+    interface = llm.Interface(tags, (FOOT, plane), law=law)
+    problem = llm.NonlinearContactProblem(
+        F, u, bcs=[fem.dirichletbc(g, every)], interfaces=[interface]
+    )
+    jump, X = np.zeros(dim), V.tabulate_dof_coordinates()[:, :dim]
+    axis = np.eye(3)[2] if dim == 2 else np.array([0.48, 0.6, 0.64])
+    for turn, slide in ((0.0, 0.02), (0.0, 0.03), (0.5, 0.0), (1.0, 0.0), (1.0, 0.02)):
+        jump = jump + slide * np.array([1.0, -0.5, 0.4])[[0, -1] if dim == 2 else [0, 1, 2]]
+        R = Rotation.from_rotvec(turn * axis).as_matrix()[:dim, :dim]
+        plane.rotation = turn if dim == 2 else turn * axis
+        g.x.array[:] = ((X + jump) @ R.T - X).ravel()
+        problem.solve()
+        (side,) = problem.results[0].sides
+        weight = np.full(dim, law.ratio)
+        weight[-1] = 1.0
+        felt = max(np.sqrt(weight @ jump**2), law.first)
+        share = law.first * (law.last - felt) / felt / (law.last - law.first)
+        pull = side.area.sum() * law.k * share * weight * jump
+        on_plane = side.force.sum(axis=0)
+        assert np.abs(on_plane - R @ pull).max() < 1e-9
+    assert felt > law.first
 
 
 def test_refused():

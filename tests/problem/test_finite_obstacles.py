@@ -10,6 +10,7 @@ import pytest
 import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
+from own_law import Soft
 from sampling import longer, some_of
 from scipy.sparse import bmat
 
@@ -310,6 +311,7 @@ def test_refused():
     plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
     for law, floor, text in [
         (llm.Tied(), plane, "choose Frictionless"),
+        (Soft(), llm.RigidPlane((0, 0), (0, 1), force=(None, 1.0)), "not under a force"),
         (llm.Coulomb(np.full(3, 0.2)), plane, "for each of 5 nodes"),
         (llm.Frictionless(), llm.RigidPlane((0, 0, 0), (0, 0, 1)), "lies in 3D"),
     ]:
