@@ -33,6 +33,7 @@ from dolfinx_llm.geometry.loads import NodalLoads
 TOLERANCE = 1e-13  # a frame with max|r| / max f below this passes
 NARROW = 0.15  # largest correction up to which stencils of one ring of nodes are enough
 OUTER = 0.01  # weight of that ring: corrections far from a row's own nodes cost accuracy
+ROUNDS_MOST, SLOWER = 40, 0.98  # of refinement, and what each must leave at most
 RINGS = 4  # rings in the stencils of a side much coarser than the frame
 
 
@@ -184,19 +185,36 @@ def _corrected(
     A = equations(stencils, at, areas, m)
     parts = compatible(A, s, loading)
     solve = factor(A + pins(A, parts)).solve
-    delta, last = [f.missing for f in found], np.inf
+    delta = [f.missing for f in found]
+    rows = [st.matrix for st in stencils]
+    seen: list[tuple[np.ndarray, list[np.ndarray]]] = []  # what steps take away, orthonormal
     designed: Sequence[csr_matrix] = N
     if degree > 1:
-        designed = [M + st.matrix(d, m) for M, d, st in zip(N, delta, stencils, strict=True)]
-    for _ in range(6):  # the first solve, then refinement against rounding
-        residual = loading.residual(designed)
-        if not 0.01 * TOLERANCE < np.abs(residual).max() < 0.5 * last:
+        designed = [M + matrix(d, m) for M, d, matrix in zip(N, delta, rows, strict=True)]
+    residual, last = loading.residual(designed), np.inf
+    for _ in range(ROUNDS_MOST):  # the first solve, then refinement against rounding
+        left = float(np.linalg.norm(residual))
+        if np.abs(residual).max() <= 0.01 * TOLERANCE or not left < SLOWER * last:
             break
-        last = np.abs(residual).max()
+        last = left
         mu = solve(without_compatible(residual.ravel(), parts)).reshape(m, -1)
         # Summed as corrections, not as multipliers: what rounding leaves the next round sees.
+        step = []
         for i, (st, sign) in enumerate(zip(stencils, (-1.0, 1.0), strict=True)):
             value = np.einsum("za,za->z", at[i], mu[st.nodes]) / spread(areas[i], st.indptr)
-            delta[i] = delta[i] + sign * st.project(value)
-        designed = [M + st.matrix(d, m) for M, d, st in zip(N, delta, stencils, strict=True)]
+            step.append(sign * st.project(value))
+        taken = -loading.residual([matrix(d, m) for d, matrix in zip(step, rows, strict=True)])
+        # Smooth multipliers, which the factor hardly knows on long interfaces, by least squares.
+        for other, its in seen * 2:
+            part = float(np.vdot(other, taken))
+            taken, step = taken - part * other, [a - part * b for a, b in zip(step, its)]
+        size = np.linalg.norm(taken)
+        if not size > 0.0:
+            break
+        taken, step = taken / size, [d / size for d in step]
+        seen.append((taken, step))
+        share = float(np.vdot(taken, residual))
+        delta = [a + share * b for a, b in zip(delta, step, strict=True)]
+        designed = [M + matrix(d, m) for M, d, matrix in zip(N, delta, rows, strict=True)]
+        residual = loading.residual(designed)
     return designed

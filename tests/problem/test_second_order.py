@@ -334,6 +334,13 @@ def test_hertz_on_second_order_meshes():
         assert hertz2d.fit(x, p)[0] == pytest.approx(1.0, abs=4e-3)
 
 
+@pytest.mark.long
+def test_long_interfaces_balance():
+    """With 332 facets smooth multipliers are next to none in the equations of the corrections."""
+    (geometry,) = hertz2d.problem("cylinders", (64, 95), growth=0.12, degree=2).geometries
+    assert geometry.certificate.residual <= 1e-13
+
+
 def test_straight_facets_of_a_curved_surface_are_said():
     a, _ = hertz2d.hertz("cylinders")
     domain, tags = hertz2d.half_disc(COMM, a, 4, 1, 0.3)
