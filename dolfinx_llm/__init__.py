@@ -15,6 +15,7 @@ from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.forms.step import LinearStep, StepForm, StepResult
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.interface.choices import Interface, SelfContact
+from dolfinx_llm.interface.mean import MeanDisplacement
 from dolfinx_llm.interface.obstacle import Obstacle
 from dolfinx_llm.interface.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
 from dolfinx_llm.laws.conductance import Conductance
@@ -55,6 +56,7 @@ __all__ = [
     "LawNodes",
     "LawRows",
     "LinearStep",
+    "MeanDisplacement",
     "NonlinearContactProblem",
     "Obstacle",
     "RigidCylinder",

@@ -36,6 +36,7 @@ EXAMPLES = [
     "geometry.frame", "laws.tied", "laws.frictionless", "laws.coulomb", "laws.complementarity",
     "laws.conductance", "laws.sliding",
     "laws.speakers", "interface.obstacle", "interface.obstacles",
+    "interface.mean",
     "design.weights",
 ]  # fmt: skip
 

@@ -128,11 +128,7 @@ def collect_results(
             sides = _between_bodies(geometry, sides, operators.scale, held)
         nodal = _at_nodes(geometry, sides)
         found = _interface_result(geometry, sides, nodal, v, state)
-        if obstacle := geometry.interface.obstacle:
-            turn, swings = np.array(obstacle.pose(gdim)[1]), geometry.swings
-            turn = turn if swings is None else turn + swings.rotation(w[place.frame])
-            found = replace(found, rotation=turn)
-        results.append(found)
+        results.append(replace(found, rotation=geometry.rotation(w[place.frame])))
     return results
 
 
@@ -249,6 +245,8 @@ def _interface_result(
     obstacle, frame = geometry.interface.obstacle, geometry.frame
     if obstacle is not None:
         side, shift = nodal[0], np.array(obstacle.pose(v.shape[1])[0]) + v.sum(axis=0)
+        if len(v) > 1:  # about a mean
+            shift = side.area @ side.u / side.area.sum()
         density = None if side.density is None else _along(side.density, side.normal)
         own = side.normal_force, side.area, side.tangential_force, side.status
         return InterfaceResult(None, nodal, None, *own, presses, shift, frame_density=density)

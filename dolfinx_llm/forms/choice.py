@@ -50,11 +50,11 @@ def choose_solver(
                 "function space is not in general: use solver='saddle'"
             )
         asked = "saddle"
-    if operators.tied and any(any(g.forced) for g in operators.geometries):
+    if operators.tied and any(g.frame is None and len(g.directions) for g in operators.geometries):
         if asked == "condensed":
             raise ContactError(
-                "solver='condensed' has no forces on obstacles that bodies are tied to: use "
-                "solver='saddle'"
+                "solver='condensed' has no forces on obstacles that bodies are tied to, nor "
+                "means: use solver='saddle'"
             )
         asked = "saddle"
     if not operators.tied:

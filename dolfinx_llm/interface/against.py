@@ -15,6 +15,7 @@ from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.interface.mean import MeanDisplacement
 from dolfinx_llm.interface.obstacle import Obstacle, Swings
 from dolfinx_llm.interface.touching import BURIED, say_depth, steep_rim
 
@@ -34,7 +35,13 @@ def against_obstacle(
     """
     gdim, kind = side.x.shape[1], type(obstacle).__name__
     distance, normal = checked_clearance(obstacle, side.x)
-    facets = _facing_facets(side, distance, normal)
+    facets = np.arange(len(side.facets))
+    if obstacle.everywhere:
+        normal = np.zeros_like(side.x)
+        np.add.at(normal, side.facets, vector_areas(side.x, side.facets)[:, None])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+    else:
+        facets = _facing_facets(side, distance, normal)
     if not len(facets):
         near = int(distance.argmin())
         raise ContactError(
@@ -208,6 +215,13 @@ def prescribed_loads(geometry: InterfaceGeometry) -> np.ndarray:
     loads = np.zeros(axes.shape[0] * axes.shape[1])
     if obstacle is None:
         return loads
+    if isinstance(obstacle, MeanDisplacement) and not np.array_equal(
+        obstacle.axes(axes.shape[2]), axes[0]
+    ):
+        raise ContactInputError(
+            f"mean={obstacle.mean}: when the problem was made, other components were prescribed. "
+            "Make the problem anew to change that"
+        )
     values = forces_on(obstacle, geometry.forced, axes.shape[2])
     if not any(geometry.forced):
         return loads

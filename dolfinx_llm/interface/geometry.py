@@ -56,7 +56,22 @@ class InterfaceGeometry:
         under force the middle of what may touch it."""
         if self.frame is not None:
             return self.frame.x
-        return self.pairs[0].x.mean(axis=0)[None][: len(self.directions)]
+        pairs = self.pairs[0]
+        if len(self.directions) > 1:  # about a mean
+            return pairs.x[np.asarray(pairs.N.argmax(axis=0)).ravel()]
+        return pairs.x.mean(axis=0)[None][: len(self.directions)]
+
+    def rotation(self, w: np.ndarray) -> np.ndarray | None:
+        """(1,), (3,) of an obstacle [rad]; None of a frame.
+
+        Args:
+            w: (m d,) unknowns of ``directions``.
+        """
+        obstacle = self.interface.obstacle
+        if obstacle is None:
+            return None
+        turn = np.array(obstacle.pose(self.sides[0].x.shape[1])[1])
+        return turn if self.swings is None else turn + self.swings.rotation(w)
 
     @cached_property
     def law_nodes(self) -> tuple[np.ndarray, np.ndarray]:

@@ -63,6 +63,8 @@ class Obstacle:
     force: tuple[float | None, ...] | None = field(default=None, kw_only=True)  # (gdim,) [force]
     moment: Any = field(default=None, kw_only=True)  # number, (3,) [force length]
 
+    everywhere = False  # all of the surface takes part, with normals of its own
+
     def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance of points to the surface, and the direction into the obstacle.
 

@@ -129,10 +129,10 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
             "Frictionless() or Coulomb(...), a law of your own where it is moved and not under a "
             "force, or prescribe the body's displacement"
         )
-    if obstacle.moment is not None:
+    if obstacle.moment is not None or obstacle.everywhere:
         raise ContactInputError(
-            f"moment={obstacle.moment!r} is of the rigid end of a body, in a ContactProblem; at "
-            "finite deformation an obstacle turns as prescribed"
+            f"{type(obstacle).__name__}, moment={obstacle.moment!r}: moments on rigid ends and "
+            "mean displacements are for small deformation, of a ContactProblem"
         )
     site = find_site(interface, dofs.spaces)
     surface = site.whole[0]
