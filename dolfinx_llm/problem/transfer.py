@@ -106,10 +106,13 @@ def _check(old: Any, new: Any) -> None:
     for name, problem in (("old", old), ("new", new)):
         kinds = (ContactProblem, NonlinearContactProblem)
         checks.instance(name, problem, kinds, "give a ContactProblem or a NonlinearContactProblem")
-        if any(order_of(V) > 1 for V in problem.spaces):
-            raise ContactInputError("transfer: bodies of second order cannot be carried over yet")
-        if isinstance(problem, ContactProblem):
-            problem.saved_spaces()
+        linear = isinstance(problem, ContactProblem)
+        if linear and any(order_of(V) > 1 for V in problem.spaces):
+            raise ContactInputError(
+                "transfer: ContactProblems of second-order bodies cannot be carried over yet: a "
+                "NonlinearContactProblem of the same bodies can"
+            )
+        problem.saved_spaces()
     told = [[(type(i.law).__name__, i.obstacle is None) for i in p.interfaces] for p in (old, new)]
     if type(old) is not type(new) or told[0] != told[1] or len(old.spaces) != len(new.spaces):
         raise ContactInputError(

@@ -25,12 +25,12 @@ def transfer(old: Any, new: Any) -> None:
     Args:
         old: ``ContactProblem`` after ``solve``, ``NonlinearContactProblem`` or ``TimeStepper``.
         new: the same on another mesh, drawn at the same places, with as many meshes and the same
-            interfaces, laws and obstacles; first order. Loads, conditions and obstacles are yours
-            to set as they were, also Functions of your own.
+            interfaces, laws and obstacles; linear problems of first order. Loads, conditions and
+            obstacles are yours to set as they were, also Functions of your own.
 
     Raises:
-        ContactInputError: problems of other kinds, laws or bodies, or of second order; nodes of the
-            new mesh that lie outside of the old one.
+        ContactInputError: problems of other kinds, laws or bodies, linear ones of second order;
+            nodes of the new mesh that lie outside of the old one.
         ContactError: nothing has been solved.
     """
     steppers = isinstance(old, TimeStepper), isinstance(new, TimeStepper)
