@@ -95,6 +95,7 @@ def sheet(rng, ends, n, height, up, kind, bend=0.1, order=1):
 
 
 FOLDED = "folded"  # a surface that meets itself
+SHEETS = {"folded quads": "quad", "folded triangles": "tri"}  # another one, in two pieces
 SCENES = {  # ends of the lower and the upper surface, whose order is changed, kinds of facets
     "inside": ((0.0, 1.0), (0.13, 0.87), False),
     "beyond one end": ((0.0, 1.0), (0.13, 1.2), False),
@@ -120,6 +121,13 @@ def scene(name):
         chain = np.arange(len(x))
         facets = np.column_stack([chain[:-1], chain[1:]])
         sides = SelfSides.of_one(Surface(x, facets, chain, 0 * chain, "hairpin"))
+        return sides, np.tile(x.ravel(), 2), rng.uniform(0.5, 1.5, len(x))
+    if name in SHEETS:
+        low = sheet(rng, (0.0, 1.0), 3, 0.0, True, SHEETS[name])
+        high = sheet(rng, (0.13, 1.2), 4, 5e-3, False, SHEETS[name])
+        x, nodes = np.concatenate([low.x, high.x]), np.arange(len(low.x) + len(high.x))
+        facets = np.concatenate([low.facets, high.facets + len(low.x)])
+        sides = SelfSides.of_one(Surface(x, facets, nodes, 0 * nodes, "sheets"))
         return sides, np.tile(x.ravel(), 2), rng.uniform(0.5, 1.5, len(x))
     below, above, swapped, *kinds = SCENES[name]
     orders = [k for k in kinds if isinstance(k, int)] or [1, 1]
@@ -184,11 +192,11 @@ def differences(function, z, h=5e-7):
 
 
 BY_TURNS = list(itertools.product(SCENES, [None, STICK, SLIP, Bond(), Layer()]))
-OF_ONE = list(itertools.product([FOLDED], [None, STICK, SLIP]))
+OF_ONE = list(itertools.product([FOLDED, *SHEETS], [None, STICK, SLIP, Bond(), Layer()]))
 
 
 @pytest.mark.parametrize(
-    ("name", "law"), some_of(BY_TURNS + OF_ONE, BY_TURNS[:30:3] + BY_TURNS[30::6] + OF_ONE)
+    ("name", "law"), some_of(BY_TURNS + OF_ONE, BY_TURNS[:30:3] + BY_TURNS[30::6] + OF_ONE[::4])
 )
 def test_tangent_is_the_derivative(name, law):
     """Forces and gaps, through places, normals, clipped areas and the design's global equations;
@@ -242,7 +250,7 @@ def test_gaps_are_those_of_round_surfaces(kind):
     assert left[1] < 0.05 / 12**2 / 16 and left[1] < left[0] / 5.0
 
 
-@pytest.mark.parametrize("name", [*SCENES, FOLDED])
+@pytest.mark.parametrize("name", [*SCENES, FOLDED, *SHEETS])
 def test_forces_and_moments_of_both_sides_cancel(name):
     z, _, _, terms = pressed(name)
     t = terms(z)

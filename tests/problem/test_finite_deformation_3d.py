@@ -53,10 +53,14 @@ def test_finite_patch(scene):
     assert max(np.abs(forces).max(), np.abs(moments).max()) < 1e-10 * 300.0
 
 
-def turned(kind, law, degrees=0.0, swapped=False, held=False, cells=(3, 2)):
-    """A narrow block pressed and pushed along on a wide one; all is turned from the start. The
-    block's side in contact may be held as well."""
-    R = Rotation.from_rotvec(np.deg2rad(degrees) * np.array([2.0, 1.0, 2.0]) / 3.0).as_matrix()
+def about_skew_axis(degrees):
+    return Rotation.from_rotvec(np.deg2rad(degrees) * np.array([2.0, 1.0, 2.0]) / 3.0).as_matrix()
+
+
+def turned(kind, law, degrees=0.0, swapped=False, held=False, cells=(3, 2), then=()):
+    """A narrow block pressed and pushed along on a wide one; all is turned from the start, and
+    then by further load steps. The block's side in contact may be held as well."""
+    R = about_skew_axis(degrees)
     ((domain, tags),) = patch2d.bodies(COMM, kind, boxes=boxes((3, 3), cells), rough=0.2)
     V = compat.function_space(domain, shape=(3,))
     u, g = fem.Function(V), fem.Function(V)
@@ -77,6 +81,10 @@ def turned(kind, law, degrees=0.0, swapped=False, held=False, cells=(3, 2)):
     F = ufl.derivative(energy, u, ufl.TestFunction(V))
     problem = llm.NonlinearContactProblem(F, u, bcs=[bc], interfaces=[interface])
     problem.solve()
+    for degrees in then:
+        R = about_skew_axis(degrees)
+        g.x.array[:] = (end @ R.T - x).ravel()
+        problem.solve()
     return problem, [side.force @ R for side in problem.results[0].sides]
 
 
@@ -104,6 +112,24 @@ def test_objective(kind, law):
     assert (there.status == pairs.status).all()
     assert np.abs(there.slip[there.status == 1]).max(initial=0.0) < 1e-14
     assert np.abs(other.results[0].pressure - pressure).max() < 1e-10 * pressure.max()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "law", [llm.Tied(), llm.Frictionless(), llm.Coulomb(3.0), llm.Coulomb(0.1)], ids=str
+)
+def test_turned_in_steps(law):
+    """What is turned by 30, 90, 180 degrees after it was pressed: the same forces in the turned
+    base and the same pressure; what sticks does not slip."""
+    still, forces = turned("hex", law)
+    pressure = still.results[0].pressure
+    for last in (30.0, 90.0, 180.0):
+        other, found = turned("hex", law, then=np.arange(15.0, last + 1.0, 15.0))
+        for a, b in zip(forces, found, strict=True):
+            assert np.abs(a - b).max() < 1e-10 * np.abs(a).max()
+        assert np.abs(other.results[0].pressure - pressure).max() < 1e-10 * pressure.max()
+        side = other.results[0].sides[1]
+        assert np.abs(side.slip[side.status == 1]).max(initial=0.0) < 1e-12
 
 
 @pytest.mark.parametrize("law", [llm.Frictionless(), llm.Tied()], ids=str)

@@ -10,7 +10,7 @@ import pytest
 import ufl
 from dolfinx import fem, mesh
 from mpi4py import MPI
-from own_law import Soft
+from own_law import Glue, Soft
 from sampling import longer, some_of
 from scipy.sparse import bmat
 
@@ -18,9 +18,10 @@ import dolfinx_llm as llm
 from dolfinx_llm import compat
 from dolfinx_llm.finite import obstacle_contact
 from dolfinx_llm.finite.friction_law import in_plane
+from dolfinx_llm.finite.law_contact import LawOnObstacle
 from dolfinx_llm.finite.terms import Origin
 from dolfinx_llm.geometry.surface import Surface
-from dolfinx_llm.laws.rows import CLOSED, SLIP, STICK
+from dolfinx_llm.laws.rows import CLOSED, SLIP, STICK, LawNodes
 from dolfinx_llm.problem.nonlinear_parts import AGAINST
 
 COMM = MPI.COMM_SELF
@@ -260,6 +261,41 @@ def test_tangent_is_the_derivative(gdim, status, force, monkeypatch):
     for e in rng.standard_normal((4, len(both))):
         difference = (values(both + h * e)[0] - values(both - h * e)[0]) / (2 * h)
         assert np.abs(whole @ e - difference).max() < 1e-8
+
+
+@pytest.mark.parametrize("gdim", [2, 3])
+@pytest.mark.parametrize("law", [Soft(30.0, 0.05), Glue(40.0, first=1e-3, last=5.0)], ids=str)
+def test_tangent_of_own_laws(gdim, law, monkeypatch):
+    """The same of laws of one's own."""
+    monkeypatch.setattr(obstacle_contact, "TURNED_AWAY", -2.0)
+    rng = np.random.default_rng(8)
+    x = rng.uniform(-0.4, 0.4, (6, gdim))
+    x[:, -1] = -1.0 + 0.01 * x[:, 0]
+    facets = np.arange(6).reshape(-1, gdim)[:, ::-1]
+    surface = Surface(x, facets, np.arange(6), np.zeros(6, dtype=int), "patch")
+    ball = llm.RigidSphere(np.eye(gdim)[-1] * -3.0, 2.0)
+    contact = LawOnObstacle.under(law, LawNodes(x, *(np.ones(6),) * 7), surface, ball)
+    z = (x + 0.03 * rng.standard_normal(x.shape) - 0.15 * np.eye(gdim)[-1]).ravel()
+    q, on, free = np.zeros(contact.size), np.full(6, STICK), np.ones(x.size, dtype=bool)
+    q[:6], q[6:] = rng.uniform(0.5, 1.5, 6), 0.2 * rng.standard_normal(len(q) - 6)
+    held = replace(contact.hold(z), scale=5.0)
+    place = contact.place(z, q, held)
+    if not law.slips:  # rows of a layer, over its stiffness, are exact where it holds
+        q[:] = place.areas[0] * law.p0 * np.expm1(-place.gap / law.h)
+    points = contact.here(place) + 0.05 * rng.standard_normal(x.shape)
+    held = replace(held, origin=Origin(points, place.gap, on > 0))
+
+    def values(both):
+        z, q = np.split(both, [x.size])
+        t = contact.terms(contact.place(z, q, held), q, on, held, free)
+        return np.concatenate([-t.force, t.rest]), t
+
+    both, h = np.concatenate([z, q]), 1e-6
+    t = values(both)[1]
+    whole = bmat([[t.K, t.top], [t.left, t.own]]).toarray()
+    for e in rng.standard_normal((4, len(both))):
+        difference = (values(both + h * e)[0] - values(both - h * e)[0]) / (2 * h)
+        assert np.abs(whole @ e - difference).max() < 1e-6 * np.abs(difference).max()
 
 
 @pytest.mark.parametrize(
