@@ -319,19 +319,21 @@ def test_block_pulled_off_on_one_side(kinds, n):
         assert (side.gap >= 0.0).all()
 
 
-def test_hertz_on_second_order_meshes():
-    """Pressure at the nodes of both sides, by their own integrals; the discs' own difference from
-    half-spaces is 0.15 % of the peak."""
+@pytest.mark.parametrize(("elements", "most"), [((8, 12), 7.5e-3), longer((12, 17), 5e-3)], ids=str)
+def test_hertz_on_second_order_meshes(elements, most):
+    """Pressure at the nodes of both sides, by their own integrals, against the ellipse of the discs
+    themselves, which are no half-spaces: that of 32 and 47 elements over a, growth=0.015."""
     a, p0 = hertz2d.hertz("cylinders")
-    problem = hertz2d.problem("cylinders", (8, 12), growth=0.12, degree=2)
+    a, p0 = 1.00202 * a, 0.99843 * p0
+    problem = hertz2d.problem("cylinders", elements, growth=0.12, degree=2)
     problem.solve()
     for side in problem.results[0].sides:
         x, p = side.x[:, 0] / a, np.einsum("ni,ni->n", side.density, side.normal) / p0
         assert p.min() >= -1e-12  # also where contact ends
         inner = np.abs(x) < 0.8
         off = p[inner] - np.sqrt(1.0 - x[inner] ** 2)
-        assert np.abs(off).max() <= 0.01 and np.sqrt(np.mean(off**2)) <= 0.004
-        assert hertz2d.fit(x, p)[0] == pytest.approx(1.0, abs=4e-3)
+        assert np.abs(off).max() <= most and np.sqrt(np.mean(off**2)) <= 0.5 * most
+        assert hertz2d.fit(x[inner], p[inner])[0] == pytest.approx(1.0, abs=1e-3)
 
 
 @pytest.mark.long
