@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix, diags, identity
 from dolfinx_llm.contact.friction_nodes import FrictionNodes
 from dolfinx_llm.laws.speakers import follow, speakers, sums, unheld
 
+REMEMBERED = 3  # states of contact
 ADRIFT = 1e-2  # sum of N² below which a frame node is led until contact has come to rest
 
 
@@ -70,6 +71,21 @@ class Followers:
         own = (self.gather.T @ (self.gather @ own.ravel())).reshape(own.shape)
         shared = part[:, None] * np.einsum("ka,kai->ki", own, tangents)
         return np.where((total > 0.0)[:, None], shared, friction)
+
+
+class LastFollowers:
+    """Those of the last states of contact, to which glides and steps taken back return."""
+
+    def __init__(self, nodes: FrictionNodes) -> None:
+        self._nodes = nodes
+        self._known: dict[bytes, Followers] = {}
+
+    def of(self, tied: np.ndarray, active: np.ndarray, adrift: float) -> Followers:
+        """As of ``Followers.of``."""
+        key = np.append([tied, active], adrift).tobytes()
+        found = self._known.pop(key, None) or Followers.of(self._nodes, tied, active, adrift)
+        self._known = dict([*self._known.items(), (key, found)][-REMEMBERED:])
+        return found
 
 
 def _carried(leader: np.ndarray, directions: np.ndarray) -> tuple[csr_matrix, csr_matrix]:

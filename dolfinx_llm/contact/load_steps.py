@@ -25,7 +25,7 @@ from dolfinx_llm.operators.support import least_squares
 
 log = logging.getLogger("dolfinx_llm")
 
-FALLING = 10  # iterations in which the motion of what nothing holds is looked for
+FALLING = 4  # iterations in which the motion of what nothing holds is looked for
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dolfinx_llm.base import checks
-from dolfinx_llm.contact.followers import ADRIFT, Followers
+from dolfinx_llm.contact.followers import ADRIFT, Followers, LastFollowers
 from dolfinx_llm.contact.friction_nodes import FLOOR, FrictionNodes
 from dolfinx_llm.interface.update import Transfer
 from dolfinx_llm.laws.law import Law
@@ -87,9 +87,9 @@ class InterfaceState:
         self.nodes, law = nodes, nodes.law
         self.shares = law.shares and law.slips and not (law.gives or nodes.geometry.rigid)
         self.curved = self.shares and nodes.curved
-        self.glides, self.touched = False, 0  # no pair follows the frame tangentially
+        self.glides, self.touched, self._touching = False, 0, np.empty(0)  # all follow the frame
         self.stays = np.zeros(len(nodes.rows), dtype=bool)  # pairs that cannot part
-        self.others, self._touching = Followers.none(nodes), np.empty(0)
+        self.others, self._followers = Followers.none(nodes), LastFollowers(nodes)
         self.forget()
 
     @property
@@ -143,7 +143,7 @@ class InterfaceState:
         if not np.array_equal(touching, self._touching):
             self._touching, self.touched = touching, self.touched + 1
             if self.shares:
-                self.others = Followers.of(self.nodes, self._tied, active, self._adrift)
+                self.others = self._followers.of(self._tied, active, self._adrift)
 
     def take(self, rows: LawRows) -> None:
         """Take over what law rows say of the nodes."""

@@ -10,12 +10,15 @@ from typing import Protocol
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, force_level
 from dolfinx_llm.forms.verdict import EPS, SEVERAL, largest
 from dolfinx_llm.laws.complementarity import complementarity
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
+
+YIELDING = 1.5  # by so much a node yields more than its own stiffness says
 
 
 class SetUp(Protocol):
@@ -152,3 +155,18 @@ class WholeSteps(StepForm):
     def destroy(self) -> None:
         """See ``StepForm``."""
         self.release()
+
+
+def row_stiffness(operators: ContactOperators, diagonal: np.ndarray) -> np.ndarray:
+    """(n,) what a body sets against the motion of a row's node alone, about [force / length].
+
+    Args:
+        operators: of the interfaces.
+        diagonal: (n_local,) of the stiffness; at prescribed dofs that of the surfaces counts.
+    """
+    rows = operators.rows
+    mine = rows.numbering.mine
+    dofs = rows.dofs[mine] - operators.dofs.first
+    own = np.where(operators.dofs.fixed[dofs], operators.scale, diagonal[dofs])
+    stiffness = (rows.base[mine] ** 2 * own).sum(axis=1) / YIELDING
+    return gather_rows(operators.comm, stiffness)[rows.numbering.number]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,13 @@ from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.direct import DirectSolver
-from dolfinx_llm.forms.exchange import WholeSteps
-from dolfinx_llm.forms.step import LinearStep
+from dolfinx_llm.forms.exchange import WholeSteps, row_stiffness
+from dolfinx_llm.forms.step import LinearStep, StepResult
+from dolfinx_llm.laws.forecast import Forecast
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import create_aij, join_blocks, with_springs
+
+STALLED = 1  # steps towards a load that leave no fewer wrong signs than any before
 
 
 class SaddleForm(WholeSteps):
@@ -26,6 +30,25 @@ class SaddleForm(WholeSteps):
     """
 
     name = "saddle"
+    _fewest: float = np.inf  # signs that were wrong in any step towards this load
+    _swings = 0  # steps with no fewer
+
+    def solve(self, f: np.ndarray, step: LinearStep) -> StepResult:
+        """See ``WholeSteps``; where change goes round without friction, when those that press are
+        the least of a convex function, a forecast says which do next."""
+        if f is not self._f:
+            self._fewest, self._swings = np.inf, 0
+        found = super().solve(f, step)
+        wrong = int(found.wrong.sum())
+        self._swings += wrong >= self._fewest
+        self._fewest = min(wrong, self._fewest)
+        if not wrong or self._swings <= STALLED or abs(step.E - step.L.T).nnz:
+            return found
+        k = row_stiffness(self.operators, self.operators.diagonal)
+        forecast = Forecast(step.L, np.where(step.active | step.may_open, k, 0.0), step.may_open)
+        pressing = forecast.pressing(found.multiplier, found.y + step.g)
+        told = step.may_open & (pressing != found.active)
+        return replace(found, wrong=told) if told.any() else found
 
     def set_up(self, step: LinearStep) -> FactorisedStep:
         """See ``WholeSteps``."""

@@ -52,6 +52,23 @@ def test_bonds_without_friction(size):
         assert np.abs(one - other).max() <= 1e-8 * np.abs(one).max()
 
 
+@pytest.mark.long
+def test_a_large_bond_comes_to_rest():
+    """Hundreds of pairs opened and closed in turns for ever: each block balances, none pulls."""
+    blocks = walls.courses(16, 16)
+    wall, problem = bond(blocks, (0.0, -1.0))
+    problem.solve()
+    assert len(problem.history) <= 40
+    area = (blocks[:, 1] - blocks[:, 0]).prod(axis=1)
+    left = area[:, None] * [0.0, -1.0]
+    for (i, _, j), result in zip(wall.faces, problem.results, strict=True):
+        left[i] -= result.resultant
+        left[j] += result.resultant
+        assert all(one.normal_force.min() >= -1e-9 * area.sum() for one in result.sides)
+    assert np.abs(left[blocks[:, 0, 1] > 0.0]).max() <= 1e-9 * area.sum()
+    problem.destroy()
+
+
 @pytest.mark.parametrize("law", [llm.Frictionless(), longer(llm.Coulomb(0.6))])
 def test_a_push_that_nothing_holds(law):
     """Told by the motion, within ten iterations: what slides, and what is left of the force."""

@@ -21,7 +21,7 @@ from dolfinx_llm.forms.condensed.modes import rigid_modes_of, sliding_modes_of, 
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import items_of
 from dolfinx_llm.forms.condensed.system import CondensedSystem
-from dolfinx_llm.forms.exchange import SetUp, WholeSteps
+from dolfinx_llm.forms.exchange import SetUp, WholeSteps, row_stiffness
 from dolfinx_llm.forms.options import FACTORISED
 from dolfinx_llm.forms.step import SOFT, LinearStep, StepResult, force_level
 from dolfinx_llm.forms.verdict import FinalError
@@ -35,7 +35,6 @@ FEWEST = 10_000  # unknowns of bodies from which on friction by GMRES is no slow
 LOOSELY = 1e-2  # of the load, that the first solve towards it leaves if its signs are wrong
 FIRMER = 0.1  # from one of these to the next
 DOUBTLESS = 10.0  # times that, of the largest force: signs that are wrong beyond doubt
-YIELDING = 1.5  # by so much a node yields more than its own stiffness says
 ASKED = 8  # pairs that are asked for with friction, where each takes a solve by GMRES
 
 
@@ -140,7 +139,7 @@ class CondensedForm(WholeSteps):
     @cached_property
     def _stiffness(self) -> np.ndarray:
         """(n,) of rows."""
-        return row_stiffness(self.operators, self.split, self.scale)
+        return row_stiffness(self.operators, self.split.diagonal)
 
     def _judge_friction(self, found: StepResult, step: LinearStep) -> None:
         """How far balance and laws may be trusted; where contact goes back and forth, pairs are
@@ -264,22 +263,6 @@ class _Symmetric:
 
     def destroy(self) -> None:
         """What is set up may serve the next step."""
-
-
-def row_stiffness(operators: ContactOperators, split: SplitStiffness, scale: float) -> np.ndarray:
-    """(n,) what a body sets against the motion of a row's node alone, about [force / length].
-
-    Args:
-        operators: of the interfaces.
-        split: stiffness of the bodies.
-        scale: of the surfaces, for prescribed dofs.
-    """
-    rows = operators.rows
-    mine = rows.numbering.mine
-    dofs = rows.dofs[mine] - split.first
-    own = np.where(operators.dofs.fixed[dofs], scale, split.diagonal[dofs])
-    stiffness = (rows.base[mine] ** 2 * own).sum(axis=1) / YIELDING
-    return gather_rows(operators.comm, stiffness)[rows.numbering.number]
 
 
 def _chosen(options: dict) -> bool:
