@@ -196,6 +196,21 @@ def test_mesh_without_symmetry():
     assert folding.overlap(moving.x, moving.facets) <= 0.1
 
 
+@pytest.mark.long
+def test_tetrahedra():
+    """Meshes that do not mirror each other, in space: forces and moments balance, pairs press."""
+    problem, jaws = folding.problem(*folding.hairpin(MPI.COMM_WORLD, kind="tet", layers=3))
+    for way in (0.5, NEAR, folding.RADIUS, folding.RADIUS + 0.02):
+        jaws[0].value, jaws[1].value = way, -way
+        problem.solve()
+    (result,) = problem.results
+    frame, moving = result.sides
+    pressing, size = moving.status > 0, np.abs(moving.force).sum()
+    assert pressing.sum() > 20 and (moving.normal_force[pressing] > 0.0).all()
+    assert np.abs(moving.force.sum(axis=0) + frame.force.sum(axis=0)).max() <= 1e-10 * size
+    assert np.abs(result.moment(side=0) + result.moment(side=1)).max() <= 1e-10 * size
+
+
 def test_through_itself():
     """Legs that have changed places."""
     sides = chain(folding.bent(np.linspace(-2.5, 2.5, 61), 0.0))
