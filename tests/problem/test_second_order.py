@@ -203,7 +203,8 @@ def test_curved_surfaces_in_space():
         found, matching = (
             bent_rings.errors(bent_rings.tied_shells(sizes)) for sizes in ((h, h / 1.5), (h, h))
         )
-        assert (found <= 1.2 * matching).all()
+        assert (found[:2] <= matching[:2]).all()
+    assert (found <= 1.2 * matching).all()  # tractions as well, on the finer meshes
 
 
 @pytest.mark.long
