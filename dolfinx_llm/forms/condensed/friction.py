@@ -30,6 +30,8 @@ from dolfinx_llm.forms.step import LinearStep
 from dolfinx_llm.operators.petsc import diagonal_of, times
 
 LEAVES = 1e-2  # of a residual about the last iterate, by a linear solve, at most
+FIRMLY = 1e-6  # the same where that takes many iterations
+HARD = 12.0  # iterations per digit: so many
 ASTRAY = 1e3  # times the load: residuals of the last solution from which on it is no start
 AT_ROUNDING = 1e-10  # of the load: where GMRES has got there, rounding alone leaves no more
 FINAL = 1e-13  # of the load: nothing less is asked for
@@ -39,6 +41,7 @@ OUTWORN = 2.0  # times the iterations per digit of a new multigrid, from which o
 SPARE = 8  # iterations more that an old one may take
 ENDS = 1e3  # times the goal: a residual from which on a solve is one of the last towards a load
 OTHER = 0.3  # of the places on the surfaces: where more have changed, a new one is quicker
+EASY = 4.0  # iterations per digit: where a new one takes more, the old one corrected is as good
 
 
 class FrictionStep:
@@ -175,7 +178,7 @@ class FrictionStep:
         if not size <= ASTRAY * load:
             q, size = 0.0 * q, load  # what is left of the load
         same = abs(size - of.left) < 1e-6 * of.left  # nothing has changed since
-        goal = FINAL * load if same or not main else goal_of(size, load, of.loose)
+        goal = FINAL * load if same or not main else goal_of(size, load, of.loose, of.usual < HARD)
         fresh = self._serve(False, size > ENDS * goal)
         while size > goal and load > 0.0:
             before, digits = size, float(np.log10(size / goal))
@@ -213,7 +216,7 @@ class FrictionStep:
         of, step = self._of, (self._form, self._rows, self._reduced)
         began, other = time.perf_counter(), 1.0 if of.kept is None else of.kept.meet(*step)
         worn = of.kept is None or of.excess > SET_UP
-        anew = anew or worn or (far and other > OTHER)
+        anew = anew or worn or (far and other > OTHER and of.usual < EASY)
         if anew:
             of.multigrid(*step[1:]).meet(*step)
         of.kept.fit(self._form, self._reduced, self._blocks)
@@ -249,10 +252,11 @@ def scales_of(diagonal: np.ndarray, scale: float) -> np.ndarray:
     return 1.0 / np.sqrt(np.where(size > 1e-12 * scale, size, scale))
 
 
-def goal_of(size: float, load: float, loose: float | None) -> float:
+def goal_of(size: float, load: float, loose: float | None, easy: bool) -> float:
     """What a solve is to leave of a residual about the last iterate, of the sizes of that and of
     the load, or of the load where that is given. Newton's next residual is about the square of one:
-    less is not worth it."""
+    less is not worth it. Where that is not ``easy`` loose solves mislead the law."""
     if loose is not None:
         return max(loose, FINAL) * load
-    return max(min(LEAVES, size / load) * min(size, load), FINAL * load)
+    leaves = LEAVES if easy else FIRMLY
+    return max(min(leaves, size / load) * min(size, load), FINAL * load)
