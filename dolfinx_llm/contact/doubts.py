@@ -14,6 +14,7 @@ from dolfinx_llm.laws.rows import OPEN
 SPIN = 1e-9  # part of an obstacle's rotation along its normals, up to which it does not tilt
 TILT = 0.1  # [rad] angle by which an obstacle may turn: half its square of the motion is left out
 LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
+UNTIED_SHARE = 1e-2  # the same, on pairs that have none from the start of a load step
 IN_SUM = 1e-3  # of the largest force, of friction at a frame node with its neighbours alone
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
 UNCERTAIN = 0.2  # part of the bodies' motion to which gaps must be known
@@ -32,7 +33,13 @@ def doubts(
     out = []
     for state, result in zip(states or [], results):
         share = state.loose_share([side.normal_force for side in result.sides])
-        if share > LOOSE_SHARE:
+        if state.ties is not None and share > UNTIED_SHARE:
+            out.append(
+                f"interface {state.nodes.geometry.interface.name}: pairs at the rim of contact "
+                f"carry {share:.1%} of the normal force, and those next to them the friction that "
+                "belongs to it. Use a finer mesh where contact ends"
+            )
+        elif state.ties is None and share > LOOSE_SHARE:
             out.append(
                 f"interface {state.nodes.geometry.interface.name}: pairs that opened and closed by "
                 f"turns have been left without friction of their own, and carry {share:.1%} of the "

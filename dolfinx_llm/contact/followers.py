@@ -46,7 +46,7 @@ class Followers:
         """
         k, t = nodes.kappa.shape
         follows = nodes.of(tied)
-        speaker = speakers(follows, nodes.of(active))
+        speaker = speakers(follows, nodes.of(active | tied))
         if np.array_equal(speaker, np.arange(k)):
             return replace(Followers.none(nodes), unheld=unheld(follows, speaker))
         alike = follow(speaker, nodes.tangents)

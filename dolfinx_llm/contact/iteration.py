@@ -21,6 +21,7 @@ from dolfinx_llm.contact.giving import CONSTANT, GivingWay
 from dolfinx_llm.contact.gliding import glide, slips
 from dolfinx_llm.contact.loose import regain, require_friction
 from dolfinx_llm.contact.state import ContactState, InterfaceState
+from dolfinx_llm.contact.ties import choose, unsettled, untie
 from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import GRAZING, SIGN, StepForm, StepResult, force_level
 from dolfinx_llm.forms.verdict import FinalError, Verdict
@@ -152,6 +153,7 @@ class ContactIteration:
             apart = np.abs(equations.L @ w - y - g)
             met = slips(equations, y + g, w) if glides else w
             if glides:
+                choose(self.states, multiplier, iteration)
                 glide(equations, False)
             changes = sum(self._take(s, found, apart) for s in self.states)
             miss = equations.miss(multiplier, w) / largest
@@ -165,7 +167,8 @@ class ContactIteration:
             if self.operators.tied:  # one linear step is all
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
                 return found
-            if iteration == 1 and glide(equations, changes > many):
+            anew = not self._vital and unsettled(self.states, changes, iteration)
+            if (anew or iteration == 1) and glide(equations, anew or changes > many):
                 glides = True  # contact is sought anew, without friction
                 stuck = self.snapshot()[0], (multiplier, w), equations.middle(y + g, w)
                 _take_back(self.states, rest)
@@ -184,6 +187,7 @@ class ContactIteration:
             settled &= giving.rest(multiplier, largest, calm > CALM)
             rests = settled and calm > corrections and pull.rests
             released = (rests or calm > 1) and equations.release(multiplier, ENOUGH * largest)
+            released |= untie(self.states, multiplier, miss, equations.felt * largest)
             if rests and not released and chances and regain(self.states, multiplier):
                 chances, released = chances - 1, True
             if rests and not released:
@@ -205,15 +209,10 @@ class ContactIteration:
         raise ContactError(_failure(self.history[first:]))
 
     def _take(self, s: InterfaceState, found: StepResult, apart: np.ndarray) -> int:
-        """Take over the pairs in contact, and find what sticks and slips.
-
-        Args:
-            s: an interface.
-            found: of the last step.
-            apart: (n,) by how much surface and frame are apart there [length].
+        """Take over the pairs of an interface in contact, and find what sticks and slips.
 
         Returns:
-            Number of changes that matter.
+            Number of changes that matter, surface and frame being apart (n,) [length].
         """
         rows, own, speaker = s.nodes.rows, s.own, s.others.speaker
         normal = rows[:, -1]

@@ -81,6 +81,7 @@ class InterfaceState:
         others, touched: who speaks for whom; counts the changes of what is in contact.
         held: (n,) pairs that may pull, too.
         shares, curved: nodes at the rim of contact slip as others do; so on a curved frame.
+        ties: (n,) pairs that follow a curved frame tangentially; None: those in contact.
     """
 
     def __init__(self, nodes: FrictionNodes) -> None:
@@ -108,6 +109,7 @@ class InterfaceState:
             holds=np.zeros(k, dtype=bool),
             history={},
         )
+        self.ties: np.ndarray | None = None
         self.begin()
         if k:
             rest = self._at_rest()
@@ -132,7 +134,7 @@ class InterfaceState:
 
     def restore(self, state: ContactState) -> None:
         """Take over another state."""
-        self.own = state.copy()
+        self.own, self.ties = state.copy(), None
         self.touch(self.own.active)
 
     def touch(self, active: np.ndarray) -> None:
@@ -172,14 +174,12 @@ class InterfaceState:
         rim of contact, carries hardly any force; without friction it comes to rest."""
         if not self.shares:
             return self.own.active
-        return self.own.active & (self.own.closings < LOOSE) & (not self.glides)
+        settling = self.own.active & (self.own.closings < LOOSE)
+        return (settling if self.ties is None else self.ties) & (not self.glides)
 
     def loose_share(self, normal_forces: Sequence[np.ndarray]) -> float:
-        """Share of the normal force on pairs in contact that do not follow the frame tangentially.
-
-        Args:
-            normal_forces: per side (n_i,) [force].
-        """
+        """Share of the normal forces (n_i,) of each side [force] on pairs in contact that do not
+        follow the frame tangentially."""
         force = np.concatenate(normal_forces)
         loose = self.own.active & ~self._tied
         return float(np.abs(force[loose]).sum() / max(np.abs(force).sum(), 1e-300))
@@ -264,6 +264,6 @@ class InterfaceState:
 
     def bearing_rows(self) -> np.ndarray:
         """(n c,) rows in contact that have friction."""
-        rows = np.repeat(self._tied[:, None], self.nodes.rows.shape[1], axis=1)
+        rows = self.closed_rows().reshape(self.nodes.rows.shape) & self.own.active[:, None]
         rows[:, -1] = False
-        return rows.ravel() & self.nodes.kept & bool(self.nodes.kappa.size)
+        return rows.ravel() & bool(self.nodes.kappa.size)

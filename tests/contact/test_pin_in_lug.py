@@ -98,12 +98,15 @@ PLANE = (2, 2.0, 0.0, 0.2), (2, 2.0, 0.02, 0.05), (2, 2.0, 0.02, 0.5)
 SOLID = [(3, 4.0, 0.1, 0.2), *((3, 4.0, *case) for case in
          itertools.product((0.0, 0.02, 0.05), (0.05, 0.2, 0.5, 1.0)))]  # fmt: skip
 
+# Ties that come and go do not come to rest here: they are chosen once.
+FINE = [("flexibility", 3, 3.0, 0.05, mu) for mu in (0.05, 0.2, 0.5, 1.0)]
+
 
 @pytest.mark.parametrize(
     ("form", "dim", "h", "clearance", "mu"),
     [*some_of([("saddle", *case) for case in PLANE], [("saddle", *PLANE[2])]),
      *some_of([("flexibility", *case) for case in PLANE], [("flexibility", *PLANE[0])]),
-     ("flexibility", 3, 3.0, 0.02, 0.5),
+     *some_of([("flexibility", 3, 3.0, 0.02, 0.5), *FINE], [("flexibility", 3, 3.0, 0.02, 0.5)]),
      *some_of([("flexibility", *case) for case in SOLID], [("flexibility", *SOLID[0])])],
 )  # fmt: skip
 def test_converges(form, dim, h, clearance, mu, monkeypatch):

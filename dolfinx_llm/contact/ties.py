@@ -1,0 +1,72 @@
+"""Which pairs follow a curved frame along its tangents in a load step.
+
+The tie of a pair bears any force, however little the pair presses. Where every pair in contact has
+one, a pair that hardly presses may pull itself open by its tie, and press again without it: then no
+state at all meets the law. Where pairs do not come to rest ties are therefore chosen once, where
+contact without friction presses, and stay while the iteration goes on. Of those whose pairs are
+open and still bear friction the strongest are let go for good, until there are none: each goes once
+at most, so that this ends. Coulomb's law holds at the frame's nodes with the normal forces of all
+pairs, tied or not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dolfinx_llm.contact.state import InterfaceState
+
+EVERY = 12  # iterations with a tie for each pair in contact
+RESTLESS = 0.05  # of the pairs: where more change then, they do not come to rest
+PRESSES = 2e-2  # of the largest normal force without friction: pairs with more are tied
+SETTLING = 1e-2  # of the largest force, that laws are missed by: from there on ties may go
+STRONGEST = 0.5  # of the largest force of friction at an open pair: those above go together
+
+
+def unsettled(states: list[InterfaceState], changes: int, iteration: int) -> bool:
+    """Whether ties are to be chosen now: many pairs of curved frames still change.
+
+    Args:
+        states: of all interfaces.
+        changes: in this iteration.
+        iteration: its number.
+    """
+    many = RESTLESS * sum(len(s.nodes.rows) for s in states)
+    return iteration == EVERY and any(s.curved for s in states) and changes > many
+
+
+def choose(states: list[InterfaceState], multiplier: np.ndarray, iteration: int) -> None:
+    """Tie the pairs of curved frames that press, if it is time to.
+
+    Args:
+        states: of all interfaces.
+        multiplier: λ (n,) of contact without friction [force].
+        iteration: its number.
+    """
+    if iteration <= EVERY:
+        return
+    for s in states:
+        if s.curved:
+            force = multiplier[s.nodes.rows[:, -1]]
+            s.ties = force > PRESSES * force.max(initial=0.0)
+
+
+def untie(states: list[InterfaceState], multiplier: np.ndarray, miss: float, felt: float) -> bool:
+    """Let go of open pairs that bear friction; whether there were any.
+
+    Args:
+        states: of all interfaces.
+        multiplier: λ (n,) [force].
+        miss: by how much laws are missed, of the largest force.
+        felt: friction that is more than rounding [force].
+    """
+    found = False
+    for s in states:
+        if s.ties is None or miss >= SETTLING:
+            continue
+        force = np.linalg.norm(multiplier[s.nodes.rows[:, :-1]], axis=1)
+        force = np.where(s.ties & ~s.own.active, force, 0.0)
+        gone = force > max(felt, STRONGEST * force.max(initial=0.0))
+        s.ties = s.ties & ~gone
+        s.touch(s.own.active)
+        found |= bool(gone.any())
+    return found
