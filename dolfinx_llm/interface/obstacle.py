@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -61,7 +60,8 @@ class Obstacle:
     rotation: float | np.ndarray | None = field(default=None, kw_only=True)  # angle, (3,) [rad]
     pivot: np.ndarray | None = field(default=None, kw_only=True)  # (gdim,) [length]
     force: tuple[float | None, ...] | None = field(default=None, kw_only=True)  # (gdim,) [force]
-    moment: Any = field(default=None, kw_only=True)  # number, (3,) [force length]
+    # about the pivot: a number, in 3D (3,) [force length]
+    moment: float | tuple[float | None, ...] | np.ndarray | None = field(default=None, kw_only=True)
 
     everywhere = False  # all of the surface takes part, with normals of its own
 
