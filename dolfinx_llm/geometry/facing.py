@@ -51,12 +51,9 @@ class Facets:
         centre, area = p.mean(axis=1), vector_areas(surface.x, surface.facets)
         size = np.linalg.norm(area, axis=1)
         middle = size @ centre / size.sum()
-        return cls(
-            centre,
-            np.linalg.norm(p - centre[:, None], axis=2).max(axis=1),
-            area / size[:, None],
-            float(np.linalg.norm(centre - middle, axis=1).max()),
-        )
+        radius = np.linalg.norm(p - centre[:, None], axis=2).max(axis=1)
+        reach = np.append(np.linalg.norm(centre - middle, axis=1), radius)  # of one facet its own
+        return cls(centre, radius, area / size[:, None], float(reach.max()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,10 +3,12 @@
 import numpy as np
 import pairs
 import pytest
+import wall_scenes as walls
 from mpi4py import MPI
-from sampling import drawn, some_of
+from sampling import drawn, longer, some_of
 
 import dolfinx_llm as llm
+from dolfinx_llm.interface.build import build_interfaces
 
 COMM = MPI.COMM_SELF
 
@@ -152,3 +154,20 @@ def test_frame_from_gmsh():
     problem, error = pairs.stack(blocks, low, high, frame)
     assert error <= 1e-11
     assert np.array_equal(problem.results[0].frame.x, frame.x)
+
+
+@pytest.mark.parametrize("cells", [2, longer(1), longer(4)])
+@pytest.mark.parametrize("kind", ["triangle", longer("tetrahedron")])
+def test_single_facets_that_may_part(kind, cells):
+    """A joint of one facet covers what the drawing says, also where it is turned: by rounding it
+    was given up, or half of it."""
+    blocks = walls.courses(2, 2, bond=0.3, depth=0.7 if kind == "tetrahedron" else None)
+    counts = np.where(np.arange(len(blocks))[:, None] % 2, cells, np.ones(blocks.shape[2], int))
+    for turn in (0.0, 0.3, 0.7):
+        wall = walls.Wall(COMM, blocks, counts, kind, turn=turn)
+        free = np.zeros(wall.V.dofmap.index_map.size_local * wall.gdim, dtype=bool)
+        built = build_interfaces(wall.interfaces(llm.Coulomb(0.6)), [wall.V], [free])
+        for (i, axis, j), geometry in zip(wall.faces, built, strict=True):
+            shared = np.minimum(*blocks[[i, j], 1]) - np.maximum(*blocks[[i, j], 0])
+            assert abs(geometry.area - np.delete(shared, axis).prod()) <= 1e-14
+            assert geometry.certificate.residual <= 1e-14
