@@ -103,19 +103,19 @@ def check_field(interface: Interface, scalar: bool) -> None:
 
 
 def check_order(interface: Interface, sides: Sequence[Surface], flat: bool = True) -> None:
-    """Require, of second-order bodies, ties on flat surfaces, or laws that let them part.
+    """Require, of second-order bodies, ties, laws that let them part, or those of a scalar field.
 
     Raises:
         ContactInputError: what is not there for them is asked for.
     """
-    missing = ""
+    missing, law = "", interface.law
     if all(side.element.order == 1 for side in sides):
         return
-    if interface.law.gives or not (interface.law.ties or interface.law.opens):
-        missing = f"the law {interface.law}"
+    if not law.scalar and (law.gives or not (law.ties or law.opens)):
+        missing = f"the law {law}"
     elif interface.design == "positions":
         missing = "design='positions' (use 'weights' or 'auto')"
-    elif not flat and not interface.law.ties:
+    elif not flat and law.opens:
         missing = "surfaces with sharp turns"
     if missing:
         raise ContactInputError(

@@ -27,22 +27,24 @@ def check(scene):
 
 
 @pytest.mark.parametrize(
-    ("gdim", "law", "solver", "sides"),
+    ("gdim", "law", "solver", "sides", "degree"),
     [
-        (2, "tied", "saddle", False),
-        (2, "finite", "condensed", True),
-        (3, "tied", "condensed", True),
-        (3, "finite", "auto", False),
+        (2, "tied", "saddle", False, 1),
+        (2, "varying", "condensed", True, 2),
+        (3, "finite", "condensed", True, 1),
+        (3, "finite", "auto", False, 2),
         *(
-            pytest.param(gdim, law, solver, sides, marks=LONG)
+            pytest.param(gdim, law, solver, sides, degree, marks=LONG)
             for gdim in (2, 3)
             for law in ("tied", "finite", "varying")
             for solver in ("auto", "saddle", "condensed")
             for sides in (False, True)
+            for degree in (1, 2)
+            if degree == 1 or law != "tied"  # whose tests are below
         ),
     ],
 )
-def test_linear_temperature(gdim, law, solver, sides):
+def test_linear_temperature(gdim, law, solver, sides, degree):
     """Continuous, with a jump q / h, and with one that grows along the surface as 1 / h does."""
     jump, slope = {"tied": (0.0, 0.0), "finite": (heat.FLUX / H, 0.0), "varying": (0.4, 0.3)}[law]
     field = heat.Linear(gdim, jump, slope)
@@ -50,7 +52,7 @@ def test_linear_temperature(gdim, law, solver, sides):
     bodies = heat.blocks(COMM, gdim)
     for order in ((0, 1), (1, 0)):
         chosen = made.get(law, llm.Conductance(field.conductance))
-        scene = heat.Conducting(bodies, chosen, field, sides, order=order, solver=solver)
+        scene = heat.Conducting(bodies, chosen, field, sides, degree, order, solver=solver)
         check(scene)
 
 
@@ -66,6 +68,29 @@ def test_second_order_tied(solver):
     between = np.array([[0.1, 1.0], [0.77, 1.01], [1.5, 1.0]])  # the last one beyond its end
     expected = heat.FLUX * np.array([0.1, 0.77, 1.0])
     assert result.pressure_at(between) == pytest.approx(expected, abs=1e-10)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("solver", ["saddle", pytest.param("condensed", marks=LONG)])
+def test_flux_at_a_cross(degree, solver):
+    """Four blocks: what flows is the same at all nodes of four interfaces that resist, at that
+    where they meet as well."""
+    problem, known = heat.cross(COMM, llm.Conductance(H), H, degree, solver)
+    for u, temperature in zip(problem.solve(), known, strict=True):
+        x = u.function_space.tabulate_dof_coordinates().T
+        assert np.abs(u.x.array - temperature(x)).max() <= 1e-12
+    for i, result in enumerate(problem.results):
+        assert np.abs(result.flux - heat.THROUGH[i // 2]).max() <= 1e-12
+        assert abs(sum(side.force.sum() for side in result.sides)) <= 1e-12
+        assert np.abs(result.x - 1.0).max(axis=1).min() <= 1e-12
+
+
+@pytest.mark.long
+def test_curved_of_second_order():
+    """Tubes in each other: the heat that flows, against that of concentric circles."""
+    off = [heat.tubes(n, H) for n in (16, 32)]
+    assert off[1][0] <= off[0][0] / 8.0 <= 2e-5
+    assert off[1][1] <= off[0][1] / 4.0 <= 1e-3
 
 
 def outflow(scene, i):
@@ -203,5 +228,3 @@ def test_what_is_refused():
         llm.Conductance(-1.0)
     with pytest.raises(llm.ContactInputError, match="of shape"):
         heat.Conducting(bodies, llm.Conductance(lambda x: x[:3]), heat.Linear(2)).problem.solve()
-    with pytest.raises(llm.ContactInputError, match="second-order"):
-        heat.Conducting(bodies, llm.Conductance(H), heat.Quadratic(), degree=2)

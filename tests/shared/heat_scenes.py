@@ -1,15 +1,17 @@
 """Two blocks of unlike materials that conduct heat into each other, with a known temperature."""
 
+import bent_rings
 import numpy as np
 import pairs
 import ufl
 from contact_scenes import ABOVE, BELOW, rectangle
-from dolfinx import fem
+from dolfinx import fem, mesh
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
 
 K, FLUX, ALONG = (2.0, 0.3), 1.7, (0.4, -0.7)  # conductivities; upwards; gradient along the surface
+THROUGH = np.array([1.1, -0.7])  # flux through the interfaces of a cross
 KINDS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
 
 
@@ -127,3 +129,58 @@ class Conducting:
             size = max(size, np.abs(known.x.array).max(initial=0.0))
         comm = self.problem.comm
         return max(comm.allgather(worst)) / max(comm.allgather(size))
+
+
+def cross(comm, law, h, degree, solver):
+    """Four blocks of one material round (1, 1), whose meshes do not match, and an interface of
+    conductance h between each two: the problem, interfaces along y first, and temperatures by
+    coordinates (3, n)."""
+    forms, loads, bcs, tags, known = [], [], [], {}, []
+    for n, kind, at in zip((3, 4, 5, 3), 2 * KINDS[2], ((0, 0), (1, 0), (0, 1), (1, 1))):
+        low = np.array(at, dtype=float)
+        block = mesh.create_rectangle(comm, [low, low + 1], [n, n], getattr(mesh.CellType, kind))
+        edges = [mesh.locate_entities_boundary(block, 1, lambda p, k=k: np.isclose(p[k], 1.0))
+                 for k in (0, 1)]  # fmt: skip
+        facets, values = np.concatenate(edges), np.repeat([1, 2], [len(edge) for edge in edges])
+        order = np.argsort(facets)
+        tags[at] = mesh.meshtags(block, 1, facets[order], values[order].astype(np.int32))
+        V = compat.function_space(block, degree=degree)
+        u, v, value = ufl.TrialFunction(V), ufl.TestFunction(V), fem.Function(V)
+        forms.append(K[0] * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
+        loads.append(fem.Constant(block, 0.0) * v * ufl.dx)
+        known.append(lambda p, low=low: -THROUGH @ p[:2] / K[0] - THROUGH @ low / h)
+        value.interpolate(known[-1])
+        ends = fem.locate_dofs_geometrical(
+            V, lambda p, low=low: np.isclose(p[:2], 2.0 * low[:, None]).any(axis=0)
+        )
+        bcs.append(fem.dirichletbc(value, ends))
+    sides = [(((0, k), 1), ((1, k), 1)) for k in (0, 1)] + [
+        (((k, 0), 2), ((k, 1), 2)) for k in (0, 1)
+    ]
+    interfaces = [
+        llm.Interface(None, tuple((tags[at], tag) for at, tag in pair), law=law) for pair in sides
+    ]
+    return llm.ContactProblem(forms, loads, bcs=bcs, interfaces=interfaces, solver=solver), known
+
+
+def tubes(n, h):
+    """Of a tube in a tube of second order, n and 3 n / 2 cells around: relative errors of the heat
+    that flows in all, and of the flux at the frame's nodes."""
+    parts = [bent_rings.ring(n, 1.0, 2.0, 0.0), bent_rings.ring(n * 3 // 2, 2.0, 3.0, 0.1)]
+    forms, loads, bcs = [], [], []
+    for k, (domain, tags), held, warm in zip(K, parts, (1, 2), (1.0, 0.0), strict=True):
+        V = compat.function_space(domain, degree=2)
+        u, v, value = ufl.TrialFunction(V), ufl.TestFunction(V), fem.Function(V)
+        value.x.array[:] = warm
+        forms.append(k * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
+        loads.append(fem.Constant(domain, 0.0) * v * ufl.dx)
+        dofs = fem.locate_dofs_topological(V, 1, tags.find(held))
+        bcs.append(fem.dirichletbc(value, dofs))
+    sides = tuple((tags, tag) for (_, tags), tag in zip(parts, (2, 1), strict=True))
+    interface = llm.Interface(None, sides, law=llm.Conductance(h))
+    problem = llm.ContactProblem(forms, loads, bcs=bcs, interfaces=interface)
+    problem.solve()
+    heat = 1.0 / (np.log(2.0) / K[0] + 0.5 / h + np.log(1.5) / K[1])  # per angle
+    result = problem.results[0]
+    total = abs(result.resultant[0] / (2.0 * np.pi * heat) - 1.0)
+    return total, np.abs(result.flux / (0.5 * heat) - 1.0).max()
