@@ -38,7 +38,7 @@ class RigidPlane(Obstacle):
         point: (gdim,) any point of the surface [length].
         normal: (gdim,) out of the obstacle, towards the body.
         displacement, pivot, force: (gdim,) as of ``Obstacle``.
-        moment: as of ``Obstacle``.
+        moment: a number, in 3D (3,), as of ``Obstacle``.
         rotation: an angle, in 3D (3,), as of ``Obstacle``.
 
     Raises:
@@ -77,7 +77,7 @@ class RigidSphere(Obstacle):
         radius: positive [length].
         inside: the body lies inside.
         displacement, pivot, force: (gdim,) as of ``Obstacle``.
-        moment: as of ``Obstacle``.
+        moment: a number, in 3D (3,), as of ``Obstacle``.
         rotation: an angle, in 3D (3,), as of ``Obstacle``.
 
     Raises:
@@ -117,7 +117,7 @@ class RigidCylinder(Obstacle):
         radius: positive [length].
         inside: the body lies inside.
         displacement, pivot, force: (gdim,) as of ``Obstacle``.
-        moment: as of ``Obstacle``.
+        moment: a number, in 3D (3,), as of ``Obstacle``.
         rotation: an angle, in 3D (3,), as of ``Obstacle``.
 
     Raises:
@@ -156,7 +156,7 @@ class RigidSurface(Obstacle):
     Args:
         mesh: a ``Frame`` whose normals point out of the obstacle, towards the body.
         displacement, pivot, force: (gdim,) as of ``Obstacle``.
-        moment: as of ``Obstacle``.
+        moment: a number, in 3D (3,), as of ``Obstacle``.
         rotation: an angle, in 3D (3,), as of ``Obstacle``.
 
     Raises:

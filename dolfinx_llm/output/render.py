@@ -8,6 +8,7 @@ standard input, and it imports nothing of this package.
 import io
 import logging
 import os
+import re
 import subprocess
 import sys
 from dataclasses import asdict, dataclass
@@ -73,6 +74,7 @@ def asked(scene: Scene, path: Path) -> str:
         if done.returncode == 0:
             return ""
         words = done.stderr.decode(errors="replace").strip().splitlines()
+        words += [line for line in words if re.match(r"[\w.]+(Error|Exception)\b", line)][-1:]
         return f"exit code {done.returncode}" + (f", {words[-1]}" if words else "")
     except (OSError, subprocess.TimeoutExpired) as error:
         return str(error)

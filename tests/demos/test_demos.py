@@ -209,7 +209,8 @@ def test_adjoint(tmp_path, mu, solver):
 
 
 @pytest.mark.parametrize(
-    ("name", "forces"), [longer("oring", None), longer("assembly", [[4.0, 0.0, -40.0]] * 2)]
+    ("name", "forces"),
+    [longer("oring", None), longer("lug", None), longer("assembly", [[4.0, 0.0, -40.0]] * 2)],
 )
 def test_first_scripts(name, forces, tmp_path):
     """Scripts as new users write them run as they are, show bodies with pressure, and balance."""
@@ -220,7 +221,10 @@ def test_first_scripts(name, forces, tmp_path):
         capture_output=True, text=True, check=True,
     ).stdout  # fmt: skip
     found = np.array(json.loads(out.splitlines()[-1]))
-    if forces is None:  # the ring has no load of its own
+    if name == "lug":  # what pulls the pin; what holds its ends takes friction's part across
+        assert found[1, 0] == pytest.approx(found[0, 0], rel=1e-9)
+        assert np.abs(found[1, 1:]).max() < 0.01 * found[0, 0]
+    elif forces is None:  # the ring has no load of its own
         np.testing.assert_allclose(found[0], -found[1], atol=1e-9 * np.abs(found).max())
         assert np.abs(found[:, 1]).min() > 100 * np.abs(found[:, 0]).max()
         assert (tmp_path / "out" / "squeeze.gif").stat().st_size > 10_000
