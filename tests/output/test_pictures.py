@@ -417,6 +417,75 @@ def test_pyvista_and_meshio_read_the_series(tmp_path):
         assert read.point_data.keys() == own[3].keys() and read.cell_data.keys() == own[4].keys()
 
 
+@pytest.mark.long
+def test_every_file_reads_back(patch, tmp_path, monkeypatch):
+    """What every writer has written, by the reader of its kind; stress and displacement of bodies,
+    pressure and displacement of frames in one block, by meshio and by PyVista."""
+    pyvista, meshio = pytest.importorskip("pyvista"), pytest.importorskip("meshio")
+    from PIL import Image
+
+    monkeypatch.setattr(render, "find_spec", lambda name: None)
+    scene = pressed()
+    problem, result = scene.problem, scene.problem.results[0]
+    others = [".bp"] * has_adios2 + [".vtkhdf"] * (compat.io_module("vtkhdf") is not None)
+    with plot.Film(problem, tmp_path / "film.gif") as film:
+        film.add()
+    problem.plot(tmp_path)
+    plot.frame_design(patch[1].results[0], None, tmp_path / "design.png")
+    plot.curves([("a", "-", [1.0, 2.0], [3.0, 4.0])], tmp_path / "curves.png")
+    problem.save(tmp_path / "state.npz")
+    post.write_interface(tmp_path / "alone", result)
+    with post.LoadSteps(problem, tmp_path / "steps", cell_fields=stress_of) as files:
+        files.write()
+    for i, u in enumerate(problem.u):
+        for suffix in (".pvd", *others):
+            fields = stress_of(u) if suffix == ".pvd" else None
+            post.write_bodies(tmp_path / f"body_{i}{suffix}", u, fields)
+    seen = set()
+    for path in sorted(p for p in tmp_path.rglob("*.*") if ".bp" not in p.parent.suffix):
+        seen.add(path.suffix)
+        if path.suffix == ".png":
+            assert np.ptp(image(path)) > 0.5
+        elif path.suffix == ".gif":
+            with Image.open(path) as found:
+                assert np.ptp(np.asarray(found.convert("L"))) > 100
+        elif path.suffix == ".npz":
+            with np.load(path) as found:
+                assert all(
+                    np.isfinite(found[name]).all()
+                    for name in found
+                    if found[name].dtype.kind == "f"
+                )
+        elif path.suffix == ".csv":
+            table = np.genfromtxt(path, delimiter=",", names=True)
+            assert len(table) > 1 and {"displacement_x", "displacement_y"} <= {*table.dtype.names}
+        elif path.suffix == ".pvd":
+            (block,) = pyvista.get_reader(str(path)).read()
+            assert "displacement" in block.point_data
+        elif path.suffix == ".vtkhdf":
+            assert "u" in pyvista.get_reader(str(path)).read().point_data
+        elif path.suffix == ".vtu":
+            one, other = meshio.read(path), pyvista.read(path)
+            moved = one.points + one.point_data["displacement"]
+            assert np.abs(moved - one.points).max() > 1e-3
+            np.testing.assert_array_equal(other.warp_by_vector("displacement").points, moved)
+            if "bod" in path.name:
+                value = one.cell_data["stress"][0]
+                assert len(value) == len(one.cells[0].data) and value.min() > 0.0
+                np.testing.assert_array_equal(other.cell_data["stress"], value)
+            else:
+                value = one.point_data["pressure" if "frame" in path.name else "force"]
+                assert len(value) == len(moved) and np.abs(value).max() > 0.0
+    assert seen == {".png", ".gif", ".npz", ".csv", ".pvd", ".vtu", *others}
+
+
+def stress_of(u):
+    """Von Mises' stress in plane strain, of moduli 1."""
+    eps = ufl.sym(ufl.grad(u))
+    plane = [[eps[i, j] if i < 2 and j < 2 else 0.0 for j in range(3)] for i in range(3)]
+    return {"stress": post.von_mises(ufl.as_tensor(plane) + ufl.tr(eps) * ufl.Identity(3))}
+
+
 @pytest.mark.parametrize("kind", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
 def test_nodes_of_cells(kind, tmp_path):
     """Nodes of a file's cells lie where VTK has them, of first and second order."""
