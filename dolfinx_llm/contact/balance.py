@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from scipy.linalg import qr
 from scipy.optimize import linprog
-from scipy.sparse import csr_matrix, diags, hstack, identity, vstack
+from scipy.sparse import csr_matrix, hstack, identity, vstack
 
+from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.contact.equations import Equations
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.floating import out_of_balance
@@ -118,8 +119,8 @@ def _friction(s: InterfaceState, n: int) -> tuple[csr_matrix, csr_matrix, np.nda
     """Friction at the nodes of an interface along some directions, |T| <= μ N + cohesion area: rows
     (j, n) of T and μ N, and what cohesion bears (j,)."""
     nodes, known = s.nodes, s.own.history
-    T = nodes.operator(nodes.theta * nodes.L_kappa.T.tocsr(), n)
-    bears, q = diags(known["mu"]) @ nodes.operator(nodes.L_normal, n), nodes.kappa.shape[1]
+    T = nodes.operator(nodes.tangential, n)
+    bears, q = diagonal(known["mu"]) @ nodes.operator(nodes.L_normal, n), nodes.kappa.shape[1]
     angles = np.pi * np.arange(2) if q == 1 else 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     along = zip(*[np.cos(angles), np.sin(angles)][:q], strict=True)
     rows = [sum(a * T[i::q] for i, a in enumerate(by)) for by in along]

@@ -13,17 +13,17 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import block_diag, bsr_matrix, csr_matrix, diags, hstack, identity
+from scipy.sparse import block_diag, csr_matrix, hstack, identity
 from scipy.sparse import vstack as stack
 from scipy.sparse.linalg import splu
 
+from dolfinx_llm.base.sparse import diagonal, per_item, picking
 from dolfinx_llm.contact.friction_nodes import friction_nodes
 from dolfinx_llm.contact.led import rows_of, told
 from dolfinx_llm.contact.proximal import FrameRows
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.step import SIGN, SOFT, LinearStep
 from dolfinx_llm.laws.rows import STICK, LawRows
-from dolfinx_llm.laws.speakers import sums
 from dolfinx_llm.operators.system import ContactOperators
 
 ROUNDED_OFF = 4.0 * float(np.finfo(float).eps) / SOFT
@@ -110,7 +110,7 @@ class Equations:
     @cached_property
     def _fit(self) -> Any:
         """Factorised LᵀL."""
-        fitted = self.whole @ diags(1.0 - self._rigid)
+        fitted = self.whole @ diagonal(1.0 - self._rigid)
         return splu((fitted.T @ fitted + 1e-10 * identity(self.m)).tocsc())
 
     def step(
@@ -131,18 +131,16 @@ class Equations:
         kept = np.where(active, self.about, 0.0)
         compliance = np.where(self.soft, SOFT / self.scale, self.compliance)
         now = self._frames.rows(self.L_t)
-        P, E, D, rhs = now.P, [now.E], [now.D], [now.own @ centre + self.loads]
-        for s in self.states:
-            nodes = s.nodes
-            if nodes.kappa.size:
+        E, D, rhs = [now.E], [now.D], [now.own @ centre + self.loads]
+        for s, parts in zip(self.states, now.slips, strict=True):
+            if s.nodes.kappa.size:
                 rows = self.law_rows(s, about[0], about[1], calmed)
-                C_T, C_jump = _blocks(rows.C_T), _blocks(rows.C_jump) / nodes.theta
-                E.append(nodes.operator(_on_forces(s, rows, C_T), self.n))
+                C_T, C_jump = per_item(rows.C_T), per_item(rows.C_jump / s.nodes.theta)
+                E.append(_on_forces(s, rows, C_T @ parts.T, parts.N))
                 # The proximal force stands beside T.
-                own = nodes.theta * C_T @ s.others.gather @ P[nodes.kappa.ravel()]
-                C_jump = C_jump @ s.others.relative
-                D.append(own + C_jump @ nodes.selection(self.m))
-                before = C_jump @ s.own.kappa_before.ravel()
+                own = C_T @ parts.beside
+                D.append(own + C_jump @ parts.relative)
+                before = C_jump @ (s.others.relative @ s.own.kappa_before.ravel())
                 rhs.append(own @ centre + rows.rhs.ravel() + before)
         (anchor, spring), floating = held, self._operators.floating
         return LinearStep(
@@ -183,8 +181,7 @@ class Equations:
         first, count = self.n_v, self.m - self.n_v
         if not count:
             return step
-        select = csr_matrix((np.ones(count), (np.arange(count), first + np.arange(count))),
-                            (count, self.m))  # fmt: skip
+        select = picking(first + np.arange(count), self.m)
         E = stack([step.E[:first], csr_matrix((count, self.n))], format="csr")
         D = stack([step.D[:first], self.scale * select], format="csr")
         before = [s.own.kappa_before.ravel() for s in self.states]
@@ -258,18 +255,9 @@ def _law_miss(equations: Equations, multiplier: np.ndarray, w: np.ndarray) -> fl
     return worst
 
 
-def _on_forces(s: InterfaceState, rows: LawRows, C_T: csr_matrix) -> csr_matrix:
-    """C_T T + C_N S as a matrix (k q, n c) of an interface's multipliers."""
-    nodes = s.nodes
-    own = C_T @ s.others.gather @ (nodes.theta * nodes.L_kappa.T)
+def _on_forces(s: InterfaceState, rows: LawRows, own: csr_matrix, normal: csr_matrix) -> csr_matrix:
+    """C_T T + C_N S as a matrix (k q, n) of λ, for C_T T, ``own``, and the normal forces (k, n)."""
     if not rows.C_N.any():
         return own
-    weight = np.ones(len(rows.C_N)) if rows.weight is None else rows.weight
-    total = sums(s.others.speaker) @ diags(weight) @ nodes.L_normal
-    return own + _blocks(rows.C_N[:, :, None]) @ total
-
-
-def _blocks(C: np.ndarray) -> csr_matrix:
-    """Block diagonal matrix of (n, a, b)."""
-    n = len(C)
-    return bsr_matrix((C, np.arange(n), np.arange(n + 1)), (n * C.shape[1], n * C.shape[2])).tocsr()
+    bears = normal if rows.weight is None else diagonal(rows.weight) @ normal
+    return own + per_item(rows.C_N[:, :, None]) @ (s.others.sums @ bears)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, identity
+from scipy.sparse import csr_matrix, identity
 
+from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.contact.friction_nodes import FrictionNodes
 from dolfinx_llm.laws.speakers import follow, speakers, sums, unheld
 
@@ -51,11 +53,16 @@ class Followers:
             return replace(Followers.none(nodes), unheld=unheld(follows, speaker))
         alike = follow(speaker, nodes.tangents)
         weak = np.repeat(speaker != np.arange(k), t).astype(float)
-        relative = (identity(k * t) - diags(weak) @ alike).tocsr()
+        relative = identity(k * t, format="csr") - diagonal(weak) @ alike
         held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
         leader = np.where(held < adrift, speaker, np.arange(k))
         carried = _carried(leader, nodes.geometry.directions)
         return Followers(speaker, unheld(follows, speaker), alike.T.tocsr(), relative, *carried)
+
+    @cached_property
+    def sums(self) -> csr_matrix:
+        """(k, k) sums over the nodes for which a node speaks."""
+        return sums(self.speaker)
 
     def share(self, friction: np.ndarray, bears: np.ndarray, tangents: np.ndarray) -> np.ndarray:
         """(k, gdim) forces of friction, of those that speak for others divided among them all.
@@ -65,7 +72,7 @@ class Followers:
             bears: (k,) what each bears, by which they share [force].
             tangents: (k, t, gdim) at the nodes.
         """
-        total = (sums(self.speaker) @ bears)[self.speaker]
+        total = (self.sums @ bears)[self.speaker]
         part = np.where(total > 0.0, bears / np.where(total > 0.0, total, 1.0), 0.0)
         own = np.einsum("ki,kai->ka", friction, tangents)
         own = (self.gather.T @ (self.gather @ own.ravel())).reshape(own.shape)
@@ -94,6 +101,6 @@ def _carried(leader: np.ndarray, directions: np.ndarray) -> tuple[csr_matrix, cs
     m, d = directions.shape[:2]
     weak = np.repeat(leader != np.arange(m), d)
     weak[d - 1 :: d] = False
-    follows = diags(weak.astype(float))
+    follows = diagonal(weak)
     moved = follows @ follow(leader, directions)
-    return (diags((~weak).astype(float)) + moved.T).tocsr(), (follows - moved).tocsr()
+    return (diagonal(~weak) + moved.T).tocsr(), follows - moved

@@ -13,9 +13,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, vstack
+from scipy.sparse import csr_matrix, vstack
 
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.geometry.spaces import is_function, nodal_values, order_of
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.site import BENT
@@ -90,11 +91,16 @@ class FrictionNodes:
         nothing holds moves it far along its tangents, and so the gaps about it."""
         return bool(np.ptp(self.geometry.directions[:, -1], axis=0).max(initial=0.0) > BENT)
 
+    @cached_property
+    def tangential(self) -> csr_matrix:
+        """(k q, n c) forces along the jumps of the multipliers."""
+        return self.theta * self.L_kappa.T.tocsr()
+
     def of(self, pairs: np.ndarray) -> list[csr_matrix]:
         """Per side (n_i, k) shape functions of some of the pairs (n,)."""
         ends = np.cumsum([part.shape[0] for part in self.N])
         chosen = np.split(pairs.astype(float), ends[:-1])
-        return [(diags(a) @ part).tocsr() for a, part in zip(chosen, self.N, strict=True)]
+        return [diagonal(a) @ part for a, part in zip(chosen, self.N, strict=True)]
 
     def reach(self, nodes: np.ndarray) -> np.ndarray:
         """(n,) pairs that some nodes (k,) have a part in."""
@@ -119,13 +125,11 @@ class FrictionNodes:
 
     def operator(self, of_rows: csr_matrix, n_all: int) -> csr_matrix:
         """A matrix (a, n c) of the own multipliers as (a, n_all) of all."""
-        own = of_rows.tocoo()
-        return csr_matrix((own.data, (own.row, own.col + self.rows[0, 0])), (own.shape[0], n_all))
-
-    def selection(self, m: int) -> csr_matrix:
-        """(k q, m) matrix that picks κ from w."""
-        at = self.kappa.ravel()
-        return csr_matrix((np.ones(len(at)), (np.arange(len(at)), at)), (len(at), m))
+        own, first = of_rows.tocsr(), self.rows[0, 0]
+        if own.shape[1] == n_all:
+            return own
+        index = (own.indices + first).astype(own.indices.dtype)
+        return csr_matrix((own.data, index, own.indptr), (own.shape[0], n_all))
 
 
 def friction_nodes(operators: ContactOperators) -> list[FrictionNodes]:

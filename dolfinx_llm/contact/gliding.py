@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import diags
 
+from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.contact.equations import Equations, seen_by
 
 
@@ -27,7 +27,7 @@ def glide(equations: Equations, glides: bool) -> bool:
             seen[v[:, :-1]] = seen[s.nodes.kappa] = 0.0
     found = not seen.all()
     if found or equations.L is not equations.whole:
-        L = (equations.whole @ diags(seen)).tocsr() if found else equations.whole
+        L = (equations.whole @ diagonal(seen)).tocsr() if found else equations.whole
         equations.L, equations.L_t = seen_by(L, equations.n_v)
     return found
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.laws.rows import OPEN, STICK, LawNodes, LawRows
-from dolfinx_llm.laws.speakers import sums
 
 FIRM = 1e11  # of the bodies' stiffness: what supports set against slip
 UNMOVED = 1e-9  # part of the largest motion up to which slip that supports prescribe is none
@@ -51,7 +50,7 @@ def rows_of(
         return rows
     # Nothing in contact reaches them: no force would tell their slip.
     reached = s.nodes.reached(s.own.active).astype(float)
-    idle = s.nodes.led & ~(sums(s.others.speaker) @ reached > 0.0)
+    idle = s.nodes.led & ~(s.others.sums @ reached > 0.0)
     return _at_rest(rows, rests, idle, at.force)
 
 

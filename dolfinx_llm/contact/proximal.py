@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 from scipy.sparse import block_diag, coo_matrix, csr_matrix
 
+from dolfinx_llm.base.sparse import picking
 from dolfinx_llm.contact.state import InterfaceState
 
 
@@ -56,14 +57,35 @@ def proximal_term(states: Sequence[InterfaceState], m: int, stiffness: float) ->
 
 
 @dataclass(frozen=True, eq=False)
+class SlipRows:
+    """What rows of an interface's law multiply, k q of them and k, for one state of contact."""
+
+    T: csr_matrix  # (k q, n) tangential forces of λ, summed up where nodes speak for others
+    N: csr_matrix  # (k, n) normal forces of λ
+    beside: csr_matrix  # (k q, m) proximal forces of w, beside T
+    relative: csr_matrix  # (k q, m) κ of w, of nodes that follow others against theirs
+
+    @classmethod
+    def of(cls, state: InterfaceState, n: int, P: csr_matrix) -> SlipRows:
+        """Of an interface, for n multipliers in all and the proximal term P (m, m)."""
+        nodes, others, at = state.nodes, state.others, state.nodes.kappa.ravel()
+        return cls(
+            nodes.operator(others.gather @ nodes.tangential, n),
+            nodes.operator(nodes.L_normal, n),
+            nodes.theta * others.gather @ P[at],
+            others.relative @ picking(at, P.shape[0]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Rows:
     """Of the frames, E λ + D w, for one state of contact."""
 
-    P: csr_matrix  # (m, m) proximal term of all unknowns
     own: csr_matrix  # (n_v, m) of the frames
     E: csr_matrix  # (n_v, n)
     D: csr_matrix  # (n_v, m)
     gather: csr_matrix  # (n_v, n_v) forces at the frame's nodes, summed up where these balance
+    slips: list[SlipRows]  # per interface
 
 
 class FrameRows:
@@ -99,5 +121,6 @@ class FrameRows:
         relative = block_diag([s.others.frame_relative for s in self._states], format="csr")
         relative.resize(own.shape)
         self._touched, self._seen = touched, L_t
-        rows = self._rows = Rows(P, own, gather @ L_t, own + self._scale * relative, gather)
+        slips = [SlipRows.of(s, L_t.shape[1], P) for s in self._states]
+        rows = self._rows = Rows(own, gather @ L_t, own + self._scale * relative, gather, slips)
         return rows

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.sparse import per_item, summing
 from dolfinx_llm.finite.facet_planes import WHOLE, FacetPlanes
-from dolfinx_llm.finite.jacobians import coordinates, cross_matrix, jacobian, per_item, summing
+from dolfinx_llm.finite.jacobians import coordinates, cross_matrix, jacobian
 from dolfinx_llm.finite.normals import area_derivatives
 from dolfinx_llm.geometry.cells import facet_vectors, shape_functions, vector_areas
 from dolfinx_llm.geometry.surface import Surface

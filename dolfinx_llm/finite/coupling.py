@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import block_diag, csr_matrix, diags, identity, kron
+from scipy.sparse import block_diag, csr_matrix, identity, kron
 from scipy.sparse.linalg import splu
 
-from dolfinx_llm.finite.jacobians import per_item
+from dolfinx_llm.base.sparse import diagonal, per_item
 from dolfinx_llm.finite.terms import FAST, ContactTerms
 from dolfinx_llm.forms.condensed.krylov import WIDEST
 from dolfinx_llm.operators.numbering import BodyDofs
@@ -58,7 +58,7 @@ class Condensed:
         x = np.arange(n * gdim) if sides.frame is None else sides.columns[0].ravel()
         scaling = _scaling(t, free, d)
         left, own = (scaling @ t.left).tocsr(), (scaling @ t.own).tocsr()
-        keep, kept = diags(free.astype(float)), diags(free[x].astype(float))
+        keep, kept = diagonal(free), diagonal(free[x])
         # Unknowns q of a pair p: forces on its node alone, of second-order bodies on its control
         # value.
         E = kron(sides.nodal, identity(gdim), format="csr")
@@ -77,7 +77,7 @@ class Condensed:
         near = csr_matrix((near.data[within], (near.row[within], near.col[within])), near.shape)
         # Rows of nodes that supports hold depend on each other; they yield together, as the frame
         # does, but for what they yield of themselves.
-        held = diags(((pair >= 0) & (_norms(near @ kept) < FAST * _norms(near))).astype(float))
+        held = diagonal(((pair >= 0) & (_norms(near @ kept) < FAST * _norms(near))).astype(float))
         yielding = near @ kept @ top + held @ left @ keep @ t.top @ held
         yielding = (-BETA / d * yielding).tocsr()
         place, c = _places(pair, n)
@@ -85,7 +85,7 @@ class Condensed:
         X += np.eye(c) * (np.abs(X).max(axis=2, initial=0.0) == 0.0)[:, :, None]
         inverse = place @ per_item(_inverse(X)) @ place.T if c else csr_matrix(own.shape)
         H = _semidefinite(_diagonal_blocks(-top @ inverse @ near, n, gdim))
-        of_pairs = diags((pair >= 0).astype(float))
+        of_pairs = diagonal((pair >= 0).astype(float))
         rows = near @ J + left - of_pairs @ left
         C = keep @ (J.T @ per_item(H) @ J) @ keep
         return cls(C.tocsr(), (rows @ keep).tocsr(), yielding, scaling)
@@ -101,9 +101,9 @@ def _inverse(X: np.ndarray) -> np.ndarray:
 
 def _scaling(t: ContactTerms, free: np.ndarray, d: float) -> csr_matrix:
     """What makes an interface's own equations as large as those of equilibrium."""
-    by_z = abs(t.left @ diags(free.astype(float))).max(axis=1).toarray().ravel() / d
+    by_z = abs(t.left @ diagonal(free)).max(axis=1).toarray().ravel() / d
     size = np.where(by_z > 0.0, by_z, abs(t.own).max(axis=1).toarray().ravel())
-    return diags(1.0 / np.where(size > 0.0, size, 1.0)).tocsr()
+    return diagonal(1.0 / np.where(size > 0.0, size, 1.0)).tocsr()
 
 
 def _norms(M: csr_matrix) -> np.ndarray:
@@ -175,7 +175,7 @@ class Coupling:
         self.scaling = _joined([part.scaling for part in parts])
         size = len(numbers), self.scaling.shape[0]
         self._all_left = self.scaling @ _joined([t.left for t in terms], size[::-1])
-        keep = diags(free.astype(float))
+        keep = diagonal(free)
         self.K_all = _joined([*(t.K for t in terms), *followers], size[:1] * 2)
         C = _joined(self.stiffness, size[:1] * 2)
         self.K = keep @ self.K_all @ keep - C

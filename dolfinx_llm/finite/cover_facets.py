@@ -16,9 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base.sparse import summing
 from dolfinx_llm.finite.areas import Covered
 from dolfinx_llm.finite.facet_planes import FacetPlanes, plane_integrals
-from dolfinx_llm.finite.jacobians import coordinates, jacobian, summing
+from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.polygons import OWN, Clipped, cut
 from dolfinx_llm.geometry.cells import gauss, joined_lists, repeated_for, shape_functions
 from dolfinx_llm.geometry.element import Element

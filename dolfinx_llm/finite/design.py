@@ -21,13 +21,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.sparse import bmat, csr_matrix, diags
+from scipy.sparse import bmat, csr_matrix
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.sparse import diagonal, per_item
 from dolfinx_llm.design.stencils import adjacency
 from dolfinx_llm.finite.chart import products
-from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
+from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
 from dolfinx_llm.geometry.element import Element, element_of
 from dolfinx_llm.geometry.overlap_flat import local_bases
@@ -180,10 +181,10 @@ class Design:
 
     def _held(self, M: csr_matrix, limit: float) -> csr_matrix:
         """M with the limit on its diagonal, and pins at nodes that no row reaches."""
-        diagonal = M.diagonal()
-        largest = float(diagonal.max(initial=0.0)) or 1.0  # nothing is covered: mu is 0
-        reached = diagonal > UNREACHED * largest
-        return (M + diags(np.where(reached, limit + FAINT * largest, largest))).tocsr()
+        own = M.diagonal()
+        largest = float(own.max(initial=0.0)) or 1.0  # nothing is covered: mu is 0
+        reached = own > UNREACHED * largest
+        return (M + diagonal(np.where(reached, limit + FAINT * largest, largest))).tocsr()
 
     def smallest_limit(
         self,

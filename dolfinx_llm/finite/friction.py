@@ -21,10 +21,11 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.sparse import bmat, csr_matrix, diags
+from scipy.sparse import bmat, csr_matrix, hstack, vstack
 
+from dolfinx_llm.base.sparse import diagonal, per_item, summing
 from dolfinx_llm.finite.friction_law import FrictionRows, friction_rows, in_plane, sticks
-from dolfinx_llm.finite.jacobians import coordinates, per_item, summing
+from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.terms import FAST, ContactTerms, Held, MovingContact, Origin, yields
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
@@ -106,7 +107,7 @@ class Friction(MovingContact):
         theta = np.where(closing > 0.0, before / np.where(closing > 0.0, closing, 1.0), 1.0)
         theta = np.where(before > 0.0, np.minimum(theta, 1.0), 0.0)
         theta = np.where(first, np.where(nowhere, 1.0, theta), 0.0)
-        points = diags(1.0 - theta) @ origin.points + diags(theta) @ self.here(place)
+        points = diagonal(1.0 - theta) @ origin.points + diagonal(theta) @ self.here(place)
         met = left <= ALMOST * before
         met |= before == 0.0
         return replace(origin, points=points, touched=origin.touched | (first & met))
@@ -122,9 +123,9 @@ class Friction(MovingContact):
         coordinates and their derivatives."""
         gdim = tau.shape[1]
         closed = np.repeat(t.status != OPEN, gdim)
-        on_tau = diags(closed.astype(float)) @ self.sides.jumps(place.N)
+        on_tau = diagonal(closed) @ self.sides.jumps(place.N)
         force = -(on_tau.T @ tau.ravel())
-        top = bmat([[t.top, on_tau.T]], format="csr")
+        top = hstack([t.top, on_tau.T.tocsr()], format="csr")
         return replace(t, force=t.force + force, top=top, friction=force)
 
     def terms(
@@ -136,14 +137,15 @@ class Friction(MovingContact):
         tau = np.where((status != OPEN)[:, None], tangential(q, n, gdim), 0.0)
         t = self.dragged(super().terms(place, q, status, held, free), place, tau)
         law, by_z, by_lambda, slip = self._equations(place, q, status, held, free)
-        by_q = bmat([[by_lambda, csr_matrix((n * gdim, t.own.shape[1] - n))]])
+        size, none = t.own.shape[1], csr_matrix((t.own.shape[0], n * gdim))
+        by_q = hstack([by_lambda, csr_matrix((n * gdim, size - n))], format="csr")
         by_tau = np.broadcast_to(np.eye(gdim) / held.scale, (n, gdim, gdim)).copy()
         rest = tangential(q, n, gdim) / held.scale
         by_tau[status != OPEN], rest[status != OPEN] = law.by_force, law.rest
         return replace(
             t,
-            left=bmat([[t.left], [by_z]], format="csr"),
-            own=bmat([[t.own, None], [by_q, per_item(by_tau)]], format="csr"),
+            left=vstack([t.left, by_z], format="csr"),
+            own=bmat([[t.own, none], [by_q, per_item(by_tau)]], format="csr"),
             rest=np.concatenate([t.rest, rest.ravel()]),
             slip=slip,
             miss=float(np.abs(rest[status == SLIP]).max(initial=0.0) * held.scale),
@@ -170,8 +172,8 @@ class Friction(MovingContact):
         by_bound = per_item(law.by_bound[:, :, None] * pressed[:, None, None])
         by_z = per_item(law.by_slip) @ way + per_item(law.by_normal) @ self.turned(place, closed)
         if self.cohesion.any():
-            by_z = by_z + by_bound @ (diags(self.cohesion[closed]) @ self.growth(place, closed))
-        by_lambda = by_bound @ diags(self.mu[closed]) @ summing(closed, n).T
+            by_z = by_z + by_bound @ (diagonal(self.cohesion[closed]) @ self.growth(place, closed))
+        by_lambda = by_bound @ diagonal(self.mu[closed]) @ summing(closed, n).T
         slip = np.zeros((n, gdim))
         slip[closed] = in_plane(normal, sigma)
         return law, pick @ by_z, pick @ by_lambda, slip

@@ -11,10 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import bmat, csr_matrix, diags
+from scipy.sparse import csr_matrix, hstack
 
+from dolfinx_llm.base.sparse import diagonal, summing
 from dolfinx_llm.finite.friction import MET_AT, Friction
-from dolfinx_llm.finite.jacobians import coordinates, summing
+from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.normal_contact import NormalContact, NormalPlace
 from dolfinx_llm.finite.terms import ContactTerms, Held, Origin
 
@@ -40,7 +41,7 @@ class FrictionContact(Friction, NormalContact):
         outside = (abs(C) @ ~near == 0.0) & ~place.pairs
         gap = np.where(outside, C @ at.gap, place.gap)
         gap[gap < MET_AT * self.design.size] = 0.0
-        points = place.N + diags(outside.astype(float)) @ C @ rows
+        points = place.N + diagonal(outside) @ C @ rows
         return Origin(points.tocsr(), gap, closed)
 
     def here(self, place: NormalPlace) -> csr_matrix:
@@ -66,5 +67,5 @@ class FrictionContact(Friction, NormalContact):
         at_nodes = self.sides.control[0].T @ tau
         spread, (by_place, by_mu) = place.spread(-at_nodes[place.on]), place.entries
         no = [csr_matrix((width, k)) for k in (n, c + tau.size)]
-        top = t.top - bmat([[no[0], spread @ by_mu, no[1]]])
-        return replace(t, K=(t.K - spread @ by_place).tocsr(), top=top.tocsr())
+        top = t.top - hstack([no[0], spread @ by_mu, no[1]], format="csr")
+        return replace(t, K=(t.K - spread @ by_place).tocsr(), top=top)

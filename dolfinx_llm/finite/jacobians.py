@@ -28,17 +28,6 @@ def jacobian(blocks: np.ndarray, columns: np.ndarray, width: int) -> csr_matrix:
     return matrix
 
 
-def per_item(blocks: np.ndarray) -> csr_matrix:
-    """(n r, n c) block diagonal matrix of (n, r, c) blocks."""
-    n, _, c = blocks.shape
-    return jacobian(blocks, np.arange(n * c).reshape(n, c), n * c)
-
-
-def summing(rows: np.ndarray, n: int) -> csr_matrix:
-    """(n, k) sums of entries (k,) at their rows."""
-    return csr_matrix((np.ones(len(rows)), (rows, np.arange(len(rows)))), (n, len(rows)))
-
-
 def coordinates(nodes: np.ndarray, gdim: int, first: int = 0) -> np.ndarray:
     """(..., k gdim) numbers of the coordinates of nodes (..., k); the first node's is ``first``."""
     found = first + gdim * nodes[..., None] + np.arange(gdim)

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import bmat, csr_matrix, diags, vstack
+from scipy.sparse import bmat, csr_matrix, vstack
 
+from dolfinx_llm.base.sparse import diagonal, summing
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction import Friction, tangential
 from dolfinx_llm.finite.friction_contact import FrictionContact
 from dolfinx_llm.finite.friction_law import in_plane
-from dolfinx_llm.finite.jacobians import coordinates, summing
+from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.law_system import LawSystem
 from dolfinx_llm.finite.law_told import ToldContact
 from dolfinx_llm.finite.obstacle_contact import OneSide
@@ -85,7 +86,7 @@ class LawContact(ToldContact):
         change = system.change(every[at], self.growth(place, at), (sigma, way), self.sign)
         rows, rest, miss = [every[:n], every[n:]], [t.rest.copy()], 0.0
         if gives:
-            shut = diags((status == OPEN).astype(float)) @ every[:n]
+            shut = diagonal(status == OPEN) @ every[:n]
             p = said.left.shape[1]
             rows[0] = shut + summing(at, n) @ change[p - 1 :: p] / c
             rest[0][at] = said.left[:, -1] / c
@@ -94,7 +95,7 @@ class LawContact(ToldContact):
             by, left = system.along(change)
             vectors = np.where((status == OPEN)[:, None], tangential(q, n, gdim), 0.0)
             vectors[at] = left
-            idle = diags(np.repeat((status == OPEN).astype(float), gdim))
+            idle = diagonal(np.repeat((status == OPEN).astype(float), gdim))
             none = csr_matrix((n * gdim, every.shape[1] - n * gdim))
             rows.append((summing(system.own, n * gdim) @ by + bmat([[none, idle]])) / c)
             rest.append(vectors.ravel() / c)

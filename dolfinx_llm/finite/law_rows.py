@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from dolfinx_llm.finite.jacobians import coordinates, cross_matrix, jacobian, per_item
+from dolfinx_llm.base.sparse import per_item
+from dolfinx_llm.finite.jacobians import coordinates, cross_matrix, jacobian
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import LawNodes, LawRows, checked
 

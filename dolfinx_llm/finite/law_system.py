@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, vstack
+from scipy.sparse import csr_matrix, vstack
 
-from dolfinx_llm.finite.jacobians import coordinates, per_item, summing
+from dolfinx_llm.base.sparse import diagonal, per_item, summing
+from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.law_rows import Linear, Tangents
 
 
@@ -86,7 +87,7 @@ class LawSystem:
         by_normal = normal[:, :, None] * self.tau[:, None, :] + across[:, :, None] * unit
         turns = per_item(by_normal) @ self.turned
         for i, by in enumerate(self.tangents.by_z):
-            turns = turns + diags(np.repeat(left[:, i], gdim)) @ by
+            turns = turns + diagonal(np.repeat(left[:, i], gdim)) @ by
         found = per_item(np.swapaxes(e, 1, 2)) @ change[rows] + per_item(outer) @ self.on_tau()
         found = found + self.widened(turns.tocsr())
         return found.tocsr(), across * normal + np.einsum("kri,kr->ki", e, left[:, :r])

@@ -10,10 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
+from dolfinx_llm.base.sparse import diagonal, per_item
+from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.normals import NodalNormals
 from dolfinx_llm.geometry.cells import (
     CORNERS,
@@ -244,7 +245,7 @@ def location_derivatives(
     places = np.concatenate([columns[0], coordinates(cells, gdim, columns[1])], axis=1)
     mean = jacobian(weights, coordinates(cells, gdim), y.size) @ normals.derivative  # N_J dn_J
     if itself is not None:
-        mean = mean - diags(np.repeat(at.met, gdim).astype(float)) @ itself.derivative
+        mean = mean - diagonal(np.repeat(at.met, gdim)) @ itself.derivative
     point = jacobian(own, places, width) - per_item(at.height[:, None, None] * unit) @ mean
     xi = per_item(inverse[:, :-1]) @ point
     direction = np.einsum("nkd,nki->nid", at.dN, nn)

@@ -20,11 +20,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import bmat, csr_matrix, diags
+from scipy.sparse import bmat, csr_matrix, hstack, vstack
 
+from dolfinx_llm.base.sparse import diagonal, per_item, summing
 from dolfinx_llm.finite.chart import chart, functions_of
 from dolfinx_llm.finite.design import Design, DesignedRows
-from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item, summing
+from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.location import OnFrame
 from dolfinx_llm.finite.roundness import roundness
 from dolfinx_llm.finite.sides import Sides
@@ -214,10 +215,12 @@ class NormalContact(MovingContact):
         by_entry = csr_matrix(
             (np.repeat(f[on], s), (rows.nodes.ravel(), np.arange(k * s))), (m, k * s)
         )
-        balance_z = by_entry @ by_place + rows.matrix(m).T @ df[on] - diags(1.0 + rows.left) @ dfy
+        balance_z = (
+            by_entry @ by_place + rows.matrix(m).T @ df[on] - diagonal(1.0 + rows.left) @ dfy
+        )
         border_z = csr_matrix(held.chart * rows.mu[:, None]).T @ dfy
         closed = active[on] & ~held_fast(A, free)
-        by_closed = summing(on, n) @ diags(closed.astype(float))
+        by_closed = summing(on, n) @ diagonal(closed)
         idle = np.ones(n)
         own = yields(normal[closed][:, None], self.sides.split(free)[0][on[closed]], held)
         idle[on[closed]] = own.ravel()
@@ -227,13 +230,13 @@ class NormalContact(MovingContact):
         return ContactTerms(
             force=A.T @ borne,
             K=K.tocsr(),
-            top=bmat([[-(by_closed @ A).T, -(spread @ by_mu), none]], format="csr"),
-            left=bmat([[by_closed @ gap_z], [balance_z], [border_z]], format="csr"),
+            top=hstack([-(by_closed @ A).T.tocsr(), -(spread @ by_mu), none], format="csr"),
+            left=vstack([by_closed @ gap_z, balance_z, border_z], format="csr"),
             own=bmat(
                 [
-                    [diags(idle), by_closed @ gap_mu, None],
-                    [None, -rows.M, -G],
-                    [csr_matrix((c, n)), G.T, csr_matrix((c, c))],
+                    [diagonal(idle), by_closed @ gap_mu, csr_matrix((n, c))],
+                    [csr_matrix((m, n)), -rows.M, -G],
+                    [csr_matrix((c, n)), G.T.tocsr(), csr_matrix((c, c))],
                 ],
                 format="csr",
             ),

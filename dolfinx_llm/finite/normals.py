@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from dolfinx_llm.finite.jacobians import coordinates, cross_matrix, jacobian, per_item
+from dolfinx_llm.base.sparse import per_item
+from dolfinx_llm.finite.jacobians import coordinates, cross_matrix, jacobian
 from dolfinx_llm.geometry.cells import areas_around
 
 QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # turns by 90 degrees

@@ -16,10 +16,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, identity, kron
+from scipy.sparse import csr_matrix, identity, kron
 from scipy.spatial.transform import Rotation
 
-from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
+from dolfinx_llm.base.sparse import diagonal, per_item
+from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place, held_fast
 from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.pairs import control_matrices
@@ -214,7 +215,7 @@ class ObstacleContact(MovingContact):
         C = self.sides.control
         A = C @ jacobian(place.normal[:, None], own, width)
         closed = (status != OPEN) & ~held_fast(A, free)
-        on = diags(closed.astype(float))
+        on = diagonal(closed)
         q = q[:n]
         force = np.where(status != OPEN, q, 0.0)
         return ContactTerms(
@@ -222,7 +223,7 @@ class ObstacleContact(MovingContact):
             K=per_item(-(C.T @ force)[:, None, None] * place.turned),
             top=-(on @ A).T.tocsr(),
             left=(on @ C @ jacobian(place.by_x[:, None], own, width)).tocsr(),
-            own=diags((~closed).astype(float)).tocsr(),
+            own=diagonal(~closed).tocsr(),
             rest=np.where(closed, place.gap, q),
             place=place,
             delta=0.0,

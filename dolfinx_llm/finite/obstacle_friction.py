@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.sparse import per_item
 from dolfinx_llm.finite.areas import everything, surface_integrals
 from dolfinx_llm.finite.friction import MET_AT, Friction
-from dolfinx_llm.finite.jacobians import coordinates, jacobian, per_item
+from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
 from dolfinx_llm.finite.terms import Held, Origin
 from dolfinx_llm.geometry.cells import cell_sizes

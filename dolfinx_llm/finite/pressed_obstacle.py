@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import block_diag, bmat, csr_matrix, diags
+from scipy.sparse import block_diag, bmat, csr_matrix
 
-from dolfinx_llm.finite.jacobians import per_item
+from dolfinx_llm.base.sparse import diagonal, per_item
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
 from dolfinx_llm.finite.obstacle_friction import ObstacleFriction
 from dolfinx_llm.finite.terms import ContactTerms, Held, yields
@@ -83,7 +83,7 @@ class Pressed(ObstacleContact):
         alone = 1.0 if not (status != OPEN).any() else FALLS
         own = [
             [t.own + self._supported(place, status, held, free, k), t.left @ S],
-            [-S.T @ t.top / c, -S.T @ t.K @ S / c - diags(np.full(len(force), alone))],
+            [-S.T @ t.top / c, -S.T @ t.K @ S / c - diagonal(np.full(len(force), alone))],
         ]
         return replace(
             t,
@@ -101,7 +101,7 @@ class Pressed(ObstacleContact):
         displacements of the obstacle."""
         n, gdim = place.normal.shape
         free = free.reshape(n, gdim)
-        parts = [diags(yields(place.normal[:, None], free, held).ravel() * (status != OPEN))]
+        parts = [diagonal(yields(place.normal[:, None], free, held).ravel() * (status != OPEN))]
         if k > n:
             P = np.eye(gdim) - place.normal[:, :, None] * place.normal[:, None, :]
             parts.append(per_item(yields(P, free, held) * -1.0 * (status == STICK)[:, None, None]))

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
 from dolfinx_llm.finite.self_sides import SelfSides
 from dolfinx_llm.finite.terms import ContactTerms, MovingContact
@@ -205,6 +206,6 @@ def _at_nodes(sides: Any, gap: np.ndarray) -> np.ndarray:
 def _at_frame(N: csr_matrix, slip: np.ndarray, active: np.ndarray) -> np.ndarray:
     """(m, gdim) slip of the frame's nodes on the other body: minus the mean of what pairs there
     slip."""
-    weights = abs(N).T @ diags(active.astype(float))
+    weights = abs(N).T @ diagonal(active)
     total = np.asarray(weights.sum(axis=1)).ravel()
     return -(weights @ slip) / np.where(total > 0.0, total, 1.0)[:, None]

@@ -18,8 +18,9 @@ from functools import cached_property
 from typing import ClassVar, TypeVar
 
 import numpy as np
-from scipy.sparse import bmat, csr_matrix, identity, kron
+from scipy.sparse import csr_matrix, hstack
 
+from dolfinx_llm.base.sparse import per_component
 from dolfinx_llm.finite.areas import Covered, surface_integrals
 from dolfinx_llm.finite.cover_facets import LAYER, Skin, covered_facets
 from dolfinx_llm.finite.cover_line import Chains, covered_lines
@@ -138,7 +139,7 @@ class Sides:
         """(n gdim, width) sum_q C_pq x_q - sum_J N_pJ y_J, of all coordinates, for rows (n, m) of
         pairs."""
         parts = self.in_order(self.control[0], -N)
-        return kron(bmat([parts]), identity(self.gdim), format="csr")
+        return per_component(hstack(parts, format="csr"), self.gdim)
 
     def candidates(self, z: np.ndarray) -> np.ndarray:
         """(f,) facets of the moving side that face the frame and lie near; held during a step."""

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.sparse import diagonal, summing
 from dolfinx_llm.finite.areas import Covered
 from dolfinx_llm.finite.chart import chart
 from dolfinx_llm.finite.design import Design
-from dolfinx_llm.finite.jacobians import summing
 from dolfinx_llm.finite.sides import Meeting, Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place
 from dolfinx_llm.geometry.cells import unit
@@ -85,8 +85,8 @@ class TiedContact(MovingContact):
         pairs = np.zeros(n, dtype=bool)
         pairs[on] = True
         pairs &= abs(sides.control[0]) @ ~pairs == 0.0  # and all that they are made of
-        N = (diags(pairs.astype(float)) @ N).tocsr()
-        A = diags(np.repeat(pairs, sides.gdim).astype(float)) @ sides.jumps(N)
+        N = (diagonal(pairs) @ N).tocsr()
+        A = diagonal(np.repeat(pairs, sides.gdim)) @ sides.jumps(N)
         own, other = (Covered(c.share, csr_matrix(c.derivative.shape)) for c in meeting.covered)
         return cls(sides, A, N, pairs, replace(meeting, covered=(own, other)), delta, z)
 
@@ -160,7 +160,7 @@ class TiedContact(MovingContact):
         f = self.sides.forces(self.drawn, self.z, True)[0]
         f = np.sqrt(np.maximum(f / f.max(), LITTLE_AREA))
         tied = np.repeat(self.pairs, gdim)
-        P, D = diags(tied.astype(float)).tolil(), diags((~tied).astype(float)).tolil()
+        P, D = diagonal(tied).tolil(), diagonal(~tied).tolil()
         for c in range(gdim):
             on = np.flatnonzero(self.pairs & (own[:, c] == 0.0))
             if not len(on):

@@ -146,9 +146,9 @@ class Flexibility(StepForm):
         held = step.spring * self._held
         A = np.zeros((n + m + k, n + m + k))
         A[:n, :n] = c * self.F[np.ix_(on, on)] + np.diag(c * step.compliance[on])
-        A[:n, n : n + m] = step.L[on].toarray()
+        A[:n, n : n + m] = step.L.toarray()[on]
         A[:n, n + m :] = -self.G[on]
-        A[n : n + m, :n] = step.E[:, on].toarray()
+        A[n : n + m, :n] = step.E.toarray()[:, on]
         A[n : n + m, n : n + m] = step.D.toarray() / c
         A[n + m :, :n] = self.G[on].T
         A[n + m :, n + m :] = (self._own + held) / c

@@ -56,7 +56,8 @@ class Floating:
         self.count, self.loose = self.rigid.free, loose
         self.modes = self.rigid.modes[:, : self.count]
         self.pins = rigid.pins(self.count)
-        at_pins = vstack(self.comm.allgather(self.modes[self.pins]), format="csc")
+        self._pinned = self.modes[self.pins]
+        at_pins = vstack(self.comm.allgather(self._pinned), format="csc")
         self.square = (at_pins.T @ at_pins).tocsr()
         self._at_pins = splu(at_pins) if self.count else None
         own = (local_csr(B).T @ self.rigid.modes).tocsr()
@@ -64,7 +65,7 @@ class Floating:
 
     def at_pins(self, amounts: np.ndarray) -> np.ndarray:
         """Motion of this rank's pins for (count,) α [length]."""
-        return np.asarray(self.modes[self.pins] @ amounts)
+        return np.asarray(self._pinned @ amounts)
 
     def amounts(self, u: np.ndarray) -> np.ndarray:
         """(count,) α of this rank's displacement u (n_local,)."""

@@ -1,0 +1,68 @@
+"""Sparse matrices of simple patterns, made of their arrays: where interfaces are small SciPy's own
+constructors, by way of other formats, cost more than all that is done with the matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+
+def diagonal(values: np.ndarray) -> csr_matrix:
+    """(n, n) diagonal matrix of values (n,), without those that are 0.
+
+    >>> diagonal(np.array([2, 0, 3])).toarray().tolist()
+    [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 3.0]]
+    """
+    n, at = len(values), np.flatnonzero(values)
+    data = np.asarray(values, dtype=float)[at]
+    return csr_matrix((data, _small(at), _starts(values != 0)), (n, n))
+
+
+def per_item(blocks: np.ndarray) -> csr_matrix:
+    """(n r, n c) block diagonal matrix of (n, r, c) blocks."""
+    n, r, c = blocks.shape
+    columns = np.arange(n * c, dtype=np.int32).reshape(n, 1, c).repeat(r, axis=1)
+    starts = np.arange(n * r + 1, dtype=np.int32) * c
+    return csr_matrix((blocks.ravel(), columns.ravel(), starts), (n * r, n * c))
+
+
+def summing(rows: np.ndarray, n: int) -> csr_matrix:
+    """(n, k) sums of entries (k,) at their rows.
+
+    >>> summing(np.array([2, 0, 2]), 3).toarray().tolist()
+    [[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 1.0]]
+    """
+    order = _small(np.argsort(rows, kind="stable"))
+    starts = _starts(np.bincount(rows, minlength=n))
+    return csr_matrix((np.ones(len(rows)), order, starts), (n, len(rows)))
+
+
+def picking(columns: np.ndarray, m: int) -> csr_matrix:
+    """(k, m) matrix that picks entries, by their columns (k,)."""
+    k = len(columns)
+    return csr_matrix((np.ones(k), _small(columns), np.arange(k + 1, dtype=np.int32)), (k, m))
+
+
+def per_component(matrix: csr_matrix, d: int) -> csr_matrix:
+    """(n d, m d) the same (n, m) matrix for each of d components, those of an item together.
+
+    >>> per_component(csr_matrix([[0.0, 2.0]]), 2).toarray().tolist()
+    [[0.0, 0.0, 2.0, 0.0], [0.0, 0.0, 0.0, 2.0]]
+    """
+    count = np.diff(matrix.indptr).repeat(d)
+    starts = _starts(count)
+    # Entries of row i are repeated from row to row of its components.
+    at = np.arange(starts[-1]) - (starts[:-1] - matrix.indptr[:-1].repeat(d)).repeat(count)
+    columns = d * matrix.indices[at] + (np.arange(len(count)) % d).repeat(count)
+    shape = matrix.shape[0] * d, matrix.shape[1] * d
+    return csr_matrix((matrix.data[at], _small(columns), starts), shape)
+
+
+def _starts(count: np.ndarray) -> np.ndarray:
+    """(n + 1,) where rows of so many entries (n,) start."""
+    return np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
+
+
+def _small(index: np.ndarray) -> np.ndarray:
+    """SciPy's own kind of index: it looks for the largest of any other, again and again."""
+    return np.asarray(index, dtype=np.int32)
