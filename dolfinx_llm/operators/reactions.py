@@ -9,7 +9,7 @@ from dolfinx_llm.operators.prescribed import ColumnSpace, pieces
 from dolfinx_llm.operators.system import ContactOperators
 
 TOUCHING = 1e-9  # gaps up to this part of motions are none
-VANISHES = 1e-12  # what is left of a sum of 1 where no forces press
+VANISHES = 1e-6  # what is left of a sum of 1 where no forces press; of less rounding is not little
 PULL = 1e-10  # part of the largest force below which a pull is rounding
 
 
@@ -87,9 +87,15 @@ def _nearest(
 
     # Least distance, Lawson and Hanson, Solving Least Squares Problems (1974), chapter 23.
     P = free(np.eye(len(forces)))[presses]
-    try:
-        x, _ = nnls(np.vstack([P.T, -forces[presses] / size]), np.eye(len(forces) + 1)[-1])
-    except RuntimeError:  # too many iterations: then the forces stay as they were found
-        return found
-    left = 1.0 + x @ forces[presses] / size
-    return forces + size * (P.T @ x) / left if left > VANISHES else found
+    for allowed in (0.0, rounding):  # where rounding alone leaves none that press
+        pulls = -(forces[presses] + allowed) / size
+        try:
+            x, _ = nnls(np.vstack([P.T, pulls]), np.eye(len(forces) + 1)[-1])
+        except RuntimeError:  # too many iterations: then the forces stay as they were found
+            return found
+        left = 1.0 - x @ pulls
+        if left > VANISHES:
+            pressed = forces + size * free(P.T @ x) / left  # sums of large x are rough
+            if not (pressed[presses] < -2.0 * rounding).any():
+                return pressed
+    return found
