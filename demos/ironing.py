@@ -30,7 +30,7 @@ BOXES = {  # lower corner, size and cells of slab and die
     2: (((0.0, 0.0), (4.0, 1.0), (40, 8)), ((0.6, 1.0), (2.0, 1.0), (10, 5))),
     3: (
         ((0.0, 0.0, 0.0), (2.6, 1.0, 1.0), (26, 5, 4)),
-        ((0.3, 0.2, 1.0), (1.4, 0.6, 1.0), (7, 2, 3)),
+        ((0.3, 0.3, 1.0), (1.4, 0.4, 1.0), (7, 2, 3)),  # its edges lie amid facets of the slab
     ),
 }
 
@@ -67,6 +67,8 @@ class Ironing:
         self.problem.solve()
         history, result = self.problem.history, self.problem.results[0]
         ends = {entry["part"]: entry for entry in history}
+        if MPI.COMM_WORLD.rank == 0:
+            print(f"  at {along:.3f}, {down:.3f} down: {history[-1]['iteration']} iterations")
         return result.resultant, history[-1]["iteration"], len(ends) - 1, history[-1]["slip"]
 
 

@@ -111,12 +111,13 @@ class NormalContact(MovingContact):
         """
         now = self.sides.candidates(place.z)
         added, at = now & ~held.candidates, place.at
-        left = held.pairs & (place.areas[0] <= 0.0) & (at.beyond > OVER)
+        left = held.pairs & np.logical_not(held.left) & (place.areas[0] <= 0.0) & (at.beyond > OVER)
         if not (added.any() and (at.gap[self.sides.facets(True)[added]] < 0.0).any()):
             added[:] = False
         if not (added.any() or left.any()):
             return None
-        found = replace(held, candidates=held.candidates | added, pairs=held.pairs & ~left)
+        found = replace(held, candidates=held.candidates | added, left=held.left | left)
+        found = replace(found, pairs=held.pairs & ~left)
         meeting = self.sides.meet(place.z, found.candidates)
         covered = self.sides.control[1].T @ self.sides.forces(meeting, place.z, False)[0]
         return replace(found, chart=self._chart(covered))

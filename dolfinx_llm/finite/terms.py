@@ -27,8 +27,8 @@ class Origin:
 class Held:
     """What is chosen at the start of an increment.
 
-    Facets and pairs may join during it, none leaves: at the frame's ends nodes would go in and out
-    for ever.
+    Facets and pairs may join during it. Nodes that an equilibrium has beyond the frame's edge
+    leave, once each: at the frame's ends they would go in and out for ever.
     """
 
     candidates: np.ndarray  # (f,) facets of the moving side that can touch
@@ -37,6 +37,7 @@ class Held:
     chart: np.ndarray = field(
         default_factory=lambda: np.zeros((0, 0))
     )  # (m, c) functions that it leaves to the frame
+    left: Any = False  # (n,) nodes that have left the frame since the start; False: none
     lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
     near: bool = False  # whether the last iterate was near the solution
     exact: bool = False  # whether slip has its exact derivative: see ``friction_law``

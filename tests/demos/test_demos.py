@@ -130,6 +130,36 @@ def test_ironing(tmp_path, capsys):
     assert "halvings 0" in capsys.readouterr().out
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("mu", [0.0, 0.3])
+def test_ironing_in_space(mu):
+    """Travel of half a facet a step: no halving, and without friction no trace of the facets."""
+    import ironing
+
+    found = ironing.main(["--dim", "3", "--mu", str(mu), "--steps", "8"])[mu]
+    assert found["halvings"] == 0 and max(found["iterations"]) <= (12 if mu else 8)
+    if not mu:
+        assert (found["ripple"] < 3e-3).all()
+
+
+@pytest.mark.long
+def test_edge_along_nodes(monkeypatch):
+    """The die's edges lie on nodes of the slab, which come in and go out as it is squeezed."""
+    import ironing
+
+    slab, (corner, size, cells) = ironing.BOXES[3]
+    die = (corner[0], 0.2, corner[2]), (size[0], 0.6, size[2]), cells
+    monkeypatch.setitem(ironing.BOXES, 3, (slab, die))
+    run = ironing.Ironing(0.0, 3)
+    done = [run.step(0.0, ironing.DEPTH * k / 4) for k in (1, 2, 3)]
+    assert all(halvings == 0 for _, _, halvings, _ in done)
+    force, side = done[-1][0], run.problem.results[0].sides
+    assert np.abs(side[0].force.sum(axis=0) + side[1].force.sum(axis=0)).max() < 1e-10 * force[2]
+    # What goes in and out on one edge does on the other: forces are even across the die.
+    across, load = side[1].x[:, 1], side[1].force[:, 2]
+    assert abs(load @ (across - 0.5)) < 1e-8 * np.abs(load).sum()
+
+
 def test_turned_strips(monkeypatch, capsys):
     """No friction and no slip by turning."""
     import turned_strips
