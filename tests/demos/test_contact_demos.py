@@ -7,6 +7,7 @@ import arch
 import assembly
 import cattaneo_mindlin
 import folding
+import frame
 import friction_block
 import hertz2d
 import hertz3d
@@ -180,6 +181,17 @@ def test_ssnv128():
 
 
 # Lift-off
+
+
+def test_frame_in_a_picture(tmp_path):
+    """Balance of the frame's nodes, and the pressure, with and without design; its picture."""
+    for elements in ((4, 7), (5, 3)):
+        rows = frame.main(["--elements", *map(str, elements), "--plot", str(tmp_path)])
+        assert rows["interpolated"]["missed"] > 1e-3
+        assert rows["interpolated"]["pressure error"] > 1e-2
+        assert rows["designed"]["missed"] <= 1e-15
+        assert rows["designed"]["pressure error"] <= 1e-12
+    assert (tmp_path / "frame.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_lift_off():

@@ -375,7 +375,7 @@ def test_multigrid_of_slip_knows_that_bodies_slide(monkeypatch):
     for know in (True, False):
         if not know:
             monkeypatch.setattr(
-                steps,
+                modes,
                 "sliding_modes_of",
                 lambda operators: tuple(a[:, :0] for a in modes.rigid_modes_of(operators)),
             )

@@ -18,6 +18,7 @@ from scipy.sparse import csr_matrix, diags
 from dolfinx_llm.base.log import log
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.krylov import GAMG, near_null_space
+from dolfinx_llm.forms.condensed.modes import together
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import Reduced
 from dolfinx_llm.forms.condensed.transformation import Transformation
@@ -263,7 +264,7 @@ class FrictionSystem:
         dofs, scale = self.operators.dofs, self.operators.scale
         modes = self._modes
         if reduced.slips.any():
-            modes = tuple(np.hstack(both) for both in zip(modes, self._sliding, strict=True))
+            modes = together(modes, self._sliding)
         options = self.own_options(("ksp_type",))
         self.kept = KeptMultigrid(self.split, rows, reduced, dofs.fixed, scale, modes, options)
         self.set_ups += 1

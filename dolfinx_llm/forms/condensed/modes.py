@@ -68,6 +68,20 @@ def sliding_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarra
     return body.reshape(-1, w.shape[1]), w
 
 
+Modes = tuple[np.ndarray, np.ndarray]  # at dofs of the bodies (n_local, k), at unknowns w (m, k)
+
+
+def soft_modes_of(operators: ContactOperators) -> tuple[Modes, Modes]:
+    """Rigid motions of all, and the sliding of bodies past each other."""
+    return rigid_modes_of(operators), sliding_modes_of(operators)
+
+
+def together(*modes: Modes) -> Modes:
+    """Modes side by side."""
+    body, w = zip(*modes, strict=True)
+    return np.hstack(body), np.hstack(w)
+
+
 def _sides_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]:
     """Per body, and per interface and its sides (interfaces, 2), 1 or -1: bodies that are tied are
     on one side, bodies that meet on both, as far as there are two sides to all of it."""

@@ -17,7 +17,7 @@ from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.friction import SOLVED, FrictionStep
 from dolfinx_llm.forms.condensed.kept import FrictionSystem
-from dolfinx_llm.forms.condensed.modes import rigid_modes_of, sliding_modes_of, weak_motions
+from dolfinx_llm.forms.condensed.modes import soft_modes_of, together, weak_motions
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import items_of
 from dolfinx_llm.forms.condensed.system import CondensedSystem
@@ -55,7 +55,7 @@ class CondensedForm(WholeSteps):
         super().prepare(K, operators)
         with self.times.timed("reduction"):
             self.split = SplitStiffness(K, operators.rows.dofs)
-            self._items, self._modes = items_of(operators), rigid_modes_of(operators)
+            self._items, self._modes = items_of(operators), soft_modes_of(operators)
         self._known = np.zeros(0)  # what the system's matrix was made of
         self._spring, self._swings, self._fewest = 0.0, 0, np.inf
         self._seen: list[np.ndarray] = []  # rows in contact in the steps towards one load
@@ -188,8 +188,7 @@ class CondensedForm(WholeSteps):
             few = "pc_type" not in options[1] and self.split.inside.getSize()[0] < FEWEST
             few = few and not self._symmetric(step)
             direct = few or options[1].get("pc_type") in FACTORISED
-            modes = self._modes, sliding_modes_of(self.operators)
-            self.friction = FrictionSystem(self.split, self.operators, modes, options, direct)
+            self.friction = FrictionSystem(self.split, self.operators, self._modes, options, direct)
         if self.operators.floating.rigid.modes.shape[1]:
             self.friction.weak = weak_motions(self.operators, step.L)
         with self.times.timed("factorisation"):
@@ -211,7 +210,8 @@ class CondensedForm(WholeSteps):
             with self.times.timed("reduction"):
                 self.system = CondensedSystem(
                     self.split, eliminated, self.operators.dofs.fixed, self.scale, self.prefix,
-                    self.options, modes=self._modes, weak=weak_motions(self.operators, step.L),
+                    self.options, modes=together(*self._modes),
+                    weak=weak_motions(self.operators, step.L),
                     proximal=hold if hold.any() else None,
                 )  # fmt: skip
             if self.operators.tied:  # the matrix stays
