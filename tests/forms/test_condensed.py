@@ -19,7 +19,7 @@ from sampling import longer, some_of
 
 import dolfinx_llm as llm
 from dolfinx_llm.forms import choice as solvers
-from dolfinx_llm.forms.condensed import friction, krylov, modes, steps
+from dolfinx_llm.forms.condensed import friction, krylov, modes
 from dolfinx_llm.forms.condensed import system as condensed
 
 COMM = MPI.COMM_SELF
