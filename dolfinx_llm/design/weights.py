@@ -33,7 +33,8 @@ from dolfinx_llm.geometry.loads import NodalLoads
 TOLERANCE = 1e-13  # a frame with max|r| / max f below this passes
 NARROW = 0.15  # largest correction up to which stencils of one ring of nodes are enough
 OUTER = 0.01  # weight of that ring: corrections far from a row's own nodes cost accuracy
-ROUNDS_MOST, SLOWER = 40, 0.98  # of refinement, and what each must leave at most
+ROUNDS_MOST, SLOWER = (6, 40), (0.5, 0.98)  # of refinement, first and second order; what each
+# must leave at most
 RINGS = 4  # rings in the stencils of a side much coarser than the frame
 
 
@@ -192,9 +193,10 @@ def _corrected(
     if degree > 1:
         designed = [M + matrix(d, m) for M, d, matrix in zip(N, delta, rows, strict=True)]
     residual, last = loading.residual(designed), np.inf
-    for _ in range(ROUNDS_MOST):  # the first solve, then refinement against rounding
+    high = degree > 1
+    for _ in range(ROUNDS_MOST[high]):  # the first solve, then refinement against rounding
         left = float(np.linalg.norm(residual))
-        if np.abs(residual).max() <= 0.01 * TOLERANCE or not left < SLOWER * last:
+        if np.abs(residual).max() <= 0.01 * TOLERANCE or not left < SLOWER[high] * last:
             break
         last = left
         mu = solve(without_compatible(residual.ravel(), parts)).reshape(m, -1)
@@ -203,18 +205,20 @@ def _corrected(
         for i, (st, sign) in enumerate(zip(stencils, (-1.0, 1.0), strict=True)):
             value = np.einsum("za,za->z", at[i], mu[st.nodes]) / spread(areas[i], st.indptr)
             step.append(sign * st.project(value))
-        taken = -loading.residual([matrix(d, m) for d, matrix in zip(step, rows, strict=True)])
-        # Smooth multipliers, which the factor hardly knows on long interfaces, by least squares.
-        for other, its in seen * 2:
-            part = float(np.vdot(other, taken))
-            taken, step = taken - part * other, [a - part * b for a, b in zip(step, its)]
-        size = np.linalg.norm(taken)
-        if not size > 0.0:
-            break
-        taken, step = taken / size, [d / size for d in step]
-        seen.append((taken, step))
-        share = float(np.vdot(taken, residual))
-        delta = [a + share * b for a, b in zip(delta, step, strict=True)]
+        if high:
+            taken = -loading.residual([matrix(d, m) for d, matrix in zip(step, rows, strict=True)])
+            # Smooth multipliers, which the factor hardly knows, by least squares.
+            for other, its in seen * 2:
+                part = float(np.vdot(other, taken))
+                taken, step = taken - part * other, [a - part * b for a, b in zip(step, its)]
+            size = np.linalg.norm(taken)
+            if not size > 0.0:
+                break
+            taken, step = taken / size, [d / size for d in step]
+            seen.append((taken, step))
+            share = float(np.vdot(taken, residual))
+            step = [share * d for d in step]
+        delta = [a + b for a, b in zip(delta, step, strict=True)]
         designed = [M + matrix(d, m) for M, d, matrix in zip(N, delta, rows, strict=True)]
         residual = loading.residual(designed)
     return designed
