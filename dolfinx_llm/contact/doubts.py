@@ -62,7 +62,7 @@ def doubts(
                     "into several interfaces"
                 )
             closed = side.status != OPEN
-            spun, tilted = _turned(geometry)
+            spun, tilted = _turned(geometry, result)
             slip = np.linalg.norm((side.slip + spun)[closed], axis=1).max(initial=0.0)
             size = np.abs(pairs.forces).max() ** (1.0 / (side.x.shape[1] - 1))
             if geometry.interface.law.opens and slip > size:
@@ -107,12 +107,16 @@ def _uncertain_gaps(geometry: InterfaceGeometry, result: InterfaceResult) -> lis
     ]
 
 
-def _turned(geometry: InterfaceGeometry) -> tuple[np.ndarray | float, float]:
+def _turned(
+    geometry: InterfaceGeometry, result: InterfaceResult
+) -> tuple[np.ndarray | float, float]:
     """By how much an obstacle has turned: the motion (n, gdim) of its points where that leaves its
     surface where it is, else the angle [rad]."""
     obstacle, pairs = geometry.interface.obstacle, geometry.pairs[0]
     if obstacle is None:
         return 0.0, 0.0
+    if geometry.swings is not None and result.rotation is not None:  # under a moment
+        return 0.0, float(np.linalg.norm(result.rotation))
     motion = obstacle.turning(pairs.met)
     along = np.abs(np.einsum("ni,ni->n", motion, pairs.normal)).max()
     if along > SPIN * np.abs(motion).max():

@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix, vstack
 
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.sparse import diagonal
-from dolfinx_llm.geometry.spaces import is_function, nodal_values, order_of
+from dolfinx_llm.geometry.spaces import is_function
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.site import BENT
 from dolfinx_llm.laws.law import Law
@@ -195,13 +195,7 @@ def _sampled(
     ):
         V = operators.dofs.spaces[space]
         if value.function_space.mesh is V.mesh:
-            local = np.concatenate([
-                nodal_values(value, W, order_of(W)) if W is V
-                else np.zeros(W.dofmap.index_map.size_local)
-                for W in operators.dofs.spaces
-            ])  # fmt: skip
-            at = operators.side_dofs[side][:, 0]
-            nodal = operators.dofs.values(at, operators.dofs.spread(local))
+            nodal = operators.dofs.sampled(value, space, operators.side_dofs[side][:, 0])
             pairs = operators.pairs[side]
             found.append(nodal if geometry.rigid else pairs.interpolation(x) @ nodal)
     if not found:

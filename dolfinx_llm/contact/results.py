@@ -244,9 +244,11 @@ def _interface_result(
     presses = law.opens and not (state and state.held.any())
     obstacle, frame = geometry.interface.obstacle, geometry.frame
     if obstacle is not None:
-        side, shift = nodal[0], np.array(obstacle.pose(v.shape[1])[0]) + v.sum(axis=0)
-        if len(v) > 1:  # about a mean
+        side = nodal[0]
+        if obstacle.everywhere:  # about a mean
             shift = side.area @ side.u / side.area.sum()
+        else:
+            shift = np.array(obstacle.pose(v.shape[1])[0]) + v.sum(axis=0)
         density = None if side.density is None else _along(side.density, side.normal)
         own = side.normal_force, side.area, side.tangential_force, side.status
         return InterfaceResult(None, nodal, None, *own, presses, shift, frame_density=density)

@@ -59,12 +59,18 @@ class ToldContact(Friction):
             gap: (n,) as drawn [length].
 
         Raises:
-            ContactInputError: a law that ties along the surface.
+            ContactInputError: a law that ties along the surface, or leaves the gap as drawn out
+                and gives no forces for it.
         """
         if not law.slips and law.components != "normal":
             raise ContactInputError(
                 f"law={law!r} ties along the surface: at finite deformation laws of your own slip, "
                 "or have components 'normal'"
+            )
+        if not (law.slips or law.gives):
+            raise ContactInputError(
+                f"law={law!r} has closes_gap=False: at finite deformation the gap as drawn counts "
+                "where a law gives no normal forces"
             )
         n = len(nodes.x)
         zero, nothing = np.zeros(n), np.zeros((n, law.jumps(sides.gdim)))
@@ -96,10 +102,14 @@ class ToldContact(Friction):
         lost = self._kept(held).pulled.copy()
         lost[asked] = False
         if lost.any():
+            far, where = self.sides.within, "do not face the obstacle now"
+            if np.isfinite(far):
+                where = (
+                    f"lie farther than {far:g} facets from the other side now, or beyond its edge"
+                )
             raise ContactError(
-                f"the law {self.law!r} pulls at {int(lost.sum())} nodes that lie farther than "
-                f"{self.sides.within:g} facets from the other side now, or beyond its edge. Take "
-                "coarser facets there, or a law that ends before"
+                f"the law {self.law!r} pulls at {int(lost.sum())} nodes that {where}. Take coarser "
+                "facets there, or a law that ends before"
             )
 
     def _jump(self, place: Any, held: Held, at: np.ndarray) -> tuple[np.ndarray, Tangents | None]:

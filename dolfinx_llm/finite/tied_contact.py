@@ -74,7 +74,7 @@ class TiedContact(MovingContact):
                 f"with gaps of up to {far:.3g}: at finite deformation choose Tied(close_gap=True), "
                 "or draw them in touch"
             )
-        n, found = len(x), _carried(sides)
+        n, found = len(x), _carried(sides) if design.wanted else None
         if found is None:
             at, loads = meeting.at.part(on), ((sides.control[0].T @ f)[on], sides.control[1].T @ fy)
             of, functions = (at, x[on], y, loads), chart(y, design.element, loads[1])

@@ -105,14 +105,14 @@ def is_function(value: Any) -> bool:
     return isinstance(value, fem.Function)
 
 
-def nodal_values(function: Any, V: Any, order: int = 1) -> np.ndarray:
+def scalar_at_nodes(function: Any, V: Any) -> np.ndarray:
     """(n,) values of a scalar Function at the nodes that this rank owns of V, a vector space of its
-    mesh and this order; collective."""
+    mesh; collective."""
     if len(function.ufl_shape):
         raise ContactInputError(
             f"Function {function.name} has the shape {function.ufl_shape}: give a scalar one"
         )
-    own = fem.Function(compat.function_space(V.mesh, degree=order))
+    own = fem.Function(compat.function_space(V.mesh, degree=order_of(V)))
     own.interpolate(function)
     values = np.zeros(V.dofmap.index_map.size_local + V.dofmap.index_map.num_ghosts)
     values[compat.cell_dofs(V)] = own.x.array[compat.cell_dofs(own.function_space)]

@@ -1,6 +1,6 @@
 """A body against a rigid obstacle: every surface node against its point of the obstacle.
 
-Translations of an obstacle under a prescribed force are unknowns, as a frame node's are.
+Motions of an obstacle under prescribed forces and moments are unknowns, as a frame node's are.
 """
 
 from dataclasses import replace
@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.cells import areas_around, vector_areas
 from dolfinx_llm.geometry.facing import BEYOND, TURN, Facets, facet_sizes
 from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.pairs import ContactPairs
@@ -37,8 +37,7 @@ def against_obstacle(
     distance, normal = checked_clearance(obstacle, side.x)
     facets = np.arange(len(side.facets))
     if obstacle.everywhere:
-        normal = np.zeros_like(side.x)
-        np.add.at(normal, side.facets, vector_areas(side.x, side.facets)[:, None])
+        normal = areas_around(side.x, side.facets, side.cells)
         normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     else:
         facets = _facing_facets(side, distance, normal)
@@ -158,7 +157,7 @@ def _say_place(
 
 def forced(obstacle: Obstacle, gdim: int) -> tuple[bool, ...]:
     """Per component whether a force on the obstacle is prescribed."""
-    return tuple(f is not None for f in obstacle.pose(gdim)[3])
+    return loaded(obstacle, gdim)[:gdim]
 
 
 def loaded(obstacle: Obstacle, gdim: int) -> tuple[bool, ...]:
@@ -182,8 +181,7 @@ def forces_on(obstacle: Obstacle, before: tuple[bool, ...], gdim: int) -> np.nda
             f"was made, they were prescribed by component as {before}. Make the problem anew to "
             "change that"
         )
-    force = given
-    return np.array([0.0 if f is None else f for f in force])
+    return np.array([0.0 if f is None else f for f in given])
 
 
 def under_force(
@@ -194,7 +192,8 @@ def under_force(
     how it turns: the prescribed components, or what of them contact can resist. No force:
     (0, c, gdim)."""
     n, c, gdim = pairs.base.shape
-    axes = np.eye(len(loaded(obstacle, gdim)))[list(loaded(obstacle, gdim))]
+    given = loaded(obstacle, gdim)
+    axes = np.eye(len(given))[list(given)]
     if not len(axes):
         return pairs, np.empty((0, c, gdim)), None
     swings = Swings.of(obstacle, pairs.met, axes[:, gdim:])

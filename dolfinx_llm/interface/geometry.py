@@ -26,8 +26,9 @@ class InterfaceGeometry:
     spaces: tuple[int, ...]  # index of the function space of each side
     pairs: tuple[ContactPairs, ...]  # of each side
     frame: Frame | None  # None against a rigid obstacle
-    directions: np.ndarray  # (m, d, gdim) in which the frame's nodes move, or an obstacle (m = 1)
-    # under a prescribed force
+    # (m, d, gdim) in which the frame's nodes move, or an obstacle under prescribed forces (m = 1;
+    # about a mean n - 1)
+    directions: np.ndarray
     area: float  # of contact, for laws that let bodies part the area where they may touch [area]
     certificate: Certificate | None  # None against a rigid obstacle
     rims: tuple[np.ndarray, ...]  # per side (n,) pairs next to facets that were left out
@@ -53,11 +54,11 @@ class InterfaceGeometry:
     @property
     def places(self) -> np.ndarray:
         """(m, gdim) where the unknowns of ``directions`` are: the frame's nodes; of an obstacle
-        under force the middle of what may touch it."""
+        under force the middle of what may touch it, about a mean the surface's but for one."""
         if self.frame is not None:
             return self.frame.x
         pairs = self.pairs[0]
-        if len(self.directions) > 1:  # about a mean
+        if self.interface.obstacle is not None and self.interface.obstacle.everywhere:
             return pairs.x[np.asarray(pairs.N.argmax(axis=0)).ravel()]
         return pairs.x.mean(axis=0)[None][: len(self.directions)]
 

@@ -79,18 +79,7 @@ def balanced(
         f"root mean square of the patch residual "
         f"{np.sqrt(np.mean(after**2)):.1e} (before design {np.sqrt(np.mean(before**2)):.1e})"
     )
-    if after.max() > COARSE:
-        text = (
-            f"curved surfaces are coarse: patch residual {after.max():.2g} of the largest nodal "
-            f"area, above {COARSE:g}; stresses next to the interface are off by about as much. "
-            "Refine both meshes along it"
-        )
-        log.warning("interface %s: %s", interface.name, text)
-        notes.append(text)
-    gap = max(np.abs(np.einsum("ni,ni->n", p.gap, p.normal)).max() for p in pairs)
-    closed = "is closed" if close_gap else "is kept, tied as drawn without stress"
-    if not interface.law.opens:
-        notes.append(f"initial gap or overlap up to {gap:.3g} {closed}")
+    _say_left(interface, pairs, float(after.max()), notes)
     if close_gap:
         notes.append(f"the smooth surface that gaps are counted from is known to about {place:.1e}")
     return pairs, certificate, normals
@@ -104,8 +93,8 @@ def bent_pairs(
     notes: list[str],
     keep: Sequence[np.ndarray] | None,
 ) -> tuple[list[ContactPairs], Certificate, np.ndarray]:
-    """The same of second-order bodies tied along curved surfaces, on a frame that is bent as they
-    are; arguments and results as of ``balanced``, ``keep`` of ``kept_nodes``."""
+    """As ``balanced`` between second-order bodies tied along curved surfaces, on a frame that is
+    bent as they are; ``keep`` as of ``kept_nodes``."""
     normals, plain = bent_normals(frame), [p.N for p in pairs]
     vectors = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
     before = _residual(plain, vectors, normals, False)
@@ -126,10 +115,27 @@ def bent_pairs(
         float(max(np.abs(a).max() for a in along) / size),
         float(max(np.abs(a - b).max() for a, b in zip(N, plain, strict=True))),
     )
-    closed = "is closed" if interface.law.closes_gap else "is kept, tied as drawn without stress"
-    largest = max(np.abs(a).max() for a in across)
-    notes.append(f"initial gap or overlap up to {largest:.3g} {closed}")
+    _say_left(interface, pairs, float(after.max()), notes)
     return pairs, certificate, normals
+
+
+def _say_left(
+    interface: Interface, pairs: Sequence[ContactPairs], residual: float, notes: list[str]
+) -> None:
+    """Say what a curved frame leaves: a large patch residual, and gaps of bodies that are tied."""
+    if residual > COARSE:
+        text = (
+            f"curved surfaces are coarse: patch residual {residual:.2g} of the largest nodal "
+            f"area, above {COARSE:g}; stresses next to the interface are off by about as much. "
+            "Refine both meshes along it"
+        )
+        log.warning("interface %s: %s", interface.name, text)
+        notes.append(text)
+    if not interface.law.opens:
+        gap = max(np.abs(np.einsum("ni,ni->n", p.gap, p.normal)).max() for p in pairs)
+        kept = "is kept, tied as drawn without stress"
+        closed = "is closed" if interface.law.closes_gap else kept
+        notes.append(f"initial gap or overlap up to {gap:.3g} {closed}")
 
 
 def _residual(

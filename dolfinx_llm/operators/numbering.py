@@ -12,6 +12,7 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.geometry.pairs import ContactPairs
+from dolfinx_llm.geometry.spaces import scalar_at_nodes
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 
@@ -60,6 +61,18 @@ class BodyDofs:
         values = np.zeros(len(self.fixed))
         values[self.of_nodes] = np.repeat(nodal, self.components)
         return values
+
+    def sampled(self, function: Any, space: int, at: np.ndarray) -> np.ndarray:
+        """(n,) values of a scalar Function at nodes of a space on its mesh; collective.
+
+        Args:
+            at: (n,) one dof of each node.
+        """
+        nodal = [
+            scalar_at_nodes(function, V) if i == space else np.zeros(V.dofmap.index_map.size_local)
+            for i, V in enumerate(self.spaces)
+        ]
+        return self.values(at, self.spread(np.concatenate(nodal)))
 
     @cached_property
     def sizes(self) -> tuple[int, int]:

@@ -118,7 +118,8 @@ def step_arguments(
     with collective(comm):
         parts = checks.integer("increments", increments, "give an integer of at least 1", low=1)
         obstacles = [i.obstacle for i in interfaces if i.obstacle is not None]
-        poses = [obstacle.pose(spaces[0].mesh.geometry.dim) for obstacle in obstacles]
+        gdim = spaces[0].mesh.geometry.dim
+        poses = [(o.pose(gdim), checks.shown(getattr(o, "mean", None))) for o in obstacles]
     agree(comm, "increments", parts)
     agree(comm, "motions of and forces on obstacles", poses)
     return parts

@@ -24,13 +24,14 @@ from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.system import NewtonSystem
 from dolfinx_llm.finite.terms import MovingContact
 from dolfinx_llm.finite.tied_contact import TiedContact
-from dolfinx_llm.geometry.spaces import is_function, nodal_values
+from dolfinx_llm.geometry.spaces import is_function
 from dolfinx_llm.geometry.surface import Surface, extract_surface
 from dolfinx_llm.interface.against import checked_clearance, forced
 from dolfinx_llm.interface.choices import Interface, SelfContact
 from dolfinx_llm.interface.site import Site, find_site, space_of
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
+from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import LawNodes, at_positions
 from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
@@ -89,13 +90,19 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
     return _on_frame(interface, Sides.of(site.whole), site, dofs)
 
 
+def _is_asked(law: Law) -> bool:
+    """Whether a law is one's own that is asked for forces, and not for its flags alone."""
+    flags = law.components == "normal" and law.closes_gap and not law.gives
+    return type(law) not in BUILT_IN and not flags
+
+
 def _on_frame(interface: Interface, sides: Sides, site: Site, dofs: BodyDofs) -> Placed:
     """Two surfaces of which one carries the frame; as of ``contact_of``."""
     frame = sides.surfaces[sides.frame]
     design = Design.of(frame.x, frame.cells, interface.design is not None)
     drawn = np.concatenate([s.x.ravel() for s in site.whole])
     contact: MovingContact
-    if type(interface.law) not in BUILT_IN:
+    if _is_asked(interface.law):
         nodes = _nodes(interface, sides, site, drawn, dofs)
         contact = LawOnFrame.under(interface.law, nodes, sides, design, drawn)
     elif isinstance(interface.law, Tied):
@@ -122,7 +129,7 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     """An interface with a rigid obstacle; as of ``contact_of``."""
     law, obstacle = interface.law, interface.obstacle
     assert obstacle is not None
-    own = type(law) not in BUILT_IN
+    own = _is_asked(law)
     if isinstance(law, Tied) or (own and obstacle.force is not None):
         raise ContactInputError(
             f"law={checks.shown(law)}: against a rigid obstacle at finite deformation choose "
@@ -170,15 +177,10 @@ def _nodes(
         for side in (sides.moving, sides.frame):
             if side is None:  # rigid
                 continue
-            V = dofs.spaces[site.spaces[side]]
-            if value.function_space.mesh is not V.mesh:
+            if value.function_space.mesh is not dofs.spaces[site.spaces[side]].mesh:
                 continue
-            local = np.concatenate([
-                nodal_values(value, W) if W is V else np.zeros(W.dofmap.index_map.size_local)
-                for W in dofs.spaces
-            ])  # fmt: skip
-            at = dofs.of(site.spaces[side], site.whole[side])[:, 0]
-            nodal = dofs.values(at, np.repeat(local, dofs.gdim))
+            space = site.spaces[side]
+            nodal = dofs.sampled(value, space, dofs.of(space, site.whole[side])[:, 0])
             if side == sides.moving:
                 return nodal
             assert isinstance(sides, Sides)

@@ -180,17 +180,29 @@ class SavedNonlinear(Saving):
         drawn = [placed.drawn for placed in self._newton.equations.interfaces]
         return np.concatenate([np.zeros(0), *drawn])
 
-    def state_arrays(self) -> tuple[Arrays, Arrays]:
-        """What is the same on every rank, and this rank's values at the bodies' dofs.
+    @property
+    def _keeps(self) -> bool:
+        """Whether laws of your own have kept something."""
+        return any(kept is not None for kept in self._state.kept)
+
+    def saved_spaces(self) -> Sequence[Any]:
+        """Spaces of the bodies' dofs.
 
         Raises:
-            ContactInputError: laws of your own.
+            ContactInputError: a mixed space, or laws of your own.
         """
-        state, common = self._state, {"places": self.places(), "pressures": self._state.pressures}
-        if any(kept is not None for kept in state.kept):
+        if self._keeps:
             raise ContactInputError(
                 "laws of your own at finite deformation cannot be saved yet: save your own data"
             )
+        return super().saved_spaces()
+
+    def state_arrays(self) -> tuple[Arrays, Arrays]:
+        """What is the same on every rank, also what laws of your own have kept, and this rank's
+        values at the bodies' dofs."""
+        state, common = self._state, {"places": self.places(), "pressures": self._state.pressures}
+        if self._keeps:
+            common["kept"] = state.kept
         for i, (own, pose) in enumerate(zip(state.own, state.poses, strict=True)):
             common |= {f"interface {i} own": own, f"interface {i} pose": pose}
             if state.status[i] is not None:
@@ -207,5 +219,6 @@ class SavedNonlinear(Saving):
             pressures=common["pressures"],
             poses=tuple(common[f"interface {i} pose"] for i in count),
             pushed=local["pushed"],
+            kept=common.get("kept", self._state.kept),
         )
         self.bulk.put(local["u"])

@@ -17,7 +17,7 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.output.writing import writing
 
-FORMAT = "dolfinx_llm state 1"
+FORMAT = "dolfinx_llm state 2"
 Arrays = dict[str, np.ndarray]
 
 

@@ -57,6 +57,8 @@ def test_uniform_traction(gdim, order):
     np.testing.assert_allclose(problem.solve().x.array, expected, atol=1e-12)
     np.testing.assert_allclose(problem.results[0].resultant, -traction, atol=1e-10)
     np.testing.assert_allclose(problem.results[0].displacement, mean, atol=1e-13)
+    pressed = problem.results[0].sides[0].normal_force.sum()  # at nodes amid edges as well
+    assert pressed == pytest.approx(-traction[-1], abs=1e-10)
     along = [None] * (gdim - 1) + [mean[-1]]
     aside = np.array([*traction[:-1], 0.0])
     problem, _ = console(gdim, aside, along, order)

@@ -1085,6 +1085,18 @@ differ(
     lambda s: s.law(llm.Tied(), sides=pick(s, (2, 3), (3, 2))),
 )
 differ("increments must be the same", lambda s: s.pressed.solve(pick(s, 1, 2)))
+
+
+@lambda f: differ("motions of and forces on obstacles must be the same", f)
+def mean_that_is_let_go(s):
+    end = llm.MeanDisplacement((0.0, 0.0, 0.0))
+    problem = s.problem(
+        bcs=s.bcs[:2], interfaces=[s.interface, llm.Interface(s.tags, (4, end), law=llm.Tied())]
+    )
+    end.mean = pick(s, (0.0, 0.0, 0.0), (0.0, 0.0, None))
+    problem.solve()
+
+
 differ(
     "pressure and tags must be the same",
     lambda s: llm.free_surface_load(s.V, s.tags, 4, pick(s, 1.0, 2.0)),

@@ -327,6 +327,12 @@ def test_elements_that_turn_inside_out_are_counted(monkeypatch):
     assert not u.x.array.any()
 
 
+class Unclosed(llm.Law):
+    """Parts, whatever gap was drawn."""
+
+    components, closes_gap = "normal", False
+
+
 def test_refused():
     domain, tags = blocks((3, 4))
     V, u, F = bodies_of(domain)
@@ -338,6 +344,7 @@ def test_refused():
     switch = llm.Coulomb(0.2, method="switch")
     for kwargs, text in [
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=llm.Law())]}, "ties along"),
+        ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=Unclosed())]}, "as drawn counts"),
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), law=switch)]}, "method='newton'"),
         ({"interfaces": [llm.Interface(tags, (LOW, HIGH), design="positions")]}, "frame moves"),
     ]:

@@ -10,6 +10,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import dolfinx_llm as llm
+from dolfinx_llm import compat
 
 COMM = MPI.COMM_SELF
 TRI, QUAD, TET, HEX = "triangle", "quadrilateral", "tetrahedron", "hexahedron"
@@ -35,6 +36,17 @@ def test_linear_stress_passes(kinds, n, nu):
     found, problem = tied(kinds, n, False, nu)
     assert max(found) <= 1e-11
     assert problem.form == "saddle"
+
+
+def test_values_of_functions_at_surfaces():
+    """What laws vary by: on the bodies of two meshes, whose other unknowns lie between them."""
+    problem = tied((TRI, QUAD), (3, 4), False, 0.5)[1]
+    dofs, geometry = problem.operators.dofs, problem.geometries[0]
+    for space, side in zip(geometry.spaces, geometry.sides, strict=True):
+        f = fem.Function(compat.function_space(dofs.spaces[space].mesh, degree=2))
+        f.interpolate(lambda x: 1.0 + x[0] ** 2 - 2.0 * x[1])
+        found = dofs.sampled(f, space, dofs.of(space, side)[:, 0])
+        np.testing.assert_allclose(found, 1.0 + side.x[:, 0] ** 2 - 2.0 * side.x[:, 1], atol=1e-12)
 
 
 def test_pictures_show_the_displacement(tmp_path):

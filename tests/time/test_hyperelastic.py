@@ -1,5 +1,7 @@
 """Impact of nonlinear bodies: energy, and what ties carry at the start."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import ufl
@@ -12,7 +14,7 @@ import dolfinx_llm as llm
 from dolfinx_llm import compat
 
 
-def hyperelastic_bar(elements, courant, amplitude=0.2, **options):
+def hyperelastic_bar(elements, courant, amplitude=0.2, law=None, **options):
     """The bar of the demo, neo-Hookean, and its energy."""
     import impact_bar
 
@@ -24,8 +26,9 @@ def hyperelastic_bar(elements, courant, amplitude=0.2, **options):
     psi = 0.25 * (ufl.tr(deformed.T * deformed) - 2.0 - 2.0 * ufl.ln(J))
     psi += 0.125 * (J * J - 1.0 - 2.0 * ufl.ln(J))
     F = ufl.derivative(psi * ufl.dx, u, w)
+    interface = drawn.interface if law is None else replace(drawn.interface, law=law)
     s = llm.TimeStepper(
-        1.0, F, u, dt=courant / elements, bcs=drawn.bcs, interfaces=drawn.interface, **options
+        1.0, F, u, dt=courant / elements, bcs=drawn.bcs, interfaces=interface, **options
     )
     u.interpolate(lambda x: np.stack([(1.0 - x[0]) * amplitude, 0.0 * x[0]]))
     s.start()
@@ -52,6 +55,40 @@ def test_energy_of_an_impact():
     growth, loss, closings = bounces(8, 0.25, 2.0, adaptive=1e-4)
     assert growth <= 1e-8 and closings == 1
     assert 0.0 < loss < 2e-4
+
+
+class Ours(llm.Coulomb):
+    """Friction as a law of one's own."""
+
+
+def test_steps_are_divided_under_laws_of_ones_own(tmp_path):
+    """What a law keeps is taken back with a step; it cannot be saved."""
+    meant = 40
+    taken, pressed = [], []
+    options = {"adaptive": 1e-4, "accepted": lambda stepper: taken.append(stepper.t)}
+    s, _ = hyperelastic_bar(8, 0.25, law=Ours(0.1), **options)
+    for _ in range(meant):
+        s.step()
+        pressed.append(abs(s.problem.results[0].resultant[0]) > 1e-9)
+    assert len(taken) > meant and s.t == pytest.approx(meant * 0.25 / 8)
+    assert any(pressed) and not pressed[0]
+    with pytest.raises(llm.ContactInputError, match="laws of your own"):
+        s.save(tmp_path / "state.npz")
+
+
+class Parting(llm.Law):
+    """What its flags say: no friction."""
+
+    components, opens = "normal", True
+
+
+def test_a_law_of_flags_alone():
+    known, found = (hyperelastic_bar(8, 0.25, law=a)[0] for a in (llm.Frictionless(), Parting()))
+    for _ in range(40):
+        known.step()
+        found.step()
+    assert known.problem.results[0].resultant[0] != 0.0
+    np.testing.assert_array_equal(found.u.x.array, known.u.x.array)
 
 
 @pytest.mark.long
