@@ -47,6 +47,8 @@ class Equations:
             same nodes, leave forces open.
         felt: part of the largest force that is more than rounding: where rows of joints give way it
             is divided by ``SOFT``.
+        idle: forces [force] up to which interfaces stick: weak springs alone press there, and lead
+            bodies that have come free away.
         start: (n,) λ at the start of the load step: friction at rest keeps it [force].
         about: (n,) λ about which these do, at a solution the solution's [force].
         normal: (n,) rows that may open.
@@ -72,7 +74,7 @@ class Equations:
         self.L, self.L_t = seen_by(self.whole, self.n_v)
         self._frames = FrameRows(self.states, self.m, self.n_v, proximal, self.scale)
         self._operators, self.loads = operators, np.zeros(self.n_v)
-        self.start = self.about = np.zeros(self.n)
+        self.start, self.about, self.idle = np.zeros(self.n), np.zeros(self.n), 0.0
         self._rigid = np.zeros(self.m)  # 1: translations of obstacles, the others nodal motions
         self.normal = np.zeros(self.n, dtype=bool)
         self.drifts = np.zeros(self.m, dtype=bool)
@@ -169,7 +171,9 @@ class Equations:
         rows = rows_of(s, multiplier, self.start, w, self.scale)
         if self.lags and s.shares:
             rows = rows.lagged(s.at(multiplier, w, self.scale))
-        return rows.tied(s.others.speaker, s.others.unheld & calmed, self.scale)
+        light = np.abs(multiplier[s.nodes.rows]).max(initial=0.0) <= self.idle
+        unheld = s.others.unheld & calmed | (light and s.law.slips and not s.law.gives)
+        return rows.tied(s.others.speaker, unheld, self.scale)
 
     def all_stick(self, step: LinearStep) -> LinearStep:
         """The first step, when nothing is known: all stick, as in the paper; but where nothing

@@ -1,13 +1,8 @@
 """Forces of rows that give way to changes alone, as they settle from iteration to iteration."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    from dolfinx_llm.contact.equations import Equations
+from dolfinx_llm.contact.equations import Equations
 
 CONSTANT = 1e-8  # part of the largest force by which those at supports may still change
 ROUGH = 1e-5  # the same where that falls no more: by ``SOFT`` less than 1e-11 of what bodies give

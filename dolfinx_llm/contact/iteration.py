@@ -28,6 +28,7 @@ from dolfinx_llm.forms.verdict import FinalError, Verdict
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 from dolfinx_llm.operators.system import ContactOperators
 
+LED = 20  # iterations in which what springs alone press together sticks
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
 MANY = 0.2  # of the pairs: where more change, friction is not yet what it will be
@@ -131,6 +132,7 @@ class ContactIteration:
         floating, spring = self.operators.floating, self.operators.floating.spring(self.scale)
         alpha = self.alpha if known else np.zeros(floating.count)
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
+        equations.idle = 0.0
         equations.start, self._calmed, self._vital = about[0], False, False
         calm, before, w_last, chances = 0, np.inf, w, CHANCES  # iterations without change
         changes, many, runs = 0, _many(self.states, known), 0
@@ -177,6 +179,7 @@ class ContactIteration:
             supposed = glides or (not known and iteration == 1 and miss > self.form.accuracy)
             calm = 0 if changes or supposed else calm + 1
             pull.watch(found.floating, multiplier, calm, self.form.noise)
+            equations.idle = pull.most if iteration < LED else 0.0
             if glides and pull.share > FLOATS:  # friction alone holds bodies: on from what stuck
                 glides, many, self._vital, (_, about, centre) = False, np.inf, True, stuck
                 _take_back(self.states, stuck[0])

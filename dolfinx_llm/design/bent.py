@@ -13,10 +13,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csr_matrix, identity
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.design.multipliers import equations, factor
+from dolfinx_llm.design.multipliers import Corrections, factor
 from dolfinx_llm.design.residual import FrameLoads
 from dolfinx_llm.design.stencils import (
     FlatStencils,
@@ -120,20 +120,17 @@ def _balanced(
 ) -> list[csr_matrix]:
     """Rows that reproduce their polynomials, and balance as far as held multipliers allow."""
     m, stencils = len(loading.s), [f.rows for f in found]
-    areas = [load.shares / loading.scale for load in loading.loads]
-    share = [spread(k, st.indptr) for k, st in zip(free, stencils, strict=True)]
-    at = [loading.at(i, st.indptr, st.nodes) * share[i][:, None] for i, st in enumerate(stencils)]
-    A = equations(stencils, at, areas, m)
-    solve = factor(A + held * A.diagonal().max() * diags(np.ones(A.shape[0]))).solve
-    delta, last, best = [f.missing * k for f, k in zip(found, share)], np.inf, list(N)
+    corrections = Corrections.of(loading, stencils, free)
+    A = corrections.equations
+    solve = factor(A + held * A.diagonal().max() * identity(A.shape[0])).solve
+    delta = [f.missing * spread(k, f.rows.indptr) for f, k in zip(found, free, strict=True)]
+    last, best = np.inf, list(N)
     for k in range(REFINED):
         rows = [M + st.matrix(d, m) for M, d, st in zip(N, delta, stencils, strict=True)]
         residual = loading.residual(rows)
         if k and not np.abs(residual).max() < last:
             break
         best, last = rows, np.abs(residual).max()
-        mu = solve(residual.ravel()).reshape(m, -1)
-        for i, (st, sign) in enumerate(zip(stencils, (-1.0, 1.0), strict=True)):
-            value = np.einsum("za,za->z", at[i], mu[st.nodes]) / spread(areas[i], st.indptr)
-            delta[i] = delta[i] + sign * st.project(value)
+        step = corrections.under(solve(residual.ravel()).reshape(m, -1))
+        delta = [d + more for d, more in zip(delta, step, strict=True)]
     return best

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,37 +17,59 @@ from dolfinx_llm.design.residual import FrameLoads
 from dolfinx_llm.design.stencils import RowStencils, monomials, spread
 
 SHIFT = 1e-13  # of the largest diagonal entry, on all of it
+SIGNS = -1.0, 1.0  # of the corrections on both sides
 
 Parts = Sequence[tuple[np.ndarray, np.ndarray]]  # unknowns (n,) and functions (n, f) of each
 
 
-def equations(
-    stencils: Sequence[RowStencils], at: Sequence[np.ndarray], areas: Sequence[np.ndarray], m: int
-) -> csr_matrix:
-    """(m c, m c) sum_p c_p P_p c_pᵀ / w_p, by which the multipliers mu change the residual.
+@dataclass(frozen=True, eq=False)
+class Corrections:
+    """How rows change under multipliers mu (m, c): delta_p = -+ P_p sum_a (c_pa mu_a) / w_p."""
 
-    Args:
-        stencils: of both sides.
-        at: pair of (z_i, c) loads at their entries.
-        areas: pair of (n_i,) w_p.
-        m: frame nodes.
-    """
-    c = at[0].shape[1]
-    diagonal, rows = np.zeros((m, c, c)), []
-    for st, load, area in zip(stencils, at, areas, strict=True):
-        weight = spread(1.0 / area, st.indptr) * st.root**2
-        for i in range(c):
-            for j in range(c):
-                diagonal[:, i, j] += np.bincount(st.nodes, weight * load[:, i] * load[:, j], m)
-        root = (spread(1.0 / np.sqrt(area), st.indptr) * st.root)[:, None] * load
-        column = (st.nodes[:, None] * c + np.arange(c)).ravel()
-        shape = st.shape[0], m * c
-        rows += [
-            csr_matrix(((q[:, None] * root).ravel(), column, st.indptr * c), shape) for q in st.Q.T
+    stencils: Sequence[RowStencils]  # of both sides
+    at: Sequence[np.ndarray]  # (z_i, c) c_p at their entries, zero in rows that stay
+    areas: Sequence[np.ndarray]  # (n_i,) w_p
+    m: int  # frame nodes
+
+    @classmethod
+    def of(
+        cls, loading: FrameLoads, stencils: Sequence[RowStencils], free: Sequence[np.ndarray]
+    ) -> Corrections:
+        """Of rows of which those with 1 in free (n_i,) may change, those with 0 stay."""
+        at = [
+            loading.at(i, st.indptr, st.nodes) * spread(k, st.indptr)[:, None]
+            for i, (st, k) in enumerate(zip(stencils, free, strict=True))
         ]
-    B = vstack(rows, format="csr")
-    blocks = bsr_matrix((diagonal, np.arange(m), np.arange(m + 1)), (m * c, m * c))
-    return (blocks.tocsr() - B.T @ B).tocsr()
+        return cls(stencils, at, [a.shares / loading.scale for a in loading.loads], len(loading.s))
+
+    @cached_property
+    def equations(self) -> csr_matrix:
+        """(m c, m c) sum_p c_p P_p c_pᵀ / w_p, by which mu changes the residual."""
+        m, c = self.m, self.at[0].shape[1]
+        diagonal, rows = np.zeros((m, c, c)), []
+        for st, load, area in zip(self.stencils, self.at, self.areas, strict=True):
+            weight = spread(1.0 / area, st.indptr) * st.root**2
+            for i in range(c):
+                for j in range(c):
+                    diagonal[:, i, j] += np.bincount(st.nodes, weight * load[:, i] * load[:, j], m)
+            root = (spread(1.0 / np.sqrt(area), st.indptr) * st.root)[:, None] * load
+            column = (st.nodes[:, None] * c + np.arange(c)).ravel()
+            shape = st.shape[0], m * c
+            rows += [
+                csr_matrix(((q[:, None] * root).ravel(), column, st.indptr * c), shape)
+                for q in st.Q.T
+            ]
+        B = vstack(rows, format="csr")
+        blocks = bsr_matrix((diagonal, np.arange(m), np.arange(m + 1)), (m * c, m * c))
+        return (blocks.tocsr() - B.T @ B).tocsr()
+
+    def under(self, mu: np.ndarray) -> list[np.ndarray]:
+        """(z_i,) changes at the stencils' entries of both sides."""
+        step = []
+        for st, at, area, sign in zip(self.stencils, self.at, self.areas, SIGNS, strict=True):
+            value = np.einsum("za,za->z", at, mu[st.nodes]) / spread(area, st.indptr)
+            step.append(sign * st.project(value))
+        return step
 
 
 def factor(A: Any) -> Any:

@@ -17,8 +17,8 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.arguments import weight_arguments
 from dolfinx_llm.design.multipliers import (
+    Corrections,
     compatible,
-    equations,
     factor,
     pins,
     without_compatible,
@@ -26,15 +26,15 @@ from dolfinx_llm.design.multipliers import (
 from dolfinx_llm.design.residual import FrameLoads
 from dolfinx_llm.design.residual import load_residual as load_residual
 from dolfinx_llm.design.residual import patch_residual as patch_residual
-from dolfinx_llm.design.stencils import adjacency, flat_stencils, inner_part, spread
+from dolfinx_llm.design.stencils import adjacency, flat_stencils, inner_part
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.loads import NodalLoads
 
 TOLERANCE = 1e-13  # a frame with max|r| / max f below this passes
 NARROW = 0.15  # largest correction up to which stencils of one ring of nodes are enough
 OUTER = 0.01  # weight of that ring: corrections far from a row's own nodes cost accuracy
-ROUNDS_MOST, SLOWER = (6, 40), (0.5, 0.98)  # of refinement, first and second order; what each
-# must leave at most
+# Of refinement, for first and second order: rounds, and what each must leave at most.
+ROUNDS_MOST, SLOWER = (6, 40), (0.5, 0.98)
 RINGS = 4  # rings in the stencils of a side much coarser than the frame
 
 
@@ -174,26 +174,21 @@ def _corrected(
     Raises:
         ContactError: the equations of the corrections are singular.
     """
-    s, m, degree = loading.s, len(loading.s), 1 if loading.count == 1 else 2
-    found = [flat_stencils(W, s, M, degree) for W, M in zip(weights, N, strict=True)]
+    s, m, high = loading.s, len(loading.s), loading.count > 1
+    found = [flat_stencils(W, s, M, 1 + high) for W, M in zip(weights, N, strict=True)]
     stencils = [f.rows for f in found]
-    areas = [load.shares / loading.scale for load in loading.loads]
     free = [np.ones(M.shape[0]) if keep is None else 1.0 - k for M, k in zip(N, keep or N)]
-    at = [
-        loading.at(i, st.indptr, st.nodes) * spread(k, st.indptr)[:, None]
-        for i, (st, k) in enumerate(zip(stencils, free, strict=True))
-    ]
-    A = equations(stencils, at, areas, m)
+    corrections = Corrections.of(loading, stencils, free)
+    A = corrections.equations
     parts = compatible(A, s, loading)
     solve = factor(A + pins(A, parts)).solve
     delta = [f.missing for f in found]
     rows = [st.matrix for st in stencils]
     seen: list[tuple[np.ndarray, list[np.ndarray]]] = []  # what steps take away, orthonormal
     designed: Sequence[csr_matrix] = N
-    if degree > 1:
+    if high:
         designed = [M + matrix(d, m) for M, d, matrix in zip(N, delta, rows, strict=True)]
     residual, last = loading.residual(designed), np.inf
-    high = degree > 1
     for _ in range(ROUNDS_MOST[high]):  # the first solve, then refinement against rounding
         left = float(np.linalg.norm(residual))
         if np.abs(residual).max() <= 0.01 * TOLERANCE or not left < SLOWER[high] * last:
@@ -201,10 +196,7 @@ def _corrected(
         last = left
         mu = solve(without_compatible(residual.ravel(), parts)).reshape(m, -1)
         # Summed as corrections, not as multipliers: what rounding leaves the next round sees.
-        step = []
-        for i, (st, sign) in enumerate(zip(stencils, (-1.0, 1.0), strict=True)):
-            value = np.einsum("za,za->z", at[i], mu[st.nodes]) / spread(areas[i], st.indptr)
-            step.append(sign * st.project(value))
+        step = corrections.under(mu)
         if high:
             taken = -loading.residual([matrix(d, m) for d, matrix in zip(step, rows, strict=True)])
             # Smooth multipliers, which the factor hardly knows, by least squares.

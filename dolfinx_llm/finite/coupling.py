@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import block_diag, csr_matrix, identity, kron
+from scipy.sparse import block_diag, csr_matrix
 from scipy.sparse.linalg import splu
 
-from dolfinx_llm.base.sparse import diagonal, per_item
+from dolfinx_llm.base.sparse import diagonal, per_component, per_item
 from dolfinx_llm.finite.terms import FAST, ContactTerms
 from dolfinx_llm.forms.condensed.krylov import WIDEST
 from dolfinx_llm.operators.numbering import BodyDofs
@@ -61,7 +61,7 @@ class Condensed:
         keep, kept = diagonal(free), diagonal(free[x])
         # Unknowns q of a pair p: forces on its node alone, of second-order bodies on its control
         # value.
-        E = kron(sides.nodal, identity(gdim), format="csr")
+        E = per_component(sides.nodal, gdim)
         top = (E.T @ t.top[x]).tocsr()
         if sides.surfaces[sides.moving].element.order > 1:  # normals differ along a facet
             largest = abs(top).max(axis=0).toarray().ravel()

@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_matrix, identity, kron
+from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
-from dolfinx_llm.base.sparse import diagonal, per_item
+from dolfinx_llm.base.sparse import diagonal, per_component, per_item
 from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place, held_fast
 from dolfinx_llm.geometry.cells import facet_vectors
@@ -65,7 +65,11 @@ class OneSide:
 
     def jumps(self, N: csr_matrix) -> csr_matrix:
         """(n gdim, n gdim) motion of the pairs against what stands still."""
-        return kron(self.control, identity(self.gdim), format="csr")
+        return self._jumps
+
+    @cached_property
+    def _jumps(self) -> csr_matrix:
+        return per_component(self.control, self.gdim)
 
 
 @dataclass(frozen=True, eq=False)

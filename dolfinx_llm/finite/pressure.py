@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 from dolfinx import fem
-from scipy.sparse import csr_matrix, identity, kron
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.sparse import per_component
 from dolfinx_llm.finite.areas import Covered, everything, surface_integrals
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.geometry.pairs import control_matrices
@@ -112,7 +113,7 @@ class Follower:
             free = free.without(covered)
         vectors, derivative = surface_integrals(x, loaded, free, 0)
         C = control_matrices(loaded)[1]
-        vectors, derivative = C.T @ vectors, kron(C.T, identity(x.shape[1])) @ derivative
+        vectors, derivative = C.T @ vectors, per_component(C, x.shape[1]).T @ derivative
         force = np.zeros(len(z))
         force[: x.size] = -p * vectors.ravel()
         K = (p * derivative).tocsr()

@@ -28,13 +28,14 @@ class Pull:
     Attributes:
         anchor: (count,) where they hold them next.
         share: of the forces along the motions, that they carried in the last iteration.
+        most: that they have carried in all, at most [force].
     """
 
     def __init__(
         self, floating: Floating, spring: float, f: np.ndarray, forces: float, start: np.ndarray
     ) -> None:
         self._floating, self._spring, self._loads = floating, spring, floating.sizes(f)
-        self._forces, self.anchor, self.share = forces, start, 0.0
+        self._forces, self.anchor, self.share, self.most = forces, start, 0.0, 0.0
         self._last, self._pulls = np.zeros(floating.count), 0
         self._moved = np.zeros(floating.count)
         self._least = UNBALANCED  # share that may be rounding
@@ -47,6 +48,7 @@ class Pull:
             return
         moved = alpha - self.anchor
         force = self._spring * (self._floating.square @ moved)
+        self.most = max(self.most, float(np.abs(force).sum()))
         size = (self._loads + np.abs(multiplier) @ self._floating.grip).max()
         size = max(size, self._forces)
         self._rest = self.share if calm > 1 else np.inf

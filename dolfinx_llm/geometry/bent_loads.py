@@ -56,17 +56,18 @@ def _loads(
     area, nodes = np.linalg.norm(normal, axis=2), cells[facet]
     place = np.einsum("egk,eki->egi", N, side.x[nodes])
     arm = place[:, :, None] - side.x[nodes][:, None]
-    forces, shares, sound = np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool)
-    vectors, moments, touched = np.zeros((n, gdim)), np.zeros((n, gdim)), np.zeros(n, dtype=bool)
-    np.add.at(forces, nodes, np.einsum("eg,egk->ek", area, N))
+    vectors = np.zeros((n, gdim))
     np.add.at(vectors, nodes, np.einsum("egi,egk->eki", normal, N))
+    if element.order == 1:
+        return NodalLoads.of_forces(np.linalg.norm(vectors, axis=1)), vectors
+    forces, shares, sound = np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool)
+    moments, touched = np.zeros((n, gdim)), np.zeros(n, dtype=bool)
+    np.add.at(forces, nodes, np.einsum("eg,egk->ek", area, N))
     np.add.at(moments, nodes, np.einsum("eg,egk,egki->eki", area, N, arm))
     np.add.at(shares, nodes, area.sum(axis=1)[:, None] / element.nodes)
     touched[nodes] = True
     sound[nodes[part > UNTOLD]] = True
     mass = assembled(np.einsum("eg,egk,egl->ekl", area, N, N), nodes, n)
-    if element.order == 1:
-        return NodalLoads.of_forces(np.linalg.norm(vectors, axis=1)), vectors
     moments = moments if order > 1 else moments[:, :0]
     return NodalLoads(forces, shares, moments, touched, mass, sound), vectors
 

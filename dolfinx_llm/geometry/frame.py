@@ -233,8 +233,8 @@ class Frame:
 
 
 def bent(frame: Frame, x: np.ndarray) -> Frame:
-    """A checked frame of straight second-order cells with its nodes at x (m, gdim), on a curved
-    surface [length]."""
+    """A checked frame of second-order cells, which need not be straight, with its nodes at x
+    (m, gdim) [length]."""
     found = object.__new__(Frame)
     for name, value in {"x": x, "cells": frame.cells, "v": None}.items():
         object.__setattr__(found, name, value)

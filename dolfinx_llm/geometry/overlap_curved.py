@@ -13,7 +13,7 @@ import shapely
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.geometry.cells import bases, facet_vectors
+from dolfinx_llm.geometry.cells import bases, facet_vectors, unit_normals
 from dolfinx_llm.geometry.facing import Facets
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import covered_forces, orthonormal_base, outline_edges
@@ -63,7 +63,7 @@ def require_overlap(sides: Sequence[Surface], vectors: Sequence[np.ndarray]) -> 
 
 def _covered(side: Surface, other: Surface, reach: float) -> np.ndarray:
     """(n, gdim) vector areas of a side's nodes over what the other covers."""
-    p, normal = side.x[side.facets], Facets.of(side).normal
+    p, normal = side.x[side.facets], unit_normals(side.x, side.facets)
     whole, cut = covered_facets(side, other, reach)
     vectors = np.zeros(p.shape)
     vectors[whole] = facet_vectors(side.x, side.facets[whole])

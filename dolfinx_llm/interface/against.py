@@ -15,7 +15,7 @@ from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.geometry import InterfaceGeometry
-from dolfinx_llm.interface.mean import MeanDisplacement
+from dolfinx_llm.interface.mean import MeanDisplacement, about_the_mean
 from dolfinx_llm.interface.obstacle import Obstacle, Swings
 from dolfinx_llm.interface.touching import BURIED, say_depth, steep_rim
 
@@ -191,6 +191,8 @@ def under_force(
     node: the pairs, whose rows all see that node, (1, d, gdim) directions in which it moves, and
     how it turns: the prescribed components, or what of them contact can resist. No force:
     (0, c, gdim)."""
+    if isinstance(obstacle, MeanDisplacement):
+        return *about_the_mean(obstacle, pairs), None
     n, c, gdim = pairs.base.shape
     given = loaded(obstacle, gdim)
     axes = np.eye(len(given))[list(given)]

@@ -22,7 +22,6 @@ from dolfinx_llm.interface.control import in_control_values, with_control
 from dolfinx_llm.interface.frames import REACH, choose_frame, common_order, move_nodes
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.interface.join import Part, joined, whole_piece
-from dolfinx_llm.interface.mean import MeanDisplacement, about_the_mean
 from dolfinx_llm.interface.rows import balanced, bent_pairs, designed, kept_nodes
 from dolfinx_llm.interface.site import Site, check_order, find_site, say_straight
 from dolfinx_llm.interface.touching import check_flat, find_pieces
@@ -189,14 +188,11 @@ def assembled(
     swings = None
     if interface.obstacle is not None:
         given = loaded(interface.obstacle, gdim)
-        if isinstance(interface.obstacle, MeanDisplacement):
-            if not law.ties:
-                raise ContactInputError(
-                    f"interface {interface.name}: a mean displacement is prescribed with law=Tied()"
-                )
-            own, base = about_the_mean(interface.obstacle, pairs[0])
-        else:
-            own, base, swings = under_force(interface.obstacle, pairs[0])
+        if interface.obstacle.everywhere and not law.ties:
+            raise ContactInputError(
+                f"interface {interface.name}: a mean displacement is prescribed with law=Tied()"
+            )
+        own, base, swings = under_force(interface.obstacle, pairs[0])
         if any(given[gdim:]) and not law.ties:
             raise ContactInputError(
                 f"interface {interface.name}: moment={interface.obstacle.moment!r} is of the rigid "

@@ -6,10 +6,11 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg
 from petsc4py import PETSc
-from scipy.sparse import bmat, csr_matrix, diags, identity, vstack
+from scipy.sparse import bmat, csr_matrix, identity, vstack
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.parallel import gather_rows
+from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.operators.motions import RigidMotions
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import local_csr
@@ -100,7 +101,7 @@ class Floating:
         if not (noise > DRIFTS * rigid.stiffness.diagonal()[weak]).any():
             return 0.0
         own = rigid.stiffness[weak, weak].toarray()
-        L = (diags(active.astype(float)) @ L[:, :frames]).tocsr()
+        L = diagonal(active) @ L[:, :frames]
         on = np.diff(L.indptr) > 0
         G = self.G[:, weak].toarray() * on[:, None]
         if L.shape[1]:

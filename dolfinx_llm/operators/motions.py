@@ -156,15 +156,14 @@ def _allowed(bodies: Bodies, R: np.ndarray, of: np.ndarray, fixed: np.ndarray) -
     for own in np.split(at, np.flatnonzero(np.diff(of[at])) + 1) if len(at) else []:
         held[of[own[0]]] = np.linalg.qr(R[own], mode="r")
     every = bodies.comm.allgather(held)
-    out, widest = np.tile(np.eye(R.shape[1]), (bodies.count, 1, 1)), 0
+    out = np.tile(np.eye(R.shape[1]), (bodies.count, 1, 1))
     counts = np.full(bodies.count, R.shape[1])
     for b in sorted(set().union(*every)):
         _, values, vectors = np.linalg.svd(np.concatenate([h[b] for h in every if b in h]))
         rank = int((values > STILL * max(values.max(initial=0.0), 1.0)).sum())
         counts[b], out[b] = R.shape[1] - rank, 0.0
         out[b, :, : counts[b]] = vectors[rank:].T
-    widest = counts.max(initial=0)
-    return out[:, :, :widest]
+    return out[:, :, : counts.max(initial=0)]
 
 
 def _of_bodies(bodies: Bodies, of: np.ndarray, allowed: np.ndarray, fields: Any) -> list[Any]:

@@ -12,10 +12,11 @@ from scipy.sparse.linalg import splu
 from dolfinx_llm.operators.bodies import rigid_modes
 from dolfinx_llm.operators.system import ContactOperators
 
+Modes = tuple[np.ndarray, np.ndarray]  # at dofs of the bodies (n_local, k), at unknowns w (m, k)
 SHARED = 0.3  # mean square of what surfaces have of a direction, from which on bodies slide so
 
 
-def rigid_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]:
+def rigid_modes_of(operators: ContactOperators) -> Modes:
     """Rigid modes at this rank's dofs of the bodies (n_local, k) and at all unknowns w (m, k),
     about the middle of the scene and of its size, so that far coordinates cost no digits."""
     bodies = operators.bodies
@@ -36,7 +37,7 @@ def rigid_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]
     return body.reshape(-1, k), modes
 
 
-def sliding_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]:
+def sliding_modes_of(operators: ContactOperators) -> Modes:
     """The same of bodies that slide past each other: what meets along a surface moves by a half to
     one side and to the other.
 
@@ -66,9 +67,6 @@ def sliding_modes_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarra
             w[place.slips] = 0.25 * (of[0] - of[1]) * jumps
     body = 0.5 * side[bodies.label, None, None] * ways
     return body.reshape(-1, w.shape[1]), w
-
-
-Modes = tuple[np.ndarray, np.ndarray]  # at dofs of the bodies (n_local, k), at unknowns w (m, k)
 
 
 def soft_modes_of(operators: ContactOperators) -> tuple[Modes, Modes]:
