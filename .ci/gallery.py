@@ -32,6 +32,7 @@ OPTIONS = {
     "stiff_cases": "--size 4 --plot .",
     "tutorial": "",
 }
+SHOWN = 8  # pictures of a demo on its page
 SECONDS = 400.0  # that a demo may take
 WORKERS = 2  # demos at a time
 STYLE = """
@@ -122,7 +123,7 @@ def demo_page(name: str, text: str, folder: Path) -> None:
     if (kept / "run.json").exists():
         told = json.loads((kept / "run.json").read_text())
         parts.append(f"<h2>What a run gave</h2><pre>{html.escape(told['command'])}</pre>")
-        for picture in pictures(name):
+        for picture in pictures(name)[:SHOWN]:
             copied = f"{name}_{picture.name}"
             (folder / "demos").mkdir(parents=True, exist_ok=True)
             shutil.copy(picture, folder / "demos" / copied)

@@ -116,11 +116,11 @@ def check_order(interface: Interface, sides: Sequence[Surface], flat: bool = Tru
     elif interface.design == "positions":
         missing = "design='positions' (use 'weights' or 'auto')"
     elif not flat and law.opens:
-        missing = "surfaces with sharp turns"
+        missing = "contact that turns around a body (by more than 0.2 rad to either side)"
     if missing:
         raise ContactInputError(
             f"interface {interface.name}: {missing} need(s) first-order bodies; second-order ones "
-            "can be tied, and part and slide along surfaces without sharp turns. Use "
+            "can be tied, and part and slide along surfaces that turn less. Use "
             "('Lagrange', 1, ...) here, or NonlinearContactProblem, of F = ufl.action(a, u) - L, "
             "which takes laws of your own"
         )

@@ -22,10 +22,11 @@ from dolfinx_llm.geometry.element import element_of
 from dolfinx_llm.geometry.spaces import is_scalar
 from dolfinx_llm.geometry.surface import facet_nodes
 from dolfinx_llm.interface.forces import InterfaceForces
-from dolfinx_llm.output.render import Scene
+from dolfinx_llm.output.render import STATUS, Scene
 from dolfinx_llm.output.values import cell_maximum
 
-COLOURS = ("pressure", "displacement")  # of bodies
+ON_CONTACT = ("pressure", "status")  # colours of surfaces in contact
+COLOURS = (*ON_CONTACT, "displacement")  # of bodies
 EDGE_COSINE = 0.86  # of the angle between facets from which the edge between is an outline
 Plane3 = tuple[np.ndarray, np.ndarray]  # a point and a normal
 
@@ -174,7 +175,7 @@ class View:
     ) -> Seen | None:
         """What is there now, on rank 0; collective."""
         fields: list[Function | None] = [None] * len(u)
-        if self.colour != "pressure":
+        if self.colour not in ON_CONTACT:
             with collective(comm):
                 make = self.colour if callable(self.colour) else length
                 expressions = [make(motion) for motion in u]
@@ -195,19 +196,22 @@ class Seen:
         """Deformed bodies in colours, or translucent around the pressure."""
         chosen = self.view.scale if scale is None else scale
         scale = suited_scale(self.skins) if chosen is None else chosen
-        pressed = self.view.colour == "pressure"
+        pressed = self.view.colour in ON_CONTACT
         surface = _pressures(self.results, scale) if pressed else _values(self.skins, scale)
         points, cells, values, status = surface
         low, high = values.min(initial=0.0 if pressed else np.inf), values.max()
         if high - low < 1e-6 * max(abs(high), 1e-300):  # constant: do not paint rounding
             low, high = low - 0.5 * abs(low) - 1e-300, high + 0.5 * abs(high) + 1e-300
-        told = f"({values.min():.6g} to {values.max():.6g}); displacement × {scale:.3g}"
+        told, named = f" ({values.min():.6g} to {values.max():.6g})", None
+        if self.view.colour == "status":
+            values, named, told = commonest(status[cells]), np.array(list(STATUS)), ""
         return Scene(
             points,
             cells,
             values,
             (low, high),
-            f"{self.view.label} {told}",
+            f"{self.view.label}{told}; displacement × {scale:.3g}",
+            named=named,
             status=status,
             outline=outline(self.skins) if self.view.section is None else None,
             body=polygons(self.skins, scale) if pressed else None,
@@ -228,7 +232,7 @@ def _values(skins: Sequence[Skin], scale: float) -> tuple[Any, ...]:
 
 def _pressures(results: Sequence[InterfaceForces], scale: float) -> tuple[Any, ...]:
     """Points, cells, pressure and status of all surfaces in contact: of frames, or of the bodies on
-    rigid obstacles."""
+    rigid obstacles. Where several interfaces have a surface in common, that with most pressure."""
     points, cells, start = [], [], 0
     surfaces = [
         (r.sides[0].drawn, r.sides[0].facets)
@@ -246,7 +250,21 @@ def _pressures(results: Sequence[InterfaceForces], scale: float) -> tuple[Any, .
         np.concatenate([getattr(result, name) for result in results])
         for name in ("pressure", "frame_status")
     )
-    return np.concatenate(points), np.concatenate(cells), pressure, status
+    every = np.concatenate(cells)
+    middles = np.concatenate([drawn[corners].mean(axis=1) for drawn, corners in surfaces])
+    most = np.argsort(-pressure[every].max(axis=1), kind="stable")
+    size = np.ptp(middles, axis=0).max() or 1.0
+    _, first = np.unique(np.round(middles[most] / size, 9), axis=0, return_index=True)
+    shown = every[np.sort(most[first])]
+    status = status.copy()
+    status[np.setdiff1d(every, shown)] = -1  # no mark
+    return np.concatenate(points), shown, pressure, status
+
+
+def commonest(marks: np.ndarray) -> np.ndarray:
+    """(m,) the mark that most corners of each cell (m, k) have, of equals the largest."""
+    counts = (marks[:, :, None] == np.arange(len(STATUS))).sum(axis=1)
+    return counts.shape[1] - 1.0 - np.argmax(counts[:, ::-1], axis=1)
 
 
 def _motion(result: InterfaceForces, x: np.ndarray) -> np.ndarray:

@@ -103,7 +103,9 @@ def draw_scene(scene: Scene, path: str | Path) -> None:
         _draw_skin(figure, scene, plt.get_cmap(cmap)(norm(per_cell)))
     bar = plt.cm.ScalarMappable(norm, cmap)
     figure.axes[0].set_title(scene.label, fontsize="medium")  # longer than flat bodies are high
-    told = figure.colorbar(bar, ax=figure.axes, shrink=0.7, label=scene.label.split(" (")[0])
+    told = figure.colorbar(
+        bar, ax=figure.axes, shrink=0.7, label=scene.label.split(" (")[0].split(";")[0]
+    )
     if scene.named is not None:
         told.set_ticks(np.arange(len(scene.named)), labels=list(scene.named))
     save(plt, figure, path)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from dolfinx_llm.output.series import open_series
 from dolfinx_llm.output.values import (
     cell_maximum,
     check_displacement,
-    check_expression,
+    check_fields,
     check_problem,
     check_result,
     of_scalar,
@@ -40,52 +40,64 @@ SUFFIXES = (".pvd", ".bp", ".vtkhdf")
 
 
 def write_bodies(
-    path: str | Path, u: dolfinx.fem.Function, cell_fields: dict[str, Expr] | None = None
+    path: str | Path,
+    u: dolfinx.fem.Function | Sequence[dolfinx.fem.Function],
+    cell_fields: dict[str, Expr] | Sequence[dict[str, Expr]] | None = None,
 ) -> None:
-    """Displacement and piecewise constant fields of one mesh, for ParaView. Collective.
+    """Displacement and piecewise constant fields of the bodies, for ParaView. Collective.
 
     Args:
         path: file that ends on .pvd: the index of VTU files beside it, one per step and rank, which
             hold all fields in one grid; or on .bp (VTX, where dolfinx has ADIOS2) or .vtkhdf (from
             dolfinx 0.10 on; at corners alone, as "u"). Its folder is made.
-        u: displacement Function.
-        cell_fields: name to scalar UFL expression; in VTU only.
+        u: displacement Function; of several meshes, in VTU only, a list of them.
+        cell_fields: name to scalar UFL expression; in VTU only. Of several meshes a list of these.
 
     Raises:
         ContactInputError: another ending, or what a format cannot hold or this dolfinx not write; a
             path that cannot be written; other types. On all ranks.
     """
-    file = _BodyFile(path, u, {} if cell_fields is None else cell_fields)
+    several = isinstance(u, (list, tuple))
+    motions: Any = u if several else [u]
+    fields: Any = [{}] * len(motions) if cell_fields is None else cell_fields
+    file = _BodyFile(path, motions, fields if several or cell_fields is None else [fields])
     file.write(0.0)
     file.close()
 
 
 class _BodyFile:
-    """A series of one mesh's fields: what they are now, step by step."""
+    """A series of the fields of one mesh or more: what they are now, step by step."""
 
-    def __init__(self, given: str | Path, u: dolfinx.fem.Function, cell_fields: dict[str, Expr]):
-        self._comm = check_displacement(u)
+    def __init__(self, given: str | Path, u: Sequence[Any], cell_fields: Sequence[dict[str, Expr]]):
+        self._comm = [check_displacement(motion) for motion in u or [None]][0]
         with collective(self._comm):
             path = writable_file("path", given, SUFFIXES)
-            _check_fields(cell_fields, u.function_space.mesh)
-            if path.suffix != ".pvd" and cell_fields:
-                raise ContactInputError(f"{path}: cell_fields are for .pvd")
-        self._u, self._cell_fields, self._path = u, cell_fields, path
+            wanted = "give a list with a dict for each mesh, or None"
+            if len(checks.items("cell_fields", cell_fields, wanted)) != len(u):
+                checks.refuse("cell_fields", cell_fields, wanted)
+            for motion, fields in zip(u, cell_fields):
+                check_fields(fields, motion.function_space.mesh)
+            if path.suffix != ".pvd" and (len(u) > 1 or any(cell_fields)):
+                raise ContactInputError(f"{path}: cell_fields and several meshes are for .pvd")
+        self._parts, self._path = list(zip(u, cell_fields)), path
         self._steps: list[tuple[float, list[str]]] = []
-        self._series: Any = None if path.suffix == ".pvd" else open_series(path, u)
+        self._series: Any = None if path.suffix == ".pvd" else open_series(path, u[0])
 
     def write(self, time: float) -> None:
         if self._series is not None:
             self._series.write(time)
             return
-        grid = _own_grid(self._u, self._cell_fields)
-        filled = np.flatnonzero(self._comm.allgather(len(grid.cells) > 0))
-        names = [f"{self._path.stem}_{len(self._steps)}_{rank}.vtu" for rank in filled]
+        stem, names = f"{self._path.stem}_{len(self._steps)}", list[str]()
+        for i, (u, cell_fields) in enumerate(self._parts):
+            of = f"{stem}_{i}" if len(self._parts) > 1 else stem
+            grid = _own_grid(u, cell_fields)
+            filled = np.flatnonzero(self._comm.allgather(len(grid.cells) > 0))
+            names += [f"{of}_{rank}.vtu" for rank in filled]
+            with collective(self._comm):
+                if len(grid.cells):
+                    write_grid(self._path.with_name(f"{of}_{self._comm.rank}.vtu"), grid)
         self._steps.append((time, names))
         with collective(self._comm):
-            if len(grid.cells):
-                name = names[np.searchsorted(filled, self._comm.rank)]
-                write_grid(self._path.with_name(name), grid)
             if self._comm.rank == 0:
                 write_index(self._path, self._steps)
 
@@ -110,14 +122,6 @@ def _own_grid(u: dolfinx.fem.Function, cell_fields: dict[str, Expr]) -> Grid:
     motion = {"displacement": nodal} if k > 1 else {"u": nodal[:, 0]}
     x = V.tabulate_dof_coordinates()[used, :gdim]
     return Grid(x, cells.reshape(dofs.shape), tdim, motion, in_cells)
-
-
-def _check_fields(fields: Any, mesh: Any) -> None:
-    """Require names of scalar expressions on a mesh."""
-    accepted = 'give a dict of names and scalar UFL expressions, e.g. {"pressure": p}, or None'
-    for name, expression in checks.instance("cell_fields", fields, dict, accepted).items():
-        checks.instance("cell_fields: name", name, str, accepted)
-        check_expression(expression, mesh, 2)
 
 
 def interface_fields(
@@ -236,7 +240,7 @@ class LoadSteps:
         self._problem, self._times, self._closed = problem, list[float](), False
         self._files: list[_BodyFile] = []
         for i, u in enumerate(self._u):
-            self._files.append(_BodyFile(self._folder / f"bodies_{i}{suffix}", u, fields[i]))
+            self._files.append(_BodyFile(self._folder / f"bodies_{i}{suffix}", [u], [fields[i]]))
 
     def write(self, time: float | None = None) -> None:
         """Add the last solve.

@@ -131,6 +131,8 @@ class Film:
             if why:
                 raise ContactError(f"PyVista cannot export a page here ({why}): write .gif instead")
             told = "{:.4g} (dark) to {:.4g} (bright)".format(*scene.limits)
+            if scene.named is not None:
+                told = ", ".join(f"{c}: {n}" for c, n in zip(render.SHADES, scene.named))
             label = f"{scene.label}; colours {told}"  # pages have no colour bar
             steps.append((label, base64.b64encode(part.read_bytes()).decode()))
         text = PAGE % {"title": self._path.stem, "steps": json.dumps(steps)}

@@ -20,7 +20,7 @@ from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.interface.forces import InterfaceForces
 from dolfinx_llm.output import render
-from dolfinx_llm.output.bodies import Seen, checked_view
+from dolfinx_llm.output.bodies import Seen, checked_view, commonest
 from dolfinx_llm.output.drawing import (
     draw_cells,
     draw_scene,
@@ -244,7 +244,7 @@ def draw_interface(result: InterfaceForces, path: str | Path, field: str = "pres
         if field == "status":
             scene = replace(
                 scene,
-                values=_commonest(result.frame_status[frame.corners]),
+                values=commonest(result.frame_status[frame.corners]),
                 label="status",
                 named=np.array(list(render.STATUS)),
             )
@@ -255,19 +255,13 @@ def draw_interface(result: InterfaceForces, path: str | Path, field: str = "pres
     axis, (pieces, s) = figure.add_subplot(), ways(x, frame.cells)
     for order in pieces:
         axis.plot(s[order], value[order], "-", color="0.6")
-    for k, name in enumerate(render.STATUS):
+    for k, (name, colour) in enumerate(render.STATUS.items()):
         at = result.frame_status == k
         if not at.any():
             continue
-        axis.plot(s[at], value[at], f"C{k}o", mfc=None if k else "none", label=name)
+        axis.plot(s[at], value[at], "o", color=colour, mec="k", label=name)
     axis.set(xlabel="distance along the contact", ylabel=field)
     if field == "status":
         axis.set_yticks(np.arange(len(render.STATUS)), labels=list(render.STATUS))
     axis.legend()
     save(plt, figure, path)
-
-
-def _commonest(marks: np.ndarray) -> np.ndarray:
-    """(m,) the mark that most corners of each cell (m, k) have, of equals the largest."""
-    counts = (marks[:, :, None] == np.arange(len(render.STATUS))).sum(axis=1)
-    return counts.shape[1] - 1.0 - np.argmax(counts[:, ::-1], axis=1)

@@ -80,6 +80,14 @@ def check_expression(expression: Any, mesh: Any, degree: Any) -> None:
             checks.refuse("expression", expression, "its Functions must live on the same mesh")
 
 
+def check_fields(fields: Any, mesh: Any) -> None:
+    """Require names of scalar expressions on a mesh."""
+    accepted = 'give a dict of names and scalar UFL expressions, e.g. {"pressure": p}, or None'
+    for name, expression in checks.instance("cell_fields", fields, dict, accepted).items():
+        checks.instance("cell_fields: name", name, str, accepted)
+        check_expression(expression, mesh, 2)
+
+
 def check_result(result: Any) -> None:
     """Require a result of an interface."""
     accepted = "give a result of a solve, e.g. problem.results[0]"
@@ -88,7 +96,7 @@ def check_result(result: Any) -> None:
 
 def check_displacement(u: Any) -> Any:
     """Require a displacement; the communicator of its mesh. Collective."""
-    accepted = "give the displacement, a dolfinx Function (of several meshes one after the other)"
+    accepted = "give the displacement, a dolfinx Function, or what solve() returned"
     V = checks.instance("u", u, dolfinx.fem.Function, accepted).function_space
     check_space(V, highest=2, scalar=True)
     return u.function_space.mesh.comm

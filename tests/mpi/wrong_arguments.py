@@ -860,7 +860,8 @@ add(
 add(
     "u=.*give the displacement",
     lambda s: post.write_bodies(s.path("u.pvd"), None),
-    lambda s: post.write_bodies(s.path("u.pvd"), [s.solved.u]),
+    lambda s: post.write_bodies(s.path("u.pvd"), []),
+    lambda s: post.write_bodies(s.path("u.pvd"), [s.solved.u, 3]),
     lambda s: plot.bodies(s.V, s.size, s.path("u.png")),
 )
 add(
@@ -903,6 +904,8 @@ add(
     lambda s: post.write_bodies(s.path("u.pvd"), s.solved.u, [s.size]),
     lambda s: post.write_bodies(s.path("u.pvd"), s.solved.u, {1: s.size}),
     lambda s: post.write_bodies(s.path("u.pvd"), s.solved.u, "size"),
+    lambda s: post.write_bodies(s.path("u.pvd"), [s.solved.u], []),
+    lambda s: post.write_bodies(s.path("u.pvd"), [s.solved.u], {"x": s.size}),
     lambda s: post.LoadSteps(s.solved, s.path("w"), cell_fields=lambda u: [u[0]]),
 )
 add(

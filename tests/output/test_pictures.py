@@ -224,14 +224,14 @@ def test_curved_frame_by_matplotlib(tmp_path, monkeypatch):
 
 
 def test_colours_of_bodies(tmp_path, monkeypatch):
-    """Two meshes in one picture, by pressure, displacement and a function; a film of two steps."""
+    """Two meshes in one picture, by pressure, status, displacement and a function; a film."""
     from PIL import Image
 
     scene = pressed()
-    for colour in ("pressure", "displacement", lambda u: u[1]):
+    for colour in ("pressure", "status", "displacement", lambda u: u[1]):
         scene.problem.plot(tmp_path, colour=colour)
         assert np.ptp(image(tmp_path / "bodies.png")) > 0.9
-    with plot.Film(scene.problem, tmp_path / "film.gif") as film:
+    with plot.Film(scene.problem, tmp_path / "film.gif", colour="status") as film:
         film.add()
         push(scene, 0.02)
         film.add()
@@ -241,6 +241,21 @@ def test_colours_of_bodies(tmp_path, monkeypatch):
         scene.problem.plot(tmp_path, colour="force")
     with pytest.raises(llm.ContactInputError, match="section=.*of a plane in 3D"):
         scene.problem.plot(tmp_path, section=((0, 0, 0), (1, 0, 0)))
+
+
+def test_surface_of_several_interfaces():
+    """What presses on a surface is seen, whichever of its interfaces comes first."""
+    problem = pressed().problem
+    seen = bodies.View("pressure", "", 1.0, None).seen(COMM, problem.u, problem.results)
+    (result,) = seen.results
+    none = 0.0 * result.frame_force
+    quiet = replace(result, frame_force=none, frame_status=none.astype(int))
+    alone = seen.scene()
+    for results in ([result, quiet], [quiet, result]):
+        both = replace(seen, results=results).scene()
+        assert len(both.cells) == len(alone.cells)
+        assert both.values[both.cells].sum() == pytest.approx(alone.values[alone.cells].sum())
+        assert (both.status == -1).sum() == len(none)
 
 
 @pytest.mark.parametrize("kind", ["tetrahedron", "hexahedron"])
@@ -441,6 +456,8 @@ def test_every_file_reads_back(patch, tmp_path, monkeypatch):
         for suffix in (".pvd", *others):
             fields = stress_of(u) if suffix == ".pvd" else None
             post.write_bodies(tmp_path / f"body_{i}{suffix}", u, fields)
+    both = tmp_path / "both" / "bodies.pvd"
+    post.write_bodies(both, problem.u, [stress_of(u) for u in problem.u])
     seen = set()
     for path in sorted(p for p in tmp_path.rglob("*.*") if ".bp" not in p.parent.suffix):
         seen.add(path.suffix)
@@ -460,8 +477,9 @@ def test_every_file_reads_back(patch, tmp_path, monkeypatch):
             table = np.genfromtxt(path, delimiter=",", names=True)
             assert len(table) > 1 and {"displacement_x", "displacement_y"} <= {*table.dtype.names}
         elif path.suffix == ".pvd":
-            (block,) = pyvista.get_reader(str(path)).read()
-            assert "displacement" in block.point_data
+            blocks = pyvista.get_reader(str(path)).read()
+            assert len(blocks) == 1 + (path == both)
+            assert all("displacement" in block.point_data for block in blocks)
         elif path.suffix == ".vtkhdf":
             assert "u" in pyvista.get_reader(str(path)).read().point_data
         elif path.suffix == ".vtu":

@@ -48,7 +48,6 @@ interfaces = [dataclasses.replace(seat, law=llm.Coulomb(0.4)), joint]
 problem = llm.ContactProblem(a, L, bcs=bcs, interfaces=interfaces)
 solved = problem.solve()
 problem.plot("out")
-for k, u in enumerate(solved):
-    llm.post.write_bodies(f"out/bodies_{k}.pvd", u)
+llm.post.write_bodies("out/bodies.pvd", solved)
 if COMM.rank == 0:
     print([result.resultant.tolist() for result in problem.results])
