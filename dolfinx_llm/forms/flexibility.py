@@ -24,7 +24,7 @@ from dolfinx_llm.operators.petsc import local_csr, with_springs
 from dolfinx_llm.operators.system import ContactOperators
 
 COLUMNS = 64  # right-hand sides solved at once
-ROUGHLY = 1e-10  # of a load, up to which a solve that leaves it is not refined
+ROUGHLY = 1e-12  # of a load, up to which a solve that leaves it is not refined
 
 
 class Flexibility(StepForm):

@@ -904,9 +904,12 @@ add(
     lambda s: post.write_bodies(s.path("u.pvd"), s.solved.u, [s.size]),
     lambda s: post.write_bodies(s.path("u.pvd"), s.solved.u, {1: s.size}),
     lambda s: post.write_bodies(s.path("u.pvd"), s.solved.u, "size"),
+    lambda s: post.LoadSteps(s.solved, s.path("w"), cell_fields=lambda u: [u[0]]),
+)
+add(
+    "cell_fields=.*a list with a dict for each mesh",
     lambda s: post.write_bodies(s.path("u.pvd"), [s.solved.u], []),
     lambda s: post.write_bodies(s.path("u.pvd"), [s.solved.u], {"x": s.size}),
-    lambda s: post.LoadSteps(s.solved, s.path("w"), cell_fields=lambda u: [u[0]]),
 )
 add(
     "expression=.*give a scalar",

@@ -534,7 +534,7 @@ def test_vtkhdf(patch, tmp_path):
     with post.LoadSteps(problem, tmp_path, suffix=".vtkhdf") as files:
         files.write()
         files.write()
-    with pytest.raises(llm.ContactInputError, match="cell_fields are for .pvd"):
+    with pytest.raises(llm.ContactInputError, match="cell_fields and several meshes are for .pvd"):
         post.write_bodies(tmp_path / "other.vtkhdf", u, {"x": u[0]})
     path = tmp_path / "bodies_0.vtkhdf"
     mesh = compat.io_module("vtkhdf").read_mesh(COMM, str(path))
@@ -562,7 +562,7 @@ def test_vtx(patch, tmp_path):
     for name, count in (("out/bodies.bp", 1), ("bodies_0.bp", 2)):
         data = b"".join(path.read_bytes() for path in (tmp_path / name).iterdir())
         assert data.count(u.x.array.tobytes()) == count
-    with pytest.raises(llm.ContactInputError, match="cell_fields are for .pvd"):
+    with pytest.raises(llm.ContactInputError, match="cell_fields and several meshes are for .pvd"):
         post.write_bodies(tmp_path / "other.bp", u, {"x": u[0]})
 
 
