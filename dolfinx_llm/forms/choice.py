@@ -50,13 +50,6 @@ def choose_solver(
                 "function space is not in general: use solver='saddle'"
             )
         asked = "saddle"
-    if operators.tied and any(g.frame is None and len(g.directions) for g in operators.geometries):
-        if asked == "condensed":
-            raise ContactError(
-                "solver='condensed' has no forces on obstacles that bodies are tied to, nor "
-                "means: use solver='saddle'"
-            )
-        asked = "saddle"
     if not operators.tied:
         form, why = _choose_steps(asked, symmetric, operators)
         return form, why + _estimate(operators)
@@ -64,6 +57,8 @@ def choose_solver(
         return asked, "as asked"
     if not symmetric:
         return "saddle", "chosen: the form a is not symmetric"
+    if _means(operators):
+        return "saddle", "chosen: a mean couples all nodes of its surface"
     limit = CROSSOVER[operators.dofs.gdim]
     if sum(operators.counts.values()) < limit:
         return "saddle", f"chosen: fewer than {limit} unknowns, where factorising is quickest"
@@ -114,4 +109,11 @@ def _iterates(operators: ContactOperators) -> bool:
     friction = any(law.slips or law.gives for law in laws)
     floats = operators.floating.rigid.modes.shape[1]
     narrow = widest(operators.L, operators.dofs.gdim) <= WIDEST
-    return narrow and floats <= (0 if friction else MOTIONS)
+    return narrow and not _means(operators) and floats <= (0 if friction else MOTIONS)
+
+
+def _means(operators: ContactOperators) -> bool:
+    """Whether the mean displacement of a surface is prescribed, with which CG takes some ten times
+    the iterations."""
+    obstacles = [geometry.interface.obstacle for geometry in operators.geometries]
+    return any(obstacle is not None and obstacle.everywhere for obstacle in obstacles)

@@ -130,16 +130,18 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     law, obstacle = interface.law, interface.obstacle
     assert obstacle is not None
     own = _is_asked(law)
+    if obstacle.moment is not None or obstacle.everywhere:
+        raise ContactInputError(
+            f"{type(obstacle).__name__}, moment={obstacle.moment!r}: rigid ends and mean "
+            "displacements are of a ContactProblem, for small deformation. Here tie a stiff body "
+            "to the surface and load that, or prescribe displacements; for a mean, change a "
+            "uniform traction in F until it is met"
+        )
     if isinstance(law, Tied) or (own and obstacle.force is not None):
         raise ContactInputError(
             f"law={checks.shown(law)}: against a rigid obstacle at finite deformation choose "
             "Frictionless() or Coulomb(...), a law of your own where it is moved and not under a "
             "force, or prescribe the body's displacement"
-        )
-    if obstacle.moment is not None or obstacle.everywhere:
-        raise ContactInputError(
-            f"{type(obstacle).__name__}, moment={obstacle.moment!r}: moments on rigid ends and "
-            "mean displacements are for small deformation, of a ContactProblem"
         )
     site = find_site(interface, dofs.spaces)
     surface = site.whole[0]

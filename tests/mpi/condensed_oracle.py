@@ -76,7 +76,7 @@ def everywhere(comm, local):
     return np.concatenate(comm.allgather(local))
 
 
-def exact(problem, rows, f, g, proximal, centre):
+def exact(problem, rows, f, g, proximal, pull):
     """u, λ, v of (31) in NumPy; where λ is not unique the smallest, as the package does."""
     comm = problem.comm
     K, fixed, f = (
@@ -97,8 +97,8 @@ def exact(problem, rows, f, g, proximal, centre):
             [np.zeros((n_v, len(K))), -s * L.T, np.diag(proximal)],
         ]
     )
-    x = np.linalg.lstsq(A, np.concatenate([f, -s * g, proximal * centre]), rcond=1e-13)[0]
-    assert np.abs(A @ x - np.concatenate([f, -s * g, proximal * centre])).max() < 1e-9 * s
+    x = np.linalg.lstsq(A, np.concatenate([f, -s * g, pull]), rcond=1e-13)[0]
+    assert np.abs(A @ x - np.concatenate([f, -s * g, pull])).max() < 1e-9 * s
     return x[: len(K)], s * x[len(K) : len(K) + n_l], x[len(K) + n_l :]
 
 
@@ -112,7 +112,7 @@ def differences(problem, kind, seed, options) -> dict:
         base, eliminated, L, bs = some_components(problem, rng, kind == "turned")
         proximal = problem.scale * 10.0 ** rng.uniform(-4.0, 0.0, L.shape[1])
     rows, made = system(problem, base, eliminated, L, bs, proximal, options)
-    f, centre = problem.bulk.load(), rng.standard_normal(L.shape[1])
+    f, pull = problem.bulk.load(), problem.scale * rng.standard_normal(L.shape[1])
     # Gaps that the prescribed dofs can follow: the rows may say the same thing twice.
     node, component = np.nonzero(eliminated)
     held = np.zeros(problem.K.getSize()[0])
@@ -121,8 +121,8 @@ def differences(problem, kind, seed, options) -> dict:
     shift *= held[np.concatenate(problem.operators.side_dofs)] == 0.0
     g = L @ rng.standard_normal(L.shape[1])
     g -= np.einsum("ri,ri->r", base[node, component], shift[node])
-    u, multiplier, v = made.solve(f, g[rows.multipliers.mine], centre)
-    known = exact(problem, rows, f, g, proximal, centre)
+    u, multiplier, v = made.solve(f, g[rows.multipliers.mine], pull)
+    known = exact(problem, rows, f, g, proximal, pull)
     order = rows.multipliers.number
     found = (
         everywhere(comm, u),

@@ -1023,6 +1023,19 @@ add(
     lambda s: s.nonlinear(bcs=s.bcs),
 )
 add("facet", lambda s: s.nonlinear(loads=s.pressure(tag=99)))
+
+
+def bent_end(s, end):
+    """At finite deformation."""
+    sides = patch2d.FOUNDATION_TOP, end
+    return s.nonlinear(interfaces=llm.Interface(s.bent[1], sides, law=llm.Tied()))
+
+
+add(
+    "rigid ends and mean displacements are of a ContactProblem",
+    lambda s: bent_end(s, llm.MeanDisplacement((None, 0.1))),
+    lambda s: bent_end(s, llm.RigidPlane((0, 0), (0, -1), force=(None, 1.0), moment=1.0)),
+)
 add("increments=", *(lambda s, x=x: s.nonlinear().solve(x) for x in (0, "2", INF)))
 
 # Wrong on one rank alone: on all of them an error, and none waits.

@@ -97,7 +97,7 @@ def stack(laws, form, plane, comm=MPI.COMM_SELF):
         The problem, solved, and its displacements (n,).
     """
     rng = np.random.default_rng(5)
-    if not isinstance(plane, llm.RigidPlane):
+    if isinstance(plane, tuple):
         plane = llm.RigidPlane((0.0, 2.0), (0.0, -1.0), force=plane)
     made = [
         cs.rectangle(comm, (n, 3), (-1, z), (1, z + 1), "triangle", 0.2, rng)

@@ -52,9 +52,11 @@ class EliminatedRows:
 
 def widest(L: csr_matrix, gdim: int) -> float:
     """Nodes that the row of a frame node couples with in the condensed matrix, about: those of two
-    layers of cells next to the c surface nodes that follow it, 2 (sqrt(c) + 2)^2."""
+    layers of cells next to the c surface nodes that follow it, 2 (sqrt(c) + 2)^2; or those that a
+    surface node follows together."""
     c = np.bincount(L.indices, minlength=1).max()
-    return 2.0 * (c ** (1.0 / (gdim - 1)) + 2.0) ** (gdim - 1)
+    own = float(np.diff(L.indptr).max(initial=0))
+    return max(own, 2.0 * (c ** (1.0 / (gdim - 1)) + 2.0) ** (gdim - 1))
 
 
 @dataclass(frozen=True, eq=False)

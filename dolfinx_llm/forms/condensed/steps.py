@@ -181,7 +181,7 @@ class CondensedForm(WholeSteps):
             hold = -step.D.diagonal()
             self._eliminate(eliminated, step, hold)
             self.eager = False  # to ask takes a solve by CG
-            return _Symmetric(self.system, eliminated, on, hold)
+            return _Symmetric(self.system, eliminated, on)
         self.split.hold(self.operators.floating.pins, self._spring)
         if self.friction is None:
             options = self.prefix, dict(self.options or {})
@@ -242,21 +242,17 @@ class CondensedForm(WholeSteps):
 
 class _Symmetric:
     """A step whose matrix is that of a ``CondensedSystem``, which may serve other steps as well:
-    rows in contact stand at the places ``on`` (r,) among all, ``hold`` (m,) is the proximal
-    stiffness."""
+    rows in contact stand at the places ``on`` (r,) among all."""
 
-    def __init__(
-        self, system: CondensedSystem, eliminated: EliminatedRows, on: np.ndarray, hold: np.ndarray
-    ) -> None:
-        self._system, self._rows, self._on, self._hold = system, eliminated, on, hold
+    def __init__(self, system: CondensedSystem, eliminated: EliminatedRows, on: np.ndarray) -> None:
+        self._system, self._rows, self._on = system, eliminated, on
 
     def ask(
         self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray, about: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See ``SetUp``."""
-        rows, hold, comm = self._rows, self._hold, self._system.comm
-        centre = np.where(hold > 0.0, -rhs / np.where(hold > 0.0, hold, 1.0), 0.0)
-        u, found, w = self._system.solve(f, g[self._on][rows.multipliers.mine], centre)
+        rows, comm = self._rows, self._system.comm
+        u, found, w = self._system.solve(f, g[self._on][rows.multipliers.mine], -rhs)
         multiplier = np.zeros(len(g))
         multiplier[self._on] = gather_rows(comm, found)[rows.multipliers.number]
         return u, multiplier, gather_rows(comm, w)[rows.frames.number]
@@ -275,4 +271,4 @@ def _holds(step: LinearStep) -> bool:
     """Whether D does no more than hold each frame unknown by a spring of its own."""
     own = step.D.diagonal()
     alone = abs(step.D - diags(own)).max() == 0.0 if len(own) else True
-    return bool(alone and (own <= 0.0).all() and not step.rhs[own == 0.0].any())
+    return bool(alone and (own <= 0.0).all())

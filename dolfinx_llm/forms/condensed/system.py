@@ -40,7 +40,7 @@ class CondensedSystem:
             frames' unknowns (m, k); None: none.
         weak: motions that supports or springs may hold weakly, in the same way; None: ``modes``.
         proximal: (m,) non-negative stiffness d of the frames' unknowns, which adds
-            1/2 sum_J d_J (v_J - c_J)² to the energy [force / length]; None: none.
+            1/2 sum_J d_J v_J² to the energy [force / length]; None: none.
     """
 
     def __init__(
@@ -109,10 +109,10 @@ class CondensedSystem:
             self.solver.set_up(self.matrix)
 
     def solve(
-        self, f: np.ndarray, g: np.ndarray, centre: np.ndarray | None = None
+        self, f: np.ndarray, g: np.ndarray, pull: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """This rank's parts of u, λ, v for loads f (n_local,), prescribed values at fixed dofs, and
-        gaps g (R,); c (m,) is the centre of the proximal term, None: zero.
+        gaps g (R,); p (m,) are forces on the frames' unknowns, None: zero.
 
         Raises:
             ContactError: the solver did not reach a small residual of (31).
@@ -121,11 +121,11 @@ class CondensedSystem:
         self.set_up()
         ready, form = time.perf_counter(), self.form
         u_0, v_0 = form.offsets(f, g)
-        u, q = self._iterate(f, u_0, form.push(centre, v_0), self._guess(u_0, v_0))
+        u, q = self._iterate(f, u_0, form.push(pull, v_0), self._guess(u_0, v_0))
         self.force = force = self._forces(f, u)
         v = form.frame_motion(q, v_0)
         self._last = u, v
-        multiplier = form.multipliers(np.where(self.fixed, 0.0, force), v, centre)
+        multiplier = form.multipliers(np.where(self.fixed, 0.0, force), v, pull)
         if self.solver.reason < 0:
             self._require_answer(f, u, multiplier)
         seconds = {"set-up": ready - began, "solve": time.perf_counter() - ready}

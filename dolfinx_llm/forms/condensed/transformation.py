@@ -131,14 +131,20 @@ class Transformation:
         tail = times(self.T if test is None else test, left[S], transposed=True)
         return np.concatenate([inside, tail])
 
-    def push(self, centre: np.ndarray | None, v_0: np.ndarray) -> np.ndarray:
-        """Zᵀ d (c - v_0), the load of the proximal term on q."""
+    def push(self, pull: np.ndarray | None, v_0: np.ndarray) -> np.ndarray:
+        """(q_local,) Zᵀ (p - d v_0), the load on q of forces p (m,) on the frames' unknowns, None:
+        zero, and of the proximal term."""
         n = len(self.fixed)
         load = np.zeros(n + self.tail.sizes[0])
-        if self.proximal is not None:
-            pull = self.proximal * ((0.0 if centre is None else centre) - v_0)
+        if pull is not None or self.proximal is not None:
+            pull = self._pull(pull, v_0)
             load[n + self.tail.seats] = (self.frame.Z.T @ pull)[self.tail.mine_used]
         return load
+
+    def _pull(self, pull: np.ndarray | None, v: np.ndarray) -> np.ndarray:
+        """(m,) p - d v."""
+        pull = np.zeros(len(v)) if pull is None else pull
+        return pull if self.proximal is None else pull - self.proximal * v
 
     def offsets(self, f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """This rank's u_0 and all of v_0 for gaps g and the prescribed values in f."""
@@ -164,25 +170,20 @@ class Transformation:
         force = c * self.frame.Q @ q_v[self.frame.dependent]
         return self.W.T @ force[self._mine_D]
 
-    def multipliers(
-        self, force: np.ndarray, v: np.ndarray, centre: np.ndarray | None
-    ) -> np.ndarray:
+    def multipliers(self, force: np.ndarray, v: np.ndarray, pull: np.ndarray | None) -> np.ndarray:
         """λ of this rank from the reactions f - K u, zero at fixed dofs. What a row does to the
         frame alone follows from the frame's equilibrium."""
         found = self.A.T @ force
         if len(self.frame.dependent):
-            missing = self.frame_forces(found, v, centre)[self.frame.dependent]
+            missing = self.frame_forces(found, v, pull)[self.frame.dependent]
             found = found - self.W.T @ self.frame.multipliers(missing)[self._mine_D]
         return found
 
     def frame_forces(
-        self, multiplier: np.ndarray, v: np.ndarray, centre: np.ndarray | None
+        self, multiplier: np.ndarray, v: np.ndarray, pull: np.ndarray | None
     ) -> np.ndarray:
-        """(m,) L_bᵀ λ less the proximal forces d (v - c), which must vanish."""
-        forces = self.comm.allreduce(self.L.T @ multiplier)
-        if self.proximal is not None:
-            forces -= self.proximal * (v - (0.0 if centre is None else centre))
-        return forces
+        """(m,) L_bᵀ λ + p - d v, which must vanish."""
+        return self.comm.allreduce(self.L.T @ multiplier) + self._pull(pull, v)
 
     def unknowns(self, body: np.ndarray, frame: np.ndarray) -> np.ndarray:
         """(q_local, k) q of motions of this rank's dofs (n_local, k) and of the frames (m, k), as
