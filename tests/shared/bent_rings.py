@@ -68,6 +68,35 @@ def shell(h, low, high):
     return domain, tags
 
 
+def bricks(h, low, high):
+    """The same of hexahedra, in regular layers."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    geo, make = gmsh.model.geo, gmsh.model.mesh
+    n = [round(length / h) for length in (high * np.pi / 2, high - low, 1.0)]
+    centre = geo.addPoint(0, 0, 0)
+    at = [geo.addPoint(*p, 0) for p in ((low, 0), (high, 0), (0, high), (0, low))]
+    lines = [geo.addLine(at[0], at[1]), geo.addCircleArc(at[1], centre, at[2]),
+             geo.addLine(at[2], at[3]), geo.addCircleArc(at[3], centre, at[0])]  # fmt: skip
+    face = geo.addPlaneSurface([geo.addCurveLoop(lines)])
+    for k, line in enumerate(lines):
+        geo.mesh.setTransfiniteCurve(line, n[1 - k % 2] + 1)
+    geo.mesh.setTransfiniteSurface(face)
+    geo.mesh.setRecombine(2, face)
+    made = geo.extrude([(2, face)], 0, 0, 1, numElements=[n[2]], recombine=True)
+    geo.synchronize()
+    top, body, *around = [tag for _, tag in made]
+    for tag, faces in enumerate(([around[3]], [around[1]]), 1):
+        gmsh.model.addPhysicalGroup(2, faces, tag)
+    gmsh.model.addPhysicalGroup(2, [face, top, around[0], around[2]], 9)
+    gmsh.model.addPhysicalGroup(3, [body], 3)
+    make.generate(3)
+    make.setOrder(2)
+    domain, _, tags = compat.model_to_mesh(gmsh.model, COMM, 0, gdim=3)
+    gmsh.finalize()
+    return domain, tags
+
+
 def tied(counts, first, make=llm.ContactProblem, degrees=(2, 2), close_gap=False, **chosen):
     """Two rings of so many cells around, the outer one turned by an angle, see ``joined``."""
     parts = zip(counts, degrees, ((1.0, 1.5, 0.0), (1.5, 2.0, first)), strict=True)
@@ -75,9 +104,9 @@ def tied(counts, first, make=llm.ContactProblem, degrees=(2, 2), close_gap=False
     return joined(meshes, degrees, make, close_gap, **chosen)
 
 
-def tied_shells(sizes, **chosen):
-    """The same of two quarters of tubes, of tetrahedra of these sizes."""
-    meshes = [shell(h, *r) for h, r in zip(sizes, ((1.0, 1.5), (1.5, 2.0)), strict=True)]
+def tied_shells(sizes, make_mesh=shell, **chosen):
+    """The same of two quarters of tubes, of cells of these sizes."""
+    meshes = [make_mesh(h, *r) for h, r in zip(sizes, ((1.0, 1.5), (1.5, 2.0)), strict=True)]
     return joined(meshes, **chosen)
 
 
@@ -104,10 +133,12 @@ def joined(meshes, degrees=(2, 2), make=llm.ContactProblem, close_gap=False, **c
     return make(a, L, bcs=bcs, interfaces=[interface])
 
 
-def errors(problem):
-    """Relative errors in L2 and in the gradient, and of the tractions read, if any are."""
+def errors(problem, plain=False):
+    """Relative errors in L2 and in the gradient, and of the tractions read, if any are; ``plain``:
+    by nothing but the integrals of the shape functions' products."""
     u = problem.solve()
     field = so.Waves(u[0].function_space.mesh.geometry.dim)
     found, result = so.errors(u, field), problem.results[0]
     read = all(getattr(side, "density", None) is not None for side in result.sides)
-    return np.array([*found, *(so.traction_errors(result, field) if read else [])])
+    geometry = problem.geometries[0] if plain else None
+    return np.array([*found, *(so.traction_errors(result, field, geometry) if read else [])])
