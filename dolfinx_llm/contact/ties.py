@@ -5,8 +5,9 @@ one, a pair that hardly presses may pull itself open by its tie, and press again
 state at all meets the law. Where pairs do not come to rest ties are therefore chosen once, where
 contact without friction presses, and stay while the iteration goes on. Of those whose pairs are
 open and still bear friction the strongest are let go for good, until there are none: each goes once
-at most, so that this ends. Coulomb's law holds at the frame's nodes with the normal forces of all
-pairs, tied or not.
+at most, so that this ends. Later load steps begin with the ties that are left, and choose anew
+where they do not come to rest either. Coulomb's law holds at the frame's nodes with the normal
+forces of all pairs, tied or not.
 """
 
 from __future__ import annotations

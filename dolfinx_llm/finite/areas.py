@@ -29,7 +29,7 @@ class Covered:
 
     def without(self, other: Covered) -> Covered:
         """What of these parts does not belong to other ones, which lie in them."""
-        return Covered(self.share - other.share, (self.derivative - other.derivative).tocsr())
+        return Covered(self.share - other.share, self.derivative - other.derivative)
 
 
 def everything(x: np.ndarray, surface: Surface, first: int, width: int) -> Covered:
@@ -82,7 +82,7 @@ def surface_integrals(
     change = change + jacobian(stretched.reshape(f, j * r, -1), places, width)
     rows = coordinates(surface.cells, r).ravel()
     gather = summing(rows, n * r)
-    return (gather @ value.ravel()).reshape(n, r), (gather @ change).tocsr()
+    return (gather @ value.ravel()).reshape(n, r), gather @ change
 
 
 def _across_warped(x: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -57,7 +57,7 @@ class Condensed:
         J = sides.jumps(t.place.N)
         x = np.arange(n * gdim) if sides.frame is None else sides.columns[0].ravel()
         scaling = _scaling(t, free, d)
-        left, own = (scaling @ t.left).tocsr(), (scaling @ t.own).tocsr()
+        left, own = scaling @ t.left, scaling @ t.own
         keep, kept = diagonal(free), diagonal(free[x])
         # Unknowns q of a pair p: forces on its node alone, of second-order bodies on its control
         # value.
@@ -79,7 +79,7 @@ class Condensed:
         # does, but for what they yield of themselves.
         held = diagonal(((pair >= 0) & (_norms(near @ kept) < FAST * _norms(near))).astype(float))
         yielding = near @ kept @ top + held @ left @ keep @ t.top @ held
-        yielding = (-BETA / d * yielding).tocsr()
+        yielding = -BETA / d * yielding
         place, c = _places(pair, n)
         X = _diagonal_blocks(place.T @ (own + yielding) @ place, n, c)
         X += np.eye(c) * (np.abs(X).max(axis=2, initial=0.0) == 0.0)[:, :, None]
@@ -88,7 +88,7 @@ class Condensed:
         of_pairs = diagonal((pair >= 0).astype(float))
         rows = near @ J + left - of_pairs @ left
         C = keep @ (J.T @ per_item(H) @ J) @ keep
-        return cls(C.tocsr(), (rows @ keep).tocsr(), yielding, scaling)
+        return cls(C, rows @ keep, yielding, scaling)
 
 
 def _inverse(X: np.ndarray) -> np.ndarray:
@@ -103,7 +103,7 @@ def _scaling(t: ContactTerms, free: np.ndarray, d: float) -> csr_matrix:
     """What makes an interface's own equations as large as those of equilibrium."""
     by_z = abs(t.left @ diagonal(free)).max(axis=1).toarray().ravel() / d
     size = np.where(by_z > 0.0, by_z, abs(t.own).max(axis=1).toarray().ravel())
-    return diagonal(1.0 / np.where(size > 0.0, size, 1.0)).tocsr()
+    return diagonal(1.0 / np.where(size > 0.0, size, 1.0))
 
 
 def _norms(M: csr_matrix) -> np.ndarray:
@@ -180,9 +180,9 @@ class Coupling:
         C = _joined(self.stiffness, size[:1] * 2)
         self.K = keep @ self.K_all @ keep - C
         self.K_all = self.K_all - C
-        self.top = (keep @ _joined([t.top for t in terms], size)).tocsr()
-        self.left = (self._all_left @ keep).tocsr()
-        self.own = (self.scaling @ _joined([t.own for t in terms])).tocsr()
+        self.top = keep @ _joined([t.top for t in terms], size)
+        self.left = self._all_left @ keep
+        self.own = self.scaling @ _joined([t.own for t in terms])
         self._rows = _joined([part.rows for part in parts], size[::-1])
         own = self.own + _joined([part.yielding for part in parts])
         self._factor, self.wrong = None, ""

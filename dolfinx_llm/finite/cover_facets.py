@@ -78,7 +78,7 @@ def covered_facets(own: Skin, other: Skin, width: int, behind: float) -> Covered
         blocks / planes.size[edges.facet][:, None, None], np.concatenate(places, axis=1), width
     )
     gather = summing(coordinates(edges.facet[:, None], n).ravel(), f * n)
-    return Covered(share, (jacobian(change, columns, width) + gather @ by_edge).tocsr())
+    return Covered(share, jacobian(change, columns, width) + gather @ by_edge)
 
 
 def _across(

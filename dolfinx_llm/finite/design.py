@@ -55,7 +55,7 @@ class Stencils:
         f, k = facets.shape
         incidence = csr_matrix((np.ones(f * k), facets.ravel(), np.arange(f + 1) * k), (f, m))
         around = adjacency(facets, m)  # which nodes share a facet
-        reached = (incidence @ around).tocsr()
+        reached = incidence @ around
         reached.sort_indices()
         counts = np.diff(reached.indptr)
         place = np.arange(counts.max())
@@ -184,7 +184,7 @@ class Design:
         own = M.diagonal()
         largest = float(own.max(initial=0.0)) or 1.0  # nothing is covered: mu is 0
         reached = own > UNREACHED * largest
-        return (M + diagonal(np.where(reached, limit + FAINT * largest, largest))).tocsr()
+        return M + diagonal(np.where(reached, limit + FAINT * largest, largest))
 
     def smallest_limit(
         self,
@@ -260,7 +260,7 @@ class Design:
             turned = -np.einsum("nst,nt,ni->nsi", Q, height, tangent)
             found = found + jacobian(np.concatenate([own, moved], axis=2), places, width)
             found = found + per_item(turned) @ d.normal
-        return found.tocsr(), by_mu
+        return found, by_mu
 
 
 def _bordered(M: csr_matrix, G: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

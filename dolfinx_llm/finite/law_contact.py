@@ -17,7 +17,6 @@ from dolfinx_llm.finite.friction_law import in_plane
 from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.law_system import LawSystem
 from dolfinx_llm.finite.law_told import ToldContact
-from dolfinx_llm.finite.obstacle_contact import OneSide
 from dolfinx_llm.finite.obstacle_friction import ObstacleFriction
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, moved
@@ -40,14 +39,14 @@ class LawContact(ToldContact):
         origin = held.origin or self.started(place, held, before != OPEN)
         apart = moved(place, -self.gap_drawn)
         status, held = super(Friction, self).touching(apart, q, before, held, reach)
-        areas = place.areas[0]
-        asked = np.flatnonzero(place.pairs & (areas > BARE * areas.max(initial=0.0)))
-        status[areas <= BARE * areas.max(initial=0.0)] = OPEN
+        bare = place.areas[0] <= BARE * place.areas[0].max(initial=0.0)
+        asked = np.flatnonzero(place.pairs & ~bare)
+        status[bare] = OPEN
         if held.origin is None:
             self.check_reach(held, asked)
-        if not len(asked):
-            return status, replace(held, origin=origin)
         begun = replace(held, origin=origin)
+        if not len(asked):
+            return status, begun
         said = self.said(place, q, before, begun, asked)[0]
         pulls = asked[said.holds | (not self.law.opens)]
         status[pulls] = CLOSED
@@ -155,4 +154,4 @@ class LawOnObstacle(LawContact, ObstacleFriction):
         place = alone.place(z, np.zeros(alone.size), alone.hold(z))
         gap = np.where(place.pairs, place.gap, 0.0)
         told = cls.told(alone.sides, law, replace(nodes, area=place.areas[0]), gap)
-        return cls(OneSide((surface,)), obstacle, alone.forced, *told)
+        return cls(alone.sides, obstacle, alone.forced, *told)

@@ -57,12 +57,12 @@ class Tangents:
         across = (unit - e[:, :, None] * e[:, None, :]) / size[:, None, None]
         by_normal = -across @ (along[:, None, None] * unit + normal[:, :, None] * d[:, None, :])
         P = unit - normal[:, :, None] * normal[:, None, :]
-        by_e = (per_item(by_normal) @ turned + per_item(across @ P) @ moved).tocsr()
+        by_e = per_item(by_normal) @ turned + per_item(across @ P) @ moved
         if gdim == 2:
             return cls(e[:, None], (by_e,))
         # d(n x e) = dn x e + n x de
         second = per_item(cross_matrix(e)) @ turned - per_item(cross_matrix(normal)) @ by_e
-        return cls(np.stack([e, np.cross(normal, e)], axis=1), (by_e, second.tocsr()))
+        return cls(np.stack([e, np.cross(normal, e)], axis=1), (by_e, second))
 
     def components(self, w: np.ndarray) -> np.ndarray:
         """(k, gdim - 1) components of vectors w (k, gdim)."""

@@ -60,7 +60,7 @@ class LawSystem:
             for i, (turns, carried) in enumerate(zip(by_tau, by_way, strict=True)):
                 e = per_item(self.tangents.e[:, i][:, None])
                 forces.append(sign * (self.widened(turns) + e @ self.on_tau()))
-                jumps.append(sign * self.widened((carried + e @ way[1]).tocsr()))
+                jumps.append(sign * self.widened(carried + e @ way[1]))
         if len(forces) < said.left.shape[1]:
             forces.append(on_lambda)
             jumps.append(-gap)
@@ -69,7 +69,7 @@ class LawSystem:
             + per_item(said.by_jump) @ _interleaved(jumps)
             + per_item(said.by_N[:, :, None]) @ on_lambda
             + per_item(said.by_area[:, :, None]) @ self.widened(growth)
-        ).tocsr()
+        )
 
     def along(self, change: csr_matrix) -> tuple[csr_matrix, np.ndarray]:
         """(k gdim, columns) derivatives and (k, gdim) values of the part along the surface as
@@ -89,8 +89,8 @@ class LawSystem:
         for i, by in enumerate(self.tangents.by_z):
             turns = turns + diagonal(np.repeat(left[:, i], gdim)) @ by
         found = per_item(np.swapaxes(e, 1, 2)) @ change[rows] + per_item(outer) @ self.on_tau()
-        found = found + self.widened(turns.tocsr())
-        return found.tocsr(), across * normal + np.einsum("kri,kr->ki", e, left[:, :r])
+        found = found + self.widened(turns)
+        return found, across * normal + np.einsum("kri,kr->ki", e, left[:, :r])
 
 
 def _interleaved(parts: list[csr_matrix]) -> csr_matrix:

@@ -253,4 +253,4 @@ def location_derivatives(
     normal = at.normal
     project = (unit - normal[:, :, None] * normal[:, None, :]) / length[:, None, None]
     turn = per_item(project) @ (mean + per_item(direction) @ xi)
-    return LocationDerivatives(xi.tocsr(), turn.tocsr())
+    return LocationDerivatives(xi, turn)

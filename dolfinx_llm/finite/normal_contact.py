@@ -99,7 +99,7 @@ class NormalContact(MovingContact):
         if len(on):
             of = meeting.at.part(on), x[on], y, (loads[0][on], loads[1])
             limit = self.design.smallest_limit(*of, functions)
-        return Held(candidates, f[0] > 0.0, limit, functions)
+        return Held(candidates, f[0] > 0.0, limit, functions, np.zeros(len(x), dtype=bool))
 
     def missed(self, place: NormalPlace, held: Held) -> Held | None:
         """The same with facets that have passed the frame since the start, and without pairs that
@@ -111,7 +111,7 @@ class NormalContact(MovingContact):
         """
         now = self.sides.candidates(place.z)
         added, at = now & ~held.candidates, place.at
-        left = held.pairs & np.logical_not(held.left) & (place.areas[0] <= 0.0) & (at.beyond > OVER)
+        left = held.pairs & ~held.left & (place.areas[0] <= 0.0) & (at.beyond > OVER)
         if not (added.any() and (at.gap[self.sides.facets(True)[added]] < 0.0).any()):
             added[:] = False
         if not (added.any() or left.any()):
@@ -163,7 +163,7 @@ class NormalContact(MovingContact):
             z=z,
             gap=gap,
             normal=normal,
-            N=(pick @ C @ rows.matrix(m)).tocsr(),
+            N=pick @ C @ rows.matrix(m),
             C=C,
             areas=f,
             by_z=by_areas,
@@ -230,7 +230,7 @@ class NormalContact(MovingContact):
         none = csr_matrix((width, c))
         return ContactTerms(
             force=A.T @ borne,
-            K=K.tocsr(),
+            K=K,
             top=hstack([-(by_closed @ A).T.tocsr(), -(spread @ by_mu), none], format="csr"),
             left=vstack([by_closed @ gap_z, balance_z, border_z], format="csr"),
             own=bmat(

@@ -8,7 +8,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.inside import deepest
 from dolfinx_llm.finite.location import INSIDE
 from dolfinx_llm.finite.normal_contact import OVER, NormalPlace
-from dolfinx_llm.finite.self_sides import SelfSides
+from dolfinx_llm.finite.self_sides import CROSSED, SelfSides
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import MovingContact, Place
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes
@@ -44,8 +44,8 @@ def check_passage(contact: MovingContact, before: Place, after: Place) -> None:
             f"{-at.gap[worst]:.3g} where facets have the size {size[worst]:.3g}"
         )
     if isinstance(sides, SelfSides):
-        given = {"allowed": THROUGH} if contact.overlaps else {}
-        sides.check_crossed(sides.split(after.z)[0], **given)
+        allowed = THROUGH if contact.overlaps else CROSSED
+        sides.check_crossed(sides.split(after.z)[0], allowed)
     else:
         _check_outlines(sides, before, after)
 

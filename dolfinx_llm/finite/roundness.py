@@ -53,4 +53,4 @@ def roundness(
     turned = jacobian(by_n.reshape(n, 1, k * gdim), coordinates(cells, gdim), y.size)
     moved = jacobian(by_y.reshape(n, 1, k * gdim), coordinates(cells, gdim, first), width)
     found = turned @ normals.derivative + moved + per_item(slope[:, None]) @ d.xi
-    return 0.5 * np.einsum("nk,nk->n", at.N, stands), (0.5 * found).tocsr()
+    return 0.5 * np.einsum("nk,nk->n", at.N, stands), 0.5 * found

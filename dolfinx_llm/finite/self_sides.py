@@ -31,6 +31,7 @@ FORESEEN = 2.0  # gap over the largest facet up to which facets are parted: more
 BESIDE = 2  # facets along the surface between those that can touch, at least
 MUCH_FINER = 0.05  # difference of mean sizes over their sum, below which facets are alike
 BEFORE = np.array([1.0, 0.7549, 0.5698])  # a direction by which normals come first
+TOLD = 1e-6  # of the largest facet: difference of vector areas along it that tells parts apart
 STILL_ON = 1e-9  # of a facet beyond its outline: still on it
 CROSSED = 0.1  # of a facet: deeper lies what has gone through
 
@@ -89,8 +90,7 @@ class SelfSides(Sides):
         """
         facets = self.facets(True)
         f, size = len(facets), cell_sizes(x, facets)
-        area, centre = vector_areas(x, facets), x[facets].mean(axis=1)
-        normal = area / np.linalg.norm(area, axis=1)[:, None]
+        normal, centre = unit_normals(x, facets), x[facets].mean(axis=1)
         surface = replace(self.surfaces[0], x=x)
         i, j = facing_pairs([Polygons.of(surface)], np.arange(f), FORESEEN * size.max(), FACES)
         arm, deep = centre[j] - centre[i], -BEHIND_IT * np.maximum(size[i], size[j])
@@ -166,7 +166,7 @@ class SelfSides(Sides):
         difference = mean - mean[across]
         alike = np.abs(difference) <= MUCH_FINER * (mean + mean[across])
         change = (turned - turned[across]) @ BEFORE[: area.shape[1]]
-        told = np.abs(change) > 1e-6 * np.abs(area).max()
+        told = np.abs(change) > TOLD * np.abs(area).max()
         by_place = np.where(told, change < 0.0, np.arange(count) < across)
         return np.where(alike, by_place, difference < 0.0)
 
@@ -198,4 +198,4 @@ def _beside(facets: np.ndarray) -> csr_matrix:
     f, k = facets.shape
     at = np.repeat(np.arange(f), k), facets.ravel()
     incidence = csr_matrix((np.ones(f * k), at), (f, int(facets.max()) + 1))
-    return (incidence @ incidence.T).tocsr()
+    return incidence @ incidence.T

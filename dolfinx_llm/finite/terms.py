@@ -37,7 +37,9 @@ class Held:
     chart: np.ndarray = field(
         default_factory=lambda: np.zeros((0, 0))
     )  # (m, c) functions that it leaves to the frame
-    left: Any = False  # (n,) nodes that have left the frame since the start; False: none
+    left: np.ndarray = field(
+        default_factory=lambda: np.zeros(0, dtype=bool)
+    )  # (n,) nodes that have left the frame since the start
     lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
     near: bool = False  # whether the last iterate was near the solution
     exact: bool = False  # whether slip has its exact derivative: see ``friction_law``

@@ -81,11 +81,11 @@ class TiedContact(MovingContact):
             rows = design.rows(*of, design.smallest_limit(*of, functions), functions)
             found = on, rows.matrix(len(y)), float(np.abs(rows.delta).max())
         on, own, delta = found
-        N = (sides.control[0] @ summing(on, n) @ own).tocsr()
+        N = sides.control[0] @ summing(on, n) @ own
         pairs = np.zeros(n, dtype=bool)
         pairs[on] = True
         pairs &= abs(sides.control[0]) @ ~pairs == 0.0  # and all that they are made of
-        N = (diagonal(pairs) @ N).tocsr()
+        N = diagonal(pairs) @ N
         A = diagonal(np.repeat(pairs, sides.gdim)) @ sides.jumps(N)
         own, other = (Covered(c.share, csr_matrix(c.derivative.shape)) for c in meeting.covered)
         return cls(sides, A, N, pairs, replace(meeting, covered=(own, other)), delta, z)

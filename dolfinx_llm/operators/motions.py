@@ -75,7 +75,7 @@ class RigidMotions:
             first = np.searchsorted(self.label[order], bodies)
             first = order[np.minimum(first, len(order) - 1)] if len(order) else 0 * bodies
             here = self.label[first] == bodies if len(order) else np.zeros(len(some), dtype=bool)
-            best[here] = np.column_stack([size, rest])[first[here]]
+            best[here] = np.column_stack([size[first[here]], rest[first[here]]])
             every = np.array(comm.allgather(best))
             rank = every[:, :, 0].round(12).argmax(axis=0)
             chosen += first[rank == comm.rank].tolist()
@@ -135,7 +135,7 @@ def rigid_motions(bodies: Bodies, K: Any, fixed: np.ndarray) -> RigidMotions:
     )
     stiffness = bodies.comm.allreduce((modes.T @ forces).tocsr())
     body = np.array([b for b, _ in order], dtype=np.int64)
-    stiffness = (0.5 * (stiffness + stiffness.T)).tocsr()
+    stiffness = 0.5 * (stiffness + stiffness.T)
     return RigidMotions(bodies, body, parts, free, modes, forces, stiffness, noise)
 
 
@@ -171,26 +171,19 @@ def _of_bodies(bodies: Bodies, of: np.ndarray, allowed: np.ndarray, fields: Any)
     coefficients (columns of ``allowed``, k), stiffness (k,), whether springs hold them (k,), and
     the stiffness that rounding alone may cause (k,)."""
     moved, pushed, diagonal = fields
-    weighted = diagonal[:, None] * moved
-
-    def sums(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """(bodies, k, k) aᵀ b of each."""
-        if not a.size:
-            return np.zeros((bodies.count, *(a.shape[1],) * 2))
-        shape = len(of), bodies.count * a.shape[1]
+    weighted, k = diagonal[:, None] * moved, moved.shape[1]
+    products = np.zeros((bodies.count, k, 2 * k))  # of each body, with both
+    if moved.size:
         left, right = (
-            bsr_matrix((x[:, None, :], of, np.arange(len(of) + 1)), shape) for x in (a, b)
+            bsr_matrix((x[:, None, :], of, np.arange(len(of) + 1)), (len(of), bodies.count * width))
+            for x, width in ((moved, k), (np.hstack([pushed, weighted]), 2 * k))
         )
-        product = (left.T @ right).tobsr((a.shape[1],) * 2)
-        found = np.zeros((bodies.count, *(a.shape[1],) * 2))
-        found[product.indices] = product.data
-        return found
-
+        blocks = (left.T @ right).tobsr((k, 2 * k))
+        products[blocks.indices] = blocks.data
     squares = np.bincount(of, (weighted**2).sum(axis=1), bodies.count)
     nodes = np.bincount(of, minlength=bodies.count) / bodies.components
-    own, size, squares, nodes = map(
-        bodies.comm.allreduce, (sums(moved, pushed), sums(moved, weighted), squares, nodes)
-    )
+    products, squares, nodes = map(bodies.comm.allreduce, (products, squares, nodes))
+    own, size = products[:, :, :k], products[:, :, k:]
     across = nodes ** (1.0 / bodies.gdim)  # nodes from end to end
     # Places far from the origin lose digits, and with them the rigid motions of cells.
     extent = np.linalg.norm(bodies.high - bodies.low, axis=1)

@@ -24,17 +24,17 @@ class DividedSteps(SavedSteps):
         """One step of dt."""
         raise NotImplementedError
 
-    def _advance(self, dt: float, halvings: int) -> None:
+    def _advance(self, dt: float, divisions: int) -> None:
         """Go on by dt, in parts where that fails, or where bodies meet or part in it."""
         before = self._values(self._u)
-        kept = self.state_arrays() if self._adaptive and halvings else None
+        kept = self.state_arrays() if self._adaptive and divisions else None
         try:
             self._once(dt)
         except ContactInputError:
             raise
         except ContactError as failed:
             fill(self._u, before, self.problem.bulk.dofs.counts)
-            if not halvings:
+            if not divisions:
                 raise
             log.info("a step of %.3g fails: %s; halved", dt, failed)
             at = 0.5
@@ -48,8 +48,8 @@ class DividedSteps(SavedSteps):
                 return
             self.take_back(*kept)
             log.info("a step of %.3g in which bodies meet or part is divided", dt)
-        self._advance(at * dt, halvings - 1)
-        self._advance((1.0 - at) * dt, halvings - 1)
+        self._advance(at * dt, divisions - 1)
+        self._advance((1.0 - at) * dt, divisions - 1)
 
     def _met(self) -> tuple[Touch, float]:
         """What bodies meet with now, and where the step is to be divided; 0: nowhere."""

@@ -26,7 +26,7 @@ class Touch:
     largest: float  # largest of the forces so far [force]
 
     @classmethod
-    def of(cls, results: Sequence[Any], kinetic: float, before: Touch | None = None) -> Touch:
+    def of(cls, results: Sequence[Any], kinetic: float, before: Touch) -> Touch:
         """At the end of a step.
 
         Args:
@@ -37,10 +37,9 @@ class Touch:
         sides = [side for result in results for side in result.sides]
         gap = np.concatenate([np.zeros(0), *(getattr(s, "frame_gap", s.gap) for s in sides)])
         force = np.concatenate([np.zeros(0), *(s.normal_force for s in sides)])
-        least = (0.0, 0.0) if before is None else (before.kinetic, before.largest)
-        largest = max(least[1], float(force.max(initial=0.0)))
+        largest = max(before.largest, float(force.max(initial=0.0)))
         gap = np.where(np.isfinite(gap), gap, 0.0)
-        return cls(gap, force, max(least[0], kinetic), largest)
+        return cls(gap, force, max(before.kinetic, kinetic), largest)
 
     def divides(self, before: Touch, part: float) -> float:
         """Where a step from ``before`` to here is to be divided, as a part of it; 0: nowhere.

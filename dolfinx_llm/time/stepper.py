@@ -59,7 +59,7 @@ class TimeStepper(DividedSteps):
         interfaces: as of the problem.
         nodal_loads: as of the problem.
         accepted: called with the stepper after each step that has been found, also after parts of
-            one that was halved: update what bodies remember in it.
+            one that was divided: update what bodies remember in it.
         adaptive: part of the largest kinetic energy so far that closing may take in a step, and
             square of the part of the largest force that a pair which opens may pull with; where it
             is more the step is divided, which factorises anew. None: no step is.
@@ -135,7 +135,7 @@ class TimeStepper(DividedSteps):
         self._v, self._left = [fem.Function(V, name="v") for V in spaces], np.zeros(0)
         (self.problem.bulk if nonlinear else self.problem.method).in_time = True
         self._bare = diagonal_of(self._M) == 0.0
-        self._adaptive, self._touch = adaptive, Touch.of((), 0.0)
+        self._adaptive, self._touch = adaptive, Touch(np.zeros(0), np.zeros(0), 0.0, 0.0)
 
     @property
     def u(self) -> fem.Function | list[fem.Function]:
