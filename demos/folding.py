@@ -5,8 +5,7 @@ inner surface is tagged as a whole, and what touches of it is found by itself. T
 symmetric about its middle, and so must be the forces, though one part of the surface carries the
 frame and the other moves on it; no node may lie behind what it touches.
 
-    mpirun -n 2 python demos/folding.py [--refine N] [--mu MU] [--skew S] [--cells hex]
-        [--degree 2] [--plot DIR]
+    mpirun -n 2 python demos/folding.py [--refine N] [--mu MU] [--skew S] [--steps N] [--plot DIR]
 """
 
 import argparse

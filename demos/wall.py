@@ -2,13 +2,13 @@
 
 Blocks 1 x 1/2 and half blocks lie on rigid ground, mu = 0.6; joints are found by themselves. The
 side load is a part of the weight of each block, as if the ground were tilted, and grows in steps.
-For every joint is told how much of its friction it uses, for every block how well it is balanced.
+Told is the largest part of its friction that a joint uses, and how well the wall is balanced.
 Limit analysis of rigid blocks, a linear programme of forces at both ends of each joint, bounds the
 side load from above (its friction dilates): 5 % beyond it the wall must fall, and what moves is
 told. With --stack towers of blocks under their weight are timed instead.
 
     mpirun -n 2 python demos/wall.py [--rows N] [--columns N] [--loads A ...] [--plot DIR] ...
-    python demos/wall.py --stack 100 200 400 1000 2000 [--mu 0]
+    python demos/wall.py --stack 100 200 400 1000 2000 [--mu 0] [--json FILE]
 """
 
 import argparse
@@ -110,7 +110,7 @@ class Wall:
         except llm.ContactError as error:
             return row | {"stands": False, "seconds": time.perf_counter() - began,
                           "told": str(error)}  # fmt: skip
-        total, used, pull = np.zeros(2), [], 0.0
+        used, pull = [], 0.0
         for result in self.problem.results:
             N = sum(result.sides[0].normal_force)
             T = np.linalg.norm((result.sides[0].force).sum(axis=0)) ** 2 - N**2
@@ -151,26 +151,26 @@ def main(arguments=None):
     parser.add_argument("--columns", type=int, default=6)
     parser.add_argument("--loads", type=float, nargs="+", default=[0.2])
     parser.add_argument("--stack", type=int, nargs="+", default=[], metavar="N")
-    parser.add_argument("--mu", type=float, default=MU)
+    parser.add_argument("--mu", type=float, default=MU, help=f"of a stack; a wall has {MU}")
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--plot", type=Path, metavar="DIR")
     args, rows = parser.parse_args(arguments), []
-    if args.stack:
-        rows = [tower(n, args.mu) for n in args.stack]
+    for n in args.stack:
+        rows.append(tower(n, args.mu))
         if MPI.COMM_WORLD.rank == 0:
-            print(*rows, sep="\n")
-        return rows
-    blocks = bond(args.rows, args.columns)
-    limit, wall = rigid_limit(blocks), Wall(blocks)
-    for part in [*args.loads, 1.05 * limit]:
-        rows.append(wall.step(part) | {"limit": limit})
-        if MPI.COMM_WORLD.rank == 0:
-            print(", ".join(f"{name} {value}" for name, value in rows[-1].items())[:420])
-        if args.plot and part == args.loads[-1] and rows[-1]["stands"]:
-            wall.problem.plot(args.plot)
+            print(rows[-1])
+    if not args.stack:
+        blocks = bond(args.rows, args.columns)
+        limit, wall = rigid_limit(blocks), Wall(blocks)
+        for part in [*args.loads, 1.05 * limit]:
+            rows.append(wall.step(part) | {"limit": limit})
+            if MPI.COMM_WORLD.rank == 0:
+                print(", ".join(f"{name} {value}" for name, value in rows[-1].items())[:420])
+            if args.plot and part == args.loads[-1] and rows[-1]["stands"]:
+                wall.problem.plot(args.plot)
+        wall.problem.destroy()
     if MPI.COMM_WORLD.rank == 0 and args.json:
         args.json.write_text(json.dumps(rows) + "\n")
-    wall.problem.destroy()
     return rows
 
 

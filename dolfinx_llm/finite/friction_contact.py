@@ -42,7 +42,7 @@ class FrictionContact(Friction, NormalContact):
         gap = np.where(outside, C @ at.gap, place.gap)
         gap[gap < MET_AT * self.design.size] = 0.0
         points = place.N + diagonal(outside) @ C @ rows
-        return Origin(points, gap, closed)
+        return Origin(points.tocsr(), gap, closed)
 
     def here(self, place: NormalPlace) -> csr_matrix:
         """(n, m) rows now."""
@@ -68,4 +68,4 @@ class FrictionContact(Friction, NormalContact):
         spread, (by_place, by_mu) = place.spread(-at_nodes[place.on]), place.entries
         no = [csr_matrix((width, k)) for k in (n, c + tau.size)]
         top = t.top - hstack([no[0], spread @ by_mu, no[1]], format="csr")
-        return replace(t, K=t.K - spread @ by_place, top=top)
+        return replace(t, K=(t.K - spread @ by_place).tocsr(), top=top)

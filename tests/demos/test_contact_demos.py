@@ -180,7 +180,7 @@ def test_ssnv128():
     assert np.abs(side.slip[sticks]).max() <= 1e-10 * np.abs(side.u).max()
 
 
-# Lift-off
+# Design
 
 
 def test_frame_in_a_picture(tmp_path):
@@ -192,6 +192,9 @@ def test_frame_in_a_picture(tmp_path):
         assert rows["designed"]["missed"] <= 1e-15
         assert rows["designed"]["pressure error"] <= 1e-12
     assert (tmp_path / "frame.png").read_bytes()[:4] == b"\x89PNG"
+
+
+# Lift-off
 
 
 def test_lift_off():

@@ -92,6 +92,27 @@ def test_folded_edgewise():
         assert np.abs(place.rows.mu).max() <= 1e-9
 
 
+CLOSES = 0.5, NEAR, folding.RADIUS + folding.PRESSED  # ways of the jaws until the legs press
+
+
+def fold(problem, jaws, ways=CLOSES):
+    """Press the legs together; the last step's sides."""
+    for way in ways:
+        for jaw, sign in zip(jaws, (1.0, -1.0), strict=True):
+            jaw.value = sign * way
+        problem.solve()
+    return problem.results[0].sides
+
+
+def check_balance(result, pairs):
+    """More than so many pairs press, and forces and moments balance."""
+    frame, moving = result.sides
+    pressing, size = moving.status > 0, np.abs(moving.force).sum()
+    assert pressing.sum() > pairs and (moving.normal_force[pressing] > 0.0).all()
+    assert np.abs(moving.force.sum(axis=0) + frame.force.sum(axis=0)).max() <= 1e-10 * size
+    assert np.abs(result.moment(side=0) + result.moment(side=1)).max() <= 1e-10 * size
+
+
 MIRRORED = [
     (0.0, "quad", 1),
     longer(0.3, "quad", 1),
@@ -111,12 +132,8 @@ def test_mirror(mu, kind, degree):
     plane = llm.RigidPlane((0.0, 0.0, 0.0)[:dim], (0.0, 1.0, 0.0)[:dim])
     touch = llm.Interface(tags, (folding.INSIDE, plane), law=llm.Frictionless())
     half, jaw = folding.problem(domain, tags, interfaces=[touch], middle=True, degree=degree)
-    for way in (0.5, NEAR, folding.RADIUS + folding.PRESSED):
-        jaws[0].value, jaws[1].value = way, -way
-        jaw[1].value = -way
-        whole.solve(), half.solve()
-    first, second = whole.results[0].sides
-    (side,) = half.results[0].sides
+    first, second = fold(whole, jaws)
+    (side,) = fold(half, jaw)
     at = np.linalg.norm(side.X[:, None] - first.X, axis=2).argmin(axis=1)
     force, size = (first.force + second.force)[at], np.abs(side.force).max()
     assert (np.abs(force[:, 1]) > 0.1 * size).sum() > 5
@@ -159,10 +176,7 @@ def test_soft_layer():
     problem, jaws = folding.problem(
         domain, tags, interfaces=[llm.SelfContact(tags, folding.INSIDE, law)]
     )
-    for way in (0.5, NEAR, folding.RADIUS + folding.PRESSED):
-        jaws[0].value, jaws[1].value = way, -way
-        problem.solve()
-    frame, moving = problem.results[0].sides
+    frame, moving = fold(problem, jaws)
     assert folding.asymmetry((frame, moving)) <= 1e-8
     pressing = moving.status > 0
     pressure = moving.normal_force[pressing] / moving.area[pressing]
@@ -172,10 +186,7 @@ def test_soft_layer():
     plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
     touch = llm.Interface(tags, (folding.INSIDE, plane), law=Soft(30.0, 0.005))
     half, jaw = folding.problem(domain, tags, interfaces=[touch], middle=True)
-    for way in (0.5, NEAR, folding.RADIUS + folding.PRESSED):
-        jaw[1].value = -way
-        half.solve()
-    (side,) = half.results[0].sides
+    (side,) = fold(half, jaw)
     at = np.linalg.norm(side.X[:, None] - frame.X, axis=2).argmin(axis=1)
     difference = np.abs((frame.force + moving.force)[at] - side.force).max(axis=1)
     assert difference.max() <= 1e-3 * np.abs(side.force).max()  # at the rim: areas end in a facet
@@ -187,15 +198,8 @@ def test_mesh_without_symmetry():
     """Nodes that do not meet nodes: forces and moments balance; between nodes facets that bend may
     overlap by a part of their size."""
     problem, jaws = folding.problem(*folding.hairpin(MPI.COMM_WORLD, skew=0.15))
-    for way in (0.5, NEAR, folding.RADIUS + folding.PRESSED):
-        jaws[0].value, jaws[1].value = way, -way
-        problem.solve()
-    (result,) = problem.results
-    frame, moving = result.sides
-    pressing, size = moving.status > 0, np.abs(moving.force).sum()
-    assert pressing.sum() > 5 and (moving.normal_force[pressing] > 0.0).all()
-    assert np.abs(moving.force.sum(axis=0) + frame.force.sum(axis=0)).max() <= 1e-10 * size
-    assert np.abs(result.moment(side=0) + result.moment(side=1)).max() <= 1e-10 * size
+    _, moving = fold(problem, jaws)
+    check_balance(problem.results[0], 5)
     assert folding.overlap(moving.x, moving.facets) <= 0.1
 
 
@@ -210,12 +214,9 @@ def test_buckles():
         u = problem.u
         stiff = (fem.Constant(domain, c) for c in folding.lame(folding.YOUNG, folding.POISSON))
         density = folding.energy(u, *stiff) * ufl.dx(degree=4)
-        for way in (0.5, NEAR, *np.linspace(NEAR, folding.RADIUS + folding.PRESSED, 5)[1:]):
-            jaws[0].value, jaws[1].value = way, -way
-            problem.solve()
+        pressed = np.linspace(NEAR, folding.RADIUS + folding.PRESSED, 5)[1:]
+        first, second = fold(problem, jaws, (0.5, NEAR, *pressed))
         stored.append(fem.assemble_scalar(fem.form(density)))
-        (result,) = problem.results
-        first, second = result.sides
         F = fem.form(ufl.derivative(density, u, ufl.TestFunction(u.function_space)))
         rest = compat.assemble_force((F,), (1.0,), u.function_space).reshape(-1, 2)
         drawn = u.function_space.tabulate_dof_coordinates()[:, :2]
@@ -225,7 +226,7 @@ def test_buckles():
         assert np.abs(rest[free]).max() <= 1e-9 * np.abs(second.force).max()
         assert (second.normal_force[second.status > 0] > 0.0).all()
         assert folding.overlap(first.x, first.facets) <= 0.1
-        assert (folding.asymmetry(result.sides) > 0.5) == (skew > 0.0)
+        assert (folding.asymmetry((first, second)) > 0.5) == (skew > 0.0)
     assert stored[1] < 0.98 * stored[0]
 
 
@@ -233,15 +234,8 @@ def test_buckles():
 def test_tetrahedra():
     """Meshes that do not mirror each other, in space: forces and moments balance, pairs press."""
     problem, jaws = folding.problem(*folding.hairpin(MPI.COMM_WORLD, kind="tet", layers=3))
-    for way in (0.5, NEAR, folding.RADIUS, folding.RADIUS + 0.02):
-        jaws[0].value, jaws[1].value = way, -way
-        problem.solve()
-    (result,) = problem.results
-    frame, moving = result.sides
-    pressing, size = moving.status > 0, np.abs(moving.force).sum()
-    assert pressing.sum() > 20 and (moving.normal_force[pressing] > 0.0).all()
-    assert np.abs(moving.force.sum(axis=0) + frame.force.sum(axis=0)).max() <= 1e-10 * size
-    assert np.abs(result.moment(side=0) + result.moment(side=1)).max() <= 1e-10 * size
+    fold(problem, jaws, (0.5, NEAR, folding.RADIUS, folding.RADIUS + 0.02))
+    check_balance(problem.results[0], 20)
 
 
 def test_through_itself():

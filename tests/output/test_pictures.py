@@ -434,8 +434,9 @@ def test_pyvista_and_meshio_read_the_series(tmp_path):
 
 @pytest.mark.long
 def test_every_file_reads_back(patch, tmp_path, monkeypatch):
-    """What every writer has written, by the reader of its kind; stress and displacement of bodies,
-    pressure and displacement of frames in one block, by meshio and by PyVista."""
+    """What every writer has written, by the reader of its kind: collections with a block per body,
+    displacements and stress of bodies, pressures of frames and forces of sides by meshio and by
+    PyVista."""
     pyvista, meshio = pytest.importorskip("pyvista"), pytest.importorskip("meshio")
     from PIL import Image
 

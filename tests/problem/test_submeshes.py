@@ -39,24 +39,19 @@ def test_forms_of_two_meshes(nonlinear):
 
 @pytest.mark.skipif(not MAPPED, reason="this dolfinx has no entity maps")
 @pytest.mark.long
-def test_steps_in_time_of_two_meshes():
+@pytest.mark.parametrize("nonlinear", [False, True])
+def test_steps_in_time_of_two_meshes(nonlinear):
     """What is compiled for steps in time, and later, knows the maps as well."""
     found = []
     for where in ("own", "both"):
-        scene = Halves(where)
-        options = {"bcs": scene.bcs, "interfaces": scene.interface, "dt": 1e-3, "scheme": "newmark"}
-        options["entity_maps"] = scene.entity_maps
-        stepper = llm.TimeStepper(1.0, scene.forms, scene.loads, **options)
+        scene = Halves(where, nonlinear)
+        stepper = llm.TimeStepper(
+            1.0, scene.forms, scene.u if nonlinear else scene.loads, dt=1e-3, scheme="newmark",
+            bcs=scene.bcs, interfaces=scene.interface, entity_maps=scene.entity_maps,
+        )  # fmt: skip
         stepper.step()
         found.append(np.concatenate([u.x.array for u in stepper.u]))
-        scene = Halves(where, nonlinear=True)
-        options |= {"bcs": scene.bcs, "interfaces": scene.interface}
-        options["entity_maps"] = scene.entity_maps
-        stepper = llm.TimeStepper(1.0, scene.forms, scene.u, **options)
-        stepper.step()
-        found.append(np.concatenate([u.x.array for u in stepper.u]))
-    np.testing.assert_allclose(found[2], found[0], atol=1e-11)
-    np.testing.assert_allclose(found[3], found[1], atol=1e-11)
+    np.testing.assert_allclose(*found, atol=1e-11)
 
 
 @pytest.mark.skipif(MAPPED, reason="this dolfinx has entity maps")

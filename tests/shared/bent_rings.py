@@ -3,8 +3,6 @@
 import gmsh
 import numpy as np
 import second_order_blocks as so
-import ufl
-from dolfinx import fem
 from mpi4py import MPI
 
 import dolfinx_llm as llm
@@ -13,9 +11,9 @@ from dolfinx_llm import compat
 COMM = MPI.COMM_SELF
 
 
-def ring(n, low, high, first, order=2):
+def ring(n, low, high, first, order=2, tag=1):
     """A mesh, at second order a curved one, of a closed ring, n cells around from an angle on; its
-    circles have the tags 1 and 2."""
+    inner circle has the tag given, the outer one the next."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     geo, make, around = gmsh.model.geo, gmsh.model.mesh, range(4)
@@ -33,8 +31,8 @@ def ring(n, low, high, first, order=2):
             make.setTransfiniteCurve(curve, k + 1)
     for surface in surfaces:
         make.setTransfiniteSurface(surface)
-    for tag, curves in enumerate(arcs, 1):
-        gmsh.model.addPhysicalGroup(1, curves, tag)
+    for k, curves in enumerate(arcs, tag):
+        gmsh.model.addPhysicalGroup(1, curves, k)
     gmsh.model.addPhysicalGroup(2, surfaces, 3)
     make.generate(2)
     make.setOrder(order)
@@ -43,9 +41,9 @@ def ring(n, low, high, first, order=2):
     return domain, tags
 
 
-def shell(h, low, high):
-    """A curved mesh of tetrahedra of size h of a quarter of a tube; its inner and outer surface
-    have the tags 1 and 2, the others 9."""
+def shell(h, low, high, tag=1):
+    """A curved mesh of tetrahedra of size h of a quarter of a tube; its inner surface has the tag
+    given, the outer one the next, all others 9."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     occ, model = gmsh.model.occ, gmsh.model
@@ -55,9 +53,9 @@ def shell(h, low, high):
     faces = [tag for _, tag in model.getEntities(2)]
     round_ones = [tag for tag in faces if model.getType(2, tag) == "Cylinder"]
     round_ones.sort(key=lambda tag: model.getBoundingBox(2, tag)[3])
-    for tag, face in enumerate(round_ones, 1):
-        model.addPhysicalGroup(2, [face], tag)
-    model.addPhysicalGroup(2, [tag for tag in faces if tag not in round_ones], 9)
+    for k, face in enumerate(round_ones, tag):
+        model.addPhysicalGroup(2, [face], k)
+    model.addPhysicalGroup(2, [face for face in faces if face not in round_ones], so.LATERAL)
     model.addPhysicalGroup(3, [tag for _, tag in model.getEntities(3)], 3)
     for name in ("Min", "Max"):
         gmsh.option.setNumber(f"Mesh.MeshSize{name}", h)
@@ -68,7 +66,7 @@ def shell(h, low, high):
     return domain, tags
 
 
-def bricks(h, low, high):
+def bricks(h, low, high, tag=1):
     """The same of hexahedra, in regular layers."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
@@ -86,9 +84,9 @@ def bricks(h, low, high):
     made = geo.extrude([(2, face)], 0, 0, 1, numElements=[n[2]], recombine=True)
     geo.synchronize()
     top, body, *around = [tag for _, tag in made]
-    for tag, faces in enumerate(([around[3]], [around[1]]), 1):
-        gmsh.model.addPhysicalGroup(2, faces, tag)
-    gmsh.model.addPhysicalGroup(2, [face, top, around[0], around[2]], 9)
+    for k, faces in enumerate(([around[3]], [around[1]]), tag):
+        gmsh.model.addPhysicalGroup(2, faces, k)
+    gmsh.model.addPhysicalGroup(2, [face, top, around[0], around[2]], so.LATERAL)
     gmsh.model.addPhysicalGroup(3, [body], 3)
     make.generate(3)
     make.setOrder(2)
@@ -99,38 +97,29 @@ def bricks(h, low, high):
 
 def tied(counts, first, make=llm.ContactProblem, degrees=(2, 2), close_gap=False, **chosen):
     """Two rings of so many cells around, the outer one turned by an angle, see ``joined``."""
-    parts = zip(counts, degrees, ((1.0, 1.5, 0.0), (1.5, 2.0, first)), strict=True)
-    meshes = [ring(n, *low_high, degree) for n, degree, low_high in parts]
+    parts = zip(counts, degrees, ((1.0, 1.5, 0.0), (1.5, 2.0, first)), so.BOTTOM, strict=True)
+    meshes = [ring(n, *low_high, degree, tag) for n, degree, low_high, tag in parts]
     return joined(meshes, degrees, make, close_gap, **chosen)
 
 
 def tied_shells(sizes, make_mesh=shell, **chosen):
     """The same of two quarters of tubes, of cells of these sizes."""
-    meshes = [make_mesh(h, *r) for h, r in zip(sizes, ((1.0, 1.5), (1.5, 2.0)), strict=True)]
+    parts = zip(sizes, ((1.0, 1.5), (1.5, 2.0)), so.BOTTOM, strict=True)
+    meshes = [make_mesh(h, *radii, tag) for h, radii, tag in parts]
     return joined(meshes, **chosen)
 
 
 def joined(meshes, degrees=(2, 2), make=llm.ContactProblem, close_gap=False, **chosen):
     """Two bodies with the answer ``Waves``, prescribed on the inner- and outermost surface. More
     arguments are the interface's."""
-    a, L, bcs, sides, field = [], [], [], [], so.Waves(meshes[0][0].geometry.dim)
-    for outer, degree, (domain, tags) in zip((1, 2), degrees, meshes, strict=True):
-        V = compat.function_space(domain, degree=degree, shape=(domain.geometry.dim,))
-        exact, w = field.expression(domain), ufl.TestFunction(V)
-        ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)
-        a.append(so.elasticity(V))
-        traction = so.stress(exact) * ufl.FacetNormal(domain)
-        L.append(
-            ufl.inner(-ufl.div(so.stress(exact)), w) * ufl.dx(degree=6)
-            + ufl.inner(traction, w) * ds(9, degree=6)
-        )
-        known = fem.Function(V)
-        known.interpolate(field)
-        at = fem.locate_dofs_topological(V, domain.topology.dim - 1, tags.find(outer))
-        bcs.append(fem.dirichletbc(known, at))
-        sides.append((tags, 3 - outer))
-    interface = llm.Interface(None, tuple(sides), law=llm.Tied(close_gap=close_gap), **chosen)
-    return make(a, L, bcs=bcs, interfaces=[interface])
+    gdim = meshes[0][0].geometry.dim
+    spaces = [
+        compat.function_space(domain, degree=degree, shape=(gdim,))
+        for degree, (domain, _) in zip(degrees, meshes, strict=True)
+    ]
+    interface = {"law": llm.Tied(close_gap=close_gap), **chosen}
+    tags = [own for _, own in meshes]
+    return so.manufactured_problem(spaces, tags, so.Waves(gdim), interface, 6, make=make)
 
 
 def errors(problem, plain=False):

@@ -192,16 +192,17 @@ def patch_problem(spaces, tags, field, interface=None, **options):
     return _problem(a, zero, spaces, tags, field, interface, nodal_loads=loads, **options)
 
 
-def manufactured_problem(spaces, tags, field, interface=None, **options):
+def manufactured_problem(spaces, tags, field, interface=None, quadrature=None, **options):
     """Two tied blocks that cover each other, with the answer ``field``: prescribed on the first
-    bottom and the last top, with its body forces, and its tractions at the other sides."""
+    bottom and the last top, with its body forces, and its tractions at the other sides; both of
+    the degree of ``quadrature``, if one is given."""
     a, L = [elasticity(V) for V in spaces], []
     for V, own in zip(spaces, tags, strict=True):
         exact, w = field.expression(V.mesh), ufl.TestFunction(V)
         ds = ufl.Measure("ds", domain=V.mesh, subdomain_data=own)
         traction = stress(exact) * ufl.FacetNormal(V.mesh)
-        body = -ufl.inner(ufl.div(stress(exact)), w) * ufl.dx
-        L.append(body + ufl.inner(traction, w) * ds(LATERAL))
+        body = -ufl.inner(ufl.div(stress(exact)), w) * ufl.dx(degree=quadrature)
+        L.append(body + ufl.inner(traction, w) * ds(LATERAL, degree=quadrature))
     return _problem(a, L, spaces, tags, field, interface, **options)
 
 

@@ -175,7 +175,8 @@ def test_damped_impact():
     """100 cells: pressure within 2 % at all times but at the ends of contact, and its time."""
     import impact_bar
 
-    rows = (bar := impact_bar.Bar(100, comm=COMM, damping=0.1)).run(2.2)
+    bar = impact_bar.Bar(100, comm=COMM, damping=0.1)
+    rows = bar.run(2.2)
     found = impact_bar.figures(rows, bar.stepper.dt)
     assert len(found["closes"]) == len(found["opens"]) == 1 and found["growth"] <= 0.0
     assert abs(found["opens"][0] - found["closes"][0] - 1.0) <= 0.02
