@@ -63,9 +63,12 @@ def function_space(
     """``dolfinx.fem.functionspace`` of every version; ``shape=(gdim,)`` for vectors."""
     if hasattr(dolfinx.fem, "functionspace"):
         return dolfinx.fem.functionspace(mesh, (family, degree, shape))
-    if shape:
-        return dolfinx.fem.VectorFunctionSpace(mesh, (family, degree), dim=shape[0])
-    return dolfinx.fem.FunctionSpace(mesh, (family, degree))
+    # FFCx says so itself, after the first form of a mesh, which then is another one than the next.
+    x = mesh.ufl_domain().ufl_coordinate_element()
+    x = ufl.FiniteElement(x.family(), x.cell(), x.degree(), variant="equispaced")
+    mesh.ufl_domain()._ufl_coordinate_element = ufl.VectorElement(x)
+    space = dolfinx.fem.VectorFunctionSpace if shape else dolfinx.fem.FunctionSpace
+    return space(mesh, (family, degree), *shape[:1])
 
 
 def quadrature_space(mesh: Any, degree: int, shape: tuple[int, ...] = ()) -> Any:
@@ -221,8 +224,7 @@ def ghosted_vector(V: Any, bs: int) -> PETSc.Vec:
 
 def prescribed_values(V: Any, bcs: Sequence[Any]) -> np.ndarray:
     """Values that the conditions prescribe, per owned and ghost dof; NaN where a dof is free."""
-    fixed, values = prescribed(V, bcs)
-    return np.where(fixed, values, np.nan)
+    return np.where(*prescribed(V, bcs), np.nan)
 
 
 def prescribed(V: Any, bcs: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
@@ -266,8 +268,7 @@ def io_module(*names: str) -> Any:
 
 def quadrature_points(mesh: Any, degree: int) -> np.ndarray:
     """Quadrature points on the reference cell of a mesh: (n, tdim)."""
-    kind = getattr(basix.CellType, cell_kinds(mesh)[0])
-    return basix.make_quadrature(kind, degree)[0]
+    return basix.make_quadrature(getattr(basix.CellType, cell_kinds(mesh)[0]), degree)[0]
 
 
 def cell_tree(mesh: Any, cells: np.ndarray) -> Any:
@@ -295,6 +296,5 @@ def geometry_degree(mesh: Any) -> int:
 
 def model_to_mesh(model: Any, comm: MPI.Comm, rank: int = 0, gdim: int = 3) -> tuple[Any, ...]:
     """gmsh model to (mesh, cell tags, facet tags)."""
-    reader = io_module("gmsh", "gmshio")
-    data = reader.model_to_mesh(model, comm, rank, gdim=gdim)
+    data = io_module("gmsh", "gmshio").model_to_mesh(model, comm, rank, gdim=gdim)
     return (data.mesh, data.cell_tags, data.facet_tags) if hasattr(data, "mesh") else data[:3]
