@@ -1,7 +1,8 @@
 """Contact with friction on the moving frame, by Coulomb's law at the nodes of the moving side.
 
 What node p touched at the start is sum_J N⁰_pJ y_J, with the frozen row N⁰ of its place on the
-frame then; tau_p acts on the frame's node J by N_pJ tau_p. Rows are designed with
+frame then; tau_p acts on the frame's node J by N_pJ tau_p, and by the couple that its arm from
+there to p asks for where the frame is curved: see ``couples``. Rows are designed with
 t·(x_p - sum_J N_pJ y_J) = 0 for tangents t, so that there is no slip at the start, and none when
 all turns. The chord is smooth where p slides over several facets, in 3D as well.
 """
@@ -13,11 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_matrix, hstack
 
-from dolfinx_llm.base.sparse import diagonal, summing
+from dolfinx_llm.base.sparse import diagonal, per_component, per_item, summing
+from dolfinx_llm.finite.couples import couples
 from dolfinx_llm.finite.friction import MET_AT, Friction
 from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.normal_contact import NormalContact, NormalPlace
 from dolfinx_llm.finite.terms import ContactTerms, Held, Origin
+from dolfinx_llm.laws.rows import OPEN
 
 COMES_IN = 3.0  # facets beyond the rim from where nodes may come in within an increment
 
@@ -61,11 +64,31 @@ class FrictionContact(Friction, NormalContact):
         return place.by_z[0][nodes]
 
     def dragged(self, t: ContactTerms, place: NormalPlace, tau: np.ndarray) -> ContactTerms:
-        """Terms of what presses, with tau (n, gdim) as well, also as rows spread it."""
-        t = super().dragged(t, place, tau)
-        (n, _, c), width = self.counts, self.sides.width
-        at_nodes = self.sides.control[0].T @ tau
-        spread, (by_place, by_mu) = place.spread(-at_nodes[place.on]), place.entries
-        no = [csr_matrix((width, k)) for k in (n, c + tau.size)]
-        top = t.top - hstack([no[0], spread @ by_mu, no[1]], format="csr")
-        return replace(t, K=(t.K - spread @ by_place).tocsr(), top=top)
+        """Terms of what presses, with tau (n, gdim) as well, also as rows spread it and as couples
+        bear its arm."""
+        t, on = super().dragged(t, place, tau), place.on
+        (n, _, c), gdim, width = self.counts, self.sides.gdim, self.sides.width
+        C = self.sides.control[0][:, on].T  # to these nodes
+        at_nodes = C @ tau
+        spread, (by_place, by_mu) = place.spread(-at_nodes), place.entries
+        cells = self.sides.cells(False)[place.at.facet[on]]
+        y, height = self.sides.split(place.z)[1], -np.einsum("ks,ks->k", place.rows.N, place.height)
+        couple = couples(at_nodes, height, place.normal[on], y[cells])
+        at = coordinates(cells, gdim, self.sides.columns[1])
+        _, height_z, height_mu = place.distance()
+        gather, by_height = summing(at.ravel(), width), per_item(couple.by_height)
+        by_z = by_height @ height_z + per_item(couple.by_normal) @ place.turned
+        by_z = by_z + per_item(couple.by_y) @ summing(at.ravel(), width).T
+        shut = diagonal((t.status != OPEN).astype(float))
+        by_tau = per_item(couple.by_tau) @ per_component((C @ shut).tocsr(), gdim)
+        force = gather @ couple.force.ravel()
+        of_mu = spread @ by_mu + gather @ by_height @ height_mu
+        none = csr_matrix((width, n)), csr_matrix((width, c))
+        top = hstack([none[0], of_mu, none[1], gather @ by_tau], format="csr")
+        return replace(
+            t,
+            force=t.force + force,
+            K=(t.K - spread @ by_place - gather @ by_z).tocsr(),
+            top=t.top - top,
+            friction=t.friction + force,
+        )

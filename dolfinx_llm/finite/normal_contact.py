@@ -11,8 +11,8 @@ lambda are those of control values, of C gap and C^T lambda at the nodes: see ``
 These forces are the first term of (19), Q: ``force`` of ``terms``. The second one, Phi, has the
 derivatives of base and interpolation times lambda·(x - sum N y). Rows keep t·(x - sum N y) = 0:
 what is left is (gap + s) n, and gap lambda = 0 at the solution, so that it vanishes in the residual
-but for s, which is of the order of the facets' size squared. Its derivative does not vanish; it
-stands in ``gap_z`` and ``gap_mu``.
+but for s, which is of the order of the facets' size squared: along n it has no moment, and for
+friction ``couples`` have it. Its derivative does not vanish; it stands in ``gap_z`` and ``gap_mu``.
 """
 
 from __future__ import annotations
@@ -61,6 +61,16 @@ class NormalPlace(Place):
         values = -np.broadcast_to(force[:, None], (k, s, gdim)).ravel()
         at = self.coordinates[:, gdim:].ravel(), np.repeat(np.arange(k * s), gdim)
         return csr_matrix((values, at), (len(self.z), k * s))
+
+    def distance(self) -> tuple[csr_matrix, csr_matrix, csr_matrix]:
+        """(k, width) that n·(dx_p - sum_J N_pJ dy_J) is of changes dz, and the whole derivatives of
+        n·(x_p - sum_J N_pJ y_J), (k, width) and (k, m), by positions and mu."""
+        normal, nodes = self.normal[self.on], self.rows.nodes
+        on_y = -self.rows.N[:, :, None] * normal[:, None]
+        on_y = on_y.reshape(len(nodes), 1, nodes.shape[1] * normal.shape[1])
+        along = np.concatenate([normal[:, None], on_y], axis=2)
+        A, lean = jacobian(along, self.coordinates, len(self.z)), per_item(-self.height[:, None])
+        return A, A + lean @ self.entries[0], lean @ self.entries[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,13 +206,8 @@ class NormalContact(MovingContact):
         (by_place, by_mu), (df, dfy), f = place.entries, place.by_z, place.areas[0]
         k, s = rows.nodes.shape
         gdim, width, force = self.sides.gdim, self.sides.width, q[:n]
-        along = np.concatenate(
-            [normal[:, None], -(rows.N[:, :, None] * normal[:, None]).reshape(k, 1, s * gdim)],
-            axis=2,
-        )
-        lean = place.C @ per_item(-place.height[:, None])  # (k, k s)
-        A = place.C @ jacobian(along, place.coordinates, width)  # (k, width): the force row
-        gap_z, gap_mu = A + lean @ by_place - place.C @ place.rounded, lean @ by_mu
+        A, gap_z, gap_mu = (place.C @ by for by in place.distance())  # A: the force row
+        gap_z = gap_z - place.C @ place.rounded
         # Forces, and how they change.
         borne = np.where(active[on], force[on], 0.0)
         lam = place.C.T @ borne  # at the nodes

@@ -250,9 +250,11 @@ def test_gaps_are_those_of_round_surfaces(kind):
     assert left[1] < 0.05 / 12**2 / 16 and left[1] < left[0] / 5.0
 
 
+@pytest.mark.parametrize("law", [None, STICK, SLIP, Bond()])
 @pytest.mark.parametrize("name", [*SCENES, FOLDED, *SHEETS])
-def test_forces_and_moments_of_both_sides_cancel(name):
-    z, _, _, terms = pressed(name)
+def test_forces_and_moments_of_both_sides_cancel(name, law):
+    """Also where friction acts at some distance from the frame's facets."""
+    z, _, _, terms = pressed(name, law)
     t = terms(z)
     gdim = t.place.normal.shape[1]
     x, f = (np.pad(a.reshape(-1, gdim), ((0, 0), (0, 3 - gdim))) for a in (z, t.force))
