@@ -124,6 +124,7 @@ class Increment:
         self.status: list[Any] = list(good.status)
         self.stays = _stays(steps, start)
         self.changes, self.doubt, self.stuck, self.error = 0, 0.0, False, np.inf
+        self.drawn = [False] * len(self.held)
         self._body = self._residual(self.u)
         self.evaluate()
 
@@ -181,7 +182,9 @@ class Increment:
             now, found = contact.touching(place, q, start, held, reach)
             fallen = self.stuck and not (start != OPEN).any()  # bodies that contact alone supports
             fallen = (before is None or fallen) and not self.steps.bodies.in_time
-            if fallen and not now.any() and place.pairs.any():  # nearest touch
+            if fallen and not now.any() and place.pairs.any() and not self.drawn[i]:
+                # The nearest touch; once, as they may pull: what springs hold as well has not fallen.
+                self.drawn[i] = before is not None
                 reach = np.full(len(start), place.gap.min() + NEARLY * size)
                 now, found = contact.touching(place, q, start, held, reach)
             now = _staying(contact, self.stays[i] & place.pairs, now)

@@ -3,6 +3,7 @@ change the answer. Many more: ``python tests/shared/random_campaign.py 1001-1300
 
 import numpy as np
 import pytest
+import random_finite
 import random_scenes as scenes
 import scene_oracle
 from conftest import run_mpi_json
@@ -61,6 +62,30 @@ def test_conditions_of_second_order(seed):
     """Control values where bodies may part, also of ties that share an edge with them."""
     _, found = scene_oracle.check(scenes.draw(seed, second=True))
     assert violations(found) == [{}] * len(found)
+
+
+# Friction on arches; bodies on springs that contact has left, which were drawn to it again and again.
+FINITE = [1005, 1030, 1058, 1011, 1017, 1022, 1042, 1051, 1054]
+
+
+@pytest.mark.parametrize("seed", some_of(FINITE, [1005, 1011, 1030, 1058]))
+def test_conditions_at_finite_deformation(seed):
+    """Of neo-Hookean bodies, from their own residual, positions and obstacles alone."""
+    _, found = random_finite.check(random_finite.draw(seed))
+    assert violations(found) == [{}] * len(found)
+
+
+@pytest.mark.parametrize(
+    ("seed", "name"),
+    some_of(
+        [(1005, "turned"), (1011, "mirrored"), (1007, "renumbered"), (1005, "units"),
+         (1030, "saddle"), (1058, "condensed")], [(1005, "turned")]
+    ),
+)  # fmt: skip
+def test_poses_at_finite_deformation(seed, name):
+    scene = random_finite.draw(seed)
+    found = random_finite.solve(scene, POSED[name].of(scene))
+    agree(found, random_finite.solve(scene), scene)
 
 
 def agree(found, known, scene):

@@ -1,6 +1,7 @@
 """Many random scenes, each in a process that may crash or hang: what failed, and how.
 
-    python tests/shared/random_campaign.py FIRST-LAST [--second] [--variants] [--seconds 60]
+    python tests/shared/random_campaign.py FIRST-LAST [--second | --finite] [--variants]
+        [--seconds 60]
 
 Prints one line of JSON per seed. On several ranks, all seeds in one process, against one rank:
 
@@ -21,18 +22,22 @@ from pathlib import Path
 sys.path[:0] = [str(Path(__file__).resolve().parent)]
 
 
-def one(seed, variants, second):
+def one(seed, variants, second, finite):
     """Result of one seed as a dict."""
+    import random_finite
     import random_scenes as scenes
     import scene_oracle
 
     import dolfinx_llm as llm
 
     logging.disable(logging.CRITICAL)
-    scene = scenes.draw(seed, second)
+    scene = random_finite.draw(seed) if finite else scenes.draw(seed, second)
+    check, solve = (
+        (random_finite.check, random_finite.solve) if finite else (scene_oracle.check, scenes.solve)
+    )
     out = {"seed": seed, "solver": scene.solver, "kind": "ok", "worst": {}, "variants": {}}
     try:
-        answers, found = scene_oracle.check(scene)
+        answers, found = check(scene)
     except llm.ContactError as error:
         return {**out, "kind": "raise", "text": str(error)}
     except Exception:
@@ -54,9 +59,11 @@ def one(seed, variants, second):
         "units": scenes.Variant(length=1e3, modulus=1e-5),
         "form": scenes.Variant(solver="saddle" if scene.solver == "condensed" else "condensed"),
     }
+    if finite:  # "swapped" is another frame where cells are as large on both sides
+        del posed["again"]
     for name, variant in posed.items():
         try:
-            difference = scenes.differences(scenes.solve(scene, variant.of(scene)), answers, scene)
+            difference = scenes.differences(solve(scene, variant.of(scene)), answers, scene)
         except Exception as error:
             out["variants"][name] = f"{type(error).__name__}: {error}"[:300]
             continue
@@ -102,6 +109,7 @@ def main():
     parser.add_argument("seeds", nargs="+", help="seeds, or FIRST-LAST")
     parser.add_argument("--variants", action="store_true")
     parser.add_argument("--second", action="store_true", help="most bodies of second order")
+    parser.add_argument("--finite", action="store_true", help="at finite deformation")
     parser.add_argument("--seconds", type=int, default=60)
     parser.add_argument("--answers", type=Path)
     args = parser.parse_args()
@@ -121,7 +129,7 @@ def main():
         if child == 0:
             os.close(read)
             try:
-                text = json.dumps(one(seed, args.variants, args.second))
+                text = json.dumps(one(seed, args.variants, args.second, args.finite))
             except BaseException:
                 text = json.dumps({"seed": seed, "kind": "broken", "text": traceback.format_exc()})
             with os.fdopen(write, "w") as file:

@@ -417,7 +417,7 @@ class Posed:
     force: object  # Constant, or None
     obstacles: list
     problem: object = None
-    faces: dict = field(default_factory=dict)  # facet tag: (mesh, dofs of its nodes)
+    faces: dict = field(default_factory=dict)  # (body, face): the scene's nodes on it
     held: object = None  # (all nodes, gdim) whether the scene's components are prescribed
 
     def vector(self, v):
@@ -499,6 +499,10 @@ def pose(scene, variant=None, comm=MPI.COMM_SELF):
     posed = Posed(
         scene, variant, Q, length, modulus, [], [], body_of, x_scene, [], [], [], None, None, []
     )
+    for k in range(len(grids)):
+        for face, at in ((BOTTOM, 0.0), (TOP, 1.0)):
+            on = (body_of == k) & np.isclose(reference[:, -1], APART * k + at)
+            posed.faces[k, face] = np.flatnonzero(on)
     tags, reached = [], []
     for group in groups:
         x = np.concatenate([grids[k][0] for k in group])
@@ -687,7 +691,7 @@ def collect(posed, result=None):
             sides = sides[::-1]
         for face, side in zip(faces, sides, strict=True):
             full = np.zeros((len(posed.x), gdim))
-            at = face_nodes(posed, face, side.x)
+            at = face_nodes(posed, face, side.drawn)
             full[at] = side.force @ posed.Q / unit
             forces.append(full)
             parts.append(np.isin(np.arange(len(full)), at))
