@@ -183,7 +183,7 @@ class Increment:
             fallen = self.stuck and not (start != OPEN).any()  # bodies that contact alone supports
             fallen = (before is None or fallen) and not self.steps.bodies.in_time
             if fallen and not now.any() and place.pairs.any() and not self.drawn[i]:
-                # The nearest touch; once, as they may pull: what springs hold as well has not fallen.
+                # The nearest touch; once, as they may pull: what springs hold has not fallen.
                 self.drawn[i] = before is not None
                 reach = np.full(len(start), place.gap.min() + NEARLY * size)
                 now, found = contact.touching(place, q, start, held, reach)

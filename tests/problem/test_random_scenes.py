@@ -64,7 +64,7 @@ def test_conditions_of_second_order(seed):
     assert violations(found) == [{}] * len(found)
 
 
-# Friction on arches; bodies on springs that contact has left, which were drawn to it again and again.
+# Friction on arches; bodies on springs, which were drawn to what they had left again and again.
 FINITE = [1005, 1030, 1058, 1011, 1017, 1022, 1042, 1051, 1054]
 
 
