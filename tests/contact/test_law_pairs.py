@@ -14,10 +14,12 @@ from dolfinx_llm.forms import choice
 FORMS = law_pairs.FORMS
 
 
-@pytest.mark.parametrize(("ranks", "part"), [(1, "first"), (2, "first"), longer(1, "others")])
+@pytest.mark.parametrize(
+    ("ranks", "part"), [(1, "first"), (2, "few"), longer(2, "first"), longer(1, "others")]
+)
 def test_every_pair(ranks, part):
     found = run_mpi_json("law_pairs.py", ranks, part)
-    assert len(found) == len(law_pairs.cases(ranks, part)) >= 5
+    assert len(found) == len(law_pairs.cases(ranks, part)) >= 2
     wrong = [
         (pair, name, value)
         for pair, worst in found.items()

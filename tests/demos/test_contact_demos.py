@@ -126,6 +126,7 @@ def test_boussinesq():
 # Friction
 
 
+@pytest.mark.long
 def test_cattaneo_mindlin():
     """Stick half-width within one element, tangential traction within 2 % in L2."""
     load, elements = 0.1, (32, 32)
@@ -273,6 +274,7 @@ def test_rigid_sphere():
 # Finite deformation
 
 
+@pytest.mark.long
 def test_ring_on_block():
     """Nothing holds the ring back, and steps of half a facet need no halving."""
     found = ring_on_block.main(["--travel", "0.15"])

@@ -79,7 +79,8 @@ def test_dolfinx_mpc_that_slips_fails_the_patch_test():
     assert solve("patch test", f"{plan.MPC} slip, slave 1", plan.CHOLESKY, 1)["von_mises"] >= 0.05
 
 
-@pytest.mark.parametrize("solver", [plan.SADDLE, longer(plan.CHOLESKY)])
+@pytest.mark.long
+@pytest.mark.parametrize("solver", [plan.SADDLE, plan.CHOLESKY])
 def test_hertz(solver):
     """A designed frame's pressure converges, an undesigned one's does not."""
     coarse, fine = (solve("Hertz", plan.POSITIONS, solver, n) for n in (8, 16))

@@ -31,7 +31,8 @@ DIRECT = {"ksp_type": "preonly", "pc_type": "cholesky"}
 @pytest.mark.parametrize(
     ("n", "names"),
     [(1, slice(0, None, 4)), longer(1, slice(2, None, 4)), longer(2, slice(1, None, 4)),
-     (3, slice(3, None, 16)), longer(3, slice(7, None, 16)), longer(3, slice(11, None, 8))],
+     (3, slice(3, None, 32)), longer(3, slice(7, None, 16)), longer(3, slice(11, None, 8)),
+     longer(3, slice(19, None, 32))],
 )  # fmt: skip
 def test_forms_agree(n, names):
     """u, λ, v by Cholesky and by CG + GAMG at the default tolerance; half of the scenes on one

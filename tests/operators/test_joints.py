@@ -128,8 +128,8 @@ def test_stiffness_under_weight(blocks):
 @pytest.mark.parametrize(
     ("blocks", "side"),
     [
-        (walls.courses(2, 2), 0.2),
         (CROSSES, 0.2),
+        longer(walls.courses(2, 2), 0.2),
         longer(walls.courses(2, 2), 0.5),
         longer(walls.courses(2, 2, bond=0.3), 0.1),
         longer(walls.courses(3, 3), 0.2),

@@ -196,6 +196,7 @@ def test_status_has_colours_of_its_own(patch, tmp_path, monkeypatch):
     assert (np.abs(image(tmp_path / "status.png") - shade).max(axis=2) < 0.01).sum() > 500
 
 
+@pytest.mark.long
 def test_pyvista_draws_a_problem(patch, tmp_path, monkeypatch):
     pytest.importorskip("pyvista")
     monkeypatch.setattr(render, "_failed", False)
@@ -228,7 +229,7 @@ def test_colours_of_bodies(tmp_path, monkeypatch):
     from PIL import Image
 
     scene = pressed()
-    for colour in ("pressure", "status", "displacement", lambda u: u[1]):
+    for colour in ("pressure", "displacement", lambda u: u[1]):
         scene.problem.plot(tmp_path, colour=colour)
         assert np.ptp(image(tmp_path / "bodies.png")) > 0.9
     with plot.Film(scene.problem, tmp_path / "film.gif", colour="status") as film:

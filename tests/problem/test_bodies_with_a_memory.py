@@ -11,6 +11,7 @@ from dolfinx import fem, mesh
 from friction_block import BOTTOM, body, stress
 from hertz2d import hold
 from mpi4py import MPI
+from sampling import longer
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -18,7 +19,9 @@ from dolfinx_llm import compat
 COMM = MPI.COMM_SELF
 
 
-@pytest.mark.parametrize("cells", [mesh.CellType.triangle, mesh.CellType.quadrilateral])
+@pytest.mark.parametrize(
+    "cells", [mesh.CellType.triangle, longer(mesh.CellType.quadrilateral)], ids=str
+)
 def test_evolution_takes_all_new_values_from_the_old_ones(cells):
     """At points of quadrature, in cells and at nodes; two Functions change places."""
     domain = mesh.create_unit_square(COMM, 3, 2, cells)
@@ -192,7 +195,8 @@ def test_demo_of_a_viscoelastic_seal(tmp_path):
         assert (tmp_path / name).stat().st_size > 0
 
 
-@pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("ranks", [1, 2])
 def test_demo_of_an_indentation(ranks, tmp_path):
     """Force in every step and print against one piece."""
     report, options = tmp_path / "found.json", ["--elements", "4", "3"]

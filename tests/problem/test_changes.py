@@ -28,7 +28,7 @@ def test_like_a_problem_made_afterwards(law, form):
     assert_followed(changed.compare(COMM, law, form, changes), [changes])
 
 
-@pytest.mark.parametrize("part", [2, *map(longer, (0, 1, 3))])
+@pytest.mark.parametrize("part", [2, *map(longer, (0, 1, 3, 4, 5, 6, 7))])
 def test_like_a_problem_made_afterwards_on_two_ranks(part):
     assert_followed(run_mpi_json("changed.py", 2, part), changed.cases(2, part).values())
 

@@ -77,6 +77,7 @@ def test_elimination_is_the_frame_form(contact_and_u):
     assert_equivalent(differences(*contact_and_u))
 
 
+@pytest.mark.long
 def test_two_ranks(contact_and_u):
     found = run_mpi_json(__file__, 2)
     assert_equivalent(found)

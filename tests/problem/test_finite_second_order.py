@@ -21,10 +21,9 @@ from dolfinx_llm.problem import nonlinear_parts
 COMM = MPI.COMM_SELF
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
-    ("kinds", "order"),
-    [longer("hex", (0, 1)), longer("tet", (1, 0)), (("hex", "tet"), (0, 1))],
-    ids=str,
+    ("kinds", "order"), [("hex", (0, 1)), ("tet", (1, 0)), (("hex", "tet"), (0, 1))], ids=str
 )
 def test_finite_patch(kinds, order):
     """A punch on a wider foundation, under pressures that follow all that is free: forces of

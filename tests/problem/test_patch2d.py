@@ -186,6 +186,7 @@ def test_pieces_are_refused():
         line._loaded_nodes(side, plane, (0.0, 3.0))
 
 
+@pytest.mark.long
 def test_two_ranks():
     one, two = (run_mpi_json("patch2d_ranks.py", n) for n in (1, 2))
     for name, found in one.items():
