@@ -150,6 +150,7 @@ def jittered():
     return Frame(*lattice(g, g)), *contact_forces(*meshes)
 
 
+@pytest.mark.long
 def test_scene_without_symmetry():
     frame, x, forces = jittered()
     designed = design_positions(frame, x, forces)

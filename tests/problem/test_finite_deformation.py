@@ -83,7 +83,7 @@ def pressed(cells, law=None, order=(LOW, HIGH), material=(1000.0, 0.4, 300.0), d
         longer({"cells": (10, 8), "widths": (1.0, 0.73), "material": (1000.0, 0.4, 600.0)}),
         {"cells": (6, 7), "law": llm.Tied(), "material": (2000.0, 0.3, 300.0)},
         {"cells": (7, 5), "law": llm.Coulomb(0.3), "order": (HIGH, LOW)},
-        {"cells": (5, 3), "widths": (1.0, 0.61), "kind": "triangle", "degree": 2},
+        longer({"cells": (5, 3), "widths": (1.0, 0.61), "kind": "triangle", "degree": 2}),
         {"cells": (4, 9), "law": llm.Tied(), "degree": 2},
         {"cells": (4, 3), "law": llm.Coulomb(0.3), "widths": (1.0, 0.73), "degree": 2},
     ],

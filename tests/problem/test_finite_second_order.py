@@ -133,7 +133,7 @@ def incompressible(cells, law, q, kind="triangle", compliance=0.0, **scene):
 @pytest.mark.parametrize(
     "scene",
     [
-        {"cells": (5, 3), "law": llm.Frictionless(), "widths": (1.0, 0.61)},
+        longer({"cells": (5, 3), "law": llm.Frictionless(), "widths": (1.0, 0.61)}),
         {"cells": (4, 6), "law": llm.Tied(), "kind": "quadrilateral"},
         {"cells": (3, 4), "law": llm.Coulomb(0.3), "compliance": 1e-4},
     ],

@@ -7,4 +7,5 @@ import wall_campaign
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(1, 9))
 def test_random_walls(seed):
-    assert wall_campaign.verdict(seed).startswith("right")
+    """What stands is right; of what falls both forms say so."""
+    assert wall_campaign.verdict(seed) == ("right: falls" if seed in (4, 7, 8) else "right")

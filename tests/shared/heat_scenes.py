@@ -46,9 +46,9 @@ class Linear:
         """(k,) at positions x (k, gdim), with which that is so."""
         return FLUX / (self.jump + self.slope * x[:, 0])
 
-    def flux(self, i, x):
+    def flux(self, i, domain):
         """Flux of body i, a UFL vector."""
-        return ufl.as_vector([*(-K[i] * self.a[i]), FLUX])
+        return fem.Constant(domain, np.array([*(-K[i] * self.a[i]), FLUX]))
 
 
 class Quadratic:
@@ -57,7 +57,8 @@ class Quadratic:
     def __call__(self, i, p):
         return p[0] ** 2 - FLUX / K[i] * p[0] * (p[1] - 1.0)
 
-    def flux(self, i, x):
+    def flux(self, i, domain):
+        x = ufl.SpatialCoordinate(domain)
         return ufl.as_vector([-2.0 * K[i] * x[0] + FLUX * (x[1] - 1.0), FLUX * x[0]])
 
 
@@ -92,12 +93,13 @@ class Conducting:
         self.field, self.sources = field, []  # heat per volume of each body, beside the field's
         for i, V in enumerate(self.spaces):
             u, v, n = ufl.TrialFunction(V), ufl.TestFunction(V), ufl.FacetNormal(V.mesh)
-            forms.append(K[i] * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
+            k = fem.Constant(V.mesh, K[i])
+            forms.append(k * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
             dx = ufl.Measure("dx", domain=V.mesh)
             self.sources.append(fem.Constant(V.mesh, 0.0))
             loads.append(self.sources[i] * v * dx)
             if field.flux is not None:
-                flux = field.flux(i, ufl.SpatialCoordinate(V.mesh))
+                flux = field.flux(i, V.mesh)
                 along = ufl.as_vector([*[flux[k] for k in range(last)], 0.0])
                 loads[i] += ufl.div(flux) * v * dx - ufl.inner(along, n) * v * ufl.ds
 
@@ -146,7 +148,7 @@ def cross(comm, law, h, degree, solver):
         tags[at] = mesh.meshtags(block, 1, facets[order], values[order].astype(np.int32))
         V = compat.function_space(block, degree=degree)
         u, v, value = ufl.TrialFunction(V), ufl.TestFunction(V), fem.Function(V)
-        forms.append(K[0] * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
+        forms.append(fem.Constant(block, K[0]) * ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx)
         loads.append(fem.Constant(block, 0.0) * v * ufl.dx)
         known.append(lambda p, low=low: -THROUGH @ p[:2] / K[0] - THROUGH @ low / h)
         value.interpolate(known[-1])

@@ -4,6 +4,7 @@ import numpy as np
 import second_order_blocks as so
 import ufl
 from dolfinx import fem
+from scenes import squares
 
 import dolfinx_llm as llm
 
@@ -119,12 +120,9 @@ def errors(found, field):
         domain = w.function_space.mesh
         u, p = ufl.split(w)
         exact, pressure = field.expressions(domain)
-        dx = ufl.dx(metadata={"quadrature_degree": 6})
-        pairs = (u - exact, exact), (ufl.grad(u - exact), ufl.grad(exact)), (p - pressure, pressure)
-        for k, both in enumerate(pairs):
-            for j, e in enumerate(both):
-                value = fem.assemble_scalar(fem.form(ufl.inner(e, e) * dx))
-                sums[k, j] += domain.comm.allreduce(value)
+        both = u - exact, exact
+        terms = *both, *map(ufl.grad, both), p - pressure, pressure
+        sums += squares(domain, terms, 6).reshape(sums.shape)
     return np.sqrt(sums[:, 0] / sums[:, 1])
 
 

@@ -143,6 +143,19 @@ def block_problem(V, tags, sides=(2, 3), bcs=None, loads=None, scale=1.0, option
     )
 
 
+def squares(domain, terms, degree=None):
+    """Integrals of |e|² over a mesh, of each of several expressions e; one form for all, as
+    compiling it takes longer than all else."""
+    weights, found = [fem.Constant(domain, 0.0) for _ in terms], []
+    form = sum(c * ufl.inner(e, e) for c, e in zip(weights, terms, strict=True))
+    form = fem.form(form * ufl.dx(domain, degree=degree))
+    for c in weights:
+        c.value = 1.0
+        found.append(domain.comm.allreduce(fem.assemble_scalar(form)))
+        c.value = 0.0
+    return np.array(found)
+
+
 def displacement_error(u, exact):
     """Largest error at this function's nodes over the largest displacement, on all ranks."""
     V = u.function_space

@@ -3,7 +3,7 @@
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
-from scenes import bodies_mesh, displacement_error, on, tags_from
+from scenes import bodies_mesh, displacement_error, on, squares, tags_from
 from scipy.sparse.linalg import spsolve
 
 import dolfinx_llm as llm
@@ -216,18 +216,12 @@ def largest_error(u, field):
 
 def errors(u, field):
     """Relative errors of a solution, or of several, in L2 and in the gradient."""
-    sums = np.zeros((2, 2))
+    sums = np.zeros(4)
     for v in u if isinstance(u, list) else [u]:
         domain = v.function_space.mesh
-        found, value, gradient = (fem.Constant(domain, 0.0) for _ in range(3))
-        e = found * v - field.expression(domain)
-        # One form for all: compiling it takes longer than all else.
-        squares = value * ufl.inner(e, e) + gradient * ufl.inner(ufl.grad(e), ufl.grad(e))
-        form = fem.form(squares * ufl.dx(metadata={"quadrature_degree": 6}))
-        for i, j in np.ndindex(2, 2):
-            found.value, value.value, gradient.value = 1.0 - j, 1.0 - i, float(i)
-            sums[i, j] += domain.comm.allreduce(fem.assemble_scalar(form))
-    return tuple(np.sqrt(sums[:, 0] / sums[:, 1]))
+        exact = field.expression(domain)
+        sums += squares(domain, (v - exact, exact, ufl.grad(v - exact), ufl.grad(exact)), 6)
+    return np.sqrt(sums[0] / sums[1]), np.sqrt(sums[2] / sums[3])
 
 
 class Pressed(Polynomial):
