@@ -31,6 +31,7 @@ OPTIONS = {
     "solvers": "--only GAMG --largest 60000 --repeat 1 --plot .",
     "stiff_cases": "--size 4 --plot .",
     "tutorial": "",
+    "turned_strips": "--step 30 --plot .",
 }
 SHOWN = 8  # pictures of a demo on its page
 SECONDS = 400.0  # that a demo may take

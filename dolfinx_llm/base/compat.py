@@ -68,7 +68,7 @@ def function_space(
     x = ufl.FiniteElement(x.family(), x.cell(), x.degree(), variant="equispaced")
     mesh.ufl_domain()._ufl_coordinate_element = ufl.VectorElement(x)
     space = dolfinx.fem.VectorFunctionSpace if shape else dolfinx.fem.FunctionSpace
-    return space(mesh, (family, degree), *shape[:1])
+    return space(mesh, (family, degree), *(shape or ())[:1])
 
 
 def quadrature_space(mesh: Any, degree: int, shape: tuple[int, ...] = ()) -> Any:

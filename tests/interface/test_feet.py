@@ -78,12 +78,7 @@ class Feet:
         return bcs
 
     def stress_error(self, u):
-        sigma, points = walls.hooke(u), llm.post.at_quadrature_points
-        known, worst = -np.diag(np.eye(self.gdim)[-1]), 0.0
-        for i in range(self.gdim):
-            for j in range(i + 1):
-                worst = max(worst, np.abs(points(sigma[i, j], self.domain) - known[i, j]).max())
-        return worst
+        return np.abs(walls.stresses(u) + np.diag(np.eye(self.gdim)[-1])).max()
 
 
 LAWS = [llm.Tied(), llm.Frictionless(), llm.Coulomb(0.3)]

@@ -27,6 +27,17 @@ def bond(blocks, load, **options):
     return wall, llm.ContactProblem(a, L, bcs=wall.base(), interfaces=interfaces, **options)
 
 
+def check_blocks(wall, problem):
+    """Each block balances under its weight, and nothing pulls."""
+    area = (wall.blocks[:, 1] - wall.blocks[:, 0]).prod(axis=1)
+    left = area[:, None] * [0.0, -1.0]
+    for (i, _, j), result in zip(wall.faces, problem.results, strict=True):
+        left[i] -= result.resultant
+        left[j] += result.resultant
+        assert all(one.normal_force.min() >= -1e-9 * area.sum() for one in result.sides)
+    assert np.abs(left[wall.blocks[:, 0, 1] > 0.0]).max() <= 1e-9 * area.sum()
+
+
 @pytest.mark.parametrize("size", [(2, 2), longer((3, 3)), longer((5, 1))])
 def test_bonds_without_friction(size):
     """Courses may slide to no effect: solved, the same by both forms, with the least motion."""
@@ -35,13 +46,7 @@ def test_bonds_without_friction(size):
         wall, problem = bond(blocks, (0.0, -1.0), solver=solver)
         u = problem.solve()
         assert f"taken as zero: {size[0] - 1} rigid motion(s)" in str(problem)
-        area = (blocks[:, 1] - blocks[:, 0]).prod(axis=1)
-        left = area[:, None] * [0.0, -1.0]
-        for (i, _, j), result in zip(wall.faces, problem.results, strict=True):
-            left[i] -= result.resultant
-            left[j] += result.resultant
-            assert all(one.normal_force.min() >= -1e-9 * area.sum() for one in result.sides)
-        assert np.abs(left[blocks[:, 0, 1] > 0.0]).max() <= 1e-9 * area.sum()
+        check_blocks(wall, problem)
         level = problem.bodies.low[problem.bodies.label, 1]  # of each node's course
         along = u.x.array.reshape(-1, 2)[:, 0]
         for at in np.unique(level.round(9))[1:]:
@@ -59,13 +64,7 @@ def test_a_large_bond_comes_to_rest():
     wall, problem = bond(blocks, (0.0, -1.0))
     problem.solve()
     assert len(problem.history) <= 40
-    area = (blocks[:, 1] - blocks[:, 0]).prod(axis=1)
-    left = area[:, None] * [0.0, -1.0]
-    for (i, _, j), result in zip(wall.faces, problem.results, strict=True):
-        left[i] -= result.resultant
-        left[j] += result.resultant
-        assert all(one.normal_force.min() >= -1e-9 * area.sum() for one in result.sides)
-    assert np.abs(left[blocks[:, 0, 1] > 0.0]).max() <= 1e-9 * area.sum()
+    check_blocks(wall, problem)
     problem.destroy()
 
 
