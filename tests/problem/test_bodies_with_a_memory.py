@@ -185,6 +185,7 @@ def test_linear_bodies_remember_once_a_step(increments):
     np.testing.assert_allclose(forces / forces[0], expected, rtol=1e-9)
 
 
+@pytest.mark.long
 def test_demo_of_a_viscoelastic_seal(tmp_path):
     """Also its picture and its series."""
     arguments = ["--steps", "5", "--plot", str(tmp_path), "--output", str(tmp_path)]

@@ -180,7 +180,8 @@ def test_other_bodies_are_refused():
         llm.transfer(go[0], longer_one)
 
 
-@pytest.mark.parametrize("n", [2, longer(3)])
+@pytest.mark.long
+@pytest.mark.parametrize("n", [2, 3])
 def test_on_ranks(n):
     """Cells and nodes of the two meshes are on other ranks."""
     one, several = (run_mpi_json("carried.py", ranks)["found"] for ranks in (1, n))

@@ -250,6 +250,7 @@ def test_refused(changed, words):
         blocks(llm.Frictionless(), **{"dt": 0.1} | changed)
 
 
+@pytest.mark.long
 def test_disc_that_bounces(tmp_path):
     """Coulomb's impulse takes of the spin, and energy grows by friction's part alone."""
     import bouncing_ball
