@@ -21,7 +21,8 @@ def blocks(law, sizes=((6, 5), (9, 6)), **options):
         body(COMM, (-0.7, 0.03), (1.0, 0.8), sizes[0]),
         body(COMM, (-1.0, -1.0), (1.9, 1.0), sizes[1]),
     ]
-    forms, loads, moduli = [], [], (10.0, 15.0)
+    forms, loads = [], []
+    moduli = [fem.Constant(d, E) for (d, _), E in zip(bodies, (10.0, 15.0), strict=True)]
     for (domain, _), E in zip(bodies, moduli, strict=True):
         V = compat.function_space(domain, shape=(2,))
         u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
