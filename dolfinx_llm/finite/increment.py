@@ -140,8 +140,11 @@ class Increment:
 
     def _balance(self) -> None:
         """Residual for the forces of contact and loads as they are."""
-        steps, r, largest = self.steps, self._body - self.unbalanced, 0.0
-        self.loads, self.pushed = [], np.zeros_like(r)
+        steps = self.steps
+        r = self._body - self.unbalanced
+        largest = 0.0
+        self.loads = []
+        self.pushed = np.zeros_like(r)
         for placed, p, faces in zip(steps.followers, self.pressures, self.faces, strict=True):
             z = placed.at(self.dofs, self.u)
             with failing():

@@ -218,10 +218,14 @@ class NewtonSystem(Parts):
         """The solution by MUMPS for forces b (n_local,) and what the own equations leave."""
         if not terms:
             return self._solved([[K]], [b])[0], np.zeros(0)
-        blocks = self.blocks(terms, self.dofs.sizes)
-        own = np.concatenate(rest)[self.own.mine]
-        parts = self._solved([[K, blocks[0]], blocks[1:]], [b, -own])
-        return parts[0], gather_rows(self.dofs.comm, parts[1])[self.own.number]
+        c = mean_diagonal(K, np.concatenate(self.numbers))  # or MUMPS takes pivots for none
+        top, left, own = self.blocks(terms, self.dofs.sizes)
+        top.scale(c)
+        left.scale(c)
+        own.scale(c * c)
+        rests = c * np.concatenate(rest)[self.own.mine]
+        du, dq = self._solved([[K, top], [left, own]], [b, -rests])
+        return du, gather_rows(self.dofs.comm, c * dq)[self.own.number]
 
     def _solved(
         self, blocks: Sequence[Sequence[PETSc.Mat]], b: Sequence[np.ndarray]
@@ -268,9 +272,14 @@ class NewtonSystem(Parts):
             old.destroy()
 
 
-def mean_diagonal(K: PETSc.Mat) -> float:
-    """Mean size of K's diagonal entries [force / length]; collective."""
+def mean_diagonal(K: PETSc.Mat, at: np.ndarray | None = None) -> float:
+    """Mean size of K's diagonal entries, or of those of some rows (k,), the same on every rank
+    [force / length]; collective."""
     diagonal = K.getDiagonal()
-    mean = diagonal.norm(PETSc.NormType.NORM_1) / diagonal.size
+    first, end = diagonal.getOwnershipRange()
+    own = np.abs(diagonal.array_r)
+    if at is not None:
+        own = own[at[(at >= first) & (at < end)] - first]
+    total, count = diagonal.comm.tompi4py().allreduce(np.array([own.sum(), len(own)]))
     diagonal.destroy()
-    return float(mean)
+    return float(total / count)

@@ -128,15 +128,19 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         """Iterations of the last ``solve``."""
         return self._newton.history
 
-    def reset(self) -> None:
-        """Start anew from the displacement as it stands in u, without contact forces."""
+    def reset(self, moved: bool = False) -> None:
+        """Start anew from the displacement as it stands in u, without contact forces.
+
+        Args:
+            moved: rigid obstacles stand where they are now; else as drawn.
+        """
         contacts = self._newton.equations.interfaces
         self._state = NewtonState(
             self.bulk.now(),
             tuple(np.zeros(c.what.size) for c in contacts),
             (None,) * len(contacts),
             np.zeros(len(self.loads)),
-            tuple(pose_of(c, moved=False) for c in contacts),
+            tuple(pose_of(c, moved) for c in contacts),
             (None,) * len(contacts),
             np.zeros(len(self.bulk.dofs.fixed)),
         )

@@ -12,6 +12,7 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.contact.state import ContactState
 from dolfinx_llm.geometry.spaces import order_of
+from dolfinx_llm.interface.against import forced
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.update import remeshed
 from dolfinx_llm.laws.coulomb import Coulomb
@@ -38,6 +39,7 @@ def carry_over(old: Any, new: Any) -> None:
     if isinstance(old, NonlinearContactProblem):
         new.bulk.put(u)
         new.reset()
+        _stand(old, new)
         return
     new.update()
     new.method.prepare()
@@ -48,6 +50,20 @@ def carry_over(old: Any, new: Any) -> None:
     push = times(operators.B, common["multiplier"][numbering.mine])
     common["g"] = operators.gather(numbering, operators.gap(u, motions))
     new.take_arrays(common, {"u": u, "f": times(new.K, u) + push})
+
+
+def _stand(old: NonlinearContactProblem, new: NonlinearContactProblem) -> None:
+    """Put obstacles of a problem to where they stand in the last state of the old one, from where
+    slip on them counts."""
+    before, (now, local) = old.state_arrays()[0], new.state_arrays()
+    for i, interface in enumerate(new.interfaces):
+        if interface.obstacle is None:
+            continue
+        own, pose = f"interface {i} own", f"interface {i} pose"
+        now[pose] = before[pose]
+        if found := sum(forced(interface.obstacle, new.bulk.dofs.gdim)):  # where forces bring it
+            now[own] = np.append(now[own][:-found], before[own][-found:])
+    new.take_arrays(now, local)
 
 
 def _contact(old: ContactProblem, new: ContactProblem) -> Arrays:

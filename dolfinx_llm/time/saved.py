@@ -80,6 +80,6 @@ class SavedSteps(Saving):
         """Of inertia in steps of dt [1 / time²]."""
         raise NotImplementedError
 
-    def _use(self, c: float) -> None:
-        """Take another rate of inertia [1 / time²]."""
+    def _use(self, c: float, starts: bool = False) -> None:
+        """Take another rate of inertia [1 / time²]; ``starts``: for the forces at the start."""
         raise NotImplementedError

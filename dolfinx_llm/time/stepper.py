@@ -18,19 +18,18 @@ from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.form_arguments import form_space, given_forms, listed
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
-from dolfinx_llm.time.divided import DividedSteps
 from dolfinx_llm.time.impact import Touch
 from dolfinx_llm.time.inertia import moved_mass
 from dolfinx_llm.time.mean import MeanForces
+from dolfinx_llm.time.start import StartedSteps
 
 SCHEMES = "massless", "newmark"
 PARTED = 6  # of a step that fails
-INERT = 1e6  # inertia over that of a step, by which bodies stay where they are at first
 UP_TO_ONE = "give a number from 0 to 1"
 DENSITY = "give a positive number, a UFL expression or a list of them, one per mesh"
 
 
-class TimeStepper(DividedSteps):
+class TimeStepper(StartedSteps):
     """Bodies of static forms that have inertia, stepped in time by the trapezoidal rule, nonlinear
     forces by their mean on the way of a step.
 
@@ -147,32 +146,6 @@ class TimeStepper(DividedSteps):
         """Velocity, a Function or a list [length / time]."""
         return self._v if self._several else self._v[0]
 
-    def start(self) -> None:
-        """Find the forces at the start, from u, v and the loads as they are; the first ``step``
-        does so unless you have done it before. Surfaces without mass come to rest with what lies
-        behind them; ties have the forces that hold them as bodies accelerate. Collective.
-
-        Raises:
-            ContactError: contact does not balance what presses it.
-        """
-        u = self._values(self._u)
-        fixed, c = self.problem.bulk.dofs.fixed, self._rate(self.dt)
-        self._use(INERT * c, starts=True)
-        self._push(INERT * c * times(self._M, u))
-        if self._mean:
-            self._mean.begin(u, self.problem.bulk.dofs.counts, 0.0)
-            self.problem.reset()
-        self.problem.solve()
-        rests = self._values(listed(self.problem.u))
-        u = np.where(self._bare & ~fixed, rests, u)
-        self._use(c)
-        self._push(np.zeros(len(u)))
-        left = self.problem.bulk.residual(u) if self._mean else -self.problem.bulk.force(u)
-        left -= self.problem.pushed + c * times(self._M, u)
-        self._left = np.where(self._bare | fixed, 0.0, left)
-        fill(self._u, u, self.problem.bulk.dofs.counts)
-        self._touch, _ = self._met()
-
     def step(self) -> fem.Function | list[fem.Function]:
         """Go on by dt, to the loads and prescribed values as they are now; in parts where that
         fails.
@@ -221,10 +194,6 @@ class TimeStepper(DividedSteps):
             self.problem.bulk.version += 1
         for rate in self._rates:
             rate.value = c
-
-    def _push(self, force: np.ndarray) -> None:
-        """Take this rank's nodal forces (n_local,) of inertia."""
-        fill(self._pushes, force, self.problem.bulk.dofs.counts)
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""

@@ -230,9 +230,8 @@ def test_bending_of_a_tower():
 # Ranks, files
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
-    "demos", [("dragged",), ("hertz2d", "hertz3d", "cattaneo", "tower")], ids=" ".join
+    "demos", [("dragged",), longer(("hertz2d", "hertz3d", "cattaneo", "tower"))], ids=" ".join
 )
 def test_ranks(demos):
     """Two ranks find what one finds."""

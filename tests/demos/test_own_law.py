@@ -53,7 +53,6 @@ def test_peel():
     assert_peeled(own_law.peel())
 
 
-@pytest.mark.long
 def test_on_ranks():
     found = run_mpi_json("../../demos/own_law.py", 2, "--json", "--scenes", "inclined", "soft")
     assert_known(found["inclined"])

@@ -26,7 +26,7 @@ def boxes(low, high, corner=(0.4, 0.2), size=(0.8, 0.6), width=1.6):
     "scene",
     [
         longer({"kind": "hex", "boxes": boxes((4, 3), (3, 4)), "order": (1, 0)}),
-        longer({"kind": ("hex", "tet"), "boxes": boxes((4, 3), (1, 2)), "pressure": 600.0}),
+        {"kind": ("hex", "tet"), "boxes": boxes((4, 3), (1, 2)), "pressure": 600.0},
         {"kind": "hex", "boxes": boxes((2, 2), (6, 5), (0.0, 0.0), (1.0, 1.0), 1.0)},
         {"kind": "tet", "boxes": boxes((4, 3), (3, 3), (1.1, 0.2)), "beyond": True},
         # Supports hold more nodes of the punch along y than the frame has free ones.

@@ -59,7 +59,6 @@ def test_curved_ties():
     assert (np.divide(fine, matching) <= 1.2).all()
 
 
-@pytest.mark.long
 def test_order():
     """Ties of linear bodies with a smooth answer: of third order in displacement, of second in
     stress, and a hundredth of the errors of first order."""

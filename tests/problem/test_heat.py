@@ -40,8 +40,10 @@ def check(scene):
             if degree == 1 or law != "tied"  # whose tests are below
         ],
         [
+            (2, "tied", "saddle", False, 1),
             (2, "varying", "condensed", True, 2),
-            (3, "finite", "saddle", False, 1),
+            (3, "finite", "condensed", True, 1),
+            (3, "finite", "auto", False, 2),
         ],
     ),
 )

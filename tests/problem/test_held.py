@@ -6,7 +6,7 @@ from conftest import run_mpi_json
 from sampling import longer
 
 
-@pytest.mark.parametrize("ranks", [1, longer(2), longer(3)])
+@pytest.mark.parametrize("ranks", [1, 2, longer(3)])
 def test_patch(ranks):
     """Every pair of walls, law, form, order of the sides and number of ranks."""
     found = run_mpi_json("held.py", ranks)

@@ -70,12 +70,10 @@ class Pressed:
         bcs = hold_all(low, base, lambda p: 0.0 * p) + [fem.dirichletbc(self.motion, dofs)]
         forms = [(ufl.TrialFunction(V), ufl.TestFunction(V)) for V in self.spaces]
         sides = ((blocks[0][1], ABOVE), (blocks[1][1], BELOW))
-        # One form for all ratios, and that of other scenes where there is none.
-        ratio = stiffer if stiffer == 1.0 else fem.Constant(high.mesh, stiffer)
         self.problem = llm.ContactProblem(
             [
                 E * ufl.inner(stress(u), ufl.grad(w)) * ufl.dx
-                for E, (u, w) in zip((1.0, ratio), forms, strict=True)
+                for E, (u, w) in zip((1.0, stiffer), forms, strict=True)
             ],
             [
                 ufl.inner(fem.Constant(V.mesh, np.zeros(V.mesh.geometry.dim)), w) * ufl.dx

@@ -144,15 +144,10 @@ def block_problem(V, tags, sides=(2, 3), bcs=None, loads=None, scale=1.0, option
 
 
 def squares(domain, terms, degree=None):
-    """Integrals of |e|² over a mesh, of each of several expressions e."""
-    return integrals(domain, [ufl.inner(e, e) for e in terms], degree)
-
-
-def integrals(domain, terms, degree=None):
-    """Of each of several scalar expressions over a mesh; one form for all, as compiling it takes
-    longer than all else."""
+    """Integrals of |e|² over a mesh, of each of several expressions e; one form for all, as
+    compiling it takes longer than all else."""
     weights, found = [fem.Constant(domain, 0.0) for _ in terms], []
-    form = sum(c * term for c, term in zip(weights, terms, strict=True))
+    form = sum(c * ufl.inner(e, e) for c, e in zip(weights, terms, strict=True))
     form = fem.form(form * ufl.dx(domain, degree=degree))
     for c in weights:
         c.value = 1.0

@@ -82,7 +82,6 @@ class Parting(llm.Law):
     components, opens = "normal", True
 
 
-@pytest.mark.long
 def test_a_law_of_flags_alone():
     known, found = (hyperelastic_bar(8, 0.25, law=a)[0] for a in (llm.Frictionless(), Parting()))
     for _ in range(40):

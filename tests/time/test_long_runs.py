@@ -72,7 +72,8 @@ def test_load_steps(factorised, count):
 @pytest.mark.parametrize("cells", [8, longer(55), longer(112)])
 def test_a_step_over_a_back_substitution(cells, monkeypatch):
     """A block that lies on a plane and swings: two back-substitutions a step, for the load and for
-    the displacement; what all of it takes of one's time is printed, 5 asked."""
+    the displacement, now and then one more that refines; what all of it takes of one's time is
+    printed, 5 asked."""
     domain, tags = body(MPI.COMM_SELF, (-1.0, 0.0), (2.0, 2.0), (cells, cells))
     V = compat.function_space(domain, shape=(2,))
     u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
@@ -100,5 +101,5 @@ def test_a_step_over_a_back_substitution(cells, monkeypatch):
         assert s.problem.history[-1]["active"] == cells + 1 and len(s.problem.history) == 1
     ratio = len(seconds) * (time.process_time() - began) / count / sum(seconds)
     print(f"{s.problem.unknowns['u']} unknowns: {ratio:.2f} back-substitutions a step")
-    assert len(seconds) == 2 * count
+    assert 2 * count <= len(seconds) <= 2.2 * count
     s.destroy()
