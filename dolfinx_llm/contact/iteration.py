@@ -21,7 +21,7 @@ from dolfinx_llm.contact.giving import CONSTANT, GivingWay
 from dolfinx_llm.contact.gliding import glide, slips
 from dolfinx_llm.contact.loose import regain, require_friction
 from dolfinx_llm.contact.state import ContactState, InterfaceState
-from dolfinx_llm.contact.ties import choose, unsettled, untie
+from dolfinx_llm.contact.ties import ask, choose, unsettled, untie
 from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import GRAZING, SIGN, StepForm, StepResult, force_level
 from dolfinx_llm.forms.verdict import FinalError, Verdict
@@ -193,6 +193,7 @@ class ContactIteration:
             released |= untie(self.states, multiplier, miss, equations.felt * largest)
             if rests and not released and chances and regain(self.states, multiplier):
                 chances, released = chances - 1, True
+            released |= rests and not (released or self._vital) and ask(self.states, multiplier)
             if rests and not released:
                 require_friction(self.states, multiplier)
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
@@ -226,9 +227,8 @@ class ContactIteration:
         light |= s.curved and not self._vital
         own.closings += np.where(chosen & ~own.active, np.where(light, 4, 1), 0)
         s.touch(chosen)
-        # What carries nothing is in contact or not, sticks or slips, to no effect; what closes
-        # where it already meets the frame as well. A sign that is wrong has to change, also where
-        # its pair then is as it was.
+        # What carries nothing changes to no effect, and what closes where it meets the frame. A
+        # sign that is wrong has to change, also where its pair then is as it was.
         meets = self.scale * apart[rows].max(axis=1) <= SIGN * largest
         meets &= chosen & np.array_equal(speaker, s.others.speaker)
         felt = changed & (force[rows].max(axis=1) > self.equations.felt * largest) & ~meets

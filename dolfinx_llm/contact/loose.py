@@ -36,6 +36,21 @@ def regain(states: list[InterfaceState], multiplier: np.ndarray) -> bool:
     return bool(some)
 
 
+def too_loose(states: list[InterfaceState], multiplier: np.ndarray) -> list[InterfaceState]:
+    """Interfaces of which more than the rim of contact has lost its friction.
+
+    Args:
+        states: of all interfaces.
+        multiplier: λ (n,) of all [force].
+    """
+    return [s for s in states if lost(s, multiplier) > _allowed(s)]
+
+
+def _allowed(s: InterfaceState) -> float:
+    """Share of the normal force."""
+    return FRICTIONLESS if s.ties is None else UNTIED
+
+
 def require_friction(states: list[InterfaceState], multiplier: np.ndarray) -> None:
     """Refuse a state in which more than the rim of contact has lost its friction.
 
@@ -46,12 +61,10 @@ def require_friction(states: list[InterfaceState], multiplier: np.ndarray) -> No
     Raises:
         ContactError: it has; smaller load steps may help.
     """
-    for s in states:
-        share, allowed = lost(s, multiplier), FRICTIONLESS if s.ties is None else UNTIED
-        if share > allowed:
-            raise ContactError(
-                f"interface {s.nodes.geometry.interface.name}: pairs that opened and closed by "
-                f"turns were left without friction, and carry {share:.1%} of the normal force "
-                f"(allowed {allowed:.0%}). Apply the load in smaller steps "
-                "(solve(increments=...)), or use a finer mesh where contact ends"
-            )
+    for s in too_loose(states, multiplier):
+        raise ContactError(
+            f"interface {s.nodes.geometry.interface.name}: pairs that opened and closed by "
+            f"turns were left without friction, and carry {lost(s, multiplier):.1%} of the normal "
+            f"force (allowed {_allowed(s):.0%}). Apply the load in smaller steps "
+            "(solve(increments=...)), or use a finer mesh where contact ends"
+        )

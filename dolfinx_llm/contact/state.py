@@ -81,7 +81,7 @@ class InterfaceState:
         others, touched: who speaks for whom; counts the changes of what is in contact.
         held: (n,) pairs that may pull, too.
         shares, curved: nodes at the rim of contact slip as others do; so on a curved frame.
-        ties: (n,) pairs that follow a curved frame tangentially; None: those in contact.
+        ties, asked: (n,) pairs that follow a frame along it, None: those in contact; see ``ties``.
     """
 
     def __init__(self, nodes: FrictionNodes) -> None:
@@ -119,7 +119,7 @@ class InterfaceState:
 
     def begin(self, adrift: float = ADRIFT) -> None:
         """Start a load step: pairs that opened and closed by turns get another chance."""
-        self.own.closings[:], self._adrift = 0, adrift
+        self.own.closings[:], self._adrift, self.asked = 0, adrift, 0
         self.touch(self.own.active)
 
     def release(self) -> bool:

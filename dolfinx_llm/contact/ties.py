@@ -1,19 +1,21 @@
-"""Which pairs follow a curved frame along its tangents in a load step.
+"""Which pairs follow a frame along its tangents in a load step, where not those in contact.
 
 The tie of a pair bears any force, however little the pair presses. Where every pair in contact has
 one, a pair that hardly presses may pull itself open by its tie, and press again without it: then no
-state at all meets the law. Where pairs do not come to rest ties are therefore chosen once, where
-contact without friction presses, and stay while the iteration goes on. Of those whose pairs are
-open and still bear friction the strongest are let go for good, until there are none: each goes once
-at most, so that this ends. Later load steps begin with the ties that are left, and choose anew
-where they do not come to rest either. Coulomb's law holds at the frame's nodes with the normal
-forces of all pairs, tied or not.
+state at all meets the law. Where pairs do not come to rest, many of a curved frame or some that
+bear more than may be without friction, ties are therefore chosen once, where contact without
+friction presses, and stay while the iteration goes on. Of those whose pairs are open and still bear
+friction the strongest are let go for good, until there are none: each goes once at most, so that
+this ends. Later load steps begin with the ties that are left, and choose anew where they do not
+come to rest either. Coulomb's law holds at the frame's nodes with the normal forces of all pairs,
+tied or not.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from dolfinx_llm.contact.loose import too_loose
 from dolfinx_llm.contact.state import InterfaceState
 
 EVERY = 12  # iterations with a tie for each pair in contact
@@ -22,21 +24,45 @@ PRESSES = 2e-2  # of the largest normal force without friction: pairs with more 
 SETTLING = 1e-2  # of the largest force, that laws are missed by: from there on ties may go
 STRONGEST = 0.5  # of the largest force of friction at an open pair: those above go together
 
+NEVER, NOW, DONE = range(3)  # whether ties have been asked for in this load step
+
 
 def unsettled(states: list[InterfaceState], changes: int, iteration: int) -> bool:
-    """Whether ties are to be chosen now: many pairs of curved frames still change.
+    """Whether ties are to be chosen now: many pairs of curved frames still change, or it
+    has just been asked for.
 
     Args:
         states: of all interfaces.
         changes: in this iteration.
         iteration: its number.
     """
-    many = RESTLESS * sum(len(s.nodes.rows) for s in states)
-    return iteration == EVERY and any(s.curved for s in states) and changes > many
+    many, asked = RESTLESS * sum(len(s.nodes.rows) for s in states), _of(states, NOW)
+    for s in asked:
+        s.asked = DONE
+    late = iteration == EVERY and any(s.curved for s in states)
+    return bool(asked) or (late and changes > many)
+
+
+def ask(states: list[InterfaceState], multiplier: np.ndarray) -> bool:
+    """Ask for ties once in a load step where all has come to rest, with too many pairs without
+    friction on some interfaces; whether there are any.
+
+    Args:
+        states: of all interfaces.
+        multiplier: λ (n,) [force].
+    """
+    some = _of(too_loose(states, multiplier), NEVER)
+    for s in some:
+        s.asked = NOW
+    return bool(some)
+
+
+def _of(states: list[InterfaceState], asked: int) -> list[InterfaceState]:
+    return [s for s in states if s.asked == asked]
 
 
 def choose(states: list[InterfaceState], multiplier: np.ndarray, iteration: int) -> None:
-    """Tie the pairs of curved frames that press, if it is time to.
+    """Tie the pairs that press, of curved frames and of what was asked for, if it is time to.
 
     Args:
         states: of all interfaces.
@@ -46,7 +72,7 @@ def choose(states: list[InterfaceState], multiplier: np.ndarray, iteration: int)
     if iteration <= EVERY:
         return
     for s in states:
-        if s.curved:
+        if s.curved or s.asked:
             force = multiplier[s.nodes.rows[:, -1]]
             s.ties = force > PRESSES * force.max(initial=0.0)
 
