@@ -52,16 +52,9 @@ def solved(gdim, law, components, sides, design="auto"):
         if side in sides:
             planes += [(k, scenes.on(gdim - 1, 1.0)) for k in components]
         bcs += scenes.hold(V, planes, exact)
-    forms = [scenes.forms(V) for V in spaces]
-    problem = llm.ContactProblem(
-        [a for a, _ in forms],
-        [L for _, L in forms],
-        bcs=bcs,
-        interfaces=[
-            llm.Interface(None, ((made[0][1], cs.ABOVE), (made[1][1], cs.BELOW)), law=law,
-                          design=design)
-        ],
-    )  # fmt: skip
+    sides = (made[0][1], cs.ABOVE), (made[1][1], cs.BELOW)
+    interface = llm.Interface(None, sides, law=law, design=design)
+    problem = scenes.elastic_problem(spaces, bcs, [interface])
     error = max(scenes.displacement_error(u, exact) for u in problem.solve())
     return problem, error
 

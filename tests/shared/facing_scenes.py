@@ -97,13 +97,7 @@ def solved(bodies, interfaces, moved, fixed, motion, seed=None, obstacle=None):
             bcs.append(fem.dirichletbc(value, fem.locate_dofs_geometrical(spaces[body], at)))
     for domain, _ in bodies:
         domain.geometry.x[:, :gdim] = domain.geometry.x[:, :gdim] @ R.T
-    forms = [scenes.forms(V) for V in spaces]
-    problem = llm.ContactProblem(
-        [a for a, _ in forms],
-        [L for _, L in forms],
-        bcs=bcs,
-        interfaces=interfaces([tags for _, tags in bodies], R),
-    )
+    problem = scenes.elastic_problem(spaces, bcs, interfaces([tags for _, tags in bodies], R))
     u = problem.solve()
     return problem, [f.x.array.reshape(-1, gdim) @ R for f in u], R
 

@@ -707,16 +707,15 @@ def face_nodes(posed, face, x):
 
 
 def solve(scene, variant=None, comm=MPI.COMM_SELF, watch=None):
-    """Answers of all load steps; ``watch(posed, step)`` is called after each."""
+    """Answers of all load steps; what ``watch(posed)`` returns is called with each."""
     posed = pose(scene, variant, comm)
     posed.make()
-    answers = []
+    answers, see = [], watch(posed) if watch else lambda answer: None
     for step in scene.steps:
         posed.set_step(step)
         posed.problem.solve()
         answers.append(collect(posed))
-        if watch is not None:
-            watch(posed, answers[-1])
+        see(answers[-1])
     posed.problem.destroy()
     return answers
 

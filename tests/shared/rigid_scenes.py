@@ -104,18 +104,13 @@ def stack(laws, form, plane, comm=MPI.COMM_SELF):
         for n, z in ((5, 0), (4, 1))
     ]
     spaces = [compat.function_space(d, shape=(2,)) for d, _ in made]
-    forms = [scenes.forms(V) for V in spaces]
     at = fem.locate_dofs_geometrical(spaces[0], scenes.on(1, 0.0))
     solver, choice.FLEXIBLE = FORMS[form]
     tags = [t for _, t in made]
-    problem = llm.ContactProblem(
-        [a for a, _ in forms],
-        [L for _, L in forms],
-        bcs=[fem.dirichletbc(fem.Function(spaces[0]), at)],
-        interfaces=[
-            llm.Interface(None, ((tags[0], cs.ABOVE), (tags[1], cs.BELOW)), law=laws[0]),
-            llm.Interface(None, ((tags[1], cs.ABOVE), plane), law=laws[1]),
-        ],
-        solver=solver,
-    )
+    interfaces = [
+        llm.Interface(None, ((tags[0], cs.ABOVE), (tags[1], cs.BELOW)), law=laws[0]),
+        llm.Interface(None, ((tags[1], cs.ABOVE), plane), law=laws[1]),
+    ]
+    bcs = [fem.dirichletbc(fem.Function(spaces[0]), at)]
+    problem = scenes.elastic_problem(spaces, bcs, interfaces, solver=solver)
     return problem, np.concatenate([u.x.array for u in problem.solve()])

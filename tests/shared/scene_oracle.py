@@ -307,14 +307,9 @@ def rigid_clearance(what, x):
 def check(scene, variant=None):
     """Answers of a scene and the violations of each step; errors are the caller's."""
     found = []
-    posed = scenes.pose(scene, variant)
-    oracle = Oracle(posed)
-    posed.make()
-    answers = []
-    for step in scene.steps:
-        posed.set_step(step)
-        posed.problem.solve()
-        answers.append(scenes.collect(posed))
-        found.append(oracle(posed, answers[-1]))
-    posed.problem.destroy()
-    return answers, found
+
+    def watch(posed):
+        oracle = Oracle(posed)
+        return lambda answer: found.append(oracle(posed, answer))
+
+    return scenes.solve(scene, variant, watch=watch), found

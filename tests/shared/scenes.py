@@ -102,6 +102,12 @@ def forms(V, scale=1.0):
     return ufl.inner(stress(u, scale), ufl.grad(w)) * ufl.dx, ufl.inner(zero, w) * ufl.dx
 
 
+def elastic_problem(spaces, bcs, interfaces, **options):
+    """Elastic bodies without loads."""
+    a, L = zip(*map(forms, spaces), strict=True)
+    return llm.ContactProblem(list(a), list(L), bcs=bcs, interfaces=interfaces, **options)
+
+
 def hold(V, conditions, value=None):
     """Dirichlet conditions from pairs (component, where); zero, or a function's component."""
     bcs = []
