@@ -5,11 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.sparse import block_diag, csr_matrix, hstack
 
+from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.operators.prescribed import ColumnSpace, pieces
 from dolfinx_llm.operators.system import ContactOperators
 
 TOUCHING = 1e-9  # gaps up to this part of motions are none
 VANISHES = 1e-6  # what is left of a sum of 1 where no forces press; of less rounding is not little
+CLEAR = 1e-6  # of singular values, that tell a density
+SMALL = 1e-9  # part of the largest area, that tells no density
 PULL = 1e-10  # part of the largest force below which a pull is rounding
 
 
@@ -26,7 +29,8 @@ def with_reactions(
     At nodes that supports hold, the equations leave open what the supports take and what goes
     through the frame; where nodes belong to several interfaces, what goes through which. Of all
     forces that move free dofs alike and leave the frames, and friction there, as they are, and of
-    which those that may open press, these are the nearest to what bodies pass on: at nodes held
+    which those that may open press, these are the nearest to what bodies pass on: in ties the
+    density of the nodes next to them, so that a constant one is found; at other nodes held
     f - K u (n_local,), in equal parts where interfaces share a node; else zero, which leads to the
     smallest forces. Those against obstacles stay as they are.
 
@@ -47,6 +51,8 @@ def with_reactions(
     opening = operators.L @ v - motion - gaps
     closed = opening <= TOUCHING * max(np.abs(motion).max(), np.abs(gaps).max())
     wanted = np.where(operators.held, passed / operators.interfaces_at, 0.0)
+    open_ = operators.held | (operators.interfaces_at > 1)
+    areas, densities = np.zeros(len(motion)), np.zeros(len(motion), dtype=np.int64)
     chosen, presses, felt = *np.zeros((2, len(motion)), dtype=bool), []
     for i, (geometry, place) in enumerate(zip(operators.geometries, operators.places, strict=True)):
         law, c, L = geometry.interface.law, geometry.pairs[0].base.shape[1], operators.blocks[i]
@@ -60,8 +66,15 @@ def with_reactions(
             bears, of_friction = friction[i]
             wanted[place.rows][bears] = 0.0  # nothing tells friction: it is the least
             own, felt[i] = own | bears, hstack([L, of_friction])
+        else:
+            rows, held = place.rows, operators.held[place.rows]
+            next_to, areas[rows] = _as_next(geometry.pairs, multiplier[rows], ~open_[rows])
+            held &= areas[rows] > 0.0  # no node tells a density, the reaction does
+            areas[rows][held] = 0.0
+            wanted[rows] = np.where(held, wanted[rows], next_to)
+            densities[rows] = i * operators.dofs.gdim + np.arange(len(own)) % c
         chosen[place.rows] = own
-    at = np.flatnonzero(chosen & (operators.held | (operators.interfaces_at > 1)))
+    at = np.flatnonzero(chosen & open_)
     fixed = hstack([block_diag(felt, format="csr")[at], operators.at_free_dofs(at)]).tocsr()
     multiplier, rounding = multiplier.copy(), PULL * np.abs(multiplier).max(initial=0.0)
     told = np.diff(fixed.indptr) > 0
@@ -69,8 +82,49 @@ def with_reactions(
         if len(own) == 1 and told[own[0]]:  # its effect tells the force
             continue
         to = at[own]
-        multiplier[to] = _nearest(fixed[own], multiplier[to], wanted[to], presses[to], rounding)
+        _, column = np.unique(densities[to], return_inverse=True)
+        same = areas[to, None] * np.eye(column.max() + 1)[column]
+        aim = wanted[to] + _constant(fixed[own], multiplier[to] - wanted[to], same)
+        multiplier[to] = _nearest(fixed[own], multiplier[to], aim, presses[to], rounding)
     return multiplier
+
+
+def _as_next(
+    sides: Sequence[ContactPairs], forces: np.ndarray, known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) forces of ties, where they are not known as the density of the nodes next to them on
+    facets has it, and (n,) areas where no node tells one, 0 elsewhere; there forces are 0.
+
+    Args:
+        sides: of the interface.
+        forces, known: (n,) of its rows, whose bases are one per side, and whether they are known.
+    """
+    c, first = sides[0].base.shape[1], 0
+    forces, known = np.where(known, forces, 0.0).reshape(-1, c), known.reshape(-1, c).copy()
+    areas = np.zeros(forces.shape)
+    for p in sides:
+        own, (m, k) = slice(first, first + len(p.nodes)), p.cells.shape
+        first, force, told, f = own.stop, forces[own], known[own], p.forces[:, None]
+        at = np.ones(m * k), p.cells.ravel(), k * np.arange(m + 1)
+        cells, last = csr_matrix(at, (m, len(f))), -1
+        near = cells.T @ cells
+        while told.sum() > last:
+            area, last = near @ np.where(told, f, 0.0), told.sum()
+            new = ~told & (area > SMALL * f.max(initial=0.0))
+            density = (near @ force) / np.where(new, area, 1.0)
+            force[new], told[new] = (f * density)[new], True
+        areas[own] = np.where(told, 0.0, f)
+    return forces.ravel(), areas.ravel()
+
+
+def _constant(fixed: csr_matrix, forces: np.ndarray, areas: np.ndarray) -> np.ndarray:
+    """(k,) forces of densities that are the same at all areas (k, q) of each, nearest to what the
+    effect of forces fixedᵀ λ (k,) tells of them."""
+    if not areas.any():
+        return np.zeros(len(forces))
+    free = ColumnSpace(fixed).without
+    seen, told = (a - free(a) for a in (areas, forces))
+    return areas @ np.linalg.lstsq(seen, told, rcond=CLEAR)[0]
 
 
 def _nearest(

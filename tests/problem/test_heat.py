@@ -75,10 +75,12 @@ def test_second_order_tied(solver):
 
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("solver", ["saddle", longer("condensed")])
-def test_flux_at_a_cross(degree, solver):
-    """Four blocks: what flows is the same at all nodes of four interfaces that resist, at that
-    where they meet as well."""
-    problem, known = heat.cross(COMM, llm.Conductance(H), H, degree, solver)
+@pytest.mark.parametrize("h", [H, np.inf], ids=["resists", "tied"])
+def test_flux_at_a_cross(degree, solver, h):
+    """Four blocks: what flows is the same at all nodes of four interfaces, at that where they meet
+    as well."""
+    law = llm.Conductance(H) if h == H else llm.Tied()
+    problem, known = heat.cross(COMM, law, h, degree, solver)
     for u, temperature in zip(problem.solve(), known, strict=True):
         x = u.function_space.tabulate_dof_coordinates().T
         assert np.abs(u.x.array - temperature(x)).max() <= 1e-12
