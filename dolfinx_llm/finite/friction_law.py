@@ -108,7 +108,7 @@ def _stable(tau: np.ndarray, z: np.ndarray, bound: np.ndarray) -> np.ndarray:
     size, t = (np.maximum(np.linalg.norm(a, axis=1), 1e-300) for a in (z, tau))
     d, s = z / size[:, None], np.maximum(bound, 1e-300)
     cosine = np.einsum("ki,ki->k", tau, d) / t
-    beta = 1.0 / (1.0 - np.minimum(cosine, 0.0) * np.minimum(t / s, 1.0))
+    beta = 1.0 / (1.0 - np.minimum(cosine, 0.0) * t / np.maximum(t, s))
     outer = (beta / np.maximum(s, t))[:, None, None] * tau[:, :, None] * d[:, None, :]
     return np.minimum(bound / size, 1.0)[:, None, None] * (np.eye(z.shape[1]) - outer)
 

@@ -22,7 +22,7 @@ from dolfinx_llm.geometry.element import element_of
 from dolfinx_llm.geometry.spaces import is_scalar
 from dolfinx_llm.geometry.surface import facet_nodes
 from dolfinx_llm.interface.forces import InterfaceForces
-from dolfinx_llm.output.render import STATUS, Scene
+from dolfinx_llm.output.render import ABOVE, STATUS, Scene
 from dolfinx_llm.output.values import cell_maximum
 
 ON_CONTACT = ("pressure", "status")  # colours of surfaces in contact
@@ -89,7 +89,8 @@ def _outer(mesh: Any, x: np.ndarray, section: Plane3 | None) -> tuple[np.ndarray
 def checked_view(colour: Any, scale: Any, section: Any, gdim: int, label: str = "") -> View:
     """A view, if it is one."""
     if callable(colour):
-        label = label or getattr(colour, "__name__", "").replace("_", " ").strip("<>")
+        name = getattr(colour, "__name__", "<lambda>").replace("_", " ")
+        label = label or ("value" if name == "<lambda>" else name)
     else:
         names = {"displacement": "length of u"}
         label = names.get(checks.one_of("colour", colour, COLOURS), colour)
@@ -211,11 +212,19 @@ class Seen:
             values,
             (low, high),
             f"{self.view.label}{told}; displacement × {scale:.3g}",
+            seen_from=ABOVE if self.view.section is None else _onto(self.view.section[1]),
             named=named,
             status=status,
             outline=outline(self.skins) if self.view.section is None else None,
             body=polygons(self.skins, scale) if pressed else None,
         )
+
+
+def _onto(normal: np.ndarray) -> np.ndarray:
+    """(3,) from where a section of this normal is seen, half from the side."""
+    n = normal / np.linalg.norm(normal)
+    aside = np.array(ABOVE) - (n @ ABOVE) * n
+    return n + 0.9 * aside / max(np.linalg.norm(aside), 0.1)
 
 
 def length(u: Function) -> Expr:

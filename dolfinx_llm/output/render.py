@@ -22,7 +22,7 @@ log = logging.getLogger("dolfinx_llm")
 
 SECONDS = 120.0  # that a picture may take
 PIXELS = (1600, 1200)  # [pixel]
-ABOVE = (0.43, -0.75, 0.5)  # from where a scene is seen that has no view of its own
+ABOVE = (0.43, -0.75, 0.5)  # from where a scene is seen
 # Colours of marks 0, 1, 2, 3.
 STATUS = {"open": "white", "stick": "black", "slip": "red", "closed": "blue"}
 SHADES = ("gainsboro", "darkgray", "lightsalmon", "lightsteelblue")  # of cells by their status
@@ -41,10 +41,11 @@ class Scene:
     values: np.ndarray  # (m,) per cell or (n,) per point
     limits: tuple[float, float]  # of the colours
     label: str  # of the colour bar
-    view: np.ndarray | None = None  # (3,) where a flat surface is seen from; None: ABOVE
+    view: np.ndarray | None = None  # (3,) where a flat surface is seen from; None: it is not
     status: np.ndarray | None = None  # (n,) marks at the points: 0 open, 1 stick, 2 slip, 3 closed
     outline: np.ndarray | None = None  # (l, 2, 3) edges of what is not deformed
     body: np.ndarray | None = None  # (b, k, 3) polygons around the surface, translucent
+    seen_from: Any = ABOVE  # (3,) a surface that is not flat
     named: np.ndarray | None = None  # what values 0, 1, ... are called, in SHADES; None: numbers
 
 
@@ -136,7 +137,7 @@ def _draw(scene: dict[str, Any], path: str) -> None:
         plotter.add_legend(bcolor="gray", face="circle", size=(0.1, 0.12))
     plotter.add_axes(color="black")
     if view is None:
-        plotter.view_vector(ABOVE, viewup=(0.0, 0.0, 1.0))
+        plotter.view_vector(scene["seen_from"], viewup=(0.0, 0.0, 1.0))
     else:
         plotter.view_vector(view, viewup=np.eye(3)[1 if abs(view[2]) > 0.9 else 2])
     plotter.enable_parallel_projection()

@@ -71,7 +71,8 @@ def check_expression(expression: Any, mesh: Any, degree: Any) -> None:
         checks.refuse("degree", degree, accepted)
     if checks.instance("expression", expression, Expr, EXPRESSION).ufl_shape:
         shape = expression.ufl_shape
-        checks.refuse("expression", expression, f"{EXPRESSION}, not of shape {shape}")
+        take = f"not of shape {shape}: a component, as s[0, 0], or llm.post.von_mises(s)"
+        checks.refuse("expression", expression, f"{EXPRESSION}, {take}")
     if ufl.algorithms.extract_arguments(expression):
         checks.refuse("expression", expression, EXPRESSION)
     for function in ufl.algorithms.extract_coefficients(expression):
