@@ -11,8 +11,8 @@ from dolfinx_llm.operators.system import ContactOperators
 
 TOUCHING = 1e-9  # gaps up to this part of motions are none
 VANISHES = 1e-6  # what is left of a sum of 1 where no forces press; of less rounding is not little
-TELLS = 1e-6  # of singular values, that tell a density
-BARE = 1e-9  # part of the largest area, that tells no density
+DISCERNED = 1e-6  # of singular values, that tell a density
+AREALESS = 1e-9  # part of the largest area, that tells no density
 PULL = 1e-10  # part of the largest force below which a pull is rounding
 
 
@@ -110,7 +110,7 @@ def _as_next(
         near = cells.T @ cells
         while told.sum() > last:
             area, last = near @ np.where(told, f, 0.0), told.sum()
-            new = ~told & (area > BARE * f.max(initial=0.0))
+            new = ~told & (area > AREALESS * f.max(initial=0.0))
             density = (near @ force) / np.where(new, area, 1.0)
             force[new], told[new] = (f * density)[new], True
         areas[own] = np.where(told, 0.0, f)
@@ -124,7 +124,7 @@ def _constant(fixed: csr_matrix, forces: np.ndarray, areas: np.ndarray) -> np.nd
         return np.zeros(len(forces))
     free = ColumnSpace(fixed).without
     seen, told = (a - free(a) for a in (areas, forces))
-    return areas @ np.linalg.lstsq(seen, told, rcond=TELLS)[0]
+    return areas @ np.linalg.lstsq(seen, told, rcond=DISCERNED)[0]
 
 
 def _nearest(
