@@ -10,6 +10,8 @@ import dataclasses
 import importlib
 import inspect
 import io
+import os
+import re
 import sys
 import tokenize
 import warnings
@@ -80,6 +82,15 @@ def build(folder: Path) -> None:
         describe_fields(cls)
     pdoc.render.configure(docformat="google", math=False, mermaid=True)
     pdoc.pdoc(*MODULES, output_directory=folder)
+    for page in folder.glob("dolfinx_llm/*.html"):  # pages included there link to their neighbours
+        beside = page.relative_to(folder / "dolfinx_llm").with_suffix("")
+        page.write_text(
+            re.sub(
+                r'href="([^":]+)\.md',
+                lambda link, beside=beside: f'href="{os.path.normpath(beside / link[1])}.html',
+                page.read_text(),
+            )
+        )
 
 
 if __name__ == "__main__":

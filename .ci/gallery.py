@@ -173,6 +173,16 @@ def markdown_pages(folder: Path) -> None:
         )
 
 
+def dead_links(folder: Path) -> list[str]:
+    """Links of all pages to files that are not there."""
+    return [
+        f"{path.relative_to(folder)}: {link}"
+        for path in folder.rglob("*.html")
+        for link in re.findall(r'(?:href|src)="([^"#:$]+)[#"]', path.read_text())
+        if not (path.parent / link).exists()
+    ]
+
+
 def main(arguments: list[str]) -> None:
     if arguments[0] == "run":
         with ThreadPoolExecutor(WORKERS) as workers:
@@ -181,6 +191,8 @@ def main(arguments: list[str]) -> None:
     else:
         gallery(Path(arguments[1]))
         markdown_pages(Path(arguments[1]))
+        if dead := dead_links(Path(arguments[1])):
+            raise SystemExit("links that lead nowhere:\n" + "\n".join(dead))
 
 
 if __name__ == "__main__":
