@@ -1135,8 +1135,10 @@ def entries(size, part):
     every = [*TABLE, *ONE_RANK]
     if size == 1:
         return every
-    asked = {(2, 0): (0,), (2, 1): (2, 3, 4, 6, 7), (3, 0): (1, 5)}[size, part]
-    return [e for k, e in enumerate(every) if k % 8 in asked] + (DIFFERENT if part == 0 else [])
+    third = (1, 5, 9, 13)
+    second = [k for k in range(1, 16) if k not in third]
+    asked = {(2, 0): (0,), (2, 1): second, (3, 0): third}[size, part]
+    return [e for k, e in enumerate(every) if k % 16 in asked] + (DIFFERENT if part == 0 else [])
 
 
 def outcome(scene, entry):

@@ -54,7 +54,7 @@ def test_wrong_arguments(n, part):
     found = run_mpi_json("wrong_arguments.py", n, part)
     expected = wrong_arguments.entries(n, part)
     assert list(found) == [name for name, *_ in expected]
-    assert len(expected) > (400 if n == 1 else 300 if part else 60)
+    assert len(expected) > (400 if n == 1 else 300 if part else 40)
     wrong = {
         name: outcomes
         for name, outcomes in found.items()
