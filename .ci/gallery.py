@@ -191,7 +191,8 @@ def main(arguments: list[str]) -> None:
     else:
         gallery(Path(arguments[1]))
         markdown_pages(Path(arguments[1]))
-        if dead := dead_links(Path(arguments[1])):
+        whole = Path(arguments[1], "dolfinx_llm.html").exists()  # with the pages of the API
+        if whole and (dead := dead_links(Path(arguments[1]))):
             raise SystemExit("links that lead nowhere:\n" + "\n".join(dead))
 
 
