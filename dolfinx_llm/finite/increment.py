@@ -15,7 +15,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.settling import foreseen, slide
 from dolfinx_llm.finite.system import Part
-from dolfinx_llm.finite.terms import Held, MovingContact
+from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
@@ -86,6 +86,12 @@ def _stays(steps: Equations, start: NewtonState) -> list[Any]:
 def _staying(contact: MovingContact, stays: np.ndarray, now: np.ndarray) -> np.ndarray:
     """(n,) status of pairs, with those (n,) that stay in contact."""
     return np.where(stays & (now == OPEN), contact.pressed[-1], now)
+
+
+def _slid(steps: Equations, terms: list[ContactTerms], du: np.ndarray) -> float:
+    """How far nodes in contact slide over the other side for a change of u [length]."""
+    every, dofs = zip(steps.interfaces, terms, strict=True), steps.bodies.dofs
+    return max((slide(p.what, t, dofs.values(p.numbers, du)) for p, t in every), default=0.0)
 
 
 class Increment:
@@ -193,11 +199,6 @@ class Increment:
             self.held[i] = replace(found, pairs=place.pairs)
             self.terms.append(contact.terms(place, q, now, self.held[i], placed.free))
 
-    def _slid(self, du: np.ndarray) -> float:
-        """How far nodes in contact slide over the other side for a change of u [length]."""
-        every = zip(self.steps.interfaces, self.terms, strict=True)
-        return max((slide(p.what, t, self.dofs.values(p.numbers, du)) for p, t in every), default=0)
-
     def iterate(self) -> None:
         """Solve for changes, and apply them as far as elements do not turn inside out."""
         steps = self.steps
@@ -218,7 +219,7 @@ class Increment:
                 break
         else:
             raise _inside_out(self.dofs.comm, body, cut * du)
-        self.lagged = self._slid(cut * du) > SLIDES * steps.size
+        self.lagged = _slid(steps, self.terms, cut * du) > SLIDES * steps.size
         self.u, self._body = self.u + cut * du, body
         self.own = [q + cut * d for q, d in zip(self.own, changes, strict=True)]
         exact, before = any(held.exact for held in self.held), self.error
