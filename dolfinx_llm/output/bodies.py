@@ -4,7 +4,7 @@ scalar or, translucent, around the surfaces in contact with their pressure."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -170,6 +170,7 @@ class View:
     label: str  # of the colours
     scale: float | None  # factor on the displacement; None: one that suits
     section: Plane3 | None  # cells in front of it are left out
+    moved: bool = True  # bodies are; not by a scalar field
 
     def seen(
         self, comm: MPI.Comm, u: Sequence[Function], results: Sequence[InterfaceForces]
@@ -182,7 +183,11 @@ class View:
                 expressions = [make(motion) for motion in u]
             fields = [cell_maximum(e, m.function_space.mesh) for e, m in zip(expressions, u)]
         skins = gather(comm, u, fields, self.section)
-        return None if skins is None else Seen(self, skins, list(results))
+        view = self
+        if is_scalar(u[0].function_space):
+            names = {"length of u": "u", "pressure": "flux"}
+            view = replace(self, label=names.get(self.label, self.label), moved=False)
+        return None if skins is None else Seen(view, skins, list(results))
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +216,7 @@ class Seen:
             cells,
             values,
             (low, high),
-            f"{self.view.label}{told}; displacement × {scale:.3g}",
+            f"{self.view.label}{told}" + f"; displacement × {scale:.3g}" * self.view.moved,
             seen_from=ABOVE if self.view.section is None else _onto(self.view.section[1]),
             named=named,
             status=status,

@@ -11,6 +11,7 @@ from sampling import longer, some_of
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
+from dolfinx_llm.output.bodies import checked_view
 
 COMM, H = MPI.COMM_SELF, 2.5
 FORMS = "saddle", "condensed", "flexibility"
@@ -203,8 +204,11 @@ def test_files_and_pictures(tmp_path):
     assert fields["u"] == pytest.approx(scene.field(0, x.T))
     llm.post.write_interface(tmp_path, scene.problem.results[0])
     llm.post.write_bodies(tmp_path / "bodies.pvd", scene.problem.u[1])
-    for name in ("displacement", "pressure"):
+    for name, label in (("displacement", "u ("), ("pressure", "flux (")):
         scene.problem.plot(tmp_path, colour=name)
+        seen = checked_view(name, None, None, 2).seen(COMM, scene.problem.u, scene.problem.results)
+        shown = seen.scene().label
+        assert shown.startswith(label) and shown.endswith(")")
     assert (tmp_path / "bodies.png").stat().st_size > 5000
     scene.problem.save(tmp_path / "state.npz")
     before = [u.x.array.copy() for u in scene.problem.u]
