@@ -72,12 +72,16 @@ class Condensed:
         pair[on.col] = on.row // gdim
         several[on.col[pair[on.col] != on.row // gdim]] = True
         pair[several] = -1
-        near = (left[:, x] @ E).tocoo()
+        moved = left[:, x]
+        fast = _norms(moved @ kept) < FAST * _norms(moved)
+        near = (moved @ E).tocoo()
         within = pair[near.row] == near.col // gdim
         near = csr_matrix((near.data[within], (near.row[within], near.col[within])), near.shape)
-        # Rows of nodes that supports hold depend on each other; they yield together, as the frame
-        # does, but for what they yield of themselves.
-        held = diagonal(((pair >= 0) & (_norms(near @ kept) < FAST * _norms(near))).astype(float))
+        # Rows of nodes that supports hold depend on each other (where they do, those of ties are
+        # combined); they yield together, as the frame does, but for what they yield of themselves.
+        together = several & fast
+        held = (pair >= 0) & (_norms(near @ kept) < FAST * _norms(near)) | together
+        held = diagonal(held.astype(float))
         yielding = near @ kept @ top + held @ left @ keep @ t.top @ held
         yielding = -BETA / d * yielding
         place, c = _places(pair, n)
@@ -87,7 +91,8 @@ class Condensed:
         H = _semidefinite(_diagonal_blocks(-top @ inverse @ near, n, gdim))
         of_pairs = diagonal((pair >= 0).astype(float))
         rows = near @ J + left - of_pairs @ left
-        C = keep @ (J.T @ per_item(H) @ J) @ keep
+        bound = t.top @ diagonal(together.astype(float))
+        C = keep @ (J.T @ per_item(H) @ J + d / BETA * (bound @ bound.T)) @ keep
         return cls(C, rows @ keep, yielding, scaling)
 
 

@@ -10,9 +10,10 @@ in the tangent plane of p now. A chord it is, not a way along the surface: the l
 direction, and whether there is any, so that this matters no more than the increment's length does.
 
 A pair that was open at the start, and is closed by an iterate for the first time, sticks in that
-iterate, since lambda is not known there; its slip counts from where the straight way from the start
-to that iterate meets the surface, c⁰ + theta (c - c⁰) with theta = gap⁰ / (gap⁰ - gap). A pair that
-is drawn together before it has met anything, so that no body falls, sticks until it has.
+iterate, since lambda is not known there but where the linear model has closed it before; its slip
+counts from where the straight way from the start to that iterate meets the surface,
+c⁰ + theta (c - c⁰) with theta = gap⁰ / (gap⁰ - gap). A pair that is drawn together before it has
+met anything, so that no body falls, sticks until it has.
 """
 
 from __future__ import annotations
@@ -40,7 +41,6 @@ class Friction(MovingContact):
     Put before the contact without friction in the list of bases.
     """
 
-    settles: ClassVar[bool] = False
     pressed: ClassVar[tuple[int, ...]] = (STICK, SLIP)
 
     mu: np.ndarray  # (n,) coefficient of friction at the moving side's nodes
@@ -94,7 +94,8 @@ class Friction(MovingContact):
         tau, bound = (values[closed] for values in self._forces(place, q))
         sigma = self.way(place, origin)[0][closed]
         stick = sticks(place.normal[closed], tau, sigma, bound, held.scale, before[closed] == SLIP)
-        status[closed] = np.where(stick | first[closed], STICK, SLIP)
+        stick |= (first & (before == OPEN))[closed]
+        status[closed] = np.where(stick, STICK, SLIP)
         return status, replace(held, origin=origin, exact=held.near and (status == before).all())
 
     def _begun(self, origin: Origin, place: Any, first: np.ndarray) -> Origin:
@@ -160,15 +161,21 @@ class Friction(MovingContact):
         assert held.origin is not None
         closed = np.flatnonzero(status != OPEN)
         pick = summing(coordinates(closed[:, None], gdim).ravel(), n * gdim)
-        tau, bound = (values[closed] for values in self._forces(place, q))
+        here = [values[closed] for values in self._forces(place, q)]
         sigma, way = self.way(place, held.origin)
         normal, sigma, way = place.normal[closed], sigma[closed], pick.T @ way
+        tau, bound, about, then = *here, sigma, q
+        if held.about is not None:
+            then = held.about[1]
+            tau, bound = (values[closed] for values in self._forces(place, then))
+            about = sigma + (way @ held.about[0]).reshape(sigma.shape)
         moves = np.asarray(way.multiply(way) @ free.astype(float)).reshape(-1, gdim)
         stick = status[closed] == STICK
         axes = np.broadcast_to(np.eye(gdim), (len(closed), gdim, gdim))
         supports = moves < FAST**2, yields(axes, self.sides.split(free)[0][closed], held)
-        law = friction_rows(normal, tau, sigma, bound, held.scale, stick, *supports, held.exact)
-        pressed = (q[closed] > 0.0).astype(float)
+        law = friction_rows(normal, tau, about, bound, held.scale, stick, *supports, held.exact)
+        law = law.moved(here[0] - tau, sigma - about, here[1] - bound)
+        pressed = (then[closed] > 0.0).astype(float)
         by_bound = per_item(law.by_bound[:, :, None] * pressed[:, None, None])
         by_z = per_item(law.by_slip) @ way + per_item(law.by_normal) @ self.turned(place, closed)
         if self.cohesion.any():

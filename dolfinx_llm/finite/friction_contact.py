@@ -22,6 +22,7 @@ from dolfinx_llm.finite.normal_contact import NormalContact, NormalPlace
 from dolfinx_llm.finite.terms import ContactTerms, Held, Origin
 from dolfinx_llm.laws.rows import OPEN
 
+CONTINUED = 1e-2  # gap over facet size to the frame's continuation that is none
 COMES_IN = 3.0  # facets beyond the rim from where nodes may come in within an increment
 
 
@@ -43,7 +44,7 @@ class FrictionContact(Friction, NormalContact):
         near[place.on] = True
         outside = (abs(C) @ ~near == 0.0) & ~place.pairs
         gap = np.where(outside, C @ at.gap, place.gap)
-        gap[gap < MET_AT * self.design.size] = 0.0
+        gap[gap < np.where(outside, CONTINUED, MET_AT) * self.design.size] = 0.0
         points = place.N + diagonal(outside) @ C @ rows
         return Origin(points.tocsr(), gap, closed)
 

@@ -16,7 +16,7 @@ near the solution, where pairs stand, the exact one takes its place: the same wh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,12 @@ class FrictionRows:
     by_slip: np.ndarray  # (k, gdim, gdim) by sigma
     by_normal: np.ndarray  # (k, gdim, gdim) by n [length]
     by_bound: np.ndarray  # (k, gdim) by b [length / force]
+
+    def moved(self, tau: np.ndarray, sigma: np.ndarray, bound: np.ndarray) -> FrictionRows:
+        """The same tangents where forces (k, gdim), ways (k, gdim) and bounds (k,) have changed."""
+        changes = np.einsum("kij,kj->ki", self.by_force, tau)
+        changes += np.einsum("kij,kj->ki", self.by_slip, sigma) + self.by_bound * bound[:, None]
+        return replace(self, rest=self.rest + changes)
 
 
 def sticks(

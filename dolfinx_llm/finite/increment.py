@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
-from dolfinx_llm.finite.settling import foreseen, slide
+from dolfinx_llm.finite.settling import differ, foreseen, slide
 from dolfinx_llm.finite.system import Part
 from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
@@ -99,7 +99,7 @@ class Increment:
 
     The first solve lets nodes slide far beyond their facets, where derivatives of rows and covered
     areas say nothing: they count only once an iteration slides by less than half a facet. Without
-    that finer meshes take more iterations.
+    that finer meshes take more iterations. Until then the linear model says which pairs touch.
 
     Args:
         steps: what is solved.
@@ -249,9 +249,9 @@ class Increment:
             z, place = self.dofs.values(placed.numbers, du), self.terms[i].place
             now = foreseen(placed.what, place, (z, q + dq), held, NO_GAP * self.steps.size)
             now = _staying(placed.what, self.stays[i] & place.pairs, now)
-            if (now != self.status[i]).any():
-                self.status[i], found = now, True
-                self.terms[i] = placed.what.terms(place, q, now, held, placed.free)
+            if differ(now, self.status[i], held.origin):
+                self.status[i], found, about = now, True, replace(held, about=(z, q + dq))
+                self.terms[i] = placed.what.terms(place, q, now, about, placed.free)
         return found
 
     def converged(self) -> bool:

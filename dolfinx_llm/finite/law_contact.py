@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, vstack
@@ -31,6 +31,8 @@ BARE = 1e-9  # area over the largest below which a law is not asked
 @dataclass(frozen=True, eq=False)
 class LawContact(ToldContact):
     """Contact under a law of one's own; put before contact with friction in the list of bases."""
+
+    settles: ClassVar[bool] = False
 
     def touching(
         self, place: Any, q: np.ndarray, before: np.ndarray, held: Held, reach: np.ndarray

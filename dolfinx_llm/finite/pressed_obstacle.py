@@ -57,9 +57,9 @@ class Pressed(ObstacleContact):
         self, place: ObstaclePlace, q: np.ndarray, before: np.ndarray, held: Held, reach: np.ndarray
     ) -> tuple[np.ndarray, Held]:
         """(n,) status of the pairs, and what is held; q may have moved on from the place."""
-        s = self._pose(held.pose, q)[self.sides.gdim :][: self.sides.gdim]
-        nearer = self.sides.control @ (place.by_x @ (s - place.pose.shift))
-        place = replace(place, gap=place.gap - nearer)
+        pose = self.posed(self._pose(held.pose, q))
+        nearer = self.sides.control @ (place.by_x @ (pose.shift - place.pose.shift))
+        place = replace(place, gap=place.gap - nearer, pose=pose)
         if held.pose_before is not None:
             held = replace(held, pose_before=self._pose(held.pose_before, q))
         return super().touching(place, q[: super().size], before, held, reach)
@@ -70,6 +70,10 @@ class Pressed(ObstacleContact):
         """All that Newton's iteration asks for; arguments as for an obstacle that is moved."""
         n, gdim = place.normal.shape
         k, c = super().size, held.scale
+        if held.about is not None:
+            dz, s = held.about[0].reshape(n, gdim).copy(), held.about[1][k:] - q[k:]
+            dz[:, self.axes] -= s
+            held = replace(held, about=(dz.ravel(), held.about[1][:k]))
         moves = free | np.isin(np.arange(len(free)) % gdim, self.axes)  # against the obstacle
         t = super().terms(place, q[:k], status, held, moves)
         at = np.arange(len(free)).reshape(n, gdim)[:, self.axes]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place, moved
-from dolfinx_llm.laws.rows import CLOSED, OPEN
+from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Origin, Place, moved
+from dolfinx_llm.laws.rows import OPEN, STICK
 
 
 def slide(contact: MovingContact, terms: ContactTerms, dz: np.ndarray) -> float:
@@ -32,7 +33,17 @@ def foreseen(
     """
     dz, q = changed
     n, pairs = len(place.gap), place.pairs
-    every = np.where(pairs, CLOSED, OPEN)
+    every = np.where(pairs, contact.pressed[0], OPEN)
     rows = contact.terms(place, np.zeros(len(q)), every, held, np.ones(len(dz), dtype=bool)).left
-    then = moved(place, (rows @ dz)[:n])
+    then = replace(moved(place, (rows @ dz)[:n]), z=place.z + dz)
     return contact.touching(then, q, every, held, reach)[0]
+
+
+def differ(now: np.ndarray, before: np.ndarray, origin: Origin | None) -> bool:
+    """Whether pairs of status (n,) in the linear model are to be solved for again: others touch, or
+    all slip. Where some of the same stick it says little of which, and iterates tell where nodes
+    land that had a gap (``origin``, with friction): Newton's iteration finds them sooner alone."""
+    lands = origin is not None and (origin.gap > 0.0) & ~origin.touched & (now != OPEN)
+    touch = ((now != OPEN) != (before != OPEN)).any()
+    again = (now != before).any() and (touch or STICK not in now)
+    return bool(again and not np.any(lands))

@@ -48,6 +48,7 @@ class Held:
     pose: np.ndarray | None = None  # pivot, displacement, rotation, force of a rigid obstacle
     pose_before: np.ndarray | None = None  # the same at the start of the increment
     scale: float = 1.0  # stiffness of the bodies, which weighs lengths [force / length]
+    about: Any = None  # changes (width,) and own unknowns where friction is linearised; None: here
 
 
 @dataclass(frozen=True, eq=False)
