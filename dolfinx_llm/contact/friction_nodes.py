@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, vstack
+from scipy.sparse import csr_matrix, hstack, vstack
 
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.sparse import diagonal
@@ -90,6 +90,11 @@ class FrictionNodes:
         """Whether normals at the nodes differ. What balances forces there at a node that next to
         nothing holds moves it far along its tangents, and so the gaps about it."""
         return bool(np.ptp(self.geometry.directions[:, -1], axis=0).max(initial=0.0) > BENT)
+
+    @cached_property
+    def felt(self) -> csr_matrix:
+        """(n c, k (q + 1)) what the law's nodes feel of forces: along their jumps, and normal."""
+        return hstack([self.L_kappa, self.L_normal.T], format="csr")
 
     @cached_property
     def tangential(self) -> csr_matrix:

@@ -41,7 +41,7 @@ def with_reactions(
         u: (n_local,) this rank's displacement.
         force: (n_local,) f - K u of all dofs, as without supports.
         friction: per interface its rows (n_i,) that bear friction, and what the nodes of its law
-            feel of forces there (n_i, q); empty for ties.
+            feel of forces (n_i, q), normal ones as well; empty for ties.
     """
     motion, passed = (
         np.einsum("ni,ni->n", operators.rows.base, operators.dofs.values(operators.rows.dofs, a))
