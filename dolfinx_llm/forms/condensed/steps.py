@@ -96,7 +96,9 @@ class CondensedForm(WholeSteps):
         presses next is forecast from what there is; pairs are asked for where that comes back."""
         self.most = CondensedForm.most if back else 0
         made = self._served(step)
-        system = self.system if self._by_cg(step) else self.friction
+        # What serves the matrix stays, whichever pairs may open now.
+        by_cg = isinstance(made, _Symmetric)
+        system = self.system if by_cg else self.friction
         if step.may_open.any() and not (back or system.direct):
             system.loose = loose = LOOSELY * FIRMER ** len(self._seen)
             found = self.result(step, *made.ask(step.loaded(f), step.g, step.rhs, step.about))
@@ -108,7 +110,7 @@ class CondensedForm(WholeSteps):
                 return found
         found = super().solve(f, step)
         self.accuracy = CondensedForm.accuracy
-        self.tolerance = self.system.tolerance if self._by_cg(step) else 0.0
+        self.tolerance = self.system.tolerance if by_cg else 0.0
         return found
 
     def _with_friction(self, f: np.ndarray, step: LinearStep, back: bool, new: bool) -> StepResult:
