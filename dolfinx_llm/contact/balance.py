@@ -43,7 +43,7 @@ def unbalanced(
     """
     if not floating.count or equations.n > PROGRAMMED:
         return None
-    along, sizes = floating.comm.allreduce(floating.modes.T @ f), floating.sizes(f)
+    along, sizes = floating.loads(f), floating.sizes(f)
     size = max(sizes.max(), np.abs(loads).max(initial=0.0))
     if not size > 0.0:
         return None

@@ -41,15 +41,20 @@ class Forecast:
         own = np.asarray(L.power(2).sum(axis=1) - 0.5 * squares.sum(axis=1)).ravel() > 0.0
         return Forecast(L, np.where(own, self.k, 0.0), self.press)
 
-    def pressing(self, force: np.ndarray, position: np.ndarray) -> np.ndarray:
+    def pressing(
+        self, force: np.ndarray, position: np.ndarray, loads: np.ndarray | None = None
+    ) -> np.ndarray:
         """(n,) rows of ``press`` with λ' > 0.
 
         Args:
             force: (n,) λ of a guess [force].
             position: (n,) y + g there [length].
+            loads: what Lᵀ λ' is for the last columns of L, where the guess does not tell [force].
         """
         force = np.where(self.k > 0.0, force, 0.0)
         pull, target = force + self.k * position, self.L.T @ force
+        if loads is not None and len(loads):
+            target[-len(loads) :] = loads
         enough = BALANCED * np.abs(force).max(initial=0.0)
         used = self.L.multiply(self.k[:, None]).tocsc()
         fit = used.T @ self.L + HOLDS[-1] * self.k.mean() * identity(used.shape[1])

@@ -114,6 +114,10 @@ class Floating:
         noisy = loose.T @ (noise[:, None] * loose)
         return float(scipy.linalg.eigh(noisy, loose.T @ own @ loose)[0].max())
 
+    def loads(self, f: np.ndarray) -> np.ndarray:
+        """(count,) this rank's loads f along the motions, summed up over all: Gᵀ λ in balance."""
+        return self.comm.allreduce(self.modes.T @ f)
+
     def sizes(self, f: np.ndarray) -> np.ndarray:
         """(count,) this rank's loads f along the motions, summed up over all without sign."""
         return self.comm.allreduce(abs(self.modes).T @ np.abs(f))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.sparse import diags
+from scipy.sparse import diags, hstack
 
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
@@ -80,7 +80,7 @@ class CondensedForm(WholeSteps):
             found = self._frictionless(f, step, back)
         else:
             found = self._with_friction(f, step, back, new)
-        return found if back else self._foretold(step, found)
+        return found if back else self._foretold(f, step, found)
 
     def _symmetric(self, step: LinearStep) -> bool:
         return abs(step.E - step.L.T).nnz == 0 and _holds(step)
@@ -127,14 +127,19 @@ class CondensedForm(WholeSteps):
         self._judge_friction(found, step)
         return found
 
-    def _foretold(self, step: LinearStep, found: StepResult) -> StepResult:
-        """The same, with those rows wrong that will change."""
+    def _foretold(self, f: np.ndarray, step: LinearStep, found: StepResult) -> StepResult:
+        """The same, with those rows wrong that will change. Bodies that contact alone holds go to
+        where what presses balances their loads."""
         if not found.wrong.any() or (self.friction is not None and self.friction.direct):
             return found
+        floating = self.operators.floating
         k = np.where(step.active | step.may_open, self._stiffness, 0.0)
-        forecast = Forecast(step.L, k, step.may_open)
-        forecast = forecast if self._symmetric(step) else forecast.normal()
-        pressing = forecast.pressing(found.multiplier, found.y + step.g)
+        if self._symmetric(step):
+            L = hstack([step.L, -floating.G[:, : floating.count]], format="csr")
+            forecast, loads = Forecast(L, k, step.may_open), -floating.loads(f)
+        else:
+            forecast, loads = Forecast(step.L, k, step.may_open).normal(), None
+        pressing = forecast.pressing(found.multiplier, found.y + step.g, loads)
         wrong = step.may_open & (pressing != step.active)
         return replace(found, wrong=wrong) if wrong.any() else found
 

@@ -146,24 +146,28 @@ class CondensedSystem:
         load = self.form.load(f, u_0) + push
         b.array_w[:] = load * self.S.array_r
         rtol, direct = self.solver.rtol, self.solver.direct
-        goal = max(rtol, EPS, self.loose) * b.norm()
+        share = max(rtol, EPS, self.loose)
+        goal = share * b.norm()
         q = q * self.reduced.best_share(q, load)
-        x.array_w[:] = q / self.S.array_r
-        self.iterations, last, length = 0, np.inf, x.norm()
+        self.iterations, last = 0, np.inf
         for attempt in range(PASSES + 1):
             left = self.reduced.left(load, q)
             b.array_w[:] = left * self.S.array_r
-            size = b.norm()
+            x.array_w[:] = q / self.S.array_r
+            size, length = b.norm(), x.norm()
+            if attempt == 1 and not direct:  # gaps may make loads that are far larger than forces
+                self._left = left
+                goal = min(goal, share * self._strength(f, self.form.motion(q) + u_0))
             # A factorisation refines while that gains.
             enough = 0.0 if direct else max(2.0 * goal, ROUNDING * length)
             ended = attempt and (attempt == PASSES or self.solver.reason < 0)
             if ended or not size > enough or not size < 0.5 * last:
                 break
             last = size
-            useful, worn = self.solver.solve(b, x, goal / size)
+            least = max(goal, 0.5 * ROUNDING * length)
+            useful, worn = self.solver.solve(b, x, max(least / size, RTOL))
             self.iterations += self.solver.took
             if useful:
-                length += x.norm()
                 q += x.array_r * self.S.array_r
             if worn:
                 self.set_up()
@@ -182,6 +186,12 @@ class CondensedSystem:
         force[S] = f[S] - self.split.rows(u)
         force[self.fixed] = 0.0
         return force
+
+    def _strength(self, f: np.ndarray, u: np.ndarray) -> float:
+        """Norm of loads and reactions, as the scaled system has it."""
+        forces = np.maximum(np.abs(np.where(self.fixed, 0.0, f)), np.abs(self._forces(f, u)))
+        scaled = forces * self.S.array_r[: len(f)]
+        return float(np.sqrt(self.comm.allreduce(scaled @ scaled)))
 
     def _require_answer(self, f: np.ndarray, u: np.ndarray, multiplier: np.ndarray) -> None:
         """Require a small residual where the solver ended without an answer."""
