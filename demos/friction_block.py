@@ -44,9 +44,9 @@ def body(comm, corner, size, cells):
 
 
 def stress(u, E, nu):
-    """Hooke's law in plane strain."""
+    """Hooke's law in space or plane strain."""
     eps = ufl.sym(ufl.grad(u))
-    return E / (1 + nu) * (eps + nu / (1 - 2 * nu) * ufl.tr(eps) * ufl.Identity(2))
+    return E / (1 + nu) * (eps + nu / (1 - 2 * nu) * ufl.tr(eps) * ufl.Identity(len(u)))
 
 
 # ## Block and foundation

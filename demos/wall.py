@@ -8,7 +8,7 @@ side load from above (its friction dilates): 5 % beyond it the wall must fall, a
 told. With --stack towers of blocks under their weight are timed instead.
 
     mpirun -n 2 python demos/wall.py [--rows N] [--columns N] [--loads A ...] [--plot DIR] ...
-    python demos/wall.py --stack 100 200 400 1000 2000 [--mu 0] [--json FILE]
+    python demos/wall.py --stack 100 200 400 1000 2000 [--dim 3] [--mu 0] [--json FILE]
 """
 
 import argparse
@@ -76,26 +76,33 @@ def rigid_limit(blocks):
 
 
 class Wall:
-    """The problem of blocks (b, 2, 2); ``load`` is the side load over the weight."""
+    """The problem of blocks (b, 2, gdim); ``load`` is the side load over the weight."""
 
     def __init__(self, blocks, n=2, mu=MU, comm=MPI.COMM_WORLD):
         self.blocks, points, cells, self.mu = blocks, [], [], mu
+        gdim = blocks.shape[2]
         for k, (low, high) in enumerate(self.blocks):
             m = max(1, round((high - low)[0] * (2 * n - k % 2)))  # meshes do not match
-            x = np.stack(np.meshgrid(*map(np.linspace, low, high, (m + 1, n + 1)), indexing="ij"))
-            first = (np.arange(m)[:, None] * (n + 1) + np.arange(n)).ravel()[:, None]
-            cells.append(first + [0, n + 1, 1, n + 2] + sum(map(len, points)))
-            points.append(x.reshape(2, -1).T)
+            ends = np.append(np.full(gdim - 1, m), n) + 1
+            x = np.stack(np.meshgrid(*map(np.linspace, low, high, ends), indexing="ij"))
+            node = np.arange(x[0].size).reshape(ends) + sum(map(len, points))
+            corners = [
+                node[tuple(slice(i, i - 1 or None) for i in corner[::-1])].ravel()
+                for corner in np.ndindex(*[2] * gdim)
+            ]
+            cells.append(np.stack(corners, axis=1))
+            points.append(x.reshape(gdim, -1).T)
         x, c = (np.concatenate(a)[: None if comm.rank == 0 else 0] for a in (points, cells))
-        domain = compat.create_mesh(comm, c, x, "quadrilateral")
-        V = compat.function_space(domain, shape=(2,))
-        at = mesh.locate_entities_boundary(domain, 1, lambda p: p[1] < 1e-9)
-        tags = mesh.meshtags(domain, 1, np.sort(at), np.full(len(at), GROUND, dtype=np.int32))
+        domain = compat.create_mesh(comm, c, x, "quadrilateral" if gdim == 2 else "hexahedron")
+        V = compat.function_space(domain, shape=(gdim,))
+        at = mesh.locate_entities_boundary(domain, gdim - 1, lambda p: p[gdim - 1] < 1e-9)
+        values = np.full(len(at), GROUND, dtype=np.int32)
+        tags, up = mesh.meshtags(domain, gdim - 1, np.sort(at), values), np.eye(gdim)[-1]
         u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
-        self.load, law = fem.Constant(domain, np.array([0.0, -1.0])), llm.Frictionless()
+        self.load, law = fem.Constant(domain, -up), llm.Frictionless()
         law = llm.Coulomb(mu) if mu else law
         self.interfaces = llm.find_interfaces(None, V, law=law)
-        ground = llm.Interface(tags, (GROUND, llm.RigidPlane((0, 0), (0, 1))), law=law)
+        ground = llm.Interface(tags, (GROUND, llm.RigidPlane(0.0 * up, up)), law=law)
         a = ufl.inner(stress(u, E, NU), ufl.grad(w)) * ufl.dx
         self.problem = llm.ContactProblem(
             a, ufl.inner(self.load, w) * ufl.dx, interfaces=[*self.interfaces, ground]
@@ -103,40 +110,42 @@ class Wall:
 
     def step(self, part):
         """One load step, and its figures."""
-        self.load.value, began = np.array([part, -1.0]), time.perf_counter()
+        pull, began = np.zeros(len(self.load.value)), time.perf_counter()
+        pull[0], pull[-1] = part, -1.0
+        self.load.value = pull
         row = {"load": part, "joints": len(self.problem.interfaces)}
         try:
             self.problem.solve()
         except llm.ContactError as error:
             return row | {"stands": False, "seconds": time.perf_counter() - began,
                           "told": str(error)}  # fmt: skip
-        used, pull = [], 0.0
+        used, least = [], 0.0
         for result in self.problem.results:
             N = sum(result.sides[0].normal_force)
             T = np.linalg.norm((result.sides[0].force).sum(axis=0)) ** 2 - N**2
             used += [np.sqrt(max(T, 0.0)) / (self.mu * N)] if self.mu and N > 1e-6 else []
-            pull = min(pull, *(side.normal_force.min() for side in result.sides))
+            least = min(least, *(side.normal_force.min() for side in result.sides))
         total = self.problem.results[-1].sides[0].force.sum(axis=0)
         area = (self.blocks[:, 1] - self.blocks[:, 0]).prod(axis=1).sum()
         return row | {
             "stands": True, "iterations": len(self.problem.history),
             "seconds": time.perf_counter() - began, "friction used": max(used, default=0.0),
-            "pull": pull,
-            "balance": float(np.abs(total / area - [part, -1.0]).max()),
+            "pull": least,
+            "balance": float(np.abs(total / area - pull).max()),
         }  # fmt: skip
 
 
-def tower(n, mu):
+def tower(n, mu, gdim=2):
     """A stack of n blocks: processor and wall seconds of set-up and solve, memory of the process so
     far, and by how much a joint's force misses the weight above it, over that of all."""
-    low, clocks = np.stack([0.0 * np.arange(n), 0.5 * np.arange(n)], axis=1), []
+    low, clocks = 0.5 * np.arange(n)[:, None] * np.eye(gdim)[-1], []
     clocks.append((time.process_time(), time.perf_counter()))
-    wall = Wall(np.stack([low, low + [1.0, 0.5]], axis=1), mu=mu)
+    wall = Wall(np.stack([low, low + [*[1.0] * (gdim - 1), 0.5]], axis=1), mu=mu)
     clocks.append((time.process_time(), time.perf_counter()))
     row = wall.step(0.0)
     clocks.append((time.process_time(), time.perf_counter()))
     missed = [
-        abs(r.sides[0].normal_force.sum() / (0.5 * n) - 1.0 + r.sides[0].x[:, 1].mean() / (0.5 * n))
+        abs((r.sides[0].normal_force.sum() + r.sides[0].x[:, -1].mean()) / (0.5 * n) - 1.0)
         for r in wall.problem.results
     ]
     wall.problem.destroy()
@@ -151,12 +160,13 @@ def main(arguments=None):
     parser.add_argument("--columns", type=int, default=6)
     parser.add_argument("--loads", type=float, nargs="+", default=[0.2])
     parser.add_argument("--stack", type=int, nargs="+", default=[], metavar="N")
+    parser.add_argument("--dim", type=int, choices=(2, 3), default=2, help="of stacks")
     parser.add_argument("--mu", type=float, default=MU, help=f"of a stack; a wall has {MU}")
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--plot", type=Path, metavar="DIR")
     args, rows = parser.parse_args(arguments), []
     for n in args.stack:
-        rows.append(tower(n, args.mu))
+        rows.append(tower(n, args.mu, args.dim))
         if MPI.COMM_WORLD.rank == 0:
             print(rows[-1])
     if not args.stack:

@@ -26,6 +26,7 @@ from dolfinx_llm.operators.motions import RigidMotions
 
 LEFT = 1e-6  # of the forces, that the programme may leave: it solves to seven digits
 PROGRAMMED = 10_000  # multipliers up to which it takes less than a solve
+BOUNDED = 4_000  # bounds of friction up to which it does
 DIRECTIONS = 16  # of friction in the plane: its bound is the polygon about the circle
 
 
@@ -41,7 +42,9 @@ def unbalanced(
         f: this rank's loads [force].
         loads: (n_v,) on the frame unknowns [force].
     """
-    if not floating.count or equations.n > PROGRAMMED:
+    jumps = [s.nodes.kappa for s in equations.states if isinstance(s.law, Coulomb)]
+    bounds = sum(len(kappa) * (2 if kappa.shape[1] == 1 else DIRECTIONS) for kappa in jumps)
+    if not floating.count or equations.n > PROGRAMMED or bounds > BOUNDED:
         return None
     along, sizes = floating.loads(f), floating.sizes(f)
     size = max(sizes.max(), np.abs(loads).max(initial=0.0))
