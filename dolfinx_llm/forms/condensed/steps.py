@@ -26,6 +26,7 @@ from dolfinx_llm.forms.options import FACTORISED
 from dolfinx_llm.forms.step import SOFT, LinearStep, StepResult, force_level
 from dolfinx_llm.forms.verdict import FinalError
 from dolfinx_llm.laws.forecast import Forecast
+from dolfinx_llm.operators.floating import Floating
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
@@ -128,18 +129,12 @@ class CondensedForm(WholeSteps):
         return found
 
     def _foretold(self, f: np.ndarray, step: LinearStep, found: StepResult) -> StepResult:
-        """The same, with those rows wrong that will change. Bodies that contact alone holds go to
-        where what presses balances their loads."""
+        """The same, with those rows wrong that will change."""
         if not found.wrong.any() or (self.friction is not None and self.friction.direct):
             return found
-        floating = self.operators.floating
         k = np.where(step.active | step.may_open, self._stiffness, 0.0)
-        if self._symmetric(step):
-            L = hstack([step.L, -floating.G[:, : floating.count]], format="csr")
-            forecast, loads = Forecast(L, k, step.may_open), -floating.loads(f)
-        else:
-            forecast, loads = Forecast(step.L, k, step.may_open).normal(), None
-        pressing = forecast.pressing(found.multiplier, found.y + step.g, loads)
+        bodies = self.operators.floating if self._symmetric(step) else None
+        pressing = _pressing(Forecast(step.L, k, step.may_open), found, step.g, bodies, f)
         wrong = step.may_open & (pressing != step.active)
         return replace(found, wrong=wrong) if wrong.any() else found
 
@@ -266,6 +261,18 @@ class _Symmetric:
 
     def destroy(self) -> None:
         """What is set up may serve the next step."""
+
+
+def _pressing(
+    forecast: Forecast, found: StepResult, g: np.ndarray, floating: Floating | None, f: np.ndarray
+) -> np.ndarray:
+    """(n,) rows that press next. Bodies that contact alone holds go to where what presses balances
+    this rank's loads f on them; with friction, floating None, they stay."""
+    if floating is None:
+        return forecast.normal().pressing(found.multiplier, found.y + g)
+    L = hstack([forecast.L, -floating.G[:, : floating.count]], format="csr")
+    forecast, loads = replace(forecast, L=L), -floating.loads(f)
+    return forecast.pressing(found.multiplier, found.y + g, loads)
 
 
 def _chosen(options: dict) -> bool:
