@@ -101,11 +101,6 @@ class FrictionNodes:
         """(k q, n c) forces along the jumps of the multipliers."""
         return self.theta * self.L_kappa.T.tocsr()
 
-    @cached_property
-    def felt(self) -> csr_matrix:
-        """(n c, j) what the law feels of the multipliers: forces along jumps, and normal ones."""
-        return hstack([self.L_kappa, self.L_normal.T], format="csr")
-
     def of(self, pairs: np.ndarray) -> list[csr_matrix]:
         """Per side (n_i, k) shape functions of some of the pairs (n,)."""
         ends = np.cumsum([part.shape[0] for part in self.N])
