@@ -21,6 +21,7 @@ from dolfinx_llm.problem.problem import ContactProblem
 from dolfinx_llm.time.impact import Touch
 from dolfinx_llm.time.inertia import moved_mass
 from dolfinx_llm.time.mean import MeanForces
+from dolfinx_llm.time.momenta import End, Momenta
 from dolfinx_llm.time.start import StartedSteps
 
 SCHEMES = "massless", "newmark"
@@ -37,8 +38,9 @@ class TimeStepper(StartedSteps):
     rest with what touches them and what lies behind, so that impact needs no impulse and contact
     forces do not chatter. Pairs that press each other at the start of a step stay in contact in
     it, so that the forces of both ends do no work where bodies part: energy under constant loads
-    never grows without friction (of nonlinear bodies that touch each other it may, by 5e-6 in a
-    collision of blocks), and what impact takes falls with the square of the step.
+    never grows without friction, and what impact takes falls with the square of the step. Of
+    nonlinear bodies that neither supports nor obstacles touch, velocities are projected so that
+    momenta are those of the loads and energy does not grow.
 
         M (u - u0 - dt v0) 4 / dt² + 2 F̄ + B λ + B λ0 = 0,   v = 2 (u - u0) / dt - v0
 
@@ -134,6 +136,9 @@ class TimeStepper(StartedSteps):
         self._v, self._left = [fem.Function(V, name="v") for V in spaces], np.zeros(0)
         (self.problem.bulk if nonlinear else self.problem.method).in_time = True
         self._bare = diagonal_of(self._M) == 0.0
+        fixed = self.problem.bulk.dofs.fixed
+        alone = nonlinear and not options.get("loads")  # follower loads count as contact
+        self._momenta = Momenta(spaces, chosen, fixed, self._M) if alone else None
         self._adaptive, self._touch = adaptive, Touch(np.zeros(0), np.zeros(0), 0.0, 0.0)
 
     @property
@@ -174,15 +179,25 @@ class TimeStepper(StartedSteps):
         self._use(c)
         self._push(push)
         if self._mean:
+            pushed = self.problem.pushed
+            start = End(u, v, self._left + pushed, pushed)
             self._mean.begin(u, counts, 0.5 / self._end)
         self.problem.solve()
         now = self._values(listed(self.problem.u))
         self._left = push - c * times(self._M, now)
-        if self._mean:
-            self._left -= np.where(self.problem.bulk.dofs.fixed, 0.0, self._mean.values())
         rate = (now - u) / dt
+        found = np.where(self._bare, rate, rate / self._end - before * v)
+        if self._mean:
+            beyond = np.where(self.problem.bulk.dofs.fixed, 0.0, self._mean.values())
+            self._left -= beyond
+            pushed = self.problem.pushed
+            end = End(now, found, self._left + pushed, pushed)
+            if self._momenta:
+                mean = 0.5 * (start.F + end.F) + self._end * beyond
+                parts = (1.0 - self._end) * dt, self._end * dt
+                found = self._momenta.projected(start, end, mean, parts)
         fill(self._u, now, counts)
-        fill(self._v, np.where(self._bare, rate, rate / self._end - before * v), counts)
+        fill(self._v, found, counts)
 
     def _rate(self, dt: float) -> float:
         return 1.0 / (self._end * dt) ** 2

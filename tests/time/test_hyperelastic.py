@@ -142,3 +142,67 @@ def test_ties_carry_their_force_from_the_start(linear):
         np.testing.assert_allclose(found, force, atol=1e-5 * np.abs(force).max())
         for u, values in zip(s.u, at_rest, strict=True):
             np.testing.assert_allclose(u.x.array, values, atol=1e-7 * largest)
+
+
+def colliding(comm, law, gravity):
+    """Hyperelastic blocks, the upper one comes down on the other; energy with that of their
+    weight, and forms of momenta and mass."""
+    bodies = [
+        body(comm, (-0.7, 0.03), (1.0, 0.8), (6, 5)),
+        body(comm, (-1.0, -1.0), (1.9, 1.0), (9, 6)),
+    ]
+    forms, displacements, energies = [], [], []
+    for (domain, _), E, rho in zip(bodies, (10.0, 15.0), (1.0, 2.0), strict=True):
+        V = compat.function_space(domain, shape=(2,))
+        u, dx = fem.Function(V), ufl.dx(domain, metadata={"quadrature_degree": 2})
+        F, mu, lmbda = ufl.Identity(2) + ufl.grad(u), E / 2.6, 0.3 * E / (1.3 * 0.4)
+        log = ufl.ln(ufl.det(F))
+        psi = 0.5 * mu * (ufl.tr(F.T * F) - 2.0 - 2.0 * log) + 0.5 * lmbda * log**2
+        psi -= ufl.inner(rho * fem.Constant(domain, (0.0, -gravity)), u)
+        forms.append(ufl.derivative(psi * dx, u, ufl.TestFunction(V)))
+        displacements.append(u)
+        energies.append(psi * dx)
+    sides = (bodies[0][1], BOTTOM), (bodies[1][1], TOP)
+    interface = llm.Interface(None, sides, law=law)
+    s = llm.TimeStepper((1.0, 2.0), forms, displacements, dt=0.04, interfaces=interface)
+    s.v[0].interpolate(lambda x: np.stack([0.03 + 0.0 * x[0], -0.1 + 0.0 * x[0]]))
+    momenta, energy = [], []
+    of = zip(bodies, s.density, (1.0, 2.0), s.u, s.v, energies, strict=True)
+    for (domain, _), rho, drawn, u, v, psi in of:
+        x, dx = ufl.SpatialCoordinate(domain) + u, ufl.dx(domain)
+        terms = rho * v[0], rho * v[1], rho * (x[0] * v[1] - x[1] * v[0]), drawn * x[0], rho
+        momenta.append([fem.form(term * dx) for term in terms])
+        energy.append(fem.form(0.5 * rho * ufl.inner(v, v) * dx + psi))
+
+    def now():
+        total = [sum(fem.assemble_scalar(f) for f in parts) for parts in zip(*momenta)]
+        return np.array(total), sum(fem.assemble_scalar(form) for form in energy)
+
+    return s, now
+
+
+@pytest.mark.parametrize(
+    ("law", "gravity"),
+    [(llm.Frictionless(), 0.0), longer(llm.Coulomb(0.3), 0.0), longer(llm.Coulomb(0.3), 1.0)],
+    ids=str,
+)
+def test_bodies_that_collide(law, gravity):
+    """Momenta are those of their weight, also angular, and energy does not grow. Under a weight the
+    first step has forces of a start at which bodies have moved by 1e-7."""
+    s, now = colliding(MPI.COMM_SELF, law, gravity)
+    s.step() if gravity else s.start()
+    began = s.t
+    (first, energy), pressed = now(), 0
+    size, last, before = np.abs(first[:3]).max(), energy, first
+    turn = first[2]
+    for _ in range(20):
+        s.step()
+        momenta, found = now()
+        turn -= 0.5 * s.dt * gravity * (before[3] + momenta[3])
+        falls = first[1] - gravity * first[4] * (s.t - began)
+        assert np.abs(momenta[:3] - [first[0], falls, turn]).max() <= 1e-11 * size
+        assert found <= last + 1e-11 * abs(energy)
+        pressed += abs(s.problem.results[0].resultant[1]) > 1e-12
+        last, before = found, momenta
+    assert pressed > 8 and last < energy
+    s.destroy()
