@@ -24,6 +24,7 @@ from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import at_positions
 from dolfinx_llm.operators.assemble import interface_operator
 from dolfinx_llm.operators.numbering import Place
+from dolfinx_llm.operators.stiffness import in_series
 from dolfinx_llm.operators.system import ContactOperators
 
 FLOOR = 1e-3  # what pairs without contact add to the support of a node
@@ -45,6 +46,7 @@ class FrictionNodes:
     L_kappa: csr_matrix  # (n c, k q)
     L_normal: csr_matrix  # (k, n c) normal force at the nodes from λ
     theta: float
+    softer: float  # stiffness of its sides in series, over that of all surfaces
     x: np.ndarray  # (k, gdim) positions as drawn [length]
     area: np.ndarray  # (k,) tributary area
     sample: Callable[[Any], np.ndarray]  # (k,) of what users give for a law, see ``LawNodes``
@@ -139,12 +141,18 @@ class FrictionNodes:
 
 def friction_nodes(operators: ContactOperators) -> list[FrictionNodes]:
     """Of all interfaces."""
-    of = zip(operators.geometries, operators.places, operators.blocks, strict=True)
+    of = zip(
+        operators.geometries, operators.places, operators.blocks, operators.stiffness, strict=True
+    )
     return [_friction_nodes(operators, *each) for each in of]
 
 
 def _friction_nodes(
-    operators: ContactOperators, geometry: InterfaceGeometry, place: Place, L: csr_matrix
+    operators: ContactOperators,
+    geometry: InterfaceGeometry,
+    place: Place,
+    L: csr_matrix,
+    stiffness: np.ndarray,
 ) -> FrictionNodes:
     n, c, gdim = sum(len(p.nodes) for p in geometry.pairs), *geometry.pairs[0].base.shape[1:]
     rows, jumps = (np.arange(at.start, at.stop) for at in (place.rows, place.slips))
@@ -162,6 +170,7 @@ def _friction_nodes(
         L_kappa=L_kappa,
         L_normal=L_normal,
         theta=theta,
+        softer=in_series(stiffness) / operators.scale,
         x=x,
         area=area,
         sample=lambda value: _sampled(operators, geometry, place, x, value),

@@ -226,7 +226,7 @@ class InterfaceState:
             N=nodes.L_normal @ own,
             jump=jump,
             before=self.own.kappa_before / nodes.theta,
-            c=c * nodes.theta * np.sum(self.support(tied=True), axis=0),
+            c=c * nodes.softer * nodes.theta * np.sum(self.support(tied=True), axis=0),
             status=self.own.status,
             history=self.own.history,
             speaker=self.others.speaker if self.shares else None,

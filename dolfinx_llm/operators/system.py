@@ -30,6 +30,7 @@ from dolfinx_llm.operators.numbering import (
 )
 from dolfinx_llm.operators.petsc import diagonal_of
 from dolfinx_llm.operators.prescribed import free_parts, in_loops, repeated
+from dolfinx_llm.operators.stiffness import side_stiffness, surface_stiffness
 from dolfinx_llm.operators.support import floating_motions, movers
 
 CONTRADICTED = (
@@ -66,6 +67,7 @@ class ContactOperators:
             interfaces meet; they are left out of what is solved.
         bodies: connected bodies and their rigid motions.
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
+        stiffness: per interface that of its sides [force / length].
         diagonal: (n_local,) of K [force / length].
         floating: rigid motions that need contact to be held; none where ties hold all.
 
@@ -96,7 +98,8 @@ class ContactOperators:
     def renew(self, K: PETSc.Mat, times: StageTimes) -> None:
         """Take over another stiffness of the same bodies, which must hold them."""
         self.diagonal = diagonal_of(K)
-        self.scale = _surface_stiffness(self)
+        self.scale = surface_stiffness(self)
+        self.stiffness = [side_stiffness(self, place.sides) for place in self.places]
         with times.timed("support check"):
             self._check_support(K)
 
@@ -238,18 +241,6 @@ class ContactOperators:
         """Free B and L_b; collective."""
         self.B.destroy()
         self.L_b.destroy()
-
-
-def _surface_stiffness(operators: ContactOperators) -> float:
-    """Mean diagonal of K on the free surface dofs [force / length]; the geometric mean where
-    bodies may part, since there the softer one tells the forces."""
-    fixed, rows = operators.dofs.fixed, operators.rows.dofs.ravel() - operators.dofs.first
-    rows = rows[(rows >= 0) & (rows < len(fixed))]
-    values = np.abs(operators.diagonal[rows[~fixed[rows]]])
-    values = values if operators.tied else np.log(np.maximum(values, 1e-300))
-    total, count = operators.comm.allreduce(np.array([values.sum(), float(len(values))]))
-    mean = total / count if count else float(operators.tied)
-    return float(mean if operators.tied else np.exp(mean))
 
 
 def in_rows(pairs: Sequence[ContactPairs], vectors: Sequence[np.ndarray]) -> np.ndarray:

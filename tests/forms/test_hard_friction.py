@@ -11,10 +11,10 @@ from mpi4py import MPI
 import dolfinx_llm as llm
 from dolfinx_llm import compat
 
-CASES = [  # what is hard, law iterations of three load steps, GMRES's (None: or LU), at most
+CASES = [  # what is hard, law iterations of three load steps, GMRES's, at most
     ({}, 14, 90),
-    ({"ratio": 1e-3}, 28, 170),
-    ({"ratio": 1e3}, 66, None),
+    ({"ratio": 1e-3}, 22, 280),
+    ({"ratio": 1e3}, 26, 260),
     ({"nu": 0.49}, 22, 330),
     ({"nu": 0.4999}, 24, 3400),
     ({"aspect": 0.01}, 12, 210),
@@ -81,4 +81,4 @@ def test_hard_data(data, laws, krylov):
     kept = problem.method.form.friction
     assert np.abs(found - known).max() <= 1e-8 * np.abs(known).max()
     assert taken <= laws
-    assert krylov is None or (not kept.notes and kept.iterations <= krylov)
+    assert not kept.notes and kept.iterations <= krylov

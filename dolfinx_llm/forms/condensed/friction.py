@@ -30,8 +30,9 @@ from dolfinx_llm.forms.step import LinearStep
 from dolfinx_llm.operators.petsc import diagonal_of, times
 
 LEAVES = 1e-2  # of a residual about the last iterate, by a linear solve, at most
-FIRMLY = 1e-6  # the same where that takes many iterations
+FIRMLY = 1e-6  # the same where that misleads the law
 HARD = 12.0  # iterations per digit: so many
+APART = 30.0  # times another body's stiffness: forces on the stiffer one hardly show in residuals
 ASTRAY = 1e3  # times the load: residuals of the last solution from which on it is no start
 AT_ROUNDING = 1e-10  # of the load: where GMRES has got there, rounding alone leaves no more
 FINAL = 1e-13  # of the load: nothing less is asked for
@@ -178,7 +179,7 @@ class FrictionStep:
         if not size <= ASTRAY * load:
             q, size = 0.0 * q, load  # what is left of the load
         same = abs(size - of.left) < 1e-6 * of.left  # nothing has changed since
-        goal = FINAL * load if same or not main else goal_of(size, load, of.loose, of.usual < HARD)
+        goal = FINAL * load if same or not main else goal_of(size, load, of.loose, easy(of))
         fresh = self._serve(False, size > ENDS * goal)
         while size > goal and load > 0.0:
             before, digits = size, float(np.log10(size / goal))
@@ -246,17 +247,23 @@ class FrictionStep:
                 item.destroy()
 
 
+def easy(of: FrictionSystem) -> bool:
+    """Whether the law may follow loose solves."""
+    alike = all(side.max() <= APART * side.min() for side in of.operators.stiffness)
+    return alike and of.usual < HARD
+
+
 def scales_of(diagonal: np.ndarray, scale: float) -> np.ndarray:
     """Inverse square roots of a diagonal; of entries that are none that of ``scale``."""
     size = np.abs(diagonal)
     return 1.0 / np.sqrt(np.where(size > 1e-12 * scale, size, scale))
 
 
-def goal_of(size: float, load: float, loose: float | None, easy: bool) -> float:
+def goal_of(size: float, load: float, loose: float | None, easily: bool) -> float:
     """What a solve is to leave of a residual about the last iterate, of the sizes of that and of
     the load, or of the load where that is given. Newton's next residual is about the square of one:
-    less is not worth it. Where that is not ``easy`` loose solves mislead the law."""
+    less is not worth it. Where it does not follow ``easily`` loose solves mislead the law."""
     if loose is not None:
         return max(loose, FINAL) * load
-    leaves = LEAVES if easy else FIRMLY
+    leaves = LEAVES if easily else FIRMLY
     return max(min(leaves, size / load) * min(size, load), FINAL * load)
