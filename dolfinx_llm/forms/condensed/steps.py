@@ -132,9 +132,8 @@ class CondensedForm(WholeSteps):
         """The same, with those rows wrong that will change."""
         if not found.wrong.any() or (self.friction is not None and self.friction.direct):
             return found
-        k = np.where(step.active | step.may_open, self._stiffness, 0.0)
         bodies = self.operators.floating if self._symmetric(step) else None
-        pressing = _pressing(Forecast(step.L, k, step.may_open), found, step.g, bodies, f)
+        pressing = _pressing(step, self._stiffness, found, bodies, f)
         wrong = step.may_open & (pressing != step.active)
         return replace(found, wrong=wrong) if wrong.any() else found
 
@@ -264,10 +263,12 @@ class _Symmetric:
 
 
 def _pressing(
-    forecast: Forecast, found: StepResult, g: np.ndarray, floating: Floating | None, f: np.ndarray
+    step: LinearStep, k: np.ndarray, found: StepResult, floating: Floating | None, f: np.ndarray
 ) -> np.ndarray:
     """(n,) rows that press next. Bodies that contact alone holds go to where what presses balances
-    this rank's loads f on them; with friction, floating None, they stay."""
+    this rank's loads f on them; with friction, floating None, they stay. k (n,) of rows."""
+    k, g = np.where(step.active | step.may_open, k, 0.0), step.g
+    forecast = Forecast(step.L, k, step.may_open)
     if floating is None:
         return forecast.normal().pressing(found.multiplier, found.y + g)
     L = hstack([forecast.L, -floating.G[:, : floating.count]], format="csr")
