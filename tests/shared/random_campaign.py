@@ -22,18 +22,20 @@ from pathlib import Path
 sys.path[:0] = [str(Path(__file__).resolve().parent)]
 
 
-def one(seed, variants, second, finite):
+def one(seed, kind, variants):
     """Result of one seed as a dict."""
     import random_finite
     import random_scenes as scenes
+    import random_time
     import scene_oracle
 
     import dolfinx_llm as llm
 
     logging.disable(logging.CRITICAL)
-    scene = random_finite.draw(seed) if finite else scenes.draw(seed, second)
+    of = {"finite": random_finite, "time": random_time}.get(kind)
+    scene = of.draw(seed) if of else scenes.draw(seed, kind == "second")
     check, solve = (
-        (random_finite.check, random_finite.solve) if finite else (scene_oracle.check, scenes.solve)
+        (of.check, getattr(of, "solve", None)) if of else (scene_oracle.check, scenes.solve)
     )
     out = {"seed": seed, "solver": scene.solver, "kind": "ok", "worst": {}, "variants": {}}
     try:
@@ -48,7 +50,7 @@ def one(seed, variants, second, finite):
                 out["worst"][f"{step} {name}"] = value
     hard = [k for k in out["worst"] if "(" not in k]
     out["kind"] = "violation" if hard else "ok"
-    if not variants:
+    if not (variants and solve):
         return out
     posed = {
         "again": scenes.Variant(),
@@ -59,7 +61,7 @@ def one(seed, variants, second, finite):
         "units": scenes.Variant(length=1e3, modulus=1e-5),
         "form": scenes.Variant(solver="saddle" if scene.solver == "condensed" else "condensed"),
     }
-    if finite:  # "swapped" is another frame where cells are as large on both sides
+    if kind == "finite":  # "swapped" is another frame where cells are as large on both sides
         del posed["again"]
     for name, variant in posed.items():
         try:
@@ -108,8 +110,13 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("seeds", nargs="+", help="seeds, or FIRST-LAST")
     parser.add_argument("--variants", action="store_true")
-    parser.add_argument("--second", action="store_true", help="most bodies of second order")
-    parser.add_argument("--finite", action="store_true", help="at finite deformation")
+    kinds = parser.add_mutually_exclusive_group()
+    for kind, text in (
+        ("second", "most bodies of second order"),
+        ("finite", "at finite deformation"),
+        ("time", "bodies that fly at each other, in time"),
+    ):
+        kinds.add_argument(f"--{kind}", dest="kind", action="store_const", const=kind, help=text)
     parser.add_argument("--seconds", type=int, default=60)
     parser.add_argument("--answers", type=Path)
     args = parser.parse_args()
@@ -118,7 +125,7 @@ def main():
         low, _, high = word.partition("-")
         seeds += range(int(low), int(high or low) + 1)
     if args.answers:
-        on_ranks(seeds, args.answers, args.second)
+        on_ranks(seeds, args.answers, args.kind == "second")
         return
     import random_scenes  # noqa: F401
 
@@ -129,7 +136,7 @@ def main():
         if child == 0:
             os.close(read)
             try:
-                text = json.dumps(one(seed, args.variants, args.second, args.finite))
+                text = json.dumps(one(seed, args.kind, args.variants))
             except BaseException:
                 text = json.dumps({"seed": seed, "kind": "broken", "text": traceback.format_exc()})
             with os.fdopen(write, "w") as file:
