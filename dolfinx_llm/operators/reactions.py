@@ -67,10 +67,11 @@ def with_reactions(
             wanted[place.rows][bears] = 0.0  # nothing tells friction: it is the least
             own, felt[i] = own | bears, hstack([L, of_friction])
         else:
-            rows, held = place.rows, operators.held[place.rows]
+            rows = place.rows
             next_to, areas[rows] = _as_next(geometry.pairs, multiplier[rows], ~open_[rows])
-            held &= areas[rows] > 0.0  # no node tells a density, the reaction does
-            areas[rows][held] = 0.0
+            # Where no node tells a density the reaction does.
+            held = operators.held[rows] & (areas[rows] > 0.0)
+            areas[rows] = np.where(held, 0.0, areas[rows])
             wanted[rows] = np.where(held, wanted[rows], next_to)
             densities[rows] = i * operators.dofs.gdim + np.arange(len(own)) % c
         chosen[place.rows] = own
