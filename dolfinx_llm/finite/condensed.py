@@ -20,8 +20,8 @@ from dolfinx_llm.operators.numbering import BodyDofs, Numbering
 FIRST = 1e-5  # relative residual that a linear solve is to reach, at most
 NEXT = 1e-2  # the same over Newton's residual, so that it converges quadratically
 NEEDLESS = 1e-14  # of Newton's residual, which no solve need fall below
-ROUNDS = 4  # of GMRES, where own equations hide what forces miss
-LEAST = 1e-12  # relative residual that it can reach
+SOLVES = 4  # of GMRES, where own equations hide what forces miss
+REACHED = 1e-12  # relative residual that it can reach
 GMRES = {"ksp_type": "gmres", "ksp_max_it": 150, "pc_factor_mat_solver_type": "mumps"}
 
 
@@ -89,7 +89,7 @@ class CondensedSystem:
         rtol, *others = inner.getTolerances()
         goal = rtol * _length(comm, r - self.coupling.forces(s)[1])
         left, found, self.iterations = self._joined(r, s), np.zeros(0), 0
-        for _ in range(ROUNDS):
+        for _ in range(SOLVES):
             given = self.P.comm, self._times, self._precondition, left, inner.getType()
             more, taken, reason = solve_right(*given, (rtol, *others))
             found = more if not len(found) else found + more
@@ -97,7 +97,7 @@ class CondensedSystem:
             left = left - self._times(more)
             if reason <= 0 or _length(comm, left[: len(r)]) <= goal:
                 break
-            rtol = min(rtol, max(goal / _length(comm, left), LEAST))
+            rtol = min(rtol, max(goal / _length(comm, left), REACHED))
         return found, reason
 
     def _split(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
