@@ -28,6 +28,7 @@ from dolfinx_llm.operators.stiffness import in_series
 from dolfinx_llm.operators.system import ContactOperators
 
 FLOOR = 1e-3  # what pairs without contact add to the support of a node
+RUBS = 1e-9  # of the level of forces: friction with less is none
 TOUCHED = 1e-9  # shape function from which on a pair belongs to a node
 
 
@@ -93,10 +94,11 @@ class FrictionNodes:
         nothing holds moves it far along its tangents, and so the gaps about it."""
         return bool(np.ptp(self.geometry.directions[:, -1], axis=0).max(initial=0.0) > BENT)
 
-    @cached_property
-    def felt(self) -> csr_matrix:
-        """(n c, k (q + 1)) what the law's nodes feel of forces: along their jumps, and normal."""
-        return hstack([self.L_kappa, self.L_normal.T], format="csr")
+    def felt(self, forces: np.ndarray, level: float) -> csr_matrix:
+        """(n c, k q or k (q + 1)) what the law's nodes feel of forces (n c,), which are of a level
+        [force]: along their jumps, and where any rub, which they share, the normal ones."""
+        rubs = np.abs(self.tangential @ forces).max(initial=0.0) > RUBS * level
+        return hstack([self.L_kappa, self.L_normal.T], format="csr") if rubs else self.L_kappa
 
     @cached_property
     def tangential(self) -> csr_matrix:

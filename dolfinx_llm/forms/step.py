@@ -14,6 +14,7 @@ from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
 
 SIGN = 1e-11  # relative: what rounding may not switch
+ROUNDED_GAP = 4.0 * float(np.finfo(float).eps)  # of positions
 GRAZING = 1e-3  # forces below this part of scale times motion count as none
 SOFT = 1e-6  # compliance, relative to the surface's, with which forces at supports change
 
@@ -249,9 +250,14 @@ def wrong_signs(
     scale: float,
 ) -> np.ndarray:
     """(n,) rows with tension in contact or overlap out of it, beyond what rounding can do."""
-    gap = step.L @ w - y - step.g
-    band = SIGN * force_level(multiplier, y + step.g, scale)
-    wrong = np.where(active, multiplier < -band, scale * gap < -band)
+    position = y + step.g
+    gap, band = step.L @ w - position, SIGN * force_level(multiplier, position, scale)
+    soft = step.compliance > 0.0  # forces there are gaps, which are rounded, over little
+    rounding = (
+        ROUNDED_GAP * np.abs(position).max(initial=0.0) / np.where(soft, step.compliance, 1.0)
+    )
+    pulls = multiplier < -np.where(soft, np.maximum(band, rounding), band)
+    wrong = np.where(active, pulls, scale * gap < -band)
     return wrong & step.may_open
 
 

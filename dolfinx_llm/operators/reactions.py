@@ -1,6 +1,6 @@
 """Forces that (31) leaves open: at nodes that supports hold, and at those of several interfaces."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.sparse import block_diag, csr_matrix, hstack
@@ -9,6 +9,7 @@ from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.operators.prescribed import ColumnSpace, pieces
 from dolfinx_llm.operators.system import ContactOperators
 
+Felt = Callable[[np.ndarray, float], csr_matrix]
 TOUCHING = 1e-9  # gaps up to this part of motions are none
 VANISHES = 1e-6  # what is left of a sum of 1 where no forces press; of less rounding is not little
 DISCERNED = 1e-6  # of singular values, that tell a density
@@ -22,7 +23,7 @@ def with_reactions(
     v: np.ndarray,
     u: np.ndarray,
     force: np.ndarray,
-    friction: Sequence[tuple[np.ndarray, csr_matrix]] = (),
+    friction: Sequence[tuple[np.ndarray, Felt]] = (),
 ) -> np.ndarray:
     """Multipliers (n,) of which nothing is left to chance; collective.
 
@@ -40,8 +41,9 @@ def with_reactions(
         v: (n_v,) frame unknowns.
         u: (n_local,) this rank's displacement.
         force: (n_local,) f - K u of all dofs, as without supports.
-        friction: per interface its rows (n_i,) that bear friction, and what the nodes of its law
-            feel of forces (n_i, q), normal ones as well; empty for ties.
+        friction: per interface its rows (n_i,) that bear friction, and a function of its forces
+            (n_i,) and of their level that returns what the nodes of its law feel (n_i, q), normal
+            forces as well where they rub; empty for ties.
     """
     motion, passed = (
         np.einsum("ni,ni->n", operators.rows.base, operators.dofs.values(operators.rows.dofs, a))
@@ -51,6 +53,7 @@ def with_reactions(
     opening = operators.L @ v - motion - gaps
     closed = opening <= TOUCHING * max(np.abs(motion).max(), np.abs(gaps).max())
     wanted = np.where(operators.held, passed / operators.interfaces_at, 0.0)
+    level = float(max(np.abs(a).max(initial=0.0) for a in (multiplier, wanted)))
     open_ = operators.held | (operators.interfaces_at > 1)
     areas, densities = np.zeros(len(motion)), np.zeros(len(motion), dtype=np.int64)
     chosen, presses, felt = *np.zeros((2, len(motion)), dtype=bool), []
@@ -65,7 +68,7 @@ def with_reactions(
             presses[place.rows] = own & law.opens
             bears, of_friction = friction[i]
             wanted[place.rows][bears] = 0.0  # nothing tells friction: it is the least
-            own, felt[i] = own | bears, hstack([L, of_friction])
+            own, felt[i] = own | bears, hstack([L, of_friction(multiplier[place.rows], level)])
         else:
             rows = place.rows
             next_to, areas[rows] = _as_next(geometry.pairs, multiplier[rows], ~open_[rows])

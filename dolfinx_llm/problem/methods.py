@@ -134,7 +134,7 @@ class ContactMethod:
                 u, multiplier, v, began = advance(self.iteration, f, g, increments)
         self._last, self._began = (u, motions), began
         if operators.held.any() or (operators.interfaces_at > 1).any():
-            friction = [(state.bearing_rows(), state.nodes.felt) for state in self.states]
+            friction = [(s.bearing_rows(), s.nodes.felt) for s in self.states]
             force = self.setting.bulk.force(u)
             multiplier = with_reactions(operators, multiplier, v, u, force, friction)
         self._reported = multiplier
