@@ -19,6 +19,8 @@ log = logging.getLogger("dolfinx_llm")
 
 NEWTON_ITERATIONS = 25
 HALVINGS = 8  # of an increment
+LEAPS = 10.0  # times as far as supports and obstacles have gone
+DRIVEN = 1e-6  # of what supports push with, that loads may change by where these alone move bodies
 
 
 class NewtonSteps:
@@ -51,7 +53,7 @@ class NewtonSteps:
         Raises:
             ContactError: Newton's iteration fails however small the increments are.
         """
-        self.history, self._reached = [], step.start
+        self.history, self._reached, self._leapt = [], step.start, (0.0, 0.0)
         self._left = [np.zeros(1, dtype=bool)] * len(self.equations.interfaces)
         done, part, smallest = 0.0, 1.0 / increments, 2.0**-HALVINGS / increments
         with progress(None, "load step") as bar:
@@ -74,6 +76,7 @@ class NewtonSteps:
                     done, part = end, min(2.0 * part, 1.0 / increments)
                     yield self._reached
         self._say_left()
+        self._say_leapt()
 
     def unbalanced(self, start: NewtonState) -> np.ndarray:
         """(n_local,) residual of a state under the loads as they are now, but for follower loads;
@@ -93,6 +96,7 @@ class NewtonSteps:
             tell_iteration(entry, bar)
             if run.converged():
                 self._check(run, before, start)
+                self._measure(run, step, start)
                 self.terms = run.terms
                 return run.state()
         raise StepFailed(
@@ -113,6 +117,31 @@ class NewtonSteps:
             with failing():
                 check_passage(placed.what, place, t.place)
             self._left[i] = self._left[i] | left_over_edge(place, q, t.place)
+
+    def _measure(self, run: Increment, step: LoadStep, start: NewtonState) -> None:
+        """How far bodies have gone in an increment, and what moved them, where that is known."""
+        equations, comm = self.equations, self.equations.bodies.dofs.comm
+        moved, pushed = np.abs(run.u - start.u), np.abs(step.unbalanced)
+        mine = [float(a.max(initial=0.0)) for a in (moved[run.fixed], moved, pushed)]
+        supports, far, load = np.max(comm.allgather(mine), axis=0)
+        of = zip(run.poses, start.poses, strict=True)
+        driven = max([supports, *(float(np.abs(a - b).max(initial=0.0)) for a, b in of)])
+        if equations.followers or load > DRIVEN * equations.scale * driven:
+            return
+        if driven > 0.0 and far * self._leapt[1] >= self._leapt[0] * driven:
+            self._leapt = far, driven
+
+    def _say_leapt(self) -> None:
+        """Warn of bodies that have gone much farther than what moves them."""
+        far, driven = self._leapt
+        if far > LEAPS * driven and self.equations.bodies.dofs.comm.rank == 0:
+            log.warning(
+                "in an increment of this load step bodies moved by %.2g, what moves them by %.2g: "
+                "they snapped, or nothing but contact holds one, and did not at first. There may "
+                "be other states. Take smaller steps, or hold it with weak springs",
+                far,
+                driven,
+            )
 
     def _say_left(self) -> None:
         """Warn of nodes that have left a frame over its edge."""
