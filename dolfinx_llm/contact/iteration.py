@@ -28,7 +28,7 @@ from dolfinx_llm.forms.verdict import FinalError, Verdict
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 from dolfinx_llm.operators.system import ContactOperators
 
-LED = 20  # iterations in which what springs alone press together sticks
+LED = 10  # iterations in which what springs alone press together sticks
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 60  # iterations
 MANY = 0.2  # of the pairs: where more change, friction is not yet what it will be
@@ -157,7 +157,7 @@ class ContactIteration:
             if glides:
                 choose(self.states, multiplier, iteration)
                 glide(equations, False)
-            changes = sum(self._take(s, found, apart, largest) for s in self.states)
+            changes = sum(self._take(s, found, apart) for s in self.states)
             miss = equations.miss(multiplier, w) / largest
             lost = equations.runaway(multiplier)
             runs = runs + 1 if lost else 0
@@ -212,11 +212,11 @@ class ContactIteration:
                 self.form.correct(found)
         raise ContactError(_failure(self.history[first:]))
 
-    def _take(self, s: InterfaceState, found: StepResult, off: np.ndarray, level: float) -> int:
+    def _take(self, s: InterfaceState, found: StepResult, apart: np.ndarray) -> int:
         """Take over the pairs of an interface in contact, and find what sticks and slips.
 
         Returns:
-            Number of changes that matter to forces of a level, with surface and frame off (n,).
+            Number of changes that matter, surface and frame being apart (n,) [length].
         """
         rows, own, speaker = s.nodes.rows, s.own, s.others.speaker
         normal = rows[:, -1]
@@ -229,13 +229,13 @@ class ContactIteration:
         s.touch(chosen)
         # What carries nothing changes to no effect, and what closes where it meets the frame. A
         # sign that is wrong has to change, also where its pair then is as it was.
-        meets = self.scale * off[rows].max(axis=1) <= SIGN * level
+        meets = self.scale * apart[rows].max(axis=1) <= SIGN * largest
         meets &= chosen & np.array_equal(speaker, s.others.speaker)
-        felt = changed & (force[rows].max(axis=1) > self.equations.felt * level) & ~meets
+        felt = changed & (force[rows].max(axis=1) > self.equations.felt * largest) & ~meets
         changes = int((felt | found.wrong[normal]).sum())
         if s.nodes.kappa.size:
             stake = s.law.at_stake(s.at(found.multiplier, found.w, self.scale))
-            felt = stake > self.equations.felt * level
+            felt = stake > self.equations.felt * largest
             told = self.equations.law_rows(s, found.multiplier, found.w, self._calmed)
             differs = ((told.status != own.status) & felt) | (told.holds != own.holds)
             changes += int(differs.sum())

@@ -56,6 +56,7 @@ def with_reactions(
     level = float(max(np.abs(a).max(initial=0.0) for a in (multiplier, wanted)))
     open_ = operators.held | (operators.interfaces_at > 1)
     areas, densities = np.zeros(len(motion)), np.zeros(len(motion), dtype=np.int64)
+    least = wanted.copy()
     chosen, presses, felt = *np.zeros((2, len(motion)), dtype=bool), []
     for i, (geometry, place) in enumerate(zip(operators.geometries, operators.places, strict=True)):
         law, c, L = geometry.interface.law, geometry.pairs[0].base.shape[1], operators.blocks[i]
@@ -67,7 +68,9 @@ def with_reactions(
             own = closed[place.rows] & (np.arange(len(own)) % c == c - 1)
             presses[place.rows] = own & law.opens
             bears, of_friction = friction[i]
-            wanted[place.rows][bears] = 0.0  # nothing tells friction: it is the least
+            least[place.rows][bears] = wanted[place.rows][bears] = (
+                0.0  # nothing tells friction: it is the least
+            )
             own, felt[i] = own | bears, hstack([L, of_friction(multiplier[place.rows], level)])
         else:
             rows = place.rows
@@ -78,6 +81,11 @@ def with_reactions(
             wanted[rows] = np.where(held, wanted[rows], next_to)
             densities[rows] = i * operators.dofs.gdim + np.arange(len(own)) % c
         chosen[place.rows] = own
+    # Where contact shares a node, which of its pairs press without force is for rounding to say.
+    nodes, opens = operators.rows.dofs[:, 0], np.ones(len(motion), dtype=bool)
+    for geometry, place in zip(operators.geometries, operators.places, strict=True):
+        opens[place.rows] = not geometry.interface.law.ties
+    mixed = np.isin(nodes, nodes[opens])
     at = np.flatnonzero(chosen & open_)
     fixed = hstack([block_diag(felt, format="csr")[at], operators.at_free_dofs(at)]).tocsr()
     multiplier, rounding = multiplier.copy(), PULL * np.abs(multiplier).max(initial=0.0)
@@ -86,6 +94,10 @@ def with_reactions(
         if len(own) == 1 and told[own[0]]:  # its effect tells the force
             continue
         to = at[own]
+        if mixed[to].any():
+            aim = least[to]
+            multiplier[to] = _nearest(fixed[own], multiplier[to], aim, presses[to], rounding)
+            continue
         _, column = np.unique(densities[to], return_inverse=True)
         same = areas[to, None] * np.eye(column.max() + 1)[column]
         aim = wanted[to] + _constant(fixed[own], multiplier[to] - wanted[to], same)
