@@ -76,10 +76,10 @@ class FrictionContact(Friction, NormalContact):
         y, height = self.sides.split(place.z)[1], -np.einsum("ks,ks->k", place.rows.N, place.height)
         couple = couples(at_nodes, height, place.normal[on], y[cells])
         at = coordinates(cells, gdim, self.sides.columns[1])
-        _, height_z, height_mu = place.distance()
+        _, height_z, height_mu = place.distance
         gather, by_height = summing(at.ravel(), width), per_item(couple.by_height)
         by_z = by_height @ height_z + per_item(couple.by_normal) @ place.turned
-        by_z = by_z + per_item(couple.by_y) @ summing(at.ravel(), width).T
+        by_z = by_z + per_item(couple.by_y) @ gather.T
         shut = diagonal((t.status != OPEN).astype(float))
         by_tau = per_item(couple.by_tau) @ per_component((C @ shut).tocsr(), gdim)
         force = gather @ couple.force.ravel()

@@ -119,14 +119,17 @@ class NewtonSteps:
             self._left[i] = self._left[i] | left_over_edge(place, q, t.place)
 
     def _measure(self, run: Increment, step: LoadStep, start: NewtonState) -> None:
-        """How far bodies have gone in an increment, and what moved them, where that is known."""
+        """How far bodies have gone in an increment, and what moved them: where supports and
+        obstacles alone did, without turns and forces. Collective."""
         equations, comm = self.equations, self.equations.bodies.dofs.comm
         moved, pushed = np.abs(run.u - start.u), np.abs(step.unbalanced)
         mine = [float(a.max(initial=0.0)) for a in (moved[run.fixed], moved, pushed)]
         supports, far, load = np.max(comm.allgather(mine), axis=0)
-        of = zip(run.poses, start.poses, strict=True)
-        driven = max([supports, *(float(np.abs(a - b).max(initial=0.0)) for a, b in of)])
-        if equations.followers or load > DRIVEN * equations.scale * driven:
+        of, gdim = zip(run.poses, start.poses, strict=True), equations.bodies.dofs.gdim
+        changes = [np.abs(now - before) for now, before in of]
+        shifts = [float(change[gdim : 2 * gdim].max(initial=0.0)) for change in changes]
+        driven, others = max([supports, *shifts]), any(c[2 * gdim :].any() for c in changes)
+        if equations.followers or others or load > DRIVEN * equations.scale * driven:
             return
         if driven > 0.0 and far * self._leapt[1] >= self._leapt[0] * driven:
             self._leapt = far, driven

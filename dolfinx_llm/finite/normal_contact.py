@@ -18,6 +18,7 @@ friction ``couples`` have it. Its derivative does not vanish; it stands in ``gap
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, hstack, vstack
@@ -62,6 +63,7 @@ class NormalPlace(Place):
         at = self.coordinates[:, gdim:].ravel(), np.repeat(np.arange(k * s), gdim)
         return csr_matrix((values, at), (len(self.z), k * s))
 
+    @cached_property
     def distance(self) -> tuple[csr_matrix, csr_matrix, csr_matrix]:
         """(k, width) that n·(dx_p - sum_J N_pJ dy_J) is of changes dz, and the whole derivatives of
         n·(x_p - sum_J N_pJ y_J), (k, width) and (k, m), by positions and mu."""
@@ -206,7 +208,7 @@ class NormalContact(MovingContact):
         (by_place, by_mu), (df, dfy), f = place.entries, place.by_z, place.areas[0]
         k, s = rows.nodes.shape
         gdim, width, force = self.sides.gdim, self.sides.width, q[:n]
-        A, gap_z, gap_mu = (place.C @ by for by in place.distance())  # A: the force row
+        A, gap_z, gap_mu = (place.C @ by for by in place.distance)  # A: the force row
         gap_z = gap_z - place.C @ place.rounded
         # Forces, and how they change.
         borne = np.where(active[on], force[on], 0.0)

@@ -30,7 +30,7 @@ def with_reactions(
     At nodes that supports hold, the equations leave open what the supports take and what goes
     through the frame; where nodes belong to several interfaces, what goes through which. Of all
     forces that move free dofs alike and leave the frames, and friction there, as they are, and of
-    which those that may open press, these are the nearest to what bodies pass on: in ties the
+    which those that may open press, these are the nearest to what bodies pass on: in ties alone the
     density of the nodes next to them, so that a constant one is found; at other nodes held
     f - K u (n_local,), in equal parts where interfaces share a node; else zero, which leads to the
     smallest forces. Those against obstacles stay as they are.
@@ -56,10 +56,13 @@ def with_reactions(
     level = float(max(np.abs(a).max(initial=0.0) for a in (multiplier, wanted)))
     open_ = operators.held | (operators.interfaces_at > 1)
     areas, densities = np.zeros(len(motion)), np.zeros(len(motion), dtype=np.int64)
-    least = wanted.copy()
+    # In ties alone it is what the nodes next to them say. Where contact shares a node, which of its
+    # pairs press without force is for rounding to say, and the least is wanted of all.
+    next_to, opens = wanted.copy(), np.ones(len(motion), dtype=bool)
     chosen, presses, felt = *np.zeros((2, len(motion)), dtype=bool), []
     for i, (geometry, place) in enumerate(zip(operators.geometries, operators.places, strict=True)):
         law, c, L = geometry.interface.law, geometry.pairs[0].base.shape[1], operators.blocks[i]
+        opens[place.rows] = not law.ties
         felt.append(L)
         if geometry.rigid or law.gives:  # where the law gives way it tells the forces
             continue
@@ -68,23 +71,18 @@ def with_reactions(
             own = closed[place.rows] & (np.arange(len(own)) % c == c - 1)
             presses[place.rows] = own & law.opens
             bears, of_friction = friction[i]
-            least[place.rows][bears] = wanted[place.rows][bears] = (
-                0.0  # nothing tells friction: it is the least
-            )
+            wanted[place.rows][bears] = 0.0  # nothing tells friction: it is the least
             own, felt[i] = own | bears, hstack([L, of_friction(multiplier[place.rows], level)])
         else:
             rows = place.rows
-            next_to, areas[rows] = _as_next(geometry.pairs, multiplier[rows], ~open_[rows])
+            like, areas[rows] = _as_next(geometry.pairs, multiplier[rows], ~open_[rows])
             # Where no node tells a density the reaction does.
             held = operators.held[rows] & (areas[rows] > 0.0)
             areas[rows] = np.where(held, 0.0, areas[rows])
-            wanted[rows] = np.where(held, wanted[rows], next_to)
+            next_to[rows] = np.where(held, wanted[rows], like)
             densities[rows] = i * operators.dofs.gdim + np.arange(len(own)) % c
         chosen[place.rows] = own
-    # Where contact shares a node, which of its pairs press without force is for rounding to say.
-    nodes, opens = operators.rows.dofs[:, 0], np.ones(len(motion), dtype=bool)
-    for geometry, place in zip(operators.geometries, operators.places, strict=True):
-        opens[place.rows] = not geometry.interface.law.ties
+    nodes = operators.rows.dofs[:, 0]
     mixed = np.isin(nodes, nodes[opens])
     at = np.flatnonzero(chosen & open_)
     fixed = hstack([block_diag(felt, format="csr")[at], operators.at_free_dofs(at)]).tocsr()
@@ -94,13 +92,11 @@ def with_reactions(
         if len(own) == 1 and told[own[0]]:  # its effect tells the force
             continue
         to = at[own]
-        if mixed[to].any():
-            aim = least[to]
-            multiplier[to] = _nearest(fixed[own], multiplier[to], aim, presses[to], rounding)
-            continue
-        _, column = np.unique(densities[to], return_inverse=True)
-        same = areas[to, None] * np.eye(column.max() + 1)[column]
-        aim = wanted[to] + _constant(fixed[own], multiplier[to] - wanted[to], same)
+        aim = wanted[to]
+        if not mixed[to].any():
+            _, column = np.unique(densities[to], return_inverse=True)
+            same, aim = areas[to, None] * np.eye(column.max() + 1)[column], next_to[to]
+            aim = aim + _constant(fixed[own], multiplier[to] - aim, same)
         multiplier[to] = _nearest(fixed[own], multiplier[to], aim, presses[to], rounding)
     return multiplier
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from dolfinx import fem
 from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base import compat
-from dolfinx_llm.operators.bodies import body_labels
+from dolfinx_llm.operators.bodies import body_labels, rigid_modes
 from dolfinx_llm.operators.petsc import times
 
 
@@ -125,12 +124,7 @@ class Momenta:
     def _motions(self, u: np.ndarray) -> np.ndarray:
         """(n_local, r) translations, and turns of bodies at u about the origin."""
         x = self._x + u.reshape(self._x.shape)
-        planes = list(combinations(range(self._gdim), 2))
-        B = np.zeros((*x.shape, self._gdim + len(planes)))
-        B[:, range(self._gdim), range(self._gdim)] = 1.0
-        for k, (i, j) in enumerate(planes, start=self._gdim):
-            B[:, i, k], B[:, j, k] = -x[:, j], x[:, i]
-        return B.reshape(x.size, -1)
+        return rigid_modes(x).reshape(x.size, -1)
 
 
 def _bodies(interface: Any, spaces: Sequence[Any], labels: Sequence[np.ndarray]) -> np.ndarray:

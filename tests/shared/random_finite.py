@@ -1,6 +1,7 @@
 """Random scenes at finite deformation: neo-Hookean bodies of ``random_scenes`` that move by several
 times as much, and the conditions from the bodies' own residual and positions alone."""
 
+import finite_patch
 import numpy as np
 import random_scenes as scenes
 import ufl
@@ -35,16 +36,14 @@ def _residual(form, V, u):
     """F of neo-Hookean bodies with the moduli, springs and load of linear ones."""
     a, L = form
     E, k = a.coefficients()
-    w, n = ufl.TestFunction(V), len(u)
-    grad = ufl.Identity(n) + ufl.grad(u)
+    w = ufl.TestFunction(V)
     mu, lam = E / (2 * (1 + scenes.NU)), E * scenes.NU / (1 + scenes.NU) / (1 - 2 * scenes.NU)
-    log = ufl.ln(ufl.det(grad))
-    W = mu / 2 * (ufl.inner(grad, grad) - n) - mu * log + lam / 2 * log**2
-    return ufl.derivative(W * ufl.dx(degree=2), u, w) + k * ufl.inner(u, w) * ufl.dx - L
+    W = finite_patch.energy(u, mu, lam) * ufl.dx(degree=2)
+    return ufl.derivative(W, u, w) + k * ufl.inner(u, w) * ufl.dx - L
 
 
 def pose(scene, variant=None, **kwargs):
-    """A posed scene whose ``problem`` is nonlinear, and its residual forms."""
+    """A posed scene whose ``problem`` is nonlinear."""
     posed = scenes.pose(scene, variant, **kwargs)
     u = [fem.Function(V) for V in posed.spaces]
     F = [_residual(*given) for given in zip(posed.forms, posed.spaces, u, strict=True)]
@@ -57,36 +56,27 @@ def pose(scene, variant=None, **kwargs):
         interfaces=posed.interfaces,
         solver=solver,
     )
-    return posed, [fem.form(f) for f in F]
+    posed.residuals = [fem.form(f) for f in F]
+    return posed
 
 
 def solve(scene, variant=None, watch=None, **kwargs):
-    """Answers of all load steps; ``watch(posed, residuals, answer)`` is called after each."""
-    posed, residuals = pose(scene, variant, **kwargs)
-    answers = []
-    for step in scene.steps:
-        posed.set_step(step)
-        posed.problem.solve(increments=INCREMENTS)
-        answers.append(scenes.collect(posed))
-        if watch is not None:
-            watch(posed, residuals, answers[-1])
-    posed.problem.destroy()
-    return answers
+    """See ``random_scenes``."""
+    return scenes.answers_of(pose(scene, variant, **kwargs), watch, increments=INCREMENTS)
 
 
 class Oracle:
-    """Violations of each load step, {name: relative size}, on one rank; those in parentheses are
-    told, not asked for."""
+    """Violations of each load step, {name: relative size}, on one rank."""
 
-    def __init__(self):
-        self.found, self.F, self.U, self.before = [], 0.0, 1e-6, 0.0
+    def __init__(self, posed):
+        self.posed, self.scene = posed, posed.scene
+        self.found, self.F, self.U = [], 0.0, 1e-6
 
-    def __call__(self, posed, residuals, answer):
-        self.posed, self.scene, self.worst = posed, posed.scene, {}
-        gdim = self.scene.gdim
+    def __call__(self, answer):
+        posed, gdim, self.worst = self.posed, self.scene.gdim, {}
         self.unit = posed.modulus * posed.length ** (gdim - 1)
         self.R, self.now = np.zeros_like(posed.x), posed.x + answer.u
-        for form, nodes in zip(residuals, posed.nodes, strict=True):
+        for form, nodes in zip(posed.residuals, posed.nodes, strict=True):
             self.R[nodes] = load(form).reshape(-1, gdim) @ posed.Q / self.unit
         self.U = max(np.abs(answer.u).max(), self.U)
         least = 1e-3 * self.U * min(b.E for b in self.scene.bodies)  # nothing touches: rounding
@@ -112,7 +102,6 @@ class Oracle:
                     continue  # it carries the frame: the law holds at the other one's nodes
                 if contact.law.opens:
                     self.law(contact.law, side, force, normal)
-        self.before = answer.u.copy()
         self.found.append(self.worst)
 
     def note(self, name, value):
@@ -164,5 +153,10 @@ class Oracle:
 
 def check(scene, variant=None):
     """Answers of a scene and the violations of each step; errors are the caller's."""
-    oracle = Oracle()
-    return solve(scene, variant, oracle), oracle.found
+    seen = []
+
+    def watch(posed):
+        seen.append(Oracle(posed))
+        return seen[0]
+
+    return solve(scene, variant, watch), seen[0].found

@@ -418,6 +418,7 @@ class Posed:
     obstacles: list
     problem: object = None
     faces: dict = field(default_factory=dict)  # (body, face): the scene's nodes on it
+    residuals: list = field(default_factory=list)  # compiled, at finite deformation
     held: object = None  # (all nodes, gdim) whether the scene's components are prescribed
 
     def vector(self, v):
@@ -710,10 +711,15 @@ def solve(scene, variant=None, comm=MPI.COMM_SELF, watch=None):
     """Answers of all load steps; what ``watch(posed)`` returns is called with each."""
     posed = pose(scene, variant, comm)
     posed.make()
+    return answers_of(posed, watch)
+
+
+def answers_of(posed, watch=None, **options):
+    """The same of a scene that is posed, with options of ``solve``."""
     answers, see = [], watch(posed) if watch else lambda answer: None
-    for step in scene.steps:
+    for step in posed.scene.steps:
         posed.set_step(step)
-        posed.problem.solve()
+        posed.problem.solve(**options)
         answers.append(collect(posed))
         see(answers[-1])
     posed.problem.destroy()

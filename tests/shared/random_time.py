@@ -8,11 +8,10 @@ import dataclasses
 import numpy as np
 import random_scenes as scenes
 import ufl
-from dolfinx import fem
-from scipy.sparse import block_diag, csr_matrix
+from scene_oracle import matrix
+from scipy.sparse import block_diag
 
 import dolfinx_llm as llm
-from dolfinx_llm import compat
 
 STEPS = 40
 SPEED = 0.05  # of waves, at most
@@ -41,12 +40,6 @@ def draw(seed):
     scene.options = {"damping": float(rng.choice([0.0, 0.0, 0.1]))}
     scene.options["adaptive"] = 1e-3 if rng.random() < 0.3 else None
     return scene
-
-
-def _matrix(form):
-    """Of a bilinear form, without conditions."""
-    K = compat.assemble_matrix(fem.form(form), [], 0.0)
-    return csr_matrix(K.getValuesCSR()[::-1], shape=K.getSize()[:1] * 2)
 
 
 @dataclasses.dataclass
@@ -95,10 +88,10 @@ class Flight:
 
     def matrices(self):
         """K and M of all bodies."""
-        K = [_matrix(a) for a, _ in self.posed.forms]
+        K = [matrix(a) for a, _ in self.posed.forms]
         of = zip(self.posed.spaces, self.stepper.density, strict=True)
         trials = [(rho, ufl.TrialFunction(V), ufl.TestFunction(V)) for V, rho in of]
-        M = [_matrix(rho * ufl.inner(u, w) * ufl.dx) for rho, u, w in trials]
+        M = [matrix(rho * ufl.inner(u, w) * ufl.dx) for rho, u, w in trials]
         return block_diag(K).tocsr(), block_diag(M).tocsr()
 
 

@@ -10,11 +10,11 @@ import dolfinx.fem.petsc
 import numpy as np
 import random_scenes as scenes
 from dolfinx import fem
-from scipy.sparse import csr_matrix
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
 from dolfinx_llm.interface.control import frame_control
+from dolfinx_llm.operators.petsc import local_csr
 
 EPS = np.finfo(float).eps
 
@@ -26,10 +26,7 @@ class Oracle:
         self.posed, self.scene = posed, posed.scene
         self.gdim = posed.scene.gdim
         self.unit = posed.modulus * posed.length ** (self.gdim - 1)
-        self.K = []
-        for a, _ in posed.forms:
-            K = compat.assemble_matrix(fem.form(a), [], 0.0)
-            self.K.append(csr_matrix(K.getValuesCSR()[::-1], shape=K.getSize()[0:1] * 2))
+        self.K = [matrix(a) for a, _ in posed.forms]
         self.before = np.zeros_like(posed.x)
         self.largest = 0.0  # force so far
         self.U = 1e-6  # displacement so far
@@ -282,6 +279,11 @@ class Side:
     @property
     def tangential(self):
         return self.force - self.pressing[:, None] * self.normal
+
+
+def matrix(a):
+    """Of a bilinear form, without conditions, on one rank."""
+    return local_csr(compat.assemble_matrix(fem.form(a), [], 0.0))
 
 
 def load(L):
