@@ -27,7 +27,7 @@ MODULES = {
     "dolfinx_llm.geometry.frame": ("Frame", "Quality"),
     "dolfinx_llm.geometry.location": ("Location",),
     "dolfinx_llm.interface.choices": ("Interface",),
-    "dolfinx_llm.interface.certificate": ("Certificate",),
+    "dolfinx_llm.interface.join": ("Certificate",),
     "dolfinx_llm.interface.geometry": ("InterfaceGeometry",),
     "dolfinx_llm.geometry.pairs": ("ContactPairs",),
 }

@@ -15,9 +15,14 @@ from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.forms.step import LinearStep, StepForm, StepResult
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.interface.choices import Interface, SelfContact
-from dolfinx_llm.interface.mean import MeanDisplacement
 from dolfinx_llm.interface.obstacle import Obstacle
-from dolfinx_llm.interface.obstacles import RigidCylinder, RigidPlane, RigidSphere, RigidSurface
+from dolfinx_llm.interface.obstacles import (
+    MeanDisplacement,
+    RigidCylinder,
+    RigidPlane,
+    RigidSphere,
+    RigidSurface,
+)
 from dolfinx_llm.laws.conductance import Conductance
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
@@ -27,9 +32,9 @@ from dolfinx_llm.laws.sliding import Sliding
 from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.output import plot, post
 from dolfinx_llm.problem import classical
-from dolfinx_llm.problem.evolution import Evolution
 from dolfinx_llm.problem.find import find_interfaces
 from dolfinx_llm.problem.loads import free_surface_load
+from dolfinx_llm.problem.memory import Evolution
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
 from dolfinx_llm.time.stepper import TimeStepper

@@ -36,7 +36,6 @@ EXAMPLES = [
     "geometry.frame", "laws.tied", "laws.frictionless", "laws.coulomb", "laws.complementarity",
     "laws.conductance", "laws.sliding",
     "laws.speakers", "interface.obstacle", "interface.obstacles",
-    "interface.mean",
     "design.weights",
 ]  # fmt: skip
 

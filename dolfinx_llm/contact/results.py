@@ -10,11 +10,11 @@ import numpy as np
 
 from dolfinx_llm.geometry.frame import Frame, displaced
 from dolfinx_llm.geometry.pairs import ContactPairs
-from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.control import at_nodes, nodal_values
 from dolfinx_llm.interface.density import density_at_nodes
 from dolfinx_llm.interface.forces import InterfaceForces
 from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.interface.join import Certificate
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 from dolfinx_llm.operators.system import ContactOperators
 

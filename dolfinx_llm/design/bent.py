@@ -16,8 +16,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, identity
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.design.multipliers import Corrections, factor
-from dolfinx_llm.design.residual import FrameLoads
+from dolfinx_llm.design.residual import Corrections, FrameLoads, factor
 from dolfinx_llm.design.stencils import (
     FlatStencils,
     adjacency,

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.design.line_nodes import choose_nodes, nearest_nodes
-from dolfinx_llm.design.moment import moment_roots
+from dolfinx_llm.design.line_nodes import choose_nodes, moment_roots, nearest_nodes
 from dolfinx_llm.design.weights import TOLERANCE
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import Plane, covered_forces

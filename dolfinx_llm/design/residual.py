@@ -1,20 +1,31 @@
 """What must cancel at the nodes of a flat frame: forces of unit pressure (28), and moments.
 
 At second order pressures that are linear along the surface pass as well if the moments of both
-sides' forces about each frame node cancel.
+sides' forces about each frame node cancel. Multipliers by which rows are corrected have
+equations of their own, and what these cannot see.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import bsr_matrix, csr_matrix, diags, vstack
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
 
-from dolfinx_llm.design.stencils import spread
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.design.stencils import RowStencils, monomials, spread
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.loads import NodalLoads
+
+SHIFT = 1e-13  # of the largest diagonal entry, on all of it
+SIGNS = -1.0, 1.0  # of the corrections on both sides
+
+Parts = Sequence[tuple[np.ndarray, np.ndarray]]  # unknowns (n,) and functions (n, f) of each
 
 
 def patch_residual(N: Sequence[csr_matrix], forces: Sequence[np.ndarray]) -> np.ndarray:
@@ -87,3 +98,131 @@ class FrameLoads:
             for a in range(self.count):
                 total[:, a] += sign * np.bincount(M.indices, M.data * at[:, a], m)
         return total
+
+
+@dataclass(frozen=True, eq=False)
+class Corrections:
+    """How rows change under multipliers mu (m, c): delta_p = -+ P_p sum_a (c_pa mu_a) / w_p."""
+
+    stencils: Sequence[RowStencils]  # of both sides
+    at: Sequence[np.ndarray]  # (z_i, c) c_p at their entries, zero in rows that stay
+    areas: Sequence[np.ndarray]  # (n_i,) w_p
+    m: int  # frame nodes
+
+    @classmethod
+    def of(
+        cls, loading: FrameLoads, stencils: Sequence[RowStencils], free: Sequence[np.ndarray]
+    ) -> Corrections:
+        """Of rows of which those with 1 in free (n_i,) may change, those with 0 stay."""
+        at = [
+            loading.at(i, st.indptr, st.nodes) * spread(k, st.indptr)[:, None]
+            for i, (st, k) in enumerate(zip(stencils, free, strict=True))
+        ]
+        return cls(stencils, at, [a.shares / loading.scale for a in loading.loads], len(loading.s))
+
+    @cached_property
+    def equations(self) -> csr_matrix:
+        """(m c, m c) sum_p c_p P_p c_pᵀ / w_p, by which mu changes the residual."""
+        m, c = self.m, self.at[0].shape[1]
+        diagonal, rows = np.zeros((m, c, c)), []
+        for st, load, area in zip(self.stencils, self.at, self.areas, strict=True):
+            weight = spread(1.0 / area, st.indptr) * st.root**2
+            for i in range(c):
+                for j in range(c):
+                    diagonal[:, i, j] += np.bincount(st.nodes, weight * load[:, i] * load[:, j], m)
+            root = (spread(1.0 / np.sqrt(area), st.indptr) * st.root)[:, None] * load
+            column = (st.nodes[:, None] * c + np.arange(c)).ravel()
+            shape = st.shape[0], m * c
+            rows += [
+                csr_matrix(((q[:, None] * root).ravel(), column, st.indptr * c), shape)
+                for q in st.Q.T
+            ]
+        B = vstack(rows, format="csr")
+        blocks = bsr_matrix((diagonal, np.arange(m), np.arange(m + 1)), (m * c, m * c))
+        return (blocks.tocsr() - B.T @ B).tocsr()
+
+    def under(self, mu: np.ndarray) -> list[np.ndarray]:
+        """(z_i,) changes at the stencils' entries of both sides."""
+        step = []
+        for st, at, area, sign in zip(self.stencils, self.at, self.areas, SIGNS, strict=True):
+            value = np.einsum("za,za->z", at, mu[st.nodes]) / spread(area, st.indptr)
+            step.append(sign * st.project(value))
+        return step
+
+
+def factor(A: Any) -> Any:
+    """Factors of the equations.
+
+    Raises:
+        ContactError: they are singular: rows that may be corrected are missing.
+    """
+    try:
+        return splu(A.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+    except RuntimeError as error:  # SuperLU's "exactly singular"
+        raise ContactError(
+            "design by weights: the rows that may be corrected cannot balance the frame "
+            f"(SuperLU: {error}). Give a coarser frame, or frame=None for a predicted one"
+        ) from None
+
+
+def compatible(A: csr_matrix, s: np.ndarray, loading: FrameLoads) -> Parts:
+    """Orthonormal functions that A cannot see, on each connected part of the frame: what holds of
+    forces and moments whatever the rows are. With forces alone these are the affine functions.
+
+    With moments sum_J r_J pi(s_J) = 0 for each pressure 1 and s and each polynomial pi of degree 2,
+    the moments about one point made of those about the nodes.
+
+    Returns:
+        List of (unknowns, functions (n, f)) per part.
+    """
+    c, d = loading.count, s.shape[1]
+    seen = abs(A) > 1e-14 * max(A.diagonal().max(), 1e-300)
+    part = connected_components(seen, directed=False)[1][::c]
+    order = np.argsort(part, kind="stable")
+    parts = []
+    for nodes in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
+        x = s[nodes] - s[nodes].mean(axis=0)
+        pi = np.column_stack(monomials(x, 1 if c == 1 else 2))
+        local = pi[:, None]
+        if c > 1:
+            local = np.zeros((len(nodes), c, c, pi.shape[1]))
+            local[:, 0, 0] = pi
+            for a in range(d):
+                local[:, 0, 1 + a], local[:, 1 + a, 1 + a] = x[:, a, None] * pi, loading.size * pi
+            local = local.reshape(len(nodes) * c, -1)
+            local /= np.linalg.norm(local, axis=0) + 1e-300
+        local = local.reshape(len(nodes) * c, -1)
+        U, size, _ = np.linalg.svd(local / np.linalg.norm(local), full_matrices=False)
+        unknowns = (nodes[:, None] * c + np.arange(c)).ravel()
+        parts.append((unknowns, U[:, size > 1e-10]))
+    return parts
+
+
+def without_compatible(r: np.ndarray, parts: Parts) -> np.ndarray:
+    """r less its compatible parts: they are rounding (both sides carry the same force with the same
+    centroid), and no correction of the rows can remove them."""
+    r = r.copy()
+    for unknowns, U in parts:
+        r[unknowns] -= U @ (U.T @ r[unknowns])
+    return r
+
+
+def pins(A: csr_matrix, parts: Parts) -> Any:
+    """Diagonal that fixes the compatible functions on each part, where they are held best.
+
+    The right-hand side is free of them, so pinning changes no equation. SHIFT is for what else A
+    cannot see, as where rows that are kept leave strips of stencils; refinement makes up for it.
+    """
+    diagonal = A.diagonal()
+    largest = diagonal.max()
+    if not largest > 0.0:  # no row may be corrected
+        return diags(np.ones(len(diagonal)))
+    pins = np.where(diagonal <= 1e-14 * largest, largest, SHIFT * largest)
+    for nodes, U in parts:
+        rest = U.copy()
+        for _ in range(U.shape[1]):
+            size = np.einsum("ni,ni->n", rest, rest)
+            best = int(size.argmax())
+            pins[nodes[best]] = largest
+            rest = rest - np.outer(rest @ rest[best], rest[best]) / size[best]
+    return diags(pins)

@@ -16,14 +16,14 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.arguments import weight_arguments
-from dolfinx_llm.design.multipliers import (
+from dolfinx_llm.design.residual import (
     Corrections,
+    FrameLoads,
     compatible,
     factor,
     pins,
     without_compatible,
 )
-from dolfinx_llm.design.residual import FrameLoads
 from dolfinx_llm.design.residual import load_residual as load_residual
 from dolfinx_llm.design.residual import patch_residual as patch_residual
 from dolfinx_llm.design.stencils import adjacency, flat_stencils, inner_part

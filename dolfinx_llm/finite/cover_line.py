@@ -13,9 +13,8 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.sparse import per_item, summing
 from dolfinx_llm.finite.areas import Covered
-from dolfinx_llm.finite.jacobians import coordinates, jacobian
+from dolfinx_llm.finite.jacobians import NodalNormals, coordinates, jacobian
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
-from dolfinx_llm.finite.normals import NodalNormals
 from dolfinx_llm.geometry.cells import cross_plane
 from dolfinx_llm.geometry.element import Element, element_of
 

@@ -2,9 +2,18 @@
 
 What node p touched at the start is sum_J N⁰_pJ y_J, with the frozen row N⁰ of its place on the
 frame then; tau_p acts on the frame's node J by N_pJ tau_p, and by the couple that its arm from
-there to p asks for where the frame is curved: see ``couples``. Rows are designed with
-t·(x_p - sum_J N_pJ y_J) = 0 for tangents t, so that there is no slip at the start, and none when
-all turns. The chord is smooth where p slides over several facets, in 3D as well.
+there to p asks for. Rows are designed with t·(x_p - sum_J N_pJ y_J) = 0 for tangents t, so that
+there is no slip at the start, and none when all turns. The chord is smooth where p slides over
+several facets, in 3D as well.
+
+A curved frame stands out beyond its facets, so that node p touches it at d = x_p - sum_J N_pJ y_J
+from where its row N puts the force tau on them: without more, forces on both sides would have the
+moment tau x d. The corners c of the facet below bear that,
+
+    f_c = w x r_c,   I w = d x tau,
+
+with r_c their arms from their middle and I sum_c (r_c² 1 - r_c r_cᵀ): no resultant, and the moment.
+It is what equation (19) has in Phi, the derivative of the base, for tangential forces.
 """
 
 from __future__ import annotations
@@ -15,7 +24,6 @@ import numpy as np
 from scipy.sparse import csr_matrix, hstack
 
 from dolfinx_llm.base.sparse import diagonal, per_component, per_item, summing
-from dolfinx_llm.finite.couples import couples
 from dolfinx_llm.finite.friction import MET_AT, Friction
 from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.normal_contact import NormalContact, NormalPlace
@@ -24,6 +32,57 @@ from dolfinx_llm.laws.rows import OPEN
 
 CONTINUED = 1e-2  # gap over facet size to the frame's continuation that is none
 COMES_IN = 3.0  # facets beyond the rim from where nodes may come in within an increment
+_I, _J, _K = np.indices((3, 3, 3))
+ALTERNATING = {  # a x b, a number in the plane
+    2: np.array([[[0.0, 1.0], [-1.0, 0.0]]]),
+    3: (_J - _I) * (_K - _I) * (_K - _J) / 2.0,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Couples:
+    """Of k places on facets of c corners, with derivatives."""
+
+    force: np.ndarray  # (k, c, gdim) on the corners [force]
+    by_tau: np.ndarray  # (k, c gdim, gdim)
+    by_height: np.ndarray  # (k, c gdim, 1) by d along the normal
+    by_normal: np.ndarray  # (k, c gdim, gdim)
+    by_y: np.ndarray  # (k, c gdim, c gdim) by the corners
+
+
+def couples(tau: np.ndarray, height: np.ndarray, normal: np.ndarray, y: np.ndarray) -> Couples:
+    """The forces.
+
+    Args:
+        tau: (k, gdim) what acts on the frame [force].
+        height: (k,) length of d, which is along the normal [length].
+        normal: (k, gdim).
+        y: (k, c, gdim) corners of the facets below [length].
+    """
+    k, c, gdim = y.shape
+    eps = ALTERNATING[gdim]
+    arm = y - y.mean(axis=1, keepdims=True)
+    turn = np.einsum("sai,kca->kcis", eps, arm)  # forces of a unit of w
+    inverse = np.linalg.inv(np.einsum("kcis,kcit->kst", turn, turn))
+    d = height[:, None] * normal
+    w = np.einsum("kst,tij,ki,kj->ks", inverse, eps, d, tau)
+    force = np.einsum("kcis,ks->kci", turn, w)
+    by_moment = turn.reshape(k, c * gdim, len(eps)) @ inverse
+    by_d = by_moment @ np.einsum("sij,kj->ksi", eps, tau)
+    # By the arms: of ``turn`` in the force, and of I in w.
+    swing = np.einsum("sai,ks->kia", eps, w)  # change of a corner's force for one of its arm
+    change = np.einsum("cb,kia->kciba", np.eye(c), swing)
+    inertia = np.einsum("sai,kbi->ksba", eps, force)
+    inertia += np.einsum("kbis,kia->ksba", turn, swing)
+    change -= (by_moment @ inertia.reshape(k, len(eps), c * gdim)).reshape(change.shape)
+    change -= change.mean(axis=3, keepdims=True)  # arms are from the middle
+    return Couples(
+        force=force,
+        by_tau=by_moment @ np.einsum("sij,ki->ksj", eps, d),
+        by_height=by_d @ normal[:, :, None],
+        by_normal=by_d * height[:, None, None],
+        by_y=change.reshape(k, c * gdim, c * gdim),
+    )
 
 
 @dataclass(frozen=True, eq=False)

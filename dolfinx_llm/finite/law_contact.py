@@ -15,7 +15,7 @@ from dolfinx_llm.finite.friction import Friction, tangential
 from dolfinx_llm.finite.friction_contact import FrictionContact
 from dolfinx_llm.finite.friction_law import in_plane
 from dolfinx_llm.finite.jacobians import coordinates
-from dolfinx_llm.finite.law_system import LawSystem
+from dolfinx_llm.finite.law_rows import LawSystem
 from dolfinx_llm.finite.law_told import ToldContact
 from dolfinx_llm.finite.obstacle_friction import ObstacleFriction
 from dolfinx_llm.finite.sides import Sides

@@ -14,8 +14,7 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.sparse import diagonal, per_item
-from dolfinx_llm.finite.jacobians import coordinates, jacobian
-from dolfinx_llm.finite.normals import NodalNormals
+from dolfinx_llm.finite.jacobians import NodalNormals, coordinates, jacobian
 from dolfinx_llm.geometry.cells import (
     CORNERS,
     cell_sizes,

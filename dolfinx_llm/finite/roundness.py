@@ -16,9 +16,8 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.sparse import per_item
-from dolfinx_llm.finite.jacobians import coordinates, jacobian
+from dolfinx_llm.finite.jacobians import NodalNormals, coordinates, jacobian
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
-from dolfinx_llm.finite.normals import NodalNormals
 
 
 def roundness(

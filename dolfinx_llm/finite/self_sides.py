@@ -19,8 +19,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.finite.jacobians import NodalNormals, nodal_normals
 from dolfinx_llm.finite.location import BEHIND_IT, OnFrame, find_on_frame
-from dolfinx_llm.finite.normals import NodalNormals, nodal_normals
 from dolfinx_llm.finite.sides import WITHIN, Sides
 from dolfinx_llm.geometry.cells import cell_sizes, unit_normals, vector_areas
 from dolfinx_llm.geometry.facets_near import Polygons, facing_pairs

@@ -24,14 +24,13 @@ from dolfinx_llm.base.sparse import per_component
 from dolfinx_llm.finite.areas import Covered, surface_integrals
 from dolfinx_llm.finite.cover_facets import LAYER, Skin, covered_facets
 from dolfinx_llm.finite.cover_line import Chains, covered_lines
-from dolfinx_llm.finite.jacobians import coordinates
+from dolfinx_llm.finite.jacobians import NodalNormals, coordinates, nodal_normals
 from dolfinx_llm.finite.location import (
     LocationDerivatives,
     OnFrame,
     find_on_frame,
     location_derivatives,
 )
-from dolfinx_llm.finite.normals import NodalNormals, nodal_normals
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes, unit, unit_normals, vector_areas
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.geometry.pairs import control_matrices

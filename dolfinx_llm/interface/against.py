@@ -15,8 +15,8 @@ from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.geometry import InterfaceGeometry
-from dolfinx_llm.interface.mean import MeanDisplacement, about_the_mean
 from dolfinx_llm.interface.obstacle import Obstacle, Swings
+from dolfinx_llm.interface.obstacles import MeanDisplacement, about_the_mean
 from dolfinx_llm.interface.touching import BURIED, say_depth, steep_rim
 
 RESISTED = 1e-6  # part of the largest: below it a motion meets no resistance of contact

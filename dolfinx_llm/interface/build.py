@@ -11,8 +11,7 @@ from scipy.sparse import csr_matrix, triu
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.timing import Clock
-from dolfinx_llm.geometry.bent_loads import loads_in_contact
-from dolfinx_llm.geometry.loads import NodalLoads
+from dolfinx_llm.geometry.loads import NodalLoads, loads_in_contact
 from dolfinx_llm.geometry.overlap_flat import common_area, local_bases
 from dolfinx_llm.geometry.pairs import ContactPairs, locate_pairs
 from dolfinx_llm.geometry.pieces import Piece, separated

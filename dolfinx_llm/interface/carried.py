@@ -9,9 +9,8 @@ from scipy.sparse import csr_matrix, identity
 
 from dolfinx_llm.design.bent import bent_normals, bent_rows
 from dolfinx_llm.design.weights import balanced_rows
-from dolfinx_llm.geometry.bent_loads import loads_in_contact
 from dolfinx_llm.geometry.frame import Frame, bent
-from dolfinx_llm.geometry.loads import NodalLoads
+from dolfinx_llm.geometry.loads import NodalLoads, loads_in_contact
 from dolfinx_llm.geometry.overlap_flat import common_area
 from dolfinx_llm.geometry.pairs import locate_pairs
 from dolfinx_llm.geometry.pieces import tied_plane

@@ -10,9 +10,8 @@ from dolfinx_llm.design.curved import nodal_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.geometry.surface import Surface
-from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.choices import Interface
-from dolfinx_llm.interface.join import Part
+from dolfinx_llm.interface.join import Certificate, Part
 from dolfinx_llm.interface.obstacle import Swings
 from dolfinx_llm.interface.site import Site
 

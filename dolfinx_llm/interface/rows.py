@@ -25,8 +25,8 @@ from dolfinx_llm.design.weights import TOLERANCE, balanced_rows, load_residual
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.pairs import ContactPairs, rank_certificate, with_weights
-from dolfinx_llm.interface.certificate import Certificate
 from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.join import Certificate
 from dolfinx_llm.interface.site import Site
 
 log = logging.getLogger("dolfinx_llm")

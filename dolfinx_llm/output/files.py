@@ -16,7 +16,6 @@ from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import check, collective
 from dolfinx_llm.interface.forces import InterfaceForces
-from dolfinx_llm.output.series import open_series
 from dolfinx_llm.output.values import (
     cell_maximum,
     check_displacement,
@@ -28,6 +27,7 @@ from dolfinx_llm.output.values import (
 from dolfinx_llm.output.writing import (
     VTK,
     Grid,
+    open_series,
     surface_grid,
     writable_file,
     writable_folder,

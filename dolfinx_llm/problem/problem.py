@@ -1,4 +1,6 @@
-"""The user's door: a linear elastic problem whose bodies touch."""
+"""The user's door: a linear elastic problem whose bodies touch, and its sensitivities."""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,6 +13,7 @@ from petsc4py import PETSc
 from dolfinx_llm.base.disposable import Destroyed, Remains, free_garbage
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import log
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.doubts import doubts
 from dolfinx_llm.contact.results import InterfaceResult, collect_results
@@ -21,12 +24,44 @@ from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.control import controlled
 from dolfinx_llm.operators.system import ContactOperators, anatomy
 from dolfinx_llm.output.pictured import Pictured
-from dolfinx_llm.problem.adjoint import Differentiable
 from dolfinx_llm.problem.arguments import problem_arguments, step_arguments
 from dolfinx_llm.problem.bulk import LinearBulk
+from dolfinx_llm.problem.form_arguments import given_forms, in_order
 from dolfinx_llm.problem.memory import Memory, Remembering
 from dolfinx_llm.problem.methods import ContactMethod, Setting
 from dolfinx_llm.problem.saving import SavedContact
+
+
+class Differentiable:
+    """A problem whose last solve can be differentiated."""
+
+    bulk: LinearBulk
+    method: ContactMethod
+
+    def adjoint(self, dJ: ufl.Form | Sequence[ufl.Form]) -> fem.Function | list[fem.Function]:
+        """Solve the transposed system of the last ``solve``, with its state of contact, for the
+        sensitivities of a functional J(u): with p that is returned, dJ/dm is the derivative of
+        L(p) - a(u, p) by what m changes there, u held. Collective.
+
+        With friction it is that of one load step from rest, taken in one part, or of several in
+        which nothing has slipped or opened before: what is left of earlier steps depends on m, too.
+
+        Args:
+            dJ: linear form, ``ufl.derivative(J, u, v)`` with v a test function of the space; a
+                sequence of them for several meshes.
+
+        Returns:
+            The adjoint displacement p, zero where displacements are prescribed.
+
+        Raises:
+            ContactInputError: another form.
+            ContactError: nothing has been solved; contact alone holds a body; the form a is not
+                symmetric; the state depends on load steps, or parts of the last one, before.
+        """
+        with collective(self.bulk.comm):
+            forms = in_order(self.bulk.forms, self.bulk.spaces, given_forms(1, dJ))
+        found = self.bulk.functions(self.method.adjoint(self.bulk.gradient(forms)))
+        return found if self.bulk.several else found[0]
 
 
 class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):

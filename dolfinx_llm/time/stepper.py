@@ -18,11 +18,10 @@ from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.form_arguments import form_space, given_forms, listed
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
-from dolfinx_llm.time.impact import Touch
 from dolfinx_llm.time.inertia import moved_mass
 from dolfinx_llm.time.mean import MeanForces
 from dolfinx_llm.time.momenta import End, Momenta
-from dolfinx_llm.time.start import StartedSteps
+from dolfinx_llm.time.steps import Steps, Touch
 
 SCHEMES = "massless", "newmark"
 PARTED = 6  # of a step that fails
@@ -30,7 +29,7 @@ UP_TO_ONE = "give a number from 0 to 1"
 DENSITY = "give a positive number, a UFL expression or a list of them, one per mesh"
 
 
-class TimeStepper(StartedSteps):
+class TimeStepper(Steps):
     """Bodies of static forms that have inertia, stepped in time by the trapezoidal rule, nonlinear
     forces by their mean on the way of a step.
 

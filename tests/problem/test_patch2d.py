@@ -11,8 +11,7 @@ from sampling import drawn, longer
 
 from dolfinx_llm import ContactError, Frame
 from dolfinx_llm.design import line
-from dolfinx_llm.design.line_nodes import choose_nodes, nearest_nodes
-from dolfinx_llm.design.moment import moment_roots
+from dolfinx_llm.design.line_nodes import choose_nodes, moment_roots, nearest_nodes
 
 
 def nodes(rng, n, low, high, jitter):

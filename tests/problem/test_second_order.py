@@ -17,7 +17,7 @@ import dolfinx_llm as llm
 from dolfinx_llm.geometry.element import ELEMENTS, element_of
 from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.surface import extract_surface
-from dolfinx_llm.interface.kinks import kinks
+from dolfinx_llm.interface.density import kinks
 from dolfinx_llm.interface.site import say_straight
 
 COMM = MPI.COMM_SELF

@@ -1,0 +1,255 @@
+"""What a stepper does beside its steps: their start, their division where bodies meet or part in
+them, and files of where it stands.
+
+Over a step energy changes by the mean force of a pair times the change of its gap. Where it closes
+that takes λ₁ gap₀ / 2; where it parts it has been held for a moment, and what it pulled with at the
+end of one step, -λ₀, takes -λ₀ gap₁ / 2 in the next one. Both fall with the square of the step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+
+from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.log import log
+from dolfinx_llm.operators.petsc import diagonal_of, times
+from dolfinx_llm.problem.bulk import fill
+from dolfinx_llm.problem.form_arguments import listed
+from dolfinx_llm.problem.saving import Saving
+from dolfinx_llm.problem.state_file import Arrays
+
+LATEST_PART = 0.95  # of a step: what comes after it is not worth a step of its own
+INERT = 1e7, 1e5  # inertia over stiffness and that of a step, by which bodies stay where they are
+# at first: linear ones, and others, whose forces are known to rounding of theirs
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """What bodies meet with at the end of a step; n nodes of all surfaces that may part."""
+
+    gap: np.ndarray  # (n,) to the frame, 0 where a node meets none [length]
+    force: np.ndarray  # (n,) normal, positive in compression [force]
+    kinetic: float  # largest kinetic energy so far [force length]
+    largest: float  # largest of the forces so far [force]
+
+    @classmethod
+    def of(cls, results: Sequence[Any], kinetic: float, before: Touch) -> Touch:
+        """At the end of a step.
+
+        Args:
+            results: of the interfaces that may part.
+            kinetic: energy now [force length].
+            before: at its start.
+        """
+        sides = [side for result in results for side in result.sides]
+        gap = np.concatenate([np.zeros(0), *(getattr(s, "frame_gap", s.gap) for s in sides)])
+        force = np.concatenate([np.zeros(0), *(s.normal_force for s in sides)])
+        largest = max(before.largest, float(force.max(initial=0.0)))
+        gap = np.where(np.isfinite(gap), gap, 0.0)
+        return cls(gap, force, max(before.kinetic, kinetic), largest)
+
+    def divides(self, before: Touch, part: float) -> float:
+        """Where a step from ``before`` to here is to be divided, as a part of it; 0: nowhere.
+
+        Args:
+            before: at its start.
+            part: of the kinetic energy, that closing may take; its root, of the largest force,
+                pairs may pull with.
+        """
+        if len(self.gap) != len(before.gap):  # nothing is known
+            return 0.0
+        taken = 0.5 * float(self.force @ np.maximum(before.gap, 0.0))
+        if taken > part * self.kinetic:
+            return 0.5
+        pulls = (self.force < 0.0) & (before.force > 0.0)
+        pressed, now = float(before.force[pulls].sum()), float(self.force[pulls].sum())
+        allowed = np.sqrt(part) * self.largest
+        if -now <= allowed:
+            return 0.0
+        at = (pressed + 0.5 * allowed) / (pressed - now)  # there they hardly pull
+        return at if at < LATEST_PART else 0.0
+
+
+class Steps(Saving):
+    """The start, the division and the saving of the steps of ``TimeStepper``."""
+
+    problem: Any
+    t: float
+    dt: float
+    _u: list[fem.Function]
+    _v: list[fem.Function]
+    _M: Any
+    _mean: Any
+    _bare: np.ndarray
+    _pushes: list[Any]
+    _left: np.ndarray
+    _touch: Touch
+    _adaptive: float | None
+    _accepted: Callable[[Any], None] | None
+
+    def start(self) -> None:
+        """Find the forces at the start, from u, v and the loads as they are; the first ``step``
+        does so unless you have done it before. Surfaces without mass come to rest with what lies
+        behind them; ties have the forces that hold them as bodies accelerate. Where bodies slide
+        with v on others, or on obstacles at rest, friction acts already. Collective.
+
+        Raises:
+            ContactError: contact does not balance what presses it.
+        """
+        u, c = self._values(self._u), self._rate(self.dt)
+        fixed, counts = self.problem.bulk.dofs.fixed, self.problem.bulk.dofs.counts
+        came = u - self.dt * self._values(self._v) if self._slides() else u
+        self._use(c)
+        if self._mean:
+            self._mean.begin(u, counts, 0.0)
+        held = INERT[bool(self._mean)] * self._stiffness(u)
+        self._use(held, starts=True)
+        try:
+            if self._mean:
+                self.problem.bulk.put(came)
+                self.problem.reset(moved=True)
+            elif came is not u:
+                self._hold(held, came)
+            self._hold(held, u)
+            rests = self._values(listed(self.problem.u))
+        finally:
+            fill(self._u, u, counts)
+        u = np.where(self._bare & ~fixed, rests, u)
+        self._use(c)
+        self._push(np.zeros(len(u)))
+        left = self.problem.bulk.residual(u) if self._mean else -self.problem.bulk.force(u)
+        left -= self.problem.pushed + c * times(self._M, u)
+        self._left = np.where(self._bare | fixed, 0.0, left)
+        fill(self._u, u, counts)
+        self._touch, _ = self._met()
+
+    def _slides(self) -> bool:
+        """Whether bodies move, and slip on what they touch."""
+        moves = self.comm.allreduce(bool(self._values(self._v).any()))
+        return bool(moves) and any(i.law.slips for i in self.problem.interfaces)
+
+    def _stiffness(self, u: np.ndarray) -> float:
+        """Of the bodies at u (n_local,) with the inertia of a step, over their mass [1 / time²]."""
+        if not self._mean:
+            self.problem.update()
+        K = self.problem.bulk.tangent(u) if self._mean else self.problem.K
+        sums = np.array([np.abs(diagonal_of(A)).sum() for A in (K, self._M)])
+        if self._mean:
+            K.destroy()
+        stiffness, mass = self.comm.allreduce(sums)
+        return float(stiffness / mass)
+
+    def _hold(self, c: float, u: np.ndarray) -> None:
+        """Find contact of bodies that inertia of a rate c holds at u (n_local,)."""
+        self._push(c * times(self._M, u))
+        self.problem.solve()
+
+    def _push(self, force: np.ndarray) -> None:
+        """Take this rank's nodal forces (n_local,) of inertia."""
+        fill(self._pushes, force, self.problem.bulk.dofs.counts)
+
+    def _once(self, dt: float) -> None:
+        """One step of dt."""
+        raise NotImplementedError
+
+    def _advance(self, dt: float, divisions: int) -> None:
+        """Go on by dt, in parts where that fails, or where bodies meet or part in it."""
+        before = self._values(self._u)
+        kept = self.state_arrays() if self._adaptive and divisions else None
+        try:
+            self._once(dt)
+        except ContactInputError:
+            raise
+        except ContactError as failed:
+            fill(self._u, before, self.problem.bulk.dofs.counts)
+            if not divisions:
+                raise
+            log.info("a step of %.3g fails: %s; halved", dt, failed)
+            at = 0.5
+        else:
+            touch, at = self._met()
+            if kept is None or not at:
+                self._touch = touch
+                self.t += dt
+                if self._accepted is not None:
+                    self._accepted(self)
+                return
+            self.take_back(*kept)
+            log.info("a step of %.3g in which bodies meet or part is divided", dt)
+        self._advance(at * dt, divisions - 1)
+        self._advance((1.0 - at) * dt, divisions - 1)
+
+    def _met(self) -> tuple[Touch, float]:
+        """What bodies meet with now, and where the step is to be divided; 0: nowhere."""
+        if self._adaptive is None:
+            return self._touch, 0.0
+        v = self._values(self._v)
+        kinetic = 0.5 * self.comm.allreduce(float(v @ times(self._M, v)))
+        of = zip(self.problem.interfaces, self.problem.results, strict=True)
+        results = [result for i, result in of if i.law.opens and not i.law.gives]
+        touch = Touch.of(results, kinetic, self._touch)
+        return touch, touch.divides(self._touch, self._adaptive)
+
+    @property
+    def interfaces(self) -> Any:
+        """Of the problem."""
+        return self.problem.interfaces
+
+    def saved_spaces(self) -> Sequence[Any]:
+        """Spaces of the bodies' dofs."""
+        return self.problem.saved_spaces()
+
+    def places(self) -> np.ndarray:
+        """Places of the interfaces, which tell this scene from others."""
+        return self.problem.places()
+
+    def state_arrays(self) -> tuple[Arrays, Arrays]:
+        """What is the same on every rank, and this rank's values at the bodies' dofs."""
+        common, local = self.problem.state_arrays()
+        touch = self._touch
+        common |= {"time": np.array([self.t, self.dt, touch.kinetic, touch.largest])}
+        common |= {"touch": np.array([touch.gap, touch.force])}
+        own = {"displacement": self._values(self._u), "velocity": self._values(self._v)}
+        return common, local | own | {"inertia": self._left}
+
+    def take_arrays(self, common: Arrays, local: Arrays) -> None:
+        """Go on from what ``state_arrays`` returned; collective.
+
+        Args:
+            common, local: as it returned them.
+        """
+        self.dt = float(common["time"][1])
+        self._use(self._rate(self.dt))
+        self.take_back(common, local)
+
+    def take_back(self, common: Arrays, local: Arrays) -> None:
+        """The same with dt as it is now; collective.
+
+        Args:
+            common, local: as ``state_arrays`` returned them.
+        """
+        self.t = float(common["time"][0])
+        self._touch = Touch(*common["touch"], *map(float, common["time"][2:]))
+        self.problem.take_arrays(common, local)
+        counts = self.problem.bulk.dofs.counts
+        fill(self._u, local["displacement"], counts)
+        fill(self._v, local["velocity"], counts)
+        self._left = local["inertia"]
+
+    def _values(self, functions: Sequence[fem.Function]) -> np.ndarray:
+        """(n_local,) of this rank."""
+        counts = self.problem.bulk.dofs.counts
+        return np.concatenate([w.x.array[:n] for w, n in zip(functions, counts, strict=True)])
+
+    def _rate(self, dt: float) -> float:
+        """Of inertia in steps of dt [1 / time²]."""
+        raise NotImplementedError
+
+    def _use(self, c: float, starts: bool = False) -> None:
+        """Take another rate of inertia [1 / time²]; ``starts``: for the forces at the start."""
+        raise NotImplementedError
