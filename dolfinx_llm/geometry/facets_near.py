@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -16,6 +17,8 @@ MEET = (
     1e-6  # of the smaller facet's radius, by which facets in front of each other overlap at least
 )
 AT_ONCE = 1_000_000  # pairs that are looked at together
+PARALLEL = 1e-9  # sine below which edges do not cross
+STEEP = 0.1  # cosine below which a facet stands on edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +27,12 @@ class Polygons:
 
     corners: np.ndarray  # (m, k, gdim) in a cycle [length]
     normal: np.ndarray  # (m, gdim) unit, out of the body
+
+    @cached_property
+    def ball(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centres (m, gdim) and radii (m,) of balls that hold the facets [length]."""
+        centre = self.corners.mean(axis=1)
+        return centre, np.linalg.norm(self.corners - centre[:, None], axis=2).max(axis=1)
 
     @classmethod
     def of(cls, surface: Surface) -> Polygons:
@@ -42,8 +51,21 @@ class Polygons:
         return cls(np.concatenate(corners), np.concatenate([part.normal for part in parts]))
 
 
+@dataclass(frozen=True, eq=False)
+class Across:
+    """Where two facets of n pairs are in front of each other."""
+
+    along: np.ndarray  # (n, gdim) direction, out of the first facet into the second
+    x: np.ndarray  # (n, gdim) the middle of what they share, halfway between them [length]
+    gap: np.ndarray  # (n,) there [length]
+
+
 def facing_pairs(
-    parts: Sequence[Polygons], body: np.ndarray, distance: float | None, angle: float
+    parts: Sequence[Polygons],
+    body: np.ndarray,
+    distance: float | None,
+    angle: float,
+    seen: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of facets of different bodies, the lower body's first, that face each other.
 
@@ -52,66 +74,137 @@ def facing_pairs(
         body: (m,) of each facet.
         distance: largest [length]; None: ``TOUCH``.
         angle: largest between opposite normals [rad].
+        seen: leave out pairs between which there are other facets, as of a thin plate.
     """
     facets = Polygons.together(parts)
-    centre = facets.corners.mean(axis=1)
-    radius = np.linalg.norm(facets.corners - centre[:, None], axis=2).max(axis=1)
-    step = np.log2(radius / radius.min()).astype(int)
+    centre, radius = facets.ball
     found = [np.zeros((0, 2), dtype=np.int64)]
-    for size in np.unique(step):
-        group = np.flatnonzero(step == size)
-        tree, largest = cKDTree(centre[group]), radius[group].max()
-        reach = (
-            radius
-            + largest
-            + (TOUCH * np.maximum(radius, largest) if distance is None else distance)
-        )
-        counts = tree.query_ball_point(centre, reach, return_length=True)
-        ends = np.flatnonzero(np.diff(np.cumsum(counts) // AT_ONCE)) + 1
-        for some in np.split(np.arange(len(centre)), ends):
-            near = tree.query_ball_point(centre[some], reach[some])
-            i, j = repeated_for(some, near), group[joined_lists(near)]
-            lower = body[i] < body[j]
-            i, j = i[lower], j[lower]
-            limit = TOUCH * np.maximum(radius[i], radius[j]) if distance is None else distance
-            good = _face(facets, i, j, np.minimum(radius[i], radius[j]), limit, angle)
-            found.append(np.column_stack([i[good], j[good]]))
+
+    def reach(largest: float) -> np.ndarray:
+        most = TOUCH * np.maximum(radius, largest) if distance is None else distance
+        return np.asarray(radius + largest + most)
+
+    for i, j in _near(facets, centre, reach):
+        lower = body[i] < body[j]
+        i, j = i[lower], j[lower]
+        limit = TOUCH * np.maximum(radius[i], radius[j]) if distance is None else distance
+        good, across = _face(facets, i, j, np.minimum(radius[i], radius[j]), limit, angle)
+        i, j = i[good], j[good]
+        if seen:
+            shows = ~_hidden(facets, body, i, j, across)
+            i, j = i[shows], j[shows]
+        found.append(np.column_stack([i, j]))
     pairs = np.unique(np.concatenate(found), axis=0)
     return pairs[:, 0], pairs[:, 1]
 
 
+def _near(
+    facets: Polygons, x: np.ndarray, reach: Callable[[float], np.ndarray]
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Points (n, gdim) and facets, some pairs at a time, whose centres are within the reach (n,),
+    told for facets of a largest radius."""
+    centre, radius = facets.ball
+    step = np.log2(radius / radius.min()).astype(int)
+    for size in np.unique(step):
+        group = np.flatnonzero(step == size)
+        tree, within = cKDTree(centre[group]), reach(float(radius[group].max()))
+        counts = tree.query_ball_point(x, within, return_length=True)
+        ends = np.flatnonzero(np.diff(np.cumsum(counts) // AT_ONCE)) + 1
+        for some in np.split(np.arange(len(x)), ends):
+            near = tree.query_ball_point(x[some], within[some])
+            yield repeated_for(some, near), group[joined_lists(near)]
+
+
 def _face(
     facets: Polygons, i: np.ndarray, j: np.ndarray, size: np.ndarray, limit: object, angle: float
-) -> np.ndarray:
-    """(n,) whether facets i and j, the smaller of a size (n,), face each other."""
+) -> tuple[np.ndarray, Across]:
+    """(n,) whether facets i and j, the smaller of a size (n,), face each other; and where those
+    that do."""
     good = -np.einsum("ni,ni->n", facets.normal[i], facets.normal[j]) >= np.cos(angle)
     at = np.flatnonzero(good)
     i, j, size = i[at], j[at], size[at]
     limit = np.broadcast_to(np.asarray(limit, dtype=float), good.shape)[at]
-    n0, n1 = facets.normal[i], facets.normal[j]
-    along = unit(n0 - n1)
+    along = unit(facets.normal[i] - facets.normal[j])
     p, q = facets.corners[i], facets.corners[j]
     over, inside = _overlap(p, q, along, MEET * size)
-    # The gap along this direction is linear: it is looked at where corners lie over each other.
-    gaps = [
-        _height(points, across, normal, along) * sign
-        for points, across, normal, sign in (
-            (q, p[:, 0], n0, 1.0),
-            (p, q[:, 0], n1, -1.0),
-            (0.5 * (p.mean(axis=1) + q.mean(axis=1))[:, None], p[:, 0], n0, 2.0),
-        )
-    ]
-    gap = np.abs(np.concatenate(gaps, axis=1))
-    gap[:, :-1][~inside] = np.inf
-    gap[:, -1][inside.any(axis=1)] = np.inf
-    good[at] = over & (gap.min(axis=1) <= limit)
-    return good
+    # The gap along this direction is linear: it is looked at where the shared part has corners.
+    up = _height(q, p[:, 0], facets.normal[i], along)
+    down = _height(p, q[:, 0], facets.normal[j], along)
+    x = [q - 0.5 * up[:, :, None] * along[:, None], p - 0.5 * down[:, :, None] * along[:, None]]
+    gap, there = [up, -down], [inside]
+    if p.shape[2] == 3:
+        y, apart, cross = _crossings(p, q, along)
+        x, gap, there = [*x, y], [*gap, apart], [*there, cross]
+    x, gap, there = (np.concatenate(a, axis=1) for a in (x, gap, there))
+    faces = over & (np.where(there, np.abs(gap), np.inf).min(axis=1) <= limit)
+    good[at] = faces
+    x, gap, there = x[faces], gap[faces], there[faces]
+    share = there / there.sum(axis=1)[:, None]
+    middle = np.einsum("nk,nki->ni", share, x)
+    return good, Across(along[faces], middle, np.einsum("nk,nk->n", share, gap))
+
+
+def _crossings(
+    p: np.ndarray, q: np.ndarray, along: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where edges of polygons cross, seen along a direction: (n, k k) points halfway, gaps, and
+    whether they do."""
+    d, e = (np.roll(x, -1, axis=1) - x for x in (p, q))
+    n, k, gdim = p.shape
+    shape = n, k, q.shape[1], gdim
+    d, e = np.broadcast_to(d[:, :, None], shape), np.broadcast_to(e[:, None], shape)
+    start, way = p[:, :, None], q[:, None] - p[:, :, None]
+
+    def turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.asarray(np.einsum("nabi,ni->nab", np.cross(a, b), along))
+
+    det = turn(d, e)
+    skew = np.abs(det) > PARALLEL * np.linalg.norm(d, axis=3) * np.linalg.norm(e, axis=3)
+    det = np.where(skew, det, 1.0)
+    s, t = turn(way, e) / det, turn(way, d) / det
+    on_p, on_q = start + s[..., None] * d, q[:, None] + t[..., None] * e
+    cross = skew & (np.abs(s - 0.5) <= 0.5) & (np.abs(t - 0.5) <= 0.5)
+    gap = np.einsum("nabi,ni->nab", on_q - on_p, along)
+    flat = n, k * q.shape[1]
+    return (0.5 * (on_p + on_q)).reshape(*flat, gdim), gap.reshape(flat), cross.reshape(flat)
+
+
+def _hidden(
+    facets: Polygons, body: np.ndarray, i: np.ndarray, j: np.ndarray, across: Across
+) -> np.ndarray:
+    """(n,) whether other facets lie between facets i and j, on the line across the middle of what
+    these share: those of a third body, or the far sides of bodies that are thinner than they seem
+    to overlap."""
+    radius = facets.ball[1]
+    size = MEET * np.minimum(radius[i], radius[j])
+    hidden = np.zeros(len(i), dtype=bool)
+    some = np.flatnonzero(np.abs(across.gap) > size)
+    half = 0.5 * np.abs(across.gap[some]) + size[some]
+    for at, k in _near(facets, across.x[some], lambda largest: half + largest):
+        pair = some[at]
+        other = (k != i[pair]) & (k != j[pair])
+        other &= np.abs(np.einsum("ni,ni->n", facets.normal[k], across.along[pair])) > STEEP
+        pair, k = pair[other], k[other]
+        x, along = across.x[pair][:, None], across.along[pair]
+        corners, normal = facets.corners[k], facets.normal[k]
+        inside = _overlap(corners, x, along, size[pair])[1][:, 0]
+        place = -_height(x, corners[:, 0], normal, along)[:, 0]
+        end, sense = 0.5 * across.gap[pair], np.einsum("ni,ni->n", normal, along)
+        between = np.abs(place) < np.abs(end) - size[pair]
+        # A third body that touches one of both, in front of it.
+        third = (body[k] != body[i[pair]]) & (body[k] != body[j[pair]]) & (end > 0.0)
+        touches = np.abs(np.abs(place) - end) <= size[pair]
+        between |= third & touches & (place * sense > 0.0)
+        hidden[pair[inside & between]] = True
+    return hidden
 
 
 def _height(x: np.ndarray, y: np.ndarray, n: np.ndarray, along: np.ndarray) -> np.ndarray:
     """(n, k) from planes through y (n, gdim) with normals n to points x (n, k, gdim), along a
     direction."""
-    return np.einsum("nki,ni->nk", x - y[:, None], n) / np.einsum("ni,ni->n", n, along)[:, None]
+    return np.asarray(
+        np.einsum("nki,ni->nk", x - y[:, None], n) / np.einsum("ni,ni->n", n, along)[:, None]
+    )
 
 
 def _overlap(

@@ -50,8 +50,8 @@ def find_interfaces(
 
     Bodies are the parts of the meshes that hang together. Two facets of different bodies belong to
     an interface where their normals are opposite within ``angle``, one lies in front of the other,
-    and their distance there is at most ``distance``. A body may touch any number of others, with
-    the same facets as well.
+    their distance there is at most ``distance``, and no other facet lies between them, as of a thin
+    plate. A body may touch any number of others, with the same facets as well.
 
     Args:
         facet_tags: facets that are looked at, of any value: dolfinx mesh tags, or one or None for
@@ -92,7 +92,8 @@ def find_interfaces(
         n = space.dofmap.index_map.size_local
         found.append(_outside(space, own, cells, bodies.label[first : first + n]))
         first += n
-    i, j = facing_pairs([Polygons.of(f.surface) for f in found], _ids(found), near, turn)
+    polygons = [Polygons.of(f.surface) for f in found]
+    i, j = facing_pairs(polygons, _ids(found), near, turn, seen=True)
     if not len(i):
         what = "a tenth of their facets' size" if near is None else f"{near:g}"
         raise ContactError(

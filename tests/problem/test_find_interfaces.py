@@ -8,6 +8,7 @@ from dolfinx import mesh
 from mpi4py import MPI
 
 import dolfinx_llm as llm
+from dolfinx_llm.geometry.facets_near import Polygons, facing_pairs
 from dolfinx_llm.operators.bodies import Bodies
 
 COMM = MPI.COMM_SELF
@@ -132,3 +133,44 @@ def test_ring_in_a_ring():
     (found,) = llm.find_interfaces(None, V)
     marked = {tuple(own.find(tag)) for own, tag in found.tagged_sides()}
     assert marked == {tuple(tags.find(FACE_0)), tuple(tags.find(FACE_1))}
+
+
+@pytest.mark.parametrize("kind", ["quadrilateral", "triangle", "hexahedron", "tetrahedron"])
+def test_nothing_is_found_through_a_plate(kind):
+    """Sheets much thinner than their facets, looked at within three sheets: neighbours alone, by
+    the faces that touch alone, not by their far sides."""
+    depth, thin = ([1.0], 0.02) if kind in ("hexahedron", "tetrahedron") else ([], 0.02)
+    ends = np.array([0.0, 0.5, *(0.5 + thin * np.arange(1, 4)), 1.0 + 3 * thin])
+    blocks = [([0.0, a, *[0.0] * len(depth)], [1.0, b, *depth]) for a, b in zip(ends, ends[1:])]
+    wall = wall_of(np.array(blocks), kind)
+    found = llm.find_interfaces(None, wall.V, distance=3.5 * thin)
+    assert named(wall, found) == [(k, k + 1) for k in range(4)]
+    block = block_of(wall)
+    for interface in found:
+        level = ends[1 + min(block[tag] for _, tag in interface.tagged_sides())]
+        for own, tag in interface.tagged_sides():
+            at = mesh.compute_midpoints(wall.domain, wall.gdim - 1, own.find(tag))[:, 1]
+            assert len(at) and np.abs(at - level).max() < 1e-9
+
+
+def test_distance_of_facets_that_cross():
+    """Triangles at random whose corners lie beside each other, against points all over them."""
+    rng, limit, told = np.random.default_rng(11), 0.3, []
+    share = rng.dirichlet([0.7] * 3, 4000)
+    for _ in range(150):
+        p, q = rng.normal(size=(2, 3, 3)) * [1.0, 1.0, 0.15]
+        q[:, 2] += rng.uniform(0.1, 0.6)
+        n, m = np.cross(p[1] - p[0], p[2] - p[0]), np.cross(q[1] - q[0], q[2] - q[0])
+        p, n = (p, n) if n[2] > 0.0 else (p[::-1], -n)
+        q, m = (q, m) if m[2] < 0.0 else (q[::-1], -m)
+        n, m = n / np.linalg.norm(n), m / np.linalg.norm(m)
+        along = (n - m) / np.linalg.norm(n - m)
+        x = share @ p
+        gap = ((q[0] - x) @ m) / (along @ m)
+        inside = np.linalg.solve(q.T, (x + gap[:, None] * along).T).min(axis=0) > 0.0
+        least = np.abs(gap[inside]).min(initial=np.inf)
+        parts = [Polygons(np.array([p, q]), np.array([n, m]))]
+        found = len(facing_pairs(parts, np.arange(2), limit, 1.2)[0]) > 0
+        if abs(least - limit) > 0.03 and inside.sum() > 20 and -n @ m > np.cos(1.2):
+            told.append((found, least <= limit))
+    assert len(told) > 50 and len(set(told)) == 2 and all(a == b for a, b in told)
