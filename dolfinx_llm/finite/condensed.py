@@ -21,13 +21,15 @@ FIRST = 1e-5  # relative residual that a linear solve is to reach, at most
 NEXT = 1e-2  # the same over Newton's residual, so that it converges quadratically
 NEEDLESS = 1e-14  # of Newton's residual, which no solve need fall below
 SOLVES = 4  # of GMRES, where own equations hide what forces miss
+LANDS = 1e-11  # the same where answers depend on what an iteration finds
 REACHED = 1e-12  # relative residual that it can reach
 GMRES = {"ksp_type": "gmres", "ksp_max_it": 150, "pc_factor_mat_solver_type": "mumps"}
 
 
-def tolerance(error: float) -> float:
-    """Relative residual to be reached where Newton's is ``error``."""
-    return float(min(FIRST, max(NEXT * error, NEEDLESS / max(error, 1e-300))))
+def tolerance(error: float, exact: bool) -> tuple[float, float]:
+    """Relative residuals that must and may be reached where Newton's is ``error``."""
+    must = float(min(FIRST, max(NEXT * error, NEEDLESS / max(error, 1e-300))))
+    return must, min(must, LANDS) if exact else must
 
 
 @dataclass(eq=False)
@@ -45,7 +47,12 @@ class CondensedSystem:
     ended: str = ""  # how the last solve ended, where it gave no answer
 
     def solve(
-        self, r: np.ndarray, s: np.ndarray, x: np.ndarray, error: float, options: tuple[str, dict]
+        self,
+        r: np.ndarray,
+        s: np.ndarray,
+        x: np.ndarray,
+        tolerances: tuple[float, float],
+        options: tuple[str, dict],
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """Changes of this rank's u and of all q; None where GMRES does not get there; collective.
 
@@ -53,7 +60,7 @@ class CondensedSystem:
             r: (n_local,) forces, zero at prescribed dofs.
             s: (q,) right-hand side of the own equations.
             x: (n_local,) positions of this rank's dofs, as of ``positions``.
-            error: Newton's residual, relative.
+            tolerances: see ``tolerance``; a user's takes the place of both.
             options: prefix, and PETSc options.
 
         Raises:
@@ -64,7 +71,7 @@ class CondensedSystem:
             return None
         near_rigid(self.P, x, self.dofs)
         self._x, self._y = self.P.createVecs()
-        chosen = GMRES | GAMG | {"ksp_rtol": tolerance(error)}
+        chosen = GMRES | GAMG | {"ksp_rtol": tolerances[1]}
         try:
             self._inner = set_up_ksp(self.P, options[0], chosen | options[1], options[1])
         except ContactInputError:
@@ -73,7 +80,7 @@ class CondensedSystem:
             self.ended = str(error)
             return None
         inner = self._inner
-        found, reason = self._refined(r, s)
+        found, reason = self._refined(r, s, tolerances[0])
         for item in (inner, self._x, self._y):
             item.destroy()
         if reason > 0:
@@ -81,13 +88,14 @@ class CondensedSystem:
         self.ended = f"{self.iterations} iterations, PETSc's reason {reason}"
         return None
 
-    def _refined(self, r: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, int]:
+    def _refined(self, r: np.ndarray, s: np.ndarray, must: float) -> tuple[np.ndarray, int]:
         """The solution, and PETSc's reason of the end. Forces are asked for as part of those that
         both right-hand sides are; own equations that say next to nothing of their unknowns have a
         large one, which is solved at once and would be all that GMRES sees."""
         comm, inner = self.dofs.comm, self._inner
         rtol, *others = inner.getTolerances()
-        goal = rtol * _length(comm, r - self.coupling.forces(s)[1])
+        size = _length(comm, r - self.coupling.forces(s)[1])
+        goal, enough = rtol * size, max(rtol, must) * size
         left, found, self.iterations = self._joined(r, s), np.zeros(0), 0
         for _ in range(SOLVES):
             given = self.P.comm, self._times, self._precondition, left, inner.getType()
@@ -98,7 +106,7 @@ class CondensedSystem:
             if reason <= 0 or _length(comm, left[: len(r)]) <= goal:
                 break
             rtol = min(rtol, max(goal / _length(comm, left), REACHED))
-        return found, reason
+        return found, max(reason, int(_length(comm, left[: len(r)]) <= enough))
 
     def _split(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """This rank's u and all q of a vector."""

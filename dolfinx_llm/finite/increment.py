@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
-from dolfinx_llm.finite.settling import differ, foreseen, slide
+from dolfinx_llm.finite.settling import differ, foreseen, lands, slide
 from dolfinx_llm.finite.system import Part
 from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
@@ -26,6 +26,7 @@ NEARLY = 1e-6  # the same, over the smallest, where nothing touches at first
 STUCK = 0.9  # part of the last residual above which an iteration has brought nothing
 SLIDES = 0.5  # of a facet, in an iteration, up to which derivatives of rows and areas hold
 TRUSTED = 0.03  # residual, relative, below which slip has its exact derivative
+LANDED = 1e-5  # residual, relative, below which solves leave next to nothing
 HELPED, LESS = 0.5, 0.1  # where it has not brought the residual down by as much: only below a tenth
 SETTLINGS = 6  # solves for the pairs in contact of the linear model, where nodes slide far
 CUTS = 8  # of a change that turns elements inside out
@@ -232,7 +233,8 @@ class Increment:
         """Changes of this rank's u and of each interface's own unknowns; K is used up."""
         steps, r = self.steps, np.where(self.fixed, self.u - self.target, self.r)
         with steps.times.timed("factorisation"), failing():
-            du, dq = steps.system.solve(K, self.terms, self.loads, r, self.u, self.error)
+            exact = (self.lagged or self.error > LANDED) and lands(self.held)
+            du, dq = steps.system.solve(K, self.terms, self.loads, r, self.u, self.error, exact)
         _check_solution(self.dofs.comm, du, dq, steps.bodies.size)
         return du, np.split(dq, np.cumsum([len(q) for q in self.own])[:-1]) if self.own else []
 

@@ -47,3 +47,10 @@ def differ(now: np.ndarray, before: np.ndarray, origin: Origin | None) -> bool:
     touch = ((now != OPEN) != (before != OPEN)).any()
     again = (now != before).any() and (touch or STICK not in now)
     return bool(again and not np.any(lands))
+
+
+def lands(held: list[Held]) -> bool:
+    """Whether pairs with friction may yet meet for the first time: what counts as slip is kept of
+    that iterate, and must not depend on how well it was solved for."""
+    origins = [h.origin for h in held if h.origin is not None]
+    return any(bool(((o.gap > 0.0) & ~o.touched).any()) for o in origins)

@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import gather_rows
-from dolfinx_llm.finite.condensed import CondensedSystem, positions
+from dolfinx_llm.finite.condensed import CondensedSystem, positions, tolerance
 from dolfinx_llm.finite.coupling import Coupling
 from dolfinx_llm.finite.terms import ContactTerms
 from dolfinx_llm.forms.direct import DirectSolver
@@ -142,6 +142,7 @@ class NewtonSystem(Parts):
         r: np.ndarray,
         u: np.ndarray,
         error: float,
+        exact: bool,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Changes of this rank's u and of all q; collective. K is used up.
 
@@ -152,13 +153,14 @@ class NewtonSystem(Parts):
             r: (n_local,) residual; at prescribed dofs minus their change.
             u: (n_local,) where they are made.
             error: Newton's residual there, relative.
+            exact: whether GMRES is to go as far as it can.
 
         Raises:
             ContactInputError: options that PETSc does not know, or refuses.
             ContactError: MUMPS could not factorise.
         """
         if self.iterates:
-            return self._iterate(K, terms, followers, r, u, error)
+            return self._iterate(K, terms, followers, r, u, error, exact)
         bodies = [Part(t.K, at, at) for t, at in zip(terms, self.numbers, strict=True)]
         self.add(K, "bodies", [*bodies, *followers], self.dofs.fixed)
         fixed = np.flatnonzero(self.dofs.fixed)
@@ -176,6 +178,7 @@ class NewtonSystem(Parts):
         r: np.ndarray,
         u: np.ndarray,
         error: float,
+        exact: bool,
     ) -> tuple[np.ndarray, np.ndarray]:
         """The same by GMRES, else by MUMPS; K becomes the preconditioner's."""
         dofs, d = self.dofs, mean_diagonal(K)
@@ -194,7 +197,7 @@ class NewtonSystem(Parts):
         K.setBlockSize(dofs.gdim)
         system = CondensedSystem(dofs, self.own, K, coupling)
         x = positions(dofs, u)
-        found = system.solve(forces, s, x, error, self.options)
+        found = system.solve(forces, s, x, tolerance(error, exact), self.options)
         self.iterations += system.iterations
         self.failures = self.failures + 1 if found is None else 0
         if found is None:
