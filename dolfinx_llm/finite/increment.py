@@ -13,9 +13,16 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
-from dolfinx_llm.finite.settling import differ, foreseen, lands, slide
 from dolfinx_llm.finite.system import Part
-from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact
+from dolfinx_llm.finite.terms import (
+    ContactTerms,
+    Held,
+    MovingContact,
+    differ,
+    foreseen,
+    lands,
+    slide,
+)
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets

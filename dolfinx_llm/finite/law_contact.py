@@ -17,7 +17,7 @@ from dolfinx_llm.finite.friction_law import in_plane
 from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.law_rows import LawSystem
 from dolfinx_llm.finite.law_told import ToldContact
-from dolfinx_llm.finite.obstacle_friction import ObstacleFriction
+from dolfinx_llm.finite.obstacle_contact import ObstacleFriction
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, moved
 from dolfinx_llm.geometry.surface import Surface

@@ -14,8 +14,7 @@ import numpy as np
 from scipy.sparse import block_diag, bmat, csr_matrix
 
 from dolfinx_llm.base.sparse import diagonal, per_item
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
-from dolfinx_llm.finite.obstacle_friction import ObstacleFriction
+from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstacleFriction, ObstaclePlace
 from dolfinx_llm.finite.terms import ContactTerms, Held, yields
 from dolfinx_llm.interface.against import RESISTED, check_resisted
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK

@@ -15,8 +15,7 @@ from dolfinx_llm.finite.law_contact import LawOnFrame, LawOnObstacle
 from dolfinx_llm.finite.load_step import Placed
 from dolfinx_llm.finite.location import INSIDE, find_on_frame
 from dolfinx_llm.finite.normal_contact import NormalContact
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact, OneSide
-from dolfinx_llm.finite.obstacle_friction import ObstacleFriction
+from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstacleFriction, OneSide
 from dolfinx_llm.finite.pressed_obstacle import Pressed, PressedFriction
 from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure
 from dolfinx_llm.finite.self_sides import SelfSides

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
+from dolfinx import fem, geometry
 
-from dolfinx_llm.base import checks
+from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.contact.state import ContactState
 from dolfinx_llm.geometry.spaces import order_of
@@ -16,13 +18,14 @@ from dolfinx_llm.interface.against import forced
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.update import remeshed
 from dolfinx_llm.laws.coulomb import Coulomb
+from dolfinx_llm.operators.bodies import body_labels
 from dolfinx_llm.operators.petsc import times
-from dolfinx_llm.problem.elsewhere import found_elsewhere
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
 from dolfinx_llm.problem.state_file import Arrays
 
 SAMPLED = "cohesive", "mu"  # of Coulomb's law: told by positions; mu is, where it is one
+OUTLYING = 0.1  # of the largest cell of the old mesh: by how much new nodes may lie outside of it
 
 
 def carry_over(old: Any, new: Any) -> None:
@@ -140,3 +143,138 @@ def _check(old: Any, new: Any) -> None:
         raise ContactInputError("transfer: old and new problem live on other numbers of ranks")
     if not old.results and isinstance(old, ContactProblem):
         raise ContactError("transfer: nothing has been solved yet: call old.solve() first")
+
+
+class Elsewhere:
+    """Where the nodes of a new space lie in an old mesh; body by body, for bodies touch.
+
+    Each rank tells its nodes to the others in turn; the one whose cell is nearest answers.
+
+    Args:
+        old: vector space of the bodies.
+        new: of the same bodies on another mesh; collective.
+
+    Raises:
+        ContactInputError: other bodies.
+    """
+
+    def __init__(self, old: Any, new: Any) -> None:
+        self._mesh, self._comm = old.mesh, old.mesh.comm
+        label, count = body_labels(old)
+        wanted, wants = body_labels(new)
+        cells = _own_cells(old)
+        self._of = label[compat.cell_dofs(old)[: len(cells), 0]]
+        self._trees: dict[int, tuple[np.ndarray, Any, Any]] = {}
+        for body in np.unique(self._of):
+            own = cells[self._of == body]
+            middle = geometry.create_midpoint_tree(self._mesh, self._mesh.topology.dim, own)
+            self._trees[int(body)] = own, compat.cell_tree(self._mesh, own), middle
+        self._size = self._comm.allreduce(_largest(old, len(cells)), op=max)
+        if count != wants:
+            raise ContactInputError(
+                f"the new mesh has {wants} connected bodies, the old one {count}: transfer carries "
+                "over to another mesh of the same bodies"
+            )
+        self._x = _three(new.tabulate_dof_coordinates()[: new.dofmap.index_map.size_local])
+        self._body = self._matched(new, wanted, count)[wanted[: len(self._x)]]
+
+    def _matched(self, new: Any, wanted: np.ndarray, count: int) -> np.ndarray:
+        """(count,) old body of each new one: in which most middles of its cells lie."""
+        own = compat.cell_dofs(new)[: len(_own_cells(new))]
+        middle = _three(new.tabulate_dof_coordinates())[own].mean(axis=1)
+        votes = np.zeros((count, count))
+        where = [self._ask(middle, np.full(len(middle), body), [])[0] for body in range(count)]
+        nearest = np.argmin(where, axis=0) if len(middle) else np.zeros(0, dtype=int)
+        np.add.at(votes, (wanted[own[:, 0]], nearest), 1.0)
+        found = self._comm.allreduce(votes).argmax(axis=1)
+        if len(np.unique(found)) < count:
+            raise ContactInputError(
+                "bodies of the new mesh lie where others of the old one are: transfer carries over "
+                "to another mesh of the same bodies, drawn at the same places"
+            )
+        return found
+
+    def values(self, functions: Sequence[fem.Function]) -> list[np.ndarray]:
+        """Per Function of the old mesh (n_owned, size) values at the new nodes; collective.
+
+        Raises:
+            ContactInputError: nodes lie outside of the old mesh.
+        """
+        far, *found = self._ask(self._x, self._body, functions)
+        out = far > OUTLYING * self._size
+        each = self._comm.allgather((int(out.sum()), far.max(initial=0.0), self._x[out][:1]))
+        if count := sum(part[0] for part in each):
+            first = np.concatenate([part[2] for part in each])[0].round(6).tolist()
+            raise ContactInputError(
+                f"{count} nodes of the new mesh lie outside of the old one, by up to "
+                f"{max(part[1] for part in each):.3g}, the first at {first}; up to "
+                f"{OUTLYING * self._size:.3g} is taken: draw the same bodies at the same places"
+            )
+        return found
+
+    def _ask(
+        self, x: np.ndarray, body: np.ndarray, functions: Sequence[fem.Function]
+    ) -> list[np.ndarray]:
+        """Distance of this rank's points from the old bodies, and values of Functions there."""
+        answers: Any = None
+        for rank in range(self._comm.size):
+            points, of = self._comm.bcast((x, body), root=rank)
+            found = self._answer(points, of, functions)
+            gathered = self._comm.gather(found, root=rank)
+            answers = gathered if rank == self._comm.rank else answers
+        best = np.argmin([answer[0] for answer in answers], axis=0)
+        every = np.arange(len(x))
+        return [np.stack(parts)[best, every] for parts in zip(*answers, strict=True)]
+
+    def _answer(
+        self, x: np.ndarray, body: np.ndarray, functions: Sequence[fem.Function]
+    ) -> list[np.ndarray]:
+        """The same of points (n, 3) of any rank, in this rank's cells."""
+        far = np.full(len(x), np.inf)
+        found = [np.zeros((len(x), f.function_space.dofmap.index_map_bs)) for f in functions]
+        for name, (_, tree, middle) in self._trees.items():
+            at = np.flatnonzero(body == name)
+            if not len(at):
+                continue
+            cells = geometry.compute_closest_entity(tree, middle, self._mesh, x[at])
+            dim = self._mesh.topology.dim
+            far[at] = np.sqrt(geometry.squared_distance(self._mesh, dim, cells, x[at]))
+            for values, function in zip(found, functions, strict=True):
+                values[at] = function.eval(x[at], cells).reshape(len(at), -1)
+        return [far, *found]
+
+
+def found_elsewhere(
+    old: Sequence[Any], new: Sequence[Any], fields: Sequence[Sequence[fem.Function]]
+) -> list[np.ndarray]:
+    """Per field, Functions of the old spaces, this rank's values (n_local,) at the new spaces'
+    dofs, one space after the other; collective.
+
+    Args:
+        old, new: spaces of the bodies, in the same order.
+        fields: each with a Function of every old space.
+
+    Raises:
+        ContactInputError: other bodies, or nodes that lie outside.
+    """
+    each = [
+        Elsewhere(V, W).values(functions)
+        for V, W, functions in zip(old, new, zip(*fields, strict=True), strict=True)
+    ]
+    return [np.concatenate([values.ravel() for values in parts]) for parts in zip(*each)]
+
+
+def _own_cells(V: Any) -> np.ndarray:
+    topology = V.mesh.topology
+    return np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
+
+
+def _largest(V: Any, n: int) -> float:
+    """Size of the largest of this rank's n cells along an axis."""
+    x = V.tabulate_dof_coordinates()[compat.cell_dofs(V)[:n]]
+    return float(np.ptp(x, axis=1).max(initial=0.0))
+
+
+def _three(x: np.ndarray) -> np.ndarray:
+    """(n, 3) of positions (n, gdim), contiguous."""
+    return np.ascontiguousarray(np.pad(x, ((0, 0), (0, 3 - x.shape[1]))))

@@ -6,9 +6,8 @@ from typing import Any
 
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.problem.bulk import fill
-from dolfinx_llm.problem.elsewhere import found_elsewhere
 from dolfinx_llm.problem.form_arguments import listed
-from dolfinx_llm.problem.transfer import carry_over
+from dolfinx_llm.problem.transfer import carry_over, found_elsewhere
 from dolfinx_llm.time.stepper import TimeStepper
 
 

@@ -182,7 +182,7 @@ def test_bodies_go_on_to_stick_at_finite_deformation(cells, other, degree):
 
 def test_bodies_that_touch_are_told_apart():
     """Nodes of two bodies at one place, whose displacements differ."""
-    from dolfinx_llm.problem.elsewhere import found_elsewhere
+    from dolfinx_llm.problem.transfer import found_elsewhere
 
     spaces = []
     for n in (4, 7):

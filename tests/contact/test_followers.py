@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
 
-from dolfinx_llm.laws.speakers import HELD, follow, speakers
+from dolfinx_llm.contact.followers import HELD, follow, speakers
 
 pytestmark = pytest.mark.quick
 
