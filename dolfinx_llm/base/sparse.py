@@ -3,8 +3,11 @@ constructors, by way of other formats, cost more than all that is done with the 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import splu
 
 
 def diagonal(values: np.ndarray) -> csr_matrix:
@@ -41,6 +44,27 @@ def picking(columns: np.ndarray, m: int) -> csr_matrix:
     """(k, m) matrix that picks entries, by their columns (k,)."""
     k = len(columns)
     return csr_matrix((np.ones(k), _small(columns), np.arange(k + 1, dtype=np.int32)), (k, m))
+
+
+def placed(
+    values: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
+) -> csr_matrix:
+    """Sums of values at rows and columns, which are broadcast to them; without zeros.
+
+    >>> placed(np.ones((1, 2, 2)), np.array([[[0], [1]]]), np.array([[[1, 1]]]), (2, 2)).toarray()
+    array([[0., 2.],
+           [0., 2.]])
+    """
+    there = values != 0.0
+    row, column = (np.broadcast_to(at, values.shape)[there] for at in (rows, columns))
+    return csr_matrix((values[there], (row, column)), shape)
+
+
+def symmetric_factors(A: Any, pivots: bool = False) -> Any:
+    """Factors of a symmetric matrix, which needs no pivots where it is definite."""
+    own = {} if pivots else {"diag_pivot_thresh": 0.0}
+    options = {"SymmetricMode": True}
+    return splu(A.tocsc(), permc_spec="MMD_AT_PLUS_A", options=options, **own)
 
 
 def per_component(matrix: csr_matrix, d: int) -> csr_matrix:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import qr
-from scipy.optimize import linprog
 from scipy.sparse import csr_matrix, hstack, identity, vstack
 
 from dolfinx_llm.base.sparse import diagonal
@@ -85,6 +84,8 @@ def _left(
     least = [hstack([csr_matrix((k, n)), sign * one, most]) for sign in (1.0, -1.0)]
     free, drag, bear = np.full(k, np.inf), vstack(drags), vstack(bears)
     limit, none = np.concatenate(limits), csr_matrix((drag.shape[0], k + 1))
+
+    from scipy.optimize import linprog  # rarely needed, and a third of the time of all imports
 
     def solved(rows: csr_matrix, limit: np.ndarray) -> Any:
         return linprog(

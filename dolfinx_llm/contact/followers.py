@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix, diags, identity
+from scipy.sparse import csr_matrix, diags, identity
 from scipy.sparse.csgraph import connected_components
 
-from dolfinx_llm.base.sparse import diagonal
+from dolfinx_llm.base.sparse import diagonal, placed
 from dolfinx_llm.contact.friction_nodes import FrictionNodes
 
 REMEMBERED = 3  # states of contact
@@ -104,9 +104,8 @@ def follow(speaker: np.ndarray, tangents: np.ndarray) -> csr_matrix:
     turn = left @ right
     turn[speaker == np.arange(k)] = np.eye(t)
     index = np.arange(t)
-    row = np.broadcast_to(np.arange(k)[:, None, None] * t + index[:, None], turn.shape)
-    col = np.broadcast_to(speaker[:, None, None] * t + index, turn.shape)
-    return coo_matrix((turn.ravel(), (row.ravel(), col.ravel())), (k * t, k * t)).tocsr()
+    row = np.arange(k)[:, None, None] * t + index[:, None]
+    return placed(turn, row, speaker[:, None, None] * t + index, (k * t, k * t))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,8 @@ from functools import partial
 
 import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, identity, vstack
-from scipy.sparse.linalg import splu
 
+from dolfinx_llm.base.sparse import symmetric_factors
 from dolfinx_llm.design.curved import vector_residual
 from dolfinx_llm.design.stencils import RowStencils, spread, sums
 
@@ -152,10 +152,7 @@ class _Rows:
         ).tocsr()
         blocks = bsr_matrix((diagonal, np.arange(m), np.arange(m + 1)), (m * gdim, m * gdim))
         A = blocks - B.T @ B + DAMPING * largest * identity(m * gdim)
-        factor = splu(
-            A.tocsc(),
-            permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
-        )  # fmt: skip
+        factor = symmetric_factors(A)
         return lambda r: factor.solve(r.ravel()).reshape(m, gdim)
 
     def terms(self) -> tuple[np.ndarray, csr_matrix, np.ndarray]:

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, diags, vstack
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.sparse import symmetric_factors
 from dolfinx_llm.design.stencils import RowStencils, monomials, spread
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.loads import NodalLoads
@@ -157,7 +157,7 @@ def factor(A: Any) -> Any:
         ContactError: they are singular: rows that may be corrected are missing.
     """
     try:
-        return splu(A.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+        return symmetric_factors(A, pivots=True)
     except RuntimeError as error:  # SuperLU's "exactly singular"
         raise ContactError(
             "design by weights: the rows that may be corrected cannot balance the frame "

@@ -31,6 +31,7 @@ from dolfinx_llm.finite.chart import products
 from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
 from dolfinx_llm.geometry.element import Element, element_of
+from dolfinx_llm.geometry.loads import assembled
 from dolfinx_llm.geometry.overlap_flat import local_bases
 
 CORRECTED = 0.4  # correction from which on the limit k is raised at the start of a step
@@ -161,11 +162,7 @@ class Design:
         P = -np.einsum("nsa,nat->nst", lift, CW)
         own = np.arange(w.shape[1])
         P[:, own, own] += w
-        rows = np.broadcast_to(nodes[:, :, None], P.shape)
-        cols = np.broadcast_to(nodes[:, None, :], P.shape)
-        M = csr_matrix(
-            ((forces[0][:, None, None] * P).ravel(), (rows.ravel(), cols.ravel())), (m, m)
-        )
+        M = assembled(forces[0][:, None, None] * P, nodes, m)
         fy = forces[1]
         M, G = self._held(M, limit), chart * (fy if fy.any() else np.ones(m))[:, None]
         r = np.bincount(nodes.ravel(), (forces[0][:, None] * N0).ravel(), m) - fy

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dolfinx_llm.laws.coulomb import AT_LIMIT
+from dolfinx_llm.laws.coulomb import AT_LIMIT, stable_slip
 
 LEVEL = 1e-6  # part of a prescribed direction in the tangent plane that is none
 
@@ -97,7 +97,7 @@ def friction_rows(
     w = tau + c * sigma
     z = in_plane(normal, w)
     d = z / np.maximum(np.linalg.norm(z, axis=1), 1e-300)[:, None]
-    M = _stable(bound[:, None] * d if exact else tau, z, bound)
+    M = stable_slip(bound[:, None] * d if exact else tau, z, bound)
     slid = (tau - bound[:, None] * d) / c
     return FrictionRows(
         rest=np.where(stick[:, 0], rest, slid),
@@ -106,17 +106,6 @@ def friction_rows(
         by_normal=np.where(stick, by_normal, -M @ _turned(normal, w) / c),
         by_bound=np.where(stick[:, 0], 0.0, -d / c),
     )
-
-
-def _stable(tau: np.ndarray, z: np.ndarray, bound: np.ndarray) -> np.ndarray:
-    """(k, gdim, gdim) derivative of b z / |z| by z where tau = b z / |z|, and what is stable
-    elsewhere: e (1 - beta tau dᵀ / max(b, |tau|)), e = min(b / |z|, 1)."""
-    size, t = (np.maximum(np.linalg.norm(a, axis=1), 1e-300) for a in (z, tau))
-    d, s = z / size[:, None], np.maximum(bound, 1e-300)
-    cosine = np.einsum("ki,ki->k", tau, d) / t
-    beta = 1.0 / (1.0 - np.minimum(cosine, 0.0) * t / np.maximum(t, s))
-    outer = (beta / np.maximum(s, t))[:, None, None] * tau[:, :, None] * d[:, None, :]
-    return np.minimum(bound / size, 1.0)[:, None, None] * (np.eye(z.shape[1]) - outer)
 
 
 def in_plane(normal: np.ndarray, w: np.ndarray) -> np.ndarray:

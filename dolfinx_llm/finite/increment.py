@@ -91,11 +91,6 @@ def _stays(steps: Equations, start: NewtonState) -> list[Any]:
     ]
 
 
-def _staying(contact: MovingContact, stays: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """(n,) status of pairs, with those (n,) that stay in contact."""
-    return np.where(stays & (now == OPEN), contact.pressed[-1], now)
-
-
 def _slid(steps: Equations, terms: list[ContactTerms], du: np.ndarray) -> float:
     """How far nodes in contact slide over the other side for a change of u [length]."""
     every, dofs = zip(steps.interfaces, terms, strict=True), steps.bodies.dofs
@@ -201,7 +196,7 @@ class Increment:
                 self.drawn[i] = before is not None
                 reach = np.full(len(start), place.gap.min() + NEARLY * size)
                 now, found = contact.touching(place, q, start, held, reach)
-            now = _staying(contact, self.stays[i] & place.pairs, now)
+            now = contact.staying(self.stays[i] & place.pairs, now)
             self.changes += int(((now != OPEN) != (start != OPEN)).sum())
             self.status[i] = now
             self.held[i] = replace(found, pairs=place.pairs)
@@ -257,7 +252,7 @@ class Increment:
             q, held = self.own[i], self.held[i]
             z, place = self.dofs.values(placed.numbers, du), self.terms[i].place
             now = foreseen(placed.what, place, (z, q + dq), held, NO_GAP * self.steps.size)
-            now = _staying(placed.what, self.stays[i] & place.pairs, now)
+            now = placed.what.staying(self.stays[i] & place.pairs, now)
             if differ(now, self.status[i], held.origin):
                 self.status[i], found, about = now, True, replace(held, about=(z, q + dq))
                 self.terms[i] = placed.what.terms(place, q, now, about, placed.free)

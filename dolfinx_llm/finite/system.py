@@ -19,7 +19,14 @@ from dolfinx_llm.finite.coupling import Coupling
 from dolfinx_llm.finite.terms import ContactTerms
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
-from dolfinx_llm.operators.petsc import create_aij, is_symmetric, join_blocks, same_entries, times
+from dolfinx_llm.operators.petsc import (
+    create_aij,
+    diagonal_of,
+    is_symmetric,
+    join_blocks,
+    same_entries,
+    times,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,11 +285,8 @@ class NewtonSystem(Parts):
 def mean_diagonal(K: PETSc.Mat, at: np.ndarray | None = None) -> float:
     """Mean size of K's diagonal entries, or of those of some rows (k,), the same on every rank
     [force / length]; collective."""
-    diagonal = K.getDiagonal()
-    first, end = diagonal.getOwnershipRange()
-    own = np.abs(diagonal.array_r)
+    own, (first, end) = np.abs(diagonal_of(K)), K.getOwnershipRange()
     if at is not None:
         own = own[at[(at >= first) & (at < end)] - first]
-    total, count = diagonal.comm.tompi4py().allreduce(np.array([own.sum(), len(own)]))
-    diagonal.destroy()
+    total, count = K.comm.tompi4py().allreduce(np.array([own.sum(), len(own)]))
     return float(total / count)

@@ -105,6 +105,10 @@ class MovingContact:
         """Whether surfaces may overlap under its forces."""
         return False
 
+    def staying(self, stays: np.ndarray, now: np.ndarray) -> np.ndarray:
+        """(n,) status of pairs, with those (n,) that stay in contact."""
+        return np.where(stays & (now == OPEN), self.pressed[-1], now)
+
     @property
     def size(self) -> int:
         """Number of own unknowns q."""

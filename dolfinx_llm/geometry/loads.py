@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import block_diag, coo_matrix, csr_matrix
+from scipy.sparse import block_diag, csr_matrix
 
+from dolfinx_llm.base.sparse import placed
 from dolfinx_llm.geometry.cells import (
     facet_mass,
     facet_normals,
@@ -128,9 +129,7 @@ class NodalLoads:
 
 def assembled(blocks: np.ndarray, nodes: np.ndarray, n: int) -> csr_matrix:
     """(n, n) sum of blocks (e, k, k) at nodes (e, k)."""
-    row = np.broadcast_to(nodes[:, :, None], blocks.shape).ravel()
-    col = np.broadcast_to(nodes[:, None, :], blocks.shape).ravel()
-    return coo_matrix((blocks.ravel(), (row, col)), (n, n)).tocsr()
+    return placed(blocks, nodes[:, :, None], nodes[:, None, :], (n, n))
 
 
 def loads_in_contact(

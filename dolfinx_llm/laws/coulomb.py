@@ -191,17 +191,10 @@ def newton_rows(
     """
     n, d = T.shape
     z, s, closed = T + c[:, None] * delta, np.maximum(s, 0.0), s > 0.0
-    size, t = _length(z), _length(T)
+    size = _length(z)
     limit = s * np.where(before == SLIP, 1.0 - AT_LIMIT, 1.0 + AT_LIMIT)
     status = np.where(~closed, OPEN, np.where(size < limit, STICK, SLIP))
-    safe = np.maximum(size, 1e-300)
-    direction = z / safe[:, None]
-    e = np.minimum(s, size) / safe
-    cosine = np.einsum("ni,ni->n", T, z) / np.maximum(t * safe, 1e-300)
-    beta = 1.0 / (1.0 - np.minimum(cosine, 0.0) * np.minimum(s, t) / np.maximum(s, 1e-300))
-    largest = np.maximum(np.maximum(s, t), 1e-300)[:, None, None]
-    outer = T[:, :, None] * direction[:, None, :] / largest
-    M = e[:, None, None] * (np.eye(d) - beta[:, None, None] * outer)
+    direction, M = z / np.maximum(size, 1e-300)[:, None], stable_slip(T, z, s)
     slip = (status == SLIP)[:, None, None]
     stick = (status == STICK)[:, None, None]
     unit, c = np.broadcast_to(np.eye(d), (n, d, d)), c[:, None, None]
@@ -212,6 +205,17 @@ def newton_rows(
         C_N=np.where(slip[:, 0], -direction, 0.0),
         rhs=np.where(slip[:, 0], -np.einsum("nij,nj->ni", M, z), 0.0),
     )
+
+
+def stable_slip(T: np.ndarray, z: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """(n, d, d) derivative of s z / |z| by z where T = s z / |z|, and what is stable elsewhere,
+    e (1 - beta T dᵀ / max(s, |T|)), e = min(s / |z|, 1); arguments as of ``newton_rows``."""
+    size, t = (np.maximum(_length(a), 1e-300) for a in (z, T))
+    d, largest = z / size[:, None], np.maximum(np.maximum(s, t), 1e-300)
+    cosine = np.einsum("ni,ni->n", T, d) / t
+    beta = 1.0 / (1.0 - np.minimum(cosine, 0.0) * t / largest)
+    outer = beta[:, None, None] * (T / largest[:, None])[:, :, None] * d[:, None, :]
+    return (np.minimum(s, size) / size)[:, None, None] * (np.eye(z.shape[1]) - outer)
 
 
 def switch_rows(

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix, vstack
 
+from dolfinx_llm.base.sparse import placed
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.obstacle import Swings
@@ -22,10 +23,9 @@ def assemble_B(rows: Rows, dofs: BodyDofs) -> PETSc.Mat:
     """B of (31): one column per surface node and component, the base vector at the node's dofs.
     Rows of prescribed dofs stay empty, since K holds an identity there."""
     mine, multipliers = rows.numbering.mine, rows.numbering
-    value, at = rows.base[mine], rows.dofs[mine] - dofs.first
-    cols = np.broadcast_to(multipliers.number[mine][:, None], value.shape)
-    keep = (value != 0.0) & ~dofs.fixed[at]
-    local = csr_matrix((value[keep], (at[keep], cols[keep])), (dofs.sizes[0], multipliers.sizes[1]))
+    at = rows.dofs[mine] - dofs.first
+    value, cols = np.where(dofs.fixed[at], 0.0, rows.base[mine]), multipliers.number[mine]
+    local = placed(value, at, cols[:, None], (dofs.sizes[0], multipliers.sizes[1]))
     return create_aij(dofs.comm, dofs.sizes, multipliers.sizes, local)
 
 
@@ -57,11 +57,9 @@ def interface_operator(
             )
             value = np.einsum("nci,ndi->ncd", side.base[N.row], ways)
         value = value * N.data[:, None, None]
-        row = np.broadcast_to((N.row[:, None] * c + np.arange(c))[:, :, None], value.shape)
-        col = np.broadcast_to((N.col[:, None] * d + np.arange(d))[:, None, :], value.shape)
-        keep = value != 0.0
+        row, col = N.row[:, None] * c + np.arange(c), N.col[:, None] * d + np.arange(d)
         shape = (N.shape[0] * c, N.shape[1] * d)
-        blocks.append(csr_matrix((value[keep], (row[keep], col[keep])), shape=shape))
+        blocks.append(placed(value, row[:, :, None], col[:, None, :], shape))
     return vstack(blocks, format="csr")
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.linalg
 from scipy.sparse import bsr_matrix, csr_matrix
 
+from dolfinx_llm.base.sparse import placed
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.petsc import diagonal_of, times
 
@@ -130,22 +131,18 @@ def rigid_motions(bodies: Bodies, K: Any, fixed: np.ndarray) -> RigidMotions:
         free += not held[j]
     shape, columns = (len(fixed), k), number[of]
     modes, forces = (
-        _at_columns(bodies.dofs, there, np.einsum("nk,nkj->nj", field[bodies.dofs], C[of]), shape)
-        for field, there in ((moved, columns), (pushed, np.where(columns < free, -1, columns)))
+        placed(
+            np.einsum("nk,nkj->nj", field[bodies.dofs], C[of]) * (columns >= first),
+            bodies.dofs[:, None],
+            columns,
+            shape,
+        )  # fmt: skip
+        for field, first in ((moved, 0), (pushed, free))
     )
     stiffness = bodies.comm.allreduce((modes.T @ forces).tocsr())
     body = np.array([b for b, _ in order], dtype=np.int64)
     stiffness = 0.5 * (stiffness + stiffness.T)
     return RigidMotions(bodies, body, parts, free, modes, forces, stiffness, noise)
-
-
-def _at_columns(
-    rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]
-) -> csr_matrix:
-    """Values (n, w) in rows (n,) and columns (n, w), -1: in none."""
-    kept = (columns >= 0) & (values != 0.0)
-    row = np.broadcast_to(rows[:, None], columns.shape)[kept]
-    return csr_matrix((values[kept], (row, columns[kept])), shape)
 
 
 def _allowed(bodies: Bodies, R: np.ndarray, of: np.ndarray, fixed: np.ndarray) -> np.ndarray:

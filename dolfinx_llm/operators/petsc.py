@@ -72,9 +72,8 @@ def block_diagonal(blocks: Sequence[PETSc.Mat]) -> PETSc.Mat:
         return blocks[0]
     n = len(blocks)
     rows = [[blocks[i] if i == j else None for j in range(n)] for i in range(n)]
-    nest = PETSc.Mat().createNest(rows, comm=blocks[0].comm)
-    matrix = nest.convert("aij", PETSc.Mat())
-    for M in (nest, *blocks):
+    matrix, _ = join_blocks(rows)
+    for M in blocks:
         M.destroy()
     return matrix
 

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 from scipy.sparse import csr_matrix, identity
 from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
-from scipy.sparse.linalg import splu
+
+from dolfinx_llm.base.sparse import symmetric_factors
 
 REPEATED = 1e-6  # part of base vectors at free dofs that counts as none
 RANK = 1e-8  # of the largest: singular values below are none
@@ -51,10 +52,7 @@ class ColumnSpace:
         self.least = DAMPED * float(square.diagonal().max(initial=0.0))
         self._factor = None
         if self.least:
-            self._factor = splu(
-                square + self.least * identity(D.shape[1], format="csc"),
-                permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
-            )  # fmt: skip
+            self._factor = symmetric_factors(square + self.least * identity(D.shape[1]))
 
     def without(self, values: np.ndarray) -> np.ndarray:
         """What of values (k,) or (k, j) is orthogonal to all columns."""

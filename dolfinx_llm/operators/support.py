@@ -1,13 +1,12 @@
 """Rigid motions of the bodies that neither supports nor interfaces hold."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix, identity, vstack
-from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.sparse import symmetric_factors
 from dolfinx_llm.operators.floating import Loose
 from dolfinx_llm.operators.motions import RigidMotions, no_motions
 from dolfinx_llm.operators.prescribed import independent_rows
@@ -118,7 +117,7 @@ def least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:
     a mass matrix, so that large frames are iterated on by conjugate gradients; with small singular
     values, on which these are slow, they are factorised, too."""
     if L.shape[1] <= FIT_DIRECTLY:
-        return _factorised(L).solve(L.T @ b)
+        return symmetric_factors(L.T @ L, pivots=True).solve(L.T @ b)
     v = np.zeros((L.shape[1], b.shape[1]))
     r = L.T @ b
     p, size = r.copy(), np.einsum("nk,nk->k", r, r)
@@ -135,9 +134,4 @@ def least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:
         r -= length * (L.T @ Lp)
         before, size = size, np.where(size > goal, np.einsum("nk,nk->k", r, r), size)
         p = r + size / np.maximum(before, 1e-300) * p
-    return _factorised(L).solve(L.T @ b)
-
-
-def _factorised(L: csr_matrix) -> Any:
-    symmetric = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
-    return splu((L.T @ L).tocsc(), **symmetric)
+    return symmetric_factors(L.T @ L, pivots=True).solve(L.T @ b)

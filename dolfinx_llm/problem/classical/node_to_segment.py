@@ -9,6 +9,7 @@ from scipy.sparse import block_diag, csr_matrix
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import agree, collective, gather_rows
+from dolfinx_llm.base.sparse import placed
 from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.interface.geometry import InterfaceGeometry
@@ -187,6 +188,4 @@ def _constraint_rows(
     node = np.concatenate([nodes * gdim, first + N.col * gdim])
     row = np.concatenate([np.arange(n), N.row])[:, None, None] * c + np.arange(c)[:, None]
     col = node[:, None, None] + np.arange(gdim)
-    row, col = (np.broadcast_to(a, value.shape) for a in (row, col))
-    keep = value != 0.0
-    return csr_matrix((value[keep], (row[keep], col[keep])), shape=(n * c, k))
+    return placed(value, row, col, (n * c, k))
