@@ -145,7 +145,9 @@ class Increment:
         """Contact, loads and residual at the displacement as it is."""
         with self.steps.times.timed("contact"), failing():
             self._contact()
+        least = STUCK * self.error
         self._balance()
+        self.stuck = self.error > least
 
     def _balance(self) -> None:
         """Residual for the forces of contact and loads as they are."""
@@ -172,8 +174,7 @@ class Increment:
         rest = max([rest, *(t.miss for t in self.terms)])
         largest = max(largest, reaction, load, nothing, 1e-300)
         rounding = ROUNDED * steps.scale * (steps.bodies.size + moved)
-        error = float(rest / max(largest, rounding / CONVERGED))
-        self.stuck, self.r, self.error = error > STUCK * self.error, r, error
+        self.r, self.error = r, float(rest / max(largest, rounding / CONVERGED))
         self.doubt = min(rest, DOUBTS * largest)
         self.rest = max([np.abs(t.rest).max(initial=0.0) for t in self.terms], default=0.0)
 
@@ -263,9 +264,8 @@ class Increment:
         arrived = np.abs(self.u - self.target)[self.fixed].max(initial=0.0)
         arrived = self.dofs.comm.allreduce(float(arrived), op=MPI.MAX)
         size = self.steps.size
-        if self.changes or not max(self.error, self.rest / size, arrived / size) < CONVERGED:
-            return False
-        return not self._missed()
+        rests = max(self.error, self.rest / size, arrived / size) < CONVERGED
+        return rests and not self.changes and not self._missed()
 
     def _missed(self) -> bool:
         """Take in facets that were far at the start and have passed the frame, and leave out nodes

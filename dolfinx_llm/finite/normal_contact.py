@@ -229,11 +229,10 @@ class NormalContact(MovingContact):
         border_z = csr_matrix(held.chart * rows.mu[:, None]).T @ dfy
         closed = active[on] & ~held_fast(A, free)
         by_closed = summing(on, n) @ diagonal(closed)
-        idle = np.ones(n)
+        idle, rest = np.full(n, 1.0 / held.scale), force / held.scale
         own = yields(normal[closed][:, None], self.sides.split(free)[0][on[closed]], held)
-        idle[on[closed]] = own.ravel()
+        idle[on[closed]], rest[on[closed]] = own.ravel(), place.gap[on[closed]]
         G = csr_matrix(rows.G)
-        rest = np.where(idle == 1.0, force, place.gap)
         none = csr_matrix((width, c))
         return ContactTerms(
             force=A.T @ borne,
