@@ -59,12 +59,8 @@ class Coulomb(Law):
     cohesion: Varying = 0.0
     dynamic: Varying | None = None
     slips: bool = field(init=False, default=True)  # whether there are tangential forces at all
+    components: str = field(init=False, default="local")  # normal ones alone without friction
     shares = True
-
-    @property
-    def components(self) -> str:  # type: ignore[override]
-        """Normal forces alone without friction."""
-        return "local" if self.slips else "normal"
 
     @property
     def _bounds(self) -> dict[str, Varying]:
@@ -82,6 +78,7 @@ class Coulomb(Law):
         checks.one_of("Coulomb: method", self.method, METHODS)
         bears = any(callable(a) or bool(np.any(np.asarray(a) > 0.0)) for a in self._bounds.values())
         object.__setattr__(self, "slips", bears)
+        object.__setattr__(self, "components", "local" if bears else "normal")
 
     def __repr__(self) -> str:
         shown = [f"mu={checks.shown(self.mu)}", f"method={self.method!r}"]

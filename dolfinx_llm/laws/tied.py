@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -31,20 +31,17 @@ class Tied(Law):
 
     close_gap: bool = False
     gap: Any = 0.0
+    closes_gap: bool = field(init=False, default=False)  # whether the gap as drawn counts
     components, opens = "cartesian", False
 
     def __post_init__(self) -> None:
         checks.boolean("Tied: close_gap", self.close_gap)
         self.given_gap  # noqa: B018 - refused where it is none
+        object.__setattr__(self, "closes_gap", self.close_gap)
 
     def __repr__(self) -> str:
         gap = f", gap={self.given_gap:.12g}" if self.given_gap else ""
         return f"Tied(close_gap={self.close_gap}{gap})"
-
-    @property
-    def closes_gap(self) -> bool:  # type: ignore[override]
-        """Whether the gap as drawn counts."""
-        return self.close_gap
 
     @property
     def given_gap(self) -> float:
