@@ -6,6 +6,7 @@ from dolfinx_llm.contact.equations import Equations
 
 CONSTANT = 1e-8  # part of the largest force by which those at supports may still change
 ROUGH = 1e-5  # the same where that falls no more: by ``SOFT`` less than 1e-11 of what bodies give
+LATE = 24  # iterations in which most scenes come to rest
 EVEN, SLOW = 0.02, 0.98  # difference of two ratios that is none; the largest that comes to an end
 
 
@@ -14,16 +15,28 @@ class GivingWay:
     of λ, and the next iteration starts from there. Combinations of rows that nearly follow from
     others then change by the same part of the last change each time: these are summed up at once.
 
+    While pairs still change rows give way about the start of the load step, so that λ does not
+    depend on the way there. Where it is one and then the other of two pairs that share a force,
+    this goes on for ever: from iteration ``LATE`` on rows give way about the last λ.
+
     Args:
         equations: of the rows, about λ at the start of the load step.
-
-    Attributes:
-        ahead: (n,) λ about which rows give way next [force].
     """
 
     def __init__(self, equations: Equations) -> None:
-        self._equations, self.ahead = equations, equations.start
+        self._equations, self._ahead, self._last = equations, equations.start, equations.start
         self._given, self._ratio = np.inf, 0.0
+
+    def about(self, settled: bool, iteration: int) -> np.ndarray:
+        """(n,) λ about which rows give way next [force].
+
+        Args:
+            settled: pairs and laws have come to rest.
+            iteration: its number.
+        """
+        if settled:
+            return self._ahead
+        return self._last if iteration > LATE else self._equations.start
 
     def rest(self, multiplier: np.ndarray, largest: float, calm: bool) -> bool:
         """Whether the forces λ (n,) differ little from those about which rows give way now.
@@ -40,6 +53,7 @@ class GivingWay:
         before, ratio = self._ratio, self._given / max(last, 1e-300)
         steady = abs(ratio - before) <= EVEN * before and ratio <= SLOW
         self._ratio = 0.0 if steady else ratio
-        self.ahead = multiplier + (ratio / (1.0 - ratio) * change if steady else 0.0)
+        self._last = multiplier
+        self._ahead = multiplier + (ratio / (1.0 - ratio) * change if steady else 0.0)
         falls = not calm or self._given <= 0.5 * last
         return self._given <= (CONSTANT if falls else ROUGH) * largest

@@ -30,7 +30,7 @@ from dolfinx_llm.operators.system import ContactOperators
 
 LED = 10  # iterations in which what springs alone press together sticks
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
-MAXIMUM = 60  # iterations
+MAXIMUM = 100  # iterations
 MANY = 0.2  # of the pairs: where more change, friction is not yet what it will be
 FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
 AGAIN = 0.05  # the same in later load steps, on curved frames, for which pairs touch
@@ -144,7 +144,7 @@ class ContactIteration:
         glides, rest = glide(equations, False), self.snapshot()[0]
         for iteration in range(1, most + 1):
             equations.lags = changes > many and not known
-            equations.about = giving.ahead if calm and before <= CONSTANT else equations.start
+            equations.about = giving.about(calm > 0 and before <= CONSTANT, iteration)
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
             if glides or (not known and iteration == 1):
                 step = equations.all_stick(step)

@@ -162,19 +162,20 @@ def _between_bodies(
     is rounding then, of the surfaces' stiffness ``scale`` times their motion.
     """
     gaps = [side.frame_gap for side in sides]
-    positions = [
-        side.x + (side.u if p.control is None else p.control @ side.u)
-        for p, side in zip(geometry.pairs, sides, strict=True)
-    ]
-    for k, N in enumerate(geometry.opposite):
-        across = N @ positions[1 - k] - positions[k]
-        gaps[k] = np.einsum("ni,ni->n", across, sides[k].normal)
     force = max(np.abs(side.normal_force).max(initial=0.0) for side in sides)
     size = max(np.abs(a).max(initial=0.0) for side in sides for a in (side.u, side.frame_gap))
     nothing, law = IDLE * scale * size, geometry.interface.law
+    least = max(FELT * force, nothing)
+    presses = [(side.status != OPEN) & (side.normal_force > least) for side in sides]
+    if law.gives or not np.concatenate(presses).all():  # where all press there are none
+        both = zip(geometry.pairs, sides, strict=True)
+        x = [s.x + (s.u if p.control is None else p.control @ s.u) for p, s in both]
+        for k, N in enumerate(geometry.opposite):
+            across = N @ x[1 - k] - x[k]
+            gaps[k] = np.einsum("ni,ni->n", across, sides[k].normal)
     out, ends = [], np.cumsum([len(side.x) for side in sides])
-    for side, gap, pulls in zip(sides, gaps, np.split(held, ends[:-1]), strict=True):
-        pressed = side.normal_force > max(FELT * force, nothing)
+    each = zip(sides, gaps, presses, np.split(held, ends[:-1]), strict=True)
+    for side, gap, pressed, pulls in each:
         closed = (side.status != OPEN) & (pressed | (gap <= FELT * size) | pulls)
         if not law.opens:
             closed[:] = True
