@@ -10,6 +10,7 @@ import numpy as np
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.contact.balance import unbalanced
 from dolfinx_llm.contact.iteration import MAXIMUM, ContactIteration
+from dolfinx_llm.contact.neutral import neutral
 from dolfinx_llm.forms.step import StepResult
 from dolfinx_llm.forms.verdict import (
     FinalError,
@@ -149,7 +150,8 @@ def _judged(
         verdict = judge(left, terms, iteration.forces, form.describe(), form.tolerance)
     check_rounding(verdict.rounding)
     drift = operators.floating.drift(equations.L, equations.n_v, equations.closed_rows())
-    iteration.verdict = replace(verdict, drift=drift)
+    left_open = neutral(equations, operators.floating)
+    iteration.verdict = replace(verdict, drift=drift, neutral=left_open)
     for words in iteration.verdict.lost if operators.comm.rank == 0 else []:
         log.warning(words)
     return u

@@ -28,11 +28,12 @@ class Verdict:
     residual: float  # over the size of forces
     rounding: float  # error of the forces that no solver can avoid, over their size
     drift: float = 0.0  # the same of rigid motions that weak springs hold, over the motion's size
+    neutral: str = ""  # words for a motion that contact leaves open
 
     @property
     def lost(self) -> list[str]:
-        """What may have been lost to rounding, where that is more than usual."""
-        words = []
+        """What is not unique, and what may have been lost to rounding, if more than usual."""
+        words = [self.neutral] if self.neutral else []
         if self.rounding > NOTABLE:
             words.append(
                 f"forces may be off by {self.rounding:.0e}, by rounding alone: stiffness times "

@@ -31,7 +31,7 @@ from dolfinx_llm.operators.numbering import (
 from dolfinx_llm.operators.petsc import diagonal_of
 from dolfinx_llm.operators.prescribed import free_parts, in_loops, repeated
 from dolfinx_llm.operators.stiffness import side_stiffness, surface_stiffness
-from dolfinx_llm.operators.support import floating_motions, movers
+from dolfinx_llm.operators.support import NAMED, floating_motions, movers
 
 CONTRADICTED = (
     "Tied(gap=...) where both sides are prescribed along the normal, or where several interfaces "
@@ -265,6 +265,17 @@ def anatomy(operators: ContactOperators) -> list[str]:
         f"  left out: {repeated} multiplier(s) whose rows follow from others, at supports or where "
         "several interfaces meet; of all forces with the same effect the least are given"
     )
+    meets = operators.loops & ~operators.redundant
+    names = [
+        g.interface.name
+        for g, place in zip(operators.geometries, operators.places, strict=True)
+        if meets[place.rows].any()
+    ]
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    shared = (
+        f"  not unique where interfaces meet, as long as all press and stick there: how forces are "
+        f"shared by {', '.join(names[:NAMED])}{more}; they change least from load step to load step"
+    )
     floating = operators.floating
     loose = []
     if floating.loose.count:
@@ -274,4 +285,4 @@ def anatomy(operators: ContactOperators) -> list[str]:
             f"{movers(floating.rigid, floating.loose)}"
         ]
     lines = [line for geometry in operators.geometries for line in describe(geometry)]
-    return [text] * bool(repeated) + loose + lines
+    return [text] * bool(repeated) + [shared] * bool(names) + loose + lines

@@ -1,5 +1,7 @@
 """Bodies that contact alone holds: bonds without friction, a disc between plates, what falls."""
 
+import re
+
 import contact_scenes as scenes
 import joints
 import numpy as np
@@ -136,7 +138,7 @@ def test_a_plate_tilts_on_a_disc(monkeypatch, gdim, n, load, eccentric):
         monkeypatch.setattr(choice, "FLEXIBLE", limit)
         with plate_on_disc(gdim, n, load, eccentric, solver=solver) as problem:
             u = np.concatenate([one.x.array for one in problem.solve()])
-            assert len(problem.history) <= 20
+            assert len(problem.history) <= 20 and "leaves a motion open" not in str(problem)
             side = problem.results[0].sides[1]
             found.append((u, side.normal_force))
             weight = 2.4 ** (gdim - 1) * 0.4 * load
@@ -146,6 +148,36 @@ def test_a_plate_tilts_on_a_disc(monkeypatch, gdim, n, load, eccentric):
     for one, *others in zip(*found, strict=True):
         for other in others:
             assert np.abs(one - other).max() <= 2e-8 * np.abs(one).max()
+
+
+@pytest.mark.long
+def test_limit_load():
+    """Two blocks on a third, under a side load that grows until they tip over their lower edge: at
+    their width over their height. Steps that fall leave the state as it was."""
+    wall = walls.Wall(COMM, walls.courses(3, 1, bond=0.0), np.full((3, 2), 2))
+    a, load = wall.forms()[0], fem.Constant(wall.domain, np.zeros(2))
+    L = ufl.inner(load, ufl.TestFunction(wall.V)) * ufl.dx
+    joined = wall.interfaces(llm.Coulomb(2.0))
+    with llm.ContactProblem(a, L, bcs=wall.base(), interfaces=joined) as problem:
+        part, step, told = 0.0, 0.3, []
+        while step > 1e-3:
+            load.value = [part + step, -1.0]
+            try:
+                problem.solve()
+                part += step
+            except llm.ContactError as error:
+                told, step = [*told, str(error)], 0.5 * step
+    assert 1.0 - 2e-3 <= part <= 1.0 + 1e-6
+    assert len(told) > 5 and all("a rotation about [1.0, 0.5]" in words for words in told), told
+
+
+def test_a_plate_that_balances_says_so():
+    """On a single node of the frame: it may turn about it, which no force feels."""
+    with plate_on_disc(2, (8, 9), 1e-3, 0.0, solver="saddle") as problem:
+        problem.solve()
+        assert abs(problem.results[0].sides[1].normal_force.sum() - 0.96e-3) <= 1e-11
+        assert "leaves a motion open" in str(problem)
+        assert re.search(r"body 0 .*: a rotation about \[0.0, 1\.0", str(problem))
 
 
 def test_load_that_no_motion_feels():
