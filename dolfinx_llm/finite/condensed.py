@@ -12,9 +12,8 @@ from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.finite.coupling import Coupling
 from dolfinx_llm.forms.condensed.gmres import solve_right
-from dolfinx_llm.forms.condensed.krylov import GAMG
+from dolfinx_llm.forms.condensed.krylov import GAMG, near_null_space
 from dolfinx_llm.forms.direct import set_up_ksp
-from dolfinx_llm.operators.bodies import rigid_modes
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
 
 FIRST = 1e-5  # relative residual that a linear solve is to reach, at most
@@ -50,7 +49,7 @@ class CondensedSystem:
         self,
         r: np.ndarray,
         s: np.ndarray,
-        x: np.ndarray,
+        modes: np.ndarray,
         tolerances: tuple[float, float],
         options: tuple[str, dict],
     ) -> tuple[np.ndarray, np.ndarray] | None:
@@ -59,7 +58,7 @@ class CondensedSystem:
         Args:
             r: (n_local,) forces, zero at prescribed dofs.
             s: (q,) right-hand side of the own equations.
-            x: (n_local,) positions of this rank's dofs, as of ``positions``.
+            modes: (n_local, k) motions that hardly any energy goes into.
             tolerances: see ``tolerance``; a user's takes the place of both.
             options: prefix, and PETSc options.
 
@@ -69,8 +68,9 @@ class CondensedSystem:
         self.ended = self.coupling.wrong
         if self.ended:
             return None
-        near_rigid(self.P, x, self.dofs)
         self._x, self._y = self.P.createVecs()
+        self._x.set(1.0)
+        near_null_space(self.P, self._x, modes)
         chosen = GMRES | GAMG | {"ksp_rtol": tolerances[1]}
         try:
             self._inner = set_up_ksp(self.P, options[0], chosen | options[1], options[1])
@@ -136,30 +136,3 @@ class CondensedSystem:
 def _length(comm: Any, v: np.ndarray) -> float:
     """Of a vector of which each rank has a part."""
     return float(np.sqrt(comm.allreduce(float(v @ v))))
-
-
-def positions(dofs: BodyDofs, u: np.ndarray) -> np.ndarray:
-    """(n, gdim) where this rank's nodes are at a displacement (n_local,)."""
-    counts = zip(dofs.spaces, dofs.counts, strict=True)
-    x = [V.tabulate_dof_coordinates()[: n // dofs.gdim, : dofs.gdim] for V, n in counts]
-    return np.concatenate(x) + u.reshape(-1, dofs.gdim)
-
-
-def near_rigid(P: PETSc.Mat, x: np.ndarray, dofs: BodyDofs) -> None:
-    """Give a matrix rigid motions of nodes x (n, gdim) as near-null space; collective."""
-    comm = dofs.comm
-    low = np.min(comm.allgather(x.min(axis=0, initial=np.inf)), axis=0)
-    high = np.max(comm.allgather(x.max(axis=0, initial=-np.inf)), axis=0)
-    modes = rigid_modes((x - 0.5 * (low + high)) / np.linalg.norm(high - low))
-    modes = np.where(dofs.fixed[:, None], 0.0, modes.reshape(len(dofs.fixed), modes.shape[2]))
-    size, vectors = np.linalg.eigh(comm.allreduce(modes.T @ modes))
-    kept = size > 1e-12 * size[-1]
-    found = []
-    for mode in (modes @ (vectors[:, kept] / np.sqrt(size[kept]))).T:
-        found.append(P.createVecRight())
-        found[-1].array_w[:] = mode
-    if found:
-        space = PETSc.NullSpace().create(vectors=found, comm=P.comm)
-        P.setNearNullSpace(space)
-        for item in (space, *found):
-            item.destroy()

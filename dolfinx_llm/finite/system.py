@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,12 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import gather_rows
-from dolfinx_llm.finite.condensed import CondensedSystem, positions, tolerance
+from dolfinx_llm.finite.condensed import CondensedSystem, tolerance
 from dolfinx_llm.finite.coupling import Coupling
+from dolfinx_llm.finite.soft_modes import soft_modes
 from dolfinx_llm.finite.terms import ContactTerms
 from dolfinx_llm.forms.direct import DirectSolver
+from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
 from dolfinx_llm.operators.petsc import (
     create_aij,
@@ -141,6 +144,10 @@ class NewtonSystem(Parts):
     failures: int = 0  # of GMRES in a row
     solver: DirectSolver | None = None  # of the last iteration
 
+    @cached_property
+    def _bodies(self) -> Bodies:
+        return Bodies(self.dofs.spaces)
+
     def solve(
         self,
         K: PETSc.Mat,
@@ -203,8 +210,8 @@ class NewtonSystem(Parts):
         K.zeroRowsColumns(fixed.astype(PETSc.IntType), diag=d)
         K.setBlockSize(dofs.gdim)
         system = CondensedSystem(dofs, self.own, K, coupling)
-        x = positions(dofs, u)
-        found = system.solve(forces, s, x, tolerance(error, exact), self.options)
+        modes = soft_modes(dofs, u, self._bodies, terms, self.sides, self.numbers)
+        found = system.solve(forces, s, modes, tolerance(error, exact), self.options)
         self.iterations += system.iterations
         self.failures = self.failures + 1 if found is None else 0
         if found is None:

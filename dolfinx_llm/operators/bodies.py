@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from dolfinx_llm.base import compat
 
 ALONG = 1e-2  # part of a rotation below which it counts as translation, of a screw as rotation
+SHARED = 0.3  # mean square of what surfaces have of a direction, from which on bodies slide so
 
 
 def body_labels(V: Any) -> tuple[np.ndarray, int]:
@@ -56,6 +57,36 @@ def rigid_modes(x: np.ndarray, components: int = 0) -> np.ndarray:
         modes[:, i, gdim + k] = -x[:, j]
         modes[:, j, gdim + k] = x[:, i]
     return modes
+
+
+def sliding_ways(normals: np.ndarray) -> np.ndarray:
+    """(gdim, k) directions in which surfaces with unit normals (n, gdim) let bodies slide."""
+    share, ways = np.linalg.eigh(np.eye(normals.shape[1]) - normals.T @ normals / len(normals))
+    return np.asarray(ways[:, share > SHARED])
+
+
+def two_sides(count: int, tied: np.ndarray, meet: np.ndarray) -> np.ndarray:
+    """(count,) 1 or -1 for each body: bodies that are tied are on one side, bodies that meet on
+    both, as far as there are two sides to all of it.
+
+    Args:
+        count: of the bodies.
+        tied: (t, 2) bodies that are tied to each other.
+        meet: (k, 2) bodies that slide on each other.
+    """
+
+    def graph(ends: np.ndarray) -> csr_matrix:
+        return csr_matrix((np.ones(len(ends)), tuple(ends.T)), (count, count))
+
+    _, group = connected_components(graph(tied), directed=False)
+    between, side = graph(group[meet]), np.zeros(count)
+    for first in range(count):
+        if side[first] == 0.0:
+            side[first] = 1.0
+            order, before = breadth_first_order(between, first, directed=False)
+            for body in order[1:]:
+                side[body] = -side[before[body]]
+    return np.asarray(side[group])
 
 
 class Bodies:

@@ -43,7 +43,7 @@ AGAINST: dict[tuple[bool, bool], type[ObstacleContact]] = {  # with friction; un
     (True, True): PressedFriction,
 }
 # Unknowns from which on GMRES + GAMG solves Newton's systems faster than a factorisation.
-FROM_UNKNOWNS = {2: 500_000, 3: 50_000}
+FROM_UNKNOWNS = {2: 500_000, 3: 20_000}
 
 
 def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:

@@ -66,12 +66,12 @@ def test_same_answers(name, monkeypatch, caplog):
 
 
 def test_iterations_do_not_grow(monkeypatch):
-    """Three times as many unknowns take about as many iterations."""
+    """Twice as many unknowns take about as many iterations, not many more than one body's 12."""
     monkeypatch.setattr(nonlinear_parts, "FROM_UNKNOWNS", {3: 0})
-    coarse, fine = (patch("hex", llm.Frictionless(), refine, 3.0) for refine in (2, 3))
-    assert fine.unknowns["u"] > 2.5 * coarse.unknowns["u"]
+    coarse, fine = (patch("hex", llm.Frictionless(), refine, 3.0) for refine in (3, 4))
+    assert fine.unknowns["u"] > 2.0 * coarse.unknowns["u"]
     one, other = (max(h["linear"] for h in problem.history) for problem in (coarse, fine))
-    assert other <= 1.2 * one and other < 40
+    assert other <= 1.2 * one and other < 20
 
 
 def test_mumps_takes_over(monkeypatch, caplog):

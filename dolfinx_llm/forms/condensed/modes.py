@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix, identity
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.sparse.linalg import splu
 
-from dolfinx_llm.operators.bodies import rigid_modes
+from dolfinx_llm.operators.bodies import rigid_modes, sliding_ways, two_sides
 from dolfinx_llm.operators.system import ContactOperators
 
 Modes = tuple[np.ndarray, np.ndarray]  # at dofs of the bodies (n_local, k), at unknowns w (m, k)
-SHARED = 0.3  # mean square of what surfaces have of a direction, from which on bodies slide so
 
 
 def rigid_modes_of(operators: ContactOperators) -> Modes:
@@ -54,8 +52,7 @@ def sliding_modes_of(operators: ContactOperators) -> Modes:
     if not normals:
         return none
     n = np.concatenate(normals)
-    share, ways = np.linalg.eigh(np.eye(n.shape[1]) - n.T @ n / len(n))
-    ways = ways[:, share > SHARED]  # (gdim, k)
+    ways = sliding_ways(n)
     side, sides = _sides_of(operators)
     w = np.zeros((m, ways.shape[1]))
     for geometry, place, of in zip(operators.geometries, operators.places, sides, strict=True):
@@ -91,19 +88,9 @@ def _sides_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]:
     meet = of_sides[np.array(ends)].astype(np.int64)
     ties = np.array([geometry.interface.law.ties for geometry in operators.geometries])
 
-    def graph(some: np.ndarray, of: np.ndarray) -> csr_matrix:
-        ends = of[meet[some & pairs]]
-        return csr_matrix((np.ones(len(ends)), tuple(ends.T)), (count, count))
-
-    _, group = connected_components(graph(ties, np.arange(count)), directed=False)
-    between, side = graph(~ties, group), np.zeros(count)
-    for first in range(count):
-        if side[first] == 0.0:
-            side[first] = 1.0
-            order, before = breadth_first_order(between, first, directed=False)
-            for body in order[1:]:
-                side[body] = -side[before[body]]
-    return side[group], side[group][meet]
+    ties, meets = meet[ties & pairs], meet[~ties & pairs]
+    side = two_sides(count, ties, meets)
+    return side, side[meet]
 
 
 def weak_motions(operators: ContactOperators, L: csr_matrix) -> Any:
