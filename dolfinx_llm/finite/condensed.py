@@ -106,7 +106,8 @@ class CondensedSystem:
             if reason <= 0 or _length(comm, left[: len(r)]) <= goal:
                 break
             rtol = min(rtol, max(goal / _length(comm, left), REACHED))
-        return found, max(reason, int(_length(comm, left[: len(r)]) <= enough))
+        reached = _length(comm, left[: len(r)]) <= enough
+        return found, max(reason, 1) if reached else reason
 
     def _split(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """This rank's u and all q of a vector."""
