@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_llm.contact.loose import loose_share
 from dolfinx_llm.contact.results import InterfaceResult
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import OPEN
@@ -14,7 +15,8 @@ from dolfinx_llm.laws.rows import OPEN
 SPIN = 1e-9  # part of an obstacle's rotation along its normals, up to which it does not tilt
 TILT = 0.1  # [rad] angle by which an obstacle may turn: half its square of the motion is left out
 LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
-UNTIED_SHARE = 1e-2  # the same, on pairs that have none from the start of a load step
+UNTIED_SHARE = 1e-2  # the same, on pairs that have none from the start of a load step, and of
+# friction on pairs that do not press
 IN_SUM = 1e-3  # of the largest force, of friction at a frame node with its neighbours alone
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
 UNCERTAIN = 0.2  # part of the bodies' motion to which gaps must be known
@@ -32,7 +34,7 @@ def doubts(
     do not touch."""
     out = []
     for state, result in zip(states or [], results):
-        share = state.loose_share([side.normal_force for side in result.sides])
+        share = loose_share(state, np.concatenate([side.normal_force for side in result.sides]))
         if state.ties is not None and share > UNTIED_SHARE:
             out.append(
                 f"interface {state.nodes.geometry.interface.name}: pairs at the rim of contact "
@@ -44,6 +46,12 @@ def doubts(
                 f"interface {state.nodes.geometry.interface.name}: pairs that opened and closed by "
                 f"turns have been left without friction of their own, and carry {share:.1%} of the "
                 "normal force. Apply the load in more increments"
+            )
+        if state.grazes > UNTIED_SHARE:
+            out.append(
+                f"interface {state.nodes.geometry.interface.name}: pairs that are just about to "
+                f"part bear friction of {state.grazes:.1%} of the normal force without pressing. "
+                "Use a finer mesh where contact ends"
             )
         if state.curved:
             out += _unbalanced(state.nodes.geometry, result)

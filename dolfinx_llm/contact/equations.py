@@ -20,6 +20,7 @@ from scipy.sparse.linalg import splu
 from dolfinx_llm.base.sparse import diagonal, per_item, picking
 from dolfinx_llm.contact.friction_nodes import friction_nodes
 from dolfinx_llm.contact.led import rows_of, told
+from dolfinx_llm.contact.loose import release
 from dolfinx_llm.contact.proximal import FrameRows
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.step import SIGN, SOFT, LinearStep
@@ -203,7 +204,7 @@ class Equations:
         """Whether frame nodes that have balanced in sums miss it by more than is allowed [force];
         from then on each balances on its own."""
         missed = np.abs(self.L_t @ multiplier - self.loads).max(initial=0.0)
-        return bool(missed > allowed) and any([s.release() for s in self.states])
+        return bool(missed > allowed) and any([release(s) for s in self.states])
 
     def runaway(self, multiplier: np.ndarray) -> str:
         """What is said of an obstacle whose force contact does not balance: all but the proximal

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags, identity
@@ -25,7 +26,11 @@ CROSSES = 1e-6  # the same, below which no force passes from side to side
 HELD = 0.3  # least sum of N² over the pairs of each side that tells the slip of a frame node
 
 
-def speakers(sides: list[csr_matrix], touching: list[csr_matrix] | None = None) -> np.ndarray:
+def speakers(
+    sides: list[csr_matrix],
+    touching: list[csr_matrix] | None = None,
+    weak: np.ndarray | None = None,
+) -> np.ndarray:
     """(k,) the node that speaks for each frame node: itself, where pairs of both sides hold it.
 
     Nodes that no pair reaches, and the best one of every piece of contact, speak for themselves.
@@ -34,6 +39,7 @@ def speakers(sides: list[csr_matrix], touching: list[csr_matrix] | None = None) 
         sides: per side (n, k) shape functions of the pairs that follow the frame.
         touching: the same of all pairs in contact, by which nodes are neighbours; by default those
             that follow the frame.
+        weak: (k,) nodes that do not speak, however firmly they are held; None: there are none.
 
     >>> far = csr_matrix([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.9, 0.1]])
     >>> speakers([far, far]).tolist()
@@ -43,6 +49,8 @@ def speakers(sides: list[csr_matrix], touching: list[csr_matrix] | None = None) 
     shared, support = csr_matrix((k, k)), np.full(k, np.inf)
     for N in sides:
         support = np.minimum(support, np.asarray(N.power(2).sum(axis=0)).ravel())
+    if weak is not None:
+        support = np.where(weak, 0.0, support)
     for N in touching or sides:
         shared = shared + abs(N).T @ abs(N)
     _, piece = connected_components(shared, directed=False)
@@ -129,18 +137,25 @@ class Followers:
         return Followers(*alone, every, every, identity(m, format="csr"), csr_matrix((m, m)))
 
     @staticmethod
-    def of(nodes: FrictionNodes, tied: np.ndarray, active: np.ndarray, adrift: float) -> Followers:
+    def of(
+        nodes: FrictionNodes,
+        tied: np.ndarray,
+        active: np.ndarray,
+        pulled: np.ndarray,
+        adrift: float,
+    ) -> Followers:
         """Nodes at the rim of contact follow a neighbour.
 
         Args:
             nodes: of the interface.
             tied: (n,) pairs that follow the frame tangentially.
             active: (n,) pairs in contact.
+            pulled: (k,) nodes that corrected rows pull at.
             adrift: sum of N² of the pairs tied below which a node also moves with its speaker.
         """
         k, t = nodes.kappa.shape
         follows = nodes.of(tied)
-        speaker = speakers(follows, nodes.of(active | tied))
+        speaker = speakers(follows, nodes.of(active | tied), pulled)
         if np.array_equal(speaker, np.arange(k)):
             return replace(Followers.none(nodes), unheld=unheld(follows, speaker))
         alike = follow(speaker, nodes.tangents)
@@ -179,10 +194,10 @@ class LastFollowers:
         self._nodes = nodes
         self._known: dict[bytes, Followers] = {}
 
-    def of(self, tied: np.ndarray, active: np.ndarray, adrift: float) -> Followers:
+    def of(self, *state: Any) -> Followers:
         """As of ``Followers.of``."""
-        key = np.append([tied, active], adrift).tobytes()
-        found = self._known.pop(key, None) or Followers.of(self._nodes, tied, active, adrift)
+        key = np.hstack(state).tobytes()
+        found = self._known.pop(key, None) or Followers.of(self._nodes, *state)
         self._known = dict([*self._known.items(), (key, found)][-REMEMBERED:])
         return found
 

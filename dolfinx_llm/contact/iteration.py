@@ -19,7 +19,7 @@ from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.contact.equations import Equations, spread
 from dolfinx_llm.contact.giving import CONSTANT, GivingWay
 from dolfinx_llm.contact.gliding import glide, slips
-from dolfinx_llm.contact.loose import regain, require_friction
+from dolfinx_llm.contact.loose import count, keep, lets_go, regain, require_friction
 from dolfinx_llm.contact.state import ContactState, InterfaceState
 from dolfinx_llm.contact.ties import ask, choose, unsettled, untie
 from dolfinx_llm.forms.floating import Pull
@@ -31,13 +31,13 @@ from dolfinx_llm.operators.system import ContactOperators
 LED = 10  # iterations in which what springs alone press together sticks
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 100  # iterations
-MANY = 0.2  # of the pairs: where more change, friction is not yet what it will be
-FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
-AGAIN = 0.05  # the same in later load steps, on curved frames, for which pairs touch
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
+MANY = 0.2  # of the pairs: where more change, friction is not yet what it will be
+AGAIN = 0.05  # the same in later load steps, on curved frames, for which pairs touch
 FLOATS = 1e-6  # of the forces, that springs carry where contact without friction holds no body
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
 CHANCES = 3  # for pairs without friction, when all the others have come to rest
+CIRCLES = 1e-3  # relative difference of residuals that are the same
 CALM = 2  # iterations without a change after which a residual may have stopped falling
 
 
@@ -143,7 +143,8 @@ class ContactIteration:
             s.begin()
         glides, rest = glide(equations, False), self.snapshot()[0]
         for iteration in range(1, most + 1):
-            equations.lags = changes > many and not known
+            circles = changes > 0 and _comes_back(self.history[first:])
+            equations.lags = (changes > many and not known) or circles
             equations.about = giving.about(calm > 0 and before <= CONSTANT, iteration)
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
             if glides or (not known and iteration == 1):
@@ -183,6 +184,7 @@ class ContactIteration:
             if glides and pull.share > FLOATS:  # friction alone holds bodies: on from what stuck
                 glides, many, self._vital, (_, about, centre) = False, np.inf, True, stuck
                 _take_back(self.states, stuck[0])
+                keep(self.states)
                 continue
             stalled = calm > CALM and miss > 0.5 * before
             enough = max(ENOUGH, spread(equations, self.form.noise) / largest)
@@ -191,9 +193,13 @@ class ContactIteration:
             rests = settled and calm > corrections and pull.rests
             released = (rests or calm > 1) and equations.release(multiplier, ENOUGH * largest)
             released |= untie(self.states, multiplier, miss, equations.felt * largest)
+            if rests and not released:
+                gaps = self.scale * (equations.L @ w - y - g) / largest
+                released = lets_go(self.states, multiplier, gaps, ENOUGH * largest)
             if rests and not released and chances and regain(self.states, multiplier):
                 chances, released = chances - 1, True
-            released |= rests and not (released or self._vital) and ask(self.states, multiplier)
+            if rests and not released:
+                released = ask(self.states, multiplier, self._vital)
             if rests and not released:
                 require_friction(self.states, multiplier)
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
@@ -220,9 +226,8 @@ class ContactIteration:
         chosen = found.active[normal] ^ found.wrong[normal] if s.law.opens else own.active
         changed, force = chosen != own.active, np.abs(found.multiplier)
         largest = force.max(initial=0.0)
-        light = (changed.sum() <= FEW * len(chosen) + 2) | (force[normal] <= LIGHT * largest)
-        light |= s.curved and not self._vital
-        own.closings += np.where(chosen & ~own.active, np.where(light, 4, 1), 0)
+        light = force[normal] <= LIGHT * largest
+        count(s, chosen, found.wrong[normal], light, self._vital)
         s.touch(chosen)
         # What carries nothing changes to no effect, and what closes where it meets the frame. A
         # sign that is wrong has to change, also where its pair then is as it was.
@@ -231,13 +236,20 @@ class ContactIteration:
         felt = changed & (force[rows].max(axis=1) > self.equations.felt * largest) & ~meets
         changes = int((felt | found.wrong[normal]).sum())
         if s.nodes.kappa.size:
-            stake = s.law.at_stake(s.at(found.multiplier, found.w, self.scale))
-            felt = stake > self.equations.felt * largest
-            told = self.equations.law_rows(s, found.multiplier, found.w, self._calmed)
-            differs = ((told.status != own.status) & felt) | (told.holds != own.holds)
-            changes += int(differs.sum())
-            s.take(told)
+            changes += _follow(s, self.equations, found, self._calmed, largest)
         return changes
+
+
+def _follow(
+    s: InterfaceState, equations: Equations, found: StepResult, calmed: bool, largest: float
+) -> int:
+    """Take over what sticks and slips on an interface; the number of changes that matter."""
+    stake = s.law.at_stake(s.at(found.multiplier, found.w, equations.scale))
+    felt = stake > equations.felt * largest
+    told = equations.law_rows(s, found.multiplier, found.w, calmed)
+    differs = ((told.status != s.own.status) & felt) | (told.holds != s.own.holds)
+    s.take(told)
+    return int(differs.sum())
 
 
 def _take_back(states: list[InterfaceState], to: list[ContactState]) -> None:
@@ -249,6 +261,13 @@ def _many(states: list[InterfaceState], known: bool) -> float:
     """Changes from which contact is sought anew without friction."""
     again = AGAIN if any(s.curved for s in states) else np.inf
     return (again if known else MANY) * sum(len(s.nodes.rows) for s in states)
+
+
+def _comes_back(history: list[dict]) -> bool:
+    """Whether the last iterates miss the laws as those two before did: a known bound of friction
+    leads out of circles."""
+    last = [h["residual"] for h in history[-4:]]
+    return len(last) == 4 and bool(np.allclose(last[2:], last[:2], rtol=CIRCLES, atol=0.0))
 
 
 def _count(states: list[InterfaceState]) -> dict:

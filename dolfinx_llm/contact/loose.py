@@ -1,13 +1,24 @@
-"""Pairs that opened and closed by turns, and were left without friction of their own."""
+"""Pairs that open and close by turns, just about to part, with friction of their own or without.
+
+The tie of a pair bears any force, however little the pair presses. One that is pulled open by its
+tie, and presses without it, is in between: it touches without pressing, and its tie bears a part of
+the friction of those next to it. Such pairs are left without friction of their own. Where those of
+second order carry too much then, or friction alone holds bodies, they keep their ties, open or not,
+as long as they are open by next to nothing.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.contact.state import BY_TURNS, GONE, InterfaceState
 
 FRICTIONLESS = 1e-2  # of the normal force that may be without friction: less than meshes cost
+ALONE = 4  # closings for which one counts where hardly any other pair changes
+FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
+HEAVIEST = 0.5  # of the largest friction of open pairs: those above lose their ties together
+TOUCHES = 1e-2  # of the largest force: pairs touch that less than that would close
 UNTIED = 5e-2  # the same of pairs that ``ties`` left out, for which those next to them bear it
 
 
@@ -18,7 +29,108 @@ def lost(s: InterfaceState, multiplier: np.ndarray) -> float:
         s: the interface.
         multiplier: λ (n,) of all [force].
     """
-    return s.loose_share([multiplier[s.nodes.rows[:, -1]]])
+    return loose_share(s, multiplier[s.nodes.rows[:, -1]])
+
+
+def loose_share(s: InterfaceState, force: np.ndarray) -> float:
+    """Share of normal forces (n,) [force] on pairs in contact that do not follow the frame
+    tangentially."""
+    loose = s.own.active & ~s.tied
+    return float(np.abs(force[loose]).sum() / max(np.abs(force).sum(), 1e-300))
+
+
+def release(s: InterfaceState) -> bool:
+    """From now on in this load step each frame node balances on its own; True: some did not.
+
+    Pairs that opened and closed by turns have their friction again: where one alone presses a
+    node, nothing else could balance the friction of others there.
+    """
+    if led := bool(s.others.frame_relative.nnz) and not s.curved:
+        keeps, known = s.keeps, s.own.closings.copy()
+        s.begin(0.0)
+        if keeps:
+            s.own.closings = np.where(known < GONE, known, 0)
+            keep([s])
+    return led
+
+
+def count(
+    s: InterfaceState, chosen: np.ndarray, wrong: np.ndarray, light: np.ndarray, vital: bool
+) -> None:
+    """Count how often pairs close; those that close alone, or hardly press, soon do so by turns.
+
+    Args:
+        s: the interface.
+        chosen: (n,) pairs in contact from now on.
+        wrong: (n,) pairs whose sign is wrong.
+        light: (n,) pairs that hardly press.
+        vital: friction alone holds bodies.
+    """
+    own, changed = s.own, chosen != s.own.active
+    light = light | (changed.sum() <= FEW * len(chosen) + 2) | (s.curved and not vital)
+    own.closings += np.where(chosen & ~own.active, np.where(light, ALONE, 1), 0)
+    if s.second:  # a sign that is wrong in contact and out of it
+        stuck = wrong & ~changed
+        own.closings += np.where(stuck, ALONE, 0)
+        own.closings[stuck & (own.closings >= BY_TURNS) & s.keeps] = GONE
+
+
+def keep(states: list[InterfaceState]) -> bool:
+    """From now on pairs of second order that open and close by turns keep their ties: without them
+    too many would have no friction. Whether there are interfaces.
+
+    Args:
+        states: of the interfaces.
+    """
+    for s in states:
+        s.keeps = s.second
+        s.touch(s.own.active)
+    return bool(states)
+
+
+def lets_go(
+    states: list[InterfaceState], multiplier: np.ndarray, gaps: np.ndarray, felt: float
+) -> bool:
+    """Change what is not as it should be of friction that has come to rest: open pairs that bear
+    it, and nodes that are pulled at; whether there are any.
+
+    Args:
+        states: of all interfaces.
+        multiplier: λ (n,) [force].
+        gaps: (n,) of the rows, times the surfaces' stiffness over the largest force.
+        felt: force that is more than rounding [force].
+    """
+    parted = [_part(s, multiplier, gaps, felt) for s in states]
+    pulled = [_share_pulls(s, multiplier, felt) for s in states if s.shares and s.nodes.kappa.size]
+    return any(parted + pulled)
+
+
+def _part(s: InterfaceState, multiplier: np.ndarray, gaps: np.ndarray, felt: float) -> bool:
+    """Take their ties from the strongest of those pairs that are open by more than next to nothing
+    and bear friction, where they bear too much; whether there were any."""
+    if not s.keeps or s.ties is not None:
+        return False
+    rows = s.nodes.rows
+    open_, pressed = s.tied & ~s.own.active, 0.5 * multiplier[rows[:, -1]].sum()
+    bears = np.where(open_, np.linalg.norm(multiplier[rows[:, :-1]], axis=1), 0.0)
+    s.grazes = float(bears.sum() / max(pressed, felt)) if bears.sum() > felt else 0.0
+    bears[gaps[rows[:, -1]] <= TOUCHES] = 0.0
+    if bears.sum() <= max(felt, FRICTIONLESS * pressed):
+        return False
+    s.own.closings[bears >= HEAVIEST * bears.max()] = GONE
+    s.touch(s.own.active)
+    return True
+
+
+def _share_pulls(s: InterfaceState, multiplier: np.ndarray, felt: float) -> bool:
+    """Have frame nodes that corrected rows pull at slip as a neighbour does, so that the law holds
+    for the sum of both; whether there are new ones."""
+    N = s.nodes.L_normal @ multiplier[s.nodes.rows].ravel()
+    alone = s.others.speaker == np.arange(len(N))
+    pulled = alone & ~s.pulled & (N < -felt)
+    s.pulled = s.pulled | pulled
+    s.touch(s.own.active)
+    return bool(pulled.any())
 
 
 def regain(states: list[InterfaceState], multiplier: np.ndarray) -> bool:
@@ -33,7 +145,7 @@ def regain(states: list[InterfaceState], multiplier: np.ndarray) -> bool:
     some = [s for s in states if s.ties is None and lost(s, multiplier) > FRICTIONLESS]
     for s in some:
         s.begin()
-    return bool(some)
+    return keep(some)
 
 
 def too_loose(states: list[InterfaceState], multiplier: np.ndarray) -> list[InterfaceState]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +13,8 @@ from dolfinx_llm.interface.update import Transfer
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK, LawNodes, LawRows, checked
 
-LOOSE = 12  # a pair that has closed so often in a load step has no friction of its own
+BY_TURNS = 12  # a pair that has closed so often in a load step does not come to rest
+GONE = 1000  # one that is left without friction of its own
 
 
 @dataclass(eq=False)
@@ -81,13 +81,19 @@ class InterfaceState:
         others, touched: who speaks for whom; counts the changes of what is in contact.
         held: (n,) pairs that may pull, too.
         shares, curved: nodes at the rim of contact slip as others do; so on a curved frame.
+        second, keeps: of second order, whose pairs that do not come to rest may keep their ties;
+            whether they do, see ``loose``.
         ties, asked: (n,) pairs that follow a frame along it, None: those in contact; see ``ties``.
+        grazes: friction of open pairs, over the normal force.
+        pulled: (k,) nodes that corrected rows pull at: they slip as another does.
     """
 
     def __init__(self, nodes: FrictionNodes) -> None:
         self.nodes, law = nodes, nodes.law
         self.shares = law.shares and law.slips and not (law.gives or nodes.geometry.rigid)
         self.curved = self.shares and nodes.curved
+        second = any(p.control is not None for p in nodes.geometry.pairs)
+        self.second = self.shares and second and not self.curved
         self.glides, self.touched, self._touching = False, 0, np.empty(0)  # all follow the frame
         self.stays = np.zeros(len(nodes.rows), dtype=bool)  # pairs that cannot part
         self.others, self._followers = Followers.none(nodes), LastFollowers(nodes)
@@ -119,18 +125,9 @@ class InterfaceState:
 
     def begin(self, adrift: float = ADRIFT) -> None:
         """Start a load step: pairs that opened and closed by turns get another chance."""
-        self.own.closings[:], self._adrift, self.asked = 0, adrift, 0
+        self.own.closings[:], self._adrift, self.asked, self.keeps = 0, adrift, 0, False
+        self.pulled, self.grazes = np.zeros(len(self.nodes.kappa), dtype=bool), 0.0
         self.touch(self.own.active)
-
-    def release(self) -> bool:
-        """From now on in this load step each frame node balances on its own; True: some did not.
-
-        Pairs that opened and closed by turns have their friction again: where one alone presses a
-        node, nothing else could balance the friction of others there.
-        """
-        if led := bool(self.others.frame_relative.nnz) and not self.curved:
-            self.begin(0.0)
-        return led
 
     def restore(self, state: ContactState) -> None:
         """Take over another state."""
@@ -141,11 +138,11 @@ class InterfaceState:
         """Take over the pairs (n,) in contact, and who speaks for whom."""
         self.held = self.nodes.reach(self.own.holds) | self.stays
         self.own.active = active = active | self.held
-        touching = np.append([self._tied, self.own.active], self._adrift)
-        if not np.array_equal(touching, self._touching):
-            self._touching, self.touched = touching, self.touched + 1
+        told = self.tied, active, self.pulled, self._adrift
+        if not np.array_equal(np.hstack(told), self._touching):
+            self._touching, self.touched = np.hstack(told), self.touched + 1
             if self.shares:
-                self.others = self._followers.of(self._tied, active, self._adrift)
+                self.others = self._followers.of(*told)
 
     def take(self, rows: LawRows) -> None:
         """Take over what law rows say of the nodes."""
@@ -169,24 +166,21 @@ class InterfaceState:
             self.own.kappa_before = np.where(opened, fitted[kappa], w[kappa])
 
     @property
-    def _tied(self) -> np.ndarray:
+    def tied(self) -> np.ndarray:
         """(n,) pairs that follow the frame tangentially. One that opens and closes by turns, at the
-        rim of contact, carries hardly any force; without friction it comes to rest."""
+        rim of contact, carries hardly any force; it comes to rest without friction, or with its tie
+        whether it presses or not."""
+        active, closings = self.own.active, self.own.closings
         if not self.shares:
-            return self.own.active
-        settling = self.own.active & (self.own.closings < LOOSE)
+            return active
+        settling = active & (closings < BY_TURNS)
+        if self.keeps:
+            settling = (active | (closings >= BY_TURNS)) & (closings < GONE)
         return (settling if self.ties is None else self.ties) & (not self.glides)
-
-    def loose_share(self, normal_forces: Sequence[np.ndarray]) -> float:
-        """Share of the normal forces (n_i,) of each side [force] on pairs in contact that do not
-        follow the frame tangentially."""
-        force = np.concatenate(normal_forces)
-        loose = self.own.active & ~self._tied
-        return float(np.abs(force[loose]).sum() / max(np.abs(force).sum(), 1e-300))
 
     def closed_rows(self) -> np.ndarray:
         """(n c,) rows in contact."""
-        closed = np.repeat(self._tied[:, None], self.nodes.rows.shape[1], axis=1)
+        closed = np.repeat(self.tied[:, None], self.nodes.rows.shape[1], axis=1)
         if self.law.opens:
             closed[:, -1] = self.own.active
         return closed.ravel() & self.nodes.kept
@@ -195,7 +189,7 @@ class InterfaceState:
         """Per side (k,) how firmly all pairs hold the motion of the nodes, or those tied to them
         and a little of the others."""
         every = np.ones(len(self.nodes.rows))
-        return self.nodes.support(np.where(self._tied, 1.0, FLOOR) if tied else every)
+        return self.nodes.support(np.where(self.tied, 1.0, FLOOR) if tied else every)
 
     def _at_rest(self) -> LawNodes:
         nodes = self.nodes
@@ -259,7 +253,7 @@ class InterfaceState:
         if self.nodes.kappa.size:
             status = self.own.status[self.nodes.nearest]
             status = np.where(status == OPEN, CLOSED, status)  # its node is not pressed
-            status = np.where(self._tied, status, CLOSED)
+            status = np.where(self.tied, status, CLOSED)
         return np.where(self.own.active, status, OPEN)
 
     def bearing_rows(self) -> np.ndarray:

@@ -43,17 +43,22 @@ def unsettled(states: list[InterfaceState], changes: int, iteration: int) -> boo
     return bool(asked) or (late and changes > many)
 
 
-def ask(states: list[InterfaceState], multiplier: np.ndarray) -> bool:
+def ask(states: list[InterfaceState], multiplier: np.ndarray, vital: bool) -> bool:
     """Ask for ties once in a load step where all has come to rest, with too many pairs without
-    friction on some interfaces; whether there are any.
+    friction on some interfaces; whether there are any. Where friction alone holds bodies contact
+    without it would tell nothing: ties are chosen where pairs press that have come to rest.
 
     Args:
         states: of all interfaces.
         multiplier: λ (n,) [force].
+        vital: friction alone holds bodies.
     """
     some = _of(too_loose(states, multiplier), NEVER)
     for s in some:
-        s.asked = NOW
+        s.asked = DONE if vital else NOW
+        if vital:
+            _tie(s, multiplier)
+            s.touch(s.own.active)
     return bool(some)
 
 
@@ -73,8 +78,13 @@ def choose(states: list[InterfaceState], multiplier: np.ndarray, iteration: int)
         return
     for s in states:
         if s.curved or s.asked:
-            force = multiplier[s.nodes.rows[:, -1]]
-            s.ties = force > PRESSES * force.max(initial=0.0)
+            _tie(s, multiplier)
+
+
+def _tie(s: InterfaceState, multiplier: np.ndarray) -> None:
+    """To the pairs that press."""
+    force = multiplier[s.nodes.rows[:, -1]]
+    s.ties = force > PRESSES * force.max(initial=0.0)
 
 
 def untie(states: list[InterfaceState], multiplier: np.ndarray, miss: float, felt: float) -> bool:

@@ -257,7 +257,10 @@ def wrong_signs(
         ROUNDED_GAP * np.abs(position).max(initial=0.0) / np.where(soft, step.compliance, 1.0)
     )
     pulls = multiplier < -np.where(soft, np.maximum(band, rounding), band)
-    wrong = np.where(active, pulls, scale * gap < -band)
+    # What follows from rows that give way overlaps by as much as these do, until they come to rest.
+    gives = step.compliance * np.where(active, np.abs(multiplier - step.about), 0.0)
+    overlaps = gap < -np.where(soft, np.maximum(band / scale, gives.sum()), band / scale)
+    wrong = np.where(active, pulls, overlaps)
     return wrong & step.may_open
 
 

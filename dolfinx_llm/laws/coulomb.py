@@ -118,9 +118,10 @@ class Coulomb(Law):
 
     def _bound(self, nodes: LawNodes) -> np.ndarray:
         """(k,) what tangential forces may reach, node by node [force]. One that is pulled at, by a
-        corrected row, bears nothing: it takes nothing from those that share with it."""
-        bears = nodes.history["mu"] * nodes.N + nodes.history["cohesive"]
-        return np.where(nodes.N > 0.0, bears, 0.0)
+        corrected row, bears nothing, and is missing where others are pressed by more for it: it
+        takes from those that share with it, so that friction in all is at most μ N in all."""
+        cohesive = np.where(nodes.N > 0.0, nodes.history["cohesive"], 0.0)
+        return nodes.history["mu"] * nodes.N + cohesive
 
     def rows(self, nodes: LawNodes) -> LawRows:
         T, s, delta = nodes.force, nodes.sums(self._bound(nodes)), nodes.slip
@@ -129,10 +130,9 @@ class Coulomb(Law):
         else:
             rows = newton_rows(T, s, delta, nodes.c, nodes.status)
         # N of the next iterate stands in the rows, cohesion does not depend on it.
-        pressed = nodes.N > 0.0
-        cohesion = nodes.sums(np.where(pressed, nodes.history["cohesive"], 0.0))
+        cohesion = nodes.sums(np.where(nodes.N > 0.0, nodes.history["cohesive"], 0.0))
         rhs = rows.rhs - rows.C_N * cohesion[:, None]
-        return replace(rows, rhs=rhs, weight=np.where(pressed, nodes.history["mu"], 0.0))
+        return replace(rows, rhs=rhs, weight=nodes.history["mu"])
 
     def miss(self, nodes: LawNodes) -> np.ndarray:
         s = nodes.sums(self._bound(nodes))

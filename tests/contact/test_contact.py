@@ -266,7 +266,7 @@ def test_lost_friction_is_an_error(monkeypatch):
     """Pairs under force that have lost their friction make the result worthless. Here all have
     from the start: which open and close by turns on the way is a matter of rounding."""
     monkeypatch.setattr(load_steps, "SMALLEST", 1.0)
-    monkeypatch.setattr(state, "LOOSE", 0)
+    monkeypatch.setattr(state, "BY_TURNS", 0)
     scene, motions = random_pressed(COMM, 300)
     with pytest.raises(llm.ContactError, match="without friction, and carry 100.0%.*allowed 1%"):
         scene.move(motions[0])

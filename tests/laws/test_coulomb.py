@@ -100,18 +100,19 @@ def test_those_that_others_speak_for():
     assert not told.C_T[2].any() and not told.C_N[2].any() and not told.rhs[2].any()
 
 
-def test_a_node_that_is_pulled_at_takes_nothing_from_its_speaker():
-    """Forces of two nodes at the limit of the one that is pressed: the law is met, and its rows."""
+def test_a_node_that_is_pulled_at_takes_from_its_speaker():
+    """Forces of two nodes at the limit of both in sum, mu N: the law is met, and its rows. What
+    they bear is shared out among those that are pressed."""
     one, none = np.ones(2), np.zeros((2, 1))
     nodes = LawNodes(
-        np.zeros((2, 2)), one, force=np.array([[5.0], [0.0]]), N=np.array([10.0, -1.0]),
+        np.zeros((2, 2)), one, force=np.array([[4.5], [0.0]]), N=np.array([10.0, -1.0]),
         jump=none + 1.0, before=none, c=one, status=np.full(2, SLIP),
         history={"mu": MU * one, "cohesive": 0.0 * one}, speaker=np.zeros(2, dtype=int),
     )  # fmt: skip
     law = Coulomb(MU)
     assert law.miss(nodes)[0] <= 1e-15
     assert np.abs(law.rows(nodes).left(nodes)[0]).max() <= 1e-15
-    assert law.strength(nodes).tolist() == [5.0, 0.0]
+    assert law.strength(nodes).tolist() == [5.0, -0.5]
 
 
 def test_rounding_does_not_choose_at_the_limit():
