@@ -158,7 +158,8 @@ def test_friction_under_weight_and_side_load(blocks, side, degree, kind):
             a, L, bcs=wall.base(), interfaces=wall.interfaces(llm.Coulomb(mu)), solver=solver
         )
         problem.solve()
-        assert "not unique where interfaces meet" in str(problem)
+        said = "not unique where interfaces meet" in str(problem)
+        assert said == bool(problem.operators.loops.any())
         found.append(joints.all_forces(problem))
         area = (blocks[:, 1] - blocks[:, 0]).prod(axis=1)
         left, tiny = area[:, None] * load, 1e-9 * area.sum()
