@@ -10,7 +10,7 @@ from pressed_scenes import Punch, small_strains
 from sampling import longer
 
 import dolfinx_llm as llm
-from dolfinx_llm.finite import inside, newton
+from dolfinx_llm.finite import newton, passage
 
 THROUGH = r"pass through each other: [1-9]\d* node.* by 1.5 where facets have the size 0"
 CLOSED = r"pass through each other: [1-9]\d* node.* whose outline is closed; .* by [01]\."
@@ -60,12 +60,12 @@ def test_inside(k):
         faces = np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
     x = np.random.default_rng(7).uniform(-0.5, 1.5, (300, gdim))
     within = ((x > 0.0) & (x < 1.0)).all(axis=1)
-    assert np.abs(inside.winding(x, corners, faces) - within).max() < 1e-12
-    found = inside.depth(x, corners, faces)
+    assert np.abs(passage.winding(x, corners, faces) - within).max() < 1e-12
+    found = passage.depth(x, corners, faces)
     nearest = np.linalg.norm(x[:, None] - corners, axis=2).min(axis=1)
     assert np.allclose(found, np.where(within, nearest, 0.0), rtol=0.0, atol=1e-15)
     shift = 3.0 * np.eye(gdim)[-1]
-    deep, size = inside.deepest((x + shift, x - shift), (corners, corners), faces)
+    deep, size = passage.deepest((x + shift, x - shift), (corners, corners), faces)
     above = ((x > 0.1) & (x < 0.9))[:, :-1].all(axis=1)
     assert size <= 1.0 and (deep[above] > 0.0).all() and not deep[x[:, 0] < 0.0].any()
 
