@@ -34,6 +34,19 @@ def side_stiffness(operators: ContactOperators, sides: slice) -> np.ndarray:
     return np.array(found)
 
 
+def body_stiffness(operators: ContactOperators) -> np.ndarray:
+    """(bodies,) geometric mean of K's diagonal on the free dofs of each body [force / length]; that
+    of the surfaces where there are none."""
+    dofs, count, components = operators.dofs, operators.bodies.count, operators.bodies.components
+    at = operators.bodies.dofs
+    label = np.repeat(operators.bodies.label, components)[~dofs.fixed[at]]
+    values = np.log(np.maximum(np.abs(operators.diagonal[at[~dofs.fixed[at]]]), 1e-300))
+    sums = [np.bincount(label, of, minlength=count) for of in (values, np.ones(len(values)))]
+    total, number = operators.comm.allreduce(np.array(sums))
+    found = np.exp(total / np.maximum(number, 1.0))
+    return np.where(number > 0.0, found, operators.scale)
+
+
 def in_series(stiffness: np.ndarray) -> float:
     """Mean stiffness of sides (s,) that yield together: the softer one tells [force / length].
 

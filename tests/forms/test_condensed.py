@@ -19,7 +19,7 @@ from sampling import longer, some_of
 
 import dolfinx_llm as llm
 from dolfinx_llm.forms import choice as solvers
-from dolfinx_llm.forms.condensed import friction, krylov, modes
+from dolfinx_llm.forms.condensed import friction, friction_system, krylov, modes
 from dolfinx_llm.forms.condensed import system as condensed
 
 COMM = MPI.COMM_SELF
@@ -361,8 +361,7 @@ def test_friction_takes_as_many_iterations_with_another_multigrid(monkeypatch):
     """Of nodes that all stick, corrected where they slip, as with one of each state."""
     took = []
     for most in (np.inf, -1.0):
-        monkeypatch.setattr(friction, "SET_UP", most)
-        monkeypatch.setattr(friction, "OTHER", most)
+        monkeypatch.setattr(friction_system, "SET_UP", most)
         kept = dragged("condensed")[1].method.form.friction
         took.append((kept.iterations, kept.set_ups))
     assert took[0][1] == 1 < took[1][1]
@@ -370,9 +369,10 @@ def test_friction_takes_as_many_iterations_with_another_multigrid(monkeypatch):
 
 
 def test_multigrid_of_slip_knows_that_bodies_slide(monkeypatch):
-    """Without these motions the multigrid of a step that slips takes more iterations; with them it
-    takes over once in the step into gross slip, whose forces are the same."""
+    """Without these motions multigrids of steps that slip, made anew for each, take more
+    iterations; forces are the same."""
     found = []
+    monkeypatch.setattr(friction_system, "SET_UP", -1.0)
     for know in (True, False):
         if not know:
             monkeypatch.setattr(
@@ -382,7 +382,7 @@ def test_multigrid_of_slip_knows_that_bodies_slide(monkeypatch):
             )
         forces, problem = dragged("condensed")
         kept = problem.method.form.friction
-        assert kept.set_ups == 2 and not kept.notes
+        assert kept.set_ups > 2 and not kept.notes
         found.append((kept.iterations, forces))
     (few, a), (many, b) = found
     assert few <= 0.9 * many

@@ -20,29 +20,22 @@ import numpy as np
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
+from dolfinx_llm.forms.condensed.friction_system import FrictionSystem
 from dolfinx_llm.forms.condensed.gmres import solve_right
-from dolfinx_llm.forms.condensed.kept import SET_UP, FrictionSystem
+from dolfinx_llm.forms.condensed.measure import LEFT_BY_ROUNDING, Measure
 from dolfinx_llm.forms.condensed.reduced import WeakMotions
 from dolfinx_llm.forms.condensed.symmetric import Reduced
 from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.step import LinearStep
-from dolfinx_llm.operators.petsc import diagonal_of, times
+from dolfinx_llm.operators.petsc import times
 
-LEAVES = 1e-2  # of a residual about the last iterate, by a linear solve, at most
-FIRMLY = 1e-6  # the same where that misleads the law
-HARD = 12.0  # iterations per digit: so many
-APART = 30.0  # times another body's stiffness: forces on the stiffer one hardly show in residuals
 ASTRAY = 1e3  # times the load: residuals of the last solution from which on it is no start
 AT_ROUNDING = 1e-10  # of the load: where GMRES has got there, rounding alone leaves no more
-FINAL = 1e-13  # of the load: nothing less is asked for
 SOLVED = 1e-12  # of the load: what is solved as far may be the end of an iteration
 HOPELESS = 150  # iterations with a multigrid of the same step, then a factorisation takes over
 OUTWORN = 2.0  # times the iterations per digit of a new multigrid, from which on it is made anew
 SPARE = 8  # iterations more that an old one may take
-ENDS = 1e3  # times the goal: a residual from which on a solve is one of the last towards a load
-OTHER = 0.3  # of the places on the surfaces: where more have changed, a new one is quicker
-EASY = 4.0  # iterations per digit: where a new one takes more, the old one corrected is as good
 
 
 class FrictionStep:
@@ -73,8 +66,7 @@ class FrictionStep:
         if self._reduced is None:
             self._factorise()
         else:
-            diagonal = diagonal_of(self._split.inside), diagonal_of(self._blocks[2])
-            self._scaling = scales_of(np.concatenate(diagonal), self._scale)
+            self._by = Measure(of, self._form, self._blocks)
 
     def _assemble(self) -> None:
         """Blocks of the matrix, of the step as it is or reduced."""
@@ -101,59 +93,65 @@ class FrictionStep:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See ``SetUp``."""
         form, split, numbering = self._form, self._split, self._rows.multipliers
+        main = about is not None
         kept = np.zeros(len(self._on)) if about is None else form.bound(about[self._on])
         w_0, C = 0.0, None
         if self._reduced is not None:
             (g, rhs, w_0), C = self._reduced.loads(g, rhs), self._reduced.C
-        u_0, v_0 = form.offsets(f, g[self._on][numbering.mine])
-        b = form.load(f, u_0, self._test)
-        left = rhs - self._E @ kept - self._D @ v_0
-        b[len(f) + form.tail.seats] -= left[form.tail.mine_used]
+        loads = f, g[self._on][numbering.mine], rhs - self._E @ kept
+        u_b, z_b = np.zeros(len(f)), np.zeros(len(rhs))
+        b, u_0, v_0 = self._loads_about(u_b, z_b, *loads)
+        q: Any = None
         if self._solver is None:
-            q = self._iterate(b, self._guess(u_0, v_0, kept) if about is not None else 0.0 * b,
-                              about is not None)  # fmt: skip
+            load, start = self._by.norm(b), 0.0 * b
+            if main and self._of.last is not None:
+                (u, last, w), told = self._of.last, self._reduced.told
+                z = np.where(told, 0.0, w)
+                forces = form.force_unknowns(last[self._on] - kept, self._scale)
+                then = self._loads_about(u, z, *loads)
+                if self._by.norm(self._left(then[0], forces)) <= ASTRAY * load:
+                    u_b, z_b, (b, u_0, v_0), start = u, z, then, forces
+            around = (f, u_b + u_0) if main and not self._of.loose else None
+            q = self._iterate(b, start, load, around, main)
         if self._solver is not None:
             q = self._solver.solve(b)
-        u, force, S = form.motion(q) + u_0, np.zeros(len(f)), split.surface
+        u, force, S = u_b + (form.motion(q) + u_0), np.zeros(len(f)), split.surface
         force[S] = np.where(self._fixed[S], 0.0, f[S] - split.rows(u))
         found = form.A.T @ force + form.frame_multipliers(q, self._scale)
         multiplier = np.zeros(len(g))
         multiplier[self._on] = gather_rows(split.comm, found)[numbering.number] + kept
-        w = form.frame_motion(q, v_0)
+        w = z_b + form.frame_motion(q, v_0)
         w = w if C is None else C @ w + w_0
-        if about is not None:
+        if main:
             self._of.last = u, multiplier, w
         return u, multiplier, w
 
-    def _guess(self, u_0: np.ndarray, v_0: np.ndarray, kept: np.ndarray) -> np.ndarray:
-        """q of the last solution."""
-        if self._of.last is None:
-            return np.zeros(len(self._scaling))
-        u, multiplier, w = self._of.last
-        form = self._form
-        z = np.where(self._reduced.told, 0.0, w)
-        q = form.unknowns((u - u_0)[:, None], (z - v_0)[:, None])[:, 0]
-        force = np.zeros(len(z))
-        bound = form.bound_parts(multiplier[self._on] - kept)
-        force[form.frame.dependent] = form.frame.Q.T @ bound / self._scale
-        seats = np.isin(form.tail.mine_used, form.frame.dependent)
-        q[len(u) + form.tail.seats[seats]] = force[form.tail.mine_used[seats]]
-        return q
+    def _loads_about(
+        self, u: np.ndarray, z: np.ndarray, f: np.ndarray, g: np.ndarray, rhs: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """b of A q = b for what is added to u and z, and the offsets u_0 and v_0: about the last
+        solution sums of large motions, as those of both sides of a slip, cost no digits."""
+        form, split, fixed = self._form, self._split, self._fixed
+        if u.any() or z.any():
+            of_rows = form.vectors * np.where(fixed[form.dofs], 0.0, u[form.dofs])
+            g = g - form.L @ z + of_rows.sum(axis=1)
+            f = np.where(fixed, f - u, f - split.times(u))
+        u_0, v_0 = form.offsets(f, g)
+        b = form.load(f, u_0, self._test)
+        b[len(f) + form.tail.seats] -= (rhs - self._D @ (z + v_0))[form.tail.mine_used]
+        return b, u_0, v_0
 
     def _times(self, q: np.ndarray) -> np.ndarray:
         n, (right, below, corner) = len(self._fixed), self._blocks
         body = times(self._split.inside, q[:n]) + times(right, q[n:])
         return np.concatenate([body, times(below, q[:n]) + times(corner, q[n:])])
 
-    def _norm(self, r: np.ndarray) -> float:
-        return float(np.sqrt(self._split.comm.allreduce(float(np.sum((self._scaling * r) ** 2)))))
-
-    def _iterate(self, b: np.ndarray, q: np.ndarray, main: bool) -> Any:
+    def _iterate(self, b: np.ndarray, q: np.ndarray, load: float, around: Any, main: bool) -> Any:
         """q by GMRES; None where it does not get there, and ``_solver`` has taken over."""
-        of, load = self._of, self._norm(b)
+        of = self._of
         began, before, ready = time.perf_counter(), of.iterations, of.seconds
         try:
-            q, size = self._improved(b, q, load, main)
+            q, size, level = self._improved(b, q, load, around, main)
         except ContactInputError:
             raise
         except ContactError as error:
@@ -161,43 +159,50 @@ class FrictionStep:
             self._factorise()
             return None
         if main:
-            of.residual, of.left = size / load if load > 0.0 else 0.0, size
+            of.residual, of.left = size / level if level > 0.0 else 0.0, size
         spent, ready = time.perf_counter() - began, of.seconds - ready
         took = {"iterations": of.iterations - before, "set-up": ready, "solve": spent - ready}
         of.steps.append(took)
         return q
 
     def _improved(
-        self, b: np.ndarray, q: np.ndarray, load: float, main: bool
-    ) -> tuple[np.ndarray, float]:
-        """q as near to the solution as it has to be, and its residual.
+        self, b: np.ndarray, q: np.ndarray, load: float, around: Any, main: bool
+    ) -> tuple[np.ndarray, float, float]:
+        """q as near to the solution as it has to be, its residual, and what that is measured by.
 
         Raises:
             ContactError: GMRES does not get there with a multigrid of this very step.
         """
-        of, size = self._of, self._norm(self._left(b, q))
-        if not size <= ASTRAY * load:
-            q, size = 0.0 * q, load  # what is left of the load
-        same = abs(size - of.left) < 1e-6 * of.left  # nothing has changed since
-        goal = FINAL * load if same or not main else goal_of(size, load, of.loose, easy(of))
-        fresh = self._serve(False, size > ENDS * goal)
+        of, left = self._of, self._left(b, q)
+        served = self._form, self._rows, self._reduced, self._blocks
+        size = start = self._by.norm(left)
+        same = not main or abs(size - of.left) < 1e-6 * of.left  # nothing has changed since
+        of.watch(start, main)
+        level = load if of.last is None else self._by.level(q, around, load)
+        goal = self._by.goal(size, level, load, same)
+        fresh = of.serve(*served, anew=False)
         while size > goal and load > 0.0:
             before, digits = size, float(np.log10(size / goal))
             limit = HOPELESS if fresh else int(OUTWORN * of.usual * digits) + SPARE
-            change, took, reason = self._gmres(self._left(b, q), goal / size, limit)
+            change, took, reason = self._gmres(left, goal / size, limit)
             q += change
-            size = self._norm(self._left(b, q))
+            left = self._left(b, q)
+            size = self._by.norm(left)
             of.count(took, digits, fresh)
+            done, level = size <= 2.0 * goal, self._by.level(q, around, load)
+            goal = min(goal, self._by.goal(start, level, load, same))
             if size <= 2.0 * goal:
                 break
+            if done:
+                continue
             if not fresh:
-                fresh = self._serve(True, True)
+                fresh = of.serve(*served, anew=True)
             elif not size < 0.1 * before:
                 if reason > 0 and size <= AT_ROUNDING * load:
-                    return q, 0.0
-                left = f"{size / load:.0e} of the load left"
-                raise ContactError(f"{took} iterations, PETSc's reason {reason}, {left}")
-        return q, size
+                    return q, 0.0, load
+                share = f"{size / load:.0e} of the load left"
+                raise ContactError(f"{took} iterations, PETSc's reason {reason}, {share}")
+        return q, 0.0 if size <= 2.0 * LEFT_BY_ROUNDING * load else size, level
 
     def _left(self, b: np.ndarray, q: np.ndarray) -> np.ndarray:
         """b - A q, once q has taken weak motions."""
@@ -209,24 +214,11 @@ class FrictionStep:
         """Rigid motions that supports do not hold."""
         body, frame = self._of.weak
         W = self._form.unknowns(body, np.where(self._reduced.told[:, None], 0.0, frame))
-        return WeakMotions(self._split.comm, W, self._times, self._norm)
-
-    def _serve(self, anew: bool, far: bool) -> bool:
-        """Fit the multigrid to this step, or make it anew, also where the step differs by much and
-        is to be solved far; whether it is new."""
-        of, step = self._of, (self._form, self._rows, self._reduced)
-        began, other = time.perf_counter(), 1.0 if of.kept is None else of.kept.meet(*step)
-        worn = of.kept is None or of.excess > SET_UP
-        anew = anew or worn or (far and other > OTHER and of.usual < EASY)
-        if anew:
-            of.multigrid(*step[1:]).meet(*step)
-        of.kept.fit(self._form, self._reduced, self._blocks)
-        of.seconds += time.perf_counter() - began
-        return anew
+        return WeakMotions(self._split.comm, W, self._times, self._by.norm)
 
     def _gmres(self, r: np.ndarray, rtol: float, limit: int) -> tuple[np.ndarray, int, int]:
         """What solves for a residual, the iterations that it took, and PETSc's reason."""
-        by, n = self._scaling, len(self._fixed)
+        by, n = self._by.scaling, len(self._fixed)
 
         def precondition(x: np.ndarray) -> np.ndarray:
             r = x / by
@@ -245,25 +237,3 @@ class FrictionStep:
         for item in (self._solver, self._test, self._form.T, *self._blocks):
             if item is not None:
                 item.destroy()
-
-
-def easy(of: FrictionSystem) -> bool:
-    """Whether the law may follow loose solves."""
-    alike = all(side.max() <= APART * side.min() for side in of.operators.stiffness)
-    return alike and of.usual < HARD
-
-
-def scales_of(diagonal: np.ndarray, scale: float) -> np.ndarray:
-    """Inverse square roots of a diagonal; of entries that are none that of ``scale``."""
-    size = np.abs(diagonal)
-    return 1.0 / np.sqrt(np.where(size > 1e-12 * scale, size, scale))
-
-
-def goal_of(size: float, load: float, loose: float | None, easily: bool) -> float:
-    """What a solve is to leave of a residual about the last iterate, of the sizes of that and of
-    the load, or of the load where that is given. Newton's next residual is about the square of one:
-    less is not worth it. Where it does not follow ``easily`` loose solves mislead the law."""
-    if loose is not None:
-        return max(loose, FINAL) * load
-    leaves = LEAVES if easily else FIRMLY
-    return max(min(leaves, size / load) * min(size, load), FINAL * load)

@@ -7,7 +7,6 @@ these places alone corrects it, before and after.
 
 from __future__ import annotations
 
-import logging
 from dataclasses import replace
 from typing import Any
 
@@ -15,21 +14,15 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix, diags
 
-from dolfinx_llm.base.log import log
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.krylov import GAMG, near_null_space
-from dolfinx_llm.forms.condensed.modes import together
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import Reduced
 from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.forms.direct import set_up_ksp
 from dolfinx_llm.operators.petsc import create_aij, join_blocks, times
-from dolfinx_llm.operators.system import ContactOperators
 
 STIFFER = 0.5  # of what bodies set against a jump: by so much a law's stiffness has not changed
-BEGINS = 4  # iterations more, of a solve's first digits, with any multigrid
-SET_UP = 24  # iterations that a new multigrid costs, about
-USUAL = 2.0  # iterations per digit of a new multigrid, at least
 
 
 class KeptMultigrid:
@@ -84,8 +77,8 @@ class KeptMultigrid:
         self._P: Any = None
         self._factor: Any = None
 
-    def meet(self, form: Transformation, rows: EliminatedRows, reduced: Reduced) -> float:
-        """Take over another step, but for its matrix; by which part of its places it differs."""
+    def meet(self, form: Transformation, rows: EliminatedRows, reduced: Reduced) -> None:
+        """Take over another step, but for its matrix."""
         self.release()
         tail, self._n = form.tail, len(form.fixed)
         w, dofs = self._changes(form, rows, reduced)
@@ -94,7 +87,6 @@ class KeptMultigrid:
         mine = np.concatenate([places, tail.seats[w[tail.mine_used]]])
         self._at = np.unique(mine)
         self.changed = form.comm.allreduce(len(self._at))
-        return float((w & ~reduced.rim).mean()) if len(w) else 0.0
 
     def fit(self, form: Transformation, reduced: Reduced, A: Any) -> None:
         """Take over the matrix of the step that was met, of blocks A of ``Transformation.blocks``,
@@ -209,87 +201,6 @@ class KeptMultigrid:
         self.release()
         for item in (self.ksp, self.matrix, self._S, self._x, self._y):
             item.destroy()
-
-
-class FrictionSystem:
-    """What steps of contact laws keep from one to the next.
-
-    Attributes:
-        split, operators: bodies and interfaces.
-        direct: factorise; set where GMRES has not got there.
-        usual: iterations per digit of a new multigrid; ``excess``: that an old one has taken more.
-        iterations: of GMRES in all steps so far; ``set_ups`` of GAMG; ``seconds`` for these.
-        steps: of each solve its "iterations" and the seconds of its "set-up" and "solve".
-        residual: over the load, of the last solve.
-    """
-
-    def __init__(
-        self,
-        split: SplitStiffness,
-        operators: ContactOperators,
-        modes: tuple[Any, Any],
-        options: tuple[str, dict],
-        direct: bool,
-    ) -> None:
-        self.split, self.operators, self.direct = split, operators, direct
-        self._modes, self._sliding = modes
-        self._prefix, self._options = options
-        self.notes: list[str] = []
-        self.kept: Any = None  # ``KeptMultigrid``, once there is one
-        self.usual = USUAL
-        self.excess = 0.0
-        self.iterations, self.set_ups, self.seconds = 0, 0, 0.0
-        self.steps: list[dict] = []
-        self.residual = 0.0
-        self.loose: float | None = None  # of the load, that solves may leave; None: by residuals
-        self.left = 0.0  # residual of the last solve, as it is scaled
-        self.last: Any = None  # u, λ and w of the last solve
-        self.weak: Any = None  # rigid motions of bodies and frames that supports do not hold
-
-    def describe(self) -> str:
-        """For ``print(problem)``: how steps are solved."""
-        how = "LU by MUMPS"
-        if not self.direct:
-            how = f"GMRES + GAMG, {self.iterations} iterations, {self.set_ups} set-ups"
-        return "; ".join([f"condensed, {how}", *self.notes])
-
-    def own_options(self, without: tuple[str, ...]) -> tuple[str, dict]:
-        """Prefix and the user's options but for some."""
-        return self._prefix, {k: v for k, v in self._options.items() if k not in without}
-
-    def multigrid(self, rows: EliminatedRows, reduced: Reduced) -> KeptMultigrid:
-        """A new multigrid of a step."""
-        self.discard()
-        self.excess = 0.0
-        dofs, scale = self.operators.dofs, self.operators.scale
-        modes = self._modes
-        if reduced.slips.any():
-            modes = together(modes, self._sliding)
-        options = self.own_options(("ksp_type",))
-        self.kept = KeptMultigrid(self.split, rows, reduced, dofs.fixed, scale, modes, options)
-        self.set_ups += 1
-        return self.kept
-
-    def count(self, took: int, digits: float, fresh: bool) -> None:
-        """Take down what a solve took that gained some digits, with a new multigrid or another."""
-        self.iterations += took
-        if fresh and digits > 1.5:
-            self.usual, self.excess = max(took / digits, USUAL), 0.0
-        self.excess += max(took - self.usual * digits - BEGINS, 0.0)
-
-    def discard(self) -> None:
-        """Give the multigrid up; collective."""
-        if self.kept is not None:
-            self.kept.destroy()
-        self.kept = None
-
-    def give_up(self, why: str) -> None:
-        """Factorise from now on, which is said once for all ranks."""
-        self.discard()
-        self.direct = True
-        self.notes.append(f"{why}: LU by MUMPS instead")
-        rank = self.operators.comm.rank
-        log.log(logging.WARNING if rank == 0 else logging.DEBUG, self.notes[-1])
 
 
 def _states(rows: EliminatedRows) -> np.ndarray:

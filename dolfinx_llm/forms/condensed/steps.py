@@ -16,7 +16,7 @@ from scipy.sparse import diags, hstack
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.friction import SOLVED, FrictionStep
-from dolfinx_llm.forms.condensed.kept import FrictionSystem
+from dolfinx_llm.forms.condensed.friction_system import FrictionSystem
 from dolfinx_llm.forms.condensed.modes import soft_modes_of, together, weak_motions
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import items_of
@@ -117,7 +117,7 @@ class CondensedForm(WholeSteps):
     def _with_friction(self, f: np.ndarray, step: LinearStep, back: bool, new: bool) -> StepResult:
         """A step with friction, as far as the law's residual is worth it."""
         self._served(step)
-        self.friction.loose = None
+        self.friction.turn(new)
         self.most = WholeSteps.most if self.friction.direct else ASKED * back
         found = super().solve(f, step)
         if new:

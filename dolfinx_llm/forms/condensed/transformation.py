@@ -170,6 +170,14 @@ class Transformation:
         force = c * self.frame.Q @ q_v[self.frame.dependent]
         return self.W.T @ force[self._mine_D]
 
+    def force_unknowns(self, multiplier: np.ndarray, c: float) -> np.ndarray:
+        """(q_local,) q of multipliers (rows,) that bind the frame alone, where they are unknown."""
+        values, at = np.zeros(len(self.tail.columns)), self.frame.dependent
+        values[at] = self.frame.Q.T @ self.bound_parts(multiplier) / c
+        q = np.zeros(len(self.fixed) + self.tail.sizes[0])
+        q[len(self.fixed) + self.tail.seats] = values[self.tail.mine_used]
+        return q
+
     def multipliers(self, force: np.ndarray, v: np.ndarray, pull: np.ndarray | None) -> np.ndarray:
         """λ of this rank from the reactions f - K u, zero at fixed dofs. What a row does to the
         frame alone follows from the frame's equilibrium."""

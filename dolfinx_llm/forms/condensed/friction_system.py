@@ -1,0 +1,158 @@
+"""What steps with friction in the condensed form keep from one to the next."""
+
+from __future__ import annotations
+
+import logging
+import time
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from dolfinx_llm.base.log import log
+from dolfinx_llm.forms.condensed.elimination import EliminatedRows
+from dolfinx_llm.forms.condensed.kept import KeptMultigrid
+from dolfinx_llm.forms.condensed.modes import together
+from dolfinx_llm.forms.condensed.splitting import SplitStiffness
+from dolfinx_llm.forms.condensed.symmetric import Reduced
+from dolfinx_llm.forms.condensed.transformation import Transformation
+from dolfinx_llm.operators.stiffness import body_stiffness
+from dolfinx_llm.operators.system import ContactOperators
+
+BEGINS = 4  # iterations more, of a solve's first digits, with any multigrid
+SET_UP = 24  # iterations that a new multigrid costs, about
+NO_NEARER = 0.7  # of the residual that the last solve began with
+USUAL = 2.0  # iterations per digit of a new multigrid, at least
+
+
+class FrictionSystem:
+    """What steps of contact laws keep from one to the next.
+
+    Attributes:
+        split, operators: bodies and interfaces.
+        direct: factorise; set where GMRES has not got there.
+        usual: iterations per digit of a new multigrid; ``excess``: that an old one has taken more.
+        iterations: of GMRES in all steps so far; ``set_ups`` of GAMG; ``seconds`` for these.
+        steps: of each solve its "iterations" and the seconds of its "set-up" and "solve".
+        residual: over the load, of the last solve.
+    """
+
+    def __init__(
+        self,
+        split: SplitStiffness,
+        operators: ContactOperators,
+        modes: tuple[Any, Any],
+        options: tuple[str, dict],
+        direct: bool,
+    ) -> None:
+        self.split, self.operators, self.direct = split, operators, direct
+        self._modes, self._sliding = modes
+        self._prefix, self._options = options
+        self.notes: list[str] = []
+        self.kept: Any = None  # ``KeptMultigrid``, once there is one
+        self.usual = USUAL
+        self.excess = 0.0
+        self.iterations, self.set_ups, self.seconds = 0, 0, 0.0
+        self.steps: list[dict] = []
+        self.residual = 0.0
+        self.loose: float | None = None  # of the load, that solves may leave; None: by residuals
+        self.left, self.began = 0.0, np.inf  # residual of the last solve, and before it, scaled
+        self.stalls = 0  # solves towards a load that have begun no nearer than the one before
+        self.last: Any = None  # u, λ and w of the last solve
+        self.weak: Any = None  # rigid motions of bodies and frames that supports do not hold
+
+    @cached_property
+    def shares(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n_local,) of the bodies' dofs and (m,) of the unknowns w root of how much stiffer than
+        the surfaces the body is, or the stiffest of an interface."""
+        operators, dofs = self.operators, self.operators.dofs
+        of_bodies = np.sqrt(body_stiffness(operators) / operators.scale)
+        body = dofs.spread(of_bodies[operators.bodies.label])
+        body[body == 0.0] = 1.0
+        of_sides = dofs.values(np.array([at[0, 0] for at in operators.side_dofs]), body)
+        frame = np.ones(operators.unknowns.sizes[1])
+        for place in operators.places:
+            frame[place.frame] = frame[place.slips] = of_sides[place.sides].max()
+        return body, frame
+
+    @cached_property
+    def sides(self) -> list[np.ndarray]:
+        """This rank's dofs on each side of the interfaces."""
+        first, n = self.operators.dofs.first, len(self.operators.dofs.fixed)
+        places = [np.unique(dofs) - first for dofs in self.operators.side_dofs]
+        return [at[(at >= 0) & (at < n)] for at in places]
+
+    def describe(self) -> str:
+        """For ``print(problem)``: how steps are solved."""
+        how = "LU by MUMPS"
+        if not self.direct:
+            how = f"GMRES + GAMG, {self.iterations} iterations, {self.set_ups} set-ups"
+        return "; ".join([f"condensed, {how}", *self.notes])
+
+    def own_options(self, without: tuple[str, ...]) -> tuple[str, dict]:
+        """Prefix and the user's options but for some."""
+        return self._prefix, {k: v for k, v in self._options.items() if k not in without}
+
+    def multigrid(self, rows: EliminatedRows, reduced: Reduced) -> KeptMultigrid:
+        """A new multigrid of a step."""
+        self.discard()
+        self.excess = 0.0
+        dofs, scale = self.operators.dofs, self.operators.scale
+        modes = self._modes
+        if reduced.slips.any():
+            modes = together(modes, self._sliding)
+        options = self.own_options(("ksp_type",))
+        self.kept = KeptMultigrid(self.split, rows, reduced, dofs.fixed, scale, modes, options)
+        self.set_ups += 1
+        return self.kept
+
+    def serve(
+        self,
+        form: Transformation,
+        rows: EliminatedRows,
+        reduced: Reduced,
+        blocks: Any,
+        anew: bool,
+    ) -> bool:
+        """Fit the multigrid to a step, or make it anew, also where it is worn; whether it is."""
+        began = time.perf_counter()
+        anew = anew or self.kept is None or self.excess > SET_UP
+        if anew:
+            self.multigrid(rows, reduced)
+        self.kept.meet(form, rows, reduced)
+        self.kept.fit(form, reduced, blocks)
+        self.seconds += time.perf_counter() - began
+        return anew
+
+    def count(self, took: int, digits: float, fresh: bool) -> None:
+        """Take down what a solve took that gained some digits, with a new multigrid or another."""
+        self.iterations += took
+        if fresh and digits > 1.5:
+            self.usual, self.excess = max(took / digits, USUAL), 0.0
+        self.excess += max(took - self.usual * digits - BEGINS, 0.0)
+
+    def turn(self, new: bool) -> None:
+        """To the law's next iterate, of a new load or not."""
+        self.loose = None
+        if new:
+            self.left, self.began, self.stalls = 0.0, np.inf, 0
+
+    def watch(self, size: float, main: bool) -> None:
+        """See the residual that a solve begins with; ``main``: of a law's next iterate."""
+        if main:
+            self.stalls += size > NO_NEARER * self.began
+            self.began = size
+
+    def discard(self) -> None:
+        """Give the multigrid up; collective."""
+        if self.kept is not None:
+            self.kept.destroy()
+        self.kept = None
+
+    def give_up(self, why: str) -> None:
+        """Factorise from now on, which is said once for all ranks."""
+        self.discard()
+        self.direct = True
+        self.notes.append(f"{why}: LU by MUMPS instead")
+        rank = self.operators.comm.rank
+        log.log(logging.WARNING if rank == 0 else logging.DEBUG, self.notes[-1])
