@@ -24,12 +24,14 @@ REMEMBERED = 3  # states of contact
 ADRIFT = 1e-2  # sum of N² below which a frame node is led until contact has come to rest
 CROSSES = 1e-6  # the same, below which no force passes from side to side
 HELD = 0.3  # least sum of N² over the pairs of each side that tells the slip of a frame node
+BY_LITTLE = 0.03  # the same where contact is narrower than a facet
 
 
 def speakers(
     sides: list[csr_matrix],
     touching: list[csr_matrix] | None = None,
     weak: np.ndarray | None = None,
+    held: float = HELD,
 ) -> np.ndarray:
     """(k,) the node that speaks for each frame node: itself, where pairs of both sides hold it.
 
@@ -40,6 +42,7 @@ def speakers(
         touching: the same of all pairs in contact, by which nodes are neighbours; by default those
             that follow the frame.
         weak: (k,) nodes that do not speak, however firmly they are held; None: there are none.
+        held: least sum of N² of each side with which a node speaks for itself.
 
     >>> far = csr_matrix([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.9, 0.1]])
     >>> speakers([far, far]).tolist()
@@ -56,7 +59,7 @@ def speakers(
     _, piece = connected_components(shared, directed=False)
     best = np.zeros(piece.max(initial=0) + 1)
     np.maximum.at(best, piece, support)
-    known = support >= np.minimum(HELD, best[piece])
+    known = support >= np.minimum(held, best[piece])
     speaker = np.where(known, np.arange(k), -1)
     while not known.all():  # outwards, a ring of nodes at a time
         ask = np.flatnonzero(~known)
@@ -143,6 +146,7 @@ class Followers:
         active: np.ndarray,
         pulled: np.ndarray,
         adrift: float,
+        narrow: bool,
     ) -> Followers:
         """Nodes at the rim of contact follow a neighbour.
 
@@ -152,10 +156,13 @@ class Followers:
             active: (n,) pairs in contact.
             pulled: (k,) nodes that corrected rows pull at.
             adrift: sum of N² of the pairs tied below which a node also moves with its speaker.
+            narrow: contact is narrower than a facet: what is in contact then tells no neighbours,
+                which would change as pairs at the rim come and go.
         """
         k, t = nodes.kappa.shape
         follows = nodes.of(tied)
-        speaker = speakers(follows, nodes.of(active | tied), pulled)
+        near, least = (active | True, BY_LITTLE) if narrow else (active | tied, HELD)
+        speaker = speakers(follows, nodes.of(near), pulled, least)
         if np.array_equal(speaker, np.arange(k)):
             return replace(Followers.none(nodes), unheld=unheld(follows, speaker))
         alike = follow(speaker, nodes.tangents)

@@ -84,6 +84,7 @@ class InterfaceState:
         second, keeps: of second order, whose pairs that do not come to rest may keep their ties;
             whether they do, see ``loose``.
         ties, asked: (n,) pairs that follow a frame along it, None: those in contact; see ``ties``.
+        narrow: contact is narrower than a facet; see ``ties``.
         grazes: friction of open pairs, over the normal force.
         pulled: (k,) nodes that corrected rows pull at: they slip as another does.
     """
@@ -116,6 +117,7 @@ class InterfaceState:
             history={},
         )
         self.ties: np.ndarray | None = None
+        self.narrow = False
         self.begin()
         if k:
             rest = self._at_rest()
@@ -131,14 +133,14 @@ class InterfaceState:
 
     def restore(self, state: ContactState) -> None:
         """Take over another state."""
-        self.own, self.ties = state.copy(), None
+        self.own, self.ties, self.narrow = state.copy(), None, False
         self.touch(self.own.active)
 
     def touch(self, active: np.ndarray) -> None:
         """Take over the pairs (n,) in contact, and who speaks for whom."""
         self.held = self.nodes.reach(self.own.holds) | self.stays
         self.own.active = active = active | self.held
-        told = self.tied, active, self.pulled, self._adrift
+        told = self.tied, active, self.pulled, self._adrift, self.narrow
         if not np.array_equal(np.hstack(told), self._touching):
             self._touching, self.touched = np.hstack(told), self.touched + 1
             if self.shares:

@@ -9,18 +9,25 @@ friction the strongest are let go for good, until there are none: each goes once
 this ends. Later load steps begin with the ties that are left, and choose anew where they do not
 come to rest either. Coulomb's law holds at the frame's nodes with the normal forces of all pairs,
 tied or not.
+
+Where contact is narrower than a facet, next to no node of the frame would speak for itself: all
+that touches would stick or slip as one, and its ties would bear many times what friction may.
+There nodes speak for themselves that pairs hold by less (``BY_LITTLE``), so that friction bounds
+what ties bear, more pairs are tied, and who speaks for whom depends on ties alone.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from dolfinx_llm.contact.followers import speakers
 from dolfinx_llm.contact.loose import too_loose
 from dolfinx_llm.contact.state import InterfaceState
 
 EVERY = 12  # iterations with a tie for each pair in contact
 RESTLESS = 0.05  # of the pairs: where more change then, they do not come to rest
 PRESSES = 2e-2  # of the largest normal force without friction: pairs with more are tied
+LITTLE_TIED = 5e-3  # the same where contact is narrower than a facet
 SETTLING = 1e-2  # of the largest force, that laws are missed by: from there on ties may go
 STRONGEST = 0.5  # of the largest force of friction at an open pair: those above go together
 
@@ -84,7 +91,12 @@ def choose(states: list[InterfaceState], multiplier: np.ndarray, iteration: int)
 def _tie(s: InterfaceState, multiplier: np.ndarray) -> None:
     """To the pairs that press."""
     force = multiplier[s.nodes.rows[:, -1]]
-    s.ties = force > PRESSES * force.max(initial=0.0)
+    top = force.max(initial=0.0)
+    s.ties = force > PRESSES * top
+    speak = speakers(s.nodes.of(s.ties))[s.nodes.reached(s.ties)]
+    # Fewer nodes speak for all that ties reach than a facet has corners.
+    s.narrow = s.curved and len(np.unique(speak)) < s.nodes.x.shape[1]
+    s.ties = force > LITTLE_TIED * top if s.narrow else s.ties
 
 
 def untie(states: list[InterfaceState], multiplier: np.ndarray, miss: float, felt: float) -> bool:

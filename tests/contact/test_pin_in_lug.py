@@ -98,8 +98,10 @@ PLANE = (2, 2.0, 0.0, 0.2), (2, 2.0, 0.02, 0.05), (2, 2.0, 0.02, 0.5)
 SOLID = [(3, 4.0, 0.1, 0.2), *((3, 4.0, *case) for case in
          itertools.product((0.0, 0.02, 0.05), (0.05, 0.2, 0.5, 1.0)))]  # fmt: skip
 
-# Ties that come and go do not come to rest here: they are chosen once.
-FINE = [("flexibility", 3, 3.0, 0.05, mu) for mu in (0.05, 0.2, 0.5, 1.0)]
+# Ties that come and go do not come to rest here: they are chosen once. With 0.1 contact is narrower
+# than a facet.
+FINE = [("flexibility", 3, 3.0, *case) for case in
+        itertools.product((0.05, 0.1), (0.05, 0.2, 0.5, 1.0))]  # fmt: skip
 
 
 @pytest.mark.parametrize(
