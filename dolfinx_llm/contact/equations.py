@@ -53,6 +53,7 @@ class Equations:
         start: (n,) λ at the start of the load step: friction at rest keeps it [force].
         about: (n,) λ about which these do, at a solution the solution's [force].
         normal: (n,) rows that may open.
+        drifts: (m,) normal motion of frames.
         loads: (n_v,) on the frame unknowns, forces on obstacles, at the part of the load step that
             has been reached [force].
     """
@@ -77,9 +78,13 @@ class Equations:
         self.start, self.about, self.idle = np.zeros(self.n), np.zeros(self.n), 0.0
         self._rigid = np.zeros(self.m)  # 1: translations of obstacles, the others nodal motions
         self.normal = np.zeros(self.n, dtype=bool)
+        self.drifts = np.zeros(self.m, dtype=bool)
         for nodes in places:
             self.normal[nodes.rows[:, -1]] = nodes.law.opens
             self._rigid[nodes.v] = nodes.geometry.rigid
+            if not nodes.geometry.rigid:
+                v = nodes.v.reshape(-1, nodes.geometry.directions.shape[1])
+                self.drifts[v[:, -1]] = True
 
     def closed_rows(self) -> np.ndarray:
         """(n,) rows in contact."""

@@ -67,8 +67,12 @@ class Pull:
 
     def _next(self, moved: np.ndarray, calm: int) -> np.ndarray:
         """Springs pull to where the bodies were until contact stays, so that a motion that contact
-        leaves free is not one that some iteration has led to. Then they follow."""
-        return self.anchor + moved
+        leaves free is not one that some iteration has led to. Then they follow; where something
+        nearly as weak holds the bodies, farther than these went (Aitken)."""
+        before = self._moved @ self._moved
+        rate = float(moved @ self._moved / before) if calm > 1 and before > 0.0 else 0.0
+        far = self.share > self._least and 1e-3 < rate < STEADY
+        return self.anchor + moved / (1.0 - rate if far else 1.0)
 
     @property
     def rests(self) -> bool:
