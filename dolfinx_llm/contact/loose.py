@@ -2,9 +2,9 @@
 
 The tie of a pair bears any force, however little the pair presses. One that is pulled open by its
 tie, and presses without it, is in between: it touches without pressing, and its tie bears a part of
-the friction of those next to it. Such pairs are left without friction of their own. Where those of
-second order carry too much then, or friction alone holds bodies, they keep their ties, open or not,
-as long as they are open by next to nothing.
+the friction of those next to it. Such pairs are left without friction of their own. Where friction
+alone holds bodies, those of second order keep their ties, open or not, as long as they are open by
+next to nothing.
 """
 
 from __future__ import annotations
@@ -69,15 +69,15 @@ def count(
     own, changed = s.own, chosen != s.own.active
     light = light | (changed.sum() <= FEW * len(chosen) + 2) | (s.curved and not vital)
     own.closings += np.where(chosen & ~own.active, np.where(light, ALONE, 1), 0)
-    if s.second:  # a sign that is wrong in contact and out of it
+    if s.keeps:  # a sign that is wrong in contact and out of it
         stuck = wrong & ~changed
         own.closings += np.where(stuck, ALONE, 0)
-        own.closings[stuck & (own.closings >= BY_TURNS) & s.keeps] = GONE
+        own.closings[stuck & (own.closings >= BY_TURNS)] = GONE
 
 
-def keep(states: list[InterfaceState]) -> bool:
+def keep(states: list[InterfaceState]) -> None:
     """From now on pairs of second order that open and close by turns keep their ties: without them
-    too many would have no friction. Whether there are interfaces.
+    too many would have no friction.
 
     Args:
         states: of the interfaces.
@@ -85,7 +85,6 @@ def keep(states: list[InterfaceState]) -> bool:
     for s in states:
         s.keeps = s.second
         s.touch(s.own.active)
-    return bool(states)
 
 
 def lets_go(
@@ -101,7 +100,7 @@ def lets_go(
         felt: force that is more than rounding [force].
     """
     parted = [_part(s, multiplier, gaps, felt) for s in states]
-    pulled = [_share_pulls(s, multiplier, felt) for s in states if s.shares and s.nodes.kappa.size]
+    pulled = [_share_pulls(s, multiplier, felt) for s in states if s.second and s.nodes.kappa.size]
     return any(parted + pulled)
 
 
@@ -144,8 +143,11 @@ def regain(states: list[InterfaceState], multiplier: np.ndarray) -> bool:
     """
     some = [s for s in states if s.ties is None and lost(s, multiplier) > FRICTIONLESS]
     for s in some:
+        keeps = s.keeps
         s.begin()
-    return keep(some)
+        if keeps:
+            keep([s])
+    return bool(some)
 
 
 def too_loose(states: list[InterfaceState], multiplier: np.ndarray) -> list[InterfaceState]:
