@@ -161,7 +161,7 @@ class Followers:
         """
         k, t = nodes.kappa.shape
         follows = nodes.of(tied)
-        near, least = (active | True, BY_LITTLE) if narrow else (active | tied, HELD)
+        near, least = (np.ones_like(active), BY_LITTLE) if narrow else (active | tied, HELD)
         speaker = speakers(follows, nodes.of(near), pulled, least)
         if np.array_equal(speaker, np.arange(k)):
             return replace(Followers.none(nodes), unheld=unheld(follows, speaker))

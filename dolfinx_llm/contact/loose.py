@@ -46,11 +46,11 @@ def release(s: InterfaceState) -> bool:
     node, nothing else could balance the friction of others there.
     """
     if led := bool(s.others.frame_relative.nnz) and not s.curved:
-        keeps, known = s.keeps, s.own.closings.copy()
-        s.begin(0.0)
-        if keeps:
+        known = s.own.closings.copy()
+        s.begin(0.0, s.keeps)
+        if s.keeps:
             s.own.closings = np.where(known < GONE, known, 0)
-            keep([s])
+            s.touch(s.own.active)
     return led
 
 
@@ -143,10 +143,7 @@ def regain(states: list[InterfaceState], multiplier: np.ndarray) -> bool:
     """
     some = [s for s in states if s.ties is None and lost(s, multiplier) > FRICTIONLESS]
     for s in some:
-        keeps = s.keeps
-        s.begin()
-        if keeps:
-            keep([s])
+        s.begin(keeps=s.keeps)
     return bool(some)
 
 

@@ -125,9 +125,9 @@ class InterfaceState:
             self.take(self.rows_at(replace(rest, history=self.own.history)))
             self.own.status = np.full(k, STICK)
 
-    def begin(self, adrift: float = ADRIFT) -> None:
+    def begin(self, adrift: float = ADRIFT, keeps: bool = False) -> None:
         """Start a load step: pairs that opened and closed by turns get another chance."""
-        self.own.closings[:], self._adrift, self.asked, self.keeps = 0, adrift, 0, False
+        self.own.closings[:], self._adrift, self.asked, self.keeps = 0, adrift, 0, keeps
         self.pulled, self.grazes = np.zeros(len(self.nodes.kappa), dtype=bool), 0.0
         self.touch(self.own.active)
 

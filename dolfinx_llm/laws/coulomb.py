@@ -120,8 +120,12 @@ class Coulomb(Law):
         """(k,) what tangential forces may reach, node by node [force]. One that is pulled at, by a
         corrected row, bears nothing, and is missing where others are pressed by more for it: it
         takes from those that share with it, so that friction in all is at most μ N in all."""
-        cohesive = np.where(nodes.N > 0.0, nodes.history["cohesive"], 0.0)
-        return nodes.history["mu"] * nodes.N + cohesive
+        return nodes.history["mu"] * nodes.N + self._cohesive(nodes)
+
+    @staticmethod
+    def _cohesive(nodes: LawNodes) -> np.ndarray:
+        """(k,) what nodes that press bear without any normal force [force]."""
+        return np.where(nodes.N > 0.0, nodes.history["cohesive"], 0.0)
 
     def rows(self, nodes: LawNodes) -> LawRows:
         T, s, delta = nodes.force, nodes.sums(self._bound(nodes)), nodes.slip
@@ -130,7 +134,7 @@ class Coulomb(Law):
         else:
             rows = newton_rows(T, s, delta, nodes.c, nodes.status)
         # N of the next iterate stands in the rows, cohesion does not depend on it.
-        cohesion = nodes.sums(np.where(nodes.N > 0.0, nodes.history["cohesive"], 0.0))
+        cohesion = nodes.sums(self._cohesive(nodes))
         rhs = rows.rhs - rows.C_N * cohesion[:, None]
         return replace(rows, rhs=rhs, weight=nodes.history["mu"])
 
