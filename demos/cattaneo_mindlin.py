@@ -42,9 +42,12 @@ def theory(load=1.0):
 
 # ## The discs, both loaded alike
 class Discs:
-    """The problem and its load; ``tangential`` is Q over the diameter [force / area]."""
+    """The problem, with ``options`` of ``ContactProblem``, and its load; ``tangential`` is Q over
+    the diameter [force / area]."""
 
-    def __init__(self, elements=(16, 23), load=1.0, method="newton", comm=MPI.COMM_WORLD):
+    def __init__(
+        self, elements=(16, 23), load=1.0, method="newton", comm=MPI.COMM_WORLD, **options
+    ):
         forms, loads, bcs, sides = [], [], [], []
         self.load, self.tangential = load, []
         for n, up in zip(elements, (1, -1)):
@@ -65,7 +68,7 @@ class Discs:
                     bcs.append(hold(V, k, lambda x, at=at: np.isclose(x[:2].T, at).all(axis=1)))
         law = llm.Coulomb(MU, method=method)
         interface = llm.Interface(None, tuple(sides), law=law)
-        self.problem = llm.ContactProblem(forms, loads, bcs=bcs, interfaces=[interface])
+        self.problem = llm.ContactProblem(forms, loads, bcs=bcs, interfaces=[interface], **options)
 
     def run(self, steps=4):
         """Press, then drag; returns the iterations of each load step."""

@@ -2,13 +2,16 @@
 
 The 3D patch test, two cubes with a known field and Hertz's cylinders, over refinements; frames by
 positions, by weights and undesigned, node-to-segment, dolfinx_mpc where it is installed, and a
-matching mesh as the limit. Run time is all that a solve takes, without mesh and form compilation;
-stages and "seconds" are wall time, compared is CPU time: seconds times CPU over wall of the case,
-and as "ratio" what repeats: that over the matching mesh's of the same run.
+matching mesh as the limit. Of opening and friction, as "auto" takes them, factorised and by
+multigrid: Hertz's point contact, Cattaneo and Mindlin, a block dragged until all of it slips.
+Run time is all that a solve takes, without mesh and form compilation; stages and "seconds" are wall
+time, compared is CPU time: seconds times CPU over wall of the case, and as "ratio" what repeats:
+that over the matching mesh's of the same run.
 Every method runs in a process of its own, all of them in turn, and the median turn is shown;
 with --quick the methods of a scene share one process, and their memory is the largest so far.
 
     python demos/error_vs_time.py [--quick] [-n RANKS] [--output DIR] [--against FILE]
+    python demos/error_vs_time.py --scenes "Hertz 3D" "dragged block" --largest 400000
     python demos/error_vs_time.py --read FILE    # table and diagrams of an earlier run
     python demos/error_vs_time.py --read FILE --against FILE    # how far two runs' ratios differ
 """
@@ -37,13 +40,13 @@ def run(scene, cases, ranks):
     return lines[0]["about"], lines[1:]
 
 
-def measure(scenes, repeat, ranks, quick):
+def measure(scenes, repeat, ranks, quick, largest):
     """Versions and rows; of ``repeat`` runs, in turn over the methods, the median one."""
     from tqdm import tqdm
 
     jobs = []
     for scene in scenes:
-        cases = [(*case, sizes_of(scene, case[0], quick)) for case in CASES[scene]]
+        cases = [(*case, sizes_of(scene, *case, quick, largest)) for case in CASES[scene]]
         jobs += [(scene, cases)] if quick else [(scene, [case]) for case in cases]
     turns = {}
     with tqdm(total=repeat * len(jobs), disable=None) as bar:
@@ -64,6 +67,7 @@ def main(arguments=None):
     parser.add_argument("--quick", action="store_true", help="two refinements, one run each")
     parser.add_argument("--scenes", nargs="+", choices=SIZES, default=list(SIZES))
     parser.add_argument("--repeat", type=int, default=3, help="runs, of which the median is shown")
+    parser.add_argument("--largest", type=int, default=0, help="unknowns, of more sizes")
     parser.add_argument("-n", "--ranks", type=int, default=1)
     parser.add_argument("--output", type=Path, default=Path("out"), metavar="DIR")
     parser.add_argument("--against", type=Path, metavar="FILE", help="JSON of an earlier run")
@@ -78,7 +82,7 @@ def main(arguments=None):
         about, rows = json.loads(args.read.read_text()).values()
     else:
         repeat = 1 if args.quick else args.repeat
-        about, rows = measure(args.scenes, repeat, args.ranks, args.quick)
+        about, rows = measure(args.scenes, repeat, args.ranks, args.quick, args.largest)
     add_ratios(rows)
     print(", ".join(f"{key} {value}" for key, value in about.items()))
     print("\n".join(table(rows, args.scenes) + verdict(rows, args.scenes)))

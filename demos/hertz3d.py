@@ -92,8 +92,11 @@ def boussinesq(x, P, E, nu):
     return np.stack([side * x[0], side * x[1], -c * (2 * (1 - nu) / rho + depth**2 / rho**3)])
 
 
-def problem(scene, elements=(4, 6), order=(0, 1), width=10.0, growth=1.25, comm=MPI.COMM_WORLD):
-    """The contact problem; ``order`` of the sides, (0, 1): the upper one first."""
+def problem(
+    scene, elements=(4, 6), order=(0, 1), width=10.0, growth=1.25, comm=MPI.COMM_WORLD, **options
+):
+    """The contact problem, with ``options`` of ``ContactProblem``; ``order`` of the sides, (0, 1):
+    the upper one first."""
     R, E, nu, a = SCENES[scene]
     _, P, _ = hertz(scene)
     ups = {"plane": (1,), "block": (1, -1), "sphere": (-1,)}[scene]
@@ -120,7 +123,7 @@ def problem(scene, elements=(4, 6), order=(0, 1), width=10.0, growth=1.25, comm=
     if scene == "sphere":
         sides.insert(0, llm.RigidSphere((0.0, 0.0, R - a**2 / R), R))
     interface = llm.Interface(None, tuple(sides[i] for i in order), law=llm.Frictionless())
-    return llm.ContactProblem(forms, loads, bcs=bcs, interfaces=[interface])
+    return llm.ContactProblem(forms, loads, bcs=bcs, interfaces=[interface], **options)
 
 
 def figures(contact, scene):

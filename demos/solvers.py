@@ -247,6 +247,8 @@ def picture(rows, path):
     for k, method in enumerate(METHODS):
         colour = f"C{k}"
         own = [row for row in rows if row["method"] == method]
+        if not own:
+            continue
         unknowns = [row["unknowns"] for row in own]
         seconds = [row["contact"] + row["set-up"] + row["solve"] for row in own]
         axes[0].loglog(unknowns, seconds, ".-", color=colour, label=method)

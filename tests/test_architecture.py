@@ -76,6 +76,12 @@ def test_what_holds_arrays_is_compared_by_identity():
     assert seen > 20 and not wrong
 
 
+def test_nonlinear_bodies_are_known_to_two_files():
+    """As the page on the method says; Newton's iteration knows a protocol."""
+    known = {p.name for p in PACKAGE.rglob("*.py") if "NonlinearBulk" in p.read_text()}
+    assert known == {"nonlinear_bulk.py", "nonlinear.py"}
+
+
 OWN = ("self", "cls")
 THEIRS = {  # dolfinx's, which this one module knows
     "base/compat.py": {"_cpp_object", "_ufl_coordinate_element"},

@@ -117,7 +117,7 @@ def test_the_list_is_not_empty():
     """What the checks below run over."""
     assert set(dolfinx_llm.__all__) <= {k.rsplit(".")[-1] for k in [*PUBLIC, *docs.SUBMODULES]}
     for name in ("problem.problem.ContactProblem.solve",
-                 "contact.results.SideResult.tangential_force",
+                 "contact.sides.SideResult.tangential_force",
                  "interface.obstacles.RigidPlane.clearance",
                  "problem.classical.node_to_segment.NodeToSegment", "output.plot.interface",
                  "geometry.frame.Frame.from_gmsh", "output.files.write_interface"):  # fmt: skip

@@ -7,10 +7,14 @@ import statistics
 import numpy as np
 from work_precision.plan import (
     CHOLESKY,
+    CHOSEN,
     DIAGRAMS,
     GAMG,
+    LAW,
+    LAWS,
     MATCHING,
     MPC,
+    MULTIGRID,
     NODE_TO_SEGMENT,
     POSITIONS,
     REFERENCE,
@@ -20,6 +24,8 @@ from work_precision.plan import (
     UNDESIGNED,
     WEIGHTS,
 )
+
+EPS = 2.0**-52  # what diagrams show of errors that are nought
 
 
 # ## Comparisons
@@ -106,7 +112,7 @@ def compare(rows, earlier):
 # ## Table and diagrams
 def solver_name(method, solver):
     """Only frames have a condensed form: the others' matrices are factorised as they are."""
-    framed = method in (POSITIONS, WEIGHTS, UNDESIGNED)
+    framed = method in (POSITIONS, WEIGHTS, UNDESIGNED, LAW)
     return solver if framed else solver.removeprefix("condensed ")
 
 
@@ -114,7 +120,7 @@ def table(rows, scenes):
     """Lines for the terminal."""
     out = []
     for scene in scenes:
-        errors = [error for name, error, _ in DIAGRAMS if name == scene]
+        errors = [error for name, error, _ in DIAGRAMS + LAWS if name == scene]
         heads = [
             *errors,
             "rate",
@@ -137,7 +143,7 @@ def table(rows, scenes):
                 out.append(f"{line}  {row['failed'][:120]}")
                 continue
             before, last[case] = last.get(case), row
-            rate = "" if before is None or row[errors[0]] < ROUNDING else (
+            rate = "" if before is None or row.get(errors[0], 0.0) < ROUNDING else (
                 f"{np.log(before[errors[0]] / row[errors[0]]) / np.log(row['n'] / before['n']):.2f}"
             )  # fmt: skip
             found = "".join(f"{row[e]:9.1e}" if e in row else f"{'-':>9}" for e in errors)
@@ -161,31 +167,35 @@ def verdict(rows, scenes):
 
 STYLES = {POSITIONS: "C0", WEIGHTS: "C2", UNDESIGNED: "C1", f"{NODE_TO_SEGMENT}, slave 0": "C3",
           f"{NODE_TO_SEGMENT}, slave 1": "C5", f"{MPC} tied, slave 0": "C6",
-          f"{MPC} tied, slave 1": "C9", f"{MPC} slip, slave 1": "C8", MATCHING: "k"}  # fmt: skip
-DASHES = {SADDLE: "o-", CHOLESKY: "s--", GAMG: "^:"}
+          f"{MPC} tied, slave 1": "C9", f"{MPC} slip, slave 1": "C8", MATCHING: "k",
+          LAW: "C2"}  # fmt: skip
+DASHES = {SADDLE: "o-", CHOLESKY: "s--", GAMG: "^:", CHOSEN: "D-", MULTIGRID: "^:"}
+OF_LAW = {CHOSEN: "C2", SADDLE: "C0", MULTIGRID: "C3"}  # colours, where only the solver differs
 
 
-def diagrams(rows, path):
-    """Error against run time, a line for every method and solver."""
+def diagrams(rows, path, of):
+    """Error against run time, a line for every method and solver, in the diagrams ``of``."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
     from PIL import Image
 
-    figure, axes = plt.subplots(2, 2, figsize=(11, 8.5))
+    lines, columns = (2, 2) if len(of) == 4 else (1, len(of))
+    figure, axes = plt.subplots(lines, columns, figsize=(11, 4.25 * lines))
     shown = {}
-    for axis, (scene, error, title) in zip(axes.flat, DIAGRAMS):
+    for axis, (scene, error, title) in zip(axes.flat, of):
         for (method, solver), found in curves(rows, scene, error).items():
-            points = np.array([(row["cpu_seconds"], row[error]) for row in found]).T
+            points = np.array([(row["cpu_seconds"], max(row[error], EPS)) for row in found]).T
             shown[f"{method}: {solver_name(method, solver)}"], = axis.loglog(
-                *points, DASHES[solver], color=STYLES[method], markersize=4, linewidth=1.2
+                *points, DASHES[solver], markersize=4, linewidth=1.2,
+                color=OF_LAW[solver] if method == LAW else STYLES[method],
             )  # fmt: skip
         axis.set(title=title, xlabel="run time [CPU s]", ylabel="relative error")
         axis.grid(alpha=0.3)
     order = list(STYLES)
     names = sorted(shown, key=lambda name: order.index(name.split(":")[0]))
-    figure.tight_layout(rect=(0, 0.13, 1, 1))
+    figure.tight_layout(rect=(0, 0.13 if lines > 1 else 0.06, 1, 1))
     figure.legend([shown[k] for k in names], names, loc="lower center", ncol=4, fontsize=7)
     figure.savefig(path, dpi=90)
     plt.close(figure)
@@ -193,7 +203,7 @@ def diagrams(rows, path):
 
 
 def write(folder, about, rows):
-    """error_vs_time.png, .csv and .json."""
+    """error_vs_time.png, of opening and friction error_vs_time_laws.png, .csv and .json."""
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps({"about": about, "rows": rows}, indent=1)
     (folder / "error_vs_time.json").write_text(text + "\n")
@@ -201,4 +211,6 @@ def write(folder, about, rows):
         writer = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)))
         writer.writeheader()
         writer.writerows(rows)
-    diagrams(rows, folder / "error_vs_time.png")
+    for name, of in (("error_vs_time", DIAGRAMS), ("error_vs_time_laws", LAWS)):
+        if {row["scene"] for row in rows} & {scene for scene, *_ in of}:
+            diagrams(rows, folder / f"{name}.png", of)

@@ -16,8 +16,10 @@ from work_precision.evaluation import median_run
 from work_precision.plan import (
     CHOLESKY,
     GAMG,
+    LAW,
     MATCHING,
     MPC,
+    MULTIGRID,
     NODE_TO_SEGMENT,
     POSITIONS,
     STAGES,
@@ -44,15 +46,14 @@ OF_PROBLEM = {  # stages of ContactProblem.times by the names of the table
 
 
 def solver_options(solver):
-    return {
-        "solver": solver.split()[0],
-        "petsc_options": DIRECT if solver.endswith("Cholesky") else None,
-    }
+    options = {"Cholesky": DIRECT, MULTIGRID.split()[1]: {"pc_type": "gamg"}}
+    chosen = options.get(solver.split()[-1]) if solver != GAMG else None
+    return {"solver": solver.split()[0], "petsc_options": chosen}
 
 
 def with_frame(scene, problem):
     """The method of this package; forms are compiled once for all runs, and not counted."""
-    u = problem.solve()
+    u = scene.solve(problem)
     row = dict.fromkeys(STAGES, 0.0)
     for stage in problem.times.keys() & OF_PROBLEM.keys():
         row[OF_PROBLEM[stage]] += problem.times[stage]
@@ -60,9 +61,10 @@ def with_frame(scene, problem):
     row["unknowns"] = sum(unknowns.values())
     if problem.form == "condensed":
         row["unknowns"] = unknowns["u"] - unknowns["lambda"] + unknowns["v"]
-    system = getattr(problem.method.form, "system", None)
+    form = problem.method.form
+    system = getattr(form, "friction", None) or getattr(form, "system", None)
     iterations = system.iterations if system is not None else len(problem.history)
-    row |= {"iterations": iterations, **scene.errors(u, problem)}
+    row |= {"iterations": iterations, "form": problem.form, **scene.errors(u, problem)}
     problem.destroy()
     return row
 
@@ -159,10 +161,19 @@ def multi_point(scene, V, tags, slip, slave, solver):
 
 
 # ## One case
+def scene_of(name):
+    """A scene by name; those of opening and friction need gmsh."""
+    if name in SCENES:
+        return SCENES[name]
+    from work_precision import law_scenes
+
+    return law_scenes.SCENES[name]
+
+
 def solve(comm, name, method, solver, n):
     """A row of the table: figures of one method and solver on one scene of size n."""
-    scene, began, cpu = SCENES[name], time.perf_counter(), time.process_time()
-    if name == "Hertz":
+    scene, began, cpu = scene_of(name), time.perf_counter(), time.process_time()
+    if name == "Hertz" or method == LAW:
         problem = scene.problem(comm, n, method, **solver_options(solver))
         # What the problem does not time itself is the mesh.
         meshed = time.perf_counter() - began - sum(problem.times.values())

@@ -13,7 +13,15 @@ import dolfinx_llm as llm
 from dolfinx_llm import compat
 
 
-class Patch:
+class Scene:
+    """What scenes do unless they say otherwise."""
+
+    def solve(self, problem):
+        """The displacement, of one load step."""
+        return problem.solve()
+
+
+class Patch(Scene):
     """The paper's 3D patch test, every cell split n times a direction."""
 
     sides = paper_data.FOUNDATION_TOP, paper_data.PUNCH_BOTTOM
@@ -67,7 +75,7 @@ class Patch:
         return bcs
 
 
-class Cubes:
+class Cubes(Scene):
     """Two cubes with n and 1.5 n bricks a side, a manufactured field."""
 
     sides = LOWER, UPPER
@@ -99,7 +107,7 @@ class Cubes:
         return V, *cube_forms(V)
 
 
-class Hertz:
+class Hertz(Scene):
     """Two cylinders, n and about 1.5 n elements over the half-width of contact."""
 
     def problem(self, comm, n, method, **options):

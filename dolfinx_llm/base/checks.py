@@ -12,6 +12,7 @@ from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 
 T = TypeVar("T")
@@ -126,7 +127,7 @@ def items(name: str, value: Any, accepted: str) -> list[Any]:
 
 def array(
     name: str, value: Any, shape: Sequence[int | None], accepted: str, integers: bool = False
-) -> np.ndarray:
+) -> Array:
     """A finite array of a shape, in which None is any size: real numbers, or integers; no bool,
     nothing complex or ragged.
 

@@ -32,13 +32,14 @@ except ImportError as error:
     ) from error
 
 from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
 
-def create_mesh(comm: MPI.Comm, cells: np.ndarray, x: np.ndarray, cell_name: str) -> Any:
+def create_mesh(comm: MPI.Comm, cells: Array, x: Array, cell_name: str) -> Any:
     """First-order mesh from arrays: cells (n, k) in dolfinx's node order and nodes x (m, gdim).
 
     In parallel every rank passes its own share of both.
@@ -84,7 +85,7 @@ def quadrature_space(mesh: Any, degree: int, shape: tuple[int, ...] = ()) -> Any
     return getattr(dolfinx.fem, "functionspace", dolfinx.fem.FunctionSpace)(mesh, element)
 
 
-def points_of(V: Any) -> np.ndarray | None:
+def points_of(V: Any) -> Array | None:
     """(n, tdim) points of a ``quadrature_space`` on the reference cell; None of other spaces."""
     element = V.ufl_element()
     if hasattr(element, "has_custom_quadrature"):  # of Basix
@@ -93,7 +94,7 @@ def points_of(V: Any) -> np.ndarray | None:
     return quadrature_points(V.mesh, degree) if name == "Quadrature" else None
 
 
-def cell_dofs(space_or_geometry: Any) -> np.ndarray:
+def cell_dofs(space_or_geometry: Any) -> Array:
     """(n_cells, k) dofs of a function space's cells, or nodes of a mesh geometry's."""
     if hasattr(space_or_geometry, "dofmaps") and hasattr(space_or_geometry, "x"):
         dofmaps = space_or_geometry.dofmaps  # a mesh geometry, one dofmap per kind of cell
@@ -186,29 +187,30 @@ def assemble_matrix(a: Any, bcs: Sequence[Any], diagonal: float) -> PETSc.Mat:
 
 
 def assemble_load(
-    L: Any, a: Any, bcs: Sequence[Any], given: tuple[np.ndarray, ...], nodal: Sequence[np.ndarray]
-) -> np.ndarray:
+    L: Any, a: Any, bcs: Sequence[Any], given: tuple[Array, ...], nodal: Sequence[Array]
+) -> Array:
     """Owned entries of the load: compiled L plus nodal forces at owned dofs, lifted in the compiled
     form a by the conditions' values, which are ``given`` as ``prescribed`` finds them."""
     b, (fixed, values) = dolfinx.fem.petsc.assemble_vector(L), given
-    n = b.local_size
     if values[fixed].any():
         dolfinx.fem.petsc.apply_lifting(b, [a], [bcs])
-    b.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
-    load = sum(nodal, b.array_r[:n].copy())
-    b.destroy()
-    return np.where(fixed[:n], values[:n], load)
+    load = sum(nodal, summed(b))
+    return np.where(fixed[: len(load)], values[: len(load)], load)
 
 
-def assemble_force(forms: Sequence[Any], signs: Sequence[float], V: Any) -> np.ndarray:
+def assemble_force(forms: Sequence[Any], signs: Sequence[float], V: Any) -> Array:
     """Owned entries of the sum of compiled linear forms, with signs, without conditions."""
-    total = np.zeros(V.dofmap.index_map.size_local * V.dofmap.index_map_bs)
-    for form_, sign in zip(forms, signs, strict=True):
-        b = dolfinx.fem.petsc.assemble_vector(form_)
-        b.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
-        total += sign * b.array_r[: len(total)]
-        b.destroy()
-    return total
+    none = np.zeros(V.dofmap.index_map.size_local * V.dofmap.index_map_bs)
+    vectors = map(dolfinx.fem.petsc.assemble_vector, forms)
+    return sum((sign * summed(b) for b, sign in zip(vectors, signs, strict=True)), none)
+
+
+def summed(b: PETSc.Vec) -> Array:
+    """Owned entries, with what other ranks have of them; the vector goes."""
+    b.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
+    found: Array = b.array_r.copy()
+    b.destroy()
+    return found
 
 
 def ghosted_vector(V: Any, bs: int) -> PETSc.Vec:
@@ -222,12 +224,12 @@ def ghosted_vector(V: Any, bs: int) -> PETSc.Vec:
     )
 
 
-def prescribed_values(V: Any, bcs: Sequence[Any]) -> np.ndarray:
+def prescribed_values(V: Any, bcs: Sequence[Any]) -> Array:
     """Values that the conditions prescribe, per owned and ghost dof; NaN where a dof is free."""
     return np.where(*prescribed(V, bcs), np.nan)
 
 
-def prescribed(V: Any, bcs: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
+def prescribed(V: Any, bcs: Sequence[Any]) -> tuple[Array, Array]:
     """Whether conditions prescribe each owned and ghost dof, and which values."""
     b = ghosted_vector(V, V.dofmap.index_map_bs)
     marks = []
@@ -242,9 +244,7 @@ def prescribed(V: Any, bcs: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
     return (marks[0] == marks[1]) | np.isnan(marks[0]), marks[0]
 
 
-def evaluate(
-    expression: Any, points: np.ndarray, mesh: Any, shape: tuple[int, ...] = ()
-) -> np.ndarray:
+def evaluate(expression: Any, points: Array, mesh: Any, shape: tuple[int, ...] = ()) -> Array:
     """Values of UFL, or compiled for these reference points, in all local cells: (n_cells, ...)."""
     done = isinstance(expression, dolfinx.fem.Expression)
     compiled = expression if done else dolfinx.fem.Expression(expression, points)
@@ -266,12 +266,12 @@ def io_module(*names: str) -> Any:
     return importlib.import_module(f"dolfinx.io.{there[0]}") if there else None
 
 
-def quadrature_points(mesh: Any, degree: int) -> np.ndarray:
+def quadrature_points(mesh: Any, degree: int) -> Array:
     """Quadrature points on the reference cell of a mesh: (n, tdim)."""
     return basix.make_quadrature(getattr(basix.CellType, cell_kinds(mesh)[0]), degree)[0]
 
 
-def cell_tree(mesh: Any, cells: np.ndarray) -> Any:
+def cell_tree(mesh: Any, cells: Array) -> Any:
     """dolfinx's tree of the boxes of some local cells."""
     make = getattr(dolfinx.geometry, "bb_tree", dolfinx.geometry.BoundingBoxTree)
     return make(mesh, mesh.topology.dim, entities=cells)

@@ -7,6 +7,7 @@ warnings and ``DEBUG`` come from all. Records carry their rank as ``%(rank)d``.
 
 import logging
 from collections.abc import Iterable
+from typing import Any
 
 from mpi4py import MPI
 from tqdm import tqdm
@@ -29,14 +30,14 @@ class RankFilter(logging.Filter):
 log.addFilter(RankFilter())
 
 
-def progress(steps: Iterable | None, stage: str) -> tqdm:
+def progress(steps: Iterable[Any] | None, stage: str) -> tqdm:
     """The steps of a stage, with a line on rank 0 while it lasts if stderr is a terminal and the
     log does not tell of it; without steps the caller counts, with ``update()``."""
     quiet = True if WORLD_RANK or log.isEnabledFor(logging.INFO) else None
     return tqdm(steps, desc=stage, leave=False, disable=quiet)
 
 
-def tell_iteration(entry: dict, bar: tqdm | None) -> None:
+def tell_iteration(entry: dict[str, Any], bar: tqdm | None) -> None:
     """Log an entry of ``ContactProblem.history``, or show it on the progress line."""
     text = "{active} in contact, {stick} stick, {slip} slip, {changes} changes, residual "
     text = text.format(**entry) + f"{entry['residual']:.1e}"

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 
 
-def gather_rows(comm: MPI.Comm, rows: np.ndarray) -> np.ndarray:
+def gather_rows(comm: MPI.Comm, rows: Array) -> Array:
     """The rows (n_local, ...) of all ranks on every rank, in rank order."""
     return np.concatenate(comm.allgather(rows)) if comm.size > 1 else rows
 

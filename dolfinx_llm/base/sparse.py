@@ -9,8 +9,10 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
+from dolfinx_llm.base.arrays import Array
 
-def diagonal(values: np.ndarray) -> csr_matrix:
+
+def diagonal(values: Array) -> csr_matrix:
     """(n, n) diagonal matrix of values (n,), without those that are 0.
 
     >>> diagonal(np.array([2, 0, 3])).toarray().tolist()
@@ -21,7 +23,7 @@ def diagonal(values: np.ndarray) -> csr_matrix:
     return csr_matrix((data, _small(at), _starts(values != 0)), (n, n))
 
 
-def per_item(blocks: np.ndarray) -> csr_matrix:
+def per_item(blocks: Array) -> csr_matrix:
     """(n r, n c) block diagonal matrix of (n, r, c) blocks."""
     n, r, c = blocks.shape
     columns = np.arange(n * c, dtype=np.int32).reshape(n, 1, c).repeat(r, axis=1)
@@ -29,7 +31,7 @@ def per_item(blocks: np.ndarray) -> csr_matrix:
     return csr_matrix((blocks.ravel(), columns.ravel(), starts), (n * r, n * c))
 
 
-def summing(rows: np.ndarray, n: int) -> csr_matrix:
+def summing(rows: Array, n: int) -> csr_matrix:
     """(n, k) sums of entries (k,) at their rows.
 
     >>> summing(np.array([2, 0, 2]), 3).toarray().tolist()
@@ -40,15 +42,13 @@ def summing(rows: np.ndarray, n: int) -> csr_matrix:
     return csr_matrix((np.ones(len(rows)), order, starts), (n, len(rows)))
 
 
-def picking(columns: np.ndarray, m: int) -> csr_matrix:
+def picking(columns: Array, m: int) -> csr_matrix:
     """(k, m) matrix that picks entries, by their columns (k,)."""
     k = len(columns)
     return csr_matrix((np.ones(k), _small(columns), np.arange(k + 1, dtype=np.int32)), (k, m))
 
 
-def placed(
-    values: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
-) -> csr_matrix:
+def placed(values: Array, rows: Array, columns: Array, shape: tuple[int, int]) -> csr_matrix:
     """Sums of values at rows and columns, which are broadcast to them; without zeros.
 
     >>> placed(np.ones((1, 2, 2)), np.array([[[0], [1]]]), np.array([[[1, 1]]]), (2, 2)).toarray()
@@ -82,11 +82,11 @@ def per_component(matrix: csr_matrix, d: int) -> csr_matrix:
     return csr_matrix((matrix.data[at], _small(columns), starts), shape)
 
 
-def _starts(count: np.ndarray) -> np.ndarray:
+def _starts(count: Array) -> Array:
     """(n + 1,) where rows of so many entries (n,) start."""
     return np.concatenate([[0], np.cumsum(count)]).astype(np.int32)
 
 
-def _small(index: np.ndarray) -> np.ndarray:
+def _small(index: Array) -> Array:
     """SciPy's own kind of index: it looks for the largest of any other, again and again."""
     return np.asarray(index, dtype=np.int32)

@@ -8,12 +8,15 @@ it is necessary alone, as in limit analysis, whose mechanism the programme's mul
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
 from scipy.linalg import qr
 from scipy.sparse import csr_matrix, hstack, identity, vstack
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.contact.equations import Equations
 from dolfinx_llm.contact.state import InterfaceState
@@ -30,10 +33,11 @@ DIRECTIONS = 16  # of friction in the plane: its bound is the polygon about the 
 
 
 def unbalanced(
-    equations: Equations, floating: Floating, f: np.ndarray, loads: np.ndarray
-) -> FinalError | None:
-    """The error of loads that no contact forces balance, with the motion that they drive; None
-    where some do, or where the programme would be too large. Collective.
+    equations: Equations, floating: Floating, f: Array, loads: Array
+) -> Callable[[], FinalError | None]:
+    """What tells, as contact is now, the error of loads that no contact forces balance, with the
+    motion that they drive; None where some do, or where the programme would be too large. It is
+    collective, and solves the programme, which most load steps do without, when it is asked first.
 
     Args:
         equations: of the laws.
@@ -41,30 +45,37 @@ def unbalanced(
         f: this rank's loads [force].
         loads: (n_v,) on the frame unknowns [force].
     """
-    jumps = [s.nodes.kappa for s in equations.states if isinstance(s.law, Coulomb)]
-    bounds = sum(len(kappa) * (2 if kappa.shape[1] == 1 else DIRECTIONS) for kappa in jumps)
-    if not floating.count or equations.n > PROGRAMMED or bounds > BOUNDED:
-        return None
-    along, sizes = floating.loads(f), floating.sizes(f)
-    size = max(sizes.max(), np.abs(loads).max(initial=0.0))
-    if not size > 0.0:
-        return None
-    found = None
-    if floating.comm.rank == 0:
-        found = _left(equations, floating, along / size, loads / size)
-    share, motion = floating.comm.bcast(found)
-    if share <= LEFT:
-        return None
-    return FinalError(out_of_balance(floating, share, motion, along))
+    may_open, L_t = equations.may_open(), equations.L_t
+
+    @cache
+    def told() -> FinalError | None:
+        jumps = [s.nodes.kappa for s in equations.states if isinstance(s.law, Coulomb)]
+        bounds = sum(len(kappa) * (2 if kappa.shape[1] == 1 else DIRECTIONS) for kappa in jumps)
+        if not floating.count or equations.n > PROGRAMMED or bounds > BOUNDED:
+            return None
+        along, sizes = floating.loads(f), floating.sizes(f)
+        size = max(sizes.max(), np.abs(loads).max(initial=0.0))
+        if not size > 0.0:
+            return None
+        found = None
+        if floating.comm.rank == 0:
+            found = _left(equations, floating, along / size, loads / size, may_open, L_t)
+        share, motion = floating.comm.bcast(found)
+        if share <= LEFT:
+            return None
+        return FinalError(out_of_balance(floating, share, motion, along))
+
+    return told
 
 
 def _left(
-    equations: Equations, floating: Floating, along: np.ndarray, loads: np.ndarray
-) -> tuple[float, np.ndarray]:
+    equations: Equations, floating: Floating, along: Array, loads: Array,
+    may_open: Array, L_t: csr_matrix,
+) -> tuple[float, Array]:  # fmt: skip
     """The least force that must be left along some motion, and the mechanism (count,): of all with
     a sum of motions of 1 the one on which loads do most work."""
     n, n_v, k = equations.n, equations.n_v, floating.count
-    low, high = np.where(equations.may_open(), 0.0, -np.inf), np.full(n, np.inf)
+    low, high = np.where(may_open, 0.0, -np.inf), np.full(n, np.inf)
     drags, bears, limits = [csr_matrix((0, n))], [csr_matrix((0, n))], [np.zeros(0)]
     for s in equations.states:
         rows = s.nodes.rows
@@ -78,7 +89,7 @@ def _left(
     basis = _plain(floating.rigid)
     own, one = basis @ floating.G[:, :k].T, identity(k)
     balance = vstack(
-        [hstack([own, one, csr_matrix((k, 1))]), hstack([equations.L_t, csr_matrix((n_v, k + 1))])]
+        [hstack([own, one, csr_matrix((k, 1))]), hstack([L_t, csr_matrix((n_v, k + 1))])]
     )
     most = -np.ones((k, 1))  # no motion is left more than the last unknown
     least = [hstack([csr_matrix((k, n)), sign * one, most]) for sign in (1.0, -1.0)]
@@ -87,7 +98,7 @@ def _left(
 
     from scipy.optimize import linprog  # rarely needed, and a third of the time of all imports
 
-    def solved(rows: csr_matrix, limit: np.ndarray) -> Any:
+    def solved(rows: csr_matrix, limit: Array) -> Any:
         return linprog(
             np.append(np.zeros(n + k), 1.0),
             A_ub=vstack([hstack([rows, none]), *least]).tocsr(),
@@ -119,7 +130,7 @@ def _plain(rigid: RigidMotions) -> csr_matrix:
     return csr_matrix((np.concatenate(blocks), np.hstack(at)), (rigid.free, rigid.free))
 
 
-def _friction(s: InterfaceState, n: int) -> tuple[csr_matrix, csr_matrix, np.ndarray]:
+def _friction(s: InterfaceState, n: int) -> tuple[csr_matrix, csr_matrix, Array]:
     """Friction at the nodes of an interface along some directions, |T| <= μ N + cohesion area: rows
     (j, n) of T and μ N, and what cohesion bears (j,)."""
     nodes, known = s.nodes, s.own.history

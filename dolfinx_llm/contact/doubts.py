@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.contact.loose import loose_share
 from dolfinx_llm.contact.results import InterfaceResult
+from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import OPEN
 
@@ -26,14 +27,14 @@ NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close
 def doubts(
     geometries: Sequence[InterfaceGeometry],
     results: Sequence[InterfaceResult],
-    states: Any = None,
-    in_time: bool = False,
+    states: Sequence[InterfaceState],
+    in_time: bool,
 ) -> list[str]:
     """What in a solution lies outside of what the method allows for: contact at the rim of what may
     touch, sliding farther than a facet, pairs that lost their friction, bodies that come nearer and
     do not touch."""
     out = []
-    for state, result in zip(states or [], results):
+    for state, result in zip(states, results, strict=True):
         share = loose_share(state, np.concatenate([side.normal_force for side in result.sides]))
         if state.ties is not None and share > UNTIED_SHARE:
             out.append(
@@ -115,9 +116,7 @@ def _uncertain_gaps(geometry: InterfaceGeometry, result: InterfaceResult) -> lis
     ]
 
 
-def _turned(
-    geometry: InterfaceGeometry, result: InterfaceResult
-) -> tuple[np.ndarray | float, float]:
+def _turned(geometry: InterfaceGeometry, result: InterfaceResult) -> tuple[Array | float, float]:
     """By how much an obstacle has turned: the motion (n, gdim) of its points where that leaves its
     surface where it is, else the angle [rad]."""
     obstacle, pairs = geometry.interface.obstacle, geometry.pairs[0]
@@ -151,7 +150,7 @@ def _apart(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
     ]
 
 
-def _gaps(geometry: InterfaceGeometry, gaps: Sequence[np.ndarray]) -> np.ndarray:
+def _gaps(geometry: InterfaceGeometry, gaps: Sequence[Array]) -> Array:
     """Distance between both sides at the frame's nodes, or of the nodes from the obstacle."""
     total = np.zeros(len(geometry.law_nodes[0]))
     for pairs, N, gap in zip(geometry.pairs, geometry.law_shapes, gaps, strict=True):

@@ -17,6 +17,7 @@ from scipy.sparse import block_diag, csr_matrix, hstack, identity
 from scipy.sparse import vstack as stack
 from scipy.sparse.linalg import splu
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item, picking
 from dolfinx_llm.contact.friction_nodes import friction_nodes
 from dolfinx_llm.contact.led import rows_of, told
@@ -86,22 +87,22 @@ class Equations:
                 v = nodes.v.reshape(-1, nodes.geometry.directions.shape[1])
                 self.drifts[v[:, -1]] = True
 
-    def closed_rows(self) -> np.ndarray:
+    def closed_rows(self) -> Array:
         """(n,) rows in contact."""
         return np.concatenate([s.closed_rows() for s in self.states])
 
-    def may_open(self) -> np.ndarray:
+    def may_open(self) -> Array:
         """(n,) rows of normal forces that press or are none."""
         may_open = self.normal.copy()
         for s in self.states:
             may_open[s.nodes.rows[s.held, -1]] = False
         return may_open
 
-    def frame_loads(self) -> np.ndarray:
+    def frame_loads(self) -> Array:
         """(n_v,) loads on the frame unknowns that are prescribed now [force], or an error."""
         return self._operators.frame_loads()
 
-    def middle(self, position: np.ndarray, w: np.ndarray) -> np.ndarray:
+    def middle(self, position: Array, w: Array) -> Array:
         """(m,) frame that fits the positions of all rows best; obstacles stay as in w (m,). Ties
         alone do not ask for it."""
         if not self.m or self._operators.tied:
@@ -116,9 +117,7 @@ class Equations:
         fitted = self.whole @ diagonal(1.0 - self._rigid)
         return splu((fitted.T @ fitted + 1e-10 * identity(self.m)).tocsc())
 
-    def step(
-        self, about: Any, g: np.ndarray, centre: np.ndarray, held: Any, calmed: bool
-    ) -> LinearStep:
+    def step(self, about: Any, g: Array, centre: Array, held: Any, calmed: bool) -> LinearStep:
         """The linear equations of one iteration about λ and w.
 
         Args:
@@ -158,9 +157,7 @@ class Equations:
         step = LinearStep.tied(self.L, np.zeros(self.n))
         return replace(step, active=self.closed_rows())
 
-    def law_rows(
-        self, s: InterfaceState, multiplier: np.ndarray, w: np.ndarray, calmed: bool
-    ) -> LawRows:
+    def law_rows(self, s: InterfaceState, multiplier: Array, w: Array, calmed: bool) -> LawRows:
         """Rows of an interface's law, linearised about λ and w.
 
         Args:
@@ -193,11 +190,11 @@ class Equations:
         rhs = np.concatenate([step.rhs[:first], self.scale * np.concatenate(before)])
         return replace(step, E=E, D=D, rhs=rhs)
 
-    def miss(self, multiplier: np.ndarray, w: np.ndarray) -> float:
+    def miss(self, multiplier: Array, w: Array) -> float:
         """By how much balance of the frames and the laws are missed, at most [force]."""
         return max(self.imbalance(multiplier), _law_miss(self, multiplier, w))
 
-    def imbalance(self, multiplier: np.ndarray) -> float:
+    def imbalance(self, multiplier: Array) -> float:
         """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
         with theirs."""
         forces = self.L_t @ multiplier
@@ -205,13 +202,13 @@ class Equations:
             forces = self._frames.rows(self.L_t).gather @ forces
         return float(np.abs(forces - self.loads).max(initial=0.0))
 
-    def release(self, multiplier: np.ndarray, allowed: float) -> bool:
+    def release(self, multiplier: Array, allowed: float) -> bool:
         """Whether frame nodes that have balanced in sums miss it by more than is allowed [force];
         from then on each balances on its own."""
         missed = np.abs(self.L_t @ multiplier - self.loads).max(initial=0.0)
         return bool(missed > allowed) and any([release(s) for s in self.states])
 
-    def runaway(self, multiplier: np.ndarray) -> str:
+    def runaway(self, multiplier: Array) -> str:
         """What is said of an obstacle whose force contact does not balance: all but the proximal
         term gives way to it. Empty where there is none."""
         left = self.loads - self.L_t @ multiplier
@@ -249,7 +246,7 @@ def spread(equations: Equations, noise: float) -> float:
     )
 
 
-def _law_miss(equations: Equations, multiplier: np.ndarray, w: np.ndarray) -> float:
+def _law_miss(equations: Equations, multiplier: Array, w: Array) -> float:
     """Largest distance of a force from its law [force]."""
     worst, c = 0.0, equations.scale
     for s in equations.states:

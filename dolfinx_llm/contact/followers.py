@@ -17,6 +17,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags, identity
 from scipy.sparse.csgraph import connected_components
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, placed
 from dolfinx_llm.contact.friction_nodes import FrictionNodes
 
@@ -24,15 +25,15 @@ REMEMBERED = 3  # states of contact
 ADRIFT = 1e-2  # sum of N² below which a frame node is led until contact has come to rest
 CROSSES = 1e-6  # the same, below which no force passes from side to side
 HELD = 0.3  # least sum of N² over the pairs of each side that tells the slip of a frame node
-BY_LITTLE = 0.03  # the same where contact is narrower than a facet
+BY_LITTLE = 0.03  # the same where ties are chosen, perhaps of contact narrower than a facet
 
 
 def speakers(
     sides: list[csr_matrix],
     touching: list[csr_matrix] | None = None,
-    weak: np.ndarray | None = None,
+    weak: Array | None = None,
     held: float = HELD,
-) -> np.ndarray:
+) -> Array:
     """(k,) the node that speaks for each frame node: itself, where pairs of both sides hold it.
 
     Nodes that no pair reaches, and the best one of every piece of contact, speak for themselves.
@@ -73,7 +74,7 @@ def speakers(
     return np.where(known, speaker, np.arange(k))
 
 
-def unheld(sides: list[csr_matrix], speaker: np.ndarray) -> np.ndarray:
+def unheld(sides: list[csr_matrix], speaker: Array) -> Array:
     """(k,) nodes for which one speaks that pairs of one side alone hold, or of none.
 
     No force passes there, so that equilibrium leaves the law nothing to say, and the slip would be
@@ -90,7 +91,7 @@ def unheld(sides: list[csr_matrix], speaker: np.ndarray) -> np.ndarray:
     return support[speaker] < CROSSES
 
 
-def sums(speaker: np.ndarray) -> csr_matrix:
+def sums(speaker: Array) -> csr_matrix:
     """(k, k) sums over the nodes for which a node speaks.
 
     Args:
@@ -100,7 +101,7 @@ def sums(speaker: np.ndarray) -> csr_matrix:
     return csr_matrix((np.ones(k), (speaker, np.arange(k))), (k, k))
 
 
-def follow(speaker: np.ndarray, tangents: np.ndarray) -> csr_matrix:
+def follow(speaker: Array, tangents: Array) -> csr_matrix:
     """(k t, k t) slip of all nodes from that of those that speak for them.
 
     Its transpose sums the forces up. Both are components along the nodes' own tangents.
@@ -123,8 +124,8 @@ def follow(speaker: np.ndarray, tangents: np.ndarray) -> csr_matrix:
 class Followers:
     """Who speaks for whom, for one state of contact."""
 
-    speaker: np.ndarray  # (k,) the node whose law holds for each
-    unheld: np.ndarray  # (k,) nodes that no force reaches
+    speaker: Array  # (k,) the node whose law holds for each
+    unheld: Array  # (k,) nodes that no force reaches
     gather: csr_matrix  # (k q, k q) sums of forces at the speakers
     relative: csr_matrix  # (k q, k q) jumps; of nodes that follow others against theirs
     frame_gather: csr_matrix  # (m d, m d) forces at frame nodes, of those that no pair holds at
@@ -142,11 +143,11 @@ class Followers:
     @staticmethod
     def of(
         nodes: FrictionNodes,
-        tied: np.ndarray,
-        active: np.ndarray,
-        pulled: np.ndarray,
+        tied: Array,
+        active: Array,
+        pulled: Array,
         adrift: float,
-        narrow: bool,
+        chosen: bool,
     ) -> Followers:
         """Nodes at the rim of contact follow a neighbour.
 
@@ -156,12 +157,11 @@ class Followers:
             active: (n,) pairs in contact.
             pulled: (k,) nodes that corrected rows pull at.
             adrift: sum of N² of the pairs tied below which a node also moves with its speaker.
-            narrow: contact is narrower than a facet: what is in contact then tells no neighbours,
-                which would change as pairs at the rim come and go.
+            chosen: ties are, and stay while pairs at the rim come and go: these tell no neighbours.
         """
         k, t = nodes.kappa.shape
         follows = nodes.of(tied)
-        near, least = (np.ones_like(active), BY_LITTLE) if narrow else (active | tied, HELD)
+        near, least = (np.ones_like(active), BY_LITTLE) if chosen else (active | tied, HELD)
         speaker = speakers(follows, nodes.of(near), pulled, least)
         if np.array_equal(speaker, np.arange(k)):
             return replace(Followers.none(nodes), unheld=unheld(follows, speaker))
@@ -178,7 +178,7 @@ class Followers:
         """(k, k) sums over the nodes for which a node speaks."""
         return sums(self.speaker)
 
-    def share(self, friction: np.ndarray, bears: np.ndarray, tangents: np.ndarray) -> np.ndarray:
+    def share(self, friction: Array, bears: Array, tangents: Array) -> Array:
         """(k, gdim) forces of friction, of those that speak for others divided among them all.
 
         Args:
@@ -209,7 +209,7 @@ class LastFollowers:
         return found
 
 
-def _carried(leader: np.ndarray, directions: np.ndarray) -> tuple[csr_matrix, csr_matrix]:
+def _carried(leader: Array, directions: Array) -> tuple[csr_matrix, csr_matrix]:
     """Frame nodes that hardly any pair holds move tangentially as their leader (m,) does: sums of
     forces at the leaders, and tangential motion against theirs (m d, m d)."""
     m, d = directions.shape[:2]

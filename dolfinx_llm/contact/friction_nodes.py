@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_matrix, hstack, vstack
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.geometry.spaces import is_function
@@ -38,19 +39,19 @@ class FrictionNodes:
     with c multipliers each, k nodes with jumps of q components, none where the law has no jumps."""
 
     geometry: InterfaceGeometry
-    rows: np.ndarray  # (n, c) its multiplier rows
-    v: np.ndarray  # (m d,) its frame unknowns
-    kappa: np.ndarray  # (k, q) its jump unknowns
-    kept: np.ndarray  # (n c,) rows that are not redundant
-    yields: np.ndarray  # (n,) pairs that supports leave free to move tangentially
+    rows: Array  # (n, c) its multiplier rows
+    v: Array  # (m d,) its frame unknowns
+    kappa: Array  # (k, q) its jump unknowns
+    kept: Array  # (n c,) rows that are not redundant
+    yields: Array  # (n,) pairs that supports leave free to move tangentially
     L: csr_matrix  # (n c, m d)
     L_kappa: csr_matrix  # (n c, k q)
     L_normal: csr_matrix  # (k, n c) normal force at the nodes from λ
     theta: float
     softer: float  # stiffness of its sides in series, over that of all surfaces
-    x: np.ndarray  # (k, gdim) positions as drawn [length]
-    area: np.ndarray  # (k,) tributary area
-    sample: Callable[[Any], np.ndarray]  # (k,) of what users give for a law, see ``LawNodes``
+    x: Array  # (k, gdim) positions as drawn [length]
+    area: Array  # (k,) tributary area
+    sample: Callable[[Any], Array]  # (k,) of what users give for a law, see ``LawNodes``
 
     @property
     def law(self) -> Law:
@@ -58,7 +59,7 @@ class FrictionNodes:
         return self.geometry.interface.law
 
     @property
-    def tangents(self) -> np.ndarray:
+    def tangents(self) -> Array:
         """(k, t, gdim) at the frame's nodes, where there is a frame."""
         return self.geometry.directions[:, :-1]
 
@@ -68,7 +69,7 @@ class FrictionNodes:
         return self.geometry.law_shapes
 
     @cached_property
-    def nearest(self) -> np.ndarray:
+    def nearest(self) -> Array:
         """(n,) node next to each pair."""
         return np.asarray(vstack(self.N).tocsr().argmax(axis=1)).ravel()
 
@@ -84,7 +85,7 @@ class FrictionNodes:
         return [(s, FLOOR * s.sum() / s.shape[0]) for s in squares]
 
     @cached_property
-    def led(self) -> np.ndarray:
+    def led(self) -> Array:
         """(k,) nodes whose tangential motion supports prescribe."""
         return ~self.reached(self.yields)
 
@@ -94,7 +95,7 @@ class FrictionNodes:
         nothing holds moves it far along its tangents, and so the gaps about it."""
         return bool(np.ptp(self.geometry.directions[:, -1], axis=0).max(initial=0.0) > BENT)
 
-    def felt(self, forces: np.ndarray, level: float) -> csr_matrix:
+    def felt(self, forces: Array, level: float) -> csr_matrix:
         """(n c, k q or k (q + 1)) what the law's nodes feel of forces (n c,), which are of a level
         [force]: along their jumps, and where any rub, which they share, the normal ones."""
         rubs = np.abs(self.tangential @ forces).max(initial=0.0) > RUBS * level
@@ -105,25 +106,25 @@ class FrictionNodes:
         """(k q, n c) forces along the jumps of the multipliers."""
         return self.theta * self.L_kappa.T.tocsr()
 
-    def of(self, pairs: np.ndarray) -> list[csr_matrix]:
+    def of(self, pairs: Array) -> list[csr_matrix]:
         """Per side (n_i, k) shape functions of some of the pairs (n,)."""
         ends = np.cumsum([part.shape[0] for part in self.N])
         chosen = np.split(pairs.astype(float), ends[:-1])
         return [diagonal(a) @ part for a, part in zip(chosen, self.N, strict=True)]
 
-    def reach(self, nodes: np.ndarray) -> np.ndarray:
+    def reach(self, nodes: Array) -> Array:
         """(n,) pairs that some nodes (k,) have a part in."""
         if not nodes.any():
             return np.zeros(len(self.rows), dtype=bool)
         return np.asarray(self._parts @ nodes.astype(float)).ravel() > TOUCHED
 
-    def reached(self, pairs: np.ndarray) -> np.ndarray:
+    def reached(self, pairs: Array) -> Array:
         """(k,) nodes that have a part in some pairs (n,)."""
         if not pairs.any():
             return np.zeros(len(self.kappa), dtype=bool)
         return np.asarray(self._parts.T @ pairs.astype(float)).ravel() > TOUCHED
 
-    def support(self, weight: np.ndarray) -> list[np.ndarray]:
+    def support(self, weight: Array) -> list[Array]:
         """Per side (k,) how firmly pairs of a weight (n,) hold the motion of nodes: sums of N²."""
         first, out = 0, []
         for squares, least in self._squares:
@@ -154,7 +155,7 @@ def _friction_nodes(
     geometry: InterfaceGeometry,
     place: Place,
     L: csr_matrix,
-    stiffness: np.ndarray,
+    stiffness: Array,
 ) -> FrictionNodes:
     n, c, gdim = sum(len(p.nodes) for p in geometry.pairs), *geometry.pairs[0].base.shape[1:]
     rows, jumps = (np.arange(at.start, at.stop) for at in (place.rows, place.slips))
@@ -192,6 +193,11 @@ def _jump_operators(
     normals, theta = geometry.law_directions[:, -1:], 1.0 / len(sides)
     across = interface_operator(sides, normals, geometry.normals_alone)
     jumps = interface_operator(sides, geometry.jump_directions, geometry.normals_alone)
+    if not law.gives:
+        # Slip moves no pair along its own normal, however coarse a curved frame is, and pairs'
+        # normal forces are no friction.
+        own = np.tile(np.arange(c) == c - 1, n)
+        across, jumps = diagonal(own) @ across, diagonal(~own) @ jumps
     return jumps, theta * across.T.tocsr(), theta
 
 
@@ -199,9 +205,9 @@ def _sampled(
     operators: ContactOperators,
     geometry: InterfaceGeometry,
     place: Place,
-    x: np.ndarray,
+    x: Array,
     value: Any,
-) -> np.ndarray:
+) -> Array:
     """(k,) of what a user gives for a law at x (k, gdim), see ``LawNodes``; collective."""
     if not is_function(value):
         return at_positions(value, x)

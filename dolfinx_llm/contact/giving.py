@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.contact.equations import Equations
 
 CONSTANT = 1e-8  # part of the largest force by which those at supports may still change
@@ -27,7 +28,7 @@ class GivingWay:
         self._equations, self._ahead, self._last = equations, equations.start, equations.start
         self._given, self._ratio = np.inf, 0.0
 
-    def about(self, settled: bool, iteration: int) -> np.ndarray:
+    def about(self, settled: bool, iteration: int) -> Array:
         """(n,) λ about which rows give way next [force].
 
         Args:
@@ -38,7 +39,7 @@ class GivingWay:
             return self._ahead
         return self._last if iteration > LATE else self._equations.start
 
-    def rest(self, multiplier: np.ndarray, largest: float, calm: bool) -> bool:
+    def rest(self, multiplier: Array, largest: float, calm: bool) -> bool:
         """Whether the forces λ (n,) differ little from those about which rows give way now.
 
         Args:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.contact.equations import Equations, seen_by
 
@@ -32,7 +33,7 @@ def glide(equations: Equations, glides: bool) -> bool:
     return found
 
 
-def slips(equations: Equations, position: np.ndarray, w: np.ndarray) -> np.ndarray:
+def slips(equations: Equations, position: Array, w: Array) -> Array:
     """(m,) w with slips of the bodies where pairs glide.
 
     Args:

@@ -8,20 +8,24 @@ alone: arrays that are the same on every rank.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.contact.equations import Equations, spread
 from dolfinx_llm.contact.giving import CONSTANT, GivingWay
 from dolfinx_llm.contact.gliding import glide, slips
 from dolfinx_llm.contact.loose import count, keep, lets_go, regain, require_friction
+from dolfinx_llm.contact.sliding import slide
 from dolfinx_llm.contact.state import ContactState, InterfaceState
-from dolfinx_llm.contact.ties import ask, choose, unsettled, untie
+from dolfinx_llm.contact.ties import ask, choose, tie_more, unsettled
 from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import GRAZING, SIGN, StepForm, StepResult, force_level
 from dolfinx_llm.forms.verdict import FinalError, Verdict
@@ -31,6 +35,7 @@ from dolfinx_llm.operators.system import ContactOperators
 LED = 10  # iterations in which what springs alone press together sticks
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 MAXIMUM = 100  # iterations
+FALLING = 4  # of them in which the motion of what nothing holds is looked for
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 MANY = 0.2  # of the pairs: where more change, friction is not yet what it will be
 AGAIN = 0.05  # the same in later load steps, on curved frames, for which pairs touch
@@ -55,17 +60,14 @@ class ContactIteration:
         w: (m,) frame and slip unknowns [length].
         alpha: rigid motion of bodies that nothing else holds.
         f, g: load and gaps at the end of the last load step.
-        forces: largest so far [force].
-        pressed: largest force on an obstacle so far [force].
+        forces, pressed: largest so far, and largest on an obstacle [force].
         verdict: of the last load step.
         last: linear step of the last iteration; None: nothing has been solved.
         history: see ``ContactProblem``; of the last load step.
         bar: progress line, while there is one.
     """
 
-    def __init__(
-        self, operators: ContactOperators, form: StepForm, f: np.ndarray, g: np.ndarray
-    ) -> None:
+    def __init__(self, operators: ContactOperators, form: StepForm, f: Array, g: Array) -> None:
         self.scale, self.form, self._rest = operators.scale, form, (f, g)
         self.operators, self.equations = operators, Equations(operators, form.proximal)
         self.states = self.equations.states
@@ -82,9 +84,9 @@ class ContactIteration:
         self.forces, self.pressed, self.verdict = 0.0, 0.0, Verdict(0.0, 0.0)
         self.f, self.g = self._rest
         self.equations.loads = np.zeros(self.equations.n_v)
-        self.history: list[dict] = []
+        self.history: list[dict[str, Any]] = []
 
-    def resume(self, other: ContactIteration, f: np.ndarray, g: np.ndarray, u: np.ndarray) -> None:
+    def resume(self, other: ContactIteration, f: Array, g: Array, u: Array) -> None:
         """Go on from the state of another iteration of the same pairs and frames.
 
         Args:
@@ -102,25 +104,26 @@ class ContactIteration:
         self.f, self.g = f, g
         self.equations.loads = other.equations.loads
 
-    def snapshot(self) -> tuple:
+    def snapshot(self) -> tuple[Any, ...]:
         """What a load step may have to be taken back to."""
         states = [s.own.copy() for s in self.states]
         return states, self.multiplier, self.w, self.alpha, self.equations.loads
 
-    def restore(self, snapshot: tuple) -> None:
+    def restore(self, snapshot: tuple[Any, ...]) -> None:
         """Back to what ``snapshot`` returned."""
         states, self.multiplier, self.w, self.alpha, self.equations.loads = snapshot
         _take_back(self.states, states)
 
-    def accept(self, found: StepResult, g: np.ndarray) -> None:
+    def accept(self, found: StepResult, g: Array) -> None:
         """End a load step: what has slipped is the reference of the next."""
         fitted = self.equations.middle(found.y + g, found.w)
         for s in self.states:
             s.accept(found.multiplier, found.w, fitted, self.scale)
         self.pressed = max(self.pressed, np.abs(self.equations.loads).max(initial=0.0))
 
-    def iterate(self, f: np.ndarray, g: np.ndarray, most: int = MAXIMUM) -> StepResult:
-        """To a state that meets all conditions, for this rank's f and gaps g, in ``most`` steps.
+    def iterate(self, f: Array, g: Array, falls: Callable[[], Any]) -> StepResult:
+        """To a state that meets all conditions, for this rank's f and gaps g; soon, or else given
+        up, where no forces balance the loads, which ``falls`` tells.
 
         Raises:
             ContactError: no convergence.
@@ -142,7 +145,7 @@ class ContactIteration:
         for s in self.states:
             s.begin()
         glides, rest = glide(equations, False), self.snapshot()[0]
-        for iteration in range(1, most + 1):
+        for iteration in takewhile(lambda i: i <= FALLING or not falls(), range(1, MAXIMUM + 1)):
             circles = changes > 0 and _comes_back(self.history[first:])
             equations.lags = (changes > many and not known) or circles
             equations.about = giving.about(calm > 0 and before <= CONSTANT, iteration)
@@ -154,14 +157,14 @@ class ContactIteration:
             self.last = replace(step, active=found.active)
             largest = max(force_level(multiplier, y + g, self.scale), GRAZING * pressed)
             apart = np.abs(equations.L @ w - y - g)
-            met = slips(equations, y + g, w) if glides else w
+            met = slide(equations, found, known * iteration)
             if glides:
+                met = slips(equations, y + g, w)
                 choose(self.states, multiplier, iteration)
                 glide(equations, False)
             changes = sum(self._take(s, found, apart) for s in self.states)
             miss = equations.miss(multiplier, w) / largest
-            lost = equations.runaway(multiplier)
-            runs = runs + 1 if lost else 0
+            runs = runs + 1 if (lost := equations.runaway(multiplier)) else 0
             if runs > RUNS:
                 raise FinalError(lost)
             counts = {**_count(self.states), "changes": changes, "residual": miss}
@@ -192,9 +195,9 @@ class ContactIteration:
             settled &= giving.rest(multiplier, largest, calm > CALM)
             rests = settled and calm > corrections and pull.rests
             released = (rests or calm > 1) and equations.release(multiplier, ENOUGH * largest)
-            released |= untie(self.states, multiplier, miss, equations.felt * largest)
+            released |= tie_more(self.states, multiplier, miss)
             if rests and not released:
-                gaps = self.scale * (equations.L @ w - y - g) / largest
+                gaps = self.scale * (equations.L @ w - y - g)
                 released = lets_go(self.states, multiplier, gaps, ENOUGH * largest)
             if rests and not released and chances and regain(self.states, multiplier):
                 chances, released = chances - 1, True
@@ -218,7 +221,7 @@ class ContactIteration:
                 self.form.correct(found)
         raise ContactError(_failure(self.history[first:]))
 
-    def _take(self, s: InterfaceState, found: StepResult, apart: np.ndarray) -> int:
+    def _take(self, s: InterfaceState, found: StepResult, apart: Array) -> int:
         """Take over the pairs of an interface in contact, and find what sticks and slips.
 
         Returns:
@@ -266,21 +269,21 @@ def _many(states: list[InterfaceState], known: bool) -> float:
     return (again if known else MANY) * sum(len(s.nodes.rows) for s in states)
 
 
-def _comes_back(history: list[dict]) -> bool:
+def _comes_back(history: list[dict[str, Any]]) -> bool:
     """Whether the last iterates miss the laws as those two before did: a known bound of friction
     leads out of circles."""
     last = [h["residual"] for h in history[-4:]]
     return len(last) == 4 and bool(np.allclose(last[2:], last[:2], rtol=CIRCLES, atol=0.0))
 
 
-def _count(states: list[InterfaceState]) -> dict:
+def _count(states: list[InterfaceState]) -> dict[str, Any]:
     """Numbers of pairs in contact, and of those that stick and slip."""
     status = np.concatenate([s.pair_status() for s in states])
     of = [int((status == one).sum()) for one in (OPEN, STICK, SLIP)]
     return {"active": len(status) - of[0], "stick": of[1], "slip": of[2]}
 
 
-def _failure(history: list[dict]) -> str:
+def _failure(history: list[dict[str, Any]]) -> str:
     last = history[-5:]
     return (
         f"the contact law did not converge in {len(history)} iterations; the last changed "

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.laws.rows import OPEN, STICK, LawNodes, LawRows
 
@@ -18,8 +19,8 @@ UNMOVED = 1e-9  # part of the largest motion up to which slip that supports pres
 
 
 def told(
-    s: InterfaceState, multiplier: np.ndarray, start: np.ndarray, w: np.ndarray, c: float
-) -> tuple[LawNodes, np.ndarray]:
+    s: InterfaceState, multiplier: Array, start: Array, w: Array, c: float
+) -> tuple[LawNodes, Array]:
     """What an interface's law is told of its nodes, and those (k,) that supports keep at rest.
 
     Args:
@@ -39,9 +40,7 @@ def told(
     return replace(at, force=force, jump=jump), rests
 
 
-def rows_of(
-    s: InterfaceState, multiplier: np.ndarray, start: np.ndarray, w: np.ndarray, c: float
-) -> LawRows:
+def rows_of(s: InterfaceState, multiplier: Array, start: Array, w: Array, c: float) -> LawRows:
     """Rows of an interface's law about λ and w, arguments as of ``told``."""
     at, rests = told(s, multiplier, start, w, c)
     firm = np.where(s.law.slips & s.nodes.led & ~rests, FIRM, 1.0)
@@ -54,7 +53,7 @@ def rows_of(
     return _at_rest(rows, rests, idle, at.force)
 
 
-def _at_rest(rows: LawRows, rests: np.ndarray, idle: np.ndarray, force: np.ndarray) -> LawRows:
+def _at_rest(rows: LawRows, rests: Array, idle: Array, force: Array) -> LawRows:
     """The same, but that nodes at rest (k,) keep their forces (k, q), as far as the law lets them,
     and that idle ones (k,) are open, whatever their jumps."""
     kept = force - np.einsum("nij,nj->ni", rows.C_T, force) + rows.rhs

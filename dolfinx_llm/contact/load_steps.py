@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
-import numpy as np
-
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.contact.balance import unbalanced
-from dolfinx_llm.contact.iteration import MAXIMUM, ContactIteration
+from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.neutral import neutral
 from dolfinx_llm.forms.step import StepResult
 from dolfinx_llm.forms.verdict import (
@@ -26,13 +27,12 @@ from dolfinx_llm.operators.support import least_squares
 
 log = logging.getLogger("dolfinx_llm")
 
-FALLING = 4  # iterations in which the motion of what nothing holds is looked for
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
 
 
 def advance(
-    iteration: ContactIteration, f: np.ndarray, g: np.ndarray, increments: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple]:
+    iteration: ContactIteration, f: Array, g: Array, increments: int
+) -> tuple[Array, Array, Array, tuple[Any, ...]]:
     """One load step to this rank's load f and gaps g, in parts; halved where one fails.
 
     Args:
@@ -60,11 +60,9 @@ def advance(
         now = [a + reached * (b - a) for a, b in zip(start, end, strict=True)]
         f_t, g_t, equations.loads = end if reached > 1.0 - 1e-9 else now
         before = iteration.snapshot()
-        # What falls is told by its motion, if that is found soon.
         falls = unbalanced(equations, iteration.operators.floating, f_t, equations.loads)
         try:
-            most = FALLING if falls else MAXIMUM
-            found = _iterated(iteration, f_t, g_t, most, reached)
+            found = _iterated(iteration, f_t, g_t, falls, reached)
         except (FinalError, ContactInputError):  # smaller parts are of no help
             iteration.restore(first)
             raise
@@ -72,9 +70,9 @@ def advance(
             iteration.restore(before)
             if tied:
                 raise
-            if falls:
+            if told := falls():
                 iteration.restore(first)
-                raise falls from failed
+                raise told from failed
             if part <= SMALLEST / increments:
                 iteration.restore(first)
                 raise ContactError(
@@ -94,7 +92,7 @@ def advance(
     return _settled(iteration, u), found.multiplier, iteration.w[: equations.n_v], before
 
 
-def _settled(iteration: ContactIteration, u: np.ndarray) -> np.ndarray:
+def _settled(iteration: ContactIteration, u: Array) -> Array:
     """This rank's u without the motions that carry no force; the frames go with the bodies."""
     equations, floating = iteration.equations, iteration.operators.floating
     strayed = floating.strayed(u)
@@ -109,20 +107,18 @@ def _settled(iteration: ContactIteration, u: np.ndarray) -> np.ndarray:
 
 
 def _iterated(
-    iteration: ContactIteration, f: np.ndarray, g: np.ndarray, most: int, part: float
+    iteration: ContactIteration, f: Array, g: Array, falls: Callable[[], Any], part: float
 ) -> StepResult:
     """The iteration to a part of the load step, which the history says."""
     first = len(iteration.history)
     try:
-        return iteration.iterate(f, g, most)
+        return iteration.iterate(f, g, falls)
     finally:
         for entry in iteration.history[first:]:
             entry["part"] = part
 
 
-def _judged(
-    iteration: ContactIteration, found: StepResult, f: np.ndarray, g: np.ndarray
-) -> np.ndarray:
+def _judged(iteration: ContactIteration, found: StepResult, f: Array, g: Array) -> Array:
     """u of this rank, once the equations hold for its load f and the gaps g."""
     form, equations, operators = iteration.form, iteration.equations, iteration.operators
     free, u, multiplier = ~operators.dofs.fixed, form.displacement(found), found.multiplier

@@ -2,15 +2,16 @@
 
 The tie of a pair bears any force, however little the pair presses. One that is pulled open by its
 tie, and presses without it, is in between: it touches without pressing, and its tie bears a part of
-the friction of those next to it. Such pairs are left without friction of their own. Where friction
-alone holds bodies, those of second order keep their ties, open or not, as long as they are open by
-next to nothing.
+the friction of those next to it. Such pairs are left without friction of their own. Where ties
+have been chosen (``ties``), and where friction alone holds bodies of second order, they keep their
+ties, open or not, as long as they are open by next to nothing, or bear little.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.contact.state import BY_TURNS, GONE, InterfaceState
 
@@ -18,11 +19,12 @@ FRICTIONLESS = 1e-2  # of the normal force that may be without friction: less th
 ALONE = 4  # closings for which one counts where hardly any other pair changes
 FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
 HEAVIEST = 0.5  # of the largest friction of open pairs: those above lose their ties together
-TOUCHES = 1e-2  # of the largest force: pairs touch that less than that would close
-UNTIED = 5e-2  # the same of pairs that ``ties`` left out, for which those next to them bear it
+TOUCHES = 1e-2  # of the interface's largest force: pairs touch that less than that would close
+UNTIED = 5e-2  # the same of pairs that ``ties`` left out, for which those next to them bear it, and
+# friction of open pairs that have ties
 
 
-def lost(s: InterfaceState, multiplier: np.ndarray) -> float:
+def lost(s: InterfaceState, multiplier: Array) -> float:
     """Share of an interface's normal force on such pairs.
 
     Args:
@@ -32,7 +34,7 @@ def lost(s: InterfaceState, multiplier: np.ndarray) -> float:
     return loose_share(s, multiplier[s.nodes.rows[:, -1]])
 
 
-def loose_share(s: InterfaceState, force: np.ndarray) -> float:
+def loose_share(s: InterfaceState, force: Array) -> float:
     """Share of normal forces (n,) [force] on pairs in contact that do not follow the frame
     tangentially."""
     loose = s.own.active & ~s.tied
@@ -54,9 +56,7 @@ def release(s: InterfaceState) -> bool:
     return led
 
 
-def count(
-    s: InterfaceState, chosen: np.ndarray, wrong: np.ndarray, light: np.ndarray, vital: bool
-) -> None:
+def count(s: InterfaceState, chosen: Array, wrong: Array, light: Array, vital: bool) -> None:
     """Count how often pairs close; those that close alone, or hardly press, soon do so by turns.
 
     Args:
@@ -87,16 +87,14 @@ def keep(states: list[InterfaceState]) -> None:
         s.touch(s.own.active)
 
 
-def lets_go(
-    states: list[InterfaceState], multiplier: np.ndarray, gaps: np.ndarray, felt: float
-) -> bool:
+def lets_go(states: list[InterfaceState], multiplier: Array, gaps: Array, felt: float) -> bool:
     """Change what is not as it should be of friction that has come to rest: open pairs that bear
     it, and nodes that are pulled at; whether there are any.
 
     Args:
         states: of all interfaces.
         multiplier: λ (n,) [force].
-        gaps: (n,) of the rows, times the surfaces' stiffness over the largest force.
+        gaps: (n,) of the rows, times the surfaces' stiffness [force].
         felt: force that is more than rounding [force].
     """
     parted = [_part(s, multiplier, gaps, felt) for s in states]
@@ -104,24 +102,26 @@ def lets_go(
     return any(parted + pulled)
 
 
-def _part(s: InterfaceState, multiplier: np.ndarray, gaps: np.ndarray, felt: float) -> bool:
+def _part(s: InterfaceState, multiplier: Array, gaps: Array, felt: float) -> bool:
     """Take their ties from the strongest of those pairs that are open by more than next to nothing
     and bear friction, where they bear too much; whether there were any."""
-    if not s.keeps or s.ties is not None:
+    if not s.keeps and s.ties is None:
         return False
     rows = s.nodes.rows
-    open_, pressed = s.tied & ~s.own.active, 0.5 * multiplier[rows[:, -1]].sum()
+    open_, pressed = s.tied & ~s.own.active, np.abs(multiplier[rows[:, -1]]).sum()
     bears = np.where(open_, np.linalg.norm(multiplier[rows[:, :-1]], axis=1), 0.0)
     s.grazes = float(bears.sum() / max(pressed, felt)) if bears.sum() > felt else 0.0
-    bears[gaps[rows[:, -1]] <= TOUCHES] = 0.0
-    if bears.sum() <= max(felt, FRICTIONLESS * pressed):
+    bears[gaps[rows[:, -1]] <= TOUCHES * np.abs(multiplier[rows]).max()] = 0.0
+    if bears.sum() <= max(felt, _allowed(s) * pressed):
         return False
-    s.own.closings[bears >= HEAVIEST * bears.max()] = GONE
+    gone = bears >= HEAVIEST * bears.max()
+    s.own.closings[gone] = GONE
+    s.ties = None if s.ties is None else s.ties & ~gone
     s.touch(s.own.active)
     return True
 
 
-def _share_pulls(s: InterfaceState, multiplier: np.ndarray, felt: float) -> bool:
+def _share_pulls(s: InterfaceState, multiplier: Array, felt: float) -> bool:
     """Have frame nodes that corrected rows pull at slip as a neighbour does, so that the law holds
     for the sum of both; whether there are new ones."""
     N = s.nodes.L_normal @ multiplier[s.nodes.rows].ravel()
@@ -132,7 +132,7 @@ def _share_pulls(s: InterfaceState, multiplier: np.ndarray, felt: float) -> bool
     return bool(pulled.any())
 
 
-def regain(states: list[InterfaceState], multiplier: np.ndarray) -> bool:
+def regain(states: list[InterfaceState], multiplier: Array) -> bool:
     """Friction again for interfaces of which more than may be is without; whether there are any.
 
     Once all else has come to rest most of these pairs come to rest with it.
@@ -147,7 +147,7 @@ def regain(states: list[InterfaceState], multiplier: np.ndarray) -> bool:
     return bool(some)
 
 
-def too_loose(states: list[InterfaceState], multiplier: np.ndarray) -> list[InterfaceState]:
+def too_loose(states: list[InterfaceState], multiplier: Array) -> list[InterfaceState]:
     """Interfaces of which more than the rim of contact has lost its friction.
 
     Args:
@@ -162,7 +162,7 @@ def _allowed(s: InterfaceState) -> float:
     return FRICTIONLESS if s.ties is None else UNTIED
 
 
-def require_friction(states: list[InterfaceState], multiplier: np.ndarray) -> None:
+def require_friction(states: list[InterfaceState], multiplier: Array) -> None:
     """Refuse a state in which more than the rim of contact has lost its friction.
 
     Args:

@@ -7,9 +7,10 @@ displacement is not.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import bmat, identity
+from scipy.sparse import hstack, identity
 from scipy.sparse.linalg import splu
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.contact.equations import Equations
 from dolfinx_llm.laws.coulomb import Coulomb
@@ -39,32 +40,26 @@ def neutral(equations: Equations, floating: Floating) -> str:
     )
 
 
-def _motion(equations: Equations, floating: Floating) -> np.ndarray | None:
+def _motion(equations: Equations, floating: Floating) -> Array | None:
     """(count,) of size 1, or None: rows in contact, without friction that slips, feel nothing."""
     follows = np.zeros(equations.m, dtype=bool)  # frames, and slips that friction leaves free
     follows[: equations.n_v] = True
     for s in equations.states:
         if isinstance(s.law, Coulomb) and s.nodes.kappa.size:
             follows[s.nodes.kappa[s.own.status == SLIP]] = True
-    closed = equations.closed_rows().astype(float)
-    G = diagonal(closed) @ floating.G[:, : floating.count]
-    A = (diagonal(closed) @ equations.whole)[:, np.flatnonzero(follows)]
-    shift = SINGULAR * np.asarray(G.power(2).sum(axis=0)).max(initial=1.0)
-    square = bmat(
-        [
-            [G.T @ G + shift * identity(G.shape[1]), -(G.T @ A)],
-            [-(A.T @ G), A.T @ A + SINGULAR * identity(A.shape[1])],
-        ],
-        format="csc",
-    )
-    solve, none = splu(square).solve, np.zeros(A.shape[1])
-    x, loose = np.random.default_rng(2003).normal(size=G.shape[1]), floating.loose
-    every = identity(G.shape[1], format="csr")
+    closed, count = np.flatnonzero(equations.closed_rows()), floating.count
+    G, A = (M[closed] for M in (floating.G, equations.whole))
+    felt_by = hstack([G[:, :count], A[:, np.flatnonzero(follows)]], format="csc")
+    shift = np.full(felt_by.shape[1], SINGULAR)
+    shift[:count] *= np.asarray(felt_by[:, :count].power(2).sum(axis=0)).max(initial=1.0)
+    solve = splu((felt_by.T @ felt_by + diagonal(shift)).tocsc()).solve
+    x, loose = np.random.default_rng(2003).normal(size=count), floating.loose
+    every, found = identity(count, format="csr"), np.zeros(len(shift))
     for _ in range(INVERSE):
-        if loose.count:
-            x = x - loose.nearest(every, x)
-        found = solve(np.concatenate([x, none]))
-        found /= np.abs(found[: len(x)]).max()
-        x = found[: len(x)]
-    felt = np.abs(G @ x - A @ found[len(x) :]).max(initial=0.0)
+        found[:count] = x - loose.nearest(every, x) if loose.count else x
+        found[count:] = 0.0
+        found = solve(found)
+        found /= np.abs(found[:count]).max()
+        x = found[:count]
+    felt = np.abs(felt_by @ found).max(initial=0.0)
     return x if felt <= OPEN_SHARE else None

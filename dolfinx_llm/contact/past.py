@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.contact.state import ContactState, InterfaceState
 from dolfinx_llm.laws.rows import OPEN, STICK, LawNodes, LawRows
 
@@ -16,8 +17,8 @@ ALIKE_ROWS = 1e-9  # of their size: coefficients of laws that differ by less are
 def from_the_past(
     states: Sequence[InterfaceState],
     began: Sequence[ContactState],
-    multiplier: np.ndarray,
-    w: np.ndarray,
+    multiplier: Array,
+    w: Array,
     c: float,
 ) -> str:
     """What is said of the nodes whose law would be another one, had the last part of the last load
@@ -49,7 +50,7 @@ def from_the_past(
     return ""
 
 
-def _differ(one: LawRows, other: LawRows, now: LawNodes, anew: LawNodes) -> np.ndarray:
+def _differ(one: LawRows, other: LawRows, now: LawNodes, anew: LawNodes) -> Array:
     """(k,) nodes at which two rows say different things of forces and jumps."""
     size, c = np.abs(now.force).max(initial=0.0), now.c
     size = max(size, np.abs(c[:, None] * now.jump).max(initial=0.0))
@@ -62,6 +63,6 @@ def _differ(one: LawRows, other: LawRows, now: LawNodes, anew: LawNodes) -> np.n
     return np.any([off > ALIKE_ROWS * scale for off, scale in parts], axis=0)
 
 
-def _given(rows: LawRows, nodes: LawNodes) -> np.ndarray:
+def _given(rows: LawRows, nodes: LawNodes) -> Array:
     """(k, q) right-hand side of rows that are written with whole jumps."""
     return rows.rhs + np.einsum("nij,nj->ni", rows.C_jump, nodes.before)

@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 from scipy.sparse import block_diag, coo_matrix, csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import picking
 from dolfinx_llm.contact.state import InterfaceState
 
@@ -28,7 +29,7 @@ def proximal_term(states: Sequence[InterfaceState], m: int, stiffness: float) ->
     """
     row, col, value = [np.empty(0, dtype=int)], [np.empty(0, dtype=int)], [np.empty(0)]
 
-    def add(i: np.ndarray, j: np.ndarray, x: Any) -> None:
+    def add(i: Array, j: Array, x: Any) -> None:
         row.append(i)
         col.append(j)
         value.append(-stiffness * x)

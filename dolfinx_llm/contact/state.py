@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.contact.followers import ADRIFT, Followers, LastFollowers
 from dolfinx_llm.contact.friction_nodes import FLOOR, FrictionNodes
 from dolfinx_llm.interface.update import Transfer
@@ -21,12 +22,12 @@ GONE = 1000  # one that is left without friction of its own
 class ContactState:
     """What is in contact, sticks and slips, and what the law keeps; plain arrays."""
 
-    active: np.ndarray  # (n,) pairs in contact
-    closings: np.ndarray  # (n,) how often they have closed in this load step
-    status: np.ndarray  # (k,) of the nodes at which the law holds
-    kappa_before: np.ndarray  # (k, q) jump unknowns at the end of the last load step [length]
-    holds: np.ndarray  # (k,) nodes whose pairs may pull, too
-    history: dict[str, np.ndarray]  # (k, ...) what the law keeps
+    active: Array  # (n,) pairs in contact
+    closings: Array  # (n,) how often they have closed in this load step
+    status: Array  # (k,) of the nodes at which the law holds
+    kappa_before: Array  # (k, q) jump unknowns at the end of the last load step [length]
+    holds: Array  # (k,) nodes whose pairs may pull, too
+    history: dict[str, Array]  # (k, ...) what the law keeps
 
     def copy(self) -> ContactState:
         """With arrays of its own."""
@@ -84,7 +85,6 @@ class InterfaceState:
         second, keeps: of second order, whose pairs that do not come to rest may keep their ties;
             whether they do, see ``loose``.
         ties, asked: (n,) pairs that follow a frame along it, None: those in contact; see ``ties``.
-        narrow: contact is narrower than a facet; see ``ties``.
         grazes: friction of open pairs, over the normal force.
         pulled: (k,) nodes that corrected rows pull at: they slip as another does.
     """
@@ -116,8 +116,7 @@ class InterfaceState:
             holds=np.zeros(k, dtype=bool),
             history={},
         )
-        self.ties: np.ndarray | None = None
-        self.narrow = False
+        self.ties: Array | None = None
         self.begin()
         if k:
             rest = self._at_rest()
@@ -133,14 +132,14 @@ class InterfaceState:
 
     def restore(self, state: ContactState) -> None:
         """Take over another state."""
-        self.own, self.ties, self.narrow = state.copy(), None, False
+        self.own, self.ties = state.copy(), None
         self.touch(self.own.active)
 
-    def touch(self, active: np.ndarray) -> None:
+    def touch(self, active: Array) -> None:
         """Take over the pairs (n,) in contact, and who speaks for whom."""
         self.held = self.nodes.reach(self.own.holds) | self.stays
         self.own.active = active = active | self.held
-        told = self.tied, active, self.pulled, self._adrift, self.narrow
+        told = self.tied, active, self.pulled, self._adrift, self.ties is not None
         if not np.array_equal(np.hstack(told), self._touching):
             self._touching, self.touched = np.hstack(told), self.touched + 1
             if self.shares:
@@ -154,7 +153,7 @@ class InterfaceState:
             self.own.holds = holds
             self.touch(self.own.active)
 
-    def accept(self, multiplier: np.ndarray, w: np.ndarray, fitted: np.ndarray, c: float) -> None:
+    def accept(self, multiplier: Array, w: Array, fitted: Array, c: float) -> None:
         """End a load step; where contact is open, slips follow the bodies.
 
         Args:
@@ -168,7 +167,7 @@ class InterfaceState:
             self.own.kappa_before = np.where(opened, fitted[kappa], w[kappa])
 
     @property
-    def tied(self) -> np.ndarray:
+    def tied(self) -> Array:
         """(n,) pairs that follow the frame tangentially. One that opens and closes by turns, at the
         rim of contact, carries hardly any force; it comes to rest without friction, or with its tie
         whether it presses or not."""
@@ -180,14 +179,14 @@ class InterfaceState:
             settling = (active | (closings >= BY_TURNS)) & (closings < GONE)
         return (settling if self.ties is None else self.ties) & (not self.glides)
 
-    def closed_rows(self) -> np.ndarray:
+    def closed_rows(self) -> Array:
         """(n c,) rows in contact."""
         closed = np.repeat(self.tied[:, None], self.nodes.rows.shape[1], axis=1)
         if self.law.opens:
             closed[:, -1] = self.own.active
         return closed.ravel() & self.nodes.kept
 
-    def support(self, tied: bool) -> list[np.ndarray]:
+    def support(self, tied: bool) -> list[Array]:
         """Per side (k,) how firmly all pairs hold the motion of the nodes, or those tied to them
         and a little of the others."""
         every = np.ones(len(self.nodes.rows))
@@ -202,7 +201,7 @@ class InterfaceState:
             history=self.own.history, sample=nodes.sample,
         )  # fmt: skip
 
-    def at(self, multiplier: np.ndarray, w: np.ndarray, c: float) -> LawNodes:
+    def at(self, multiplier: Array, w: Array, c: float) -> LawNodes:
         """What the law is told of its nodes.
 
         Args:
@@ -237,7 +236,7 @@ class InterfaceState:
         """
         return checked(checks.shown(self.law), self.law.rows(nodes), *nodes.jump.shape)
 
-    def share_out(self, friction: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    def share_out(self, friction: Array, normal: Array) -> Array:
         """Forces of friction (k, gdim) of those that speak for others, divided among them by their
         strength for normal forces (k,): what the law says of the sum then holds for each."""
         if not self.shares:
@@ -246,7 +245,7 @@ class InterfaceState:
         bears = np.maximum(self.law.strength(at), 0.0)
         return self.others.share(friction, bears, self.nodes.tangents)
 
-    def pair_status(self) -> np.ndarray:
+    def pair_status(self) -> Array:
         """(n,) OPEN, STICK, SLIP or CLOSED per pair: with friction that of the node next to it,
         CLOSED where it has lost its own."""
         if self.law.ties:
@@ -258,7 +257,7 @@ class InterfaceState:
             status = np.where(self.tied, status, CLOSED)
         return np.where(self.own.active, status, OPEN)
 
-    def bearing_rows(self) -> np.ndarray:
+    def bearing_rows(self) -> Array:
         """(n c,) rows in contact that have friction."""
         rows = self.closed_rows().reshape(self.nodes.rows.shape) & self.own.active[:, None]
         rows[:, -1] = False

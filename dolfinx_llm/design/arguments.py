@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, issparse
 
 from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.frame import Frame
 
@@ -45,7 +46,7 @@ def pair(name: str, value: Any) -> list[Any]:
     return found
 
 
-def forces_of(forces: Any, counts: Sequence[int]) -> list[np.ndarray]:
+def forces_of(forces: Any, counts: Sequence[int]) -> list[Array]:
     """Forces of unit pressure of both sides.
 
     Args:
@@ -67,7 +68,7 @@ def forces_of(forces: Any, counts: Sequence[int]) -> list[np.ndarray]:
 
 def position_arguments(
     frame: Any, x: Any, forces: Any, angles: tuple[Any, Any], sizes: tuple[Any, Any], search: Any
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
+) -> tuple[list[Array], list[Array]]:
     """Check the arguments of ``design_positions``.
 
     Args:
@@ -102,7 +103,7 @@ def position_arguments(
 
 def weight_arguments(
     frame: Any, s: Any, N: Any, cells: Any, forces: Any, keep: Any
-) -> tuple[np.ndarray, list[csr_matrix], list[np.ndarray], list[np.ndarray], Any]:
+) -> tuple[Array, list[csr_matrix], list[Array], list[Array], Any]:
     """Check the arguments of ``design_weights``.
 
     Args:

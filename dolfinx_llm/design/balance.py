@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, identity, vstack
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import symmetric_factors
 from dolfinx_llm.design.curved import vector_residual
 from dolfinx_llm.design.stencils import RowStencils, spread, sums
@@ -28,11 +29,11 @@ ROUNDS_ITERATED = 2  # the same where the equations are iterated: later ones win
 DIRECT_UNKNOWNS = 12000  # unknowns up to which the equations are factorised
 ITERATIONS, ITERATION_ERROR = 60, 1e-2  # of conjugate gradients beyond that
 
-_Solve = Callable[[np.ndarray], np.ndarray]
+_Solve = Callable[[Array], Array]
 
 
 def balance(
-    N: Sequence[csr_matrix], vectors: Sequence[np.ndarray], stencils: Sequence[RowStencils]
+    N: Sequence[csr_matrix], vectors: Sequence[Array], stencils: Sequence[RowStencils]
 ) -> list[csr_matrix]:
     """Correct the rows so that the vector areas cancel at the frame's nodes, in least squares.
 
@@ -79,13 +80,13 @@ class _Rows:
     """The rows of both sides and what each counts for."""
 
     stencils: Sequence[RowStencils]
-    size: Sequence[np.ndarray]  # (n_i,) |a_p| over the largest
-    normal: Sequence[np.ndarray]  # (n_i, gdim) n_p
-    share: Sequence[np.ndarray]  # (n_i,) c_p
+    size: Sequence[Array]  # (n_i,) |a_p| over the largest
+    normal: Sequence[Array]  # (n_i, gdim) n_p
+    share: Sequence[Array]  # (n_i,) c_p
     shape: tuple[int, int]  # (m, gdim) of the multipliers
 
     @staticmethod
-    def of(vectors: Sequence[np.ndarray], stencils: Sequence[RowStencils], m: int) -> _Rows:
+    def of(vectors: Sequence[Array], stencils: Sequence[RowStencils], m: int) -> _Rows:
         """Rows that all count for the same."""
         scale = max(np.linalg.norm(a, axis=1).max() for a in vectors)
         size = [np.linalg.norm(a, axis=1) / scale for a in vectors]
@@ -98,7 +99,7 @@ class _Rows:
         """Whether there are too many equations to factorise them."""
         return self.shape[0] * self.shape[1] > DIRECT_UNKNOWNS
 
-    def corrections(self, mu: np.ndarray) -> list[np.ndarray]:
+    def corrections(self, mu: Array) -> list[Array]:
         """Per side (z,) corrections at the stencils' entries of multipliers (m, gdim)."""
         return [
             -spread(c, st.indptr)
@@ -106,14 +107,14 @@ class _Rows:
             for st, n, c in zip(self.stencils, self.normal, self.share, strict=True)
         ]
 
-    def excess(self, delta: Sequence[np.ndarray]) -> list[np.ndarray]:
+    def excess(self, delta: Sequence[Array]) -> list[Array]:
         """Per side (n_i,) largest correction of each row over BALANCING, 1 where it is less."""
         return [
             np.maximum(np.maximum.reduceat(np.abs(d), st.indptr[:-1]) / BALANCING, 1.0)
             for d, st in zip(delta, self.stencils, strict=True)
         ]
 
-    def softer(self, mu: np.ndarray) -> _Rows | None:
+    def softer(self, mu: Array) -> _Rows | None:
         """Rows of which those with too large corrections count for less; None: there are none."""
         excess = self.excess(self.corrections(mu))
         if max(e.max() for e in excess) <= 1.0:
@@ -121,7 +122,7 @@ class _Rows:
         share = [c / e**POWER for c, e in zip(self.share, excess, strict=True)]
         return replace(self, share=share)
 
-    def matrices(self, mu: np.ndarray) -> list[csr_matrix]:
+    def matrices(self, mu: Array) -> list[csr_matrix]:
         """(n_i, m) corrections, each row's scaled to at most BALANCING: that keeps its places."""
         delta = self.corrections(mu)
         excess = self.excess(delta)
@@ -141,7 +142,7 @@ class _Rows:
             shift, transposed = DAMPING_ITERATED * largest, S.T.tocsr()
             shifted = diagonal + shift * np.eye(gdim)
 
-            def product(x: np.ndarray) -> np.ndarray:
+            def product(x: Array) -> Array:
                 along = np.einsum("ni,ni->n", S @ x, n)
                 return np.einsum("mij,mj->mi", shifted, x) - transposed @ (along[:, None] * n)
 
@@ -155,7 +156,7 @@ class _Rows:
         factor = symmetric_factors(A)
         return lambda r: factor.solve(r.ravel()).reshape(m, gdim)
 
-    def terms(self) -> tuple[np.ndarray, csr_matrix, np.ndarray]:
+    def terms(self) -> tuple[Array, csr_matrix, Array]:
         """The equations' matrix sum_p c_p |a_p| (n_p n_pᵀ) x P_p: diagonal blocks (m, gdim, gdim),
         less s_k s_kᵀ x n_k n_kᵀ of the rows of S (k, m) and directions n (k, gdim)."""
         m, gdim = self.shape
@@ -174,9 +175,7 @@ class _Rows:
         return diagonal.reshape(m, gdim, gdim), vstack(rows, "csr"), np.concatenate(normals)
 
 
-def _conjugate_gradients(
-    product: Callable[[np.ndarray], np.ndarray], scaling: np.ndarray, b: np.ndarray
-) -> np.ndarray:
+def _conjugate_gradients(product: Callable[[Array], Array], scaling: Array, b: Array) -> Array:
     """Solution of A x = b, A positive definite, scaled; to ITERATION_ERROR of b where that comes
     within ITERATIONS: what is left shows in the residual, by which a design is judged."""
     x, r = np.zeros_like(b), b.copy()

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.sparse import csr_matrix, identity
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.residual import Corrections, FrameLoads, factor
 from dolfinx_llm.design.stencils import (
@@ -36,7 +37,7 @@ DOES = 1e-3  # of the largest force, with which narrow stencils do: wide ones co
 REFINED = 4  # solves, each for what the last one left
 
 
-def bent_normals(frame: Frame) -> np.ndarray:
+def bent_normals(frame: Frame) -> Array:
     """(m, gdim) unit normals of second-order cells, at each node the mean of those around."""
     element = frame.element
     xi = element.linear @ CORNERS[element.corners]
@@ -48,8 +49,8 @@ def bent_normals(frame: Frame) -> np.ndarray:
 def bent_rows(
     frame: Frame,
     pairs: Sequence[ContactPairs],
-    normals: np.ndarray,
-    keep: Sequence[np.ndarray] | None = None,
+    normals: Array,
+    keep: Sequence[Array] | None,
 ) -> list[csr_matrix]:
     """Per side (n_i, m) rows with the smallest corrections.
 
@@ -93,14 +94,12 @@ def bent_rows(
     return best
 
 
-def _stencils(
-    W: csr_matrix, frame: Frame, pairs: ContactPairs, normals: np.ndarray
-) -> FlatStencils:
+def _stencils(W: csr_matrix, frame: Frame, pairs: ContactPairs, normals: Array) -> FlatStencils:
     """Stencils of a side's rows, each in the tangent plane at its node."""
     base = local_bases(unit(pairs.N @ normals))[:, :-1]
     size = frame.cell_size.mean()
 
-    def functions(M: csr_matrix) -> list[np.ndarray]:
+    def functions(M: csr_matrix) -> list[Array]:
         arm = (frame.x[M.indices] - spread(pairs.x, M.indptr)) / size
         return monomials(np.einsum("zai,zi->za", spread(base, M.indptr), arm), 2)
 
@@ -114,7 +113,7 @@ def _balanced(
     loading: FrameLoads,
     N: Sequence[csr_matrix],
     found: Sequence[FlatStencils],
-    free: Sequence[np.ndarray],
+    free: Sequence[Array],
     held: float,
 ) -> list[csr_matrix]:
     """Rows that reproduce their polynomials, and balance as far as held multipliers allow."""

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.design.quadric import SmoothSurface
 from dolfinx_llm.design.stencils import (
     FADE,
@@ -81,15 +82,13 @@ def smooth_rows(
 class _Clamped:
     """Rows of one side, with those at the frame's outline bound to the outline's nodes."""
 
-    rows: np.ndarray  # (c,) rows at the outline
-    edge: np.ndarray  # (c,) edge of the outline
+    rows: Array  # (c,) rows at the outline
+    edge: Array  # (c,) edge of the outline
     N: csr_matrix  # (n, m) all rows
-    cell: np.ndarray  # (n,) cell of each row
+    cell: Array  # (n,) cell of each row
 
 
-def _at_outline(
-    frame: Frame, pairs: ContactPairs, edges: np.ndarray, normals: np.ndarray
-) -> _Clamped:
+def _at_outline(frame: Frame, pairs: ContactPairs, edges: Array, normals: Array) -> _Clamped:
     """Bind nodes of a side's outline that lie at the frame's to it: what a symmetry plane or an
     edge prescribes for the one must not concern the frame's inner nodes.
 
@@ -126,7 +125,7 @@ def _at_outline(
     return _Clamped(rows, edge, N, cell)
 
 
-def _cells_of_edges(cells: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def _cells_of_edges(cells: Array, edges: Array) -> Array:
     """(e,) the one cell of each outline edge (of each end node in 2D)."""
     m = cells.max() + 1
     if edges.shape[1] == 1:
@@ -139,7 +138,7 @@ def _cells_of_edges(cells: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def _weights(
-    frame: Frame, clamped: _Clamped, edges: np.ndarray, normals: np.ndarray, ring: csr_matrix
+    frame: Frame, clamped: _Clamped, edges: Array, normals: Array, ring: csr_matrix
 ) -> csr_matrix:
     """(n, m) weights of the frame nodes in each row's stencil.
 
@@ -163,8 +162,8 @@ def _weights(
 
 
 def _along_lines(
-    frame: Frame, clamped: _Clamped, edges: np.ndarray, normals: np.ndarray, W: csr_matrix
-) -> np.ndarray:
+    frame: Frame, clamped: _Clamped, edges: Array, normals: Array, W: csr_matrix
+) -> Array:
     """(z,) which entries of W stay: those of inner rows, and of nodes along a row's own edge."""
     edge_of = np.full(W.shape[0], -1)
     edge_of[clamped.rows] = clamped.edge
@@ -217,7 +216,7 @@ def _smooth_side(
     return replace(pairs, N=N, cell=clamped.cell, gap=gap), stencils, start, move
 
 
-def _moments(frame: Frame, surface: SmoothSurface, x: np.ndarray, N: csr_matrix) -> np.ndarray:
+def _moments(frame: Frame, surface: SmoothSurface, x: Array, N: csr_matrix) -> Array:
     """(n, 1 or 3) sum_J N_pJ (Y_J - x_p) x n_J: of a force along sum_J N_pJ n_J at x_p, what the
     frame's nodes exert more [length]. Zero: moments of both sides cancel."""
     middle = frame.x.mean(axis=0)
@@ -225,16 +224,14 @@ def _moments(frame: Frame, surface: SmoothSurface, x: np.ndarray, N: csr_matrix)
     return N @ of_nodes - _cross(x - middle, N @ surface.normals)
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _cross(a: Array, b: Array) -> Array:
     """(n, 3) cross products, or (n, 1) in the plane."""
     if a.shape[1] == 3:
         return np.cross(a, b)
     return cross_plane(a, b)[:, None]
 
 
-def _corrections(
-    W: csr_matrix, functions: np.ndarray, step: np.ndarray
-) -> tuple[RowStencils, csr_matrix]:
+def _corrections(W: csr_matrix, functions: Array, step: Array) -> tuple[RowStencils, csr_matrix]:
     """Stencils, and (n, m) least corrections of rows that change their sums of functions (z, c) by
     steps (n, c), no larger than LARGEST: where they would be, what they can hardly change fades, or
     the row stays."""
@@ -254,7 +251,7 @@ def _corrections(
     return stencils[0].rows, stencils[0].rows.matrix(delta, W.shape[1])
 
 
-def vector_residual(N: Sequence[csr_matrix], vectors: Sequence[np.ndarray]) -> np.ndarray:
+def vector_residual(N: Sequence[csr_matrix], vectors: Sequence[Array]) -> Array:
     """(m, gdim) sum of both sides' vector areas at the frame's nodes, over the largest one.
 
     Args:
@@ -267,8 +264,8 @@ def vector_residual(N: Sequence[csr_matrix], vectors: Sequence[np.ndarray]) -> n
 
 
 def loads_along_normals(
-    N: Sequence[csr_matrix], vectors: Sequence[np.ndarray], normals: np.ndarray
-) -> list[np.ndarray]:
+    N: Sequence[csr_matrix], vectors: Sequence[Array], normals: Array
+) -> list[Array]:
     """Per side (n, 1) what a unit pressure's force exerts on the frame of what acts along the
     rows' mean normals m_p = sum_J N_pJ n_J: a_p · m_p / |m_p|² for unknowns along n_J [area]."""
     means = [M @ normals for M in N]
@@ -278,12 +275,12 @@ def loads_along_normals(
     ]
 
 
-def with_mean_normals(pairs: Sequence[ContactPairs], normals: np.ndarray) -> list[ContactPairs]:
+def with_mean_normals(pairs: Sequence[ContactPairs], normals: Array) -> list[ContactPairs]:
     """Both sides with n_p = sum_J N_pJ n_J over its length, out of each, from the frame nodes'."""
     means = [sign * p.N @ normals for sign, p in zip((1.0, -1.0), pairs, strict=True)]
     return [replace(p, normal=unit(n)) for p, n in zip(pairs, means, strict=True)]
 
 
-def nodal_normals(frame: Frame) -> np.ndarray:
+def nodal_normals(frame: Frame) -> Array:
     """(m, gdim) unit normals, the mean of the cells around each node by area."""
     return unit(areas_around(frame.x, frame.corners, frame.cells))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.line_nodes import choose_nodes, moment_roots, nearest_nodes
 from dolfinx_llm.design.weights import TOLERANCE
@@ -88,10 +89,10 @@ def check_closed_form(residual: float, pairs: Sequence[ContactPairs], frame: Fra
 
 def _turned(frame: Frame, plane: Plane) -> bool:
     edge = frame.x[frame.cells[:, 1]] - frame.x[frame.cells[:, 0]]
-    return np.array([-edge[:, 1].sum(), edge[:, 0].sum()]) @ plane.normal < 0.0
+    return bool(np.array([-edge[:, 1].sum(), edge[:, 0].sum()]) @ plane.normal < 0.0)
 
 
-def _loaded_nodes(side: Surface, plane: Plane, area: Any) -> np.ndarray:
+def _loaded_nodes(side: Surface, plane: Plane, area: Any) -> Array:
     """(n,) ascending coordinates of a side's nodes whose facets carry force."""
     s = plane.project(side.x)
     facets = side.facets[covered_forces(s, side.facets, area).sum(axis=1) > 0.0]

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 
 _WINDOW = 8  # roots looked back; between every fourth root both sides have a node
@@ -35,11 +36,11 @@ NEAR = 1e-6  # of the shortest facet: positions closer than this count as one fo
 class MomentRoots:
     """Zeros of the moment of two force systems on a line; they mark no side."""
 
-    points: np.ndarray  # (k,) ascending; the ends, isolated zeros, nodes in intervals [length]
-    intervals: np.ndarray  # (i, 2) where M vanishes throughout: parts that match [length]
+    points: Array  # (k,) ascending; the ends, isolated zeros, nodes in intervals [length]
+    intervals: Array  # (i, 2) where M vanishes throughout: parts that match [length]
 
 
-def facet_moment(s: np.ndarray, x: np.ndarray, area: np.ndarray) -> np.ndarray:
+def facet_moment(s: Array, x: Array, area: Array) -> Array:
     """Moment about s of the unit pressure left of s, less that of its energy-equivalent forces.
 
     Never positive; zero at the side's nodes where their facets are wholly in contact, and beyond
@@ -64,9 +65,7 @@ def facet_moment(s: np.ndarray, x: np.ndarray, area: np.ndarray) -> np.ndarray:
     return np.where((s <= x[0]) | (s >= x[-1]), 0.0, np.minimum(e, 0.0))
 
 
-def moment_roots(
-    x0: np.ndarray, x1: np.ndarray, area: np.ndarray, size: float | None = None
-) -> MomentRoots:
+def moment_roots(x0: Array, x1: Array, area: Array, size: float | None = None) -> MomentRoots:
     """All zeros of M between the outermost forces. The order of the sides does not matter.
 
     Args:
@@ -89,17 +88,17 @@ def moment_roots(
     return MomentRoots(distinct(points, close_by(x0, x1)), np.column_stack([s[first], s[last]]))
 
 
-def _facet_length(s: np.ndarray, x: np.ndarray) -> np.ndarray:
+def _facet_length(s: Array, x: Array) -> Array:
     """Length of the facet of x at each s."""
     return np.diff(x)[np.clip(np.searchsorted(x, s, side="right") - 1, 0, len(x) - 2)]
 
 
-def close_by(x0: np.ndarray, x1: np.ndarray) -> float:
+def close_by(x0: Array, x1: Array) -> float:
     """Distance up to which positions count as one [length]."""
     return NEAR * min(np.diff(x0).min(), np.diff(x1).min())
 
 
-def distinct(points: np.ndarray, near: float) -> np.ndarray:
+def distinct(points: Array, near: float) -> Array:
     """One point of each cluster; of the outer clusters the ends."""
     keep = np.concatenate([[True], np.diff(points) > near])
     keep[:-1] &= points[-1] - points[:-1] > near
@@ -107,7 +106,7 @@ def distinct(points: np.ndarray, near: float) -> np.ndarray:
     return points[keep]
 
 
-def choose_nodes(roots: MomentRoots, x0: np.ndarray, x1: np.ndarray) -> np.ndarray:
+def choose_nodes(roots: MomentRoots, x0: Array, x1: Array) -> Array:
     """Subset of the roots about as dense as the locally coarser side, and evenly spaced.
 
     It contains both ends. Between two chosen nodes lies a node of each side. Where both sides have
@@ -144,9 +143,7 @@ def choose_nodes(roots: MomentRoots, x0: np.ndarray, x1: np.ndarray) -> np.ndarr
     return -Y[chosen][::-1] if sense < 0 else Y[chosen]
 
 
-def _least_costs(
-    Y: np.ndarray, shared: np.ndarray, held: Callable[[int, int], bool]
-) -> tuple[np.ndarray, np.ndarray]:
+def _least_costs(Y: Array, shared: Array, held: Callable[[int, int], bool]) -> tuple[Array, Array]:
     """Least sum of squared cell lengths (k, 3) up to each root, and the root and state before.
 
     The states: a cell may yet do without a node of each side; one has; none may, since neither a
@@ -168,7 +165,7 @@ def _least_costs(
     return cost, back
 
 
-def _path(back: np.ndarray, at: int, state: int) -> list[int]:
+def _path(back: Array, at: int, state: int) -> list[int]:
     """Roots of the best choice that ends in a root, ascending."""
     chosen = [at]
     while at > 0:
@@ -178,11 +175,11 @@ def _path(back: np.ndarray, at: int, state: int) -> list[int]:
 
 
 def _symmetric_choice(
-    Y: np.ndarray,
-    shared: np.ndarray,
+    Y: Array,
+    shared: Array,
     held: Callable[[int, int], bool],
-    cost: np.ndarray,
-    back: np.ndarray,
+    cost: Array,
+    back: Array,
 ) -> list[int] | None:
     """The best choice that is its own mirror image, for roots that are; None: there is none, or
     only a much coarser one. In its middle lies a root, or a cell from root i to its image."""
@@ -202,11 +199,11 @@ def _symmetric_choice(
     return half + [last - i for i in half[::-1] if 2 * i != last]
 
 
-def _sense(Y: np.ndarray, x0: np.ndarray, x1: np.ndarray) -> int:
+def _sense(Y: Array, x0: Array, x1: Array) -> int:
     """Which way a line runs as seen from its own nodes: 1, -1, or 0 where it is symmetric."""
     near, middle = close_by(x0, x1), Y[0] + Y[-1]
 
-    def first(a: np.ndarray, b: np.ndarray) -> int:
+    def first(a: Array, b: Array) -> int:
         """Sign of the first place in which a differs from the image of b."""
         if len(a) != len(b):
             return int(np.sign(len(a) - len(b)))
@@ -222,7 +219,7 @@ def _sense(Y: np.ndarray, x0: np.ndarray, x1: np.ndarray) -> int:
     return 0 if alike else 1
 
 
-def nearest_nodes(given: np.ndarray, roots: MomentRoots) -> np.ndarray:
+def nearest_nodes(given: Array, roots: MomentRoots) -> Array:
     """Move frame nodes to roots, in their order, by the least sum of squared distances.
 
     Args:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress
 from dolfinx_llm.design.arguments import position_arguments
@@ -24,8 +25,8 @@ _RATIO = 0.02  # least ratio of the singular values of L_b
 
 def design_positions(
     frame: Frame,
-    x: Sequence[np.ndarray],
-    forces: Sequence[np.ndarray],
+    x: Sequence[Array],
+    forces: Sequence[Array],
     *,
     min_angle: float = 25.0,
     max_angle: float = 155.0,
@@ -108,7 +109,7 @@ def design_positions(
 
 
 def _finish(
-    frame: Frame, exact: Scene, free: np.ndarray, lift: np.ndarray, q: np.ndarray, tol: float
+    frame: Frame, exact: Scene, free: Array, lift: Array, q: Array, tol: float
 ) -> Frame | None:
     """Frame of search parameters q, polished with the exact positions; None if it degenerates."""
     Y, least = polish(exact, exact.nodes(q[None])[0], exact.Z)
@@ -122,9 +123,9 @@ def _finish(
 
 def _certify(
     frame: Frame,
-    x: Sequence[np.ndarray],
-    forces: Sequence[np.ndarray],
-    bounds: np.ndarray,
+    x: Sequence[Array],
+    forces: Sequence[Array],
+    bounds: Array,
     tol: float,
 ) -> float | None:
     """Singular value ratio of L_b, or None where a constraint or the patch test fails."""

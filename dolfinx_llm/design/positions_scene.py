@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.positions_search import Scene
 from dolfinx_llm.geometry.cells import vector_areas
@@ -18,17 +19,17 @@ _SUPPORT = 0.02  # least force that reaches a frame node, over the mean of all n
 _MARGIN = 1e-3  # [rad, relative] by which the search stays inside angle and side bounds
 
 # Mirrors of a scene: signs (2,) of the axes, images of the nodes (m,) and of the points (P,).
-Group = list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+Group = list[tuple[Array, Array, Array]]
 
 
-def _outline(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _outline(cells: Array) -> tuple[Array, Array]:
     """Edges (n, 2) that belong to one cell, lower node first and sorted; and their cells (n,)."""
     edges = np.sort(np.stack([cells, np.roll(cells, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     edges, first, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
     return edges[count == 1], first[count == 1] // cells.shape[1]
 
 
-def _plane(frame: Frame) -> tuple[np.ndarray, float, np.ndarray]:
+def _plane(frame: Frame) -> tuple[Array, float, Array]:
     """Centre (3,), size [length] and axes (2, 3) of a flat frame, whichever way its cells turn.
 
     The first axis runs along the outline's first edge, the second to the cell behind it.
@@ -53,9 +54,7 @@ def _plane(frame: Frame) -> tuple[np.ndarray, float, np.ndarray]:
     return centre, size, np.array([t, n]) @ axes[:2]
 
 
-def _images(
-    Y: np.ndarray, cells: np.ndarray, points: np.ndarray, forces: np.ndarray, M: np.ndarray
-) -> list[np.ndarray] | None:
+def _images(Y: Array, cells: Array, points: Array, forces: Array, M: Array) -> list[Array] | None:
     """Image of each node (m,) and point (P,) under a mirror M, or None if the scene has it not."""
     found = []
     for x in (Y, points):
@@ -68,9 +67,7 @@ def _images(
     return found if same and np.abs(forces[found[1]] - forces).max() < _SAME else None
 
 
-def _symmetry(
-    Y: np.ndarray, cells: np.ndarray, points: np.ndarray, forces: np.ndarray
-) -> tuple[np.ndarray, Group]:
+def _symmetry(Y: Array, cells: Array, points: Array, forces: Array) -> tuple[Array, Group]:
     """Two perpendicular mirror lines through the centre, else one, else none.
 
     Args:
@@ -104,7 +101,7 @@ def _symmetry(
     return axes, [(np.array([1, 1]), np.arange(len(Y)), np.arange(len(points))), *best]
 
 
-def _parameters(Y: np.ndarray, cells: np.ndarray, group: Group) -> np.ndarray:
+def _parameters(Y: Array, cells: Array, group: Group) -> Array:
     """(2 m, n_q) map of free parameters to displacements, in units of the sides at each node.
 
     Outline corners stay, outline nodes slide on their straight line, images move alike.
@@ -132,8 +129,8 @@ def _parameters(Y: np.ndarray, cells: np.ndarray, group: Group) -> np.ndarray:
 
 
 def search_scenes(
-    frame: Frame, x: Sequence[np.ndarray], forces: Sequence[np.ndarray], bounds: np.ndarray
-) -> tuple[Scene, Scene, np.ndarray, np.ndarray]:
+    frame: Frame, x: Sequence[Array], forces: Sequence[Array], bounds: Array
+) -> tuple[Scene, Scene, Array, Array]:
     """Search scene (rounded, reduced by symmetry), exact scene, Z without symmetry and the lift.
 
     Nothing in them depends on the order of the sides or points or on the cells' orientation.

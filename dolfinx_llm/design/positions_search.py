@@ -6,9 +6,11 @@ Rows of its least squares are the residual (28), in the frame's plane, and the v
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.cells import cross_plane, shape_functions
 
 _SPREADS = (0.2, 0.3, 0.4, 0.5, 0.6)  # random starts: standard deviation over local side length
@@ -20,21 +22,21 @@ _MODES = 0.25 * np.array([[-1, 1, 1, -1], [-1, -1, 1, 1], [1, -1, 1, -1]])
 class Scene:
     """Plane problem, frame scaled to size 1; of mirrored points one representative."""
 
-    Y: np.ndarray  # (m, 2) predicted nodes
-    Z: np.ndarray  # (2 m, n_q) free parameters q to node displacements
-    cells: np.ndarray  # (n_cells, k) anticlockwise, those that can hold a point
-    orbit: np.ndarray  # (m,) orbit of each node
-    x: np.ndarray  # (P, 2) points
-    c: np.ndarray  # (2, P) signed and absolute force of each point's orbit
-    corners: np.ndarray  # (n_corners, 3) node, next, previous
-    bounds: np.ndarray  # (4,) smallest, largest angle [rad], shortest side, least support
+    Y: Array  # (m, 2) predicted nodes
+    Z: Array  # (2 m, n_q) free parameters q to node displacements
+    cells: Array  # (n_cells, k) anticlockwise, those that can hold a point
+    orbit: Array  # (m,) orbit of each node
+    x: Array  # (P, 2) points
+    c: Array  # (2, P) signed and absolute force of each point's orbit
+    corners: Array  # (n_corners, 3) node, next, previous
+    bounds: Array  # (4,) smallest, largest angle [rad], shortest side, least support
 
-    def nodes(self, q: np.ndarray) -> np.ndarray:
+    def nodes(self, q: Array) -> Array:
         """(B, n_q) parameters to (B, m, 2) node positions."""
         return self.Y + (q @ self.Z.T).reshape(len(q), -1, 2)
 
 
-def _locate(Y: np.ndarray, cells: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _locate(Y: Array, cells: Array, x: Array) -> tuple[Array, Array]:
     """Cell (B, P) and reference coordinates (B, P, 2) of points in B frames of convex cells."""
     p = Y[:, cells]
     e = np.roll(p, -1, axis=2) - p
@@ -56,14 +58,14 @@ def _locate(Y: np.ndarray, cells: np.ndarray, x: np.ndarray) -> tuple[np.ndarray
     return cell, np.stack([xi, eta], axis=-1)
 
 
-def _scatter(shape: tuple[int, ...], index: tuple, values: np.ndarray) -> np.ndarray:
+def _scatter(shape: tuple[int, ...], index: tuple[Any, ...], values: Array) -> Array:
     """Sum values into an array of zeros at (broadcast) multi-indices."""
     flat = np.broadcast_to(np.ravel_multi_index(np.broadcast_arrays(*index), shape), values.shape)
     sums = np.bincount(flat.ravel(), values.ravel(), minlength=int(np.prod(shape)))
     return sums.reshape(shape)
 
 
-def frame_forces(scene: Scene, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def frame_forces(scene: Scene, Y: Array) -> tuple[Array, Array]:
     """Frame forces (28) and their derivatives by the node positions, for B frames.
 
     Moving node K changes N_J at a point at rest by -grad N_J N_K.
@@ -90,9 +92,7 @@ def frame_forces(scene: Scene, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.stack(f, axis=1), np.stack(df, axis=1)
 
 
-def cell_shapes(
-    scene: Scene, Y: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def cell_shapes(scene: Scene, Y: Array) -> tuple[Array, Array, Array, Array]:
     """Corner angles [rad] and sides of B frames, (B, n_corners), and derivatives by q."""
     i, nxt, prv = scene.corners.T
     e, b = Y[:, nxt] - Y[:, i], Y[:, prv] - Y[:, i]
@@ -108,7 +108,7 @@ def cell_shapes(
     return angle, side, dangle, dside
 
 
-def least_squares(scene: Scene, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def least_squares(scene: Scene, q: Array) -> tuple[Array, Array, Array]:
     """Least-squares rows of B frames: residual (28), then every constraint by its violation.
 
     Returns:
@@ -130,7 +130,7 @@ def least_squares(scene: Scene, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     return np.concatenate(R, axis=1), np.concatenate(dR, axis=1), valid
 
 
-def random_starts(scene: Scene, n: int, rng: np.random.Generator) -> np.ndarray:
+def random_starts(scene: Scene, n: int, rng: np.random.Generator) -> Array:
     """(n, n_q) random starts, drawn towards the prediction until all cells are convex."""
     spread = np.resize(_SPREADS, n)[:, None]
     q = rng.normal(size=(n, scene.Z.shape[1])) * spread
@@ -145,7 +145,7 @@ def random_starts(scene: Scene, n: int, rng: np.random.Generator) -> np.ndarray:
     return q
 
 
-def descend(scene: Scene, q: np.ndarray, iterations: int = 80) -> tuple[np.ndarray, np.ndarray]:
+def descend(scene: Scene, q: Array, iterations: int = 80) -> tuple[Array, Array]:
     """Levenberg-Marquardt descent of B starts in one batch; starts that stall are dropped.
 
     Returns:
@@ -178,7 +178,7 @@ def descend(scene: Scene, q: np.ndarray, iterations: int = 80) -> tuple[np.ndarr
     return q, np.abs(R).max(axis=1)
 
 
-def polish(scene: Scene, Y: np.ndarray, Z: np.ndarray, steps: int = 8) -> tuple[np.ndarray, float]:
+def polish(scene: Scene, Y: Array, Z: Array, steps: int = 8) -> tuple[Array, float]:
     """Least-norm Newton steps on (28) with the exact positions: best nodes and their residual."""
     best, least = Y, np.inf
     for _ in range(steps):

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.cells import bases, vector_areas
 from dolfinx_llm.geometry.frame import Frame, bent
@@ -19,7 +20,7 @@ from dolfinx_llm.geometry.surface import Surface
 
 def predict_frame(
     sides: Sequence[Surface],
-    touched: Sequence[np.ndarray],
+    touched: Sequence[Array],
     plane: Plane | None = None,
     by_nodes: bool = False,
     corners: int | None = None,
@@ -60,8 +61,8 @@ def predict_frame(
 
 
 def coarser_facets(
-    sides: Sequence[Surface], touched: Sequence[np.ndarray], by_nodes: bool = False
-) -> tuple[int, np.ndarray]:
+    sides: Sequence[Surface], touched: Sequence[Array], by_nodes: bool = False
+) -> tuple[int, Array]:
     """Which side is coarser, 0 or 1, and its facets (m,) that are in contact.
 
     By the size of the facets; or by the number of nodes: where contact may open no side may have
@@ -86,13 +87,13 @@ def coarser_facets(
     return k, own[k]
 
 
-def touched_facets(side: Surface, touched: np.ndarray) -> np.ndarray:
+def touched_facets(side: Surface, touched: Array) -> Array:
     """(m,) facets of a side whose nodes all take part (n,): those that the area merely borders do
     not count."""
     return np.flatnonzero((touched > 0)[side.cells].all(axis=1))
 
 
-def _shape(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
+def _shape(x: Array, facets: Array) -> Array:
     """Numbers that tell one mesh from another, however they lie in space."""
     centre, size = x[facets].mean(axis=1), np.linalg.norm(vector_areas(x, facets), axis=1)
     away = np.linalg.norm(centre - size @ centre / size.sum(), axis=1)

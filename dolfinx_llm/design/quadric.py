@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_matrix, identity
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.design.stencils import inner_part, spread, sums
 from dolfinx_llm.geometry.cells import bases, unit, vector_areas
 from dolfinx_llm.geometry.frame import Frame
@@ -27,15 +28,15 @@ RIDGE = 0.1  # by which terms of third order fade that the nodes hardly tell
 class SmoothSurface:
     """Quadrics of all cells, in axes of their cell, and what blends them."""
 
-    x: np.ndarray  # (m, gdim) nodes of the frame [length]
-    centre: np.ndarray  # (n_cells, gdim) origin of a cell's axes [length]
-    base: np.ndarray  # (n_cells, gdim, gdim) tangents and normal, the mean of the cells around
-    size: np.ndarray  # (n_cells,) half-width of the cells that were fitted [length]
-    height: np.ndarray  # (n_cells, 4 or 10) q of the fitted surface z = q(s) + bend z²
-    bend: np.ndarray  # (n_cells,)
+    x: Array  # (m, gdim) nodes of the frame [length]
+    centre: Array  # (n_cells, gdim) origin of a cell's axes [length]
+    base: Array  # (n_cells, gdim, gdim) tangents and normal, the mean of the cells around
+    size: Array  # (n_cells,) half-width of the cells that were fitted [length]
+    height: Array  # (n_cells, 4 or 10) q of the fitted surface z = q(s) + bend z²
+    bend: Array  # (n_cells,)
     share: csr_matrix  # (m, n_cells) of the cells around each node in the blend; sums 1
-    miss: np.ndarray  # (m, gdim) the blend at the nodes less the nodes [length]
-    normals: np.ndarray  # (m, gdim) unit normals at the nodes
+    miss: Array  # (m, gdim) the blend at the nodes less the nodes [length]
+    normals: Array  # (m, gdim) unit normals at the nodes
 
     @staticmethod
     def through(frame: Frame) -> SmoothSurface:
@@ -47,7 +48,7 @@ class SmoothSurface:
         base = _mean_bases(frame)
         local = np.einsum("gai,gwi->gwa", base, frame.x[nodes] - centre[:, None, :])
         local *= mask[..., None]
-        size = np.abs(local).max(axis=(1, 2))
+        size = np.linalg.norm(local, axis=2).max(axis=1)  # however the axes lie
         height, bend = _fit(local / size[:, None, None], mask)
         share = csr_matrix((np.ones(n * k), (cells.ravel(), np.repeat(np.arange(n), k))), (m, n))
         share.data /= spread(sums(share.data, share.indptr), share.indptr)
@@ -62,7 +63,7 @@ class SmoothSurface:
         [length]."""
         return 2.0 * float(np.linalg.norm(self.miss, axis=1).max())
 
-    def at(self, N: csr_matrix, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, N: csr_matrix, x: Array) -> tuple[Array, Array]:
         """Points (n, gdim) of the surface along whose normals positions x lie, and unit normals
         there; rows N say which cells are near. Beyond the outline the quadrics next to it go on."""
         blend = (inner_part(N) @ self.share).tocsr()
@@ -78,7 +79,7 @@ class SmoothSurface:
             start = x + np.einsum("ni,ni->n", point - x, normal)[:, None] * normal
         return point - N @ self.miss, normal
 
-    def _quadrics(self, cell: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _quadrics(self, cell: Array, x: Array) -> tuple[Array, Array]:
         """Points and unit normals of cells' quadrics above or below places x (n, gdim)."""
         d = (x - self.centre[cell]) / self.size[cell, None]
         s = np.einsum("nai,ni->na", self.base[cell], d)[:, :-1]
@@ -105,7 +106,7 @@ class SmoothSurface:
         )
 
 
-def _mean_bases(frame: Frame) -> np.ndarray:
+def _mean_bases(frame: Frame) -> Array:
     """(n_cells, gdim, gdim) bases whose normals are the means of the cells around each: what is
     fitted slopes least there, and a surface that bends is nearest to one of third order."""
     n, k = frame.cells.shape
@@ -118,7 +119,7 @@ def _mean_bases(frame: Frame) -> np.ndarray:
     return bases(t - np.einsum("nai,ni->na", t, normal)[..., None] * normal[:, None, :])
 
 
-def _monomials(s: np.ndarray) -> np.ndarray:
+def _monomials(s: Array) -> Array:
     """1, s, s², s³ (and products, those of third order three times) of coordinates (..., d)."""
     one = np.ones_like(s[..., :1])
     if s.shape[-1] == 1:
@@ -128,17 +129,18 @@ def _monomials(s: np.ndarray) -> np.ndarray:
     return np.concatenate([one, a, b, a * a, a * b, b * b, *cubic], axis=-1)
 
 
-def _fit(local: np.ndarray, mask: np.ndarray) -> Any:
+def _fit(local: Array, mask: Array) -> Any:
     """Fit z = q(s) + bend z², q cubic: exact for circles, cylinders and spheres.
 
     With the Hessian H of q, bend = tr H² / (2 tr H): half the curvature on these surfaces.
     """
     columns = _monomials(local[..., :-1]) * mask[..., None]
     n, width, k = columns.shape
-    # Of a³, 3 a²b, 3 a b², b³: this sum of squares knows no axes.
-    ridge = RIDGE * np.diag(np.sqrt([0, 0, 0, 1] if k == 4 else [0] * 6 + [1, 3, 3, 1]))
-    both = np.concatenate([columns, np.broadcast_to(ridge, (n, k, k))], axis=1)
-    inverse = np.linalg.pinv(both, rcond=1e-6)[..., :width]
+    # With coefficients times these, of ab and the cubic terms, sums of squares know no axes.
+    times = np.sqrt([1, 1, 1, 1] if k == 4 else [1, 1, 1, 1, 0.5, 1, 1, 3, 3, 1])
+    ridge = RIDGE * np.eye(k)[k - (1 if k == 4 else 4) :]
+    both = np.concatenate([columns / times, np.broadcast_to(ridge, (n, *ridge.shape))], axis=1)
+    inverse = np.linalg.pinv(both, rcond=1e-6)[..., :width] / times[:, None]
     z, bend = local[..., -1], np.zeros(len(local))
     for _ in range(FIT):
         last, q = bend, np.einsum("gkw,gw->gk", inverse, z - bend[:, None] * z * z)
@@ -154,7 +156,7 @@ def _fit(local: np.ndarray, mask: np.ndarray) -> Any:
     return q, bend
 
 
-def _nodes_around(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _nodes_around(cells: Array) -> tuple[Array, Array]:
     """Nodes of every cell and of the cells around it.
 
     Returns:

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, diags, vstack
 from scipy.sparse.csgraph import connected_components
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.sparse import symmetric_factors
 from dolfinx_llm.design.stencils import RowStencils, monomials, spread
@@ -25,10 +26,10 @@ from dolfinx_llm.geometry.loads import NodalLoads
 SHIFT = 1e-13  # of the largest diagonal entry, on all of it
 SIGNS = -1.0, 1.0  # of the corrections on both sides
 
-Parts = Sequence[tuple[np.ndarray, np.ndarray]]  # unknowns (n,) and functions (n, f) of each
+Parts = Sequence[tuple[Array, Array]]  # unknowns (n,) and functions (n, f) of each
 
 
-def patch_residual(N: Sequence[csr_matrix], forces: Sequence[np.ndarray]) -> np.ndarray:
+def patch_residual(N: Sequence[csr_matrix], forces: Sequence[Array]) -> Array:
     """Residual (28) at the frame's nodes over the largest force.
 
     Args:
@@ -43,8 +44,8 @@ def patch_residual(N: Sequence[csr_matrix], forces: Sequence[np.ndarray]) -> np.
 
 
 def load_residual(
-    frame: Frame, s: np.ndarray, N: Sequence[csr_matrix], loads: Sequence[NodalLoads]
-) -> np.ndarray:
+    frame: Frame, s: Array, N: Sequence[csr_matrix], loads: Sequence[NodalLoads]
+) -> Array:
     """(m, 1) residual (28) at the frame's nodes over the largest force; (m, gdim) where loads have
     moments: force, and moments about the node over the frame's mean cell size."""
     return FrameLoads.of(frame, s, N, loads).residual(N)
@@ -54,17 +55,17 @@ def load_residual(
 class FrameLoads:
     """The forces and moments at the frame's nodes that must cancel."""
 
-    s: np.ndarray  # (m, d) frame nodes in coordinates of the plane [length]
+    s: Array  # (m, d) frame nodes in coordinates of the plane [length]
     loads: Sequence[NodalLoads]  # of both sides
-    places: Sequence[np.ndarray]  # (n_i, d) where their nodes are [length]
+    places: Sequence[Array]  # (n_i, d) where their nodes are [length]
     size: float  # of the frame's cells [length]
     scale: float  # largest force [area]
-    tangents: np.ndarray | None = None  # (m, gdim - 1, gdim) at the nodes of a curved frame, where
+    tangents: Array | None = None  # (m, gdim - 1, gdim) at the nodes of a curved frame, where
     # s and places are positions in space
 
     @classmethod
     def of(
-        cls, frame: Frame, s: np.ndarray, N: Sequence[csr_matrix], loads: Sequence[NodalLoads]
+        cls, frame: Frame, s: Array, N: Sequence[csr_matrix], loads: Sequence[NodalLoads]
     ) -> FrameLoads:
         scale = max(float(np.abs(load.forces).max()) for load in loads)
         # Rows reproduce linear fields: so they tell where they are.
@@ -76,7 +77,7 @@ class FrameLoads:
         d = self.loads[0].moments.shape[1]
         return 1 + d if self.tangents is None else d
 
-    def at(self, side: int, indptr: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    def at(self, side: int, indptr: Array, nodes: Array) -> Array:
         """(z, count) what the rows' loads are at entries: force, and moments about the node."""
         load = self.loads[side]
         force = spread(load.forces, indptr)[:, None]
@@ -88,7 +89,7 @@ class FrameLoads:
             moment = np.einsum("zai,zi->za", self.tangents[nodes], moment)
         return np.column_stack([force, moment]) / self.scale
 
-    def residual(self, N: Sequence[csr_matrix]) -> np.ndarray:
+    def residual(self, N: Sequence[csr_matrix]) -> Array:
         """(m, count)"""
         # Nᵀ f without the transpose: SciPy takes longer to make that than the product of small
         # frames.
@@ -105,13 +106,13 @@ class Corrections:
     """How rows change under multipliers mu (m, c): delta_p = -+ P_p sum_a (c_pa mu_a) / w_p."""
 
     stencils: Sequence[RowStencils]  # of both sides
-    at: Sequence[np.ndarray]  # (z_i, c) c_p at their entries, zero in rows that stay
-    areas: Sequence[np.ndarray]  # (n_i,) w_p
+    at: Sequence[Array]  # (z_i, c) c_p at their entries, zero in rows that stay
+    areas: Sequence[Array]  # (n_i,) w_p
     m: int  # frame nodes
 
     @classmethod
     def of(
-        cls, loading: FrameLoads, stencils: Sequence[RowStencils], free: Sequence[np.ndarray]
+        cls, loading: FrameLoads, stencils: Sequence[RowStencils], free: Sequence[Array]
     ) -> Corrections:
         """Of rows of which those with 1 in free (n_i,) may change, those with 0 stay."""
         at = [
@@ -141,7 +142,7 @@ class Corrections:
         blocks = bsr_matrix((diagonal, np.arange(m), np.arange(m + 1)), (m * c, m * c))
         return (blocks.tocsr() - B.T @ B).tocsr()
 
-    def under(self, mu: np.ndarray) -> list[np.ndarray]:
+    def under(self, mu: Array) -> list[Array]:
         """(z_i,) changes at the stencils' entries of both sides."""
         step = []
         for st, at, area, sign in zip(self.stencils, self.at, self.areas, SIGNS, strict=True):
@@ -165,7 +166,7 @@ def factor(A: Any) -> Any:
         ) from None
 
 
-def compatible(A: csr_matrix, s: np.ndarray, loading: FrameLoads) -> Parts:
+def compatible(A: csr_matrix, s: Array, loading: FrameLoads) -> Parts:
     """Orthonormal functions that A cannot see, on each connected part of the frame: what holds of
     forces and moments whatever the rows are. With forces alone these are the affine functions.
 
@@ -198,7 +199,7 @@ def compatible(A: csr_matrix, s: np.ndarray, loading: FrameLoads) -> Parts:
     return parts
 
 
-def without_compatible(r: np.ndarray, parts: Parts) -> np.ndarray:
+def without_compatible(r: Array, parts: Parts) -> Array:
     """r less its compatible parts: they are rounding (both sides carry the same force with the same
     centroid), and no correction of the rows can remove them."""
     r = r.copy()

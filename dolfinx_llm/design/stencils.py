@@ -15,7 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
+
 ZERO = 1e-13  # shape functions below this are rounding: the node lies on an edge
+NONE_LEFT = 1e-11  # of the largest singular value: no other direction than rounding's
 DEPENDENT = 1e-20  # part of a function's square that is left of it, below which it is none
 FADE = 1e-4  # of the largest singular value: where constraints fade that hardly differ from others
 
@@ -24,17 +27,17 @@ FADE = 1e-4  # of the largest singular value: where constraints fade that hardly
 class RowStencils:
     """Stencils of n rows, z entries in all, with c constraints each."""
 
-    indptr: np.ndarray  # (n + 1,)
-    nodes: np.ndarray  # (z,) frame nodes
-    root: np.ndarray  # (z,) square roots of the weights
-    Q: np.ndarray  # (z, c) orthogonal columns per row, of length 1; less where a constraint fades
+    indptr: Array  # (n + 1,)
+    nodes: Array  # (z,) frame nodes
+    root: Array  # (z,) square roots of the weights
+    Q: Array  # (z, c) orthogonal columns per row, of length 1; less where a constraint fades
 
     @property
     def shape(self) -> tuple[int, int]:
         """(n, c)"""
         return len(self.indptr) - 1, self.Q.shape[1]
 
-    def project(self, mu: np.ndarray) -> np.ndarray:
+    def project(self, mu: Array) -> Array:
         """(z,) P_p mu of values (z,) at the entries, without what the constraints see.
 
         Done twice: P takes away nearly all of a large smooth mu, and the rounding that the first
@@ -46,22 +49,22 @@ class RowStencils:
                 value = value - q * spread(sums(q * value, self.indptr), self.indptr)
         return self.root * value
 
-    def matrix(self, values: np.ndarray, m: int) -> csr_matrix:
+    def matrix(self, values: Array, m: int) -> csr_matrix:
         """(n, m) matrix of values (z,) at the entries."""
         return csr_matrix((values, self.nodes, self.indptr), (self.shape[0], m))
 
 
-def sums(values: np.ndarray, indptr: np.ndarray) -> np.ndarray:
+def sums(values: Array, indptr: Array) -> Array:
     """Sums of entries per row; no row is empty."""
     return np.add.reduceat(values, indptr[:-1])
 
 
-def spread(values: np.ndarray, indptr: np.ndarray) -> np.ndarray:
+def spread(values: Array, indptr: Array) -> Array:
     """Values of rows at their entries."""
     return np.repeat(values, np.diff(indptr), axis=0)
 
 
-def adjacency(cells: np.ndarray, m: int) -> csr_matrix:
+def adjacency(cells: Array, m: int) -> csr_matrix:
     """(m, m) matrix of ones where two nodes belong to one cell, with the diagonal."""
     n, k = cells.shape
     of = csr_matrix((np.ones(n * k), cells.ravel(), np.arange(0, n * k + 1, k)), shape=(n, m))
@@ -94,10 +97,10 @@ class FlatStencils:
     """Stencils on flat frames, and the least corrections that reproduce their polynomials."""
 
     rows: RowStencils
-    missing: np.ndarray  # (z,) corrections of the entries, 0 where rows reproduce them already
+    missing: Array  # (z,) corrections of the entries, 0 where rows reproduce them already
 
 
-def flat_stencils(W: csr_matrix, s: np.ndarray, N: csr_matrix, degree: int = 1) -> FlatStencils:
+def flat_stencils(W: csr_matrix, s: Array, N: csr_matrix, degree: int) -> FlatStencils:
     """Stencils of weights W whose corrections keep polynomials of the plane.
 
     Args:
@@ -114,7 +117,7 @@ def flat_stencils(W: csr_matrix, s: np.ndarray, N: csr_matrix, degree: int = 1) 
 
 
 def polynomial_stencils(
-    W: csr_matrix, functions: Sequence[np.ndarray], wanted: Sequence[np.ndarray] | None = None
+    W: csr_matrix, functions: Sequence[Array], wanted: Sequence[Array] | None = None
 ) -> FlatStencils:
     """Stencils of weights W whose corrections keep the rows' sums of functions.
 
@@ -123,8 +126,8 @@ def polynomial_stencils(
         wanted: of each (n,) what the rows' sums lack; None: nothing.
     """
     root, n = np.sqrt(W.data), len(W.indptr) - 1
-    columns: list[np.ndarray] = []
-    targets: list[np.ndarray] = []
+    columns: list[Array] = []
+    targets: list[Array] = []
     for value, target in zip(functions, wanted or [np.zeros(n)] * len(functions), strict=True):
         q = root * value
         size = sums(q * q, W.indptr)
@@ -143,7 +146,7 @@ def polynomial_stencils(
     return FlatStencils(RowStencils(W.indptr, W.indices, root, np.column_stack(columns)), missing)
 
 
-def monomials(x: np.ndarray, degree: int) -> list[np.ndarray]:
+def monomials(x: Array, degree: int) -> list[Array]:
     """1, the coordinates (n, d) and, at degree 2, their products, each (n,)."""
     out = [np.ones(len(x)), *x.T]
     if degree > 1:
@@ -151,7 +154,7 @@ def monomials(x: np.ndarray, degree: int) -> list[np.ndarray]:
     return out
 
 
-def _deficits(N: csr_matrix, s: np.ndarray, mean: np.ndarray) -> list[np.ndarray]:
+def _deficits(N: csr_matrix, s: Array, mean: Array) -> list[Array]:
     """By how much rows (n, m) miss the polynomials of degree 2 about a point (n, d) each."""
     own = monomials(N @ s - mean, 2)
     at_nodes = monomials(s[N.indices] - spread(mean, N.indptr), 2)
@@ -167,24 +170,25 @@ class CurvedStencils:
     """Stencils on curved frames, and the least corrections that change what their rows sum up."""
 
     rows: RowStencils
-    C: np.ndarray  # (z, c) functions of the nodes less their means, over h
-    inverse: np.ndarray  # (n, c, c) of C W C, filtered
-    h: np.ndarray  # (n,) size of the functions [length]
+    C: Array  # (z, c) functions of the nodes less their means, over h, along V
+    V: Array  # (n, c, c) in which the C W C of each row is diagonal
+    inverse: Array  # (n, c) of these, filtered
+    h: Array  # (n,) size of the functions [length]
 
-    def moved(self, step: np.ndarray) -> np.ndarray:
+    def moved(self, step: Array) -> Array:
         """(z,) least corrections that change the rows' sums of functions by (n, c) [length]."""
         indptr, weight = self.rows.indptr, self.rows.root**2
-        delta, left, total = np.zeros(len(weight)), step / self.h[:, None], sums(weight, indptr)
+        delta, total = np.zeros(len(weight)), sums(weight, indptr)
+        left = np.einsum("nik,ni->nk", self.V, step / self.h[:, None])
         for _ in range(2):  # again, against rounding
-            factor = np.einsum("nij,nj->ni", self.inverse, left)
-            more = np.einsum("zi,zi->z", self.C, spread(factor, indptr))
+            more = np.einsum("zk,zk->z", self.C, spread(self.inverse * left, indptr))
             more = weight * (more - spread(sums(weight * more, indptr) / total, indptr))
             delta = delta + more
             left = left - np.column_stack([sums(more * c, indptr) for c in self.C.T])
         return delta
 
 
-def curved_stencils(W: csr_matrix, functions: np.ndarray, fade: float) -> CurvedStencils:
+def curved_stencils(W: csr_matrix, functions: Array, fade: float) -> CurvedStencils:
     """Stencils of weights W whose corrections keep the rows' sums and those of functions.
 
     Where the surface is nearly flat, or a stencil has few nodes, a constraint hardly differs from
@@ -197,22 +201,26 @@ def curved_stencils(W: csr_matrix, functions: np.ndarray, fade: float) -> Curved
     """
     indptr, root = W.indptr, np.sqrt(W.data)
     total, c = sums(W.data, indptr), functions.shape[1]
-    C = [f - spread(sums(W.data * f, indptr) / total, indptr) for f in functions.T]
+    parts = [f - spread(sums(W.data * f, indptr) / total, indptr) for f in functions.T]
     gram = np.empty((len(total), c, c))
     for i in range(c):
         for j in range(i + 1):
-            gram[:, i, j] = gram[:, j, i] = sums(W.data * C[i] * C[j], indptr)
+            gram[:, i, j] = gram[:, j, i] = sums(W.data * parts[i] * parts[j], indptr)
     trace = np.einsum("nii->n", gram)
     h = np.sqrt(np.maximum(trace / total, 1e-300))
     square, V = np.linalg.eigh(gram / (h * h)[:, None, None])
-    square = np.maximum(square, 0.0)
+    C = np.einsum(
+        "zi,zik->zk", np.column_stack(parts) / spread(h, indptr)[:, None], spread(V, indptr)
+    )
+    # Summed up anew: of a small one rounding is a large part. Along straight edges, and across
+    # flat ones, nodes differ by rounding alone.
+    square = np.column_stack([sums(W.data * column**2, indptr) for column in C.T])
+    none = square <= NONE_LEFT**2 * square[:, -1:]
+    C, square = np.where(spread(none, indptr), 0.0, C), np.where(none, 0.0, square)
     q = np.maximum(fade**2 * square[:, -1:], 1e-300)
     t = q / (square + q)
-    C = np.column_stack(C) / spread(h, indptr)[:, None]
     # Applied twice in ``project``: 1 - t² each time.
-    once = V * np.sqrt((1.0 + t) / (square + q))[:, None, :]
-    Q = root[:, None] * np.einsum("zi,zik->zk", C, spread(once, indptr))
+    Q = root[:, None] * C * spread(np.sqrt((1.0 + t) / (square + q)), indptr)
     Q = np.column_stack([root / np.sqrt(spread(total, indptr)), Q])
-    factor = (1.0 + t) * (1.0 + t * t) / (square + q)
-    inverse = np.einsum("nik,nk,njk->nij", V, factor, V)
-    return CurvedStencils(RowStencils(indptr, W.indices, root, Q), C, inverse, h)
+    inverse = np.where(none, 0.0, (1.0 + t) * (1.0 + t * t) / (square + q))
+    return CurvedStencils(RowStencils(indptr, W.indices, root, Q), C, V, inverse, h)

@@ -14,6 +14,7 @@ from operator import matmul
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.arguments import weight_arguments
 from dolfinx_llm.design.residual import (
@@ -40,11 +41,11 @@ RINGS = 4  # rings in the stencils of a side much coarser than the frame
 
 def design_weights(
     frame: Frame,
-    s: np.ndarray,
+    s: Array,
     N: Sequence[csr_matrix],
-    cells: Sequence[np.ndarray],
-    forces: Sequence[np.ndarray],
-    keep: Sequence[np.ndarray] | None = None,
+    cells: Sequence[Array],
+    forces: Sequence[Array],
+    keep: Sequence[Array] | None = None,
 ) -> Sequence[csr_matrix]:
     """Correct the rows of L_b so that the frame passes, by the smallest change.
 
@@ -90,10 +91,10 @@ def design_weights(
 
 def balanced_rows(
     frame: Frame,
-    s: np.ndarray,
+    s: Array,
     N: Sequence[csr_matrix],
     loads: Sequence[NodalLoads],
-    keep: Sequence[np.ndarray] | None = None,
+    keep: Sequence[Array] | None = None,
 ) -> Sequence[csr_matrix]:
     """``design_weights`` for loads of either order.
 
@@ -133,7 +134,7 @@ def balanced_rows(
     return best
 
 
-def widths_of(s: np.ndarray, N: Sequence[csr_matrix]) -> list[tuple[int, int]]:
+def widths_of(s: Array, N: Sequence[csr_matrix]) -> list[tuple[int, int]]:
     """Rings of nodes in the rows' stencils of both sides, in the order in which they are tried.
 
     A side whose facets are larger than the frame's cells presses on few of its nodes: its rows
@@ -166,7 +167,7 @@ def _to_corners(frame: Frame) -> csr_matrix:
 def _corrected(
     loading: FrameLoads,
     N: Sequence[csr_matrix],
-    keep: Sequence[np.ndarray] | None,
+    keep: Sequence[Array] | None,
     weights: Sequence[csr_matrix],
 ) -> Sequence[csr_matrix]:
     """Rows with the smallest corrections of these weights, which bring (28) near zero.
@@ -184,7 +185,7 @@ def _corrected(
     solve = factor(A + pins(A, parts)).solve
     delta = [f.missing for f in found]
     rows = [st.matrix for st in stencils]
-    seen: list[tuple[np.ndarray, list[np.ndarray]]] = []  # what steps take away, orthonormal
+    seen: list[tuple[Array, list[Array]]] = []  # what steps take away, orthonormal
     designed: Sequence[csr_matrix] = N
     if high:
         designed = [M + matrix(d, m) for M, d, matrix in zip(N, delta, rows, strict=True)]

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import per_item, summing
 from dolfinx_llm.finite.jacobians import area_derivatives, coordinates, cross_matrix, jacobian
 from dolfinx_llm.geometry.cells import CORNERS, facet_vectors, shape_functions, vector_areas
@@ -33,19 +34,19 @@ WHOLE = {  # points and weights on a reference facet, by the number of functions
 class FacetPlanes:
     """The mean planes of f facets with k corners in space."""
 
-    facets: np.ndarray  # (f, k) corners
+    facets: Array  # (f, k) corners
     element: Element  # of the j functions that are integrated
-    centre: np.ndarray  # (f, 3) [length]
-    axes: np.ndarray  # (f, 2, 3) unit vectors in the plane, right-handed with the normal
-    normal: np.ndarray  # (f, 3) unit
-    size: np.ndarray  # (f,) [area]
-    corners: np.ndarray  # (f, k, 2) in the plane [length]
-    heights: np.ndarray  # (f, k) of the nodes over it [length]
-    grown: np.ndarray  # (f, 3 k) derivative of the size by the nodes' positions [length]
-    turned: np.ndarray  # (f, 2, 3 k) the same of the normal's components along the axes [1/length]
+    centre: Array  # (f, 3) [length]
+    axes: Array  # (f, 2, 3) unit vectors in the plane, right-handed with the normal
+    normal: Array  # (f, 3) unit
+    size: Array  # (f,) [area]
+    corners: Array  # (f, k, 2) in the plane [length]
+    heights: Array  # (f, k) of the nodes over it [length]
+    grown: Array  # (f, 3 k) derivative of the size by the nodes' positions [length]
+    turned: Array  # (f, 2, 3 k) the same of the normal's components along the axes [1/length]
 
     @classmethod
-    def of(cls, x: np.ndarray, facets: np.ndarray, element: Element | None = None) -> FacetPlanes:
+    def of(cls, x: Array, facets: Array, element: Element | None = None) -> FacetPlanes:
         """Planes of facets (f, k) over nodes x (n, 3); the element of functions to be integrated,
         by default the facets' own."""
         area, by_x = vector_areas(x, facets), area_derivatives(x, facets)
@@ -66,7 +67,7 @@ class FacetPlanes:
             np.einsum("fai,fic->fac", axes, by_x) / size[:, None, None],
         )
 
-    def seen(self, i: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def seen(self, i: Array, p: Array) -> tuple[Array, Array]:
         """(n, m, 2) points p (n, m, 3) in the planes of facets i (n,), and their heights (n, m)."""
         arm = p - self.centre[i][:, None]
         return (
@@ -74,9 +75,7 @@ class FacetPlanes:
             np.einsum("ni,nmi->nm", self.normal[i], arm),
         )
 
-    def in_space(
-        self, i: np.ndarray, by_own: np.ndarray, by_other: np.ndarray, heights: np.ndarray
-    ) -> np.ndarray:
+    def in_space(self, i: Array, by_own: Array, by_other: Array, heights: Array) -> Array:
         """Derivatives by positions in space, of derivatives by places in planes of facets i (n,).
 
         Places in a plane are T (x - c): they change by T dx, and by -(T dn) times the height, up to
@@ -94,12 +93,13 @@ class FacetPlanes:
         n, r, k, _ = by_own.shape
         both = np.concatenate([by_own, by_other], axis=2)
         level = np.concatenate([self.heights[i], heights], axis=1)
-        found = np.einsum("nrpa,nai->nrpi", both, self.axes[i]).reshape(n, r, 3 * both.shape[2])
+        found = both.reshape(n, r * both.shape[2], 2) @ self.axes[i]
+        found = found.reshape(n, r, 3 * both.shape[2])
         lean = np.einsum("nrpa,np->nra", both, level)
         found[:, :, : 3 * k] -= np.einsum("nra,nac->nrc", lean, self.turned[i])
         return found
 
-    def whole(self) -> tuple[np.ndarray, np.ndarray]:
+    def whole(self) -> tuple[Array, Array]:
         """(f, j) integrals of the shape functions over whole facets, over their sizes, and
         (f, j, 3 k) derivatives by the nodes' positions [1 / length]."""
         f, j = len(self.facets), self.element.nodes
@@ -114,15 +114,15 @@ class FacetPlanes:
         change = self.in_space(i, by_own, np.zeros((f, j, 0, 2)), np.zeros((f, 0)))
         return values / self.size[:, None], self.over_size(i, values, change)
 
-    def over_size(self, i: np.ndarray, values: np.ndarray, change: np.ndarray) -> np.ndarray:
+    def over_size(self, i: Array, values: Array, change: Array) -> Array:
         """Derivatives of values (n, j) over the sizes of facets i, of the values' (n, j, 3 k)."""
         size = self.size[i][:, None, None]
         return change / size - values[:, :, None] * self.grown[i][:, None] / size**2
 
 
 def plane_integrals(
-    element: Element, corners: np.ndarray, xi: np.ndarray, weights: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    element: Element, corners: Array, xi: Array, weights: Array
+) -> tuple[Array, Array]:
     """Integrals of N_J (n, j) over parts of plane facets that move with them, and their derivatives
     (n, j, k, 2) by the corners: int N_J grad N_K.
 
@@ -135,7 +135,7 @@ def plane_integrals(
     (n, g, _), k = xi.shape, corners.shape[1]
     dN = element_of(2, k).shape(xi.reshape(-1, 2))[1].reshape(n, g, k, 2)
     N = element.positive(xi.reshape(-1, 2)).reshape(n, g, element.nodes)
-    (x_xi, x_eta), (y_xi, y_eta) = np.einsum("ngkd,nki->idng", dN, corners)
+    (x_xi, x_eta), (y_xi, y_eta) = tangents_at(dN, corners)
     across = np.stack(  # grad N_K det J
         [
             dN[..., 0] * y_eta[..., None] - dN[..., 1] * y_xi[..., None],
@@ -144,14 +144,23 @@ def plane_integrals(
         axis=-1,
     )
     values = np.einsum("ng,ngj->nj", weights * (x_xi * y_eta - x_eta * y_xi), N)
-    return values, np.einsum("ngj,ngki->njki", weights[:, :, None] * N, across)
+    weighted = np.swapaxes(weights[:, :, None] * N, 1, 2)
+    return values, (weighted @ across.reshape(n, g, 2 * k)).reshape(n, element.nodes, k, 2)
+
+
+def tangents_at(dN: Array, corners: Array) -> Array:
+    """(2, 2, n, g) derivatives of each place in a plane by each reference coordinate, of shape
+    functions' dN (n, g, k, 2) at g points of facets with corners (n, k, 2)."""
+    n, g, k, d = dN.shape
+    found = np.swapaxes(dN, 2, 3).reshape(n, g * d, k) @ corners
+    return found.reshape(n, g, d, 2).transpose(3, 2, 0, 1)
 
 
 @dataclass(frozen=True, eq=False)
 class Covered:
     """Covered parts of facets: integrals of shape functions there, over the facet's size."""
 
-    share: np.ndarray  # (f, j); their sum is 1 where the whole facet is covered
+    share: Array  # (f, j); their sum is 1 where the whole facet is covered
     derivative: csr_matrix  # (j f, width) by all coordinates [1 / length]
 
     def without(self, other: Covered) -> Covered:
@@ -159,7 +168,7 @@ class Covered:
         return Covered(self.share - other.share, self.derivative - other.derivative)
 
 
-def everything(x: np.ndarray, surface: Surface, first: int, width: int) -> Covered:
+def everything(x: Array, surface: Surface, first: int, width: int) -> Covered:
     """Whole facets; arguments as for ``surface_integrals``."""
     (f, j), gdim = surface.cells.shape, x.shape[1]
     if gdim == 2:
@@ -169,8 +178,8 @@ def everything(x: np.ndarray, surface: Surface, first: int, width: int) -> Cover
 
 
 def surface_integrals(
-    x: np.ndarray, surface: Surface, covered: Covered, first: int, sizes: bool = False
-) -> tuple[np.ndarray, csr_matrix]:
+    x: Array, surface: Surface, covered: Covered, first: int, sizes: bool = False
+) -> tuple[Array, csr_matrix]:
     """(n, gdim) integrals of the shape functions over parts of a surface, as vector areas; (n, 1)
     as areas.
 
@@ -212,7 +221,7 @@ def surface_integrals(
     return (gather @ value.ravel()).reshape(n, r), gather @ change
 
 
-def _across_warped(x: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _across_warped(x: Array, facets: Array) -> tuple[Array, Array]:
     """(f, 4, 3) what int N_J n dA over a warped quad has across its mean normal, and (f, 4, 3, 12)
     derivatives; over a part of it the part of this is taken. It adds up to zero over the nodes, and
     makes the moment of a pressure around a body zero."""

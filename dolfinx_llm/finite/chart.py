@@ -6,6 +6,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.element import Element
 
 EDGEWISE = 1e-2  # least over largest singular value of functions that are hardly independent
@@ -24,7 +25,7 @@ def functions_of(element: Element) -> int:
     return 1 + element.dim + len(products(element))
 
 
-def chart(Y: np.ndarray, element: Element, forces: np.ndarray) -> np.ndarray:
+def chart(Y: Array, element: Element, forces: Array) -> Array:
     """(m, c) functions on a frame as drawn: 1, coordinates in its mean plane, and their products at
     second order; orthogonal.
 
@@ -47,7 +48,7 @@ def chart(Y: np.ndarray, element: Element, forces: np.ndarray) -> np.ndarray:
     return found
 
 
-def _functions(Y: np.ndarray, element: Element, weights: np.ndarray) -> np.ndarray:
+def _functions(Y: Array, element: Element, weights: Array) -> Array:
     """The same, orthogonal in a weighted (m,) sense."""
     root = np.sqrt(weights / weights.sum())[:, None]
     centred = Y - (root**2 * Y).sum(axis=0)
@@ -56,5 +57,5 @@ def _functions(Y: np.ndarray, element: Element, weights: np.ndarray) -> np.ndarr
     s = s / np.linalg.norm(root * s, axis=0)
     squares = [s[:, a] * s[:, b] for a, b in products(element)]
     functions = np.column_stack([np.ones(len(Y)), s, *squares])
-    triangle: np.ndarray = np.linalg.qr(root * functions)[1]
+    triangle: Array = np.linalg.qr(root * functions)[1]
     return np.linalg.solve(triangle.T, functions.T).T

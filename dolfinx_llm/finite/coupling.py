@@ -16,21 +16,24 @@ made symmetric and positive semidefinite. It is there for any law, and as surfac
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import block_diag, csr_matrix
+from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_component, per_item
 from dolfinx_llm.finite.terms import FAST, ContactTerms
 from dolfinx_llm.forms.condensed.krylov import WIDEST
 from dolfinx_llm.operators.numbering import BodyDofs
 
 LITTLE = 0.5  # of the largest force of an unknown, below which the preconditioner leaves it out
+ALMOST_FAST = 0.1  # part of what a node does to its own row that is free: held below
+MAIN = 0.1  # entry of a row on the frame, below which it is left out: corrections reach far
 BETA = 2.0  # by how much rows yield, over what a single node does: less hides them from multigrid
 
 
@@ -42,9 +45,19 @@ class Condensed:
     rows: csr_matrix  # (q, width) ``left``; where pairs are concerned without derivatives of rows
     yielding: csr_matrix  # (q, q) own' - own
     scaling: csr_matrix  # (q, q) by which own equations are multiplied
+    jumps: tuple[csr_matrix, csr_matrix]  # (n gdim, width) J of the n pairs, and of all of N
+    bound: csr_matrix  # (width, q) forces that yield together
+    gdim: int
+
+    def entries(self, slides: bool) -> csr_matrix:
+        """(width, width) 1 where C may have entries, whether pairs stick or slip; where nodes slide
+        also those that it soon may have."""
+        J, on = abs(self.jumps[slides]), abs(self.bound)
+        blocks = np.ones((J.shape[0] // self.gdim, self.gdim, self.gdim))
+        return (J.T @ per_item(blocks) @ J + on @ on.T).sign().tocsr()
 
     @classmethod
-    def of(cls, t: ContactTerms, sides: Any, free: np.ndarray, d: float) -> Condensed:
+    def of(cls, t: ContactTerms, sides: Any, free: Array, d: float) -> Condensed:
         """Of an interface.
 
         Args:
@@ -54,7 +67,7 @@ class Condensed:
             d: stiffness of a node [force / length].
         """
         n, gdim = t.place.normal.shape
-        J = sides.jumps(t.place.N)
+        J = sides.jumps(_main(t.place.N))
         x = np.arange(n * gdim) if sides.frame is None else sides.columns[0].ravel()
         scaling = _scaling(t, free, d)
         left, own = scaling @ t.left, scaling @ t.own
@@ -79,8 +92,9 @@ class Condensed:
         near = csr_matrix((near.data[within], (near.row[within], near.col[within])), near.shape)
         # Rows of nodes that supports hold depend on each other (where they do, those of ties are
         # combined); they yield together, as the frame does, but for what they yield of themselves.
+        # So do those that normals tilt out of the supports: alone they would yield next to nothing.
         together = several & fast
-        held = (pair >= 0) & (_norms(near @ kept) < FAST * _norms(near)) | together
+        held = (pair >= 0) & (_norms(near @ kept) < ALMOST_FAST * _norms(near)) | together
         held = diagonal(held.astype(float))
         yielding = near @ kept @ top + held @ left @ keep @ t.top @ held
         yielding = -BETA / d * yielding
@@ -93,10 +107,11 @@ class Condensed:
         rows = near @ J + left - of_pairs @ left
         bound = t.top @ diagonal(together.astype(float))
         C = keep @ (J.T @ per_item(H) @ J + d / BETA * (bound @ bound.T)) @ keep
-        return cls(C, rows @ keep, yielding, scaling)
+        jumps = J, sides.jumps(t.place.N)
+        return cls(C, rows @ keep, yielding, scaling, jumps, bound, gdim)
 
 
-def _inverse(X: np.ndarray) -> np.ndarray:
+def _inverse(X: Array) -> Array:
     """Of blocks (n, c, c); a preconditioner may leave out what singular ones do not tell."""
     try:
         return np.linalg.inv(X)
@@ -104,19 +119,38 @@ def _inverse(X: np.ndarray) -> np.ndarray:
         return np.linalg.pinv(X)
 
 
-def _scaling(t: ContactTerms, free: np.ndarray, d: float) -> csr_matrix:
+def _scaling(t: ContactTerms, free: Array, d: float) -> csr_matrix:
     """What makes an interface's own equations as large as those of equilibrium."""
-    by_z = abs(t.left @ diagonal(free)).max(axis=1).toarray().ravel() / d
-    size = np.where(by_z > 0.0, by_z, abs(t.own).max(axis=1).toarray().ravel())
+    by_z = _largest(t.left, free) / d
+    size = np.where(by_z > 0.0, by_z, _largest(t.own, np.ones(t.own.shape[1])))
     return diagonal(1.0 / np.where(size > 0.0, size, 1.0))
 
 
-def _norms(M: csr_matrix) -> np.ndarray:
+def _main(N: csr_matrix) -> csr_matrix:
+    """Rows with their main entries alone, and the same sums; as they are where little remains."""
+    M = N.copy()
+    M.data[np.abs(M.data) < MAIN] = 0.0
+    M.eliminate_zeros()
+    every, kept = (np.asarray(matrix.sum(axis=1)).ravel() for matrix in (N, M))
+    much = 2.0 * np.abs(kept) > np.abs(every)
+    grown = np.where(much, every / np.where(much, kept, 1.0), 0.0)
+    return (diagonal(grown) @ M + diagonal(~much) @ N).tocsr()
+
+
+def _largest(M: csr_matrix, weight: Array) -> Array:
+    """(n,) of the entries of each row, with weights (m,) of the columns, at least 0."""
+    found, some = np.zeros(M.shape[0]), np.flatnonzero(np.diff(M.indptr))
+    if len(some):
+        found[some] = np.maximum.reduceat(abs(M.data) * weight[M.indices], M.indptr[some])
+    return found
+
+
+def _norms(M: csr_matrix) -> Array:
     """Of the rows of a matrix."""
     return np.sqrt(np.asarray(M.multiply(M).sum(axis=1)).ravel())
 
 
-def _places(pair: np.ndarray, n: int) -> tuple[csr_matrix, int]:
+def _places(pair: Array, n: int) -> tuple[csr_matrix, int]:
     """(q, n c) where the unknowns of each of n pairs (q,) stand one after the other; -1: of none;
     and c, the largest number of a pair."""
     q = np.argsort(pair, kind="stable")
@@ -127,7 +161,7 @@ def _places(pair: np.ndarray, n: int) -> tuple[csr_matrix, int]:
     return csr_matrix((np.ones(len(q)), at), (len(pair), n * c)), c
 
 
-def _diagonal_blocks(M: csr_matrix, n: int, c: int) -> np.ndarray:
+def _diagonal_blocks(M: csr_matrix, n: int, c: int) -> Array:
     """(n, c, c) blocks on the diagonal of a matrix."""
     M, blocks = M.tocoo(), np.zeros((n, c, c))
     inside = M.row // max(c, 1) == M.col // max(c, 1)
@@ -136,7 +170,7 @@ def _diagonal_blocks(M: csr_matrix, n: int, c: int) -> np.ndarray:
     return blocks
 
 
-def _semidefinite(H: np.ndarray) -> np.ndarray:
+def _semidefinite(H: Array) -> Array:
     """The symmetric parts of matrices (n, k, k), without negative eigenvalues."""
     values, vectors = np.linalg.eigh(0.5 * (H + np.swapaxes(H, 1, 2)))
     return (vectors * np.maximum(values, 0.0)[:, None]) @ np.swapaxes(vectors, 1, 2)
@@ -153,6 +187,7 @@ class Coupling:
         places: numbers of the coordinates of each interface, then of each follower load.
         followers: minus the derivatives of these by their coordinates.
         d: stiffness of a node of the bodies [force / length].
+        fitted: what of each interface's stiffness goes into the preconditioner.
 
     Attributes:
         stiffness: per interface, what goes into the preconditioner (width, width).
@@ -164,9 +199,10 @@ class Coupling:
         dofs: BodyDofs,
         terms: Sequence[ContactTerms],
         sides: Sequence[Any],
-        places: Sequence[np.ndarray],
+        places: Sequence[Array],
         followers: Sequence[csr_matrix],
         d: float,
+        fitted: Callable[[Sequence[Condensed]], list[csr_matrix]],
     ) -> None:
         self.comm: MPI.Comm = dofs.comm
         numbers = np.concatenate([np.zeros(0, dtype=np.int64), *places])
@@ -176,7 +212,7 @@ class Coupling:
             Condensed.of(t, s, free[a:b], d)
             for t, s, a, b in zip(terms, sides, ends[:-1], ends[1:], strict=False)
         ]
-        self.stiffness = [part.C for part in parts]
+        self.stiffness = fitted(parts)
         self.scaling = _joined([part.scaling for part in parts])
         size = len(numbers), self.scaling.shape[0]
         self._all_left = self.scaling @ _joined([t.left for t in terms], size[::-1])
@@ -184,7 +220,6 @@ class Coupling:
         self.K_all = _joined([*(t.K for t in terms), *followers], size[:1] * 2)
         C = _joined(self.stiffness, size[:1] * 2)
         self.K = keep @ self.K_all @ keep - C
-        self.K_all = self.K_all - C
         self.top = keep @ _joined([t.top for t in terms], size)
         self.left = self._all_left @ keep
         self.own = self.scaling @ _joined([t.own for t in terms])
@@ -204,33 +239,38 @@ class Coupling:
             (np.ones(len(mine)), (at[mine], mine)), (len(dofs.fixed), len(numbers))
         )
 
-    def at(self, u: np.ndarray) -> np.ndarray:
+    def at(self, u: Array) -> Array:
         """Values at all coordinates, of this rank's (n_local,); collective."""
         return np.asarray(self.comm.allreduce(self._spread.T @ u))
 
-    def prescribed(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What changes (n_local,) of prescribed dofs alone do to both equations; collective."""
+    def prescribed(self, u: Array) -> tuple[Array, Array]:
+        """What changes (n_local,) of prescribed dofs alone do to both equations, but for the
+        bodies' part; collective."""
         z = self.at(u)
         return self._spread @ (self.K_all @ z), self._all_left @ z
 
-    def times(self, u: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def times(self, u: Array, q: Array) -> tuple[Array, Array]:
         """This rank's (n_local,) of K u + top q, and left u + own q; collective."""
         z = self.at(u)
         return self._spread @ (self.K @ z + self.top @ q), self.left @ z + self.own @ q
 
-    def forces(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def forces(self, s: Array) -> tuple[Array, Array]:
         """q of own' q = s, and this rank's (n_local,) of top q."""
         q = s if self._factor is None else self._factor.solve(s)
         return q, self._spread @ (self.top @ q)
 
-    def after(self, s: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def after(self, s: Array, u: Array) -> Array:
         """q of left u + own' q = s in the preconditioner; collective."""
         return self.forces(s - self._rows @ self.at(u))[0]
 
 
 def _joined(blocks: Sequence[csr_matrix], shape: tuple[int, int] | None = None) -> csr_matrix:
     """Blocks along the diagonal, filled up with zeros to a shape."""
-    joined = block_diag([csr_matrix((0, 0)), *blocks], format="csr")
-    if shape is not None:
-        joined.resize(shape)
-    return joined
+    ends = np.cumsum([(0, 0), *(block.shape for block in blocks)], axis=0)
+    rows, columns = ends[-1] if shape is None else shape
+    count = [np.diff(block.indptr) for block in blocks]
+    starts = np.concatenate([[0], *count, np.zeros(rows - ends[-1, 0], dtype=int)]).cumsum()
+    at = zip(blocks, ends[:, 1], strict=False)
+    index = np.concatenate([np.zeros(0, dtype=np.int32), *(b.indices + c for b, c in at)])
+    values = np.concatenate([np.zeros(0), *(block.data for block in blocks)])
+    return csr_matrix((values, index, starts), (rows, columns))

@@ -17,8 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import summing
-from dolfinx_llm.finite.areas import Covered, FacetPlanes, plane_integrals
+from dolfinx_llm.finite.areas import Covered, FacetPlanes, plane_integrals, tangents_at
 from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.geometry.cells import (
     cross_plane,
@@ -45,47 +46,46 @@ ON = 1e-12  # distance from a line over the polygon's size that is none
 class Clipped:
     """n polygons of up to v corners in a plane, counterclockwise."""
 
-    x: np.ndarray  # (n, v, 2); unused places repeat nothing of meaning [length]
-    mark: np.ndarray  # (n, v) of the edge after each corner: OWN, or the number of the cutting one
-    count: np.ndarray  # (n,) corners
+    x: Array  # (n, v, 2); unused places repeat nothing of meaning [length]
+    mark: Array  # (n, v) of the edge after each corner: OWN, or the number of the cutting one
+    count: Array  # (n,) corners
 
     @property
-    def used(self) -> np.ndarray:
+    def used(self) -> Array:
         """(n, v) places that hold corners."""
         return np.arange(self.x.shape[1]) < self.count[:, None]
 
     @property
-    def following(self) -> np.ndarray:
+    def following(self) -> Array:
         """(n, v) place of the next corner."""
         place = np.arange(1, self.x.shape[1] + 1)
         return np.where(place < self.count[:, None], place, 0)
 
     @property
-    def ends(self) -> np.ndarray:
+    def ends(self) -> Array:
         """(n, v, 2) where the edge after each corner ends [length]."""
         return np.take_along_axis(self.x, self.following[:, :, None], axis=1)
 
     @property
-    def area(self) -> np.ndarray:
+    def area(self) -> Array:
         """(n,)."""
         return 0.5 * np.where(self.used, cross_plane(self.x, self.ends), 0.0).sum(axis=1)
 
 
-def cut(p: np.ndarray, by: np.ndarray) -> Clipped:
+def cut(p: Array, by: Array) -> Clipped:
     """What of polygons p (n, k, 2) lies in convex ones (n, m, 2), all counterclockwise.
 
     Edges on a line of the cutting polygon count as inside, and stay the polygon's own.
     """
     (n, k, _), m = p.shape, by.shape[1]
-    x = np.concatenate([p, np.zeros((n, 2 * m, 2))], axis=1)
-    found = Clipped(x, np.full(x.shape[:2], OWN), np.full(n, k))
+    found = Clipped(p, np.full((n, k), OWN), np.full(n, k))
     tolerance = ON * np.abs(p).max(axis=(1, 2), initial=0.0)[:, None]
     for c in range(m):
         found = _behind(found, by[:, c], by[:, (c + 1) % m], c, tolerance)
     return found
 
 
-def _behind(p: Clipped, a: np.ndarray, b: np.ndarray, c: int, tolerance: np.ndarray) -> Clipped:
+def _behind(p: Clipped, a: Array, b: Array, c: int, tolerance: Array) -> Clipped:
     """What lies to the left of the lines from a to b (n, 2), whose edges get the mark c."""
     side = (b - a) / np.maximum(np.linalg.norm(b - a, axis=1), 1e-300)[:, None]
     arm = p.x - a[:, None]
@@ -99,11 +99,12 @@ def _behind(p: Clipped, a: np.ndarray, b: np.ndarray, c: int, tolerance: np.ndar
     keep = np.stack([used & inside, crosses], axis=2).reshape(n, 2 * v)
     x = np.stack([p.x, crossing], axis=2).reshape(n, 2 * v, 2)
     mark = np.stack([p.mark, np.where(inside, c, p.mark)], axis=2).reshape(n, 2 * v)
-    order = np.argsort(~keep, axis=1, kind="stable")[:, :v]
+    count = keep.sum(axis=1)
+    order = np.argsort(~keep, axis=1, kind="stable")[:, : max(count.max(initial=0), 1)]
     return Clipped(
         np.take_along_axis(x, order[:, :, None], axis=1),
         np.take_along_axis(mark, order, axis=1),
-        keep.sum(axis=1),
+        count,
     )
 
 
@@ -111,10 +112,10 @@ def _behind(p: Clipped, a: np.ndarray, b: np.ndarray, c: int, tolerance: np.ndar
 class Skin:
     """A surface that covers, or is covered, with facets that are straight between corners."""
 
-    x: np.ndarray  # (n, 3) nodes [length]
-    facets: np.ndarray  # (f, k)
+    x: Array  # (n, 3) nodes [length]
+    facets: Array  # (f, k)
     element: Element  # of the j functions that are integrated over what is covered
-    used: np.ndarray  # (f,) facets that can touch
+    used: Array  # (f,) facets that can touch
     first: int  # number of the nodes' first coordinate
 
 
@@ -154,9 +155,7 @@ def covered_facets(own: Skin, other: Skin, width: int, behind: float) -> Covered
     return Covered(share, jacobian(change, columns, width) + gather @ by_edge)
 
 
-def _across(
-    planes: FacetPlanes, own: Skin, other: Skin, behind: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _across(planes: FacetPlanes, own: Skin, other: Skin, behind: float) -> tuple[Array, Array]:
     """Pairs of facets that may lie across each other: (n,) of the surface, (n,) of the other."""
     a, b = np.flatnonzero(own.used), np.flatnonzero(other.used)
     if not len(a) or not len(b):
@@ -180,19 +179,17 @@ def _across(
 class _Edges:
     """e edges of the covered parts of facets that are covered in part."""
 
-    pair: np.ndarray  # (e,) pair of facets that each belongs to
-    facet: np.ndarray  # (e,) facet that is covered
-    a: np.ndarray  # (e, 2) where it begins in that facet's plane [length]
-    b: np.ndarray  # (e, 2) where it ends
-    theirs: np.ndarray  # (e,) whether it lies on an edge of the other facet
-    mark: np.ndarray  # (e,) on which one; 0 where it does not
-    ends: np.ndarray  # (e, 2, 2) ends of that edge [length]
-    heights: np.ndarray  # (e, 2) of its ends over the plane [length]
+    pair: Array  # (e,) pair of facets that each belongs to
+    facet: Array  # (e,) facet that is covered
+    a: Array  # (e, 2) where it begins in that facet's plane [length]
+    b: Array  # (e, 2) where it ends
+    theirs: Array  # (e,) whether it lies on an edge of the other facet
+    mark: Array  # (e,) on which one; 0 where it does not
+    ends: Array  # (e, 2, 2) ends of that edge [length]
+    heights: Array  # (e, 2) of its ends over the plane [length]
 
     @classmethod
-    def of(
-        cls, pieces: Clipped, pairs: np.ndarray, i: np.ndarray, p: np.ndarray, h: np.ndarray
-    ) -> _Edges:
+    def of(cls, pieces: Clipped, pairs: Array, i: Array, p: Array, h: Array) -> _Edges:
         """Edges of the pieces of some pairs, whose other facets lie at p (n, m, 2), h (n, m)."""
         row, place = np.nonzero(pieces.used[pairs])
         pair = pairs[row]
@@ -203,7 +200,7 @@ class _Edges:
         which = pair[:, None]
         return cls(pair, i[pair], a, b, theirs, mark, p[which, both], h[which, both])
 
-    def integrals(self, planes: FacetPlanes) -> tuple[np.ndarray, np.ndarray]:
+    def integrals(self, planes: FacetPlanes) -> tuple[Array, Array]:
         """What each edge adds to the integrals (e, j) [area], and its derivatives (e, j, 3 k + 6)
         by the positions of the facet's nodes and of the other edge's ends [length]."""
         corners, k, element = planes.corners[self.facet], planes.facets.shape[1], planes.element
@@ -213,7 +210,7 @@ class _Edges:
         xi = reference_coordinates(corners, x)
         N, dN = shape_functions(k, xi.reshape(-1, 2))
         N, dN = N.reshape(*xi.shape[:2], k), dN.reshape(*xi.shape[:2], k, 2)
-        (x_xi, x_eta), (y_xi, y_eta) = np.einsum("egkd,eki->ideg", dN, corners)
+        (x_xi, x_eta), (y_xi, y_eta) = tangents_at(dN, corners)
         u, v = side[:, None, 0], side[:, None, 1]
         # xi x dxi/ds, of dxi/ds = (x')⁻¹ side.
         sweep = xi[..., 0] * (x_xi * v - y_xi * u) - xi[..., 1] * (y_eta * u - x_eta * v)
@@ -228,12 +225,13 @@ class _Edges:
         out = np.column_stack([side[:, 1], -side[:, 0]]) * self.theirs[:, None]
         positive = element.positive(xi.reshape(-1, 2)).reshape(*xi.shape[:2], element.nodes)
         weighted = ws[:, None] * positive
-        by_own = by_own - _times(np.einsum("egj,egk->ejk", weighted, N), out)
+        weighted = np.swapaxes(weighted, 1, 2)
+        by_own = by_own - _times(weighted @ N, out)
         shares = np.stack([1.0 - t, t], axis=2)
-        by_other = _times(np.einsum("egj,egm->ejm", weighted, shares), out)
+        by_other = _times(weighted @ shares, out)
         return values, planes.in_space(self.facet, by_own, by_other, self.heights)
 
 
-def _times(a: np.ndarray, v: np.ndarray) -> np.ndarray:
+def _times(a: Array, v: Array) -> Array:
     """(e, j, k, 2) products of a (e, j, k) with vectors v (e, 2)."""
     return np.asarray(a[..., None] * v[:, None, None, :])

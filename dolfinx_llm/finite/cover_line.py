@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import per_item, summing
 from dolfinx_llm.finite.areas import Covered
 from dolfinx_llm.finite.jacobians import NodalNormals, coordinates, jacobian
@@ -23,15 +24,15 @@ from dolfinx_llm.geometry.element import Element, element_of
 class Chains:
     """Facets of polylines in their order: the second node of one is the first of the next."""
 
-    order: np.ndarray  # (f,) facets, chain by chain
-    place: np.ndarray  # (f,) where each stands there
-    chain: np.ndarray  # (f,) its chain
-    length: np.ndarray  # (f,) facets of its chain
-    closed: np.ndarray  # (f,) whether that is closed
-    ends: np.ndarray  # (f, 2) first and last node of its chain
+    order: Array  # (f,) facets, chain by chain
+    place: Array  # (f,) where each stands there
+    chain: Array  # (f,) its chain
+    length: Array  # (f,) facets of its chain
+    closed: Array  # (f,) whether that is closed
+    ends: Array  # (f, 2) first and last node of its chain
 
     @classmethod
-    def of(cls, facets: np.ndarray) -> Chains:
+    def of(cls, facets: Array) -> Chains:
         """Chains of facets (f, 2), which are oriented alike."""
         f = len(facets)
         start = {int(a): i for i, a in enumerate(facets[:, 0])}
@@ -56,10 +57,10 @@ class Chains:
 
 def covered_lines(
     chains: Chains,
-    moving: np.ndarray,
-    candidates: np.ndarray,
-    x: np.ndarray,
-    y: np.ndarray,
+    moving: Array,
+    candidates: Array,
+    x: Array,
+    y: Array,
     at: OnFrame,
     d: LocationDerivatives,
     normals: NodalNormals,
@@ -104,12 +105,12 @@ def covered_lines(
 def _of_frame(
     element: Element,
     chains: Chains,
-    moving: np.ndarray,
-    steps: np.ndarray,
-    start: np.ndarray,
+    moving: Array,
+    steps: Array,
+    start: Array,
     at: OnFrame,
     d: LocationDerivatives,
-    beyond: np.ndarray,
+    beyond: Array,
 ) -> Covered:
     """Sums over facets (k, 2) of the moving side; what is common to neighbours cancels."""
     a, b = moving.T
@@ -133,13 +134,13 @@ def _of_frame(
 
 def _of_moving(
     element: Element,
-    facets: np.ndarray,
-    moving: np.ndarray,
-    x: np.ndarray,
-    y: np.ndarray,
+    facets: Array,
+    moving: Array,
+    x: Array,
+    y: Array,
     at: OnFrame,
-    high: np.ndarray,
-    low: np.ndarray,
+    high: Array,
+    low: Array,
     chains: Chains,
     normals: NodalNormals,
     columns: tuple[int, int],
@@ -169,7 +170,7 @@ def _of_moving(
     return Covered(share, derivative)
 
 
-def _cut(x: np.ndarray, y: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _cut(x: Array, y: Array, n: Array) -> tuple[Array, Array, Array]:
     """Where the line from y (k, 2) along n cuts facets x (k, 2, 2): (k,) in [0, 1], and its
     derivatives by (x_0, x_1, y) (k, 6) and by n (k, 2).
 
@@ -186,7 +187,7 @@ def _cut(x: np.ndarray, y: np.ndarray, n: np.ndarray) -> tuple[np.ndarray, np.nd
     return eta, np.hstack([(eta - 1.0)[:, None] * by_q, -eta[:, None] * by_q, by_q]), by_n
 
 
-def _integral(element: Element, xi: np.ndarray) -> np.ndarray:
+def _integral(element: Element, xi: Array) -> Array:
     """(n, k) integrals of the functions of control values from 0 to xi (n,)."""
     if element == element_of(1, 2):
         return np.column_stack([xi - 0.5 * xi**2, 0.5 * xi**2])

@@ -19,11 +19,13 @@ flat ones). k = 0 but where the rim is covered so poorly that corrections would 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix
 from scipy.sparse.linalg import splu
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.sparse import diagonal, per_item
 from dolfinx_llm.design.stencils import adjacency
@@ -46,12 +48,12 @@ FAINT = 1e-13  # the same, always: for parts of a frame that touch nothing else
 class Stencils:
     """Per facet of a frame the nodes that rows of places on it reach; constant."""
 
-    nodes: np.ndarray  # (f, s) numbers; the last are repeated where there are fewer
-    window: np.ndarray  # (f, k, s) A: 1 where J shares a facet with the facet's node K, or is it
-    own: np.ndarray  # (f, k, s) 1 where the stencil's node is the facet's node
+    nodes: Array  # (f, s) numbers; the last are repeated where there are fewer
+    window: Array  # (f, k, s) A: 1 where J shares a facet with the facet's node K, or is it
+    own: Array  # (f, k, s) 1 where the stencil's node is the facet's node
 
     @classmethod
-    def of(cls, facets: np.ndarray, m: int) -> Stencils:
+    def of(cls, facets: Array, m: int) -> Stencils:
         """Stencils of a frame of m nodes with facets (f, k)."""
         f, k = facets.shape
         incidence = csr_matrix((np.ones(f * k), facets.ravel(), np.arange(f + 1) * k), (f, m))
@@ -71,7 +73,7 @@ class Stencils:
         )
 
 
-def _looked_up(A: csr_matrix, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
+def _looked_up(A: csr_matrix, rows: Array, cols: Array) -> Array:
     """(f, k, s) 1 where A has an entry at rows (f, k) and columns (f, s)."""
     f, k = rows.shape
     at = np.broadcast_to(rows[:, :, None], (f, k, cols.shape[1]))
@@ -83,14 +85,14 @@ def _looked_up(A: csr_matrix, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
 class DesignedRows:
     """Rows of n nodes on a frame of m nodes, s entries each."""
 
-    nodes: np.ndarray  # (n, s) frame node of each entry
-    N: np.ndarray  # (n, s) entries
-    delta: np.ndarray  # (n, s) corrections, part of N
+    nodes: Array  # (n, s) frame node of each entry
+    N: Array  # (n, s) entries
+    delta: Array  # (n, s) corrections, part of N
     M: csr_matrix  # (m, m) sum_p f_p P_p + k, how mu changes the residual [area]
-    G: np.ndarray  # (m, c) what no correction removes [area]
-    mu: np.ndarray  # (m,)
-    left: np.ndarray  # (m,) residual over f_J that no correction removes
-    parts: dict = field(repr=False)  # of which derivatives are made
+    G: Array  # (m, c) what no correction removes [area]
+    mu: Array  # (m,)
+    left: Array  # (m,) residual over f_J that no correction removes
+    parts: dict[str, Any] = field(repr=False)  # of which derivatives are made
 
     def matrix(self, m: int) -> csr_matrix:
         """(n, m) rows as a matrix."""
@@ -106,31 +108,31 @@ class Design:
     """What stays of a frame's design while it moves."""
 
     stencils: Stencils
-    facets: np.ndarray  # (f, k) of the frame
+    facets: Array  # (f, k) of the frame
     element: Element  # of these
     size: float  # h, of the chart of a stencil [length]
     wanted: bool = True  # False: rows stay as they are
 
     @classmethod
-    def of(cls, Y: np.ndarray, facets: np.ndarray, wanted: bool = True) -> Design:
+    def of(cls, Y: Array, facets: Array, wanted: bool = True) -> Design:
         """Design of a frame with nodes Y (m, gdim) as drawn."""
         span = np.linalg.norm(Y[facets] - np.roll(Y[facets], 1, axis=1), axis=2).max()
         element = element_of(Y.shape[1] - 1, facets.shape[1])
         return cls(Stencils.of(facets, len(Y)), facets, element, float(span), wanted)
 
     @property
-    def bernstein(self) -> np.ndarray:
+    def bernstein(self) -> Array:
         """(k, k) E of the frame's facets: weights follow control values, which are not negative."""
         return self.element.bernstein
 
     def rows(
         self,
         at: OnFrame,
-        x: np.ndarray,
-        y: np.ndarray,
-        forces: tuple[np.ndarray, np.ndarray],
+        x: Array,
+        y: Array,
+        forces: tuple[Array, Array],
         limit: float,
-        chart: np.ndarray,
+        chart: Array,
     ) -> DesignedRows:
         """Rows with the smallest corrections.
 
@@ -186,10 +188,10 @@ class Design:
     def smallest_limit(
         self,
         at: OnFrame,
-        x: np.ndarray,
-        y: np.ndarray,
-        forces: tuple[np.ndarray, np.ndarray],
-        chart: np.ndarray,
+        x: Array,
+        y: Array,
+        forces: tuple[Array, Array],
+        chart: Array,
     ) -> float:
         """The smallest k with small corrections, to be held during a step [area].
 
@@ -211,7 +213,7 @@ class Design:
         rows: DesignedRows,
         at: OnFrame,
         d: LocationDerivatives,
-        columns: tuple[np.ndarray, int],
+        columns: tuple[Array, int],
         width: int,
     ) -> tuple[csr_matrix, csr_matrix]:
         """(n s, width) and (n s, m): how entries change with positions, and with mu.
@@ -237,7 +239,6 @@ class Design:
         vdw = q["v"][:, :, None] * dw
         dN = np.einsum("nkd,nks->nsd", at.dN, self.stencils.own[at.facet])
         dN = dN - vdw + np.einsum("nsa,nad->nsd", q["lift"], np.einsum("nas,nsd->nad", q["C"], vdw))
-        found = per_item(dN) @ d.xi
         # Constraints: dc_aJ = (t_a·(dy_J - dx_p) - t_a·dn n·(y_J - x_p)) / h.
         height = np.einsum("nsi,ni->ns", q["arm"], at.normal)
         places = np.concatenate([columns[0], coordinates(rows.nodes, gdim, columns[1])], axis=1)
@@ -245,6 +246,7 @@ class Design:
             t[:, None, None] * q["P"] - lift[:, :, None] * rows.delta[:, None, :]
             for t, lift in zip(q["t"].T, np.moveaxis(q["lift"], 2, 0), strict=True)
         ]
+        moves, turns = np.zeros((n, s, (s + 1) * gdim)), np.zeros((n, s, gdim))
         for a in range(gdim - 1):
             Q = by_row[1 + a]
             for ends, of_product in zip(products(self.element), by_row[gdim:], strict=True):
@@ -252,15 +254,15 @@ class Design:
                     if one == a:
                         Q = Q + of_product * q["C"][:, None, 1 + other]
             tangent = q["tangents"][:, a] / self.size
-            moved = np.einsum("nst,ni->nsti", Q, tangent).reshape(n, s, s * gdim)
-            own = -np.einsum("nst,ni->nsi", Q, tangent)
-            turned = -np.einsum("nst,nt,ni->nsi", Q, height, tangent)
-            found = found + jacobian(np.concatenate([own, moved], axis=2), places, width)
-            found = found + per_item(turned) @ d.normal
-        return found, by_mu
+            moved = Q[:, :, :, None] * tangent[:, None, None]
+            moves[:, :, :gdim] -= Q.sum(axis=2)[:, :, None] * tangent[:, None]
+            moves[:, :, gdim:] += moved.reshape(n, s, s * gdim)
+            turns -= (Q @ height[:, :, None]) * tangent[:, None]
+        through = per_item(dN) @ d.xi + per_item(turns) @ d.normal
+        return through + jacobian(moves, places, width), by_mu
 
 
-def _bordered(M: csr_matrix, G: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _bordered(M: csr_matrix, G: Array, r: Array) -> tuple[Array, Array]:
     """mu and kappa of M mu + G kappa = r, Gᵀ mu = 0; refined once."""
     c = G.shape[1]
     A = bmat([[M, csr_matrix(G)], [csr_matrix(G.T), None]], format="csc")

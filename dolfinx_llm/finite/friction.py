@@ -24,6 +24,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, hstack, vstack
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item, summing
 from dolfinx_llm.finite.friction_law import FrictionRows, friction_rows, in_plane, sticks
 from dolfinx_llm.finite.jacobians import coordinates
@@ -43,8 +44,8 @@ class Friction(MovingContact):
 
     pressed: ClassVar[tuple[int, ...]] = (STICK, SLIP)
 
-    mu: np.ndarray  # (n,) coefficient of friction at the moving side's nodes
-    cohesion: np.ndarray  # (n,) [force / area]
+    mu: Array  # (n,) coefficient of friction at the moving side's nodes
+    cohesion: Array  # (n,) [force / area]
 
     @property
     def size(self) -> int:
@@ -52,11 +53,15 @@ class Friction(MovingContact):
         return super().size + self.sides.surfaces[self.sides.moving].x.size
 
     @property
-    def owner(self) -> np.ndarray:
+    def owner(self) -> Array:
         nodes = self.sides.surfaces[self.sides.moving].owner
         return np.concatenate([super().owner, np.repeat(nodes, self.sides.gdim)])
 
-    def started(self, place: Any, held: Held, closed: np.ndarray) -> Origin:
+    def carried(self, q: Array, R: Array) -> Array:
+        tau = self.sides.surfaces[self.sides.moving].x.size
+        return np.concatenate([q[:-tau], (q[-tau:].reshape(-1, len(R)) @ R.T).ravel()])
+
+    def started(self, place: Any, held: Held, closed: Array) -> Origin:
         """Where slip counts from, at the start of an increment.
 
         Args:
@@ -70,21 +75,21 @@ class Friction(MovingContact):
         """(n, ...) the points that nodes touch now, as ``Origin.points`` are written."""
         raise NotImplementedError
 
-    def way(self, place: Any, origin: Origin) -> tuple[np.ndarray, csr_matrix]:
+    def way(self, place: Any, origin: Origin) -> tuple[Array, csr_matrix]:
         """(n, gdim) sigma, and its derivative (n gdim, width) [length]."""
         raise NotImplementedError
 
-    def turned(self, place: Any, nodes: np.ndarray) -> csr_matrix:
+    def turned(self, place: Any, nodes: Array) -> csr_matrix:
         """(k gdim, width) derivatives of the normals of nodes (k,) in contact [1 / length]."""
         raise NotImplementedError
 
-    def growth(self, place: Any, nodes: np.ndarray) -> csr_matrix:
+    def growth(self, place: Any, nodes: Array) -> csr_matrix:
         """(k, width) derivatives of the areas of nodes (k,) [area / length]."""
         raise NotImplementedError
 
     def touching(
-        self, place: Any, q: np.ndarray, before: np.ndarray, held: Held, reach: np.ndarray
-    ) -> tuple[np.ndarray, Held]:
+        self, place: Any, q: Array, before: Array, held: Held, reach: Array
+    ) -> tuple[Array, Held]:
         """(n,) status, open, stick or slip, and what is held; arguments as without friction."""
         origin = held.origin or self.started(place, held, before != OPEN)
         status, held = super().touching(place, q, before, held, reach)
@@ -98,7 +103,7 @@ class Friction(MovingContact):
         status[closed] = np.where(stick, STICK, SLIP)
         return status, replace(held, origin=origin, exact=held.near and (status == before).all())
 
-    def _begun(self, origin: Origin, place: Any, first: np.ndarray) -> Origin:
+    def _begun(self, origin: Origin, place: Any, first: Array) -> Origin:
         """The same with pairs that are closed for the first time; those that have not met yet, and
         are drawn together, stick until they do."""
         nowhere = ~np.isfinite(origin.gap)
@@ -113,13 +118,13 @@ class Friction(MovingContact):
         met |= before == 0.0
         return replace(origin, points=points, touched=origin.touched | (first & met))
 
-    def _forces(self, place: Any, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _forces(self, place: Any, q: Array) -> tuple[Array, Array]:
         """(n, gdim) tau, and (n,) what it may reach; nothing where nothing presses [force]."""
         n, gdim = place.normal.shape
         bears = self.mu * q[:n] + self.cohesion * place.areas[0]
         return tangential(q, n, gdim), np.where(q[:n] > 0.0, bears, 0.0)
 
-    def dragged(self, t: ContactTerms, place: Any, tau: np.ndarray) -> ContactTerms:
+    def dragged(self, t: ContactTerms, place: Any, tau: Array) -> ContactTerms:
         """Terms of what presses, with tau (n, gdim), 0 at open pairs, as well: forces on the
         coordinates and their derivatives."""
         gdim = tau.shape[1]
@@ -129,9 +134,7 @@ class Friction(MovingContact):
         top = hstack([t.top, on_tau.T.tocsr()], format="csr")
         return replace(t, force=t.force + force, top=top, friction=force)
 
-    def terms(
-        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
-    ) -> ContactTerms:
+    def terms(self, place: Any, q: Array, status: Array, held: Held, free: Array) -> ContactTerms:
         """All that Newton's iteration asks for; arguments as without friction."""
         assert held.origin is not None  # ``touching`` comes first
         n, gdim = place.normal.shape
@@ -153,8 +156,8 @@ class Friction(MovingContact):
         )
 
     def _equations(
-        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
-    ) -> tuple[FrictionRows, csr_matrix, csr_matrix, np.ndarray]:
+        self, place: Any, q: Array, status: Array, held: Held, free: Array
+    ) -> tuple[FrictionRows, csr_matrix, csr_matrix, Array]:
         """The law at closed pairs, its derivatives (n gdim, width) and (n gdim, n) by coordinates
         and lambda, and the slip (n, gdim)."""
         n, gdim = place.normal.shape
@@ -186,6 +189,6 @@ class Friction(MovingContact):
         return law, pick @ by_z, pick @ by_lambda, slip
 
 
-def tangential(q: np.ndarray, n: int, gdim: int) -> np.ndarray:
+def tangential(q: Array, n: int, gdim: int) -> Array:
     """(n, gdim) forces tau along the surface, the last of the unknowns [force]."""
     return q[-n * gdim :].reshape(n, gdim)

@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_matrix, hstack
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_component, per_item, summing
 from dolfinx_llm.finite.friction import MET_AT, Friction
 from dolfinx_llm.finite.jacobians import coordinates
@@ -43,14 +44,14 @@ ALTERNATING = {  # a x b, a number in the plane
 class Couples:
     """Of k places on facets of c corners, with derivatives."""
 
-    force: np.ndarray  # (k, c, gdim) on the corners [force]
-    by_tau: np.ndarray  # (k, c gdim, gdim)
-    by_height: np.ndarray  # (k, c gdim, 1) by d along the normal
-    by_normal: np.ndarray  # (k, c gdim, gdim)
-    by_y: np.ndarray  # (k, c gdim, c gdim) by the corners
+    force: Array  # (k, c, gdim) on the corners [force]
+    by_tau: Array  # (k, c gdim, gdim)
+    by_height: Array  # (k, c gdim, 1) by d along the normal
+    by_normal: Array  # (k, c gdim, gdim)
+    by_y: Array  # (k, c gdim, c gdim) by the corners
 
 
-def couples(tau: np.ndarray, height: np.ndarray, normal: np.ndarray, y: np.ndarray) -> Couples:
+def couples(tau: Array, height: Array, normal: Array, y: Array) -> Couples:
     """The forces.
 
     Args:
@@ -89,7 +90,7 @@ def couples(tau: np.ndarray, height: np.ndarray, normal: np.ndarray, y: np.ndarr
 class FrictionContact(Friction, NormalContact):
     """Points of the frame are written as rows (n, m)."""
 
-    def started(self, place: NormalPlace, held: Held, closed: np.ndarray) -> Origin:
+    def started(self, place: NormalPlace, held: Held, closed: Array) -> Origin:
         """Where slip counts from, at the start of an increment; nodes beyond the frame's rim lie on
         its continuation, so that one that comes in knows from where."""
         at, (n, m, _), C = place.at, self.counts, self.sides.control[0]
@@ -111,19 +112,19 @@ class FrictionContact(Friction, NormalContact):
         """(n, m) rows now."""
         return place.N
 
-    def way(self, place: NormalPlace, origin: Origin) -> tuple[np.ndarray, csr_matrix]:
+    def way(self, place: NormalPlace, origin: Origin) -> tuple[Array, csr_matrix]:
         x, y = self.sides.split(place.z)
         way = self.sides.control[0] @ x - origin.points @ y
         return way, self.sides.jumps(origin.points)
 
-    def turned(self, place: NormalPlace, nodes: np.ndarray) -> csr_matrix:
+    def turned(self, place: NormalPlace, nodes: Array) -> csr_matrix:
         among = np.searchsorted(place.on, nodes)
         return place.turned[coordinates(among[:, None], self.sides.gdim).ravel()]
 
-    def growth(self, place: NormalPlace, nodes: np.ndarray) -> csr_matrix:
+    def growth(self, place: NormalPlace, nodes: Array) -> csr_matrix:
         return place.by_z[0][nodes]
 
-    def dragged(self, t: ContactTerms, place: NormalPlace, tau: np.ndarray) -> ContactTerms:
+    def dragged(self, t: ContactTerms, place: NormalPlace, tau: Array) -> ContactTerms:
         """Terms of what presses, with tau (n, gdim) as well, also as rows spread it and as couples
         bear its arm."""
         t, on = super().dragged(t, place, tau), place.on

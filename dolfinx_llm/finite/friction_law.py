@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.laws.coulomb import AT_LIMIT, stable_slip
 
 LEVEL = 1e-6  # part of a prescribed direction in the tangent plane that is none
@@ -29,13 +30,13 @@ LEVEL = 1e-6  # part of a prescribed direction in the tangent plane that is none
 class FrictionRows:
     """The law at k pairs, and its derivatives."""
 
-    rest: np.ndarray  # (k, gdim) what is left [length]
-    by_force: np.ndarray  # (k, gdim, gdim) derivative by tau [length / force]
-    by_slip: np.ndarray  # (k, gdim, gdim) by sigma
-    by_normal: np.ndarray  # (k, gdim, gdim) by n [length]
-    by_bound: np.ndarray  # (k, gdim) by b [length / force]
+    rest: Array  # (k, gdim) what is left [length]
+    by_force: Array  # (k, gdim, gdim) derivative by tau [length / force]
+    by_slip: Array  # (k, gdim, gdim) by sigma
+    by_normal: Array  # (k, gdim, gdim) by n [length]
+    by_bound: Array  # (k, gdim) by b [length / force]
 
-    def moved(self, tau: np.ndarray, sigma: np.ndarray, bound: np.ndarray) -> FrictionRows:
+    def moved(self, tau: Array, sigma: Array, bound: Array) -> FrictionRows:
         """The same tangents where forces (k, gdim), ways (k, gdim) and bounds (k,) have changed."""
         changes = np.einsum("kij,kj->ki", self.by_force, tau)
         changes += np.einsum("kij,kj->ki", self.by_slip, sigma) + self.by_bound * bound[:, None]
@@ -43,13 +44,13 @@ class FrictionRows:
 
 
 def sticks(
-    normal: np.ndarray,
-    tau: np.ndarray,
-    sigma: np.ndarray,
-    bound: np.ndarray,
+    normal: Array,
+    tau: Array,
+    sigma: Array,
+    bound: Array,
     c: float,
-    slipped: np.ndarray,
-) -> np.ndarray:
+    slipped: Array,
+) -> Array:
     """(k,) which pairs stick: |z| <= b, or less by rounding for those that have slipped.
 
     Args:
@@ -65,14 +66,14 @@ def sticks(
 
 
 def friction_rows(
-    normal: np.ndarray,
-    tau: np.ndarray,
-    sigma: np.ndarray,
-    bound: np.ndarray,
+    normal: Array,
+    tau: Array,
+    sigma: Array,
+    bound: Array,
     c: float,
-    stick: np.ndarray,
-    prescribed: np.ndarray,
-    yielding: np.ndarray,
+    stick: Array,
+    prescribed: Array,
+    yielding: Array,
     exact: bool = False,
 ) -> FrictionRows:
     """The law and its derivatives.
@@ -108,18 +109,18 @@ def friction_rows(
     )
 
 
-def in_plane(normal: np.ndarray, w: np.ndarray) -> np.ndarray:
+def in_plane(normal: Array, w: Array) -> Array:
     """(k, gdim) P w."""
     return w - np.einsum("ki,ki->k", normal, w)[:, None] * normal
 
 
-def _turned(normal: np.ndarray, w: np.ndarray) -> np.ndarray:
+def _turned(normal: Array, w: Array) -> Array:
     """(k, gdim, gdim) derivative of P w by n."""
     along = np.einsum("ki,ki->k", normal, w)[:, None, None] * np.eye(normal.shape[1])
     return -along - normal[:, :, None] * w[:, None, :]
 
 
-def _span(P: np.ndarray, prescribed: np.ndarray) -> np.ndarray:
+def _span(P: Array, prescribed: Array) -> Array:
     """(k, gdim, gdim) projections on what of the prescribed axes lies in the tangent planes."""
     if not prescribed.any():
         return np.zeros_like(P)

@@ -11,19 +11,19 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
-from dolfinx_llm.finite.system import Part
+from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState, slid, stays
+from dolfinx_llm.finite.parts import Part
 from dolfinx_llm.finite.terms import (
-    ContactTerms,
     Held,
     MovingContact,
     differ,
     foreseen,
     lands,
-    slide,
 )
-from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
+from dolfinx_llm.finite.turning import turned
+from dolfinx_llm.laws.rows import OPEN
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
 ROUNDED = 4e-15  # residual over stiffness times length: stresses near 1 + grad u = 1 are rounded
@@ -53,7 +53,7 @@ def failing() -> Iterator[None]:
         raise StepFailed(str(error)) from None
 
 
-def _inside_out(comm: MPI.Comm, body: np.ndarray, du: np.ndarray) -> StepFailed:
+def _inside_out(comm: MPI.Comm, body: Array, du: Array) -> StepFailed:
     """For a residual (n_local,) that is not finite after the smallest change tried; collective."""
     numbers = float((~np.isfinite(body)).sum()), float(np.abs(du).max(initial=0.0))
     every = np.array(comm.allgather(numbers))
@@ -63,7 +63,7 @@ def _inside_out(comm: MPI.Comm, body: np.ndarray, du: np.ndarray) -> StepFailed:
     )
 
 
-def _check_solution(comm: MPI.Comm, du: np.ndarray, dq: np.ndarray, size: float) -> None:
+def _check_solution(comm: MPI.Comm, du: Array, dq: Array, size: float) -> None:
     """Require changes of this rank's u (n_local,) and of own unknowns that are numbers, and that of
     u no larger than held bodies of cells of a size [length] move; collective."""
     finite = np.isfinite(du).all() and np.isfinite(dq).all()
@@ -74,27 +74,10 @@ def _check_solution(comm: MPI.Comm, du: np.ndarray, dq: np.ndarray, size: float)
         raise StepFailed(f"a body flies away, by {far:.2g} in an iteration: nothing holds it")
 
 
-def _push(total: np.ndarray, at: np.ndarray, force: np.ndarray) -> None:
+def _push(total: Array, at: Array, force: Array) -> None:
     """Add forces known to every rank to those on this rank's dofs (n_local,)."""
     mine = (at >= 0) & (at < len(total))
     np.add.at(total, at[mine], force[mine])
-
-
-def _stays(steps: Equations, start: NewtonState) -> list[Any]:
-    """Per interface the pairs that stay in contact in a step in time: those that press at its
-    start; (n,) or one for all."""
-    return [
-        steps.bodies.in_time
-        and status is not None
-        and np.isin(status, placed.what.pressed) & (q[: len(status)] > 0.0)
-        for placed, status, q in zip(steps.interfaces, start.status, start.own, strict=True)
-    ]
-
-
-def _slid(steps: Equations, terms: list[ContactTerms], du: np.ndarray) -> float:
-    """How far nodes in contact slide over the other side for a change of u [length]."""
-    every, dofs = zip(steps.interfaces, terms, strict=True), steps.bodies.dofs
-    return max((slide(p.what, t, dofs.values(p.numbers, du)) for p, t in every), default=0.0)
 
 
 class Increment:
@@ -131,13 +114,24 @@ class Increment:
             ]
             self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
         self.status: list[Any] = list(good.status)
-        self.stays = _stays(steps, start)
+        self.stays = stays(steps, start)
         self.changes, self.doubt, self.stuck, self.error = 0, 0.0, False, np.inf
         self.drawn = [False] * len(self.held)
         self._body = self._residual(self.u)
         self.evaluate()
+        self._turn()
 
-    def _residual(self, u: np.ndarray) -> np.ndarray:
+    def _turn(self) -> None:
+        """Where all that is prescribed turns alike, turn all with it."""
+        alone = self.steps.bodies.in_time or any(len(pose) for pose in self.poses)
+        if found := None if alone else turned(self.dofs, self.u, self.target):
+            self.u, R = found
+            every = zip(self.steps.interfaces, self.own, strict=True)
+            self.own = [placed.what.carried(q, R) for placed, q in every]
+            self._body, self.error, self.doubt = self._residual(self.u), np.inf, 0.0
+            self.evaluate()
+
+    def _residual(self, u: Array) -> Array:
         with self.steps.times.timed("assembly of F"):
             return self.steps.bodies.residual(u)
 
@@ -209,12 +203,12 @@ class Increment:
         with steps.times.timed("assembly of J"):
             K = steps.bodies.tangent(self.u)
         try:
-            du, changes = self._solve(K.copy() if self.lagged else K)
+            du, changes = self._solve(K)
             for _ in range(SETTLINGS if self.lagged else 0):
                 if not self._foresee(du, changes):
                     break
                 self._balance()
-                du, changes = self._solve(K.copy())
+                du, changes = self._solve(K)
         finally:
             K.destroy()
         for cut in 0.5 ** np.arange(CUTS):
@@ -223,7 +217,7 @@ class Increment:
                 break
         else:
             raise _inside_out(self.dofs.comm, body, cut * du)
-        self.lagged = _slid(steps, self.terms, cut * du) > SLIDES * steps.size
+        self.lagged = slid(steps, self.terms, cut * du) > SLIDES * steps.size
         self.u, self._body = self.u + cut * du, body
         self.own = [q + cut * d for q, d in zip(self.own, changes, strict=True)]
         exact, before = any(held.exact for held in self.held), self.error
@@ -232,8 +226,8 @@ class Increment:
         early = exact and self.error > HELPED * before  # slip has turned round
         self.trusted *= LESS if early else 1.0
 
-    def _solve(self, K: PETSc.Mat) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Changes of this rank's u and of each interface's own unknowns; K is used up."""
+    def _solve(self, K: PETSc.Mat) -> tuple[Array, list[Array]]:
+        """Changes of this rank's u and of each interface's own unknowns."""
         steps, r = self.steps, np.where(self.fixed, self.u - self.target, self.r)
         with steps.times.timed("factorisation"), failing():
             exact = (self.lagged or self.error > LANDED) and lands(self.held)
@@ -241,7 +235,7 @@ class Increment:
         _check_solution(self.dofs.comm, du, dq, steps.bodies.size)
         return du, np.split(dq, np.cumsum([len(q) for q in self.own])[:-1]) if self.own else []
 
-    def _foresee(self, du: np.ndarray, changes: list[np.ndarray]) -> bool:
+    def _foresee(self, du: Array, changes: list[Array]) -> bool:
         """Whether the linear model has other pairs in contact than were put in; these are then.
 
         A body that comes down on a few nodes alone would bear all of its load on them.
@@ -276,20 +270,6 @@ class Increment:
         if found := any(now):
             self.evaluate()
         return found
-
-    def entry(self, iteration: int) -> dict:
-        """For the history."""
-        counts = np.bincount(np.concatenate([np.zeros(0, int), *self.status]), minlength=4)
-        return {
-            "part": self.end,
-            "iteration": iteration,
-            "active": int(counts[1:].sum()),
-            "stick": int(counts[STICK]),
-            "slip": int(counts[SLIP]),
-            "changes": self.changes,
-            "residual": self.error,
-            "linear": self.steps.system.taken(),
-        }
 
     def state(self) -> NewtonState:
         """The state as it is."""

@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import per_item
 from dolfinx_llm.geometry.cells import areas_around
 
 QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # turns by 90 degrees
 
 
-def jacobian(blocks: np.ndarray, columns: np.ndarray, width: int) -> csr_matrix:
+def jacobian(blocks: Array, columns: Array, width: int) -> csr_matrix:
     """(n r, width) matrix of blocks.
 
     Args:
@@ -27,21 +28,24 @@ def jacobian(blocks: np.ndarray, columns: np.ndarray, width: int) -> csr_matrix:
         width: number of all coordinates.
     """
     n, r, c = blocks.shape
+    order = np.argsort(columns, axis=1, kind="stable")  # once for all rows of an item
     # SciPy's own kind of index: it looks for the largest of any other, again and again.
-    index = np.broadcast_to(columns[:, None, :], (n, r, c)).astype(np.int32).ravel()
+    index = np.take_along_axis(columns, order, axis=1).astype(np.int32)[:, None].repeat(r, axis=1)
+    blocks = np.take_along_axis(blocks, order[:, None], axis=2)
     starts = np.arange(n * r + 1, dtype=np.int32) * c
-    matrix = csr_matrix((blocks.ravel(), index, starts), (n * r, width))
+    matrix = csr_matrix((blocks.ravel(), index.ravel(), starts), (n * r, width))
+    matrix.has_sorted_indices = True
     matrix.sum_duplicates()
     return matrix
 
 
-def coordinates(nodes: np.ndarray, gdim: int, first: int = 0) -> np.ndarray:
+def coordinates(nodes: Array, gdim: int, first: int = 0) -> Array:
     """(..., k gdim) numbers of the coordinates of nodes (..., k); the first node's is ``first``."""
     found = first + gdim * nodes[..., None] + np.arange(gdim)
     return found.reshape(*nodes.shape[:-1], nodes.shape[-1] * gdim)
 
 
-def cross_matrix(w: np.ndarray) -> np.ndarray:
+def cross_matrix(w: Array) -> Array:
     """(..., 3, 3) matrix of v -> v x w for w (..., 3); (..., 1, 2) of v -> v x w in the plane."""
     if w.shape[-1] == 2:
         return np.stack([w[..., 1], -w[..., 0]], axis=-1)[..., None, :]
@@ -58,11 +62,11 @@ def cross_matrix(w: np.ndarray) -> np.ndarray:
 class NodalNormals:
     """Averaged normals of a surface's nodes, weighted by vector areas of the facets around."""
 
-    n: np.ndarray  # (m, gdim) unit, out of the body
+    n: Array  # (m, gdim) unit, out of the body
     derivative: csr_matrix  # (m gdim, width) by all coordinates of the interface [1 / length]
 
 
-def area_derivatives(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
+def area_derivatives(x: Array, facets: Array) -> Array:
     """(f, gdim, k gdim) derivatives of the facets' vector areas by their nodes' positions.
 
     Args:
@@ -77,7 +81,7 @@ def area_derivatives(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
     return 0.5 * np.moveaxis(cross_matrix(across), 1, 2).reshape(f, 3, 3 * k)
 
 
-def nodal_normals(x: np.ndarray, facets: np.ndarray, first: int, width: int) -> NodalNormals:
+def nodal_normals(x: Array, facets: Array, first: int, width: int) -> NodalNormals:
     """Normals of the nodes, along ``areas_around``, with their derivatives.
 
     Args:

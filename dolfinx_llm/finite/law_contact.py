@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, vstack
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, summing
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction import Friction, tangential
@@ -35,8 +36,8 @@ class LawContact(ToldContact):
     settles: ClassVar[bool] = False
 
     def touching(
-        self, place: Any, q: np.ndarray, before: np.ndarray, held: Held, reach: np.ndarray
-    ) -> tuple[np.ndarray, Held]:
+        self, place: Any, q: Array, before: Array, held: Held, reach: Array
+    ) -> tuple[Array, Held]:
         """(n,) status as the law says, and what is held; arguments as without a law."""
         origin = held.origin or self.started(place, held, before != OPEN)
         apart = moved(place, -self.gap_drawn)
@@ -59,9 +60,7 @@ class LawContact(ToldContact):
         status[asked[closed]] = np.where(said.status == OPEN, CLOSED, said.status)[closed]
         return status, begun
 
-    def terms(
-        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
-    ) -> ContactTerms:
+    def terms(self, place: Any, q: Array, status: Array, held: Held, free: Array) -> ContactTerms:
         """All that Newton's iteration asks for; arguments as without a law."""
         (n, gdim), c, gives = place.normal.shape, held.scale, self.law.gives
         supported = np.ones_like(free) if gives else free
@@ -118,9 +117,7 @@ class LawOnFrame(LawContact, FrictionContact):
     """On the moving frame."""
 
     @classmethod
-    def under(
-        cls, law: Law, nodes: LawNodes, sides: Sides, design: Design, z: np.ndarray
-    ) -> LawOnFrame:
+    def under(cls, law: Law, nodes: LawNodes, sides: Sides, design: Design, z: Array) -> LawOnFrame:
         """Contact of surfaces drawn at coordinates z (width,).
 
         Args:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item, summing
 from dolfinx_llm.finite.jacobians import coordinates, cross_matrix, jacobian
 from dolfinx_llm.laws.law import Law
@@ -23,15 +24,15 @@ STEP = 1e-4  # part of an area by which the law's forces are compared: they are 
 class Tangents:
     """Bases of k tangent planes, which follow the surface."""
 
-    e: np.ndarray  # (k, gdim - 1, gdim) unit vectors
+    e: Array  # (k, gdim - 1, gdim) unit vectors
     by_z: tuple[csr_matrix, ...]  # of each (k gdim, width) [1 / length]
 
     @classmethod
     def of(
         cls,
-        x: np.ndarray,
-        ends: tuple[np.ndarray, np.ndarray],
-        normal: np.ndarray,
+        x: Array,
+        ends: tuple[Array, Array],
+        normal: Array,
         turned: csr_matrix,
         first: int,
     ) -> Tangents:
@@ -64,11 +65,11 @@ class Tangents:
         second = per_item(cross_matrix(e)) @ turned - per_item(cross_matrix(normal)) @ by_e
         return cls(np.stack([e, np.cross(normal, e)], axis=1), (by_e, second))
 
-    def components(self, w: np.ndarray) -> np.ndarray:
+    def components(self, w: Array) -> Array:
         """(k, gdim - 1) components of vectors w (k, gdim)."""
         return np.einsum("kri,ki->kr", self.e, w)
 
-    def turning(self, w: np.ndarray) -> list[csr_matrix]:
+    def turning(self, w: Array) -> list[csr_matrix]:
         """Of each component (k, width) its derivative for a vector w (k, gdim) that stays."""
         return [per_item(w[:, None]) @ by for by in self.by_z]
 
@@ -77,16 +78,16 @@ class Tangents:
 class Linear:
     """What a law leaves at k nodes, q components each, and its derivatives."""
 
-    left: np.ndarray  # (k, q) [force]
-    by_force: np.ndarray  # (k, q, q)
-    by_jump: np.ndarray  # (k, q, q) [force / length]
-    by_N: np.ndarray  # (k, q)
-    by_area: np.ndarray  # (k, q) [force / area]
-    status: np.ndarray  # (k,)
-    holds: np.ndarray  # (k,) where pairs may pull
+    left: Array  # (k, q) [force]
+    by_force: Array  # (k, q, q)
+    by_jump: Array  # (k, q, q) [force / length]
+    by_N: Array  # (k, q)
+    by_area: Array  # (k, q) [force / area]
+    status: Array  # (k,)
+    holds: Array  # (k,) where pairs may pull
 
 
-def linear(law: Law, nodes: LawNodes, jump: np.ndarray) -> Linear:
+def linear(law: Law, nodes: LawNodes, jump: Array) -> Linear:
     """A law about an iterate.
 
     Args:
@@ -128,15 +129,15 @@ class LawSystem:
     columns: int
     width: int  # number of coordinates
     n: int
-    at: np.ndarray  # (k,) the nodes
+    at: Array  # (k,) the nodes
     said: Linear
     tangents: Tangents | None  # where the law slips
-    normal: np.ndarray  # (k, gdim)
+    normal: Array  # (k, gdim)
     turned: csr_matrix  # (k gdim, width) its derivative
-    tau: np.ndarray  # (k, gdim) forces along the surface [force]
+    tau: Array  # (k, gdim) forces along the surface [force]
 
     @property
-    def own(self) -> np.ndarray:
+    def own(self) -> Array:
         """(k gdim,) numbers of the nodes' components."""
         return coordinates(self.at[:, None], self.normal.shape[1]).ravel()
 
@@ -151,7 +152,7 @@ class LawSystem:
         return csr_matrix(parts, (matrix.shape[0], self.columns))
 
     def change(
-        self, gap: csr_matrix, growth: csr_matrix, way: tuple[np.ndarray, csr_matrix], sign: float
+        self, gap: csr_matrix, growth: csr_matrix, way: tuple[Array, csr_matrix], sign: float
     ) -> csr_matrix:
         """(k p, columns) derivatives.
 
@@ -179,7 +180,7 @@ class LawSystem:
             + per_item(said.by_area[:, :, None]) @ self.widened(growth)
         )
 
-    def along(self, change: csr_matrix) -> tuple[csr_matrix, np.ndarray]:
+    def along(self, change: csr_matrix) -> tuple[csr_matrix, Array]:
         """(k gdim, columns) derivatives and (k, gdim) values of the part along the surface as
         vectors, and of n·tau, which is 0.
 

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.finite.friction import Friction, tangential
 from dolfinx_llm.finite.law_rows import Linear, Tangents, linear
@@ -30,9 +31,9 @@ PULLS = 1e-9  # force over stiffness times facet size below which it is none
 class Kept:
     """What a law keeps from increment to increment."""
 
-    history: dict[str, np.ndarray]  # (n, ...)
-    jump: np.ndarray  # (n, q) at the end of the last one [length]
-    pulled: np.ndarray  # (n,) nodes at which the law pulled then
+    history: dict[str, Array]  # (n, ...)
+    jump: Array  # (n, q) at the end of the last one [length]
+    pulled: Array  # (n,) nodes at which the law pulled then
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +45,11 @@ class ToldContact(Friction):
 
     law: Law
     nodes: LawNodes  # all n as drawn, with the law's history at the start
-    gap_drawn: np.ndarray  # (n,) that does not count [length]
-    neighbours: np.ndarray  # (n,) of each node, on the surface
+    gap_drawn: Array  # (n,) that does not count [length]
+    neighbours: Array  # (n,) of each node, on the surface
 
     @staticmethod
-    def told(sides: Any, law: Law, nodes: LawNodes, gap: np.ndarray) -> tuple[Any, ...]:
+    def told(sides: Any, law: Law, nodes: LawNodes, gap: Array) -> tuple[Any, ...]:
         """Of a law of one's own all that it knows at first: coefficients of friction, and the
         fields of this class.
 
@@ -89,11 +90,14 @@ class ToldContact(Friction):
         nodes = self.sides.surfaces[self.sides.moving]
         return super().size - (0 if self.law.slips else nodes.x.size)
 
+    def carried(self, q: Array, R: Array) -> Array:
+        return super().carried(q, R) if self.law.slips else q
+
     @property
-    def owner(self) -> np.ndarray:
+    def owner(self) -> Array:
         return super().owner[: self.size]
 
-    def check_reach(self, held: Held, asked: np.ndarray) -> None:
+    def check_reach(self, held: Held, asked: Array) -> None:
         """Require that nodes where the law pulled in the last increment are among those asked (k,).
 
         Raises:
@@ -112,7 +116,7 @@ class ToldContact(Friction):
                 "facets there, or a law that ends before"
             )
 
-    def _jump(self, place: Any, held: Held, at: np.ndarray) -> tuple[np.ndarray, Tangents | None]:
+    def _jump(self, place: Any, held: Held, at: Array) -> tuple[Array, Tangents | None]:
         """(k, q) jumps of nodes (k,), and the base of their components along the surface."""
         parts, tangents = [], None
         if self.law.slips:
@@ -125,7 +129,7 @@ class ToldContact(Friction):
             parts.append((self.gap_drawn - place.gap)[at][:, None])
         return np.concatenate(parts, axis=1), tangents
 
-    def _tangents(self, place: Any, at: np.ndarray) -> Tangents:
+    def _tangents(self, place: Any, at: Array) -> Tangents:
         ends = at, self.neighbours[at]
         first = self.sides.first[0]
         x = self.sides.split(place.z)[0]
@@ -141,7 +145,7 @@ class ToldContact(Friction):
         return held.kept or Kept(self.nodes.history, 0.0 * jump, np.zeros(len(jump), dtype=bool))
 
     def _told(
-        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, at: np.ndarray
+        self, place: Any, q: Array, status: Array, held: Held, at: Array
     ) -> tuple[LawNodes, Tangents | None]:
         """What the law is told of nodes (k,), with their jump as it is."""
         n, gdim = place.normal.shape
@@ -165,7 +169,7 @@ class ToldContact(Friction):
         ), tangents
 
     def said(
-        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, at: np.ndarray
+        self, place: Any, q: Array, status: Array, held: Held, at: Array
     ) -> tuple[Linear, Tangents | None]:
         """The law about this iterate, at nodes (k,)."""
         nodes, tangents = self._told(place, q, status, held, at)
@@ -177,9 +181,7 @@ class ToldContact(Friction):
             said = linear(self.law, replace(nodes, jump=shut), jump)
         return said, tangents
 
-    def keeps(
-        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held
-    ) -> Callable[[], Kept]:
+    def keeps(self, place: Any, q: Array, status: Array, held: Held) -> Callable[[], Kept]:
         """What is kept if this is the end of the increment."""
 
         def ended() -> Kept:
@@ -199,7 +201,7 @@ class ToldContact(Friction):
         return ended
 
 
-def neighbours(facets: np.ndarray, n: int) -> np.ndarray:
+def neighbours(facets: Array, n: int) -> Array:
     """(n,) a node that shares an edge with each of n nodes, of facets (f, k)."""
     found = np.zeros(n, dtype=np.int64)
     found[facets] = np.roll(facets, -1, axis=1)

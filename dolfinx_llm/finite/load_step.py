@@ -9,8 +9,10 @@ from typing import Any, Protocol
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.system import NewtonSystem, mean_diagonal
+from dolfinx_llm.finite.terms import ContactTerms, slide
 from dolfinx_llm.operators.numbering import BodyDofs
 
 
@@ -23,13 +25,13 @@ class Bodies(Protocol):
     in_time: bool  # load steps are steps in time: bodies may fly, and pairs that press at the start
     # of one stay in contact in it
 
-    def residual(self, u: np.ndarray) -> np.ndarray:
+    def residual(self, u: Array) -> Array:
         """This rank's residual of all dofs at u (n_local,)."""
 
-    def tangent(self, u: np.ndarray) -> PETSc.Mat:
+    def tangent(self, u: Array) -> PETSc.Mat:
         """Its derivative, without conditions."""
 
-    def inside_out(self, u: np.ndarray) -> tuple[int, list[float]]:
+    def inside_out(self, u: Array) -> tuple[int, list[float]]:
         """How many cells are inside out at u, and where one is drawn; collective."""
 
 
@@ -38,11 +40,11 @@ class Placed:
     """Contact or a follower load, and where its coordinates stand."""
 
     what: Any  # MovingContact or Follower
-    numbers: np.ndarray  # (width,) dofs in the vector of all bodies
-    drawn: np.ndarray  # (width,) coordinates as drawn [length]
-    free: np.ndarray  # (width,) not prescribed
+    numbers: Array  # (width,) dofs in the vector of all bodies
+    drawn: Array  # (width,) coordinates as drawn [length]
+    free: Array  # (width,) not prescribed
 
-    def at(self, dofs: BodyDofs, u: np.ndarray) -> np.ndarray:
+    def at(self, dofs: BodyDofs, u: Array) -> Array:
         """(width,) coordinates at this rank's u; collective."""
         return self.drawn + dofs.values(self.numbers, u)
 
@@ -51,13 +53,13 @@ class Placed:
 class NewtonState:
     """An equilibrium."""
 
-    u: np.ndarray  # (n_local,) this rank's displacement [length]
-    own: tuple[np.ndarray, ...]  # unknowns of each interface
-    status: tuple[np.ndarray | None, ...]  # of the pairs of each interface; None: not known yet
-    pressures: np.ndarray  # of the follower loads [force / area]
-    poses: tuple[np.ndarray, ...]  # per interface what places a rigid obstacle; empty without one
+    u: Array  # (n_local,) this rank's displacement [length]
+    own: tuple[Array, ...]  # unknowns of each interface
+    status: tuple[Array | None, ...]  # of the pairs of each interface; None: not known yet
+    pressures: Array  # of the follower loads [force / area]
+    poses: tuple[Array, ...]  # per interface what places a rigid obstacle; empty without one
     kept: tuple[Any, ...]  # per interface what its own law keeps; None without one
-    pushed: np.ndarray  # (n_local,) forces of contact and follower loads on the bodies [force]
+    pushed: Array  # (n_local,) forces of contact and follower loads on the bodies [force]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +67,10 @@ class LoadStep:
     """A load step from one state to what is prescribed now."""
 
     start: NewtonState
-    values: np.ndarray  # (n_local,) prescribed displacements at its end [length]
-    pressures: np.ndarray  # at its end [force / area]
-    poses: tuple[np.ndarray, ...]  # of rigid obstacles at its end
-    unbalanced: np.ndarray  # (n_local,) residual of the start under the loads of its end [force]
+    values: Array  # (n_local,) prescribed displacements at its end [length]
+    pressures: Array  # at its end [force / area]
+    poses: tuple[Array, ...]  # of rigid obstacles at its end
+    unbalanced: Array  # (n_local,) residual of the start under the loads of its end [force]
 
 
 @dataclass(eq=False)
@@ -84,9 +86,26 @@ class Equations:
     scale: float = 0.0  # stiffness of the bodies, known with the first tangent [force / length]
     measured: int = -1  # version of the bodies that this is of
 
-    def measure(self, u: np.ndarray) -> None:
+    def measure(self, u: Array) -> None:
         """Find the bodies' stiffness at this rank's u, once for what they are now; collective."""
         if self.measured != self.bodies.version:
             K = self.bodies.tangent(u)
             self.scale, self.measured = mean_diagonal(K), self.bodies.version
             K.destroy()
+
+
+def stays(steps: Equations, start: NewtonState) -> list[Any]:
+    """Per interface the pairs that stay in contact in a step in time: those that press at its
+    start; (n,) or one for all."""
+    return [
+        steps.bodies.in_time
+        and status is not None
+        and np.isin(status, placed.what.pressed) & (q[: len(status)] > 0.0)
+        for placed, status, q in zip(steps.interfaces, start.status, start.own, strict=True)
+    ]
+
+
+def slid(steps: Equations, terms: list[ContactTerms], du: Array) -> float:
+    """How far nodes in contact slide over the other side for a change of u [length]."""
+    every, dofs = zip(steps.interfaces, terms, strict=True), steps.bodies.dofs
+    return max((slide(p.what, t, dofs.values(p.numbers, du)) for p, t in every), default=0.0)

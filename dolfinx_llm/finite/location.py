@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item
 from dolfinx_llm.finite.jacobians import NodalNormals, coordinates, jacobian
 from dolfinx_llm.geometry.cells import (
@@ -40,38 +41,38 @@ SETTLED = 1e-9  # last change of Newton's iteration: its square is rounding
 class OnFrame:
     """Where n nodes lie on a frame of facets with k nodes, d = gdim - 1."""
 
-    facet: np.ndarray  # (n,) facet of the frame
-    xi: np.ndarray  # (n, d) reference coordinates; beyond the rim those of the continued facet
-    N: np.ndarray  # (n, k) shape functions
-    dN: np.ndarray  # (n, k, d) their derivatives
-    height: np.ndarray  # (n,) of the node over the frame, in units of the mean normal's length
-    mean: np.ndarray  # (n, gdim) sum_J N_J n_J
-    met: np.ndarray  # (n,) whether it meets the frame at all
-    beyond: np.ndarray  # (n,) how far it lies beyond the facet: minus the smallest shape function
+    facet: Array  # (n,) facet of the frame
+    xi: Array  # (n, d) reference coordinates; beyond the rim those of the continued facet
+    N: Array  # (n, k) shape functions
+    dN: Array  # (n, k, d) their derivatives
+    height: Array  # (n,) of the node over the frame, in units of the mean normal's length
+    mean: Array  # (n, gdim) sum_J N_J n_J
+    met: Array  # (n,) whether it meets the frame at all
+    beyond: Array  # (n,) how far it lies beyond the facet: minus the smallest shape function
     # of its corners
 
     @property
-    def normal(self) -> np.ndarray:
+    def normal(self) -> Array:
         """(n, gdim) the frame's unit normal there."""
         return self.mean / np.linalg.norm(self.mean, axis=1)[:, None]
 
     @property
-    def gap(self) -> np.ndarray:
+    def gap(self) -> Array:
         """(n,) distance of the node from the frame along its normal [length]."""
         return self.height * np.linalg.norm(self.mean, axis=1)
 
-    def part(self, which: np.ndarray) -> OnFrame:
+    def part(self, which: Array) -> OnFrame:
         """Some of the nodes (k,)."""
         fields = {name: getattr(self, name)[which] for name in self.__dataclass_fields__}
         return OnFrame(**fields)
 
 
 def find_on_frame(
-    x: np.ndarray,
-    y: np.ndarray,
-    facets: np.ndarray,
-    normals: np.ndarray,
-    own: np.ndarray | None = None,
+    x: Array,
+    y: Array,
+    facets: Array,
+    normals: Array,
+    own: Array | None = None,
 ) -> OnFrame:
     """Where nodes meet a frame: within a facet, the nearest of these; else beyond the nearest.
 
@@ -105,13 +106,13 @@ def find_on_frame(
 
 
 def _nearest(
-    x: np.ndarray,
-    y: np.ndarray,
-    facets: np.ndarray,
-    normals: tuple[np.ndarray, np.ndarray | None],
-    which: np.ndarray,
-    facet: np.ndarray,
-) -> tuple[OnFrame, np.ndarray]:
+    x: Array,
+    y: Array,
+    facets: Array,
+    normals: tuple[Array, Array | None],
+    which: Array,
+    facet: Array,
+) -> tuple[OnFrame, Array]:
     """The best of the facets (k,) that are tried for nodes ``which`` (k,), each at least once, and
     how far (n,) nodes lie beyond it [length]."""
     p, n = y[facets[facet]], normals[0][facets[facet]]
@@ -139,15 +140,13 @@ def _nearest(
     return found, away[best]
 
 
-def _of_corners(k: int, xi: np.ndarray) -> np.ndarray:
+def _of_corners(k: int, xi: Array) -> Array:
     """(n, c) shape functions of the corners of cells with k nodes, as if there were no others."""
     d = xi.shape[1]
     return element_of(d, element_of(d, k).corners).shape(xi)[0]
 
 
-def _meet(
-    x: np.ndarray, y: np.ndarray, n: np.ndarray, vague: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _meet(x: Array, y: Array, n: Array, vague: float) -> tuple[Array, Array, Array]:
     """Reference coordinates, heights and success of Newton's iteration for points x (n, gdim) on
     facets with nodes y and normals n (n, k, gdim), the mean of which is longer than ``vague``."""
     k, d = y.shape[1], x.shape[1] - 1
@@ -174,19 +173,19 @@ def _meet(
     return xi, height, met
 
 
-def _sums(N: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _sums(N: Array, y: Array) -> Array:
     """(n, gdim) sums over nodes: weights N (n, k), values y (n, k, gdim)."""
     return np.einsum("nk,nki->ni", N, y)
 
 
-def _tangent(raised: np.ndarray, n: np.ndarray, N: np.ndarray, dN: np.ndarray) -> np.ndarray:
+def _tangent(raised: Array, n: Array, N: Array, dN: Array) -> Array:
     """(n, gdim, gdim) derivative by (xi, height) of the point over the frame, whose nodes raised by
     that height along their normals n lie at ``raised`` (n, k, gdim)."""
-    along = np.einsum("nkd,nki->nid", dN, raised)
+    along = np.swapaxes(raised, 1, 2) @ dN
     return np.concatenate([along, _sums(N, n)[:, :, None]], axis=2)
 
 
-def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _solve(A: Array, b: Array) -> Array:
     """(n, d) solutions of small systems; NaN where they are singular."""
     singular = ~(np.abs(np.linalg.det(A)) > 1e-300)
     A = np.where(singular[:, None, None], np.eye(A.shape[1]), A)
@@ -202,7 +201,7 @@ class LocationDerivatives:
     xi: csr_matrix  # (n d, width)
     normal: csr_matrix  # (n gdim, width)
 
-    def part(self, which: np.ndarray, gdim: int) -> LocationDerivatives:
+    def part(self, which: Array, gdim: int) -> LocationDerivatives:
         """Those of some of the nodes (k,)."""
         xi = (which[:, None] * (gdim - 1) + np.arange(gdim - 1)).ravel()
         normal = (which[:, None] * gdim + np.arange(gdim)).ravel()
@@ -211,12 +210,12 @@ class LocationDerivatives:
 
 def location_derivatives(
     at: OnFrame,
-    y: np.ndarray,
-    facets: np.ndarray,
+    y: Array,
+    facets: Array,
     normals: NodalNormals,
-    columns: tuple[np.ndarray, int],
+    columns: tuple[Array, int],
     width: int,
-    itself: NodalNormals | None = None,
+    itself: NodalNormals | None,
 ) -> LocationDerivatives:
     """How places and normals change with x, y and, through these, the nodal normals.
 

@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress, tell_iteration
 from dolfinx_llm.finite.increment import Increment, StepFailed, failing
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.passage import check_passage, left_over_edge, say_left
 from dolfinx_llm.finite.terms import ContactTerms, Place
+from dolfinx_llm.laws.rows import SLIP, STICK
 
 log = logging.getLogger("dolfinx_llm")
 
@@ -36,7 +38,7 @@ class NewtonSteps:
 
     def __init__(self, equations: Equations) -> None:
         self.equations = equations
-        self.history: list[dict] = []
+        self.history: list[dict[str, Any]] = []
         self.terms: list[ContactTerms] = []
         self._reached: NewtonState
 
@@ -78,7 +80,7 @@ class NewtonSteps:
         self._say_left()
         self._say_leapt()
 
-    def unbalanced(self, start: NewtonState) -> np.ndarray:
+    def unbalanced(self, start: NewtonState) -> Array:
         """(n_local,) residual of a state under the loads as they are now, but for follower loads;
         collective."""
         bodies = self.equations.bodies
@@ -91,7 +93,7 @@ class NewtonSteps:
         before = [t.place for t in run.terms]
         for iteration in range(1, NEWTON_ITERATIONS + 1):
             run.iterate()
-            entry = run.entry(iteration)
+            entry = _entry(run, iteration)
             self.history.append(entry)
             tell_iteration(entry, bar)
             if run.converged():
@@ -152,3 +154,18 @@ class NewtonSteps:
         for placed, left, t in of:
             if left.any() and self.equations.bodies.dofs.comm.rank == 0:
                 log.warning(say_left(placed.what.sides, left, t.place))
+
+
+def _entry(run: Increment, iteration: int) -> dict[str, Any]:
+    """Of an iteration, for the history."""
+    counts = np.bincount(np.concatenate([np.zeros(0, int), *run.status]), minlength=4)
+    return {
+        "part": run.end,
+        "iteration": iteration,
+        "active": int(counts[1:].sum()),
+        "stick": int(counts[STICK]),
+        "slip": int(counts[SLIP]),
+        "changes": run.changes,
+        "residual": run.error,
+        "linear": run.steps.system.taken(),
+    }

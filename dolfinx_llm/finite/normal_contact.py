@@ -23,6 +23,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import bmat, csr_matrix, hstack, vstack
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item, summing
 from dolfinx_llm.finite.chart import chart, functions_of
 from dolfinx_llm.finite.design import Design, DesignedRows
@@ -42,16 +43,16 @@ class NormalPlace(Place):
 
     by_z: tuple[csr_matrix, csr_matrix]  # (n, width), (m, width) derivatives of the areas
     at: OnFrame  # of all n nodes
-    on: np.ndarray  # (k,) nodes that are there
+    on: Array  # (k,) nodes that are there
     rows: DesignedRows
     entries: tuple[csr_matrix, csr_matrix]  # (k s, width), (k s, m): rows by positions and by mu
-    height: np.ndarray  # (k, s) n·(y_J - x_p) [length]
+    height: Array  # (k, s) n·(y_J - x_p) [length]
     C: csr_matrix  # (k, k) of these nodes
     turned: csr_matrix  # (k gdim, width) derivative of the normals [1 / length]
     rounded: csr_matrix  # (k, width) derivative of what the frame stands out beyond its facets
-    coordinates: np.ndarray  # (k, (s + 1) gdim) numbers of the coordinates of p and of all J
+    coordinates: Array  # (k, (s + 1) gdim) numbers of the coordinates of p and of all J
 
-    def spread(self, force: np.ndarray) -> csr_matrix:
+    def spread(self, force: Array) -> csr_matrix:
         """(width, k s) change of forces on the coordinates for changes of the rows.
 
         Args:
@@ -94,12 +95,12 @@ class NormalContact(MovingContact):
         return len(surfaces[1 - frame].x), len(surfaces[frame].x), functions_of(self.design.element)
 
     @property
-    def owner(self) -> np.ndarray:
+    def owner(self) -> Array:
         surfaces, frame = self.sides.surfaces, self.sides.frame
         first = np.zeros(self.counts[2], dtype=np.int64)
         return np.concatenate([surfaces[1 - frame].owner, surfaces[frame].owner, first])
 
-    def hold(self, z: np.ndarray) -> Held:
+    def hold(self, z: Array) -> Held:
         """What is held in a load step that starts at coordinates z."""
         candidates = self.sides.candidates(z)
         meeting = self.sides.meet(z, candidates)
@@ -134,11 +135,11 @@ class NormalContact(MovingContact):
         covered = self.sides.control[1].T @ self.sides.forces(meeting, place.z, False)[0]
         return replace(found, chart=self._chart(covered))
 
-    def _chart(self, forces: np.ndarray) -> np.ndarray:
+    def _chart(self, forces: Array) -> Array:
         """Of the design, for forces (m,) of unit pressure on what is covered of the frame."""
         return chart(self.sides.surfaces[self.sides.frame].x, self.design.element, forces)
 
-    def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> NormalPlace:
+    def place(self, z: Array, q: Array, held: Held) -> NormalPlace:
         """Pairs, rows and gaps with derivatives: what does not depend on forces.
 
         Args:
@@ -192,7 +193,7 @@ class NormalContact(MovingContact):
         )
 
     def terms(
-        self, place: NormalPlace, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
+        self, place: NormalPlace, q: Array, status: Array, held: Held, free: Array
     ) -> ContactTerms:
         """All that Newton's iteration asks for.
 

@@ -23,6 +23,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_component, per_item
 from dolfinx_llm.finite.areas import everything, surface_integrals
 from dolfinx_llm.finite.friction import MET_AT, Friction
@@ -55,7 +56,7 @@ class OneSide:
         """Dimension of space."""
         return int(self.surfaces[0].x.shape[1])
 
-    def split(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def split(self, z: Array) -> tuple[Array, Array]:
         """Positions (n, gdim) of the nodes, and those of no frame."""
         return z.reshape(-1, self.gdim), np.zeros((0, self.gdim))
 
@@ -82,22 +83,22 @@ class OneSide:
 class Pose:
     """Where an obstacle is: what was drawn at X is at pivot + shift + R (X - pivot)."""
 
-    pivot: np.ndarray  # (gdim,) as drawn [length]
-    shift: np.ndarray  # (gdim,) [length]
-    R: np.ndarray  # (gdim, gdim)
+    pivot: Array  # (gdim,) as drawn [length]
+    shift: Array  # (gdim,) [length]
+    R: Array  # (gdim, gdim)
 
     @classmethod
-    def of(cls, numbers: np.ndarray, gdim: int) -> Pose:
+    def of(cls, numbers: Array, gdim: int) -> Pose:
         """Of pivot, displacement, rotation and force."""
         pivot, shift, turn, _ = np.split(numbers, [gdim, 2 * gdim, len(numbers) - gdim])
         vector = [0.0, 0.0, turn[0]] if gdim == 2 else turn
         return cls(pivot, shift, Rotation.from_rotvec(vector).as_matrix()[:gdim, :gdim])
 
-    def back(self, x: np.ndarray) -> np.ndarray:
+    def back(self, x: Array) -> Array:
         """(n, gdim) where points x were drawn."""
         return (x - self.pivot - self.shift) @ self.R + self.pivot
 
-    def on(self, X: np.ndarray) -> np.ndarray:
+    def on(self, X: Array) -> Array:
         """(n, gdim) where points drawn at X are."""
         return (X - self.pivot) @ self.R.T + self.pivot + self.shift
 
@@ -106,8 +107,8 @@ class Pose:
 class ObstaclePlace(Place):
     """Nodes beside an obstacle, with derivatives by their own positions."""
 
-    by_x: np.ndarray  # (n, gdim) of the nodes' gaps
-    turned: np.ndarray  # (n, gdim, gdim) of the normal [1 / length]
+    by_x: Array  # (n, gdim) of the nodes' gaps
+    turned: Array  # (n, gdim, gdim) of the normal [1 / length]
     pose: Pose
 
 
@@ -120,7 +121,7 @@ class ObstacleContact(MovingContact):
     forced: tuple[bool, ...]  # which components of a force on the obstacle are prescribed
 
     @classmethod
-    def of(cls, surface: Surface, obstacle: Obstacle, *friction: np.ndarray) -> ObstacleContact:
+    def of(cls, surface: Surface, obstacle: Obstacle, *friction: Array) -> ObstacleContact:
         """Contact of a surface, as drawn.
 
         Args:
@@ -138,11 +139,11 @@ class ObstacleContact(MovingContact):
         return len(self.sides.surfaces[0].x)
 
     @property
-    def owner(self) -> np.ndarray:
+    def owner(self) -> Array:
         """(size,) ranks that own the unknowns."""
         return self.sides.surfaces[0].owner
 
-    def pose(self) -> np.ndarray:
+    def pose(self) -> Array:
         """Pivot, displacement, rotation and force as they are now; no force is 0.
 
         Raises:
@@ -152,18 +153,18 @@ class ObstacleContact(MovingContact):
         shift, turn, pivot, *_ = self.obstacle.pose(gdim)
         return np.array([*pivot, *shift, *turn, *forces_on(self.obstacle, self.forced, gdim)])
 
-    def hold(self, z: np.ndarray) -> Held:
+    def hold(self, z: Array) -> Held:
         """Nothing but the pose, which the increment knows."""
         return Held(np.zeros(0, dtype=bool), np.ones(self.size, dtype=bool), 0.0)
 
     def touching(
         self,
         place: ObstaclePlace,
-        q: np.ndarray,
-        before: np.ndarray,
+        q: Array,
+        before: Array,
         held: Held,
-        reach: np.ndarray,
-    ) -> tuple[np.ndarray, Held]:
+        reach: Array,
+    ) -> tuple[Array, Held]:
         """(n,) status of the pairs, and what is held; at first those touch as well that did so
         before the obstacle moved: nodes have not followed it yet."""
         if held.pose_before is not None:
@@ -173,7 +174,7 @@ class ObstacleContact(MovingContact):
             place, held = replace(place, gap=gap), replace(held, pose_before=None)
         return super().touching(place, q, before, held, reach)
 
-    def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> ObstaclePlace:
+    def place(self, z: Array, q: Array, held: Held) -> ObstaclePlace:
         """Gaps and directions with their derivatives, by central differences of the clearance.
 
         Args:
@@ -212,12 +213,12 @@ class ObstacleContact(MovingContact):
             pose=pose,
         )
 
-    def posed(self, pose: np.ndarray | None) -> Pose:
+    def posed(self, pose: Array | None) -> Pose:
         """A pose that is held; None: as it is now."""
         return Pose.of(self.pose() if pose is None else pose, self.sides.gdim)
 
     def terms(
-        self, place: ObstaclePlace, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
+        self, place: ObstaclePlace, q: Array, status: Array, held: Held, free: Array
     ) -> ContactTerms:
         """All that Newton's iteration asks for; arguments as of ``NormalContact.terms``."""
         n, gdim = place.normal.shape
@@ -247,7 +248,7 @@ class ObstacleContact(MovingContact):
 class ObstacleFriction(Friction, ObstacleContact):
     """Points of the obstacle are written as drawn, (n, gdim)."""
 
-    def started(self, place: ObstaclePlace, held: Held, closed: np.ndarray) -> Origin:
+    def started(self, place: ObstaclePlace, held: Held, closed: Array) -> Origin:
         """Where slip counts from: the obstacle stands where the increment starts."""
         surface = self.sides.surfaces[0]
         X = self.posed(held.pose_before).back(self.sides.split(place.z)[0])
@@ -255,20 +256,20 @@ class ObstacleFriction(Friction, ObstacleContact):
         gap[gap < MET_AT * cell_sizes(surface.x, surface.facets).max()] = 0.0
         return Origin(self.sides.control @ X, gap, closed)
 
-    def here(self, place: ObstaclePlace) -> np.ndarray:
+    def here(self, place: ObstaclePlace) -> Array:
         """(n, gdim) where the nodes' places were drawn [length]."""
         return self.sides.control @ place.pose.back(self.sides.split(place.z)[0])
 
-    def way(self, place: ObstaclePlace, origin: Origin) -> tuple[np.ndarray, csr_matrix]:
+    def way(self, place: ObstaclePlace, origin: Origin) -> tuple[Array, csr_matrix]:
         x = self.sides.control @ self.sides.split(place.z)[0]
         way = x - place.pose.on(origin.points)
         return way, self.sides.jumps(place.N)
 
-    def turned(self, place: ObstaclePlace, nodes: np.ndarray) -> csr_matrix:
+    def turned(self, place: ObstaclePlace, nodes: Array) -> csr_matrix:
         own = coordinates(nodes[:, None], self.sides.gdim)
         return jacobian(place.turned[nodes], own, len(place.z))
 
-    def growth(self, place: ObstaclePlace, nodes: np.ndarray) -> csr_matrix:
+    def growth(self, place: ObstaclePlace, nodes: Array) -> csr_matrix:
         x, surface = self.sides.split(place.z)[0], self.sides.surfaces[0]
         area, by_x = surface_integrals(x, surface, everything(x, surface, 0, x.size), 0)
         unit = area / np.maximum(np.linalg.norm(area, axis=1), 1e-300)[:, None]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.location import INSIDE
 from dolfinx_llm.finite.normal_contact import OVER, NormalPlace
@@ -29,7 +30,7 @@ LOOKED_AT = 100  # states, at most: bodies that go farther are looked at more se
 ANGLES = 1_000_000  # pairs of points and facets that are looked at together
 
 
-def winding(x: np.ndarray, y: np.ndarray, facets: np.ndarray) -> np.ndarray:
+def winding(x: Array, y: Array, facets: Array) -> Array:
     """(n,) how often a closed outline goes round points: 1 within it, 0 outside.
 
     Args:
@@ -56,7 +57,7 @@ def winding(x: np.ndarray, y: np.ndarray, facets: np.ndarray) -> np.ndarray:
     return np.abs(found)
 
 
-def depth(x: np.ndarray, y: np.ndarray, facets: np.ndarray) -> np.ndarray:
+def depth(x: Array, y: Array, facets: Array) -> Array:
     """(n,) distance of points within a closed outline from its nodes, 0 outside [length].
 
     Args:
@@ -69,9 +70,7 @@ def depth(x: np.ndarray, y: np.ndarray, facets: np.ndarray) -> np.ndarray:
     return found
 
 
-def deepest(
-    x: tuple[np.ndarray, np.ndarray], y: tuple[np.ndarray, np.ndarray], facets: np.ndarray
-) -> tuple[np.ndarray, float]:
+def deepest(x: tuple[Array, Array], y: tuple[Array, Array], facets: Array) -> tuple[Array, float]:
     """(n,) how deep nodes go into a body on the way to a state, beyond where they were at first,
     and the size of its facets [length].
 
@@ -138,12 +137,12 @@ def _check_outlines(sides: Sides, before: Place, after: Place) -> None:
             )
 
 
-def _sizes(sides: Sides, place: NormalPlace) -> np.ndarray:
+def _sizes(sides: Sides, place: NormalPlace) -> Array:
     """(n,) size of the frame's facet under each node [length]."""
     return cell_sizes(sides.split(place.z)[1], sides.facets(False))[place.at.facet]
 
 
-def _ahead(sides: Sides, place: NormalPlace) -> np.ndarray:
+def _ahead(sides: Sides, place: NormalPlace) -> Array:
     """(n,) which nodes lie in front of the frame, and face it."""
     at = place.at
     vectors = areas_around(sides.split(place.z)[0], sides.skin(True))
@@ -152,7 +151,7 @@ def _ahead(sides: Sides, place: NormalPlace) -> np.ndarray:
     return there & (at.gap > -AHEAD * _sizes(sides, place))
 
 
-def left_over_edge(before: Place, force: np.ndarray, after: Place) -> np.ndarray:
+def left_over_edge(before: Place, force: Array, after: Place) -> Array:
     """(n,) which nodes carried a force at the start of an increment and have left the frame over
     its edge at the end.
 
@@ -168,7 +167,7 @@ def left_over_edge(before: Place, force: np.ndarray, after: Place) -> np.ndarray
     return bore & (~after.at.met | (after.at.beyond > OVER))
 
 
-def say_left(sides: Sides, left: np.ndarray, after: Place) -> str:
+def say_left(sides: Sides, left: Array, after: Place) -> str:
     """What to say of nodes (n,) that have left the frame over its edge."""
     moving, frame = sides.surfaces[sides.moving].name, sides.surfaces[sides.frame].name
     first = sides.split(after.z)[0][np.flatnonzero(left)[0]].round(6).tolist()

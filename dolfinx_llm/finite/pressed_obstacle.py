@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import block_diag, bmat, csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstacleFriction, ObstaclePlace
 from dolfinx_llm.finite.terms import ContactTerms, Held, yields
@@ -30,7 +31,7 @@ class Pressed(ObstacleContact):
     """
 
     @property
-    def axes(self) -> np.ndarray:
+    def axes(self) -> Array:
         """(f,) components with a force."""
         return np.flatnonzero(self.forced)
 
@@ -39,22 +40,22 @@ class Pressed(ObstacleContact):
         return super().size + len(self.axes)
 
     @property
-    def owner(self) -> np.ndarray:
+    def owner(self) -> Array:
         return np.concatenate([super().owner, 0 * self.axes])
 
-    def _pose(self, pose: np.ndarray | None, q: np.ndarray) -> np.ndarray:
+    def _pose(self, pose: Array | None, q: Array) -> Array:
         """A pose that is held, with the displacement found."""
         found = (self.pose() if pose is None else pose).copy()
         found[self.sides.gdim + self.axes] += q[len(q) - len(self.axes) :]
         return found
 
-    def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> ObstaclePlace:
+    def place(self, z: Array, q: Array, held: Held) -> ObstaclePlace:
         """Gaps and directions with their derivatives."""
         return super().place(z, q, replace(held, pose=self._pose(held.pose, q)))
 
     def touching(
-        self, place: ObstaclePlace, q: np.ndarray, before: np.ndarray, held: Held, reach: np.ndarray
-    ) -> tuple[np.ndarray, Held]:
+        self, place: ObstaclePlace, q: Array, before: Array, held: Held, reach: Array
+    ) -> tuple[Array, Held]:
         """(n,) status of the pairs, and what is held; q may have moved on from the place."""
         pose = self.posed(self._pose(held.pose, q))
         nearer = self.sides.control @ (place.by_x @ (pose.shift - place.pose.shift))
@@ -64,7 +65,7 @@ class Pressed(ObstacleContact):
         return super().touching(place, q[: super().size], before, held, reach)
 
     def terms(
-        self, place: ObstaclePlace, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
+        self, place: ObstaclePlace, q: Array, status: Array, held: Held, free: Array
     ) -> ContactTerms:
         """All that Newton's iteration asks for; arguments as for an obstacle that is moved."""
         n, gdim = place.normal.shape
@@ -98,7 +99,7 @@ class Pressed(ObstacleContact):
         )
 
     def _supported(
-        self, place: ObstaclePlace, status: np.ndarray, held: Held, free: np.ndarray, k: int
+        self, place: ObstaclePlace, status: Array, held: Held, free: Array, k: int
     ) -> csr_matrix:
         """(k, k) by how much rows of nodes that supports hold yield: there are more of them than
         displacements of the obstacle."""
@@ -110,7 +111,7 @@ class Pressed(ObstacleContact):
             parts.append(per_item(yields(P, free, held) * -1.0 * (status == STICK)[:, None, None]))
         return block_diag(parts)
 
-    def _resists(self, place: ObstaclePlace, status: np.ndarray, force: np.ndarray) -> None:
+    def _resists(self, place: ObstaclePlace, status: Array, force: Array) -> None:
         """Require contact that can resist the force (f,) on the obstacle."""
         closed = status == CLOSED
         if not closed.any():  # friction resists as well

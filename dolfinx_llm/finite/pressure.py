@@ -11,6 +11,7 @@ from dolfinx import fem
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.sparse import per_component
 from dolfinx_llm.finite.areas import Covered, everything, surface_integrals
@@ -42,7 +43,7 @@ class FreeSurfacePressure:
     facet_tags: Any
     tag: int
     p: Any
-    covered_by: tuple | None = field(default=None, kw_only=True)
+    covered_by: tuple[Any, ...] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         check_facet_tags("facet_tags", self.facet_tags)
@@ -88,13 +89,13 @@ class Follower:
         sides = Sides.of(surfaces) if len(surfaces) > 1 else None
         return cls(load, surfaces, sides)
 
-    def hold(self, z: np.ndarray) -> np.ndarray | None:
+    def hold(self, z: Array) -> Array | None:
         """Facets that may touch in a load step that starts at coordinates z."""
         return None if self.sides is None else self.sides.candidates(z)
 
     def terms(
-        self, z: np.ndarray, p: float, candidates: np.ndarray | None, lagged: bool = False
-    ) -> tuple[np.ndarray, csr_matrix]:
+        self, z: Array, p: float, candidates: Array | None, lagged: bool = False
+    ) -> tuple[Array, csr_matrix]:
         """Forces (width,) on all coordinates, and minus their derivative by them.
 
         Args:

@@ -8,40 +8,47 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
+from dolfinx_llm.finite.densities import densities
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
 from dolfinx_llm.finite.self_sides import SelfSides
 from dolfinx_llm.finite.terms import ContactTerms, MovingContact
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.interface.density import along_normals
 from dolfinx_llm.interface.forces import InterfaceForces, per_area
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
+
+TENSILE = 1e-6  # of the largest normal force: a pull below it is none
 
 
 @dataclass(frozen=True, eq=False)
 class MovingSideResult:
     """One side of an interface; n nodes of its surface, sorted by position as drawn."""
 
-    X: np.ndarray  # (n, gdim) as drawn [length]
-    x: np.ndarray  # (n, gdim) now [length]
-    force: np.ndarray  # (n, gdim) forces that the body exerts on the frame [force]
-    normal: np.ndarray  # (n, gdim) frame normal, out of this side; 0 where it has no place
-    normal_force: np.ndarray  # (n,) positive in compression [force]
+    X: Array  # (n, gdim) as drawn [length]
+    x: Array  # (n, gdim) now [length]
+    force: Array  # (n, gdim) forces that the body exerts on the frame [force]
+    normal: Array  # (n, gdim) frame normal, out of this side; 0 where it has no place
+    normal_force: Array  # (n,) positive in compression [force]
     # (n,) to the other body along the normal; inf where there is none, and at nodes that carry the
     # frame where nothing presses [length]
-    gap: np.ndarray
-    slip: np.ndarray  # (n, gdim) tangential motion on the other body in the last increment [length]
-    status: np.ndarray  # (n,) 0 open, 1 stick, 2 slip, 3 closed without friction
-    area: np.ndarray  # (n,) tributary area of what both surfaces cover [area]
-    facets: np.ndarray  # (m, k) first-order facets of the surface, between all of its nodes
+    gap: Array
+    slip: Array  # (n, gdim) tangential motion on the other body in the last increment [length]
+    status: Array  # (n,) 0 open, 1 stick, 2 slip, 3 closed without friction
+    area: Array  # (n,) tributary area of what both surfaces cover [area]
+    facets: Array  # (m, k) first-order facets of the surface, between all of its nodes
+    density: Array | None = None  # (n, gdim) of the forces on what both surfaces cover, see
+    # ``density_at_nodes``; None at first order, where it is force per area [force / area]
 
     @property
-    def drawn(self) -> np.ndarray:
+    def drawn(self) -> Array:
         """(n, gdim) X [length]."""
         return self.X
 
     @property
-    def u(self) -> np.ndarray:
+    def u(self) -> Array:
         """(n, gdim) displacements [length]."""
         return self.x - self.X
 
@@ -57,40 +64,39 @@ class MovingInterfaceResult(InterfaceForces):
 
     frame: Frame | None  # its nodes now; its normal points out of side 0; None: rigid obstacle
     sides: tuple[MovingSideResult, ...]  # in the interface's order; one against an obstacle
-    frame_force: np.ndarray  # (m,) normal force at the frame's nodes [force]
-    frame_area: np.ndarray  # (m,) tributary area of what both surfaces cover [area]
-    frame_friction: np.ndarray  # (m, gdim) tangential force of side 0 there [force]
-    frame_status: np.ndarray  # (m,) 0 open, 1 stick, 2 slip, 3 closed without friction
+    frame_force: Array  # (m,) normal force at the frame's nodes [force]
+    frame_area: Array  # (m,) tributary area of what both surfaces cover [area]
+    frame_friction: Array  # (m, gdim) tangential force of side 0 there [force]
+    frame_status: Array  # (m,) 0 open, 1 stick, 2 slip, 3 closed without friction
     correction: float  # largest change of a row by the design
-    frame_pressure: np.ndarray  # (m,) mean pressure of the pairs about each node [force / area]
-    frame_traction: np.ndarray  # (m, gdim) the same of the tangential force of side 0
+    frame_pressure: Array  # (m,) mean pressure of the pairs about each node [force / area]
+    frame_traction: Array  # (m, gdim) the same of the tangential force of side 0
     # (gdim,) of an obstacle, prescribed or where a force brings it [length]; None with a frame
-    displacement: np.ndarray | None = None
+    displacement: Array | None = None
 
     @property
-    def pressure(self) -> np.ndarray:
+    def pressure(self) -> Array:
         """(m,) contact pressure at the frame's nodes [force / area].
 
         That of the pairs about a node, force over covered area, weighted by the positive entries
         of their rows. ``frame_force`` over ``frame_area`` is the same where pressure is constant,
         but at the rim of contact, where little of a node's surroundings is covered, it says
-        nothing.
+        nothing. Between second-order bodies it is that of ``MovingSideResult.density`` of the
+        frame's surface.
         """
         return self.frame_pressure
 
     @property
-    def traction(self) -> np.ndarray:
+    def traction(self) -> Array:
         return self.frame_traction
 
     @property
-    def frame_drawn(self) -> np.ndarray:
+    def frame_drawn(self) -> Array:
         assert self.frame is not None
         return self.frame.x - self.frame.v
 
 
-def moving_results(
-    contact: MovingContact, z: np.ndarray, terms: ContactTerms
-) -> MovingInterfaceResult:
+def moving_results(contact: MovingContact, z: Array, terms: ContactTerms) -> MovingInterfaceResult:
     """The result of one interface; the same on every rank.
 
     Args:
@@ -117,7 +123,16 @@ def moving_results(
     gaps = sides.in_order(own_gap, np.where(loaded, 0.0, np.inf))
     own_area = (sides.control[0].T @ place.areas[0], place.areas[1])
     statuses, areas = sides.in_order(status, at_frame), sides.in_order(*own_area)
-    of = zip(sides.surfaces, places, forces, normals, gaps, slips, statuses, areas, strict=True)
+    borne = sides.nodal.T @ forces[sides.moving]
+    pressing = np.einsum("ni,ni->n", borne, normals[sides.moving])
+    weights = place.N.maximum(0.0).T
+    about = per_area(weights @ borne, weights @ place.areas[0])
+    mean = sides.in_order(per_area(borne, place.areas[0]), -about)
+    presses = contact.parts and _presses(pressing)
+    density = densities(sides.surfaces, places, areas, forces, normals, mean, presses)
+    of = zip(
+        sides.surfaces, places, forces, normals, gaps, slips, statuses, areas, density, strict=True
+    )
     first, second = (_side(*own) for own in of)
     sign = 1.0 if sides.frame == 0 else -1.0
     total, normal = sign * forces[sides.frame], sign * outward
@@ -127,14 +142,18 @@ def moving_results(
         friction = -sign * sides.split(terms.friction)[1]
         force = np.einsum("mi,mi->m", total - friction, normal)
     cells, moving = sides.skin(False), (first, second)[sides.moving]
-    borne = sides.nodal.T @ moving.force
-    pressing = np.einsum("ni,ni->n", borne, moving.normal)
     tangential = borne - pressing[:, None] * moving.normal
-    weights = place.N.maximum(0.0).T
-    pressed = per_area(weights @ pressing[:, None], weights @ place.areas[0])
+    traction = -sign * per_area(weights @ tangential, weights @ place.areas[0])
+    pressed = per_area(weights @ pressing[:, None], weights @ place.areas[0])[:, 0]
+    own_pressed = per_area(moving.normal_force[:, None], place.areas[0])[:, 0]
+    of_moving, of_frame = density[sides.moving], density[sides.frame]
+    if of_moving is not None and of_frame is not None:
+        own_pressed = along_normals(of_moving, moving.normal)[:, 0]
+        both = along_normals(of_frame, outward)
+        pressed, traction = both[:, 0], sign * both[:, 1:]
     drawn = sides.surfaces[sides.frame].x
     if isinstance(sides, SelfSides):  # both are the frame's surface
-        pressed[active] = per_area(moving.normal_force[:, None], place.areas[0])[active]
+        pressed[active] = own_pressed[active]
         at_frame = np.where(active, status, at_frame)
     return MovingInterfaceResult(
         frame=Frame(y, cells if sides.frame == 0 else cells[:, ::-1], v=y - drawn),
@@ -144,13 +163,13 @@ def moving_results(
         frame_friction=friction,
         frame_status=at_frame,
         correction=terms.delta,
-        frame_pressure=pressed[:, 0],
-        frame_traction=-sign * per_area(weights @ tangential, weights @ place.areas[0]),
+        frame_pressure=pressed,
+        frame_traction=traction,
     )
 
 
 def _against_obstacle(
-    contact: ObstacleContact, z: np.ndarray, terms: ContactTerms
+    contact: ObstacleContact, z: Array, terms: ContactTerms
 ) -> MovingInterfaceResult:
     """The result of a body on a rigid obstacle."""
     surface, place, status = contact.sides.surfaces[0], terms.place, terms.status
@@ -159,43 +178,51 @@ def _against_obstacle(
     C, E = contact.sides.control, contact.sides.nodal
     shut, area = (status != OPEN) & (not contact.overlaps), place.areas[0]
     gap = _at_nodes(contact.sides, np.where(shut, 0.0, place.gap))
-    side = _side(
-        surface, x, force, -place.normal, gap, E @ terms.slip, status, C.T @ area
-    )  # fmt: skip
-    tangential = force - side.normal_force[:, None] * side.normal
-    borne = E.T @ force
-    pressing = np.einsum("ni,ni->n", borne, side.normal)
+    nodal, normal, borne = C.T @ area, -place.normal, E.T @ force
+    pressing = np.einsum("ni,ni->n", borne, normal)
+    mean, presses = per_area(borne, area), _presses(pressing)
+    (density,) = densities([surface], [x], [nodal], [force], [normal], [mean], presses)
+    side = _side(surface, x, force, normal, gap, E @ terms.slip, status, nodal, density)
+    along = along_normals(mean if density is None else density, normal)
     return MovingInterfaceResult(
         frame=None,
         sides=(side,),
         frame_force=side.normal_force,
         frame_area=side.area,
-        frame_friction=tangential,
+        frame_friction=force - side.normal_force[:, None] * side.normal,
         frame_status=status,
         correction=0.0,
-        frame_pressure=per_area(pressing[:, None], area)[:, 0],
-        frame_traction=per_area(borne - pressing[:, None] * side.normal, area),
+        frame_pressure=along[:, 0],
+        frame_traction=along[:, 1:],
         displacement=place.pose.shift,
     )
 
 
+def _presses(force: Array) -> bool:
+    """Whether no pair pulls, of normal forces (n,)."""
+    return bool(force.min(initial=0.0) >= -TENSILE * np.abs(force).max(initial=0.0))
+
+
 def _side(
     surface: Surface,
-    x: np.ndarray,
-    force: np.ndarray,
-    normal: np.ndarray,
-    gap: np.ndarray,
-    slip: np.ndarray,
-    status: np.ndarray,
-    area: np.ndarray,
+    x: Array,
+    force: Array,
+    normal: Array,
+    gap: Array,
+    slip: Array,
+    status: Array,
+    area: Array,
+    density: Array | None,
 ) -> MovingSideResult:
     """Of a surface; what else is given as of ``MovingSideResult``."""
     pressed = np.einsum("ni,ni->n", force, normal)
     facets = surface.skin
-    return MovingSideResult(surface.x, x, force, normal, pressed, gap, slip, status, area, facets)
+    return MovingSideResult(
+        surface.x, x, force, normal, pressed, gap, slip, status, area, facets, density
+    )
 
 
-def _at_nodes(sides: Any, gap: np.ndarray) -> np.ndarray:
+def _at_nodes(sides: Any, gap: Array) -> Array:
     """(n,) gaps at nodes, of those of control values; inf where one of these is."""
     there = np.isfinite(gap)
     return np.where(
@@ -203,7 +230,7 @@ def _at_nodes(sides: Any, gap: np.ndarray) -> np.ndarray:
     )
 
 
-def _at_frame(N: csr_matrix, slip: np.ndarray, active: np.ndarray) -> np.ndarray:
+def _at_frame(N: csr_matrix, slip: Array, active: Array) -> Array:
     """(m, gdim) slip of the frame's nodes on the other body: minus the mean of what pairs there
     slip."""
     weights = abs(N).T @ diagonal(active)

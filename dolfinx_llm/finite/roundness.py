@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import per_item
 from dolfinx_llm.finite.jacobians import NodalNormals, coordinates, jacobian
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
@@ -23,12 +24,12 @@ from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
 def roundness(
     at: OnFrame,
     d: LocationDerivatives,
-    y: np.ndarray,
-    facets: np.ndarray,
+    y: Array,
+    facets: Array,
     normals: NodalNormals,
-    rounded: np.ndarray,
+    rounded: Array,
     columns: tuple[int, int],
-) -> tuple[np.ndarray, csr_matrix]:
+) -> tuple[Array, csr_matrix]:
     """(n,) s at places on a frame [length], and its derivative (n, width) by all coordinates.
 
     Args:

@@ -18,6 +18,7 @@ from scipy.sparse import bmat, csr_matrix, identity
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.jacobians import NodalNormals, nodal_normals
 from dolfinx_llm.finite.location import BEHIND_IT, OnFrame, find_on_frame
@@ -49,7 +50,7 @@ class SelfSides(Sides):
         sides = Sides.of((surface, surface))
         return cls(sides.surfaces, 0, sides.chains, sides.rounded)
 
-    def candidates(self, z: np.ndarray) -> np.ndarray:
+    def candidates(self, z: Array) -> Array:
         """(f,) facets that move, face the frame and lie near; held during a step."""
         x, y = self.split(z)
         moving = self.parted(x)
@@ -58,18 +59,18 @@ class SelfSides(Sides):
 
     def found(
         self,
-        x: np.ndarray,
-        y: np.ndarray,
-        normals: np.ndarray,
-        own: np.ndarray | None,
-        candidates: np.ndarray,
+        x: Array,
+        y: Array,
+        normals: Array,
+        own: Array | None,
+        candidates: Array,
     ) -> OnFrame:
         """See ``Sides``; facets that move are no frame."""
         frame = np.flatnonzero(self.carries(candidates))
         at = find_on_frame(x, y, self.cells(False)[frame], normals, own)
         return replace(at, facet=frame[at.facet])
 
-    def own_normals(self, x: np.ndarray) -> NodalNormals:
+    def own_normals(self, x: Array) -> NodalNormals:
         """See ``Sides``."""
         return nodal_normals(x, self.skin(True), self.first[0], self.width)
 
@@ -78,11 +79,11 @@ class SelfSides(Sides):
         """See ``Sides``: the other face of its own wall is nothing that a facet meets."""
         return BEHIND_IT
 
-    def carries(self, candidates: np.ndarray) -> np.ndarray:
+    def carries(self, candidates: Array) -> Array:
         """(f,) facets that do not move."""
         return ~candidates
 
-    def parted(self, x: np.ndarray) -> np.ndarray:
+    def parted(self, x: Array) -> Array:
         """(f,) facets that move on what they face, of nodes x (n, gdim).
 
         Raises:
@@ -125,7 +126,7 @@ class SelfSides(Sides):
             )
         return paired & self._comes_first(one, other, count)[one]
 
-    def check_crossed(self, x: np.ndarray, allowed: float = CROSSED) -> None:
+    def check_crossed(self, x: Array, allowed: float = CROSSED) -> None:
         """Require that no facets of nodes x (n, gdim) cross each other by more than a part of them.
 
         Raises:
@@ -147,7 +148,7 @@ class SelfSides(Sides):
                 f"{depth[worst]:.3g}, where facets have the size {size[i[worst]]:.3g}"
             )
 
-    def _comes_first(self, one: np.ndarray, other: np.ndarray, count: int) -> np.ndarray:
+    def _comes_first(self, one: Array, other: Array, count: int) -> Array:
         """(count,) which parts move: of each and of what is across from it the finer, as drawn.
 
         Parts grow from increment to increment: what decides must not change with them.
@@ -171,7 +172,7 @@ class SelfSides(Sides):
         return np.where(alike, by_place, difference < 0.0)
 
 
-def _through(x: np.ndarray, normal: np.ndarray) -> np.ndarray:
+def _through(x: Array, normal: Array) -> Array:
     """(n,) how deep edges of facets p go through facets q, as x (2, n, k, gdim) with unit normals
     (2, n, gdim): the least distance of such an edge's ends from q, or by which q lies behind or in
     front of p where that is less; 0 where none does [length]."""
@@ -193,7 +194,7 @@ def _through(x: np.ndarray, normal: np.ndarray) -> np.ndarray:
     return np.minimum(depth.max(axis=1, initial=0.0), both)
 
 
-def _beside(facets: np.ndarray) -> csr_matrix:
+def _beside(facets: Array) -> csr_matrix:
     """(f, f) which facets share a node, or are the same."""
     f, k = facets.shape
     at = np.repeat(np.arange(f), k), facets.ravel()

@@ -13,13 +13,14 @@ nodal forces of a pressure may be negative. At first order C and E are the ident
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from scipy.sparse import csr_matrix, hstack
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import per_component
 from dolfinx_llm.finite.areas import Covered, surface_integrals
 from dolfinx_llm.finite.cover_facets import LAYER, Skin, covered_facets
@@ -61,8 +62,9 @@ class Sides:
     surfaces: tuple[Surface, Surface]
     frame: int  # which of them carries the frame
     chains: Chains | None  # of the frame's facets, in the plane
-    rounded: np.ndarray  # (m,) the frame's nodes about which it is drawn curved, not at an edge
+    rounded: Array  # (m,) the frame's nodes about which it is drawn curved, not at an edge
     within: float = WITHIN
+    _met: list[Any] = field(init=False, default_factory=list, repr=False)  # the last of ``meet``
 
     laws_reach: ClassVar[float] = 4.0  # gap over the frame's facet up to which laws can pull
 
@@ -108,12 +110,12 @@ class Sides:
         return (shift, 0) if self.frame == 0 else (0, shift)
 
     @property
-    def columns(self) -> tuple[np.ndarray, int]:
+    def columns(self) -> tuple[Array, int]:
         """(n, gdim) coordinates of the moving side's nodes, and the frame's first."""
         nodes = np.arange(len(self.surfaces[self.moving].x))
         return coordinates(nodes[:, None], self.gdim, self.first[0]), self.first[1]
 
-    def split(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def split(self, z: Array) -> tuple[Array, Array]:
         """Positions of the moving side's nodes and of the frame's, of all coordinates (width,)."""
         parts = np.split(z, [self.surfaces[0].x.size])
         parts = [part.reshape(-1, self.gdim) for part in parts]
@@ -140,11 +142,12 @@ class Sides:
         parts = self.in_order(self.control[0], -N)
         return per_component(hstack(parts, format="csr"), self.gdim)
 
-    def candidates(self, z: np.ndarray) -> np.ndarray:
+    def candidates(self, z: Array) -> Array:
         """(f,) facets of the moving side that face the frame and lie near; held during a step."""
-        return self.facing(z, self._places(z))
+        x, y = self.split(z)
+        return self.facing(z, find_on_frame(x, y, self.cells(False), self.outward(z)))
 
-    def facing(self, z: np.ndarray, at: OnFrame) -> np.ndarray:
+    def facing(self, z: Array, at: OnFrame) -> Array:
         """(f,) the same of nodes that meet the frame at given places."""
         x, y = self.split(z)
         facets = self.facets(True)
@@ -156,26 +159,23 @@ class Sides:
         cosine /= np.linalg.norm(area, axis=1) * np.linalg.norm(across, axis=1)
         return near[self.cells(True)].all(axis=1) & (cosine < -np.cos(TURN))
 
-    def gaps(self, z: np.ndarray) -> np.ndarray:
-        """(n,) distances of the moving side's nodes from the frame [length]."""
-        return self._places(z).gap
-
-    def outward(self, z: np.ndarray) -> np.ndarray:
+    def outward(self, z: Array) -> Array:
         """(m, gdim) unit normals of the frame's nodes, out of its body."""
         return unit(areas_around(self.split(z)[1], self.skin(False)))
 
-    def _places(self, z: np.ndarray) -> OnFrame:
-        """Where the moving side's nodes lie on the frame."""
-        x, y = self.split(z)
-        return find_on_frame(x, y, self.cells(False), self.outward(z))
-
-    def meet(self, z: np.ndarray, candidates: np.ndarray) -> Meeting:
-        """How the surfaces meet at coordinates z (width,).
+    def meet(self, z: Array, candidates: Array) -> Meeting:
+        """How the surfaces meet at coordinates z (width,); kept until they are elsewhere.
 
         Args:
             z: all coordinates [length].
             candidates: (f,) facets of the moving side that can touch.
         """
+        if not (self._met and all(map(np.array_equal, self._met, (z, candidates)))):
+            self._met[:] = z, candidates, self._meet(z, candidates)
+        found: Meeting = self._met[2]
+        return found
+
+    def _meet(self, z: Array, candidates: Array) -> Meeting:
         x, y = self.split(z)
         frame = self.cells(False)
         normals = nodal_normals(y, self.skin(False), self.first[1], self.width)
@@ -192,16 +192,16 @@ class Sides:
 
     def found(
         self,
-        x: np.ndarray,
-        y: np.ndarray,
-        normals: np.ndarray,
-        own: np.ndarray | None,
-        candidates: np.ndarray,
+        x: Array,
+        y: Array,
+        normals: Array,
+        own: Array | None,
+        candidates: Array,
     ) -> OnFrame:
         """Where the moving side's nodes x meet the frame; arguments as of ``find_on_frame``."""
         return find_on_frame(x, y, self.cells(False), normals, own)
 
-    def own_normals(self, x: np.ndarray) -> NodalNormals | None:
+    def own_normals(self, x: Array) -> NodalNormals | None:
         """Normals of the moving side's nodes, where they count."""
         return None
 
@@ -210,17 +210,17 @@ class Sides:
         """How far behind a facet in space another may lie that it meets, over its size."""
         return LAYER
 
-    def carries(self, candidates: np.ndarray) -> np.ndarray:
+    def carries(self, candidates: Array) -> Array:
         """(f,) which facets of the frame's surface are the frame's."""
         return np.ones(len(self.facets(False)), dtype=bool)
 
-    def covered(self, z: np.ndarray, candidates: np.ndarray, moving: bool) -> Covered:
+    def covered(self, z: Array, candidates: Array, moving: bool) -> Covered:
         """What is covered of a side alone; arguments as for ``meet``."""
         if self.chains is None:
             return self._clipped(z, candidates, moving)
         return self.meet(z, candidates).covered[0 if moving else 1]
 
-    def _clipped(self, z: np.ndarray, candidates: np.ndarray, moving: bool) -> Covered:
+    def _clipped(self, z: Array, candidates: Array, moving: bool) -> Covered:
         """The same in space."""
         (x, y), (facets, frame) = self.split(z), (self.facets(True), self.facets(False))
         elements = self.surfaces[self.moving].element, self.surfaces[self.frame].element
@@ -230,9 +230,7 @@ class Sides:
         )
         return covered_facets(*(skins if moving else skins[::-1]), self.width, self.farthest_behind)
 
-    def forces(
-        self, meeting: Meeting, z: np.ndarray, moving: bool
-    ) -> tuple[np.ndarray, csr_matrix]:
+    def forces(self, meeting: Meeting, z: Array, moving: bool) -> tuple[Array, csr_matrix]:
         """(n,) forces of unit pressure on the common area at a side's control values, and their
         derivatives."""
         side = 0 if moving else 1
@@ -241,20 +239,20 @@ class Sides:
         values, derivative = surface_integrals(x, surface, covered, self.first[side], sizes=True)
         return values[:, 0], derivative
 
-    def facets(self, moving: bool) -> np.ndarray:
+    def facets(self, moving: bool) -> Array:
         """(f, c) corners of a side's facets."""
         return self.surfaces[self.moving if moving else self.frame].facets
 
-    def cells(self, moving: bool) -> np.ndarray:
+    def cells(self, moving: bool) -> Array:
         """(f, k) all nodes of a side's facets."""
         return self.surfaces[self.moving if moving else self.frame].cells
 
-    def skin(self, moving: bool) -> np.ndarray:
+    def skin(self, moving: bool) -> Array:
         """(s, c) first-order facets between all nodes of a side, by which normals are averaged."""
         return self.surfaces[self.moving if moving else self.frame].skin
 
 
-def _rounded(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
+def _rounded(x: Array, facets: Array) -> Array:
     """(n,) nodes about which a surface with facets (f, k) is curved, and has no edge."""
     mean, normal = unit(areas_around(x, facets)), unit_normals(x, facets)
     angle, most = np.linalg.norm(mean[facets] - normal[:, None], axis=2), np.zeros(len(x))

@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix
 
-from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.finite.condensed import CondensedSystem, tolerance
 from dolfinx_llm.finite.coupling import Coupling
-from dolfinx_llm.finite.soft_modes import soft_modes
+from dolfinx_llm.finite.multigrid import Multigrid
+from dolfinx_llm.finite.parts import Part, Parts
 from dolfinx_llm.finite.terms import ContactTerms
 from dolfinx_llm.forms.direct import DirectSolver
-from dolfinx_llm.operators.bodies import Bodies
-from dolfinx_llm.operators.numbering import BodyDofs, Numbering
 from dolfinx_llm.operators.petsc import (
-    create_aij,
     diagonal_of,
     is_symmetric,
     join_blocks,
@@ -31,96 +29,8 @@ from dolfinx_llm.operators.petsc import (
     times,
 )
 
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """A sparse matrix between some unknowns, known to every rank."""
-
-    matrix: csr_matrix
-    rows: np.ndarray  # number of each row
-    cols: np.ndarray  # number of each column
-
-
 ONCE = {"ksp_max_it": 1}  # Newton's next iteration is the refinement
 IN_VAIN = 3  # failures of GMRES in a row, after which it is not tried any more
-GROWN = 10  # entries that are stored over those that are there, from which they are forgotten
-
-
-@dataclass(eq=False)
-class Parts:
-    """Where unknowns stand, and matrices between them of what every rank knows of interfaces."""
-
-    dofs: BodyDofs
-    numbers: Sequence[np.ndarray]  # per interface (width,) dofs of its coordinates
-    own: Numbering  # of all interfaces' own unknowns, one after the other
-    sizes: Sequence[int]  # per interface
-    stored: dict[str, csr_matrix] = field(default_factory=dict)  # entries of contact
-
-    def add(
-        self, K: PETSc.Mat, name: str, parts: Sequence[Part], without: np.ndarray | None = None
-    ) -> None:
-        """Add parts to K, but for rows (n_local,); arguments as of ``rows``."""
-        sizes = self.dofs.sizes
-        local = self.rows(name, parts, self.dofs.first, *sizes, without)
-        added = create_aij(self.dofs.comm, sizes, sizes, local)
-        K.axpy(1.0, added, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        added.destroy()
-
-    def blocks(self, terms: Sequence[ContactTerms], sizes: tuple[int, int]) -> list[PETSc.Mat]:
-        """Blocks top, left and own."""
-        ends = np.cumsum([0, *self.sizes])
-        places = [self.own.number[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
-        both = list(zip(terms, self.numbers, places, strict=True))
-        comm, (n, total), first = self.dofs.comm, sizes, self.dofs.first
-        mine, count = self.own.sizes
-        start = sum(self.own.owner < self.own.rank)
-        fixed = self.dofs.fixed
-        tops = [Part(t.top, u, q) for t, u, q in both]
-        top = self.rows("top", tops, first, n, count, fixed)
-        lefts = [Part(t.left, q, u) for t, u, q in both]
-        left = self.rows("left", lefts, start, mine, total)
-        own = [Part(t.own, q, q) for t, _, q in both]
-        zero = csr_matrix((np.zeros(count), (np.arange(count), np.arange(count))), (count, count))
-        own.append(Part(zero, np.arange(count), np.arange(count)))  # a stored diagonal
-        return [
-            create_aij(comm, sizes, self.own.sizes, top),
-            create_aij(comm, self.own.sizes, sizes, left),
-            create_aij(
-                comm, self.own.sizes, self.own.sizes, self.rows("own", own, start, mine, count)
-            ),
-        ]
-
-    def rows(
-        self,
-        name: str,
-        parts: Sequence[Part],
-        first: int,
-        n: int,
-        width: int,
-        without: np.ndarray | None = None,
-    ) -> csr_matrix:
-        """(n, width) this rank's rows of the sum of some parts, but for those (n,) left out, with
-        the entries that a block of this name has had before."""
-        rows, cols, values = [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros(0)]
-        for part in parts:
-            found = part.matrix.tocoo()
-            row = part.rows[found.row] - first
-            keep = (row >= 0) & (row < n)
-            if without is not None:
-                keep[keep] = ~without[row[keep]]
-            rows.append(row[keep])
-            cols.append(part.cols[found.col[keep]])
-            values.append(found.data[keep])
-        count = sum(map(len, rows))
-        if name in self.stored and self.stored[name].nnz < GROWN * count:
-            before = self.stored[name].tocoo()
-            rows.append(before.row)
-            cols.append(before.col)
-            values.append(0.0 * before.data)
-        index = np.concatenate(rows), np.concatenate(cols)
-        found = csr_matrix((np.concatenate(values), index), (n, width))
-        self.stored[name] = found
-        return found
 
 
 @dataclass(eq=False)
@@ -137,7 +47,7 @@ class NewtonSystem(Parts):
     It is factorised, or solved by GMRES (see ``condensed``); where that fails, factorised as well.
     """
 
-    options: tuple[str, dict] = ("", {})  # prefix, and PETSc options
+    options: tuple[str, dict[str, Any]] = ("", {})  # prefix, and PETSc options
     sides: Sequence[Any] = ()  # surfaces of each interface
     iterates: bool = False  # whether GMRES is to solve it
     iterations: int = 0  # of GMRES, since they were asked for
@@ -145,20 +55,20 @@ class NewtonSystem(Parts):
     solver: DirectSolver | None = None  # of the last iteration
 
     @cached_property
-    def _bodies(self) -> Bodies:
-        return Bodies(self.dofs.spaces)
+    def _grids(self) -> Multigrid:
+        return Multigrid(self.dofs, self.options)
 
     def solve(
         self,
         K: PETSc.Mat,
         terms: Sequence[ContactTerms],
         followers: Sequence[Part],
-        r: np.ndarray,
-        u: np.ndarray,
+        r: Array,
+        u: Array,
         error: float,
         exact: bool,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Changes of this rank's u and of all q; collective. K is used up.
+    ) -> tuple[Array, Array]:
+        """Changes of this rank's u and of all q; collective.
 
         Args:
             K: of the bodies, without conditions.
@@ -174,7 +84,10 @@ class NewtonSystem(Parts):
             ContactError: MUMPS could not factorise.
         """
         if self.iterates:
-            return self._iterate(K, terms, followers, r, u, error, exact)
+            found = self._iterate(K, terms, followers, r, u, tolerance(error, exact))
+            if found is not None:
+                return found
+        K = K.copy()
         bodies = [Part(t.K, at, at) for t, at in zip(terms, self.numbers, strict=True)]
         self.add(K, "bodies", [*bodies, *followers], self.dofs.fixed)
         fixed = np.flatnonzero(self.dofs.fixed)
@@ -189,49 +102,50 @@ class NewtonSystem(Parts):
         K: PETSc.Mat,
         terms: Sequence[ContactTerms],
         followers: Sequence[Part],
-        r: np.ndarray,
-        u: np.ndarray,
-        error: float,
-        exact: bool,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The same by GMRES, else by MUMPS; K becomes the preconditioner's."""
-        dofs, d = self.dofs, mean_diagonal(K)
+        r: Array,
+        u: Array,
+        tolerances: tuple[float, float],
+    ) -> tuple[Array, Array] | None:
+        """The same by GMRES; None where it does not get there."""
+        dofs, d, grids = self.dofs, mean_diagonal(K), self._grids
         places = [*self.numbers, *(f.rows for f in followers)]
         loads = [f.matrix for f in followers]
-        coupling = Coupling(dofs, terms, self.sides, places, loads, d)
+        coupling = Coupling(dofs, terms, self.sides, places, loads, d, grids.fitted)
         pairs = [Part(C, n, n) for C, n in zip(coupling.stiffness, self.numbers, strict=True)]
-        self.add(K, "pairs", pairs)
         moved = np.where(dofs.fixed, -r, 0.0)
         pushed, left = coupling.prescribed(moved)
         forces = np.where(dofs.fixed, 0.0, -r - times(K, moved) - pushed)
         rest = np.concatenate([np.zeros(0), *(t.rest for t in terms)])
         s = -coupling.scaling @ rest - left
-        fixed = dofs.first + np.flatnonzero(dofs.fixed)
-        K.zeroRowsColumns(fixed.astype(PETSc.IntType), diag=d)
-        K.setBlockSize(dofs.gdim)
-        system = CondensedSystem(dofs, self.own, K, coupling)
-        modes = soft_modes(dofs, u, self._bodies, terms, self.sides, self.numbers)
-        found = system.solve(forces, s, modes, tolerance(error, exact), self.options)
-        self.iterations += system.iterations
+        system, found = CondensedSystem(dofs, self.own, grids, coupling, ended=coupling.wrong), None
+        while found is None and not system.ended:
+            try:
+                grids.meet(K, pairs, d, u)
+            except ContactInputError:
+                raise
+            except ContactError as error:
+                system.ended = str(error)
+                break
+            found = system.solve(forces, s, tolerances)
+            self.iterations += system.iterations
+            if found is None and not grids.fresh:  # another tangent's may have misled it
+                grids.discard()
+                system.ended = ""
         self.failures = self.failures + 1 if found is None else 0
-        if found is None:
-            self.iterates = self.failures < IN_VAIN
-            log.log(
-                logging.WARNING if dofs.comm.rank == 0 else logging.DEBUG,
-                f"GMRES + GAMG gave no answer ({system.ended}): Newton's system is factorised by "
-                "MUMPS instead" + ("" if self.iterates else ", from now on"),
-            )
-            every = np.concatenate(places)
-            self.add(K, "others", [Part(coupling.K, every, every)])
-            rests = np.split(-s / coupling.scaling.diagonal(), np.cumsum(self.sizes)[:-1])
-            found = self._factorised(K, terms, forces, rests)
-        else:
-            K.destroy()
-        return found[0] + moved, found[1]
+        if found is not None:
+            return found[0] + moved, found[1]
+        grids.discard()
+        self.iterates = self.failures < IN_VAIN
+        log.log(
+            logging.WARNING if dofs.comm.rank == 0 else logging.DEBUG,
+            f"GMRES + GAMG gave no answer ({system.ended}): Newton's system is factorised by "
+            "MUMPS instead" + ("" if self.iterates else ", from now on"),
+        )
+        return None
 
     def _factorised(
-        self, K: PETSc.Mat, terms: Sequence[ContactTerms], b: np.ndarray, rest: Sequence[np.ndarray]
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, K: PETSc.Mat, terms: Sequence[ContactTerms], b: Array, rest: Sequence[Array]
+    ) -> tuple[Array, Array]:
         """The solution by MUMPS for forces b (n_local,) and what the own equations leave."""
         if not terms:
             return self._solved([[K]], [b])[0], np.zeros(0)
@@ -244,9 +158,7 @@ class NewtonSystem(Parts):
         du, dq = self._solved([[K, top], [left, own]], [b, -rests])
         return du, gather_rows(self.dofs.comm, c * dq)[self.own.number]
 
-    def _solved(
-        self, blocks: Sequence[Sequence[PETSc.Mat]], b: Sequence[np.ndarray]
-    ) -> list[np.ndarray]:
+    def _solved(self, blocks: Sequence[Sequence[PETSc.Mat]], b: Sequence[Array]) -> list[Array]:
         matrix, places = join_blocks(blocks)
         for M in (M for row in blocks for M in row):
             M.destroy()
@@ -283,13 +195,14 @@ class NewtonSystem(Parts):
         return taken
 
     def destroy(self) -> None:
-        """Free the factorisation; collective. The next solve factorises anew."""
+        """Free the factorisation, or multigrid; collective. The next solve makes it anew."""
+        self._grids.discard()
         old, self.solver = self.solver, None
         if old is not None:
             old.destroy()
 
 
-def mean_diagonal(K: PETSc.Mat, at: np.ndarray | None = None) -> float:
+def mean_diagonal(K: PETSc.Mat, at: Array | None = None) -> float:
     """Mean size of K's diagonal entries, or of those of some rows (k,), the same on every rank
     [force / length]; collective."""
     own, (first, end) = np.abs(diagonal_of(K)), K.getOwnershipRange()

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 
 FAST = 1e-9  # part of a row at free dofs, below which supports hold the pair
@@ -20,8 +21,8 @@ class Origin:
     """From where slip counts in an increment."""
 
     points: Any  # (n, ...) what nodes touched then: rows on a frame, points of an obstacle as drawn
-    gap: np.ndarray  # (n,) at the start of the increment; inf where there was none [length]
-    touched: np.ndarray  # (n,) pairs that have been in contact since
+    gap: Array  # (n,) at the start of the increment; inf where there was none [length]
+    touched: Array  # (n,) pairs that have been in contact since
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,13 +33,13 @@ class Held:
     leave, once each: at the frame's ends they would go in and out for ever.
     """
 
-    candidates: np.ndarray  # (f,) facets of the moving side that can touch
-    pairs: np.ndarray  # (n,) its nodes that take part
+    candidates: Array  # (f,) facets of the moving side that can touch
+    pairs: Array  # (n,) its nodes that take part
     limit: float  # k of the design
-    chart: np.ndarray = field(
+    chart: Array = field(
         default_factory=lambda: np.zeros((0, 0))
     )  # (m, c) functions that it leaves to the frame
-    left: np.ndarray = field(
+    left: Array = field(
         default_factory=lambda: np.zeros(0, dtype=bool)
     )  # (n,) nodes that have left the frame since the start
     lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
@@ -46,8 +47,8 @@ class Held:
     exact: bool = False  # whether slip has its exact derivative: see ``friction_law``
     origin: Origin | None = None  # of slip, where there is friction
     kept: Any = None  # what an own law has kept from the last increment
-    pose: np.ndarray | None = None  # pivot, displacement, rotation, force of a rigid obstacle
-    pose_before: np.ndarray | None = None  # the same at the start of the increment
+    pose: Array | None = None  # pivot, displacement, rotation, force of a rigid obstacle
+    pose_before: Array | None = None  # the same at the start of the increment
     scale: float = 1.0  # stiffness of the bodies, which weighs lengths [force / length]
     about: Any = None  # changes (width,) and own unknowns where friction is linearised; None: here
 
@@ -56,14 +57,14 @@ class Held:
 class Place:
     """How the pairs of an interface stand in one configuration, whatever they carry."""
 
-    z: np.ndarray  # (width,) coordinates [length]
-    gap: np.ndarray  # (n,) of the moving side's pairs; inf where there is none [length]
-    normal: np.ndarray  # (n, gdim) out of the frame
+    z: Array  # (width,) coordinates [length]
+    gap: Array  # (n,) of the moving side's pairs; inf where there is none [length]
+    normal: Array  # (n, gdim) out of the frame
     N: csr_matrix  # (n, m) rows
-    areas: tuple[np.ndarray, np.ndarray]  # (n,), (m,) of pairs, and of the frame's nodes [area]
+    areas: tuple[Array, Array]  # (n,), (m,) of pairs, and of the frame's nodes [area]
 
     @property
-    def pairs(self) -> np.ndarray:
+    def pairs(self) -> Array:
         """(n,) which nodes of the moving side can touch."""
         return np.isfinite(self.gap)
 
@@ -72,17 +73,17 @@ class Place:
 class ContactTerms:
     """An interface's part of Newton's system, for coordinates z and its own unknowns q."""
 
-    force: np.ndarray  # (width,) on the coordinates [force]
+    force: Array  # (width,) on the coordinates [force]
     K: csr_matrix  # (width, width) minus its derivative by z
     top: csr_matrix  # (width, q) minus its derivative by q
     left: csr_matrix  # (q, width) derivative of the interface's own equations by z
     own: csr_matrix  # (q, q) the same by q
-    rest: np.ndarray  # (q,) their residual
+    rest: Array  # (q,) their residual
     place: Place
     delta: float  # largest correction of a row
-    status: np.ndarray  # (n,) of the pairs: 0 open, 1 stick, 2 slip, 3 closed without friction
-    friction: np.ndarray | None  # (width,) part of the force; None: all that is not normal
-    slip: np.ndarray  # (n, gdim) tangential motion on the frame in the increment [length]
+    status: Array  # (n,) of the pairs: 0 open, 1 stick, 2 slip, 3 closed without friction
+    friction: Array | None  # (width,) part of the force; None: all that is not normal
+    slip: Array  # (n, gdim) tangential motion on the frame in the increment [length]
     kept: Any = None  # () -> what an own law keeps if this is the end of the increment
     miss: float = 0.0  # largest distance of forces from the law where pairs slip [force]
 
@@ -94,6 +95,7 @@ class MovingContact:
     are their normal forces lambda [force].
     """
 
+    parts: ClassVar[bool] = True  # pairs may part
     settles: ClassVar[bool] = True  # nothing but lambda and gaps decides which pairs are closed
     pressed: ClassVar[tuple[int, ...]] = (CLOSED,)  # status of pairs that stay closed in a step in
     # time if they press at its start, and, the last, what they are where they would open
@@ -105,7 +107,7 @@ class MovingContact:
         """Whether surfaces may overlap under its forces."""
         return False
 
-    def staying(self, stays: np.ndarray, now: np.ndarray) -> np.ndarray:
+    def staying(self, stays: Array, now: Array) -> Array:
         """(n,) status of pairs, with those (n,) that stay in contact."""
         return np.where(stays & (now == OPEN), self.pressed[-1], now)
 
@@ -115,11 +117,15 @@ class MovingContact:
         raise NotImplementedError
 
     @property
-    def owner(self) -> np.ndarray:
+    def owner(self) -> Array:
         """(size,) ranks that own the unknowns."""
         raise NotImplementedError
 
-    def hold(self, z: np.ndarray) -> Held:
+    def carried(self, q: Array, R: Array) -> Array:
+        """Own unknowns q where all turns by R (gdim, gdim)."""
+        return q
+
+    def hold(self, z: Array) -> Held:
         """What is held in a load step that starts at coordinates z."""
         raise NotImplementedError
 
@@ -127,13 +133,13 @@ class MovingContact:
         """What is held where the equilibrium there asks for other pairs; None: it does not."""
         return None
 
-    def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> Any:
+    def place(self, z: Array, q: Array, held: Held) -> Any:
         """How the pairs stand at coordinates z and own unknowns q: a ``Place`` of its own kind."""
         raise NotImplementedError
 
     def touching(
-        self, place: Any, q: np.ndarray, before: np.ndarray, held: Held, reach: np.ndarray
-    ) -> tuple[np.ndarray, Held]:
+        self, place: Any, q: Array, before: Array, held: Held, reach: Array
+    ) -> tuple[Array, Held]:
         """(n,) status of the pairs, and what is held from now on: closed where lambda - scale gap
         > 0.
 
@@ -148,19 +154,17 @@ class MovingContact:
         closed = place.pairs & (q[: len(gap)] / held.scale - gap > -reach)
         return np.where(closed, CLOSED, OPEN), held
 
-    def terms(
-        self, place: Any, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
-    ) -> ContactTerms:
+    def terms(self, place: Any, q: Array, status: Array, held: Held, free: Array) -> ContactTerms:
         """All that Newton's iteration asks for."""
         raise NotImplementedError
 
 
-def moved(place: Place, change: np.ndarray) -> Place:
+def moved(place: Place, change: Array) -> Place:
     """The same pairs where their gaps have changed (n,) [length]."""
     return replace(place, gap=place.gap + change)
 
 
-def yields(directions: np.ndarray, free: np.ndarray, held: Held) -> np.ndarray:
+def yields(directions: Array, free: Array, held: Held) -> Array:
     """(k, r, r) by how much rows yield to changes of their forces, in the derivative alone.
 
     Nodes that supports hold on a free frame, more than the frame has free coordinates, make rows
@@ -177,12 +181,12 @@ def yields(directions: np.ndarray, free: np.ndarray, held: Held) -> np.ndarray:
     return YIELDS / held.scale * supported @ np.swapaxes(directions, 1, 2)
 
 
-def held_fast(A: csr_matrix, free: np.ndarray) -> np.ndarray:
+def held_fast(A: csr_matrix, free: Array) -> Array:
     """(n,) which rows (n, width) have no part at free coordinates: supports hold them."""
     return np.sqrt(np.asarray(A.multiply(A) @ free.astype(float)).ravel()) < FAST
 
 
-def slide(contact: MovingContact, terms: ContactTerms, dz: np.ndarray) -> float:
+def slide(contact: MovingContact, terms: ContactTerms, dz: Array) -> float:
     """How far nodes in contact slide over the other side for changes dz (width,) [length]."""
     on, n = terms.status != OPEN, terms.place.normal
     jump = (contact.sides.jumps(terms.place.N) @ dz).reshape(n.shape)
@@ -191,8 +195,8 @@ def slide(contact: MovingContact, terms: ContactTerms, dz: np.ndarray) -> float:
 
 
 def foreseen(
-    contact: Any, place: Place, changed: tuple[np.ndarray, np.ndarray], held: Held, reach: float
-) -> np.ndarray:
+    contact: Any, place: Place, changed: tuple[Array, Array], held: Held, reach: float
+) -> Array:
     """(n,) status of the pairs in the linear model.
 
     Args:
@@ -210,7 +214,7 @@ def foreseen(
     return contact.touching(then, q, every, held, reach)[0]
 
 
-def differ(now: np.ndarray, before: np.ndarray, origin: Origin | None) -> bool:
+def differ(now: Array, before: Array, origin: Origin | None) -> bool:
     """Whether pairs of status (n,) in the linear model are to be solved for again: others touch, or
     all slip. Where some of the same stick it says little of which, and iterates tell where nodes
     land that had a gap (``origin``, with friction): Newton's iteration finds them sooner alone."""

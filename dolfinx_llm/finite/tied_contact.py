@@ -8,11 +8,12 @@ and areas, by which forces are reported, are those of now, of the parts that wer
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.sparse import diagonal, summing
 from dolfinx_llm.finite.areas import Covered
@@ -33,19 +34,22 @@ TELLS = 1e-2  # singular value of rows of prescribed nodes, below which they tel
 class TiedContact(MovingContact):
     """Unknowns: a force of gdim components per node of the moving side."""
 
+    parts: ClassVar[bool] = False
     settles: ClassVar[bool] = False
 
     sides: Sides
     A: csr_matrix  # (n gdim, width) x_p - sum_J N_pJ y_J, at second order of control values
     N: csr_matrix  # (n, m)
-    pairs: np.ndarray  # (n,) nodes that are tied
+    pairs: Array  # (n,) nodes that are tied
     drawn: Meeting  # where nodes lie and what is covered, for good
     delta: float
-    z: np.ndarray  # (width,) coordinates as drawn [length]
-    found: list = field(default_factory=list, repr=False)  # what ``_determined`` has found
+    z: Array  # (width,) coordinates as drawn [length]
+    found: list[tuple[Any, Any]] = field(
+        default_factory=list, repr=False
+    )  # what ``_determined`` has found
 
     @classmethod
-    def of(cls, sides: Sides, z: np.ndarray, design: Design, close_gap: bool) -> TiedContact:
+    def of(cls, sides: Sides, z: Array, design: Design, close_gap: bool) -> TiedContact:
         """Ties of surfaces drawn at coordinates z.
 
         Args:
@@ -96,20 +100,23 @@ class TiedContact(MovingContact):
         return int(self.A.shape[0])
 
     @property
-    def owner(self) -> np.ndarray:
+    def owner(self) -> Array:
         return np.repeat(self.sides.surfaces[self.sides.moving].owner, self.sides.gdim)
 
+    def carried(self, q: Array, R: Array) -> Array:
+        return (q.reshape(-1, len(R)) @ R.T).ravel()
+
     def touching(
-        self, place: Place, q: np.ndarray, before: np.ndarray, held: Held, reach: np.ndarray
-    ) -> tuple[np.ndarray, Held]:
+        self, place: Place, q: Array, before: Array, held: Held, reach: Array
+    ) -> tuple[Array, Held]:
         """(n,) all pairs stick."""
         return np.where(self.pairs, STICK, OPEN), held
 
-    def hold(self, z: np.ndarray) -> Held:
+    def hold(self, z: Array) -> Held:
         """Nothing is chosen anew."""
         return Held(np.zeros(0, dtype=bool), self.pairs, 0.0)
 
-    def place(self, z: np.ndarray, q: np.ndarray, held: Held) -> Place:
+    def place(self, z: Array, q: Array, held: Held) -> Place:
         """Rows as drawn, normals and areas as they are now."""
         sides, at = self.sides, self.drawn.at
         of_facets = sides.outward(z)[sides.cells(False)[at.facet]]
@@ -118,9 +125,7 @@ class TiedContact(MovingContact):
         areas = own, sides.control[1].T @ frame
         return Place(z, np.where(self.pairs, 0.0, np.inf), normal, self.N, areas)
 
-    def terms(
-        self, place: Place, q: np.ndarray, status: np.ndarray, held: Held, free: np.ndarray
-    ) -> ContactTerms:
+    def terms(self, place: Place, q: Array, status: Array, held: Held, free: Array) -> ContactTerms:
         """See ``NormalContact.terms``; q (n gdim,) are the forces on the moving side [force]."""
         width = self.sides.width
         P, rest = self._determined(free)
@@ -139,7 +144,7 @@ class TiedContact(MovingContact):
             slip=np.zeros_like(place.normal),
         )
 
-    def _determined(self, free: np.ndarray) -> tuple[csr_matrix, csr_matrix]:
+    def _determined(self, free: Array) -> tuple[csr_matrix, csr_matrix]:
         """P (n gdim, n gdim) and D: P q are the forces that equilibrium determines, and D q = 0
         rules out all others.
 
@@ -178,7 +183,7 @@ class TiedContact(MovingContact):
         return self.found[0]
 
 
-def _carried(sides: Sides) -> tuple[np.ndarray, csr_matrix, float] | None:
+def _carried(sides: Sides) -> tuple[Array, csr_matrix, float] | None:
     """``carried_rows`` of second-order bodies, where small corrections do."""
     surfaces = sides.surfaces[sides.moving], sides.surfaces[sides.frame]
     if any(surface.element.order == 1 for surface in surfaces):

@@ -1,10 +1,12 @@
 """Matrices factorised by MUMPS, with refinement and spare memory."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.forms.options import PRECONDITIONERS, check_read, refused
 from dolfinx_llm.operators.petsc import is_symmetric
@@ -35,7 +37,7 @@ class DirectSolver:
     """
 
     def __init__(
-        self, matrix: Any, prefix: str, options: dict | None = None, own: bool = False
+        self, matrix: Any, prefix: str, options: dict[str, Any] | None = None, own: bool = False
     ) -> None:
         self.matrix, self._own = matrix, own
         self.symmetric = is_symmetric(matrix)
@@ -43,7 +45,7 @@ class DirectSolver:
         self._given = prefix, options or {}
         self.ksp = self._factorise(*self._given)
 
-    def _factorise(self, prefix: str, options: dict) -> Any:
+    def _factorise(self, prefix: str, options: dict[str, Any]) -> Any:
         """Set up and factorise."""
         if self.symmetric:
             self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -59,7 +61,7 @@ class DirectSolver:
             "the frame is not held; -13: out of memory",
         )  # fmt: skip
 
-    def _fitting(self, options: dict) -> dict:
+    def _fitting(self, options: dict[str, Any]) -> dict[str, Any]:
         """The options given, of which a factorisation is required; Cholesky's needs symmetry."""
         pc = options.get("pc_type", "lu")
         if pc in PRECONDITIONERS and pc not in ("lu", "cholesky"):
@@ -81,7 +83,7 @@ class DirectSolver:
             self.ksp.destroy()
             self.ksp = self._factorise(*self._given)
 
-    def solve(self, b: np.ndarray) -> np.ndarray:
+    def solve(self, b: Array) -> Array:
         """This rank's part of the solution for its part of a load."""
         self.rhs.array_w[:] = b
         try:
@@ -90,7 +92,7 @@ class DirectSolver:
             raise refused(error, self._options, "solve") from None
         return self.solution.array_r.copy()
 
-    def once(self, b: np.ndarray) -> np.ndarray:
+    def once(self, b: Array) -> Array:
         """``solve`` without refinement, where that is what the options ask for."""
         if self.ksp.getType() not in ("richardson", "preonly"):
             return self.solve(b)
@@ -98,13 +100,13 @@ class DirectSolver:
         self.ksp.getPC().apply(self.rhs, self.solution)
         return self.solution.array_r.copy()
 
-    def left(self, b: np.ndarray, x: np.ndarray) -> np.ndarray:
+    def left(self, b: Array, x: Array) -> Array:
         """This rank's part of what x leaves of a load b."""
         self.solution.array_w[:] = x
         self.matrix.mult(self.solution, self.rhs)
         return b - self.rhs.array_r
 
-    def solve_many(self, b: np.ndarray) -> np.ndarray:
+    def solve_many(self, b: Array) -> Array:
         """The same for several loads, the columns of b (n_local, k), without refinement."""
         comm, k = self.matrix.comm, b.shape[1]
         sizes = (self.matrix.getSizes()[0], (PETSc.DECIDE, k))
@@ -123,9 +125,15 @@ class DirectSolver:
             item.destroy()
 
 
-def set_up_ksp(matrix: Any, prefix: str, chosen: dict, given: dict | None = None) -> Any:
+def set_up_ksp(
+    matrix: Any,
+    prefix: str,
+    chosen: dict[str, Any],
+    given: dict[str, Any] | None = None,
+    prepare: Callable[[Any], None] | None = None,
+) -> Any:
     """A KSP with the chosen options, which do not stay in PETSc's global database; those that the
-    user gave must all be known.
+    user gave must all be known. ``prepare`` tells its preconditioner what no option says.
 
     Raises:
         ContactInputError: options with names that are not known, or values that PETSc refuses.
@@ -140,6 +148,8 @@ def set_up_ksp(matrix: Any, prefix: str, chosen: dict, given: dict | None = None
     for key in added:
         database[key] = chosen[key[len(prefix) :]]
     try:
+        if prepare is not None:
+            prepare(ksp.getPC())
         ksp.setFromOptions()
         ksp.setUp()
         ours = [key for key in given if prefix + key in added]
@@ -154,7 +164,13 @@ def set_up_ksp(matrix: Any, prefix: str, chosen: dict, given: dict | None = None
 
 
 def factorised(
-    matrix: Any, prefix: str, options: dict, given: dict, spare: int, what: str, advice: str
+    matrix: Any,
+    prefix: str,
+    options: dict[str, Any],
+    given: dict[str, Any],
+    spare: int,
+    what: str,
+    advice: str,
 ) -> Any:
     """A KSP that factorises; MUMPS gets more spare memory where delayed pivots outgrow it. What the
     matrix is and what its INFOG(1) advises are for the message where it cannot."""

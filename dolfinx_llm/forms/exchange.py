@@ -5,11 +5,12 @@ answer to every multiplier costs more than a few factorisations. They are asked 
 sign is wrong, and for those that get it wrong in turn.
 """
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, force_level
@@ -25,8 +26,8 @@ class SetUp(Protocol):
     """What a step's matrix was set up to."""
 
     def ask(
-        self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray, about: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        self, f: Array, g: Array, rhs: Array, about: Array | None = None
+    ) -> tuple[Array, Array, Array]:
         """This rank's u, and all of λ (n,) and w (m,), for this rank's f, (n,) g and (m,) rhs;
         ``about`` as of ``LinearStep``, where g has not taken it up."""
 
@@ -44,12 +45,15 @@ class WholeSteps(StepForm):
     eager = True  # asks whenever it may, not only where change has brought nothing
 
     def __init__(
-        self, prefix: str = "llm_", options: dict | None = None, times: StageTimes | None = None
+        self,
+        prefix: str = "llm_",
+        options: dict[str, Any] | None = None,
+        times: StageTimes | None = None,
     ) -> None:
         self.prefix, self.options = prefix, options
         self.times = StageTimes() if times is None else times
         self._set: tuple[LinearStep, SetUp] | None = None
-        self._f: np.ndarray | None = None  # this rank's load of the last step
+        self._f: Array | None = None  # this rank's load of the last step
         self._wrong: float = np.inf  # signs that were wrong there
 
     def prepare(self, K: PETSc.Mat, operators: ContactOperators) -> None:
@@ -77,7 +81,7 @@ class WholeSteps(StepForm):
             self._set[1].destroy()
         self._set = None
 
-    def solve(self, f: np.ndarray, step: LinearStep) -> StepResult:
+    def solve(self, f: Array, step: LinearStep) -> StepResult:
         """See ``StepForm``."""
         if f is not self._f:
             self._f, self._wrong = f, np.inf
@@ -99,9 +103,7 @@ class WholeSteps(StepForm):
         self.noise = SEVERAL * EPS * terms[0]
         return found
 
-    def _loads(
-        self, step: LinearStep, pairs: np.ndarray, forces: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _loads(self, step: LinearStep, pairs: Array, forces: Array) -> tuple[Array, Array, Array]:
         """What is added to f, g and rhs for pairs that are to change: those out of contact get
         forces, the others gaps of forces / c."""
         closing = np.zeros(len(step.active))
@@ -112,9 +114,7 @@ class WholeSteps(StepForm):
         pushed = times(operators.B, closing[operators.rows.numbering.mine])
         return -pushed, opening, -(step.E @ closing)
 
-    def _choose(
-        self, made: SetUp, step: LinearStep, found: StepResult
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _choose(self, made: SetUp, step: LinearStep, found: StepResult) -> tuple[Array, Array]:
         """Pairs that have to change so that all signs are right, and their forces (gaps times c,
         where they open): linear complementarity among those whose sign is or becomes wrong."""
         rows = np.flatnonzero(step.may_open)
@@ -122,9 +122,7 @@ class WholeSteps(StepForm):
         on = step.active[rows]
         band = SIGN * force_level(found.multiplier, found.y + step.g, self.scale)
 
-        def signs(
-            multiplier: np.ndarray, y: np.ndarray, w: np.ndarray, g: np.ndarray
-        ) -> np.ndarray:
+        def signs(multiplier: Array, y: Array, w: Array, g: Array) -> Array:
             """What must not be negative: forces in contact, gaps times c elsewhere."""
             gap = step.L[rows] @ w - y[rows] - g[rows]
             return np.where(on, multiplier[rows], self.scale * gap)
@@ -157,7 +155,7 @@ class WholeSteps(StepForm):
         self.release()
 
 
-def row_stiffness(operators: ContactOperators, diagonal: np.ndarray) -> np.ndarray:
+def row_stiffness(operators: ContactOperators, diagonal: Array) -> Array:
     """(n,) what a body sets against the motion of a row's node alone, about [force / length].
 
     Args:

@@ -14,6 +14,7 @@ import scipy.linalg
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.log import progress
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.direct import DirectSolver
@@ -35,7 +36,10 @@ class Flexibility(StepForm):
     proximal = 1e-13  # the smaller, the sooner nodes under a tiny force are where they touch
 
     def __init__(
-        self, prefix: str = "llm_", options: dict | None = None, times: StageTimes | None = None
+        self,
+        prefix: str = "llm_",
+        options: dict[str, Any] | None = None,
+        times: StageTimes | None = None,
     ) -> None:
         self._prefix, self._options = prefix, options
         self._times = StageTimes() if times is None else times
@@ -78,17 +82,17 @@ class Flexibility(StepForm):
         self._held[: rigid.free, : rigid.free] = self.floating.square.toarray()
         self.G = self._interface_sum((self._local_B_t @ self.modes).toarray())
         self.F: Any = self._flexibility()  # (n, n) on rank 0, None elsewhere
-        self.f: np.ndarray | None = None  # this rank's load that h and r are of
+        self.f: Array | None = None  # this rank's load that h and r are of
         self._u = np.zeros(self.modes.shape[0])  # what ``_pinned`` found last
         self._of: Any = None, np.zeros(self.rows.sizes[1])  # load and λ that it is for
         self._stiff = np.where(operators.dofs.fixed, self.scale, 1.0)  # their rows are identities
         self._factor: Any = None  # ``LinearStep`` that was solved last, and its solver
 
-    def _interface_sum(self, part: np.ndarray) -> np.ndarray:
+    def _interface_sum(self, part: Array) -> Array:
         """Sum over ranks of a part with one row per multiplier, in their own order."""
         return self.comm.allreduce(part)[self.rows.number]
 
-    def _flexibility(self) -> np.ndarray | None:
+    def _flexibility(self) -> Array | None:
         """F on rank 0, None elsewhere."""
         n = self.rows.sizes[1]
         F = np.empty((n, n)) if self.comm.rank == 0 else None
@@ -104,14 +108,14 @@ class Flexibility(StepForm):
         F = F[np.ix_(self.rows.number, self.rows.number)]
         return 0.5 * (F + F.T)
 
-    def _load(self, f: np.ndarray) -> None:
+    def _load(self, f: Array) -> None:
         """Take this rank's load: h, and the resultant along the floating modes."""
         self.f = f
         self._take(self._of[1])
         self.r = self.comm.allreduce(self.modes.T @ f)
         self._alpha = np.zeros(len(self.r))
 
-    def solve(self, f: np.ndarray, step: LinearStep) -> StepResult:
+    def solve(self, f: Array, step: LinearStep) -> StepResult:
         """See ``StepForm``; where pairs change, the complementarity λ >= 0, gap >= 0, λ gap = 0 is
         solved."""
         if f is not self.f:
@@ -132,12 +136,12 @@ class Flexibility(StepForm):
         free = self._alpha[: self.floating.count]
         return StepResult(np.zeros(0), multiplier, y, w, free, active, wrong)
 
-    def _judged(self, step: LinearStep, active: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _judged(self, step: LinearStep, active: Array) -> tuple[Array, ...]:
         """λ, y, w and α with these rows in contact, the rows, and those with a wrong sign."""
         found = self._dense(replace(step, active=active))
         return *found, active, wrong_signs(step, active, *found[:3], self.scale)
 
-    def _equations(self, step: LinearStep, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _equations(self, step: LinearStep, on: Array) -> tuple[Array, Array]:
         """Matrix and right-hand side of the rows ``on``, the frame and the rigid motions.
 
         Unknowns λ / c, w, α: every entry is then a pure number.
@@ -154,12 +158,12 @@ class Flexibility(StepForm):
         A[n + m :, n + m :] = (self._own + held) / c
         return A, self._rhs(step, on)
 
-    def _rhs(self, step: LinearStep, on: np.ndarray) -> np.ndarray:
+    def _rhs(self, step: LinearStep, on: Array) -> Array:
         c, k = self.scale, len(step.anchor)
         pull = self.r + step.spring * self._held[:, :k] @ step.anchor
         return np.concatenate([self.h[on] + step.g[on], step.rhs / c, pull / c])
 
-    def _dense(self, step: LinearStep) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def _dense(self, step: LinearStep) -> tuple[Array, Array, Array, Array]:
         on, c, m = np.flatnonzero(step.active), self.scale, step.L.shape[1]
         x = self._solved(step, on)
         multiplier, n = np.zeros(len(step.active)), len(on)
@@ -168,18 +172,18 @@ class Flexibility(StepForm):
         y = self.h - self.F @ multiplier + self.G @ alpha
         return multiplier, y, x[n : n + m], alpha
 
-    def _solved(self, step: LinearStep, on: np.ndarray) -> np.ndarray:
+    def _solved(self, step: LinearStep, on: Array) -> Array:
         """Unknowns of the rows ``on``, the frame and the rigid motions; what was factorised serves
         all steps of the same matrix."""
         if self._factor is None or not step.same_matrix(self._factor[0]):
             self._factor = step, _refined(self._equations(step, on)[0])
         return np.asarray(self._factor[1](self._rhs(step, on)[:, None]))[:, 0]
 
-    def displacement(self, found: StepResult) -> np.ndarray:
+    def displacement(self, found: StepResult) -> Array:
         """See ``StepForm``."""
         return self._pinned(found.multiplier) + self.modes @ self._alpha
 
-    def _pinned(self, multiplier: np.ndarray) -> np.ndarray:
+    def _pinned(self, multiplier: Array) -> Array:
         """This rank's displacement under f - B λ where springs hold the pins: the last one with
         what that leaves, which refines it; a second solve where the first was rough."""
         if self._of[0] is not self.f or (self._of[1] != multiplier).any():
@@ -198,13 +202,13 @@ class Flexibility(StepForm):
         alone are subject to rounding that the forces together are not."""
         self._take(found.multiplier)
 
-    def _take(self, multiplier: np.ndarray) -> None:
+    def _take(self, multiplier: Array) -> None:
         """h on rank 0, from the displacement for some multipliers."""
         y = self._interface_sum(self._local_B_t @ self._pinned(multiplier))
         if self.comm.rank == 0:
             self.h = y + self.F @ multiplier
 
-    def _in_petsc_order(self, values: np.ndarray) -> np.ndarray:
+    def _in_petsc_order(self, values: Array) -> Array:
         """Values of the multipliers by their global number."""
         ordered = np.empty_like(values)
         ordered[self.rows.number] = values
@@ -221,7 +225,7 @@ class Flexibility(StepForm):
         self._solver = None
 
 
-def _choose(step: LinearStep, A: np.ndarray, rhs: np.ndarray) -> np.ndarray:
+def _choose(step: LinearStep, A: Array, rhs: Array) -> Array:
     """Rows in contact: linear complementarity among those whose sign is or becomes wrong. A x = rhs
     are the equations of all rows, the frame and the rigid motions.
 
@@ -235,7 +239,7 @@ def _choose(step: LinearStep, A: np.ndarray, rhs: np.ndarray) -> np.ndarray:
     solve = _refined(A[np.ix_(kept, kept)])
     look = A[np.ix_(rows, kept)]
 
-    def signs(x: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    def signs(x: Array, gap: Array) -> Array:
         """What must not be negative: λ / c in contact, gaps elsewhere."""
         found = look @ x + gap
         found[on] = x[place[rows[on]]]
@@ -262,7 +266,7 @@ def _choose(step: LinearStep, A: np.ndarray, rhs: np.ndarray) -> np.ndarray:
     return active
 
 
-def _refined(A: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+def _refined(A: Array) -> Callable[[Array], Array]:
     """Solves dense systems with A, rows scaled and with one step of refinement; ``LinAlgError``
     where A is singular."""
     if not len(A):  # supports hold the body, and nothing touches the obstacle
@@ -273,7 +277,7 @@ def _refined(A: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     if not np.abs(np.diagonal(factor[0])).min(initial=np.inf) > 0.0:
         raise np.linalg.LinAlgError("a pivot is zero")
 
-    def solve(b: np.ndarray) -> np.ndarray:
+    def solve(b: Array) -> Array:
         b = b * scale
         x = scipy.linalg.lu_solve(factor, b, check_finite=False)
         x += scipy.linalg.lu_solve(factor, b - A @ x, check_finite=False)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.forms.verdict import UNBALANCED, FinalError
 from dolfinx_llm.operators.floating import Floating
 
@@ -32,7 +33,7 @@ class Pull:
     """
 
     def __init__(
-        self, floating: Floating, spring: float, f: np.ndarray, forces: float, start: np.ndarray
+        self, floating: Floating, spring: float, f: Array, forces: float, start: Array
     ) -> None:
         self._floating, self._spring, self._loads = floating, spring, floating.sizes(f)
         self._forces, self.anchor, self.share, self.most = forces, start, 0.0, 0.0
@@ -41,7 +42,7 @@ class Pull:
         self._least = UNBALANCED  # share that may be rounding
         self._rest = np.inf  # last share while the state of contact stayed
 
-    def watch(self, alpha: np.ndarray, multiplier: np.ndarray, calm: int, noise: float) -> None:
+    def watch(self, alpha: Array, multiplier: Array, calm: int, noise: float) -> None:
         """See another iteration: where the motions went to (count,), λ, iterations since the state
         of contact changed, rounding of forces. ``FinalError`` where nothing holds some bodies."""
         if not self._floating.count:
@@ -65,7 +66,7 @@ class Pull:
             self.anchor = self._next(moved, calm)
         self._moved = moved
 
-    def _next(self, moved: np.ndarray, calm: int) -> np.ndarray:
+    def _next(self, moved: Array, calm: int) -> Array:
         """Springs pull to where the bodies were until contact stays, so that a motion that contact
         leaves free is not one that some iteration has led to. Then they follow; where something
         nearly as weak holds the bodies, farther than these went (Aitken)."""
@@ -81,7 +82,7 @@ class Pull:
         return self.share <= NOTHING or (self.share <= self._least and not falls)
 
 
-def out_of_balance(floating: Floating, share: float, motion: np.ndarray, force: np.ndarray) -> str:
+def out_of_balance(floating: Floating, share: float, motion: Array, force: Array) -> str:
     """Words for a share of the forces that nothing balances, and for the motion (count,) of the
     bodies that they drive, forces (count,) along their motions."""
     return (

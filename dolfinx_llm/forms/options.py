@@ -1,9 +1,8 @@
 """PETSc options that were given: which of them nothing has asked for, and which PETSc refuses."""
 
 import ctypes
-import difflib
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from functools import cache
 from typing import Any
 
@@ -34,9 +33,8 @@ def check_values(options: dict[str, Any]) -> None:
         value = options.get(key, "")
         if not isinstance(value, str):
             checks.refuse(f"petsc_options: {key}", value, "give the name of a method")
-        near = difflib.get_close_matches(value, names, n=1)
-        if value not in names and near:
-            checks.refuse(f"petsc_options: {key}", value, f"did you mean {near[0]!r}?")
+        if value not in names and (near := _nearest(value, names)):
+            checks.refuse(f"petsc_options: {key}", value, f"did you mean {near!r}?")
     if "ksp_max_it" in options and not isinstance(options["ksp_max_it"], str):
         accepted = "give an integer of at least 1"
         checks.integer("petsc_options: ksp_max_it", options["ksp_max_it"], accepted, low=1)
@@ -82,6 +80,13 @@ def refused(error: Exception, given: dict[str, Any], doing: str) -> ContactError
     )
 
 
+def _nearest(wrong: str, names: Sequence[str]) -> str:
+    """The name that was meant, or none: ""."""
+    from difflib import get_close_matches  # for those who misspell
+
+    return "".join(get_close_matches(wrong, names, n=1))
+
+
 def check_read(ksp: PETSc.KSP, prefix: str, given: Iterable[str], known: Collection[str]) -> None:
     """Require that a solver that has been set up has asked for all options given to it, names
     without prefix; other names are proposed of those that are common or ``known``. Options of
@@ -89,8 +94,8 @@ def check_read(ksp: PETSc.KSP, prefix: str, given: Iterable[str], known: Collect
     wrong = [k for k in given if not was_read(prefix + k) and not _of_another_method(k, ksp)]
     if not wrong:
         return
-    near = difflib.get_close_matches(wrong[0], [*COMMON, *known], n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
+    near = _nearest(wrong[0], [*COMMON, *known])
+    hint = f"; did you mean {near!r}?" if near else ""
     pc = ksp.getPC().getType()
     raise ContactInputError(
         f"petsc_options: {', '.join(map(repr, wrong))} is no option that this solver (ksp_type "

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix, diags
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.exchange import WholeSteps, row_stiffness
@@ -33,7 +34,7 @@ class SaddleForm(WholeSteps):
     _fewest: float = np.inf  # signs that were wrong in any step towards this load
     _swings = 0  # steps with no fewer
 
-    def solve(self, f: np.ndarray, step: LinearStep) -> StepResult:
+    def solve(self, f: Array, step: LinearStep) -> StepResult:
         """See ``WholeSteps``; where change goes round without friction, when those that press are
         the least of a convex function, a forecast says which do next."""
         if f is not self._f:
@@ -87,7 +88,7 @@ class FactorisedStep:
         numbers: tuple[Numbering, Numbering],
         scale: float,
         prefix: str,
-        options: dict | None = None,
+        options: dict[str, Any] | None = None,
     ) -> None:
         self._comm: MPI.Comm = K.comm.tompi4py()
         self._numbers, self._scale, self._active = numbers, scale, step.active
@@ -102,8 +103,8 @@ class FactorisedStep:
         self._solver = DirectSolver(self._matrix, prefix, options, own=True)
 
     def ask(
-        self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray, about: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        self, f: Array, g: Array, rhs: Array, about: Array | None = None
+    ) -> tuple[Array, Array, Array]:
         """This rank's u, and all of λ and w, for other loads; see ``LinearStep``.
 
         Raises:

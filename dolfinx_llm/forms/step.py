@@ -9,6 +9,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
@@ -29,22 +30,22 @@ class LinearStep:
     nothing.
     """
 
-    active: np.ndarray  # (n,) multiplier rows in contact
-    may_open: np.ndarray  # (n,) rows of normal forces that may open, or close
+    active: Array  # (n,) multiplier rows in contact
+    may_open: Array  # (n,) rows of normal forces that may open, or close
     L: csr_matrix  # (n, m) motion of the frame as the rows see it
-    g: np.ndarray  # (n,) [length]
-    compliance: np.ndarray  # (n,) by how much rows give way [length / force]; 0: rigid
+    g: Array  # (n,) [length]
+    compliance: Array  # (n,) by how much rows give way [length / force]; 0: rigid
     E: csr_matrix  # (m, n)
     D: csr_matrix  # (m, m) [force / length]
-    rhs: np.ndarray  # (m,) [force]
-    anchor: np.ndarray  # (k,) where springs hold the free motions of ``Floating``
+    rhs: Array  # (m,) [force]
+    anchor: Array  # (k,) where springs hold the free motions of ``Floating``
     spring: float  # their stiffness [force / length]
     pins: list[int]  # (p,) this rank's dofs, local numbers, at which they hold
-    pull: np.ndarray  # (p,) spring times where they hold these [force], part of the load
-    about: np.ndarray  # (n,) λ about which rows in contact give way, as g has it [force]
+    pull: Array  # (p,) spring times where they hold these [force], part of the load
+    about: Array  # (n,) λ about which rows in contact give way, as g has it [force]
 
     @classmethod
-    def tied(cls, L: csr_matrix, g: np.ndarray) -> LinearStep:
+    def tied(cls, L: csr_matrix, g: Array) -> LinearStep:
         """All rows hold.
 
         Args:
@@ -87,7 +88,7 @@ class LinearStep:
             and all(a is b or _same(a, b) for a, b in parts)
         )
 
-    def loaded(self, f: np.ndarray) -> np.ndarray:
+    def loaded(self, f: Array) -> Array:
         """(n_local,) load with what the springs pull.
 
         Args:
@@ -110,13 +111,13 @@ class StepResult:
     """What a linear step leads to, with the pairs that are then in contact; but for u the same on
     every rank. ``StepForm.result`` makes one of u, λ and w."""
 
-    u: np.ndarray  # (n_local,) this rank's [length]; empty where ``displacement`` finds it later
-    multiplier: np.ndarray  # (n,) λ [force]
-    y: np.ndarray  # (n,) Bᵀ u [length]
-    w: np.ndarray  # (m,) frame unknowns v, then slips κ [length]
-    floating: np.ndarray  # (k,) free motions
-    active: np.ndarray  # (n,) rows in contact
-    wrong: np.ndarray  # (n,) rows whose sign is still wrong
+    u: Array  # (n_local,) this rank's [length]; empty where ``displacement`` finds it later
+    multiplier: Array  # (n,) λ [force]
+    y: Array  # (n,) Bᵀ u [length]
+    w: Array  # (m,) frame unknowns v, then slips κ [length]
+    floating: Array  # (k,) free motions
+    active: Array  # (n,) rows in contact
+    wrong: Array  # (n,) rows whose sign is still wrong
 
 
 class StepForm(ABC):
@@ -158,7 +159,7 @@ class StepForm(ABC):
         self.K, self.operators = K, operators
 
     @abstractmethod
-    def solve(self, f: np.ndarray, step: LinearStep) -> StepResult:
+    def solve(self, f: Array, step: LinearStep) -> StepResult:
         """One linear step.
 
         Contact is first taken as ``step.active`` says; where that gives tension or overlap, a form
@@ -178,10 +179,10 @@ class StepForm(ABC):
     def result(
         self,
         step: LinearStep,
-        u: np.ndarray,
-        multiplier: np.ndarray,
-        w: np.ndarray,
-        active: np.ndarray | None = None,
+        u: Array,
+        multiplier: Array,
+        w: Array,
+        active: Array | None = None,
     ) -> StepResult:
         """A solution, with what follows from it.
 
@@ -197,7 +198,7 @@ class StepForm(ABC):
         wrong = wrong_signs(step, active, multiplier, y, w, self.operators.scale)
         return StepResult(u, multiplier, y, w, floating, active, wrong)
 
-    def motion(self, u: np.ndarray) -> np.ndarray:
+    def motion(self, u: Array) -> Array:
         """(n,) Bᵀ u on every rank.
 
         Args:
@@ -213,7 +214,7 @@ class StepForm(ABC):
             found: of the last step.
         """
 
-    def displacement(self, found: StepResult) -> np.ndarray:
+    def displacement(self, found: StepResult) -> Array:
         """(n_local,) this rank's u of the last step.
 
         Args:
@@ -221,7 +222,7 @@ class StepForm(ABC):
         """
         return found.u
 
-    def left(self, f: np.ndarray, u: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
+    def left(self, f: Array, u: Array, multiplier: Array) -> Array:
         """(n_local,) K u + B λ - f of the last step.
 
         Args:
@@ -243,12 +244,12 @@ class StepForm(ABC):
 
 def wrong_signs(
     step: LinearStep,
-    active: np.ndarray,
-    multiplier: np.ndarray,
-    y: np.ndarray,
-    w: np.ndarray,
+    active: Array,
+    multiplier: Array,
+    y: Array,
+    w: Array,
     scale: float,
-) -> np.ndarray:
+) -> Array:
     """(n,) rows with tension in contact or overlap out of it, beyond what rounding can do."""
     position = y + step.g
     gap, band = step.L @ w - position, SIGN * force_level(multiplier, position, scale)
@@ -273,7 +274,7 @@ def singular(reason: object) -> ContactError:
     )
 
 
-def force_level(multiplier: np.ndarray, position: np.ndarray, scale: float) -> float:
+def force_level(multiplier: Array, position: Array, scale: float) -> float:
     """Size of forces; where bodies hardly touch, of a part of those that closing gaps would take
     [force]."""
     apart = GRAZING * scale * np.abs(position).max(initial=0.0)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 
 EPS = float(np.finfo(float).eps)
@@ -49,12 +50,12 @@ class Verdict:
         return words
 
 
-def size(values: np.ndarray) -> float:
+def size(values: Array) -> float:
     """Largest absolute value; 0 of none."""
     return float(np.abs(values).max(initial=0.0))
 
 
-def largest(comm: MPI.Comm, *values: np.ndarray) -> list[float]:
+def largest(comm: MPI.Comm, *values: Array) -> list[float]:
     """Largest sizes of this and all other ranks' values; collective."""
     return [float(a) for a in np.max(comm.allgather([size(a) for a in values]), axis=0)]
 

@@ -5,12 +5,13 @@ from itertools import chain
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.element import CORNERS as CORNERS
 from dolfinx_llm.geometry.element import element_of
 from dolfinx_llm.geometry.element import shape_functions as shape_functions
 
 
-def closest_on_sides(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+def closest_on_sides(p: Array, x: Array) -> Array:
     """Reference coordinates (n, 2) of the points closest to x on the sides of triangles p."""
     side = np.roll(p, -1, axis=1) - p
     d = x[:, None] - p
@@ -22,23 +23,23 @@ def closest_on_sides(p: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.stack([[t, 0.0 * t], [1.0 - t, t], [0.0 * t, 1.0 - t]])[best, :, n]
 
 
-def gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
+def gauss(n: int) -> tuple[Array, Array]:
     """Points (n,) and weights (n,) on [0, 1], exact for polynomials of degree 2 n - 1."""
     s, w = np.polynomial.legendre.leggauss(n)
     return (s + 1.0) / 2.0, w / 2.0
 
 
-def joined_lists(found: Sequence[list[int]]) -> np.ndarray:
+def joined_lists(found: Sequence[list[int]]) -> Array:
     """One array of many lists of numbers."""
     return np.fromiter(chain.from_iterable(found), np.int64)
 
 
-def repeated_for(of: np.ndarray, found: Sequence[list[int]]) -> np.ndarray:
+def repeated_for(of: Array, found: Sequence[list[int]]) -> Array:
     """To whom, of (n,), the numbers of each list belong."""
     return np.repeat(of, [len(f) for f in found])
 
 
-def vector_areas(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
+def vector_areas(x: Array, cells: Array) -> Array:
     """Normal times area of every cell, (n_cells, 3); of segments normal times length, (n_cells, 2).
     Triangles and quads may also be given in plane coordinates (m, 2)."""
     p = x[cells]
@@ -52,17 +53,17 @@ def vector_areas(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
 
 
-def unit(vectors: np.ndarray) -> np.ndarray:
+def unit(vectors: Array) -> Array:
     """(n, gdim) vectors over their lengths."""
     return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
-def unit_normals(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
+def unit_normals(x: Array, cells: Array) -> Array:
     """(n_cells, gdim) unit normals, along ``vector_areas``."""
     return unit(vector_areas(x, cells))
 
 
-def areas_around(x: np.ndarray, facets: np.ndarray, cells: np.ndarray | None = None) -> np.ndarray:
+def areas_around(x: Array, facets: Array, cells: Array | None = None) -> Array:
     """(m, gdim) sums of the vector areas of the facets (f, k) around each node, of those of cells
     (f, j) where these have more nodes than the facets' corners [area]."""
     total = np.zeros_like(x)
@@ -70,12 +71,12 @@ def areas_around(x: np.ndarray, facets: np.ndarray, cells: np.ndarray | None = N
     return total
 
 
-def cross_plane(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def cross_plane(a: Array, b: Array) -> Array:
     """(...) cross products of vectors (..., 2) in the plane, which NumPy 2 has no more."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def facet_vectors(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
+def facet_vectors(x: Array, facets: Array) -> Array:
     """(m, k, gdim) integrals of N n dA over each facet (m, k), exact also on warped quads and on
     bent facets of second order [area]."""
     k = facets.shape[1]
@@ -89,7 +90,7 @@ def facet_vectors(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
     return np.einsum("mgi,gk->mki", facet_normals(x, facets, dN), w[:, None] * N)
 
 
-def facet_mass(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
+def facet_mass(x: Array, facets: Array) -> Array:
     """(m, k, k) integrals of N N dA over each facet (m, k), whole and maybe bent [area]."""
     element = element_of(x.shape[1] - 1, facets.shape[1])
     xi, w = element.quadrature
@@ -98,7 +99,7 @@ def facet_mass(x: np.ndarray, facets: np.ndarray) -> np.ndarray:
     return np.einsum("mg,gk,gl->mkl", area, N, N)
 
 
-def facet_normals(x: np.ndarray, facets: np.ndarray, dN: np.ndarray) -> np.ndarray:
+def facet_normals(x: Array, facets: Array, dN: Array) -> Array:
     """(m, g, gdim) normals of facets (m, k), of the size of the Jacobian, where shape functions
     have the slopes dN (g, k, d), or (m, g, k, d)."""
     dN = np.broadcast_to(dN, (len(facets), *dN.shape[-3:]))
@@ -108,13 +109,13 @@ def facet_normals(x: np.ndarray, facets: np.ndarray, dN: np.ndarray) -> np.ndarr
     return np.cross(t[:, :, 0], t[:, :, 1])
 
 
-def cell_sizes(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
+def cell_sizes(x: Array, cells: Array) -> Array:
     """(n_cells,) square root of every cell's area, length of segments [length]."""
     area = np.linalg.norm(vector_areas(x, cells), axis=1)
     return area if cells.shape[1] == 2 else np.sqrt(area)
 
 
-def corner_jacobians(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
+def corner_jacobians(x: Array, cells: Array) -> Array:
     """(n_cells, k) Jacobian at the corners over the cell's mean; of a warped quad, along its
     mean normal."""
     p = x[cells]
@@ -131,7 +132,7 @@ def corner_jacobians(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return np.einsum("cki,ci->ck", corner, normal) / np.maximum(size, 1e-300)[:, None]
 
 
-def points_of(x: np.ndarray, cells: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, ...]:
+def points_of(x: Array, cells: Array, xi: Array) -> tuple[Array, ...]:
     """Shape functions (n, k), positions (n, gdim) and tangents (n, d, gdim), the derivatives by the
     reference coordinates, at one point xi (n, d) of each of the cells (n, k), (23)."""
     N, dN = shape_functions(cells.shape[1], xi)
@@ -139,7 +140,7 @@ def points_of(x: np.ndarray, cells: np.ndarray, xi: np.ndarray) -> tuple[np.ndar
     return N, np.einsum("nk,nki->ni", N, p), np.einsum("nkd,nki->ndi", dN, p)
 
 
-def bases(tangents: np.ndarray) -> np.ndarray:
+def bases(tangents: Array) -> Array:
     """(n, gdim, gdim) right-handed orthonormal bases, rows (t1, t2, n), or (t1, n) in 2D, of
     tangents (n, d, gdim): the paper's (9)."""
     t1 = tangents[:, 0] / np.linalg.norm(tangents[:, 0], axis=1, keepdims=True)
@@ -150,7 +151,7 @@ def bases(tangents: np.ndarray) -> np.ndarray:
     return np.stack([t1, np.cross(n, t1), n], axis=1)
 
 
-def middle_jacobians(x: np.ndarray, cells: np.ndarray) -> np.ndarray:
+def middle_jacobians(x: Array, cells: Array) -> Array:
     """(n_cells,) determinants of bodies' cells (n_cells, k) in the middle, in dolfinx's order of
     nodes x (n, gdim): positive or negative with their orientation [volume]."""
     p, gdim = x[cells], x.shape[1]

@@ -12,6 +12,8 @@ from functools import cache, cached_property
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
+
 # Reference coordinates of the corners of segments, triangles and quads, these in cyclic order
 # (paper, (23)).
 CORNERS = {
@@ -59,13 +61,13 @@ class Element:
         return ELEMENTS[self.dim, self.nodes][1]
 
     @cached_property
-    def edges(self) -> np.ndarray:
+    def edges(self) -> Array:
         """(e, 2) corners at the ends of each edge, in the order of the edges' nodes."""
         at = np.arange(self.corners if self.dim == 2 else 1)
         return np.column_stack([at, (at + 1) % self.corners])
 
     @cached_property
-    def linear(self) -> np.ndarray:
+    def linear(self) -> Array:
         """(k, c) shape functions of the corners at the nodes."""
         c, out = self.corners, np.zeros((self.nodes, self.corners))
         out[:c] = np.eye(c)
@@ -76,7 +78,7 @@ class Element:
         return out
 
     @cached_property
-    def bernstein(self) -> np.ndarray:
+    def bernstein(self) -> Array:
         """(k, k) E: nodal values from control values, by which shape functions are Bernstein's."""
         c, e = self.corners, len(self.edges)
         out = np.eye(self.nodes)
@@ -87,7 +89,7 @@ class Element:
         return out
 
     @cached_property
-    def quadrature(self) -> tuple[np.ndarray, np.ndarray]:
+    def quadrature(self) -> tuple[Array, Array]:
         """Points (g, d) and weights (g,) on the reference cell, exact for products of three shape
         functions and the Jacobian of straight cells."""
         t, w = np.polynomial.legendre.leggauss(5)
@@ -101,15 +103,15 @@ class Element:
         return np.column_stack([a * (1.0 - b), a * b]), a * weight  # Duffy's triangle
 
     @property
-    def parts(self) -> np.ndarray:
+    def parts(self) -> Array:
         """(s, c) nodes of the first-order cells that have these nodes as corners."""
         return PARTS[self.dim, self.nodes]
 
-    def between(self, corners: np.ndarray) -> np.ndarray:
+    def between(self, corners: Array) -> Array:
         """(n, k, ...) positions of the nodes of straight cells with corners (n, c, ...)."""
         return np.einsum("kc,nc...->nk...", self.linear, corners)
 
-    def permuted(self, cells: np.ndarray, corner: np.ndarray) -> np.ndarray:
+    def permuted(self, cells: Array, corner: Array) -> Array:
         """(n, k) cells whose corners are the given ones of before, (n, c), along the cycle."""
         if self.order == 1:
             return np.take_along_axis(cells, corner, axis=1)
@@ -120,11 +122,11 @@ class Element:
         rest = np.broadcast_to(rest, (len(cells), len(rest)))
         return np.take_along_axis(cells, np.column_stack([corner, c + edge, rest]), axis=1)
 
-    def positive(self, xi: np.ndarray) -> np.ndarray:
+    def positive(self, xi: Array) -> Array:
         """(n, k) shape functions of control values at xi (n, d): Bernstein's, at least 0."""
         return self.shape(xi)[0] @ self.bernstein
 
-    def shape(self, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def shape(self, xi: Array) -> tuple[Array, Array]:
         """N (n, k) and dN (n, k, d) at reference coordinates xi (n, d), (23)."""
         if self.order == 1:
             return _linear(self.nodes, xi)
@@ -143,12 +145,12 @@ def element_of(dim: int, nodes: int) -> Element:
     return Element(dim, nodes)
 
 
-def shape_functions(k: int, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def shape_functions(k: int, xi: Array) -> tuple[Array, Array]:
     """N (n, k) and dN (n, k, d) of cells with k nodes at reference coordinates xi (n, d)."""
     return element_of(xi.shape[1], k).shape(xi)
 
 
-def _linear(k: int, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _linear(k: int, xi: Array) -> tuple[Array, Array]:
     n = len(xi)
     if k == 4:
         a = 1.0 + xi[:, None, :] * CORNERS[4]
@@ -158,7 +160,7 @@ def _linear(k: int, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return N, np.broadcast_to(dN, (n, k, k - 1))
 
 
-def _biquadratic(points: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _biquadratic(points: Array, xi: Array) -> tuple[Array, Array]:
     """Products of a parabola along each axis, for nodes (9, 2) at -1, 0 and 1."""
     x = xi[:, None, :]
     a = np.where(points == 0.0, 1.0 - x * x, 0.5 * x * (x + points))

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.cells import joined_lists, repeated_for, unit, unit_normals
 from dolfinx_llm.geometry.surface import Surface
 
@@ -25,11 +26,11 @@ STEEP = 0.1  # cosine below which a facet stands on edge
 class Polygons:
     """Facets as convex polygons."""
 
-    corners: np.ndarray  # (m, k, gdim) in a cycle [length]
-    normal: np.ndarray  # (m, gdim) unit, out of the body
+    corners: Array  # (m, k, gdim) in a cycle [length]
+    normal: Array  # (m, gdim) unit, out of the body
 
     @cached_property
-    def ball(self) -> tuple[np.ndarray, np.ndarray]:
+    def ball(self) -> tuple[Array, Array]:
         """Centres (m, gdim) and radii (m,) of balls that hold the facets [length]."""
         centre = self.corners.mean(axis=1)
         return centre, np.linalg.norm(self.corners - centre[:, None], axis=2).max(axis=1)
@@ -55,18 +56,18 @@ class Polygons:
 class Across:
     """Where two facets of n pairs are in front of each other."""
 
-    along: np.ndarray  # (n, gdim) direction, out of the first facet into the second
-    x: np.ndarray  # (n, gdim) the middle of what they share, halfway between them [length]
-    gap: np.ndarray  # (n,) there [length]
+    along: Array  # (n, gdim) direction, out of the first facet into the second
+    x: Array  # (n, gdim) the middle of what they share, halfway between them [length]
+    gap: Array  # (n,) there [length]
 
 
 def facing_pairs(
     parts: Sequence[Polygons],
-    body: np.ndarray,
+    body: Array,
     distance: float | None,
     angle: float,
     seen: bool = False,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[Array, Array]:
     """Pairs of facets of different bodies, the lower body's first, that face each other.
 
     Args:
@@ -80,7 +81,7 @@ def facing_pairs(
     centre, radius = facets.ball
     found = [np.zeros((0, 2), dtype=np.int64)]
 
-    def reach(largest: float) -> np.ndarray:
+    def reach(largest: float) -> Array:
         most = TOUCH * np.maximum(radius, largest) if distance is None else distance
         return np.asarray(radius + largest + most)
 
@@ -99,8 +100,8 @@ def facing_pairs(
 
 
 def _near(
-    facets: Polygons, x: np.ndarray, reach: Callable[[float], np.ndarray]
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    facets: Polygons, x: Array, reach: Callable[[float], Array]
+) -> Iterator[tuple[Array, Array]]:
     """Points (n, gdim) and facets, some pairs at a time, whose centres are within the reach (n,),
     told for facets of a largest radius."""
     centre, radius = facets.ball
@@ -116,8 +117,8 @@ def _near(
 
 
 def _face(
-    facets: Polygons, i: np.ndarray, j: np.ndarray, size: np.ndarray, limit: object, angle: float
-) -> tuple[np.ndarray, Across]:
+    facets: Polygons, i: Array, j: Array, size: Array, limit: object, angle: float
+) -> tuple[Array, Across]:
     """(n,) whether facets i and j, the smaller of a size (n,), face each other; and where those
     that do."""
     good = -np.einsum("ni,ni->n", facets.normal[i], facets.normal[j]) >= np.cos(angle)
@@ -144,9 +145,7 @@ def _face(
     return good, Across(along[faces], middle, np.einsum("nk,nk->n", share, gap))
 
 
-def _crossings(
-    p: np.ndarray, q: np.ndarray, along: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _crossings(p: Array, q: Array, along: Array) -> tuple[Array, Array, Array]:
     """Where edges of polygons cross, seen along a direction: (n, k k) points halfway, gaps, and
     whether they do."""
     d, e = (np.roll(x, -1, axis=1) - x for x in (p, q))
@@ -155,7 +154,7 @@ def _crossings(
     d, e = np.broadcast_to(d[:, :, None], shape), np.broadcast_to(e[:, None], shape)
     start, way = p[:, :, None], q[:, None] - p[:, :, None]
 
-    def turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def turn(a: Array, b: Array) -> Array:
         return np.asarray(np.einsum("nabi,ni->nab", np.cross(a, b), along))
 
     det = turn(d, e)
@@ -169,9 +168,7 @@ def _crossings(
     return (0.5 * (on_p + on_q)).reshape(*flat, gdim), gap.reshape(flat), cross.reshape(flat)
 
 
-def _hidden(
-    facets: Polygons, body: np.ndarray, i: np.ndarray, j: np.ndarray, across: Across
-) -> np.ndarray:
+def _hidden(facets: Polygons, body: Array, i: Array, j: Array, across: Across) -> Array:
     """(n,) whether other facets lie between facets i and j, on the line across the middle of what
     these share: those of a third body, or the far sides of bodies that are thinner than they seem
     to overlap."""
@@ -199,7 +196,7 @@ def _hidden(
     return hidden
 
 
-def _height(x: np.ndarray, y: np.ndarray, n: np.ndarray, along: np.ndarray) -> np.ndarray:
+def _height(x: Array, y: Array, n: Array, along: Array) -> Array:
     """(n, k) from planes through y (n, gdim) with normals n to points x (n, k, gdim), along a
     direction."""
     return np.asarray(
@@ -207,9 +204,7 @@ def _height(x: np.ndarray, y: np.ndarray, n: np.ndarray, along: np.ndarray) -> n
     )
 
 
-def _overlap(
-    p: np.ndarray, q: np.ndarray, along: np.ndarray, least: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _overlap(p: Array, q: Array, along: Array, least: Array) -> tuple[Array, Array]:
     """(n,) whether polygons overlap by more than ``least``, seen along a direction, and (n, 2 k)
     which corners of q, then of p, lie over the other: no axis across an edge separates them."""
     gdim = p.shape[2]

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.cells import (
     bases,
     cell_sizes,
@@ -39,9 +40,9 @@ PAIRS = 2_000_000  # of facets that are looked at in one go
 class Facets:
     """The facets of a surface as discs."""
 
-    centre: np.ndarray  # (m, gdim) [length]
-    radius: np.ndarray  # (m,) of a ball about the centre that holds the facet [length]
-    normal: np.ndarray  # (m, gdim) unit, out of the body
+    centre: Array  # (m, gdim) [length]
+    radius: Array  # (m,) of a ball about the centre that holds the facet [length]
+    normal: Array  # (m, gdim) unit, out of the body
     reach: float  # radius of the surface about its own centre [length]
 
     @classmethod
@@ -60,8 +61,8 @@ class Facets:
 class Facing:
     """Facets of one side that can touch the other."""
 
-    facets: np.ndarray  # (k,) ascending numbers
-    partner: np.ndarray  # (k,) a facet of the other side that each faces
+    facets: Array  # (k,) ascending numbers
+    partner: Array  # (k,) a facet of the other side that each faces
 
 
 def facing_facets(
@@ -100,7 +101,7 @@ class _Search:
         self.gap = np.full(len(own.centre), np.inf)
         self.apart = np.full(len(own.centre), np.inf)  # of its partner, see ``_gaps``
 
-    def partners(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def partners(self, distance: Array) -> tuple[Array, Array]:
         """(m,) partner of each facet, -1 for none, and the gap between them, from each facet's
         distance (m,) to the other surface."""
         own, other = self.own, self.other
@@ -122,7 +123,7 @@ class _Search:
             self._look_ahead(rest, low[rest], high[rest])
             low[rest], high[rest] = high[rest], 1.5 * high[rest]
 
-    def _look_ahead(self, facet: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
+    def _look_ahead(self, facet: Array, low: Array, high: Array) -> None:
         """Try all facets of the other side with a gap between two bounds."""
         first = low == 0.0
         middle = np.where(first, 0.0, 0.5 * (low + high))
@@ -138,7 +139,7 @@ class _Search:
                 near = tree.query_ball_point(points[some], reach[some])
                 self._try(repeated_for(facet[some], near), group[joined_lists(near)])
 
-    def _try(self, facet: np.ndarray, other: np.ndarray) -> None:
+    def _try(self, facet: Array, other: Array) -> None:
         """Keep the nearest of the facets that face each other, of pairs (n,), (n,)."""
         gap, apart = self._gaps(facet, other)
         good = np.flatnonzero(np.isfinite(gap))
@@ -148,7 +149,7 @@ class _Search:
         at = facet[first]
         self.partner[at], self.gap[at], self.apart[at] = other[first], gap[first], apart[first]
 
-    def _gaps(self, facet: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _gaps(self, facet: Array, other: Array) -> tuple[Array, Array]:
         """(n,) gap between facets along the mean of their normals, inf where they do not face, and
         how far the facet's centre is from the other facet.
 
@@ -176,7 +177,7 @@ class _Search:
         return np.where(good, gap, np.inf), np.hypot(gap, beside)
 
 
-def _portions(counts: np.ndarray) -> Iterator[np.ndarray]:
+def _portions(counts: Array) -> Iterator[Array]:
     """Numbers 0, 1, ... in portions whose counts add up to no more than PAIRS, or of one."""
     total = np.cumsum(counts)
     yield from np.split(np.arange(len(counts)), np.flatnonzero(np.diff(total // PAIRS)) + 1)
@@ -186,10 +187,10 @@ def _portions(counts: np.ndarray) -> Iterator[np.ndarray]:
 class Separation:
     """The nodes of one side against the other surface; n nodes."""
 
-    distance: np.ndarray  # (n,) from the closest point of the other surface [length]
-    depth: np.ndarray  # (n,) how deep each lies inside of the other body, 0 outside [length]
-    over: np.ndarray  # (n,) whether its closest point is inside of a facet, not at an edge
-    size: np.ndarray  # (n,) of the facets there, the larger of both sides' [length]
+    distance: Array  # (n,) from the closest point of the other surface [length]
+    depth: Array  # (n,) how deep each lies inside of the other body, 0 outside [length]
+    over: Array  # (n,) whether its closest point is inside of a facet, not at an edge
+    size: Array  # (n,) of the facets there, the larger of both sides' [length]
 
 
 def separation(side: Surface, other: Surface) -> Separation:
@@ -206,7 +207,7 @@ def separation(side: Surface, other: Surface) -> Separation:
     return Separation(distance, depth, inner, size)
 
 
-def _heights(x: np.ndarray, surface: Surface) -> tuple[np.ndarray, ...]:
+def _heights(x: Array, surface: Surface) -> tuple[Array, ...]:
     """Of points their height over the closest facet, distance, closest point, its facet and whether
     it lies inside of it."""
     at = ClosestPoints(surface.x, surface.facets).locate(x)
@@ -215,7 +216,7 @@ def _heights(x: np.ndarray, surface: Surface) -> tuple[np.ndarray, ...]:
     return height, np.linalg.norm(x - y, axis=1), y, at.cell, at.outside <= 0.0
 
 
-def facet_sizes(surface: Surface) -> np.ndarray:
+def facet_sizes(surface: Surface) -> Array:
     """(n,) size of the largest facet at each node [length]."""
     size = np.zeros(len(surface.x))
     of = cell_sizes(surface.x, surface.facets)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.geometry.cells import cell_sizes, corner_jacobians, points_of
@@ -64,9 +65,9 @@ class Frame:
     (90.0, 1.0)
     """
 
-    x: np.ndarray
-    cells: np.ndarray
-    v: np.ndarray | None = field(default=None, compare=False)
+    x: Array
+    cells: Array
+    v: Array | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         x, cells = _numbers("x", self.x, POSITIONS), _numbers("cells", self.cells, NUMBERS)
@@ -141,12 +142,12 @@ class Frame:
         return element_of(self.gdim - 1, self.cells.shape[1])
 
     @property
-    def corners(self) -> np.ndarray:
+    def corners(self) -> Array:
         """(n_cells, c) nodes at the corners of the cells."""
         return self.cells[:, : self.element.corners]
 
     @cached_property
-    def _corner_jacobians(self) -> np.ndarray:
+    def _corner_jacobians(self) -> Array:
         return corner_jacobians(self.x, self.corners)
 
     @cached_property
@@ -169,11 +170,11 @@ class Frame:
         )
 
     @cached_property
-    def cell_size(self) -> np.ndarray:
+    def cell_size(self) -> Array:
         """(n_cells,) square root of the area (length in 2D) [length]."""
         return cell_sizes(self.x, self.corners)
 
-    def moved(self, v: np.ndarray) -> Frame:
+    def moved(self, v: Array) -> Frame:
         """The frame where its nodes have moved to, y = Y + v of (8).
 
         Args:
@@ -187,7 +188,7 @@ class Frame:
         corners = np.broadcast_to(np.arange(self.element.corners)[::-1], self.corners.shape)
         return replace(self, cells=self.element.permuted(self.cells, corners))
 
-    def evaluate(self, cell: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, ...]:
+    def evaluate(self, cell: Array, xi: Array) -> tuple[Array, ...]:
         """Shape functions, positions and tangents at points of the frame, (23).
 
         Args:
@@ -232,7 +233,7 @@ class Frame:
         return self._places.interpolation(location, self.cells, self.element)
 
 
-def bent(frame: Frame, x: np.ndarray) -> Frame:
+def bent(frame: Frame, x: Array) -> Frame:
     """A checked frame of second-order cells, which need not be straight, with its nodes at x
     (m, gdim) [length]."""
     found = object.__new__(Frame)
@@ -241,7 +242,7 @@ def bent(frame: Frame, x: np.ndarray) -> Frame:
     return found
 
 
-def displaced(frame: Frame, v: np.ndarray) -> Frame:
+def displaced(frame: Frame, v: Array) -> Frame:
     """A frame with displacements of its nodes beside their positions, for results.
 
     Args:
@@ -285,7 +286,7 @@ def _check_orientation(frame: Frame) -> None:
         )
 
 
-def _numbers(name: str, value: Any, accepted: str) -> np.ndarray:
+def _numbers(name: str, value: Any, accepted: str) -> Array:
     """An array of real numbers, or of integers where numbers of nodes are asked for."""
     try:
         found = np.asarray(value)

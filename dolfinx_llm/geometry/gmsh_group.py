@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 
 
-def read_gmsh(model: Any, physical_group: int, gdim: int) -> tuple[np.ndarray, np.ndarray]:
+def read_gmsh(model: Any, physical_group: int, gdim: int) -> tuple[Array, Array]:
     """Nodes and cells of a physical group of cells of one kind."""
     checks.integer("gdim", gdim, "give 2 or 3")
     if gdim not in (2, 3):
@@ -29,7 +30,7 @@ def read_gmsh(model: Any, physical_group: int, gdim: int) -> tuple[np.ndarray, n
         ) from error
 
 
-def _read_group(model: Any, physical_group: int, gdim: int) -> tuple[np.ndarray, np.ndarray]:
+def _read_group(model: Any, physical_group: int, gdim: int) -> tuple[Array, Array]:
     nodes = {1: 2, 2: 3, 3: 4, 8: 3, 9: 6, 10: 9}  # gmsh's lines, triangles, quads
     kinds: set[int] = set()
     parts = [np.empty(0, dtype=np.int64)]

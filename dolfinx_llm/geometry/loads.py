@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import block_diag, csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import placed
 from dolfinx_llm.geometry.cells import (
     facet_mass,
@@ -41,21 +42,21 @@ UNTOLD = 0.3  # part of a facet in contact, up to which it tells little of its f
 class NodalLoads:
     """Of n nodes, under unit pressure and, at second order, pressures linear along the surface."""
 
-    forces: np.ndarray  # (n,) integrals of N_p over the area in contact [area]
-    shares: np.ndarray  # (n,) area of its facets that each node stands for; forces at first order
-    moments: np.ndarray  # (n, gdim - 1) integrals of N_p (s - s_p), on curved surfaces (n, gdim) of
+    forces: Array  # (n,) integrals of N_p over the area in contact [area]
+    shares: Array  # (n,) area of its facets that each node stands for; forces at first order
+    moments: Array  # (n, gdim - 1) integrals of N_p (s - s_p), on curved surfaces (n, gdim) of
     # N_p (x - x_p); (n, 0) at first order
-    touched: np.ndarray  # (n,) whether a facet of the node is in contact
+    touched: Array  # (n,) whether a facet of the node is in contact
     mass: csr_matrix | None = None  # (n, n) integrals of N_p N_q of second-order facets [area]
-    sound: np.ndarray | None = None  # (n,) whether one of them is by more than ``UNTOLD`` of it
+    sound: Array | None = None  # (n,) whether one of them is by more than ``UNTOLD`` of it
 
     @classmethod
-    def of_forces(cls, forces: np.ndarray) -> NodalLoads:
+    def of_forces(cls, forces: Array) -> NodalLoads:
         """First order: forces (n,) are all."""
         return cls(forces, forces, np.zeros((len(forces), 0)), forces > 0.0)
 
     @classmethod
-    def on(cls, side: Surface, s: np.ndarray, area: Any, order: int = 1) -> NodalLoads:
+    def on(cls, side: Surface, s: Array, area: Any, order: int = 1) -> NodalLoads:
         """Of a flat side, exact.
 
         Args:
@@ -93,7 +94,7 @@ class NodalLoads:
         return cls(forces, shares, moments, touched, sum(products), sound)
 
     @classmethod
-    def whole(cls, side: Surface, facets: np.ndarray) -> NodalLoads:
+    def whole(cls, side: Surface, facets: Array) -> NodalLoads:
         """Of some facets of a side, flat or curved, as wholes: no moments."""
         n, cells = len(side.x), side.cells[facets]
         if side.element.order == 1:
@@ -107,7 +108,7 @@ class NodalLoads:
         shares = np.bincount(cells.ravel(), area, n)
         return cls(mass @ np.ones(n), shares, np.zeros((n, 0)), touched, mass, touched)
 
-    def of(self, nodes: np.ndarray) -> NodalLoads:
+    def of(self, nodes: Array) -> NodalLoads:
         """Those of some nodes."""
         mass = None if self.mass is None else self.mass[nodes][:, nodes].tocsr()
         sound = None if self.sound is None else self.sound[nodes]
@@ -127,14 +128,14 @@ class NodalLoads:
         return NodalLoads(forces, shares, moments, touched, whole, sound)
 
 
-def assembled(blocks: np.ndarray, nodes: np.ndarray, n: int) -> csr_matrix:
+def assembled(blocks: Array, nodes: Array, n: int) -> csr_matrix:
     """(n, n) sum of blocks (e, k, k) at nodes (e, k)."""
     return placed(blocks, nodes[:, :, None], nodes[:, None, :], (n, n))
 
 
 def loads_in_contact(
     sides: Sequence[Surface], may_part: bool, order: int
-) -> tuple[list[NodalLoads], list[np.ndarray]]:
+) -> tuple[list[NodalLoads], list[Array]]:
     """Of both sides, over what both cover, and (n_i, gdim) vector areas of their nodes.
 
     Args:
@@ -149,24 +150,25 @@ def loads_in_contact(
         vectors = vector_areas_in_contact(sides[0], sides[1], may_part)
         return [NodalLoads.of_forces(np.linalg.norm(a, axis=1)) for a in vectors], vectors
     reach = np.inf if may_part else FARTHEST
-    both = [_loads(a, b, reach, order) for a, b in (sides, sides[::-1])]
+    both = [covered_loads(a, b, reach, order) for a, b in (sides, sides[::-1])]
     loads, vectors = map(list, zip(*both, strict=True))
     require_overlap(sides, vectors)
     return loads, vectors
 
 
-def _loads(
-    side: Surface, other: Surface, reach: float, order: int
-) -> tuple[NodalLoads, np.ndarray]:
-    """Of one side, and its vector areas."""
+def covered_loads(
+    side: Surface, other: Surface, reach: float, order: int, as_is: bool = False
+) -> tuple[NodalLoads, Array]:
+    """Of one side, over what the other one covers, and its vector areas; see ``covered_facets``."""
     (n, gdim), cells, element = side.x.shape, side.cells, side.element
-    facet, xi, weight, part = _points(side, other, reach)
+    facet, xi, weight, part = _points(side, covered_facets(side, other, reach, as_is))
     flat = xi.reshape(-1, gdim - 1)
     N, dN = element.shape(flat)
     e, g = weight.shape
     N, dN = N.reshape(e, g, -1), dN.reshape(e, g, element.nodes, gdim - 1)
-    normal = facet_normals(side.x, cells[facet], dN) * weight[..., None]
-    area, nodes = np.linalg.norm(normal, axis=2), cells[facet]
+    normal, nodes = facet_normals(side.x, cells[facet], dN), cells[facet]
+    area = np.linalg.norm(normal, axis=2) * weight  # weights of parts cut off are negative
+    normal = normal * weight[..., None]
     place = np.einsum("egk,eki->egi", N, side.x[nodes])
     arm = place[:, :, None] - side.x[nodes][:, None]
     vectors = np.zeros((n, gdim))
@@ -186,11 +188,11 @@ def _loads(
 
 
 def _points(
-    side: Surface, other: Surface, reach: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Facets (e,), reference coordinates (e, g, d) and weights (e, g) of points in what the other
-    side covers, and which part of its facet that is (e,)."""
-    whole, cut = covered_facets(side, other, reach)
+    side: Surface, covered: tuple[Array, list[tuple[int, Array, list[Any]]]]
+) -> tuple[Array, Array, Array, Array]:
+    """Facets (e,), reference coordinates (e, g, d) and weights (e, g) of points in what is covered,
+    and which part of its facet that is (e,)."""
+    whole, cut = covered
     own, w = side.element.quadrature
     facets = np.flatnonzero(whole)
     found = [(
@@ -212,15 +214,15 @@ def _points(
     return _padded(found)
 
 
-def _jacobians(s: np.ndarray, xi: np.ndarray, element: Element) -> np.ndarray:
+def _jacobians(s: Array, xi: Array, element: Element) -> Array:
     """(g,) of a straight facet with corners s (c, d) in its plane."""
     J = np.einsum("gkd,ki->gdi", element.shape(xi)[1], s)
     return np.asarray(np.abs(np.linalg.det(J)))
 
 
 def _padded(
-    found: Sequence[tuple[np.ndarray, ...]],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    found: Sequence[tuple[Array, ...]],
+) -> tuple[Array, Array, Array, Array]:
     """One array each, where facets have different numbers of points, with weights 0 of more."""
     most = max(weight.shape[1] for _, _, weight, _ in found)
     facet, xi, weight, part = (

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.cells import (
     CORNERS,
     cell_sizes,
@@ -27,23 +28,23 @@ EDGE = 1e-14  # the same of a point on an edge
 class Location:
     """Points located on a frame: where each lies and how far from it."""
 
-    x: np.ndarray  # (n, gdim) the points [length]
-    cell: np.ndarray  # (n,) frame cell
-    xi: np.ndarray  # (n, d) reference coordinates of the closest point
-    N: np.ndarray  # (n, k) shape functions of that cell's nodes, continued linearly outside
-    outside: np.ndarray  # (n,) tangential distance from the cell in units of its size, 0 inside
+    x: Array  # (n, gdim) the points [length]
+    cell: Array  # (n,) frame cell
+    xi: Array  # (n, d) reference coordinates of the closest point
+    N: Array  # (n, k) shape functions of that cell's nodes, continued linearly outside
+    outside: Array  # (n,) tangential distance from the cell in units of its size, 0 inside
     # Other points of the frame that are as close, as in the middle of a fold, or of a dented edge:
-    equal: tuple[np.ndarray, ...]  # (t,) which of the n, (t,) cell, (t, d) xi
+    equal: tuple[Array, ...]  # (t,) which of the n, (t,) cell, (t, d) xi
 
 
 @dataclass(frozen=True, eq=False)
 class ClosestPoints:
     """Finds closest points of cells (n_cells, k) over nodes x (m, gdim) [length]."""
 
-    x: np.ndarray
-    cells: np.ndarray
+    x: Array
+    cells: Array
 
-    def locate(self, x: np.ndarray) -> Location:
+    def locate(self, x: Array) -> Location:
         """Closest point for each x (n, gdim); see ``Frame.locate``."""
         cell = cKDTree(self._balls[0]).query(x)[1]
         xi, distance = self._invert(x, cell)
@@ -52,7 +53,7 @@ class ClosestPoints:
         N, dN = shape_functions(self.cells.shape[1], xi)
         inside = (N.min(axis=1) > 1e-9) & (distance <= rounding)
         rest = np.flatnonzero(~inside)
-        equal: tuple[np.ndarray, ...] = rest[:0], cell[:0], xi[:0]
+        equal: tuple[Array, ...] = rest[:0], cell[:0], xi[:0]
         if len(rest):
             cell[rest], xi[rest], (point, *others) = self._closest(
                 x[rest], distance[rest], rounding[rest]
@@ -64,13 +65,13 @@ class ClosestPoints:
         return Location(x, cell, xi, N, self._outside(offset, cell), equal)
 
     @cached_property
-    def _size(self) -> np.ndarray:
+    def _size(self) -> Array:
         """(n_cells,) size of the cells [length]."""
         return cell_sizes(self.x, self.cells)
 
     def _closest(
-        self, x: np.ndarray, bound: np.ndarray, rounding: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]]:
+        self, x: Array, bound: Array, rounding: Array
+    ) -> tuple[Array, Array, tuple[Array, ...]]:
         """Cells with the closest points, these points, and ``Location.equal``: of cells no farther
         than ``bound`` those that differ by less than ``rounding``, and of these the first (all (n,)
         [length])."""
@@ -89,15 +90,13 @@ class ClosestPoints:
         also = np.flatnonzero(((outside > 0.0) == (outside[best][point] > 0.0)) & apart)
         return cell[best], xi[best], (point[also], cell[also], xi[also])
 
-    def _outside(self, offset: np.ndarray, cell: np.ndarray) -> np.ndarray:
+    def _outside(self, offset: Array, cell: Array) -> Array:
         """Tangential distance from cells in units of their size, 0 inside."""
         outside = np.linalg.norm(offset, axis=1) / self._size[cell]
         outside[outside < 1e-11] = 0.0  # rounding of the coordinates
         return outside
 
-    def _step(
-        self, x: np.ndarray, cell: np.ndarray, xi: np.ndarray, inside: bool = False
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _step(self, x: Array, cell: Array, xi: Array, inside: bool = False) -> tuple[Array, Array]:
         """Newton step towards the foot of points x, or the closest point inside the quad, and how
         far it moves in space."""
         _, y, t = points_of(self.x, self.cells[cell], xi)
@@ -116,15 +115,13 @@ class ClosestPoints:
         return step, np.einsum("na,nai->ni", step, t)
 
     @cached_property
-    def _balls(self) -> tuple[np.ndarray, np.ndarray]:
+    def _balls(self) -> tuple[Array, Array]:
         """Centroids (n_cells, gdim) and radii (n_cells,) of balls that hold the cells [length]."""
         corners = self.x[self.cells]
         centre = corners.mean(axis=1)
         return centre, np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
 
-    def _candidates(
-        self, x: np.ndarray, bound: np.ndarray, rounding: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _candidates(self, x: Array, bound: Array, rounding: Array) -> tuple[Array, Array]:
         """Pairs (point, cell) of all cells that may be as close as the bound: for points on the
         frame those whose ball holds them, for others what ball and plane of a cell leave."""
         centre, radius = self._balls
@@ -147,7 +144,7 @@ class ClosestPoints:
             cells.append(cell[near])
         return np.concatenate(points), np.concatenate(cells)
 
-    def _invert(self, x: np.ndarray, cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _invert(self, x: Array, cell: Array) -> tuple[Array, Array]:
         """Reference coordinates of the closest point in a cell, and its distance [length]."""
         k = self.cells.shape[1]
         xi = np.full((len(x), 1 if k == 2 else 2), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
@@ -167,7 +164,7 @@ class ClosestPoints:
             xi[beyond] = closest_on_sides(self.x[self.cells[cell[beyond]]], x[beyond])
         return xi, np.linalg.norm(x - points_of(self.x, self.cells[cell], xi)[1], axis=1)
 
-    def interpolation(self, at: Location, cells: np.ndarray, element: Element) -> csr_matrix:
+    def interpolation(self, at: Location, cells: Array, element: Element) -> csr_matrix:
         """(n, m) matrix of an element's shape functions at located points, of cells (n_cells, k)
         over nodes (m) whose corners these cells are; see ``Frame.interpolation``."""
         point, cell, xi = at.equal
@@ -191,8 +188,8 @@ class ClosestPoints:
         return matrix
 
     def _continued(
-        self, cell: np.ndarray, xi: np.ndarray, x: np.ndarray, cells: np.ndarray, element: Element
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        self, cell: Array, xi: Array, x: Array, cells: Array, element: Element
+    ) -> tuple[Array, Array, Array]:
         """Shape functions at x (n, gdim) beyond the points xi of cells, continued from there by the
         gradients at the corners around, each the mean of those of its cells: one cell's alone would
         jump where the next one begins. Which of the n, nodes, and values, to be added up."""

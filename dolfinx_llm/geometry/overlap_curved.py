@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import shapely
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.geometry.cells import bases, facet_vectors, unit_normals
 from dolfinx_llm.geometry.facing import Facets
@@ -30,9 +30,7 @@ def is_flat(surface: Surface, tolerance: float) -> bool:
     return bool(np.ptp(x @ normal) <= tolerance)
 
 
-def vector_areas_in_contact(
-    side0: Surface, side1: Surface, may_part: bool = False
-) -> list[np.ndarray]:
+def vector_areas_in_contact(side0: Surface, side1: Surface, may_part: bool = False) -> list[Array]:
     """Per side (n_i, gdim) vector areas a_p of its nodes, out of it, over what both surfaces cover:
     zero at nodes without contact [area]. They lie no more than FARTHEST facets apart, but where
     they may part.
@@ -46,7 +44,7 @@ def vector_areas_in_contact(
     return vectors
 
 
-def require_overlap(sides: Sequence[Surface], vectors: Sequence[np.ndarray]) -> None:
+def require_overlap(sides: Sequence[Surface], vectors: Sequence[Array]) -> None:
     """Refuse sides whose vector areas in contact (n_i, gdim) are none."""
     if all(np.abs(a).any() for a in vectors):
         return
@@ -61,7 +59,7 @@ def require_overlap(sides: Sequence[Surface], vectors: Sequence[np.ndarray]) -> 
     )
 
 
-def _covered(side: Surface, other: Surface, reach: float) -> np.ndarray:
+def _covered(side: Surface, other: Surface, reach: float) -> Array:
     """(n, gdim) vector areas of a side's nodes over what the other covers."""
     p, normal = side.x[side.facets], unit_normals(side.x, side.facets)
     whole, cut = covered_facets(side, other, reach)
@@ -77,9 +75,15 @@ def _covered(side: Surface, other: Surface, reach: float) -> np.ndarray:
 
 
 def covered_facets(
-    side: Surface, other: Surface, reach: float
-) -> tuple[np.ndarray, list[tuple[int, np.ndarray, list[Any]]]]:
+    side: Surface, other: Surface, reach: float, as_is: bool = False
+) -> tuple[Array, list[tuple[int, Array, list[Any]]]]:
     """What of a side's facets the other one covers.
+
+    Args:
+        side, other: the surfaces.
+        reach: distance over the facets' size, up to which they touch.
+        as_is: outlines that all but agree count as two, and nothing that lies farther apart or
+            faces the same way is refused.
 
     Returns:
         (m,) whether the whole of each facet; of those that the other's outline cuts the number,
@@ -95,9 +99,10 @@ def covered_facets(
     gap = np.linalg.norm(centre - y, axis=1)
     within = gap <= reach * np.maximum(2.0 * radius, surface.cell_size[at.cell])
     inside = (at.outside < 0.5) & ~border
-    _check(side, other, inside, facing, gap, within, 2.0 * radius)
+    if not as_is:
+        _check(side, other, inside, facing, gap, within, 2.0 * radius)
     whole = inside & within & (facing < FACING)
-    clip: Any = _Clip(other, side) if border.any() else None
+    clip: Any = _Clip(other, side, as_is) if border.any() else None
     cut = []
     for f in np.flatnonzero(border):  # the few facets at the outline
         s, pieces = clip(p[f], normal[f], radius[f], gap[f] if reach > FARTHEST else 0.0)
@@ -111,11 +116,11 @@ def covered_facets(
 def _check(
     side: Surface,
     other: Surface,
-    inside: np.ndarray,
-    facing: np.ndarray,
-    gap: np.ndarray,
-    within: np.ndarray,
-    size: np.ndarray,
+    inside: Array,
+    facing: Array,
+    gap: Array,
+    within: Array,
+    size: Array,
 ) -> None:
     """Where a side projects onto the other, they must face each other and be close."""
     opposed = inside & (facing < FACING)
@@ -138,13 +143,13 @@ def _check(
         )
 
 
-def _worst(side: Surface, value: np.ndarray) -> tuple[int, list[float]]:
+def _worst(side: Surface, value: Array) -> tuple[int, list[float]]:
     """The facet with the largest value (m,), and its centre."""
     worst = int(value.argmax())
     return worst, side.x[side.facets[worst]].mean(axis=0).round(6).tolist()
 
 
-def _near_outline(other: Surface, centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
+def _near_outline(other: Surface, centre: Array, radius: Array) -> Array:
     """(m,) whether facets (centre, radius) come near the other surface's outline."""
     edges = outline_edges(other.facets)
     if not len(edges):
@@ -162,7 +167,8 @@ def _near_outline(other: Surface, centre: np.ndarray, radius: np.ndarray) -> np.
 class _Clip:
     """Cuts facets with the projection of another surface's facets nearby."""
 
-    def __init__(self, other: Surface, side: Surface) -> None:
+    def __init__(self, other: Surface, side: Surface, as_is: bool) -> None:
+        self.joined = not as_is
         self.p, discs = other.x[other.facets], Facets.of(other)
         self.radius, self.normal = discs.radius.max(), discs.normal
         # How far the outline's nodes lie off this side, along its normal.
@@ -176,8 +182,8 @@ class _Clip:
         self.tree = cKDTree(discs.centre)
 
     def __call__(
-        self, p: np.ndarray, normal: np.ndarray, radius: float, gap: float
-    ) -> tuple[np.ndarray, list[Any] | None]:
+        self, p: Array, normal: Array, radius: float, gap: float
+    ) -> tuple[Array, list[Any] | None]:
         """The facet p (k, gdim) in its plane, (k, gdim - 1), and pieces of it that are covered;
         None: all of it."""
         gdim = p.shape[1]
@@ -195,15 +201,17 @@ class _Clip:
         # Ends that lie a gap apart are the same line; seen along this facet's normal they differ
         # by gap times tilt.
         tilt = np.sqrt(1.0 - np.clip(facing[keep].max(), -1.0, 0.0) ** 2)
-        margin = 1e-9 * radius + 0.75 * self.off[near[keep]].max() * tilt
+        margin = self.joined * (1e-9 * radius + 0.75 * self.off[near[keep]].max() * tilt)
         t = (self.p[near[keep]] - centre) @ base.T
         if gdim == 2:
             return s, _merged(t[..., 0], margin)
+        import shapely  # in space alone
+
         cover = shapely.union_all(shapely.polygons(t)).buffer(margin, join_style="mitre")
         return s, None if cover.covers(shapely.polygons(s)) else [cover]
 
 
-def _merged(t: np.ndarray, margin: float) -> list[tuple[float, float]]:
+def _merged(t: Array, margin: float) -> list[tuple[float, float]]:
     """Union of intervals t (n, 2), each grown by a margin."""
     merged: list[list[float]] = []
     for low, high in sorted((a.min() - margin, a.max() + margin) for a in t):

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import shapely
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.geometry.cells import cross_plane, facet_vectors, gauss, unit
 from dolfinx_llm.geometry.element import element_of, shape_functions
@@ -30,32 +30,32 @@ _MONOMIALS = {
 class Plane:
     """A plane (a line in 2D) with its own axes."""
 
-    origin: np.ndarray  # (gdim,) [length]
-    base: np.ndarray  # (gdim, gdim) rows t1, (t2,) n, right-handed
+    origin: Array  # (gdim,) [length]
+    base: Array  # (gdim, gdim) rows t1, (t2,) n, right-handed
 
     @property
-    def normal(self) -> np.ndarray:
+    def normal(self) -> Array:
         return self.base[-1]
 
-    def project(self, x: np.ndarray) -> np.ndarray:
+    def project(self, x: Array) -> Array:
         """(n, gdim) positions to (n, gdim - 1) plane coordinates."""
         return (x - self.origin) @ self.base[:-1].T
 
-    def height(self, x: np.ndarray) -> np.ndarray:
+    def height(self, x: Array) -> Array:
         """(n,) distance along the normal."""
         return (x - self.origin) @ self.normal
 
-    def lift(self, s: np.ndarray) -> np.ndarray:
+    def lift(self, s: Array) -> Array:
         """(n, gdim - 1) plane coordinates to (n, gdim) positions."""
         return self.origin + s @ self.base[:-1]
 
 
-def orthonormal_base(normal: np.ndarray) -> np.ndarray:
+def orthonormal_base(normal: Array) -> Array:
     """(gdim, gdim) rows t1, (t2,) n, right-handed, for a unit normal."""
     return local_bases(normal[None])[0]
 
 
-def local_bases(normals: np.ndarray) -> np.ndarray:
+def local_bases(normals: Array) -> Array:
     """(n, gdim, gdim) rows t1, (t2,) n, right-handed, for unit normals (n, gdim)."""
     if normals.shape[1] == 2:
         return np.stack([np.column_stack([normals[:, 1], -normals[:, 0]]), normals], axis=1)
@@ -79,7 +79,7 @@ def common_plane(side0: Surface, side1: Surface) -> Plane:
     return plane_with(normal, side0, side1)
 
 
-def plane_with(normal: np.ndarray, side0: Surface, side1: Surface) -> Plane:
+def plane_with(normal: Array, side0: Surface, side1: Surface) -> Plane:
     """Plane with a normal, of any length, in the middle of what two surfaces share."""
     normal = normal / np.linalg.norm(normal)
     normal[np.abs(normal) < 4e-16] = 0.0
@@ -89,7 +89,7 @@ def plane_with(normal: np.ndarray, side0: Surface, side1: Surface) -> Plane:
     return Plane(0.5 * (low + high), orthonormal_base(normal))
 
 
-def outline_edges(facets: np.ndarray) -> np.ndarray:
+def outline_edges(facets: Array) -> Array:
     """(e, 2) edges of one facet only, (e, 1) end nodes of segments; empty on closed surfaces."""
     if facets.shape[1] == 2:
         nodes, count = np.unique(facets, return_counts=True)
@@ -101,20 +101,22 @@ def outline_edges(facets: np.ndarray) -> np.ndarray:
     return edges[first[count == 1]]
 
 
-def outline(s: np.ndarray, facets: np.ndarray) -> Any:
+def outline(s: Array, facets: Array) -> Any:
     """Polygon of a flat surface (a set of intervals in 1D), from the edges of one facet only."""
+    import shapely  # in space alone, as below
+
     return shapely.build_area(
         shapely.multilinestrings(shapely.linestrings(s[outline_edges(facets)]))
     )
 
 
-def full_forces(s: np.ndarray, facets: np.ndarray) -> np.ndarray:
+def full_forces(s: Array, facets: Array) -> Array:
     """(m, k) integrals of each facet's shape functions over it [area]."""
     x = np.pad(s, ((0, 0), (0, 1)))
     return np.linalg.norm(facet_vectors(x, facets), axis=2)
 
 
-def covered_forces(s: np.ndarray, facets: np.ndarray, area: Any) -> np.ndarray:
+def covered_forces(s: Array, facets: Array, area: Any) -> Array:
     """(m, k) integrals of the shape functions of facets (m, k) over nodes s (n, 2) over their part
     inside of a polygon; on a line, s (n, 1), inside of an interval."""
     if facets.shape[1] == 2:
@@ -127,9 +129,7 @@ def covered_forces(s: np.ndarray, facets: np.ndarray, area: Any) -> np.ndarray:
     return forces
 
 
-def covered_points(
-    s: np.ndarray, facets: np.ndarray, area: Any
-) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def covered_points(s: Array, facets: Array, area: Any) -> list[tuple[Array, Array, Array]]:
     """Quadrature over the part of facets inside of an area, exact for what second-order shape
     functions need on straight facets.
 
@@ -163,11 +163,11 @@ def covered_points(
     return found
 
 
-def _covered_parts(
-    s: np.ndarray, facets: np.ndarray, area: Any
-) -> tuple[np.ndarray, np.ndarray, Any]:
+def _covered_parts(s: Array, facets: Array, area: Any) -> tuple[Array, Array, Any]:
     """(m,) whether facets (m, k) lie inside of a polygon; (e,) those that do in part, and these
     parts."""
+    import shapely
+
     shapes = shapely.polygons(s[facets])
     shapely.prepare(area)
     inside = shapely.covers(area, shapes)
@@ -179,7 +179,7 @@ def _covered_parts(
     return inside, partial[real], pieces[real]
 
 
-def _covered_segments(p: np.ndarray, interval: tuple[float, float]) -> np.ndarray:
+def _covered_segments(p: Array, interval: tuple[float, float]) -> Array:
     """The same on a line: p (m, 2) end points."""
     length = p[:, 1] - p[:, 0]
     a, b = ((np.clip(end, *interval) - p[:, 0]) / length for end in (p[:, 0], p[:, 1]))
@@ -189,7 +189,7 @@ def _covered_segments(p: np.ndarray, interval: tuple[float, float]) -> np.ndarra
     return np.column_stack([part * (1.0 - middle), part * middle])
 
 
-def _integrate_pieces(p: np.ndarray, pieces: np.ndarray) -> np.ndarray:
+def _integrate_pieces(p: Array, pieces: Array) -> Array:
     """Integrate shape functions of facets p (m, k, 2) over one piece (polygons) each."""
     facet, x, weight = _piece_points(p, pieces)
     N = _shape_at(p[facet], x)
@@ -199,11 +199,13 @@ def _integrate_pieces(p: np.ndarray, pieces: np.ndarray) -> np.ndarray:
     return out
 
 
-def _piece_points(p: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _piece_points(p: Array, pieces: Array) -> tuple[Array, Array, Array]:
     """Facets (e,), points (e, g, 2) and weights (e, g) that integrate over one piece (polygons) of
     each of the facets p (m, k, 2). Every edge of a piece spans a triangle with the facet's centre;
     summed with their signs these triangles make up the piece, also when it is not convex or has
     holes."""
+    import shapely
+
     polygons, owner = shapely.get_parts(pieces, return_index=True)
     keep = shapely.get_type_id(polygons) == 3
     # Exteriors one way round, holes the other.
@@ -224,13 +226,13 @@ def _piece_points(p: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.nda
     return facet, x, np.where(total < 0.0, -1.0, 1.0)[facet, None] * weight
 
 
-def _shape_at(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+def _shape_at(p: Array, x: Array) -> Array:
     """Shape functions of cells p (e, k, 2) at plane points x (e, g, 2): (e, g, k)."""
     (e, g, _), k = x.shape, p.shape[1]
     return shape_functions(k, reference_coordinates(p, x).reshape(-1, 2))[0].reshape(e, g, k)
 
 
-def reference_coordinates(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+def reference_coordinates(p: Array, x: Array) -> Array:
     """(e, g, 2) reference coordinates of plane points x (e, g, 2) in cells p (e, k, 2)."""
     (e, g, _), k = x.shape, p.shape[1]
     # c0 + c1 r + c2 s + c3 r s, component by component: far quicker than small sums point by point.
@@ -258,6 +260,8 @@ def common_area(side0: Surface, side1: Surface, plane: Plane) -> Any:
         low, high = max(e[0] for e in ends), min(e[1] for e in ends)
         empty, area = not low < high, (low, high)
     else:
+        import shapely
+
         area = shapely.intersection(*(outline(q, f) for q, f in zip(s, facets)))
         empty = not area.area > 1e-12 * min(side0.diameter, side1.diameter) ** 2
     if empty:
@@ -272,7 +276,7 @@ def common_area(side0: Surface, side1: Surface, plane: Plane) -> Any:
     return area
 
 
-def nodal_forces(side: Surface, s: np.ndarray, area: Any) -> np.ndarray:
+def nodal_forces(side: Surface, s: Array, area: Any) -> Array:
     """(n,) energy-equivalent force of unit pressure on ``area`` at each node of a side [area]."""
     forces = np.zeros(len(side.x))
     np.add.at(forces, side.facets, covered_forces(s, side.facets, area))

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, identity, vstack
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
@@ -29,7 +30,7 @@ def control_matrices(surface: Surface) -> tuple[csr_matrix, csr_matrix]:
     return nodal_rows(surface.cells, E, n), nodal_rows(surface.cells, inverse, n)
 
 
-def nodal_rows(cells: np.ndarray, table: np.ndarray, n: int) -> csr_matrix:
+def nodal_rows(cells: Array, table: Array, n: int) -> csr_matrix:
     """(n, n) matrix whose row of a node is that of its place in a cell (m, k), in a table (k, k)
     which says the same of it in each of its cells."""
     nodes, first = np.unique(cells, return_index=True)
@@ -45,34 +46,34 @@ class ContactPairs:
     """The pairs of one side; n of them, on a frame of m nodes."""
 
     surface: Surface  # the side's surface
-    nodes: np.ndarray  # (n,) nodes of the surface that take part
+    nodes: Array  # (n,) nodes of the surface that take part
     loads: NodalLoads  # what pressure on the area in contact exerts at them
-    cell: np.ndarray  # (n,) frame cell of each node
+    cell: Array  # (n,) frame cell of each node
     N: csr_matrix  # (n, m) N_J(xi_p), after design
-    normal: np.ndarray  # (n, gdim) frame normal, out of this side; of a scalar field, whose
+    normal: Array  # (n, gdim) frame normal, out of this side; of a scalar field, whose
     # vectors have one component, (n, 1): 1 of side 0, -1 of side 1
-    base: np.ndarray  # (n, c, gdim) local base vectors of the multipliers; (n, 1, 1) the same signs
-    gap: np.ndarray  # (n, gdim) X_p - sum_J N_J Y_J [length]; (n, 1) zeros
+    base: Array  # (n, c, gdim) local base vectors of the multipliers; (n, 1, 1) the same signs
+    gap: Array  # (n, gdim) X_p - sum_J N_J Y_J [length]; (n, 1) zeros
     control: csr_matrix | None = None  # (n, n) E where rows, gaps and forces are those of control
     # values (``Element.bernstein``): nodal values from them; None: they are of the nodes
 
     @property
-    def forces(self) -> np.ndarray:
+    def forces(self) -> Array:
         """(n,) energy-equivalent force of unit pressure, the tributary area [area]."""
         return self.loads.forces
 
     @property
-    def x(self) -> np.ndarray:
+    def x(self) -> Array:
         """(n, gdim) node positions [length]."""
         return self.surface.x[self.nodes]
 
     @property
-    def X(self) -> np.ndarray:
+    def X(self) -> Array:
         """(n, gdim) the same as drawn, where periodic sides lie apart [length]."""
         return self.surface.X[self.nodes]
 
     @property
-    def met(self) -> np.ndarray:
+    def met(self) -> Array:
         """(n, gdim) where the nodes meet the frame, or an obstacle, as drawn [length]."""
         return self.x - (self.gap if self.control is None else self.control @ self.gap)
 
@@ -84,7 +85,7 @@ class ContactPairs:
         return splu((A + DRAW * A.diagonal().mean() * identity(A.shape[0])).tocsc())
 
     @cached_property
-    def cells(self) -> np.ndarray:
+    def cells(self) -> Array:
         """(m, k) all nodes of the facets between nodes that take part, by place in ``nodes``."""
         place = np.full(len(self.surface.x), -1)
         place[self.nodes] = np.arange(len(self.nodes))
@@ -92,11 +93,11 @@ class ContactPairs:
         return cells[(cells >= 0).all(axis=1)]
 
     @property
-    def facets(self) -> np.ndarray:
+    def facets(self) -> Array:
         """(m, c) corners of the same."""
         return self.cells[:, : self.surface.facets.shape[1]]
 
-    def interpolation(self, x: np.ndarray) -> csr_matrix:
+    def interpolation(self, x: Array) -> csr_matrix:
         """(k, n) values of the nodes at the point of the facets that is closest to each position.
 
         Args:
@@ -112,12 +113,12 @@ class ContactPairs:
         return csr_matrix((N.ravel(), (row, nodes.ravel())), (len(x), len(self.nodes)))
 
     @property
-    def dofs(self) -> np.ndarray:
+    def dofs(self) -> Array:
         """(n,) global numbers of the nodes' blocks of dofs."""
         return self.surface.dofs[self.nodes]
 
     @property
-    def owner(self) -> np.ndarray:
+    def owner(self) -> Array:
         """(n,) ranks that own the nodes."""
         return self.surface.owner[self.nodes]
 
@@ -129,7 +130,7 @@ def locate_pairs(
     sign: float,
     reach: float,
     plane: Plane | None = None,
-    nodes: np.ndarray | None = None,
+    nodes: Array | None = None,
 ) -> ContactPairs:
     """Pairs of a side, in the Cartesian base, with the frame, which must cover them.
 
@@ -211,7 +212,7 @@ def rank_certificate(frame: Frame, N: Sequence[csr_matrix]) -> tuple[float, floa
     return float(smallest), float(largest)
 
 
-def _extreme_singular_values(L: Any) -> tuple[float, float, np.ndarray]:
+def _extreme_singular_values(L: Any) -> tuple[float, float, Array]:
     """Estimates for a large sparse L by Lanczos on LᵀL, within about a per cent. LᵀL is like a mass
     matrix: its small end, too, is found without a factorisation."""
     A = LinearOperator((L.shape[1],) * 2, matvec=lambda x: L.T @ (L @ x), dtype=np.float64)

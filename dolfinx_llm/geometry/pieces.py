@@ -14,6 +14,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.geometry.cells import unit, vector_areas
 from dolfinx_llm.geometry.facing import TURN, Facing, Separation, facing_facets
@@ -30,17 +31,17 @@ STRAIGHT = 1e-8  # difference of the unit normals of a flat side's facets
 class Piece:
     """Parts of both sides that are treated together."""
 
-    facets: tuple[np.ndarray, np.ndarray]  # of each side, (k_i,) numbers
+    facets: tuple[Array, Array]  # of each side, (k_i,) numbers
     plane: Plane | None  # None: curved
     edges: int  # sharp edges inside of it
-    weights: tuple[np.ndarray, np.ndarray] | None = None  # (k_i,) of the facets' areas in the
+    weights: tuple[Array, Array] | None = None  # (k_i,) of the facets' areas in the
     # normal of surfaces that may part; None: tied, or curved
 
     def parts(self, sides: Sequence[Surface]) -> tuple[Surface, Surface]:
         """Both sides' surfaces of this piece alone."""
         return sides[0].part(self.facets[0]), sides[1].part(self.facets[1])
 
-    def only(self, *chosen: np.ndarray) -> Piece:
+    def only(self, *chosen: Array) -> Piece:
         """Of each side some facets (k_i,), with the same plane."""
         first, second = (own[some] for own, some in zip(self.facets, chosen, strict=True))
         weights = self.weights
@@ -108,7 +109,7 @@ class _Found:
             side.x[side.facets[f.facets]].mean(axis=1) for side, f in zip(sides, facing)
         ])  # fmt: skip
 
-    def piece(self, which: np.ndarray, plane: Plane | None, edges: int = 0) -> Piece:
+    def piece(self, which: Array, plane: Plane | None, edges: int = 0) -> Piece:
         """The piece of some facets."""
         parts = np.split(which, [self.count[0]])
         weights = None
@@ -117,7 +118,7 @@ class _Found:
         facets = self.facing[0].facets[parts[0]], self.facing[1].facets[parts[1]]
         return Piece(facets, plane, edges, weights)
 
-    def plane(self, which: np.ndarray) -> Plane | None:
+    def plane(self, which: Array) -> Plane | None:
         """The plane that does for some facets, if one does."""
         of = [which & (self.side == k) for k in (0, 1)]
         if not all(o.any() for o in of):
@@ -135,14 +136,14 @@ class _Found:
         turned = np.arccos(np.clip(mean @ normal, -1.0, 1.0)) - 0.5 * between
         return plane_with(normal, *parts) if turned.max() <= TOGETHER else None
 
-    def _weights(self, of: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    def _weights(self, of: Sequence[Array]) -> tuple[Array, Array]:
         """Per side the weights of facets about where the sides are nearest."""
         near = min(self.distance[o].min() for o in of)
         reach = (VICINITY * min(self._radius(o) for o in of)) ** 2
         first, second = (reach / (reach + (self.distance[o] - near) ** 2) for o in of)
         return first**2, second**2
 
-    def _radius(self, of: np.ndarray) -> float:
+    def _radius(self, of: Array) -> float:
         """Of facets about their middle; of one alone half its size [length]."""
         if of.sum() > 1:
             x = self.centre[of]
@@ -154,12 +155,12 @@ class _Found:
         """Number of connected parts without a sharp edge inside."""
         return int(self._components(sharp=False).max()) + 1
 
-    def groups(self) -> list[np.ndarray]:
+    def groups(self) -> list[Array]:
         """Facets that are connected by nodes, or by facing each other."""
         label = self._components(sharp=True)
         return [label == k for k in range(label.max() + 1)]
 
-    def _components(self, sharp: bool) -> np.ndarray:
+    def _components(self, sharp: bool) -> Array:
         """(m,) connected part of each facet; with sharp edges as ties, or without."""
         rows, cols, start = [], [], np.array([0, self.count[0]])
         for k, (side, f) in enumerate(zip(self.sides, self.facing)):
@@ -218,7 +219,7 @@ def separated(piece: Piece, sides: Sequence[Surface]) -> list[Piece]:
     return found if meet else [piece]
 
 
-def _connected(facets: np.ndarray) -> np.ndarray:
+def _connected(facets: Array) -> Array:
     """(m,) connected part of each facet, by nodes."""
     i, j = neighbours(facets, by_nodes=True)
     graph = coo_matrix((np.ones(len(i)), (i, j)), (len(facets),) * 2)
@@ -235,7 +236,7 @@ def tied_plane(parts: Sequence[Surface]) -> Plane | None:
     return common_plane(parts[0], parts[1])
 
 
-def mean_normal(areas: Sequence[np.ndarray], weights: Sequence[np.ndarray]) -> np.ndarray | None:
+def mean_normal(areas: Sequence[Array], weights: Sequence[Array]) -> Array | None:
     """Unit normal out of side 0, of the vector areas (k_i, gdim) of each side's facets and their
     weights (k_i,): a flat side's own; else the mean of both sides'. None: facets look
     everywhere."""
@@ -254,7 +255,7 @@ def mean_normal(areas: Sequence[np.ndarray], weights: Sequence[np.ndarray]) -> n
     return mean / size if size > 0.1 else None
 
 
-def neighbours(facets: np.ndarray, by_nodes: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def neighbours(facets: Array, by_nodes: bool = False) -> tuple[Array, Array]:
     """Pairs of facets that share an edge (a node of segments, or where ``by_nodes``)."""
     m, k = facets.shape
     if k == 2 or by_nodes:

@@ -8,6 +8,7 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import check
 
@@ -64,7 +65,7 @@ def is_mixed(V: Any) -> bool:
     return V.num_sub_spaces > 1 and V.dofmap.index_map_bs == 1
 
 
-def displacement_block(W: Any) -> tuple[Any, np.ndarray]:
+def displacement_block(W: Any) -> tuple[Any, Array]:
     """Of a mixed space the block that is a displacement, up to second order, as a space of its own,
     and (n,) which dof of W each of its local ones is.
 
@@ -105,7 +106,7 @@ def is_function(value: Any) -> bool:
     return isinstance(value, fem.Function)
 
 
-def scalar_at_nodes(function: Any, V: Any) -> np.ndarray:
+def scalar_at_nodes(function: Any, V: Any) -> Array:
     """(n,) values of a scalar Function at the nodes that this rank owns of V, a vector space of its
     mesh; collective."""
     if len(function.ufl_shape):

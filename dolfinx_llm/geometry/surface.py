@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import check, collective, gather_rows
 from dolfinx_llm.geometry.cells import vector_areas
@@ -24,22 +25,22 @@ from dolfinx_llm.geometry.spaces import order_of
 class Surface:
     """Tagged surface of one body."""
 
-    x: np.ndarray  # (n, gdim) node positions now [length]
-    facets: np.ndarray  # (m, c) corners of each facet; vector areas point out of the body
-    dofs: np.ndarray  # (n,) global number of each node's block of dofs in its function space
-    owner: np.ndarray  # (n,) rank that owns the node
+    x: Array  # (n, gdim) node positions now [length]
+    facets: Array  # (m, c) corners of each facet; vector areas point out of the body
+    dofs: Array  # (n,) global number of each node's block of dofs in its function space
+    owner: Array  # (n,) rank that owns the node
     name: str  # for messages: "tag 3"
-    drawn: np.ndarray | None = None  # (n, gdim) node positions as drawn; None: x [length]
-    elements: np.ndarray | None = None  # (m, k) all nodes of each facet, corners first, see
+    drawn: Array | None = None  # (n, gdim) node positions as drawn; None: x [length]
+    elements: Array | None = None  # (m, k) all nodes of each facet, corners first, see
     # ``Element``; None: there are no others
 
     @property
-    def cells(self) -> np.ndarray:
+    def cells(self) -> Array:
         """(m, k) all nodes of each facet."""
         return self.facets if self.elements is None else self.elements
 
     @cached_property
-    def skin(self) -> np.ndarray:
+    def skin(self) -> Array:
         """(s, c) first-order facets between all nodes."""
         parts = self.element.parts
         return self.cells[:, parts].reshape(-1, parts.shape[1])
@@ -50,11 +51,11 @@ class Surface:
         return element_of(self.x.shape[1] - 1, self.cells.shape[1])
 
     @property
-    def X(self) -> np.ndarray:
+    def X(self) -> Array:
         """(n, gdim) node positions as drawn [length]."""
         return self.x if self.drawn is None else self.drawn
 
-    def part(self, facets: np.ndarray) -> Surface:
+    def part(self, facets: Array) -> Surface:
         """Some of the facets (numbers), and their nodes, in the same order."""
         nodes, cells = np.unique(self.cells[facets], return_inverse=True)
         cells = cells.reshape(len(facets), -1)
@@ -78,11 +79,11 @@ class Surface:
         facets = facets.reshape(self.facets.shape)
         return replace(self, facets=facets, elements=None, drawn=None, **own)
 
-    def moved(self, u: np.ndarray) -> Surface:
+    def moved(self, u: Array) -> Surface:
         """The surface at x = X + u, u (n, gdim) since the drawing; nothing is gathered anew."""
         return replace(self, x=self.X + u, drawn=self.X)
 
-    def straightened(self, x: np.ndarray) -> np.ndarray:
+    def straightened(self, x: Array) -> Array:
         """Positions x (n, ...) of its nodes, those in the middle of bent edges moved onto the
         straight line between the ends [length]."""
         c = self.facets.shape[1]
@@ -93,7 +94,7 @@ class Surface:
         return x
 
     @property
-    def normal(self) -> np.ndarray:
+    def normal(self) -> Array:
         """(gdim,) sum of the outward vector areas [area]."""
         return vector_areas(self.x, self.facets).sum(axis=0)
 
@@ -193,7 +194,7 @@ def extract_surface(V: Any, facet_tags: Any, tag: int) -> Surface:
     )  # fmt: skip
 
 
-def facet_nodes(V: Any, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def facet_nodes(V: Any, facets: Array) -> tuple[Array, Array]:
     """(m,) a cell of each local facet (m,), and (m, k) which of that cell's nodes are the facet's,
     as of ``Element``; the mesh has the connectivities of facets and cells."""
     topology, layout = V.mesh.topology, V.dofmap.dof_layout
@@ -223,7 +224,7 @@ def facet_nodes(V: Any, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return cells, np.array(table)[(cell_facets == facets[:, None]).argmax(axis=1)]
 
 
-def _local_facets(V: Any, facets: np.ndarray) -> tuple[np.ndarray, ...]:
+def _local_facets(V: Any, facets: Array) -> tuple[Array, ...]:
     """This rank's facets: global dofs, owners, input numbers, whether inside, points, centres."""
     mesh, gdim = V.mesh, V.mesh.geometry.dim
     to_cell = mesh.topology.connectivity(mesh.topology.dim - 1, mesh.topology.dim)
@@ -253,7 +254,7 @@ def _local_facets(V: Any, facets: np.ndarray) -> tuple[np.ndarray, ...]:
 
 def check_sides(side0: Surface, side1: Surface, same_mesh: bool) -> None:
     """Require two sides with nodes of their own."""
-    shared = np.intersect1d(side0.dofs, side1.dofs) if same_mesh else []
+    shared = np.intersect1d(side0.dofs, side1.dofs if same_mesh else [])
     if len(shared):
         at = side0.x[np.isin(side0.dofs, shared)][:3].tolist()
         raise ContactError(

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.geometry.cells import areas_around, vector_areas
 from dolfinx_llm.geometry.facing import BEYOND, TURN, Facets, facet_sizes
@@ -24,8 +25,8 @@ REST = 1e-9  # part of a force that rounding may put across what contact resists
 
 
 def against_obstacle(
-    obstacle: Obstacle, side: Surface, name: str, notes: list[str], nodes: np.ndarray | None = None
-) -> tuple[ContactPairs, np.ndarray]:
+    obstacle: Obstacle, side: Surface, name: str, notes: list[str], nodes: Array | None
+) -> tuple[ContactPairs, Array]:
     """The pairs of a body against a rigid obstacle, and (n,) nodes at a rim that is too steep;
     ``nodes`` take part, or those of facets that face the obstacle.
 
@@ -77,7 +78,7 @@ def against_obstacle(
     return pairs, steep_rim(side, facets, np.isfinite(distance))
 
 
-def checked_clearance(obstacle: Obstacle, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def checked_clearance(obstacle: Obstacle, x: Array) -> tuple[Array, Array]:
     """What the obstacle says of points, checked: own obstacles may say anything."""
     gdim, kind = x.shape[1], type(obstacle).__name__
     if obstacle.gdim not in (None, gdim):
@@ -112,7 +113,7 @@ WANTED = (
 )
 
 
-def _facing_facets(side: Surface, distance: np.ndarray, normal: np.ndarray) -> np.ndarray:
+def _facing_facets(side: Surface, distance: Array, normal: Array) -> Array:
     """Numbers of the facets that face the obstacle and lie near."""
     direction = normal[side.facets].sum(axis=1)
     direction /= np.maximum(np.linalg.norm(direction, axis=1), 1e-300)[:, None]
@@ -129,8 +130,8 @@ def _facing_facets(side: Surface, distance: np.ndarray, normal: np.ndarray) -> n
 def _say_place(
     obstacle: Obstacle,
     side: Surface,
-    nodes: np.ndarray,
-    distance: np.ndarray,
+    nodes: Array,
+    distance: Array,
     name: str,
     notes: list[str],
 ) -> None:
@@ -166,7 +167,7 @@ def loaded(obstacle: Obstacle, gdim: int) -> tuple[bool, ...]:
     return tuple(f is not None for f in force + moment)
 
 
-def forces_on(obstacle: Obstacle, before: tuple[bool, ...], gdim: int) -> np.ndarray:
+def forces_on(obstacle: Obstacle, before: tuple[bool, ...], gdim: int) -> Array:
     """The force on an obstacle now [force], and as far as ``before`` goes its moment, 0 where none
     is prescribed.
 
@@ -186,7 +187,7 @@ def forces_on(obstacle: Obstacle, before: tuple[bool, ...], gdim: int) -> np.nda
 
 def under_force(
     obstacle: Obstacle, pairs: ContactPairs
-) -> tuple[ContactPairs, np.ndarray, Swings | None]:
+) -> tuple[ContactPairs, Array, Swings | None]:
     """Motions of an obstacle that forces and moments are prescribed for, as those of a frame of one
     node: the pairs, whose rows all see that node, (1, d, gdim) directions in which it moves, and
     how it turns: the prescribed components, or what of them contact can resist. No force:
@@ -209,7 +210,7 @@ def under_force(
     return pairs, axes[None, :, :gdim], swings if swings.turns.any() else None
 
 
-def prescribed_loads(geometry: InterfaceGeometry) -> np.ndarray:
+def prescribed_loads(geometry: InterfaceGeometry) -> Array:
     """(m d,) loads on the frame unknowns of an interface, L_bᵀ λ = loads, as they are now: zeros at
     a frame, minus the force at an obstacle [force]."""
     obstacle, axes, swings = geometry.interface.obstacle, geometry.directions, geometry.swings
@@ -237,7 +238,7 @@ def prescribed_loads(geometry: InterfaceGeometry) -> np.ndarray:
 
 
 def check_resisted(
-    left: np.ndarray, force: np.ndarray, obstacle: Obstacle, before: str = "", after: str = ""
+    left: Array, force: Array, obstacle: Obstacle, before: str = "", after: str = ""
 ) -> None:
     """Require that contact resists a force on an obstacle but for rounding.
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_matrix, triu
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.timing import Clock
@@ -27,7 +28,7 @@ from dolfinx_llm.interface.touching import check_flat, find_pieces
 
 
 def build_interface(
-    interface: Interface, spaces: Sequence[Any], fixed: Sequence[np.ndarray] | None = None
+    interface: Interface, spaces: Sequence[Any], fixed: Sequence[Array] | None = None
 ) -> InterfaceGeometry:
     """Surfaces, common area, frame, design and pairs of an interface. Collective. Everything after
     the gathering of the surfaces is computed alike on all ranks. Per space (n_owned dofs,) which
@@ -39,7 +40,7 @@ def build_interface(
 
 
 def build_interfaces(
-    interfaces: Sequence[Interface], spaces: Sequence[Any], fixed: Sequence[np.ndarray]
+    interfaces: Sequence[Interface], spaces: Sequence[Any], fixed: Sequence[Array]
 ) -> list[InterfaceGeometry]:
     """All interfaces of a problem; as of ``build_interface``. Ties whose rows are corrected are
     built again where other interfaces have some of their nodes, which then keep theirs."""
@@ -85,7 +86,7 @@ def check_pairs(geometries: Sequence[InterfaceGeometry]) -> None:
         )
 
 
-def shared_nodes(geometries: Sequence[InterfaceGeometry]) -> list[tuple[np.ndarray, ...]]:
+def shared_nodes(geometries: Sequence[InterfaceGeometry]) -> list[tuple[Array, ...]]:
     """Per interface and side (n,) nodes of the tagged surface that several interfaces have."""
     nodes = [
         np.column_stack([np.full(len(pairs.dofs), space), pairs.dofs])
@@ -126,7 +127,7 @@ def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
     return assembled(site, parts, rims, notes, clock)
 
 
-def shared_by(pieces: Sequence[Piece], site: Site) -> tuple[np.ndarray, ...]:
+def shared_by(pieces: Sequence[Piece], site: Site) -> tuple[Array, ...]:
     """Per side (n,) nodes that several pieces, or other interfaces have; none of laws that may slip
     or part."""
     if len(pieces) == 1 or not site.interface.law.ties:
@@ -139,7 +140,7 @@ def shared_by(pieces: Sequence[Piece], site: Site) -> tuple[np.ndarray, ...]:
 
 
 def build_against(
-    site: Site, notes: list[str], clock: Clock, nodes: np.ndarray | None = None
+    site: Site, notes: list[str], clock: Clock, nodes: Array | None = None
 ) -> InterfaceGeometry:
     """A body against a rigid obstacle; ``nodes`` take part, or those that face it."""
     obstacle, name = site.interface.obstacle, site.interface.name
@@ -152,7 +153,7 @@ def build_against(
 def assembled(
     site: Site,
     parts: Sequence[Part],
-    whole_rims: Sequence[np.ndarray],
+    whole_rims: Sequence[Array],
     notes: Sequence[str],
     clock: Clock,
     alone: ContactPairs | None = None,

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import csr_matrix, identity
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.design.bent import bent_normals, bent_rows
 from dolfinx_llm.design.weights import balanced_rows
 from dolfinx_llm.geometry.frame import Frame, bent
@@ -18,7 +19,7 @@ from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.frames import REACH
 
 
-def carried_rows(moving: Surface, carrier: Surface) -> tuple[np.ndarray, csr_matrix, float]:
+def carried_rows(moving: Surface, carrier: Surface) -> tuple[Array, csr_matrix, float]:
     """Nodes (p,) of a surface that are tied to another one, their rows (p, m) of its nodes, and the
     largest correction. Tractions pass that are linear along flat surfaces, nearly so along curved
     ones.

@@ -45,7 +45,7 @@ class Interface:
     """
 
     facet_tags: Any
-    sides: tuple
+    sides: tuple[Any, ...]
     law: Law = field(default_factory=Tied)
     frame: Frame | None = None
     design: str | None = "auto"

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs, control_matrices, nodal_rows
 from dolfinx_llm.geometry.surface import Surface
@@ -56,7 +57,7 @@ def with_control(geometries: Sequence[InterfaceGeometry]) -> list[InterfaceGeome
     return out
 
 
-def control_values(pairs: ContactPairs, values: np.ndarray) -> np.ndarray:
+def control_values(pairs: ContactPairs, values: Array) -> Array:
     """(n, ...) control values from values at the nodes of pairs."""
     if pairs.control is None:
         return values
@@ -82,14 +83,14 @@ def _meets(geometry: InterfaceGeometry, found: Sequence[tuple[int, Surface]]) ->
     )
 
 
-def at_nodes(pairs: ContactPairs, force: np.ndarray) -> np.ndarray:
+def at_nodes(pairs: ContactPairs, force: Array) -> Array:
     """(n, ...) forces at the nodes of pairs that do the same work as these of theirs."""
     if pairs.control is None:
         return force
     return np.asarray(splu(pairs.control.T.tocsc()).solve(force))
 
 
-def nodal_values(geometry: InterfaceGeometry, v: np.ndarray) -> np.ndarray:
+def nodal_values(geometry: InterfaceGeometry, v: Array) -> Array:
     """(m, gdim) values at the frame's nodes from the frame unknowns' (m, gdim)."""
     frame = geometry.frame
     if frame is None or frame.element.order == 1 or geometry.interface.law.ties:

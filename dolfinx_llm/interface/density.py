@@ -21,6 +21,7 @@ from scipy.sparse import csr_matrix, diags, identity
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.cells import shape_functions
 from dolfinx_llm.geometry.element import CORNERS, Element
 from dolfinx_llm.geometry.loads import assembled
@@ -28,14 +29,18 @@ from dolfinx_llm.geometry.pairs import ContactPairs
 
 SMOOTH = 0.01  # part of the jumps' squares: nodes of Hertz's ellipse are off least from .003 to .03
 OMISSIONS = 20  # in which nodes whose pressure would be negative are left out
+OPEN_FORCE = 1e-8  # of the largest force: what an iteration may leave open
 NONE = 1e-12  # of the largest traction: below it a pull is rounding
 PLANE = 1e-6  # of a facet's size, that is none across it
 CREASE = 0.7  # cosine of the angle between facets from which on there is an edge of the body
 
 
 def density_at_nodes(
-    pairs: ContactPairs, force: np.ndarray, presses: bool = False
-) -> np.ndarray | None:
+    pairs: ContactPairs,
+    force: Array,
+    presses: bool,
+    mean: Array | None = None,
+) -> Array | None:
     """(n, gdim) traction at the nodes of pairs [force / area]; None at first order, where it is
     force per area.
 
@@ -43,6 +48,8 @@ def density_at_nodes(
         pairs: of one side.
         force: (n, gdim) forces of what the pairs are in: nodes, or control values.
         presses: bodies may part, and no pair pulls.
+        mean: (n, gdim) traction that is taken where forces agree with it but for what an iteration
+            leaves open, which next to the rim of contact is a larger part of tractions.
     """
     mass, E = pairs.loads.mass, pairs.control
     if mass is None:
@@ -54,9 +61,13 @@ def density_at_nodes(
     mass = mass + SMOOTH * kinks(pairs.x, whole, pairs.surface.element)
     mass, felt = (T.T @ E.T @ mass @ E @ T).tocsr(), T.T @ force
     used = np.asarray(mass.diagonal() > 0.0)
+    least = 0.0 if mean is None else OPEN_FORCE * np.abs(felt).max(initial=0.0)
     for _ in range(OMISSIONS):
         value = np.zeros_like(force)
-        value[used] = _solved(mass[used][:, used], felt[used])
+        if mean is not None:
+            value[used] = mean[used]
+        rest = (felt - mass @ value)[used]
+        value[used] += _solved(mass[used][:, used], np.where(np.abs(rest) > least, rest, 0.0))
         normal = np.einsum("ni,ni->n", value, pairs.normal)
         pulls = used & (normal < -NONE * np.abs(value).max(initial=0.0))
         if not (presses and pulls.any()):
@@ -65,21 +76,27 @@ def density_at_nodes(
     return np.asarray(E @ (T @ value))
 
 
-def _solved(mass: csr_matrix, force: np.ndarray) -> np.ndarray:
+def along_normals(vector: Array, normal: Array) -> Array:
+    """(m, 1 + gdim) the part of vectors (m, gdim) along normals, and what is left."""
+    part = np.einsum("mi,mi->m", vector, normal)[:, None]
+    return np.column_stack([part, vector - part * normal])
+
+
+def _solved(mass: csr_matrix, force: Array) -> Array:
     """Densities (k, gdim) of forces, by the integrals of shape functions' products (k, k)."""
     root = 1.0 / np.sqrt(mass.diagonal())  # facets hardly in contact weigh less
     scaled = (diags(root) @ mass @ diags(root)).tocsc()
     return np.asarray(root[:, None] * splu(scaled).solve(root[:, None] * force))
 
 
-def _whole(pairs: ContactPairs) -> np.ndarray:
+def _whole(pairs: ContactPairs) -> Array:
     """(m, k) facets that are in contact by enough; all where none is."""
     assert pairs.loads.sound is not None
     whole = pairs.loads.sound[pairs.cells].all(axis=1)
     return pairs.cells[whole if whole.any() else slice(None)]
 
 
-def _extension(pairs: ContactPairs, whole: np.ndarray, linear: bool) -> csr_matrix:
+def _extension(pairs: ContactPairs, whole: Array, linear: bool) -> csr_matrix:
     """(n, n) values at all nodes from those of whole facets (m, k): at the others what the nearest
     of these facets says, its linear field or its nearest node's value."""
     n, sound = len(pairs.nodes), np.zeros(len(pairs.nodes), dtype=bool)
@@ -104,7 +121,7 @@ def _extension(pairs: ContactPairs, whole: np.ndarray, linear: bool) -> csr_matr
     return csr_matrix((value, (row, column)), (n, n))
 
 
-def kinks(x: np.ndarray, cells: np.ndarray, element: Element) -> csr_matrix:
+def kinks(x: Array, cells: Array, element: Element) -> csr_matrix:
     """(n, n) sums of ∫ h³ [∂N/∂ν] [∂N/∂ν] over what facets (m, k) with nodes at x (n, gdim) share,
     edges or in 2D nodes; ν points out of a facet along it, h is the smaller one's extent along ν.
     """
@@ -123,11 +140,11 @@ def kinks(x: np.ndarray, cells: np.ndarray, element: Element) -> csr_matrix:
     return assembled(blocks, nodes, n) if len(blocks) else csr_matrix((n, n))
 
 
-def _sides(x: np.ndarray, cells: np.ndarray, element: Element) -> list[tuple[np.ndarray, ...]]:
+def _sides(x: Array, cells: Array, element: Element) -> list[tuple[Array, ...]]:
     """Per side of the facets, at g points: slopes of the shape functions along ν (m, g, k), ν
     (m, g, gdim), extents (m,), weights (m, g) and the nodes at its ends (m, 2)."""
     corner = CORNERS[element.corners]
-    found: list[tuple[np.ndarray, ...]] = []
+    found: list[tuple[Array, ...]] = []
     t, w = np.polynomial.legendre.leggauss(2 * element.dim - 1)
     ends = element.edges if element.dim > 1 else np.array([[0, 0], [1, 1]])
     reach = 2.0 if element.corners == 4 else element.corners  # from the centre, of the extent
@@ -153,7 +170,7 @@ def _sides(x: np.ndarray, cells: np.ndarray, element: Element) -> list[tuple[np.
     return found
 
 
-def _across(tangents: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _across(tangents: Array, way: Array) -> tuple[Array, Array]:
     """Unit vectors (m, g, gdim) along facets and across a side of theirs that runs along ``way``
     (d,), whose tangents are (m, g, d, gdim), and its length per reference length (m, g)."""
     along = np.einsum("d,mgdi->mgi", way, tangents)

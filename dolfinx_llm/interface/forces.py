@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.cells import cross_plane
 from dolfinx_llm.geometry.frame import Frame
 
 
-def per_area(force: np.ndarray, area: np.ndarray) -> np.ndarray:
+def per_area(force: Array, area: Array) -> Array:
     """(m, k) forces over areas (m,), 0 where there is none [force / area]."""
     return np.asarray(force / np.where(area > 0.0, area, np.inf)[:, None])
 
@@ -24,23 +25,23 @@ class InterfaceForces:
     if TYPE_CHECKING:  # fields of what is derived from it
         frame: Frame | None
         sides: tuple[Any, ...]
-        frame_force: np.ndarray
-        frame_area: np.ndarray
-        frame_friction: np.ndarray
-        frame_status: np.ndarray
+        frame_force: Array
+        frame_area: Array
+        frame_friction: Array
+        frame_status: Array
         presses: bool
 
     # (m, 1 + gdim) pressure and tangential traction of side 0 there between second-order bodies, of
     # the coarser side's density; None: force per area [force / area]
-    frame_density: np.ndarray | None = None
+    frame_density: Array | None = None
 
     @property
-    def x(self) -> np.ndarray:
+    def x(self) -> Array:
         """(m, gdim) where pressure and friction are given: the frame's nodes [length]."""
         return self.sides[0].x if self.frame is None else self.frame.x
 
     @property
-    def deformed(self) -> np.ndarray:
+    def deformed(self) -> Array:
         """(m, gdim) the same in the deformed state; as drawn where a scalar field is solved for
         [length]."""
         if self.frame is None:
@@ -49,13 +50,13 @@ class InterfaceForces:
         return self.frame_drawn if still else self.frame_drawn + self.frame.v
 
     @property
-    def frame_drawn(self) -> np.ndarray:
+    def frame_drawn(self) -> Array:
         """(m, gdim) the frame's nodes as drawn [length]."""
         assert self.frame is not None
         return self.frame.x
 
     @property
-    def pressure(self) -> np.ndarray:
+    def pressure(self) -> Array:
         """(m,) contact pressure at the frame's nodes [force / area].
 
         Nodal force over tributary area misleads on the finer side; on the frame both sides carry
@@ -71,12 +72,12 @@ class InterfaceForces:
         return np.maximum(pressure, 0.0) if self.presses else pressure
 
     @property
-    def flux(self) -> np.ndarray:
+    def flux(self) -> Array:
         """(m,) of a scalar field: what flows from side 0 to side 1 at the frame's nodes
         [power / area]; ``resultant`` is all of it."""
         return self.pressure
 
-    def pressure_at(self, x: ArrayLike) -> np.ndarray:
+    def pressure_at(self, x: ArrayLike) -> Array:
         """(k,) contact pressure at the points of the frame, as drawn, that are closest to
         positions: linear between its nodes [force / area].
 
@@ -100,14 +101,14 @@ class InterfaceForces:
         return np.einsum("kn,kn->k", N, self.pressure[used][corners[at.cell]])
 
     @property
-    def traction(self) -> np.ndarray:
+    def traction(self) -> Array:
         """(m, gdim) tangential traction of side 0 on the frame at its nodes [force / area]."""
         if self.frame_density is not None:
             return self.frame_density[:, 1:]
         return per_area(self.frame_friction, self.frame_area)
 
     @property
-    def resultant(self) -> np.ndarray:
+    def resultant(self) -> Array:
         """(gdim,) total force of side 0 on side 1 (of the body on an obstacle) [force].
 
         At small deformation, where supports end at the interface, what goes through it there is
@@ -115,7 +116,7 @@ class InterfaceForces:
         """
         return self.sides[0].force.sum(axis=0)
 
-    def moment(self, about: ArrayLike | None = None, side: int = 0) -> np.ndarray:
+    def moment(self, about: ArrayLike | None = None, side: int = 0) -> Array:
         """Moment of a side's forces: (3,), or (1,) in 2D [force length].
 
         Args:

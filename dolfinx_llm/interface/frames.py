@@ -3,14 +3,13 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from mpi4py import MPI
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.design.line import frame_at_roots
-from dolfinx_llm.design.positions import design_positions
 from dolfinx_llm.design.predict import face_side_1, predict_frame
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import Plane
@@ -23,10 +22,10 @@ COVERED, REACH = 1e-6, 3.0  # cells that a node may lie beyond a given, a predic
 def choose_frame(
     interface: Interface,
     sides: tuple[Surface, ...],
-    touched: Sequence[np.ndarray],
+    touched: Sequence[Array],
     plane: Plane | None,
     area: Any,
-    corners: int | None = None,
+    corners: int | None,
 ) -> tuple[Frame, str, float]:
     """The user's frame, turned to point out of side 0, or a predicted one; a sentence that says
     what it is, and how many cells a node may lie beyond its outline.
@@ -74,13 +73,15 @@ def common_order(sides: Sequence[Surface], frame: Frame | None = None) -> int:
 
 
 def move_nodes(
-    frame: Frame, sides: Sequence[Surface], forces: Sequence[np.ndarray], comm: MPI.Comm
+    frame: Frame, sides: Sequence[Surface], forces: Sequence[Array], comm: MPI.Comm
 ) -> Frame:
     """The frame with its nodes moved, found on one rank: the search feels rounding, which need not
     be the same on all."""
     in_contact = [f > 0.0 for f in forces]
     with collective(comm):
         if comm.rank == 0:
+            from dolfinx_llm.design.positions import design_positions  # which few frames need
+
             x = [side.x[k] for side, k in zip(sides, in_contact)]
             frame = design_positions(frame, x, [f[k] for f, k in zip(forces, in_contact)])
     return comm.bcast(frame, root=0)

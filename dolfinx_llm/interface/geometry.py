@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_matrix, identity
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.design.curved import nodal_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
@@ -27,10 +28,10 @@ class InterfaceGeometry:
     frame: Frame | None  # None against a rigid obstacle
     # (m, d, gdim) in which the frame's nodes move, or an obstacle under prescribed forces (m = 1;
     # about a mean n - 1)
-    directions: np.ndarray
+    directions: Array
     area: float  # of contact, for laws that let bodies part the area where they may touch [area]
     certificate: Certificate | None  # None against a rigid obstacle
-    rims: tuple[np.ndarray, ...]  # per side (n,) pairs next to facets that were left out
+    rims: tuple[Array, ...]  # per side (n,) pairs next to facets that were left out
     notes: tuple[str, ...]  # what was chosen or left out, and why
     times: dict[str, float]  # seconds per stage
     site: Site  # what it was built of
@@ -51,7 +52,7 @@ class InterfaceGeometry:
         return self.frame is not None and self.interface.law.components == "normal"
 
     @property
-    def places(self) -> np.ndarray:
+    def places(self) -> Array:
         """(m, gdim) where the unknowns of ``directions`` are: the frame's nodes; of an obstacle
         under force the middle of what may touch it, about a mean the surface's but for one."""
         if self.frame is not None:
@@ -61,7 +62,7 @@ class InterfaceGeometry:
             return pairs.x[np.asarray(pairs.N.argmax(axis=0)).ravel()]
         return pairs.x.mean(axis=0)[None][: len(self.directions)]
 
-    def rotation(self, w: np.ndarray) -> np.ndarray | None:
+    def rotation(self, w: Array) -> Array | None:
         """(1,), (3,) of an obstacle [rad]; None of a frame.
 
         Args:
@@ -74,7 +75,7 @@ class InterfaceGeometry:
         return turn if self.swings is None else turn + self.swings.rotation(w)
 
     @cached_property
-    def law_nodes(self) -> tuple[np.ndarray, np.ndarray]:
+    def law_nodes(self) -> tuple[Array, Array]:
         """Positions (k, gdim) and tributary areas (k,) of the nodes at which the law holds: the
         frame's, or the pairs' own against a rigid obstacle."""
         pairs = self.pairs[0]
@@ -89,19 +90,19 @@ class InterfaceGeometry:
         return tuple(pairs.N for pairs in self.pairs)
 
     @property
-    def normals(self) -> np.ndarray:
+    def normals(self) -> Array:
         """(m, gdim) at the frame's nodes; ones (m, 1) of a scalar field."""
         if self.frame is None or self.site.scalar or self.interface.law.components != "cartesian":
             return self.directions[:, -1]
         return nodal_normals(self.frame)
 
     @property
-    def law_directions(self) -> np.ndarray:
+    def law_directions(self) -> Array:
         """(k, d, gdim) local base at these nodes, the normal last."""
         return self.pairs[0].base if self.frame is None else self.directions
 
     @property
-    def jump_directions(self) -> np.ndarray:
+    def jump_directions(self) -> Array:
         """(k, q, gdim) directions of jumps at these nodes."""
         directions = self.law_directions
         return directions[:, self.interface.law.components_of_jumps(directions.shape[1])]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import block_diag, csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.pairs import ContactPairs
@@ -33,7 +34,7 @@ class Part:
     piece: Piece
     pairs: tuple[ContactPairs, ...]  # of both sides
     frame: Frame
-    base: np.ndarray  # (m, gdim, gdim) tangents and normal, out of side 0, at the frame's nodes
+    base: Array  # (m, gdim, gdim) tangents and normal, out of side 0, at the frame's nodes
     certificate: Certificate
 
 
@@ -45,7 +46,7 @@ def whole_piece(pieces: Sequence[Piece]) -> Piece:
 
 def joined(
     whole: Sequence[Surface], parts: Sequence[Part]
-) -> tuple[tuple[ContactPairs, ...], Frame, np.ndarray, Certificate]:
+) -> tuple[tuple[ContactPairs, ...], Frame, Array, Certificate]:
     """One frame and pairs of both sides for all parts; nodes of several have a pair in each."""
     if len(parts) == 1:
         part = parts[0]

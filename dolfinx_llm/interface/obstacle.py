@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 
 
-def vector(name: str, value: ArrayLike, size: int | None = None) -> np.ndarray:
+def vector(name: str, value: ArrayLike, size: int | None = None) -> Array:
     """A finite vector of 2 or 3 numbers, or of ``size``."""
     want = f"give {size if size else '2 or 3'} numbers, which must be finite"
     found = checks.array(name, value, (None,), want)
@@ -56,16 +58,16 @@ class Obstacle:
     array([[0. , 0.2]])
     """
 
-    displacement: np.ndarray | None = field(default=None, kw_only=True)  # (gdim,) [length]
-    rotation: float | np.ndarray | None = field(default=None, kw_only=True)  # angle, (3,) [rad]
-    pivot: np.ndarray | None = field(default=None, kw_only=True)  # (gdim,) [length]
+    displacement: Array | None = field(default=None, kw_only=True)  # (gdim,) [length]
+    rotation: float | Array | None = field(default=None, kw_only=True)  # angle, (3,) [rad]
+    pivot: Array | None = field(default=None, kw_only=True)  # (gdim,) [length]
     force: tuple[float | None, ...] | None = field(default=None, kw_only=True)  # (gdim,) [force]
     # about the pivot: a number, in 3D (3,) [force length]
-    moment: float | tuple[float | None, ...] | np.ndarray | None = field(default=None, kw_only=True)
+    moment: float | tuple[float | None, ...] | Array | None = field(default=None, kw_only=True)
 
     everywhere = False  # all of the surface takes part, with normals of its own
 
-    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def clearance(self, x: Array) -> tuple[Array, Array]:
         """Distance of points to the surface, and the direction into the obstacle.
 
         It is asked once, for the surface's nodes as drawn; a linear estimate of the distance along
@@ -87,11 +89,11 @@ class Obstacle:
         return None if self.middle is None else len(self.middle)
 
     @property
-    def middle(self) -> np.ndarray | None:
+    def middle(self) -> Array | None:
         """(gdim,) the point about which it turns where no ``pivot`` is given; None: the origin."""
         return None
 
-    def motion(self, x: np.ndarray) -> np.ndarray:
+    def motion(self, x: Array) -> Array:
         """Prescribed motion of points of the obstacle since the drawing.
 
         Args:
@@ -105,7 +107,7 @@ class Obstacle:
         """
         return np.array(self.pose(x.shape[1])[0]) + self.turning(x)
 
-    def turning(self, x: np.ndarray) -> np.ndarray:
+    def turning(self, x: Array) -> Array:
         """The part of ``motion`` that comes of the rotation, rotation × (x - pivot).
 
         Args:
@@ -117,7 +119,7 @@ class Obstacle:
         _, turn, pivot, *_ = self.pose(x.shape[1])
         return turned(x - np.array(pivot), np.array(turn))
 
-    def pose(self, gdim: int) -> tuple[tuple, tuple, tuple, tuple, tuple]:
+    def pose(self, gdim: int) -> tuple[tuple[Any, ...], ...]:
         """Displacement, rotation, pivot, force and moment as they are now, as numbers; forces and
         moments None where the motion is prescribed.
 
@@ -164,7 +166,7 @@ class Obstacle:
         return tuple(None if f is None else checks.number(name, f, want) for f in given)
 
 
-def turned(arm: np.ndarray, turn: np.ndarray) -> np.ndarray:
+def turned(arm: Array, turn: Array) -> Array:
     """(n, gdim) motion of points at arms (n, gdim) from the pivot, turned by a small angle (1,) or
     rotation vector (3,)."""
     if arm.shape[1] == 2:
@@ -176,18 +178,18 @@ def turned(arm: np.ndarray, turn: np.ndarray) -> np.ndarray:
 class Swings:
     """How a rigid end turns with its d unknowns, which are lengths: angles times ``size``."""
 
-    turns: np.ndarray  # (d, 1), (d, 3) of the size times the angle or rotation vector
-    motions: np.ndarray  # (n, d, gdim) by which it moves the points of the pairs
+    turns: Array  # (d, 1), (d, 3) of the size times the angle or rotation vector
+    motions: Array  # (n, d, gdim) by which it moves the points of the pairs
     size: float  # of the arms [length]
 
     @classmethod
-    def of(cls, obstacle: Obstacle, x: np.ndarray, turns: np.ndarray) -> Swings:
+    def of(cls, obstacle: Obstacle, x: Array, turns: Array) -> Swings:
         """Of an obstacle's points x (n, gdim)."""
         arm = x - np.array(obstacle.pose(x.shape[1])[2])
         size = float(np.linalg.norm(arm, axis=1).max()) or 1.0
         motions = [turned(arm / size, turn) for turn in turns]
         return cls(turns, np.stack(motions, axis=1), size)
 
-    def rotation(self, w: np.ndarray) -> np.ndarray:
+    def rotation(self, w: Array) -> Array:
         """(1,), (3,) of unknowns (d,) [rad]."""
         return w @ self.turns / self.size

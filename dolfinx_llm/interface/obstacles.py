@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
@@ -21,7 +22,7 @@ from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.obstacle import Obstacle, vector
 
 
-def _unit(name: str, value: ArrayLike, size: int) -> np.ndarray:
+def _unit(name: str, value: ArrayLike, size: int) -> Array:
     found = vector(name, value, size)
     largest = np.abs(found).max()
     if not largest > 0.0:
@@ -42,9 +43,7 @@ class RigidPlane(Obstacle):
     Args:
         point: (gdim,) any point of the surface [length].
         normal: (gdim,) out of the obstacle, towards the body.
-        displacement, pivot, force: (gdim,) as of ``Obstacle``.
-        moment: a number, in 3D (3,), as of ``Obstacle``.
-        rotation: an angle, in 3D (3,), as of ``Obstacle``.
+        displacement, rotation, pivot, force, moment: (gdim,) or numbers, as of ``Obstacle``.
 
     Raises:
         ContactInputError: wrong sizes, a zero normal, values that are not finite.
@@ -57,8 +56,8 @@ class RigidPlane(Obstacle):
     [-0.0, -1.0]
     """
 
-    point: np.ndarray
-    normal: np.ndarray
+    point: Array
+    normal: Array
 
     def __post_init__(self) -> None:
         self.point = vector("point", self.point)
@@ -66,10 +65,10 @@ class RigidPlane(Obstacle):
         self.pose(len(self.point))  # what moves it fits the dimension
 
     @property
-    def middle(self) -> np.ndarray:
+    def middle(self) -> Array:
         return self.point
 
-    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def clearance(self, x: Array) -> tuple[Array, Array]:
         return (x - self.point) @ self.normal, np.broadcast_to(-self.normal, x.shape).copy()
 
 
@@ -81,9 +80,7 @@ class RigidSphere(Obstacle):
         centre: (gdim,) [length].
         radius: positive [length].
         inside: the body lies inside.
-        displacement, pivot, force: (gdim,) as of ``Obstacle``.
-        moment: a number, in 3D (3,), as of ``Obstacle``.
-        rotation: an angle, in 3D (3,), as of ``Obstacle``.
+        displacement, rotation, pivot, force, moment: (gdim,) or numbers, as of ``Obstacle``.
 
     Raises:
         ContactInputError: wrong sizes, a radius that is not positive.
@@ -95,7 +92,7 @@ class RigidSphere(Obstacle):
     array([-1.,  1.])
     """
 
-    centre: np.ndarray
+    centre: Array
     radius: float
     inside: bool = False
 
@@ -105,10 +102,10 @@ class RigidSphere(Obstacle):
         self.pose(len(self.centre))  # what moves it fits the dimension
 
     @property
-    def middle(self) -> np.ndarray:
+    def middle(self) -> Array:
         return self.centre
 
-    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def clearance(self, x: Array) -> tuple[Array, Array]:
         return _round(x - self.centre, self.radius, self.inside)
 
 
@@ -121,9 +118,7 @@ class RigidCylinder(Obstacle):
         axis: (3,) its direction.
         radius: positive [length].
         inside: the body lies inside.
-        displacement, pivot, force: (gdim,) as of ``Obstacle``.
-        moment: a number, in 3D (3,), as of ``Obstacle``.
-        rotation: an angle, in 3D (3,), as of ``Obstacle``.
+        displacement, rotation, pivot, force, moment: (gdim,) or numbers, as of ``Obstacle``.
 
     Raises:
         ContactInputError: wrong sizes, a zero axis, a radius that is not positive.
@@ -134,8 +129,8 @@ class RigidCylinder(Obstacle):
     (0.5, [[1.0, 0.0, 0.0]])
     """
 
-    point: np.ndarray
-    axis: np.ndarray
+    point: Array
+    axis: Array
     radius: float
     inside: bool = False
 
@@ -146,10 +141,10 @@ class RigidCylinder(Obstacle):
         self.pose(3)  # what moves it fits the dimension
 
     @property
-    def middle(self) -> np.ndarray:
+    def middle(self) -> Array:
         return self.point
 
-    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def clearance(self, x: Array) -> tuple[Array, Array]:
         d = x - self.point
         return _round(d - np.outer(d @ self.axis, self.axis), self.radius, self.inside)
 
@@ -160,9 +155,7 @@ class RigidSurface(Obstacle):
 
     Args:
         mesh: a ``Frame`` whose normals point out of the obstacle, towards the body.
-        displacement, pivot, force: (gdim,) as of ``Obstacle``.
-        moment: a number, in 3D (3,), as of ``Obstacle``.
-        rotation: an angle, in 3D (3,), as of ``Obstacle``.
+        displacement, rotation, pivot, force, moment: (gdim,) or numbers, as of ``Obstacle``.
 
     Raises:
         ContactInputError: mesh is no ``Frame``.
@@ -185,7 +178,7 @@ class RigidSurface(Obstacle):
     def gdim(self) -> int:
         return self.mesh.gdim
 
-    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def clearance(self, x: Array) -> tuple[Array, Array]:
         at = self.mesh.locate(x)
         _, y, tangents = self.mesh.evaluate(at.cell, at.xi)
         normal = bases(tangents)[:, -1]
@@ -194,7 +187,7 @@ class RigidSurface(Obstacle):
         return np.where(at.outside > 1e-9, np.inf, distance), -normal
 
 
-def _round(d: np.ndarray, radius: float, inside: bool) -> tuple[np.ndarray, np.ndarray]:
+def _round(d: Array, radius: float, inside: bool) -> tuple[Array, Array]:
     """Clearance of points at d (n, gdim) from the centre or axis."""
     r = np.linalg.norm(d, axis=1)
     centre = r <= 1e-12 * radius
@@ -239,7 +232,7 @@ class MeanDisplacement(Obstacle):
         """Dimension of the space, 2 or 3."""
         return len(self.mean)
 
-    def clearance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def clearance(self, x: Array) -> tuple[Array, Array]:
         """None anywhere; the surface's own normals count.
 
         Args:
@@ -247,7 +240,7 @@ class MeanDisplacement(Obstacle):
         """
         return np.zeros(len(x)), np.broadcast_to(np.eye(x.shape[1])[0], x.shape)
 
-    def axes(self, gdim: int) -> np.ndarray:
+    def axes(self, gdim: int) -> Array:
         """(c, gdim) of the components that are prescribed.
 
         Args:
@@ -255,7 +248,7 @@ class MeanDisplacement(Obstacle):
         """
         return np.eye(gdim)[[value is not None for value in self.mean]]
 
-    def pose(self, gdim: int) -> tuple[tuple, tuple, tuple, tuple, tuple]:
+    def pose(self, gdim: int) -> tuple[tuple[Any, ...], ...]:
         """The mean as displacement, 0 where it is free, and nothing else; see ``Obstacle``.
 
         Args:
@@ -273,7 +266,7 @@ class MeanDisplacement(Obstacle):
         return shift, (0.0,) * turns, (0.0,) * gdim, (None,) * gdim, (None,) * turns
 
 
-def about_the_mean(mean: MeanDisplacement, pairs: ContactPairs) -> tuple[ContactPairs, np.ndarray]:
+def about_the_mean(mean: MeanDisplacement, pairs: ContactPairs) -> tuple[ContactPairs, Array]:
     """All motions of the pairs' nodes without a mean, as those of a frame with one node less: the
     pairs with their shape functions, and (n - 1, c, gdim) directions. Balance of the frame makes
     forces those of a uniform traction."""

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.balance import balance
 from dolfinx_llm.design.bent import bent_normals, bent_rows
@@ -41,9 +42,9 @@ def balanced(
     interface: Interface,
     frame: Frame,
     pairs: list[ContactPairs],
-    vectors: Sequence[np.ndarray],
+    vectors: Sequence[Array],
     notes: list[str],
-) -> tuple[list[ContactPairs], Certificate, np.ndarray]:
+) -> tuple[list[ContactPairs], Certificate, Array]:
     """Pairs of curved surfaces after design, their certificate, and normals at the frame's nodes.
 
     Args:
@@ -89,10 +90,10 @@ def bent_pairs(
     interface: Interface,
     frame: Frame,
     pairs: list[ContactPairs],
-    vectors: Sequence[np.ndarray],
+    vectors: Sequence[Array],
     notes: list[str],
-    keep: Sequence[np.ndarray] | None,
-) -> tuple[list[ContactPairs], Certificate, np.ndarray]:
+    keep: Sequence[Array] | None,
+) -> tuple[list[ContactPairs], Certificate, Array]:
     """As ``balanced`` between second-order bodies tied along curved surfaces, on a frame that is
     bent as they are; ``keep`` as of ``kept_nodes``."""
     normals, plain = bent_normals(frame), [p.N for p in pairs]
@@ -139,8 +140,8 @@ def _say_left(
 
 
 def _residual(
-    N: Sequence[csr_matrix], vectors: Sequence[np.ndarray], normals: np.ndarray, along: bool
-) -> np.ndarray:
+    N: Sequence[csr_matrix], vectors: Sequence[Array], normals: Array, along: bool
+) -> Array:
     """(m,) what a constant pressure leaves at the frame's nodes of the largest nodal force; of
     what acts ``along`` normals alone, if that is all."""
     loads = loads_along_normals(N, vectors, normals) if along else vectors
@@ -150,8 +151,8 @@ def _residual(
 def _least_residual(
     frame: Frame,
     pairs: list[ContactPairs],
-    vectors: Sequence[np.ndarray],
-    before: np.ndarray,
+    vectors: Sequence[Array],
+    before: Array,
     close_gap: bool,
     along: bool,
     notes: list[str],
@@ -196,7 +197,7 @@ def designed(
     plane: Plane,
     pairs: list[ContactPairs],
     notes: list[str],
-    keep: Sequence[np.ndarray] | None,
+    keep: Sequence[Array] | None,
 ) -> tuple[list[ContactPairs], Certificate]:
     """Pairs after design by weights where it is asked for or needed, and their certificate."""
     loads, s = [p.loads for p in pairs], plane.project(frame.x)
@@ -224,7 +225,7 @@ def designed(
     return pairs, Certificate(residual, before, singular, float(linear / size), float(change))
 
 
-def kept_nodes(site: Site, pairs: Sequence[ContactPairs]) -> list[np.ndarray] | None:
+def kept_nodes(site: Site, pairs: Sequence[ContactPairs]) -> list[Array] | None:
     """Per side (n,) pairs whose rows had better stay: Dirichlet conditions prescribe a motion that
     the law ties, or other interfaces have the node, too: round a joint where interfaces meet rows
     repeat each other exactly, or not at all. None: there are none."""

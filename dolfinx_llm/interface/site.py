@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from dolfinx_llm.base import compat
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.geometry.cells import unit_normals
@@ -30,12 +31,12 @@ class Site:
     interface: Interface  # the user's choices
     whole: tuple[Surface, ...]  # the surfaces as tagged: two, one against a rigid obstacle
     spaces: tuple[int, ...]  # index of the function space of each
-    held: tuple[np.ndarray, ...] | None  # per side (n, components) prescribed dofs of its nodes
+    held: tuple[Array, ...] | None  # per side (n, components) prescribed dofs of its nodes
     comm: MPI.Comm
-    shared: tuple[np.ndarray, ...] = ()  # per side (n,) nodes that other interfaces have, too
+    shared: tuple[Array, ...] = ()  # per side (n,) nodes that other interfaces have, too
     scalar: bool = False  # a temperature or the like goes across, no displacement
 
-    def moved(self, motions: Sequence[np.ndarray]) -> Site:
+    def moved(self, motions: Sequence[Array]) -> Site:
         """The same with the surfaces at x = X + u, (n, gdim) per side since the drawing; nothing is
         gathered."""
         sides = [side.moved(u) for side, u in zip(self.whole, motions, strict=True)]
@@ -43,7 +44,7 @@ class Site:
 
 
 def find_site(
-    interface: Interface, spaces: Sequence[Any], fixed: Sequence[np.ndarray] | None = None
+    interface: Interface, spaces: Sequence[Any], fixed: Sequence[Array] | None = None
 ) -> Site:
     """The surfaces of an interface and what is prescribed there, gathered on every rank; arguments
     as of ``build_interface``."""
@@ -63,7 +64,7 @@ def find_site(
     return Site(interface, whole, owners, held, spaces[0].mesh.comm, scalar=scalar)
 
 
-def brought(side: Surface, shift: np.ndarray) -> Surface:
+def brought(side: Surface, shift: Array) -> Surface:
     """A side where it meets the other one, by a shift (gdim,) from where it is drawn.
 
     Raises:
@@ -149,7 +150,7 @@ def space_of(tags: Any, spaces: Sequence[Any]) -> int:
     return own[0] if own else 0
 
 
-def _held(side: Surface, V: Any, fixed: np.ndarray) -> np.ndarray:
+def _held(side: Surface, V: Any, fixed: Array) -> Array:
     """(n, components) whether a Dirichlet condition prescribes a node's dof, on all ranks."""
     mine = side.owner == V.mesh.comm.rank
     start = V.dofmap.index_map.local_range[0]

@@ -5,6 +5,7 @@ from typing import NoReturn
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.geometry.cells import areas_around, unit_normals, vector_areas
@@ -19,7 +20,7 @@ BURIED = 0.5  # depth, in the radius of the smaller surface, that no drawing can
 
 def find_pieces(
     sides: Sequence[Surface], unilateral: bool, name: str, notes: list[str]
-) -> tuple[list[Piece], list[np.ndarray]]:
+) -> tuple[list[Piece], list[Array]]:
     """The pieces of two surfaces that can touch, and per side its ``steep_rim``; ``notes`` gets
     what was left out and how bodies overlap.
 
@@ -27,8 +28,8 @@ def find_pieces(
         ContactError: nothing faces, or one body lies inside of the other.
     """
     if not unilateral and _flat(sides):  # the common area says what takes part
-        facets = np.arange(len(sides[0].facets)), np.arange(len(sides[1].facets))
-        piece = Piece(facets, common_plane(sides[0], sides[1]), 0)
+        every = np.arange(len(sides[0].facets)), np.arange(len(sides[1].facets))
+        piece = Piece(every, common_plane(sides[0], sides[1]), 0)
         return [piece], [np.zeros(len(side.x), dtype=bool) for side in sides]
     separations = separation(sides[0], sides[1]), separation(sides[1], sides[0])
     pieces = touching_pieces(sides, separations, unilateral)
@@ -80,8 +81,8 @@ def _say_overlap(
 
 def say_depth(
     side: Surface,
-    depth: np.ndarray,
-    size: np.ndarray,
+    depth: Array,
+    size: Array,
     most: float,
     name: str,
     notes: list[str],
@@ -127,7 +128,7 @@ def _refuse(sides: Sequence[Surface], separations: Sequence[Separation]) -> NoRe
     )
 
 
-def steep_rim(whole: Surface, facets: np.ndarray, over: np.ndarray) -> np.ndarray:
+def steep_rim(whole: Surface, facets: Array, over: Array) -> Array:
     """(n,) nodes of a tagged surface where it goes on, without a sharp edge, into others than the
     given facets, left out though the other side is there: some of their nodes (n,) lie over it."""
     normal = unit_normals(whole.x, whole.facets)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.timing import Clock
 from dolfinx_llm.interface.build import assembled, build, build_against, build_piece
@@ -17,12 +18,12 @@ class Transfer:
     """How what an interface remembers goes from one geometry to the next."""
 
     frame: csr_matrix  # (m_new, m_old) values at the frame's nodes
-    pairs: tuple[np.ndarray, ...]  # per side (n_new,) place among the old pairs, or -1
+    pairs: tuple[Array, ...]  # per side (n_new,) place among the old pairs, or -1
     sizes: tuple[int, ...]  # pairs per side before
-    directions: tuple[np.ndarray, np.ndarray]  # (k, q, gdim) of jumps, before and now
+    directions: tuple[Array, Array]  # (k, q, gdim) of jumps, before and now
 
     @property
-    def old_pairs(self) -> np.ndarray:
+    def old_pairs(self) -> Array:
         """(n_new,) place among the old pairs of all sides, or -1."""
         first = np.cumsum((0, *self.sizes[:-1]))
         moved = [np.where(at >= 0, at + k, -1) for at, k in zip(self.pairs, first, strict=True)]
@@ -37,7 +38,7 @@ class Transfer:
         shape = (len(self.old_pairs), sum(self.sizes))
         return csr_matrix((np.ones(len(new)), (new, self.old_pairs[new])), shape)
 
-    def turned(self, jumps: np.ndarray) -> np.ndarray:
+    def turned(self, jumps: Array) -> Array:
         """(k_new, q) jumps along the directions of now, from (k_old, q) along the old ones."""
         before, now = self.directions
         vectors = np.einsum("kq,kqi->ki", jumps, before)
@@ -45,7 +46,7 @@ class Transfer:
 
 
 def relocated(
-    geometry: InterfaceGeometry, motions: Sequence[np.ndarray], v: np.ndarray | None = None
+    geometry: InterfaceGeometry, motions: Sequence[Array], v: Array | None = None
 ) -> InterfaceGeometry:
     """The same facets, frame cells and nodes, where bodies and frame are now. Shape functions,
     normals, gaps, forces and the design are made anew; all sizes stay.
@@ -72,7 +73,7 @@ def relocated(
 
 
 def rebuilt(
-    geometry: InterfaceGeometry, motions: Sequence[np.ndarray], v: np.ndarray | None = None
+    geometry: InterfaceGeometry, motions: Sequence[Array], v: Array | None = None
 ) -> tuple[InterfaceGeometry, Transfer]:
     """All anew where bodies are now, and how to carry over what was remembered; arguments as of
     ``relocated``, v tells where the old frame is now."""
@@ -80,9 +81,7 @@ def rebuilt(
     return new, transfer(geometry, new, v)
 
 
-def transfer(
-    old: InterfaceGeometry, new: InterfaceGeometry, v: np.ndarray | None = None
-) -> Transfer:
+def transfer(old: InterfaceGeometry, new: InterfaceGeometry, v: Array | None = None) -> Transfer:
     """Between two geometries of one interface; v (m_old, gdim) moves the old frame's nodes to where
     the new one is."""
     places = []

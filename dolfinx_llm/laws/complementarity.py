@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
+
 BLOCKS = 10  # exchanges of whole blocks without progress
 
 
-def complementarity(M: np.ndarray, q: np.ndarray, start: np.ndarray) -> np.ndarray:
+def complementarity(M: Array, q: Array, start: Array) -> Array:
     """Which λ are positive.
 
     All wrong signs are exchanged at once (Júdice and Pires, Computers & Operations Research 21
@@ -49,7 +51,7 @@ def complementarity(M: np.ndarray, q: np.ndarray, start: np.ndarray) -> np.ndarr
     return best
 
 
-def _wrong(M: np.ndarray, q: np.ndarray, positive: np.ndarray) -> np.ndarray:
+def _wrong(M: Array, q: Array, positive: Array) -> Array:
     """Where λ or s is negative beyond rounding, for a choice of the positive λ."""
     x = np.linalg.solve(M[np.ix_(positive, positive)], -q[positive])
     rows = M[np.ix_(~positive, positive)]
@@ -60,7 +62,7 @@ def _wrong(M: np.ndarray, q: np.ndarray, positive: np.ndarray) -> np.ndarray:
     return np.flatnonzero(value < -1e-13 * noise)
 
 
-def _descent(M: np.ndarray, q: np.ndarray, positive: np.ndarray) -> np.ndarray:
+def _descent(M: Array, q: Array, positive: Array) -> Array:
     """Least λᵀMλ / 2 + qᵀλ over λ >= 0, M positive definite: the set where λ > 0.
 
     The active set method of Lawson and Hanson: λ stays feasible and the energy falls, so that no
@@ -82,9 +84,7 @@ def _descent(M: np.ndarray, q: np.ndarray, positive: np.ndarray) -> np.ndarray:
     return positive
 
 
-def _descend(
-    M: np.ndarray, q: np.ndarray, x: np.ndarray, positive: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _descend(M: Array, q: Array, x: Array, positive: Array) -> tuple[Array, Array]:
     """From x to the least energy over the positive λ, or as far as they stay positive: those that
     do not are left out."""
     x, positive = x.copy(), positive.copy()
@@ -103,7 +103,7 @@ def _descend(
     return x, positive
 
 
-def _lemke(M: np.ndarray, q: np.ndarray) -> np.ndarray | None:
+def _lemke(M: Array, q: Array) -> Array | None:
     """Lemke's complementary pivoting; None where it ends on a ray."""
     n = len(q)
     if (q >= 0.0).all():

@@ -18,13 +18,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK, LawNodes, LawRows
 
 METHODS = ("newton", "switch")
 AT_LIMIT = 1e-10  # relative: so near to the limit what has slipped slips, what has stuck sticks
-Varying = float | np.ndarray | Callable[[np.ndarray], np.ndarray]  # or a dolfinx Function
+Varying = float | Array | Callable[[Array], Array]  # or a dolfinx Function
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,7 +89,7 @@ class Coulomb(Law):
             shown.append(f"dynamic={checks.shown(self.dynamic)}")
         return f"Coulomb({', '.join(shown)})"
 
-    def start(self, nodes: LawNodes) -> dict[str, np.ndarray]:
+    def start(self, nodes: LawNodes) -> dict[str, Array]:
         """μ and the forces of cohesion [force] at nodes.
 
         Args:
@@ -109,21 +110,21 @@ class Coulomb(Law):
             )
         return {"mu": found["mu"], "cohesive": nodes.area * found["cohesion"]}
 
-    def end_step(self, nodes: LawNodes) -> dict[str, np.ndarray]:
+    def end_step(self, nodes: LawNodes) -> dict[str, Array]:
         if self.dynamic is None:
             return nodes.history
         slips = nodes.status == SLIP
         mu = np.where(slips, nodes.values(self.dynamic), nodes.values(self.mu))
         return nodes.history | {"mu": mu}
 
-    def _bound(self, nodes: LawNodes) -> np.ndarray:
+    def _bound(self, nodes: LawNodes) -> Array:
         """(k,) what tangential forces may reach, node by node [force]. One that is pulled at, by a
         corrected row, bears nothing, and is missing where others are pressed by more for it: it
         takes from those that share with it, so that friction in all is at most μ N in all."""
         return nodes.history["mu"] * nodes.N + self._cohesive(nodes)
 
     @staticmethod
-    def _cohesive(nodes: LawNodes) -> np.ndarray:
+    def _cohesive(nodes: LawNodes) -> Array:
         """(k,) what nodes that press bear without any normal force [force]."""
         return np.where(nodes.N > 0.0, nodes.history["cohesive"], 0.0)
 
@@ -138,21 +139,21 @@ class Coulomb(Law):
         rhs = rows.rhs - rows.C_N * cohesion[:, None]
         return replace(rows, rhs=rhs, weight=nodes.history["mu"])
 
-    def miss(self, nodes: LawNodes) -> np.ndarray:
+    def miss(self, nodes: LawNodes) -> Array:
         s = nodes.sums(self._bound(nodes))
         return projection_miss(nodes.force, s, nodes.slip, nodes.c)
 
-    def strength(self, nodes: LawNodes) -> np.ndarray:
+    def strength(self, nodes: LawNodes) -> Array:
         return self._bound(nodes)
 
-    def at_stake(self, nodes: LawNodes) -> np.ndarray:
+    def at_stake(self, nodes: LawNodes) -> Array:
         # At the limit and without slip a node sticks and slips alike.
         z = nodes.force + nodes.c[:, None] * nodes.slip
         apart = np.abs(_length(z) - nodes.sums(self._bound(nodes)))
         return np.minimum(super().at_stake(nodes), apart)
 
 
-def _at_least_0(name: str, values: np.ndarray, n: int) -> np.ndarray:
+def _at_least_0(name: str, values: Array, n: int) -> Array:
     if values.shape != (n,) or not (np.isfinite(values) & (values >= 0.0)).all():
         raise ContactInputError(
             f"Coulomb: {name} has the shape {values.shape} and the least value "
@@ -161,20 +162,18 @@ def _at_least_0(name: str, values: np.ndarray, n: int) -> np.ndarray:
     return values
 
 
-def _length(a: np.ndarray) -> np.ndarray:
+def _length(a: Array) -> Array:
     return np.linalg.norm(a, axis=1)
 
 
-def projection_miss(T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarray) -> np.ndarray:
+def projection_miss(T: Array, s: Array, delta: Array, c: Array) -> Array:
     """(n,) distance of T from the projection of z = T + c δ on the disc of radius s [force]."""
     z, s = T + c[:, None] * delta, np.maximum(s, 0.0)
     size = _length(z)
     return _length(T - z * (np.minimum(s, size) / np.maximum(size, 1e-300))[:, None])
 
 
-def newton_rows(
-    T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarray, before: np.ndarray | int = STICK
-) -> LawRows:
+def newton_rows(T: Array, s: Array, delta: Array, c: Array, before: Array | int = STICK) -> LawRows:
     """Semismooth Newton on T = projection of z = T + c δ, in the stabilised form of Hüeber, Stadler
     and Wohlmuth, SIAM J. Sci. Comput. 30 (2008) 572-596.
 
@@ -208,7 +207,7 @@ def newton_rows(
     )
 
 
-def stable_slip(T: np.ndarray, z: np.ndarray, s: np.ndarray) -> np.ndarray:
+def stable_slip(T: Array, z: Array, s: Array) -> Array:
     """(n, d, d) derivative of s z / |z| by z where T = s z / |z|, and what is stable elsewhere,
     e (1 - beta T dᵀ / max(s, |T|)), e = min(s / |z|, 1); arguments as of ``newton_rows``."""
     size, t = (np.maximum(_length(a), 1e-300) for a in (z, T))
@@ -219,9 +218,7 @@ def stable_slip(T: np.ndarray, z: np.ndarray, s: np.ndarray) -> np.ndarray:
     return (np.minimum(s, size) / size)[:, None, None] * (np.eye(z.shape[1]) - outer)
 
 
-def switch_rows(
-    T: np.ndarray, s: np.ndarray, delta: np.ndarray, c: np.ndarray, before: np.ndarray
-) -> LawRows:
+def switch_rows(T: Array, s: Array, delta: Array, c: Array, before: Array) -> LawRows:
     """The paper's switch: stick until |T| exceeds μ N, slip until the slip turns round.
 
     A node that begins to slip takes the direction of its force (16), one that slips that of its

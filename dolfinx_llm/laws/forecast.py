@@ -18,6 +18,8 @@ import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, identity
 from scipy.sparse.linalg import splu
 
+from dolfinx_llm.base.arrays import Array
+
 HOLDS = 10.0 ** -np.arange(2.0, 13.0, 2.0)  # of k: what holds the frame, less and less
 NEWTON_STEPS = 60  # of Newton's method, for each of these
 BALANCED = 1e-8  # of the largest force, that frame nodes may miss
@@ -28,8 +30,8 @@ class Forecast:
     """The function of w whose least value tells what presses."""
 
     L: csr_matrix  # (n, m) motion of the frame as the rows see it
-    k: np.ndarray  # (n,) stiffness of rows; 0: out of contact for good [force / length]
-    press: np.ndarray  # (n,) rows whose force must not be negative
+    k: Array  # (n,) stiffness of rows; 0: out of contact for good [force / length]
+    press: Array  # (n,) rows whose force must not be negative
 
     def normal(self) -> Forecast:
         """The same of normal forces alone, and of the motions that mainly these see: with friction,
@@ -41,9 +43,7 @@ class Forecast:
         own = np.asarray(L.power(2).sum(axis=1) - 0.5 * squares.sum(axis=1)).ravel() > 0.0
         return Forecast(L, np.where(own, self.k, 0.0), self.press)
 
-    def pressing(
-        self, force: np.ndarray, position: np.ndarray, loads: np.ndarray | None = None
-    ) -> np.ndarray:
+    def pressing(self, force: Array, position: Array, loads: Array | None = None) -> Array:
         """(n,) rows of ``press`` with λ' > 0.
 
         Args:
@@ -63,14 +63,12 @@ class Forecast:
             w = self._least(pull, target, w, hold, enough)
         return (self._answer(pull, w) > 0.0) & self.press
 
-    def _answer(self, pull: np.ndarray, w: np.ndarray) -> np.ndarray:
+    def _answer(self, pull: Array, w: Array) -> Array:
         """λ'."""
         z = pull - self.k * (self.L @ w)
         return np.where(self.press, np.maximum(z, 0.0), z)
 
-    def _least(
-        self, pull: np.ndarray, target: np.ndarray, w: np.ndarray, hold: float, enough: float
-    ) -> np.ndarray:
+    def _least(self, pull: Array, target: Array, w: Array, hold: float, enough: float) -> Array:
         """Newton's method from w, which springs hold, with the best length of each step."""
         centre = w
         for _ in range(NEWTON_STEPS):
@@ -84,9 +82,7 @@ class Forecast:
             w = w + self._length(z, step, target, w - centre, hold) * step
         return w
 
-    def _length(
-        self, z: np.ndarray, step: np.ndarray, target: np.ndarray, moved: np.ndarray, hold: float
-    ) -> float:
+    def _length(self, z: Array, step: Array, target: Array, moved: Array, hold: float) -> float:
         """Up to 1: where the slope along a step vanishes; it is linear between the places where
         rows begin or cease to press."""
         seen = self.L @ step

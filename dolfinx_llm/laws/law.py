@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.laws.rows import LawNodes, LawRows
 
@@ -97,7 +98,7 @@ class Law:
                 "not slip, 'cartesian' where it does none of the three, or is scalar and gives"
             )
 
-    def start(self, nodes: LawNodes) -> dict[str, np.ndarray]:
+    def start(self, nodes: LawNodes) -> dict[str, Array]:
         """What the law keeps, as drawn: arrays (k, ...); nothing by default.
 
         Args:
@@ -105,7 +106,7 @@ class Law:
         """
         return {}
 
-    def force(self, nodes: LawNodes) -> tuple[np.ndarray, np.ndarray]:
+    def force(self, nodes: LawNodes) -> tuple[Array, Array]:
         """Forces (k, q) for jumps (k, q), and their derivative (k, q, q), or (k, q) of each
         component by its own jump.
 
@@ -125,7 +126,7 @@ class Law:
         """
         return LawRows.springs(nodes, *self.force(nodes))
 
-    def miss(self, nodes: LawNodes) -> np.ndarray:
+    def miss(self, nodes: LawNodes) -> Array:
         """(k,) distance from the law [force]; by default what ``rows`` leave.
 
         Args:
@@ -133,7 +134,7 @@ class Law:
         """
         return np.linalg.norm(self.rows(nodes).left(nodes), axis=1)
 
-    def end_step(self, nodes: LawNodes) -> dict[str, np.ndarray]:
+    def end_step(self, nodes: LawNodes) -> dict[str, Array]:
         """What the law keeps from this load step on; by default the same as before.
 
         Args:
@@ -141,7 +142,7 @@ class Law:
         """
         return nodes.history
 
-    def strength(self, nodes: LawNodes) -> np.ndarray:
+    def strength(self, nodes: LawNodes) -> Array:
         """(k,) what each node bears [force]; nodes for which one speaks share its force by that.
 
         Args:
@@ -149,7 +150,7 @@ class Law:
         """
         return nodes.N
 
-    def at_stake(self, nodes: LawNodes) -> np.ndarray:
+    def at_stake(self, nodes: LawNodes) -> Array:
         """(k,) by how much another status would be felt [force]: where by hardly any, it does not
         matter which.
 

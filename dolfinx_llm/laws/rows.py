@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 
 OPEN, STICK, SLIP = 0, 1, 2
@@ -21,7 +22,7 @@ CLOSED = 3  # in contact, without friction
 LARGE = 1e3  # times the bodies' stiffness: rows with larger coefficients of jumps are divided
 
 
-def at_positions(value: Any, x: np.ndarray) -> np.ndarray:
+def at_positions(value: Any, x: Array) -> Array:
     """(k,) of a number, an array or a function of positions."""
     found = np.asarray(value(x) if callable(value) else value, dtype=np.float64)
     return np.full(len(x), float(found)) if not found.ndim else found
@@ -36,24 +37,24 @@ class LawNodes:
     pairs part and none is held, the normal jump is at least 0 here: what is apart carries no force.
     """
 
-    x: np.ndarray  # (k, gdim) positions, as drawn [length]
-    area: np.ndarray  # (k,) tributary area, in 2D per unit of depth; as it is now [area]
-    force: np.ndarray  # (k, q) [force]
-    N: np.ndarray  # (k,) normal force, positive in compression [force]
-    jump: np.ndarray  # (k, q) [length]
-    before: np.ndarray  # (k, q) the jump at the end of the last load step [length]
-    c: np.ndarray  # (k,) stiffness that the bodies set against jumps, about [force / length]
-    status: np.ndarray  # (k,) in the last iterate: OPEN, STICK, SLIP, CLOSED
-    history: dict[str, np.ndarray] = field(default_factory=dict)  # (k, ...) what the law keeps
-    speaker: np.ndarray | None = None  # (k,) node whose law holds for each; None: each its own
-    sample: Callable[[Any], np.ndarray] | None = None  # (k,) of what users give
+    x: Array  # (k, gdim) positions, as drawn [length]
+    area: Array  # (k,) tributary area, in 2D per unit of depth; as it is now [area]
+    force: Array  # (k, q) [force]
+    N: Array  # (k,) normal force, positive in compression [force]
+    jump: Array  # (k, q) [length]
+    before: Array  # (k, q) the jump at the end of the last load step [length]
+    c: Array  # (k,) stiffness that the bodies set against jumps, about [force / length]
+    status: Array  # (k,) in the last iterate: OPEN, STICK, SLIP, CLOSED
+    history: dict[str, Array] = field(default_factory=dict)  # (k, ...) what the law keeps
+    speaker: Array | None = None  # (k,) node whose law holds for each; None: each its own
+    sample: Callable[[Any], Array] | None = None  # (k,) of what users give
 
     @property
-    def slip(self) -> np.ndarray:
+    def slip(self) -> Array:
         """(k, q) jump of this load step [length]."""
         return self.jump - self.before
 
-    def sums(self, values: np.ndarray) -> np.ndarray:
+    def sums(self, values: Array) -> Array:
         """(k,) sums over the nodes for which a node speaks.
 
         Args:
@@ -63,7 +64,7 @@ class LawNodes:
             return values
         return np.bincount(self.speaker, values, minlength=len(values))
 
-    def values(self, value: Any) -> np.ndarray:
+    def values(self, value: Any) -> Array:
         """(k,) at the nodes of what a user gives for a law; collective.
 
         Args:
@@ -80,23 +81,23 @@ class LawRows:
     """C_T T + C_jump δ + C_N S = rhs at k nodes, with forces T, jumps δ of the load step, and S the
     sum of weight N over the nodes for which a node speaks."""
 
-    status: np.ndarray  # (k,) OPEN, STICK, SLIP, CLOSED
-    C_T: np.ndarray  # (k, q, q)
-    C_jump: np.ndarray  # (k, q, q) [force / length]
-    C_N: np.ndarray  # (k, q)
-    rhs: np.ndarray  # (k, q) [force]
-    weight: np.ndarray | None = None  # (k,) None: 1
+    status: Array  # (k,) OPEN, STICK, SLIP, CLOSED
+    C_T: Array  # (k, q, q)
+    C_jump: Array  # (k, q, q) [force / length]
+    C_N: Array  # (k, q)
+    rhs: Array  # (k, q) [force]
+    weight: Array | None = None  # (k,) None: 1
     # (k,) where pairs may pull, too; None: nowhere. It should follow from the history alone, which
     # stays within a load step.
-    holds: np.ndarray | None = None
+    holds: Array | None = None
 
     @staticmethod
     def springs(
         nodes: LawNodes,
-        force: np.ndarray,
-        stiffness: np.ndarray,
-        status: np.ndarray | None = None,
-        holds: np.ndarray | None = None,
+        force: Array,
+        stiffness: Array,
+        status: Array | None = None,
+        holds: Array | None = None,
     ) -> LawRows:
         """A law that tells forces from jumps: T = force + stiffness (jump - the last jump).
 
@@ -119,10 +120,10 @@ class LawRows:
     @staticmethod
     def layer(
         nodes: LawNodes,
-        jump: np.ndarray,
-        compliance: np.ndarray,
-        status: np.ndarray | None = None,
-        holds: np.ndarray | None = None,
+        jump: Array,
+        compliance: Array,
+        status: Array | None = None,
+        holds: Array | None = None,
     ) -> LawRows:
         """A law that tells jumps from forces: jump = that of the law + compliance (T - the last T).
 
@@ -138,7 +139,7 @@ class LawRows:
         rows = LawRows.springs(replace(nodes, jump=nodes.before), force, stiff, status, holds)
         return replace(rows, C_T=np.where(rigid[:, :, None], 0.0, rows.C_T))
 
-    def left(self, nodes: LawNodes) -> np.ndarray:
+    def left(self, nodes: LawNodes) -> Array:
         """(k, q) what forces and jumps leave of the rows' balance [force].
 
         Args:
@@ -157,7 +158,7 @@ class LawRows:
         S = nodes.sums(nodes.N if self.weight is None else self.weight * nodes.N)
         return replace(self, C_N=np.zeros_like(self.C_N), rhs=self.rhs - self.C_N * S[:, None])
 
-    def scaled(self, c: np.ndarray) -> LawRows:
+    def scaled(self, c: Array) -> LawRows:
         """The same equations, without rows of 1e11 times the others' size, among which a
         factorisation sees neither those nor that they are unsymmetric.
 
@@ -174,7 +175,7 @@ class LawRows:
             rhs=by * self.rhs,
         )
 
-    def tied(self, speaker: np.ndarray, unheld: np.ndarray, c: float) -> LawRows:
+    def tied(self, speaker: Array, unheld: Array, c: float) -> LawRows:
         """The same, but that nodes for which others speak slip as those do: their δ, taken relative
         to it, vanishes; and that nodes which no force reaches do not slip.
 

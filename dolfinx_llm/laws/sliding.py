@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import LawNodes
 
@@ -21,7 +20,7 @@ class Sliding(Law):
 
     opens, slips, closes_gap = False, True, False
 
-    def force(self, nodes: LawNodes) -> tuple[np.ndarray, np.ndarray]:
+    def force(self, nodes: LawNodes) -> tuple[Array, Array]:
         """None along the surface; see ``Law``.
 
         Args:

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix, vstack
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import placed
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.geometry import InterfaceGeometry
@@ -31,7 +32,7 @@ def assemble_B(rows: Rows, dofs: BodyDofs) -> PETSc.Mat:
 
 def interface_operator(
     pairs: Sequence[ContactPairs],
-    directions: np.ndarray,
+    directions: Array,
     normals: bool = False,
     swings: Swings | None = None,
 ) -> csr_matrix:

@@ -9,12 +9,13 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from dolfinx_llm.base import compat
+from dolfinx_llm.base.arrays import Array
 
 ALONG = 1e-2  # part of a rotation below which it counts as translation, of a screw as rotation
 SHARED = 0.3  # mean square of what surfaces have of a direction, from which on bodies slide so
 
 
-def body_labels(V: Any) -> tuple[np.ndarray, int]:
+def body_labels(V: Any) -> tuple[Array, int]:
     """Number of the connected body of every local node of V (owned and ghost), and their count, by
     the mesh's connectivity on all ranks together."""
     comm, index_map = V.mesh.comm, V.dofmap.index_map
@@ -45,7 +46,7 @@ def body_labels(V: Any) -> tuple[np.ndarray, int]:
     return np.searchsorted(found, label[part]), len(found)
 
 
-def rigid_modes(x: np.ndarray, components: int = 0) -> np.ndarray:
+def rigid_modes(x: Array, components: int = 0) -> Array:
     """(n, gdim, 3 or 6) translations and rotations of points x (n, gdim); of a field with one of
     ``components`` the constant (n, 1, 1)."""
     n, gdim = x.shape
@@ -59,13 +60,13 @@ def rigid_modes(x: np.ndarray, components: int = 0) -> np.ndarray:
     return modes
 
 
-def sliding_ways(normals: np.ndarray) -> np.ndarray:
+def sliding_ways(normals: Array) -> Array:
     """(gdim, k) directions in which surfaces with unit normals (n, gdim) let bodies slide."""
     share, ways = np.linalg.eigh(np.eye(normals.shape[1]) - normals.T @ normals / len(normals))
     return np.asarray(ways[:, share > SHARED])
 
 
-def two_sides(count: int, tied: np.ndarray, meet: np.ndarray) -> np.ndarray:
+def two_sides(count: int, tied: Array, meet: Array) -> Array:
     """(count,) 1 or -1 for each body: bodies that are tied are on one side, bodies that meet on
     both, as far as there are two sides to all of it.
 
@@ -75,7 +76,7 @@ def two_sides(count: int, tied: np.ndarray, meet: np.ndarray) -> np.ndarray:
         meet: (k, 2) bodies that slide on each other.
     """
 
-    def graph(ends: np.ndarray) -> csr_matrix:
+    def graph(ends: Array) -> csr_matrix:
         return csr_matrix((np.ones(len(ends)), tuple(ends.T)), (count, count))
 
     _, group = connected_components(graph(tied), directed=False)
@@ -98,7 +99,7 @@ class Bodies:
         dofs: (nodes gdim,) this rank's dofs that these are; None: all, one after the other.
     """
 
-    def __init__(self, spaces: Sequence[Any], dofs: np.ndarray | None = None) -> None:
+    def __init__(self, spaces: Sequence[Any], dofs: Array | None = None) -> None:
         self.comm = spaces[0].mesh.comm
         self.gdim = spaces[0].mesh.geometry.dim
         self.components = spaces[0].dofmap.index_map_bs
@@ -123,13 +124,13 @@ class Bodies:
         self.label, self.points = np.argsort(order)[label], x
         self.dofs = np.arange(len(x) * self.components) if dofs is None else dofs
 
-    def own_modes(self, label: np.ndarray, x: np.ndarray) -> np.ndarray:
+    def own_modes(self, label: Array, x: Array) -> Array:
         """(n, components, modes per body) rigid motions of each point's own body, about the body's
         centre, rotations scaled to size 1."""
         centre, size = 0.5 * (self.low + self.high), np.linalg.norm(self.high - self.low, axis=1)
         return rigid_modes(2.0 * (x - centre[label]) / size[label, None], self.components)
 
-    def modes(self, label: np.ndarray, x: np.ndarray) -> np.ndarray:
+    def modes(self, label: Array, x: Array) -> Array:
         """(n, components, bodies, modes per body) the same, zero for the other bodies' motions."""
         modes = np.zeros((len(x), self.components, self.count, self.ways))
         modes[np.arange(len(x)), :, label] = self.own_modes(label, x)
@@ -139,7 +140,7 @@ class Bodies:
         low, high = ((x[body].round(6) + 0.0).tolist() for x in (self.low, self.high))
         return f"body {body} (from {low} to {high})"
 
-    def motion(self, body: int, amounts: np.ndarray, work: float) -> str:
+    def motion(self, body: int, amounts: Array, work: float) -> str:
         """Words for a rigid motion of a body, (3 or 6,) amounts of those of ``own_modes``, and for
         the force or moment that does this work along it [force length]."""
         low, high, gdim = self.low[body], self.high[body], self.gdim
@@ -166,7 +167,7 @@ class Bodies:
         return f"{self.name(body)}: {words}, moment about it {abs(work) / rate:.3g}"
 
 
-def _listed(values: np.ndarray) -> list[float]:
+def _listed(values: Array) -> list[float]:
     """Three digits each, without those below a thousandth of the largest."""
     size = np.abs(values).max()
     return [float(f"{v:.3g}") if abs(v) > 1e-3 * size else 0.0 for v in values]

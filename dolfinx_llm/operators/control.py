@@ -15,6 +15,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface
@@ -54,7 +55,7 @@ class Control:
         self.E, self.C = self._matrix(*E), self._matrix(*C)
         self.free = self._matrix(row[kept], column[kept], np.where(stay, 1.0, value)[kept])
 
-    def _entries(self, numbers: np.ndarray, matrix: csr_matrix) -> tuple[np.ndarray, ...]:
+    def _entries(self, numbers: Array, matrix: csr_matrix) -> tuple[Array, ...]:
         """This rank's rows, columns and values, of each direction, of a surface's matrix."""
         M = matrix.tocoo()
         row = numbers[M.row].ravel() - self.dofs.first
@@ -62,7 +63,7 @@ class Control:
         value = np.repeat(M.data, self.dofs.components)
         return row[mine], numbers[M.col].ravel()[mine], value[mine]
 
-    def _check(self, wrong: np.ndarray) -> None:
+    def _check(self, wrong: Array) -> None:
         count = self.dofs.comm.allreduce(int(wrong.sum()))
         if count:
             raise ContactInputError(
@@ -71,7 +72,7 @@ class Control:
                 "may part conditions must hold on whole edges (fem.locate_dofs_topological)"
             )
 
-    def _matrix(self, row: np.ndarray, column: np.ndarray, value: np.ndarray) -> PETSc.Mat:
+    def _matrix(self, row: Array, column: Array, value: Array) -> PETSc.Mat:
         """Given entries of this rank's rows, the others those of the identity."""
         n, sizes = len(self.dofs.fixed), self.dofs.sizes
         first = np.unique(row * sizes[1] + column, return_index=True)[1]  # an edge of two surfaces
@@ -90,7 +91,7 @@ class Control:
         K.destroy()
         return out
 
-    def load(self, f: np.ndarray, stiffness: Callable[[], PETSc.Mat]) -> np.ndarray:
+    def load(self, f: Array, stiffness: Callable[[], PETSc.Mat]) -> Array:
         """E^T f less what prescribed values do, and these as control values, of this rank's nodal
         load f (n_local,) with the values at prescribed dofs; the nodes' K is assembled where it is
         needed."""
@@ -104,10 +105,10 @@ class Control:
         out = times(self.free, f, transposed=True)
         return np.where(fixed, known, out)
 
-    def forces(self, f: np.ndarray) -> np.ndarray:
+    def forces(self, f: Array) -> Array:
         """E^T f of this rank's nodal forces (n_local,)."""
         return times(self.E, f, transposed=True)
 
-    def nodal(self, u: np.ndarray) -> np.ndarray:
+    def nodal(self, u: Array) -> Array:
         """E u' of this rank's control values (n_local,)."""
         return times(self.E, u)

@@ -9,6 +9,7 @@ from petsc4py import PETSc
 from scipy.sparse import bmat, csr_matrix, identity, vstack
 from scipy.sparse.linalg import splu
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.operators.motions import RigidMotions
@@ -32,13 +33,13 @@ class Loose:
         """How many they are."""
         return int(self.held.shape[1] - self.held.shape[0])
 
-    def nearest(self, square: csr_matrix, along: np.ndarray) -> np.ndarray:
+    def nearest(self, square: csr_matrix, along: Array) -> Array:
         """(free, ...) the c with the least cᵀ square c / 2 - cᵀ along."""
         system = splu(bmat([[square, self.held.T], [self.held, None]], format="csc"))
         none = np.zeros((self.held.shape[0], *along.shape[1:]))
         return np.asarray(system.solve(np.concatenate([along, none]))[: len(along)])
 
-    def some(self, count: int) -> np.ndarray:
+    def some(self, count: int) -> Array:
         """(free, at most ``count``) of them, by chance."""
         free = self.held.shape[1]
         chance = np.random.default_rng(2001).normal(size=(free, min(count, self.count)))
@@ -64,16 +65,16 @@ class Floating:
         own = (local_csr(B).T @ self.rigid.modes).tocsr()
         self.G = self.comm.allreduce(own)[rows.number]  # (n, k) Bᵀ of all rigid motions
 
-    def at_pins(self, amounts: np.ndarray) -> np.ndarray:
+    def at_pins(self, amounts: Array) -> Array:
         """Motion of this rank's pins for (count,) α [length]."""
         return np.asarray(self._pinned @ amounts)
 
-    def amounts(self, u: np.ndarray) -> np.ndarray:
+    def amounts(self, u: Array) -> Array:
         """(count,) α of this rank's displacement u (n_local,)."""
         moved = gather_rows(self.comm, u[self.pins])
         return moved if self._at_pins is None else self._at_pins.solve(moved)
 
-    def strayed(self, u: np.ndarray) -> np.ndarray:
+    def strayed(self, u: Array) -> Array:
         """(count,) the part of this rank's displacement u (n_local,) along the loose motions: what
         is left without it has the least sum of squares."""
         if not self.loose.count:
@@ -92,7 +93,7 @@ class Floating:
         """(n, count) by how much multipliers may push along the free motions."""
         return abs(self.G[:, : self.count])
 
-    def drift(self, L: csr_matrix, frames: int, active: np.ndarray) -> float:
+    def drift(self, L: csr_matrix, frames: int, active: Array) -> float:
         """Relative error of motions that weak springs alone hold: the stiffness of the bodies, with
         its rounding, stands beside theirs. The first columns of L (n, m), so many, are L_b; (n,)
         rows are in contact."""
@@ -114,10 +115,10 @@ class Floating:
         noisy = loose.T @ (noise[:, None] * loose)
         return float(scipy.linalg.eigh(noisy, loose.T @ own @ loose)[0].max())
 
-    def loads(self, f: np.ndarray) -> np.ndarray:
+    def loads(self, f: Array) -> Array:
         """(count,) this rank's loads f along the motions, summed up over all: Gᵀ λ in balance."""
         return self.comm.allreduce(self.modes.T @ f)
 
-    def sizes(self, f: np.ndarray) -> np.ndarray:
+    def sizes(self, f: Array) -> Array:
         """(count,) this rank's loads f along the motions, summed up over all without sign."""
         return self.comm.allreduce(abs(self.modes).T @ np.abs(f))

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.linalg
 from scipy.sparse import bsr_matrix, csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import placed
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.petsc import diagonal_of, times
@@ -30,15 +31,15 @@ class RigidMotions:
     """k rigid motions of single bodies, each of about size 1; the free ones come first."""
 
     bodies: Bodies
-    body: np.ndarray  # (k,) that each moves
-    parts: np.ndarray  # (k, 3 or 6) of its body's motions in ``Bodies.own_modes``
+    body: Array  # (k,) that each moves
+    parts: Array  # (k, 3 or 6) of its body's motions in ``Bodies.own_modes``
     free: int  # how many of them nothing holds
     modes: csr_matrix  # (n_local, k) on this rank's dofs, zero at prescribed ones
     forces: csr_matrix  # (n_local, k) K times modes, zero for the free ones
     stiffness: csr_matrix  # (k, k) modesᵀ K modes
-    noise: np.ndarray  # (k,) what rounding of K may have done to it
+    noise: Array  # (k,) what rounding of K may have done to it
 
-    def one_of_each(self, which: np.ndarray) -> list[np.ndarray]:
+    def one_of_each(self, which: Array) -> list[Array]:
         """Motions ``which`` in groups with no more than one of each body, which one solve may take
         together: K does not couple bodies."""
         order = which[np.argsort(self.body[which], kind="stable")]
@@ -49,13 +50,13 @@ class RigidMotions:
         return [order[place == p] for p in range(place.max(initial=-1) + 1)]
 
     @cached_property
-    def label(self) -> np.ndarray:
+    def label(self) -> Array:
         """(n_local,) body of each of this rank's dofs; -1: of none."""
         label = np.full(self.modes.shape[0], -1)
         label[self.bodies.dofs] = np.repeat(self.bodies.label, self.bodies.components)
         return label
 
-    def owner(self, some: np.ndarray) -> np.ndarray:
+    def owner(self, some: Array) -> Array:
         """(n_local,) which of some motions, one of each body, is that of a dof's body; -1: none."""
         of = np.full(self.bodies.count + 1, -1)
         of[self.body[some]] = some
@@ -87,7 +88,7 @@ class RigidMotions:
             rest -= np.einsum("nk,nk->n", rest, along)[:, None] * along
         return chosen
 
-    def describe(self, amounts: np.ndarray, forces: np.ndarray) -> str:
+    def describe(self, amounts: Array, forces: Array) -> str:
         """Words for (free,) amounts of the free motions, and the forces (free,) along them."""
         words, size = [], np.abs(amounts).max(initial=0.0)
         for b in np.unique(self.body[: self.free]):
@@ -106,7 +107,7 @@ def no_motions(bodies: Bodies, n: int) -> RigidMotions:
     return RigidMotions(bodies, body, parts, 0, none, none, square, np.zeros(0))
 
 
-def rigid_motions(bodies: Bodies, K: Any, fixed: np.ndarray) -> RigidMotions:
+def rigid_motions(bodies: Bodies, K: Any, fixed: Array) -> RigidMotions:
     """The rigid motions of each body that supports alone, (n_local,) fixed dofs, do not hold, or
     only by weak springs; K has identity rows at fixed dofs."""
     of = np.repeat(bodies.label, bodies.components)
@@ -145,7 +146,7 @@ def rigid_motions(bodies: Bodies, K: Any, fixed: np.ndarray) -> RigidMotions:
     return RigidMotions(bodies, body, parts, free, modes, forces, stiffness, noise)
 
 
-def _allowed(bodies: Bodies, R: np.ndarray, of: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+def _allowed(bodies: Bodies, R: Array, of: Array, fixed: Array) -> Array:
     """(bodies, modes, k) combinations of each body's rigid motions that move no prescribed dof,
     then zeros; R (n, modes), bodies ``of`` (n,) and ``fixed`` (n,) of its dofs."""
     held = {}
@@ -163,7 +164,7 @@ def _allowed(bodies: Bodies, R: np.ndarray, of: np.ndarray, fixed: np.ndarray) -
     return out[:, :, : counts.max(initial=0)]
 
 
-def _of_bodies(bodies: Bodies, of: np.ndarray, allowed: np.ndarray, fields: Any) -> list[Any]:
+def _of_bodies(bodies: Bodies, of: Array, allowed: Array, fields: Any) -> list[Any]:
     """Per body its motions, of ``fields`` at its dofs, that are free or weakly held: their
     coefficients (columns of ``allowed``, k), stiffness (k,), whether springs hold them (k,), and
     the stiffness that rounding alone may cause (k,)."""

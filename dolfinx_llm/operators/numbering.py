@@ -11,8 +11,9 @@ import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.pairs import ContactPairs
-from dolfinx_llm.geometry.spaces import scalar_at_nodes
+from dolfinx_llm.geometry.spaces import order_of, scalar_at_nodes
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 
@@ -23,7 +24,7 @@ class BodyDofs:
 
     comm: MPI.Comm
     spaces: tuple[Any, ...]  # function space of each mesh
-    fixed: np.ndarray  # (n_local,) whether a Dirichlet condition prescribes a dof of this rank
+    fixed: Array  # (n_local,) whether a Dirichlet condition prescribes a dof of this rank
     others: tuple[int, ...] = ()  # of each mesh dofs of this rank, after those of the nodes, that
     # are no displacements; none where no space is mixed
 
@@ -45,24 +46,29 @@ class BodyDofs:
         return [n * self.components + k for n, k in zip(nodes, others, strict=True)]
 
     @property
+    def order(self) -> int:
+        """Highest order of the spaces."""
+        return max(order_of(V) for V in self.spaces)
+
+    @property
     def mixed(self) -> bool:
         """Whether there are dofs that are no displacements."""
         return bool(self.others)
 
     @cached_property
-    def of_nodes(self) -> np.ndarray:
+    def of_nodes(self) -> Array:
         """(k,) this rank's dofs that are displacements, node by node (local numbers)."""
         ends = np.cumsum(self.counts) - (self.others or 0)
         starts = np.cumsum([0, *self.counts[:-1]])
         return np.concatenate([np.arange(*part) for part in zip(starts, ends, strict=True)])
 
-    def spread(self, nodal: np.ndarray) -> np.ndarray:
+    def spread(self, nodal: Array) -> Array:
         """(n_local,) at the dofs from values of this rank's nodes; 0 at all others."""
         values = np.zeros(len(self.fixed))
         values[self.of_nodes] = np.repeat(nodal, self.components)
         return values
 
-    def sampled(self, function: Any, space: int, at: np.ndarray) -> np.ndarray:
+    def sampled(self, function: Any, space: int, at: Array) -> Array:
         """(n,) values of a scalar Function at nodes of a space on its mesh; collective.
 
         Args:
@@ -84,7 +90,14 @@ class BodyDofs:
         """Number of this rank's first dof."""
         return sum(self.comm.allgather(len(self.fixed))[: self.comm.rank])
 
-    def of(self, space: int, nodes: ContactPairs | Surface) -> np.ndarray:
+    @cached_property
+    def points(self) -> Array:
+        """(nodes, gdim) this rank's nodes as drawn [length]."""
+        counts = [V.dofmap.index_map.size_local for V in self.spaces]
+        x = [V.tabulate_dof_coordinates()[:n] for V, n in zip(self.spaces, counts, strict=True)]
+        return np.concatenate(x)[:, : self.gdim]
+
+    def of(self, space: int, nodes: ContactPairs | Surface) -> Array:
         """(n, components) numbers of the dofs of pairs or of a surface of a mesh."""
         k = self.components
         start = self.spaces[space].dofmap.index_map.local_range[0] * k
@@ -92,7 +105,7 @@ class BodyDofs:
         shift = np.array(self.comm.allgather(shift))[nodes.owner]
         return nodes.dofs[:, None] * k + np.arange(k) + shift[:, None]
 
-    def values(self, dofs: np.ndarray, local: np.ndarray) -> np.ndarray:
+    def values(self, dofs: Array, local: Array) -> Array:
         """Values at dofs (...) given by number, on every rank, from this rank's (n_local,)."""
         at = dofs - self.first
         mine = (at >= 0) & (at < len(local))
@@ -130,18 +143,18 @@ def places(geometries: Sequence[InterfaceGeometry]) -> list[Place]:
 class Numbering:
     """Global PETSc numbers of unknowns known to every rank: by owner, then in their own order."""
 
-    owner: np.ndarray  # (n,) rank that owns each unknown
+    owner: Array  # (n,) rank that owns each unknown
     rank: int
 
     @cached_property
-    def number(self) -> np.ndarray:
+    def number(self) -> Array:
         """(n,) global number of each unknown."""
         number = np.empty(len(self.owner), dtype=np.int64)
         number[np.argsort(self.owner, kind="stable")] = np.arange(len(self.owner))
         return number
 
     @cached_property
-    def mine(self) -> np.ndarray:
+    def mine(self) -> Array:
         """This rank's unknowns, in the order of their numbers."""
         return np.flatnonzero(self.owner == self.rank)
 
@@ -155,12 +168,12 @@ class Numbering:
 class Rows:
     """The multipliers of several sides, one after the other: pair by pair, base by base vector."""
 
-    base: np.ndarray  # (n, gdim) base vector of each
-    dofs: np.ndarray  # (n, gdim) numbers of its node's dofs in the vector of all bodies
+    base: Array  # (n, gdim) base vector of each
+    dofs: Array  # (n, gdim) numbers of its node's dofs in the vector of all bodies
     numbering: Numbering
 
     @classmethod
-    def of(cls, comm: MPI.Comm, pairs: Sequence[ContactPairs], dofs: Sequence[np.ndarray]) -> Rows:
+    def of(cls, comm: MPI.Comm, pairs: Sequence[ContactPairs], dofs: Sequence[Array]) -> Rows:
         """Rows of sides whose nodes' dofs are given, per side (n, gdim)."""
         counts = [p.base.shape[1] for p in pairs]
         owner = [np.repeat(p.owner, c) for p, c in zip(pairs, counts)]
@@ -189,7 +202,7 @@ def slip_numbering(geometries: Sequence[InterfaceGeometry], frames: Numbering) -
     return Numbering(np.concatenate(owners), frames.rank)
 
 
-def _owners(geometry: InterfaceGeometry, x: np.ndarray) -> np.ndarray:
+def _owners(geometry: InterfaceGeometry, x: Array) -> Array:
     """(k,) ranks that own the surface nodes next to some positions (k, gdim)."""
     owner = np.concatenate([side.owner for side in geometry.pairs])
     nodes = np.concatenate([side.x for side in geometry.pairs])

@@ -7,6 +7,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
+
 
 def create_aij(
     comm: MPI.Comm, rows: tuple[int, int], cols: tuple[int, int], local: csr_matrix
@@ -19,7 +21,7 @@ def create_aij(
     return matrix
 
 
-def with_springs(K: PETSc.Mat, at: Sequence[int], stiffness: np.ndarray) -> PETSc.Mat:
+def with_springs(K: PETSc.Mat, at: Sequence[int], stiffness: Array) -> PETSc.Mat:
     """Copy of K with springs at local dofs: stiffness[i] is added to their diagonal entries."""
     held, start = K.copy(), K.getOwnershipRange()[0]
     for i in at:
@@ -28,7 +30,7 @@ def with_springs(K: PETSc.Mat, at: Sequence[int], stiffness: np.ndarray) -> PETS
     return held
 
 
-def times(M: PETSc.Mat, x: np.ndarray, transposed: bool = False) -> np.ndarray:
+def times(M: PETSc.Mat, x: Array, transposed: bool = False) -> Array:
     """This rank's part of M x or Mᵀ x."""
     right, left = M.createVecs()
     source, target = (left, right) if transposed else (right, left)
@@ -46,7 +48,7 @@ def local_csr(M: PETSc.Mat) -> csr_matrix:
     return csr_matrix((data, indices, indptr), (len(indptr) - 1, M.getSize()[1]))
 
 
-def diagonal_of(K: PETSc.Mat) -> np.ndarray:
+def diagonal_of(K: PETSc.Mat) -> Array:
     """This rank's diagonal entries of K."""
     diagonal = K.getDiagonal()
     values = diagonal.array_r.copy()
@@ -54,7 +56,7 @@ def diagonal_of(K: PETSc.Mat) -> np.ndarray:
     return values
 
 
-def join_blocks(blocks: Sequence[Sequence[PETSc.Mat | None]]) -> tuple[PETSc.Mat, list[np.ndarray]]:
+def join_blocks(blocks: Sequence[Sequence[PETSc.Mat | None]]) -> tuple[PETSc.Mat, list[Array]]:
     """AIJ from a nest of blocks, and this rank's rows of each block row: the nest interleaves the
     blocks by rank."""
     comm = next(M.comm for M in blocks[0] if M is not None)

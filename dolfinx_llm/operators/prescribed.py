@@ -7,6 +7,7 @@ from scipy.linalg import qr, solve_triangular
 from scipy.sparse import csr_matrix, identity
 from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import symmetric_factors
 
 REPEATED = 1e-6  # part of base vectors at free dofs that counts as none
@@ -16,7 +17,7 @@ DAMPED = 1e-14  # added to squares of singular values, of the largest column's
 PROJECTIONS, GAIN = 30, 0.9  # of iteration against it, and what each must leave at most
 
 
-def free_parts(free: np.ndarray, c: int) -> np.ndarray:
+def free_parts(free: Array, c: int) -> Array:
     """(n c,) how much each row of a node, c base vectors (n c, gdim) at free dofs, moves that its
     rows before leave free, the normal row, the last one, before all others. A node that supports
     let move one way alone is held by its normal row; its tangential rows would say that twice."""
@@ -30,7 +31,7 @@ def free_parts(free: np.ndarray, c: int) -> np.ndarray:
     return size.ravel()
 
 
-def pieces(D: csr_matrix) -> list[np.ndarray]:
+def pieces(D: csr_matrix) -> list[Array]:
     """Rows of a matrix that hang together by its columns, piece by piece."""
     if not D.shape[0]:
         return []
@@ -54,7 +55,7 @@ class ColumnSpace:
         if self.least:
             self._factor = symmetric_factors(square + self.least * identity(D.shape[1]))
 
-    def without(self, values: np.ndarray) -> np.ndarray:
+    def without(self, values: Array) -> Array:
         """What of values (k,) or (k, j) is orthogonal to all columns."""
         if self._factor is None:
             return values
@@ -68,14 +69,14 @@ class ColumnSpace:
         return values
 
 
-def repeated(D: csr_matrix) -> np.ndarray:
+def repeated(D: csr_matrix) -> Array:
     """(k,) whether rows of D follow from the others."""
     out = np.ones(D.shape[0], dtype=bool)
     out[independent_rows(D)] = False
     return out
 
 
-def in_loops(D: csr_matrix) -> np.ndarray:
+def in_loops(D: csr_matrix) -> Array:
     """(k,) whether rows of D are of a piece in which some follow from the others."""
     out, follow = np.zeros(D.shape[0], dtype=bool), repeated(D)
     for piece in pieces(D):
@@ -83,7 +84,7 @@ def in_loops(D: csr_matrix) -> np.ndarray:
     return out
 
 
-def independent_rows(D: csr_matrix, least: float = RANK) -> np.ndarray:
+def independent_rows(D: csr_matrix, least: float = RANK) -> Array:
     """Rows of D (k, m), as many as its rank, from which the others follow; far from dependent.
 
     Rows come in, some at a time, in an order of small bandwidth. Columns of which no more rows

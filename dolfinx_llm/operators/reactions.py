@@ -5,11 +5,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.sparse import block_diag, csr_matrix, hstack
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.operators.prescribed import ColumnSpace, pieces
 from dolfinx_llm.operators.system import ContactOperators
 
-Felt = Callable[[np.ndarray, float], csr_matrix]
+Felt = Callable[[Array, float], csr_matrix]
 TOUCHING = 1e-9  # gaps up to this part of motions are none
 VANISHES = 1e-6  # what is left of a sum of 1 where no forces press; of less rounding is not little
 DISCERNED = 1e-6  # of singular values, that tell a density
@@ -19,12 +20,12 @@ PULL = 1e-10  # part of the largest force below which a pull is rounding
 
 def with_reactions(
     operators: ContactOperators,
-    multiplier: np.ndarray,
-    v: np.ndarray,
-    u: np.ndarray,
-    force: np.ndarray,
-    friction: Sequence[tuple[np.ndarray, Felt]] = (),
-) -> np.ndarray:
+    multiplier: Array,
+    v: Array,
+    u: Array,
+    force: Array,
+    friction: Sequence[tuple[Array, Felt]] = (),
+) -> Array:
     """Multipliers (n,) of which nothing is left to chance; collective.
 
     At nodes that supports hold, the equations leave open what the supports take and what goes
@@ -101,9 +102,7 @@ def with_reactions(
     return multiplier
 
 
-def _as_next(
-    sides: Sequence[ContactPairs], forces: np.ndarray, known: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _as_next(sides: Sequence[ContactPairs], forces: Array, known: Array) -> tuple[Array, Array]:
     """(n,) forces of ties, where they are not known as the density of the nodes next to them on
     facets has it, and (n,) areas where no node tells one, 0 elsewhere; there forces are 0.
 
@@ -129,7 +128,7 @@ def _as_next(
     return forces.ravel(), areas.ravel()
 
 
-def _constant(fixed: csr_matrix, forces: np.ndarray, areas: np.ndarray) -> np.ndarray:
+def _constant(fixed: csr_matrix, forces: Array, areas: Array) -> Array:
     """(k,) forces of densities that are the same at all areas (k, q) of each, nearest to what the
     effect of forces fixedᵀ λ (k,) tells of them."""
     if not areas.any():
@@ -140,8 +139,8 @@ def _constant(fixed: csr_matrix, forces: np.ndarray, areas: np.ndarray) -> np.nd
 
 
 def _nearest(
-    fixed: csr_matrix, forces: np.ndarray, wanted: np.ndarray, presses: np.ndarray, rounding: float
-) -> np.ndarray:
+    fixed: csr_matrix, forces: Array, wanted: Array, presses: Array, rounding: float
+) -> Array:
     """The forces (k,) nearest to those wanted that have the same effect fixedᵀ λ (q,) as others,
     where they press not negative beyond rounding [force]."""
     free = ColumnSpace(fixed).without

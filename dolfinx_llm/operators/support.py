@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix, identity, vstack
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.sparse import symmetric_factors
 from dolfinx_llm.operators.floating import Loose
@@ -112,7 +113,7 @@ def unheld(
     return Loose(held[independent_rows(held, UNHELD)])
 
 
-def least_squares(L: csr_matrix, b: np.ndarray) -> np.ndarray:
+def least_squares(L: csr_matrix, b: Array) -> Array:
     """Solution of min |L v - b| for every column of b (n, k), by a factorisation of LᵀL. It is like
     a mass matrix, so that large frames are iterated on by conjugate gradients; with small singular
     values, on which these are slow, they are factorised, too."""

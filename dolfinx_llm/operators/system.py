@@ -9,6 +9,7 @@ import scipy.sparse
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
@@ -54,8 +55,7 @@ class ContactOperators:
         rows: the multipliers: base vectors, dofs and numbers.
         frames, unknowns: ``Numbering`` of the frame unknowns v, and of w: v and the slips κ.
         blocks: per interface its L_b as csr (rows, frame unknowns).
-        L: csr of all.
-        B, L_b: PETSc AIJ of (31).
+        B, L_b, L: PETSc AIJ of (31); L_b as csr of all.
         soft: (n,) rows at dofs that are prescribed, or nearly so.
         loops: (n,) rows of laws that open or slip, of nodes of several interfaces, of which some
             follow from the others as long as all stick. All of them give way to changes alone, so
@@ -97,9 +97,10 @@ class ContactOperators:
 
     def renew(self, K: PETSc.Mat, times: StageTimes) -> None:
         """Take over another stiffness of the same bodies, which must hold them."""
-        self.diagonal = diagonal_of(K)
-        self.scale = surface_stiffness(self)
-        self.stiffness = [side_stiffness(self, place.sides) for place in self.places]
+        self.diagonal = of_K = diagonal_of(K)
+        self.scale = surface_stiffness(self.dofs, of_K, self.rows, self.tied)
+        sides = side_stiffness(self.dofs, of_K, self.side_dofs, self.scale)
+        self.stiffness = [sides[place.sides] for place in self.places]
         with times.timed("support check"):
             self._check_support(K)
 
@@ -141,11 +142,11 @@ class ContactOperators:
             rest = np.flatnonzero(shared & ~self.redundant & ~self.soft)
             self.loops[rest] = in_loops(self._said(rest)) & ~ties[rest]
 
-    def _said(self, rows: np.ndarray) -> csr_matrix:
+    def _said(self, rows: Array) -> csr_matrix:
         """What some rows (k,) say of frames and of free dofs."""
         return scipy.sparse.hstack([self.L[rows], self.at_free_dofs(rows)], format="csr")
 
-    def at_free_dofs(self, rows: np.ndarray) -> csr_matrix:
+    def at_free_dofs(self, rows: Array) -> csr_matrix:
         """(k, dofs) forces at the free dofs of nodes from those of some rows (k,)."""
         at, value = self.rows.dofs[rows], self.free[rows]
         row = np.broadcast_to(np.arange(len(rows))[:, None], at.shape)
@@ -156,20 +157,8 @@ class ContactOperators:
 
     def _check_support(self, K: PETSc.Mat) -> None:
         """Require that supports and ties hold every body, if these are all there is."""
-        bodies, moves, labels = self.bodies, [], self.dofs.spread(self.bodies.label)
-        for side, dofs in zip(self.pairs, self.side_dofs, strict=True):
-            label = self.dofs.values(dofs[:, 0], labels)
-            modes = bodies.own_modes(label.astype(np.int64), side.X)
-            move = np.einsum("nci,nim->ncm", side.base, modes)
-            n, c, m = move.shape
-            first = np.broadcast_to(m * label.astype(np.int64)[:, None, None], move.shape)
-            columns = (first + np.arange(m)).ravel(), m * np.arange(n * c + 1)
-            moves.append(csr_matrix((move.ravel(), *columns), (n * c, m * bodies.count)))
-        constraints = [
-            (L if L.shape[1] else None, scipy.sparse.vstack(moves[place.sides], format="csr"))
-            for place, L in zip(self.places, self.blocks, strict=True)
-        ]
-        rigid = rigid_motions(bodies, K, self.dofs.fixed)
+        rigid = rigid_motions(self.bodies, K, self.dofs.fixed)
+        constraints = _constraints(self) if rigid.free else []
         rigid, loose = floating_motions(rigid, constraints, self.tied)
         self.floating = Floating(rigid, self.B, self.rows.numbering, loose)
 
@@ -179,15 +168,15 @@ class ContactOperators:
         rows, frames = self.rows.numbering.sizes[1], self.frames.sizes[1]
         return {"u": self.dofs.sizes[1], "lambda": rows, "v": frames}
 
-    def gather(self, numbering: Numbering, local: np.ndarray) -> np.ndarray:
+    def gather(self, numbering: Numbering, local: Array) -> Array:
         """Values of all ranks in the unknowns' own order, from this rank's (n_local, ...)."""
         return gather_rows(self.comm, local)[numbering.number]
 
-    def motion(self, side: int, u: np.ndarray) -> np.ndarray:
+    def motion(self, side: int, u: Array) -> Array:
         """(n, gdim) displacement of a side's nodes, on every rank, from this rank's u."""
         return self.dofs.values(self.side_dofs[side], u)
 
-    def obstacle_motions(self) -> list[np.ndarray]:
+    def obstacle_motions(self) -> list[Array]:
         """Per interface (n, gdim) prescribed motion of an obstacle at the points that its pairs
         touch; one row of zeros for a frame, which moves by v [length]."""
         found = []
@@ -198,14 +187,14 @@ class ContactOperators:
             found.append(moved)
         return found
 
-    def frame_loads(self) -> np.ndarray:
+    def frame_loads(self) -> Array:
         """(n_v,) loads on the frame unknowns: zero but for forces on obstacles [force]."""
         loads = np.zeros(self.frames.sizes[1])
         for geometry, place in zip(self.geometries, self.places, strict=True):
             loads[place.frame] = prescribed_loads(geometry)
         return loads
 
-    def side_gaps(self, motions: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
+    def side_gaps(self, motions: Sequence[Array] | None = None) -> list[Array]:
         """Per side (n, gdim) the gaps that the law sees: along the normal where bodies may part;
         with obstacles moved as of ``obstacle_motions``, or as drawn."""
         gaps = []
@@ -220,13 +209,11 @@ class ContactOperators:
                 gaps.append(gap if motions is None else gap - motions[i])
         return [gap + given for gap, given in zip(gaps, given_gaps(self.geometries), strict=True)]
 
-    def row_gaps(self, motions: Sequence[np.ndarray] | None = None) -> np.ndarray:
+    def row_gaps(self, motions: Sequence[Array] | None = None) -> Array:
         """(n,) a_i · (X_p - sum_J N_J Y_J) of all rows, from the gaps of ``side_gaps``."""
         return in_rows(self.pairs, self.side_gaps(motions))
 
-    def gap(
-        self, prescribed: np.ndarray, motions: Sequence[np.ndarray] | None = None
-    ) -> np.ndarray:
+    def gap(self, prescribed: Array, motions: Sequence[Array] | None = None) -> Array:
         """This rank's g, with the displacements (n_local,) at prescribed dofs, whose rows of B are
         empty; obstacles moved as of ``obstacle_motions``, or as drawn."""
         if in_rows(self.pairs, given_gaps(self.geometries))[self.redundant].any():
@@ -243,13 +230,13 @@ class ContactOperators:
         self.L_b.destroy()
 
 
-def in_rows(pairs: Sequence[ContactPairs], vectors: Sequence[np.ndarray]) -> np.ndarray:
+def in_rows(pairs: Sequence[ContactPairs], vectors: Sequence[Array]) -> Array:
     """(n,) components of vectors (n, gdim) per side, along the rows' base."""
     sides = zip(pairs, vectors, strict=True)
     return np.concatenate([np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in sides])
 
 
-def given_gaps(geometries: Sequence[InterfaceGeometry]) -> list[np.ndarray]:
+def given_gaps(geometries: Sequence[InterfaceGeometry]) -> list[Array]:
     """Per side (n, gdim) its share of the gap that a law asks for."""
     return [
         geometry.interface.law.given_gap / len(geometry.pairs) * side.normal
@@ -286,3 +273,20 @@ def anatomy(operators: ContactOperators) -> list[str]:
         ]
     lines = [line for geometry in operators.geometries for line in describe(geometry)]
     return [text] * bool(repeated) + [shared] * bool(names) + loose + lines
+
+
+def _constraints(operators: ContactOperators) -> list[tuple[csr_matrix | None, csr_matrix]]:
+    """Per interface L_b, None without a frame, and Bᵀ of the bodies' rigid motions."""
+    bodies, moves, labels = operators.bodies, [], operators.dofs.spread(operators.bodies.label)
+    for side, dofs in zip(operators.pairs, operators.side_dofs, strict=True):
+        label = operators.dofs.values(dofs[:, 0], labels)
+        modes = bodies.own_modes(label.astype(np.int64), side.X)
+        move = np.einsum("nci,nim->ncm", side.base, modes)
+        n, c, m = move.shape
+        first = np.broadcast_to(m * label.astype(np.int64)[:, None, None], move.shape)
+        columns = (first + np.arange(m)).ravel(), m * np.arange(n * c + 1)
+        moves.append(csr_matrix((move.ravel(), *columns), (n * c, m * bodies.count)))
+    return [
+        (L if L.shape[1] else None, scipy.sparse.vstack(moves[place.sides], format="csr"))
+        for place, L in zip(operators.places, operators.blocks, strict=True)
+    ]

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from ufl.core.expr import Expr
 
 from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.geometry.cells import unit_normals
 from dolfinx_llm.geometry.element import element_of
@@ -28,17 +29,17 @@ from dolfinx_llm.output.values import cell_maximum
 ON_CONTACT = ("pressure", "status")  # colours of surfaces in contact
 COLOURS = (*ON_CONTACT, "displacement")  # of bodies
 EDGE_COSINE = 0.86  # of the angle between facets from which the edge between is an outline
-Plane3 = tuple[np.ndarray, np.ndarray]  # a point and a normal
+Plane3 = tuple[Array, Array]  # a point and a normal
 
 
 @dataclass(frozen=True, eq=False)
 class Skin:
     """Polygons of a body's outside, in 2D its cells."""
 
-    x: np.ndarray  # (n, k, gdim) corners as drawn [length]
-    u: np.ndarray  # (n, k, gdim) their displacement [length]
-    nodes: np.ndarray  # (n, k) their numbers
-    values: np.ndarray  # (n,) of the cell
+    x: Array  # (n, k, gdim) corners as drawn [length]
+    u: Array  # (n, k, gdim) their displacement [length]
+    nodes: Array  # (n, k) their numbers
+    values: Array  # (n,) of the cell
 
 
 def skin(u: Function, field: Function | None = None, section: Plane3 | None = None) -> Skin:
@@ -67,7 +68,7 @@ def skin(u: Function, field: Function | None = None, section: Plane3 | None = No
     return Skin(x[nodes], motion[nodes], np.reshape(numbers, nodes.shape), values)
 
 
-def _outer(mesh: Any, x: np.ndarray, section: Plane3 | None) -> tuple[np.ndarray, np.ndarray]:
+def _outer(mesh: Any, x: Array, section: Plane3 | None) -> tuple[Array, Array]:
     """Facets with one cell that is shown, and that cell; x (cells, k, 3) are the cells' nodes."""
     mesh.topology.create_connectivity(2, 3)
     mesh.topology.create_connectivity(3, 2)
@@ -127,7 +128,7 @@ def suited_scale(skins: Sequence[Skin]) -> float:
     return 1.0 if motion > 0.02 * size or motion == 0.0 else float(0.05 * size / motion)
 
 
-def outline(skins: Sequence[Skin]) -> np.ndarray:
+def outline(skins: Sequence[Skin]) -> Array:
     """(m, 2, gdim) edges of the bodies as drawn: of one facet alone, or between facets that stand
     at an angle."""
     found = []
@@ -154,7 +155,7 @@ def outline(skins: Sequence[Skin]) -> np.ndarray:
     return np.concatenate(found)
 
 
-def polygons(skins: Sequence[Skin], scale: float) -> np.ndarray:
+def polygons(skins: Sequence[Skin], scale: float) -> Array:
     """(n, k, gdim) deformed facets of all bodies; triangles among quads repeat
     their last corner."""
     k = max(s.x.shape[1] for s in skins)
@@ -225,7 +226,7 @@ class Seen:
         )
 
 
-def _onto(normal: np.ndarray) -> np.ndarray:
+def _onto(normal: Array) -> Array:
     """(3,) from where a section of this normal is seen, half from the side."""
     n = normal / np.linalg.norm(normal)
     aside = np.array(ABOVE) - (n @ ABOVE) * n
@@ -275,13 +276,13 @@ def _pressures(results: Sequence[InterfaceForces], scale: float) -> tuple[Any, .
     return np.concatenate(points), shown, pressure, status
 
 
-def commonest(marks: np.ndarray) -> np.ndarray:
+def commonest(marks: Array) -> Array:
     """(m,) the mark that most corners of each cell (m, k) have, of equals the largest."""
     counts = (marks[:, :, None] == np.arange(len(STATUS))).sum(axis=1)
     return counts.shape[1] - 1.0 - np.argmax(counts[:, ::-1], axis=1)
 
 
-def _motion(result: InterfaceForces, x: np.ndarray) -> np.ndarray:
+def _motion(result: InterfaceForces, x: Array) -> Array:
     """(m, gdim) how the bodies move at points of the contact: as the nodes next to them, of the
     side that has these nearest. Frame nodes that hardly any pair holds go ways of their own."""
     found = []

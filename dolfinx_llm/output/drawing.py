@@ -8,6 +8,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, depth_first_order
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import Plane, orthonormal_base, outline_edges
@@ -49,7 +50,7 @@ def mean_plane(frame: Frame) -> Plane:
     return Plane(frame.x.mean(axis=0), orthonormal_base(normal))
 
 
-def ways(x: np.ndarray, cells: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+def ways(x: Array, cells: Array) -> tuple[list[Array], Array]:
     """Nodes of each polyline in their order, and (n,) the length of the way to every node: along
     one polyline after the other.
 
@@ -74,7 +75,7 @@ def ways(x: np.ndarray, cells: np.ndarray) -> tuple[list[np.ndarray], np.ndarray
     return found, s
 
 
-def draw_cells(axis: Any, s: np.ndarray, cells: np.ndarray) -> None:
+def draw_cells(axis: Any, s: Array, cells: Array) -> None:
     """Outlines and nodes (m, 2) of cells (n, k)."""
     from matplotlib.collections import PolyCollection
 
@@ -111,7 +112,7 @@ def draw_scene(scene: Scene, path: str | Path) -> None:
     save(plt, figure, path)
 
 
-def _draw_flat(figure: Any, scene: Scene, normal: np.ndarray, norm: Any, cmap: Any) -> None:
+def _draw_flat(figure: Any, scene: Scene, normal: Array, norm: Any, cmap: Any) -> None:
     """A flat surface seen along its normal."""
     plane = Plane(scene.points.mean(axis=0), orthonormal_base(normal))
     axis, s, cells = figure.add_subplot(), plane.project(scene.points), scene.cells
@@ -124,7 +125,7 @@ def _draw_flat(figure: Any, scene: Scene, normal: np.ndarray, norm: Any, cmap: A
     _draw_marks(axis, s, scene.status)
 
 
-def _draw_marks(axis: Any, x: np.ndarray, status: np.ndarray | None) -> None:
+def _draw_marks(axis: Any, x: Array, status: Array | None) -> None:
     """The status of points (n, 2) or (n, 3), with a legend below."""
     for k, (name, colour) in enumerate(render.STATUS.items()):
         at = np.flatnonzero(status == k)
@@ -135,7 +136,7 @@ def _draw_marks(axis: Any, x: np.ndarray, status: np.ndarray | None) -> None:
         axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.06), ncol=4, facecolor="0.85")
 
 
-def _draw_skin(figure: Any, scene: Scene, colours: np.ndarray) -> None:
+def _draw_skin(figure: Any, scene: Scene, colours: Array) -> None:
     """Polygons, or lines in the plane, in their colours; bodies around them and the outline."""
     from matplotlib.collections import LineCollection, PolyCollection
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection

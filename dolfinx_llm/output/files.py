@@ -13,6 +13,7 @@ import numpy as np
 from ufl.core.expr import Expr
 
 from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import check, collective
 from dolfinx_llm.interface.forces import InterfaceForces
@@ -126,7 +127,7 @@ def _own_grid(u: dolfinx.fem.Function, cell_fields: dict[str, Expr]) -> Grid:
 
 def interface_fields(
     result: InterfaceForces,
-) -> dict[str, tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]]:
+) -> dict[str, tuple[Array, Array, dict[str, Array]]]:
     """Points, cells and fields of the frame ("frame") and of each side ("side_0", "side_1").
 
     Against a rigid obstacle there is no frame; pressure and traction then stand with the side. A

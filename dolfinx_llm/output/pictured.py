@@ -14,10 +14,6 @@ from ufl.core.expr import Expr
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.output.bodies import checked_view
-from dolfinx_llm.output.plot import FIELDS, draw_interface, draw_seen
-from dolfinx_llm.output.values import displacements
-from dolfinx_llm.output.writing import writable_folder
 
 
 class Pictured:
@@ -63,6 +59,11 @@ class Pictured:
                 ranks.
             ContactError: nothing has been solved, or after ``destroy``.
         """
+        from dolfinx_llm.output.bodies import checked_view
+        from dolfinx_llm.output.plot import FIELDS, draw_interface, draw_seen
+        from dolfinx_llm.output.values import displacements
+        from dolfinx_llm.output.writing import writable_folder
+
         if not self.results:
             raise ContactError("there is nothing to draw yet: call solve() first")
         motions = displacements(self.u)

@@ -219,7 +219,7 @@ def interface(result: InterfaceForces, path: str | Path, field: str = "pressure"
         draw_interface(result, path, field)
 
 
-def draw_interface(result: InterfaceForces, path: str | Path, field: str = "pressure") -> None:
+def draw_interface(result: InterfaceForces, path: str | Path, field: str) -> None:
     """What ``interface`` draws, on this rank.
 
     Args:

@@ -18,6 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
+
 log = logging.getLogger("dolfinx_llm")
 
 SECONDS = 120.0  # that a picture may take
@@ -36,17 +38,17 @@ _failed = False  # PyVista, in this process: it is not asked again
 class Scene:
     """A coloured surface, in 2D in the plane or a line there, and what stands around it."""
 
-    points: np.ndarray  # (n, 3) [length]
-    cells: np.ndarray  # (m, k) their corners, in a cycle
-    values: np.ndarray  # (m,) per cell or (n,) per point
+    points: Array  # (n, 3) [length]
+    cells: Array  # (m, k) their corners, in a cycle
+    values: Array  # (m,) per cell or (n,) per point
     limits: tuple[float, float]  # of the colours
     label: str  # of the colour bar
-    view: np.ndarray | None = None  # (3,) where a flat surface is seen from; None: it is not
-    status: np.ndarray | None = None  # (n,) marks at the points: 0 open, 1 stick, 2 slip, 3 closed
-    outline: np.ndarray | None = None  # (l, 2, 3) edges of what is not deformed
-    body: np.ndarray | None = None  # (b, k, 3) polygons around the surface, translucent
+    view: Array | None = None  # (3,) where a flat surface is seen from; None: it is not
+    status: Array | None = None  # (n,) marks at the points: 0 open, 1 stick, 2 slip, 3 closed
+    outline: Array | None = None  # (l, 2, 3) edges of what is not deformed
+    body: Array | None = None  # (b, k, 3) polygons around the surface, translucent
     seen_from: Any = ABOVE  # (3,) a surface that is not flat
-    named: np.ndarray | None = None  # what values 0, 1, ... are called, in SHADES; None: numbers
+    named: Array | None = None  # what values 0, 1, ... are called, in SHADES; None: numbers
 
 
 def draw(scene: Scene, path: Path) -> bool:

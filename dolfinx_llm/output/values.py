@@ -10,6 +10,7 @@ import ufl
 from ufl.core.expr import Expr
 
 from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.geometry.spaces import check_space, displacement_block, is_mixed
@@ -34,7 +35,7 @@ def von_mises(sigma: Expr) -> Expr:
     return ufl.sqrt(1.5 * ufl.inner(s, s))
 
 
-def at_quadrature_points(expression: Expr, mesh: dolfinx.mesh.Mesh, degree: int = 2) -> np.ndarray:
+def at_quadrature_points(expression: Expr, mesh: dolfinx.mesh.Mesh, degree: int = 2) -> Array:
     """Values of a scalar UFL expression at the quadrature points of this rank's cells.
 
     Args:

@@ -10,15 +10,16 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import dolfinx
 import dolfinx.fem
 import numpy as np
 
 from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 
 # VTK's type of cells, by dimension and number of nodes, and its order of dolfinx's nodes.
@@ -44,14 +45,14 @@ VTK = {
 class Grid:
     """Cells of one kind with fields."""
 
-    x: np.ndarray  # (n, gdim) nodes [length]
-    cells: np.ndarray  # (m, k) their nodes, in VTK's order
+    x: Array  # (n, gdim) nodes [length]
+    cells: Array  # (m, k) their nodes, in VTK's order
     dimension: int  # of the cells
-    at_nodes: dict[str, np.ndarray]  # (n,) or (n, gdim)
-    in_cells: dict[str, np.ndarray]  # (m,)
+    at_nodes: dict[str, Array]  # (n,) or (n, gdim)
+    in_cells: dict[str, Array]  # (m,)
 
 
-def surface_grid(x: np.ndarray, cells: np.ndarray, fields: dict[str, np.ndarray]) -> Grid:
+def surface_grid(x: Array, cells: Array, fields: dict[str, Array]) -> Grid:
     """Nodes (n, gdim), corners (m, k) of facets, which go round as VTK's do, fields at nodes."""
     dimension = {1: 0, 2: 1}.get(cells.shape[1], 2)
     return Grid(x, cells, dimension, fields, {})
@@ -156,7 +157,7 @@ def write_index(path: Path, steps: Sequence[tuple[float, Sequence[str]]]) -> Non
     """Write the index (PVD) of a series: times, and the files of their pieces, which lie beside
     it."""
     lines = [
-        f'<DataSet timestep="{time!r}" part="{i}" file={quoteattr(file)}/>'
+        f'<DataSet timestep="{time!r}" part="{i}" file="{escape(file)}"/>'
         for time, files in steps
         for i, file in enumerate(files)
     ]
@@ -165,7 +166,7 @@ def write_index(path: Path, steps: Sequence[tuple[float, Sequence[str]]]) -> Non
         path.write_text(head + "\n".join(lines) + "\n</Collection>\n</VTKFile>\n", encoding="utf-8")
 
 
-def _data_array(name: str, values: np.ndarray) -> str:
+def _data_array(name: str, values: Array) -> str:
     """Numbers as raw bytes behind their count; vectors have three components in VTK."""
     kind = {"f": "Float64", "i": "Int64", "u": "UInt8"}[values.dtype.kind]
     size = ""
@@ -175,7 +176,7 @@ def _data_array(name: str, values: np.ndarray) -> str:
     raw = np.ascontiguousarray(values, dtype=np.dtype(kind.lower()).newbyteorder("<")).tobytes()
     text = base64.b64encode(np.array(len(raw), dtype="<u8").tobytes() + raw).decode()
     return (
-        f'<DataArray type="{kind}" Name={quoteattr(name)}{size} format="binary">{text}</DataArray>'
+        f'<DataArray type="{kind}" Name="{escape(name)}"{size} format="binary">{text}</DataArray>'
     )
 
 

@@ -101,7 +101,9 @@ def problem_arguments(
     return given
 
 
-def agree_on(comm: MPI.Comm, given: Any, forms: Sequence[ufl.Form], solver: tuple) -> None:
+def agree_on(
+    comm: MPI.Comm, given: Any, forms: Sequence[ufl.Form], solver: tuple[Any, ...]
+) -> None:
     """Require that all ranks have as many conditions, loads and forms, and the same interfaces,
     solver and PETSc options."""
     counts = len(given.bcs), len(given.nodal_loads), len(forms)

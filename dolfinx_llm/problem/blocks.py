@@ -14,6 +14,7 @@ import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.spaces import check_space, displacement_block, is_mixed
 from dolfinx_llm.operators.petsc import diagonal_of
 
@@ -50,11 +51,11 @@ class Blocks:
         self.others = n - nodes  # dofs of this rank that are no displacements
         self.scale = np.ones(n)
 
-    def ours(self, values: np.ndarray) -> np.ndarray:
+    def ours(self, values: Array) -> Array:
         """(n_local,) of dofs in W's order, in that of the method."""
         return values[self._order]
 
-    def matrix(self, K: PETSc.Mat, fixed: np.ndarray) -> PETSc.Mat:
+    def matrix(self, K: PETSc.Mat, fixed: Array) -> PETSc.Mat:
         """K of W, which is used up, in the method's order and units; (n_local,) of its dofs are
         fixed, with identity rows and columns."""
         if not self.mixed:
@@ -72,7 +73,7 @@ class Blocks:
             item.destroy()
         return out
 
-    def _units(self, K: PETSc.Mat) -> np.ndarray:
+    def _units(self, K: PETSc.Mat) -> Array:
         """Units by which the largest entry that couples a dof with displacements is of the size of
         these' mean stiffness; 1 where nothing couples."""
         (start, end), comm = K.getOwnershipRange(), K.comm
@@ -96,12 +97,12 @@ class Blocks:
             item.destroy()
         return np.exp2(np.round(np.log2(unit)))
 
-    def load(self, f: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    def load(self, f: Array, fixed: Array) -> Array:
         """The load in W's order, with values at fixed dofs, in the method's order and units."""
         f = self.ours(f)
         return np.where(fixed, f / self.scale, f * self.scale)
 
-    def nodal(self, load: fem.Function) -> np.ndarray:
+    def nodal(self, load: fem.Function) -> Array:
         """(n_local,) nodal forces in W's order, of a Function of W or of V."""
         n = len(self._order)
         if not self.mixed or load.function_space.dofmap.index_map_bs == 1:
@@ -111,7 +112,7 @@ class Blocks:
         out[own] = load.x.array[: len(own)]
         return out
 
-    def values(self, function: fem.Function) -> np.ndarray:
+    def values(self, function: fem.Function) -> Array:
         """(n_local,) of a Function of W, as ``fill`` takes them."""
         return self.ours(function.x.array[: len(self._order)]) / self.scale
 
@@ -124,7 +125,7 @@ class Blocks:
         out.x.scatter_forward()
         return out
 
-    def fill(self, function: fem.Function, values: np.ndarray) -> None:
+    def fill(self, function: fem.Function, values: Array) -> None:
         """Write values (n_local,) of the method's dofs into a Function of W; collective."""
         function.x.array[self._order] = values * self.scale
         function.x.scatter_forward()

@@ -10,6 +10,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from dolfinx_llm.base import compat
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
@@ -31,7 +32,7 @@ class Fingerprint:
         self._constants = [c for form in forms for c in form.constants()]
         self._seen: list[bytes] | None = None
 
-    def changes(self, fixed: Iterable[np.ndarray]) -> set[str]:
+    def changes(self, fixed: Iterable[Array]) -> set[str]:
         """Which data are other ones than at the call before: "stiffness", a Constant or Function of
         a form a, "conditions", the dofs that are prescribed (``fixed``, per mesh (n,) of this
         rank), or "positions" of a mesh's nodes; the same on all ranks, collective."""
@@ -71,7 +72,6 @@ class LinearBulk:
         self._given, self._entity_maps = given.bcs, given.entity_maps
         self._K: Any = None  # see K
         self.forms = given.a
-        self._actions: Any = None  # of the forms a, once ``force`` is asked for
         self._sort_conditions()
         self._fingerprint = Fingerprint(given.a, self.spaces)
         self._fingerprint.changes(self.fixed)
@@ -139,7 +139,7 @@ class LinearBulk:
         K, self._K = self.K, None
         return K
 
-    def load(self) -> np.ndarray:
+    def load(self) -> Array:
         """This rank's f, with the values at prescribed dofs as ``changes`` last found them."""
         loads = []
         for i, (b, fixed) in enumerate(zip(self.blocks, self.fixed, strict=True)):
@@ -158,7 +158,7 @@ class LinearBulk:
             f = self.control.load(f, self._assembled)
         return f
 
-    def gradient(self, forms: Sequence[ufl.Form]) -> np.ndarray:
+    def gradient(self, forms: Sequence[ufl.Form]) -> Array:
         """This rank's derivative (n_local,) of a functional, of linear forms in the order of the
         spaces, by what is free to move."""
         with collective(self.comm):
@@ -168,24 +168,18 @@ class LinearBulk:
         found = found if self.control is None else self.control.forces(found)
         return np.where(self.dofs.fixed, 0.0, found)
 
-    def force(self, u: np.ndarray) -> np.ndarray:
+    def force(self, u: Array) -> Array:
         """This rank's f - K u of all dofs, u (n_local,), with K as it is without the conditions:
         what bodies exert on interfaces and supports."""
-        if self._actions is None:
-            self._motions = [fem.Function(W) for W in self._W]
-            actions = [ufl.action(a, u) for a, u in zip(self.forms, self._motions, strict=True)]
-            self._actions = compat.forms("a", actions, self._entity_maps)
         parts = []
         for i, (b, function) in enumerate(zip(self.blocks, self.functions(u), strict=True)):
-            self._motions[i].x.array[:] = function.x.array
-            part = compat.assemble_force((self._L[i], self._actions[i]), (1.0, -1.0), b.W)
-            for load in self._nodal[i]:
-                part += b.nodal(load)
+            part = compat.assemble_force((self._L[i],), (1.0,), b.W)
+            part = sum(map(b.nodal, self._nodal[i]), part - _product(self._a[i], function))
             parts.append(b.ours(part) * b.scale)
         force = np.concatenate(parts)
         return force if self.control is None else self.control.forces(force)
 
-    def functions(self, u: np.ndarray) -> list[fem.Function]:
+    def functions(self, u: Array) -> list[fem.Function]:
         """This rank's u (n_local,) as a Function per mesh."""
         u = u if self.control is None else self.control.nodal(u)
         functions = [fem.Function(W, name="u") for W in self._W]
@@ -201,14 +195,24 @@ class LinearBulk:
         self._K = None
 
 
-def _digest(arrays: Iterable[np.ndarray]) -> bytes:
+def _product(a: Any, u: fem.Function) -> Array:
+    """Owned entries of A u, of a compiled bilinear form without conditions and a Function: what
+    lifting takes from a load where all of u is prescribed."""
+    dofs = u.function_space.dofmap
+    every = np.arange(dofs.index_map.size_local + dofs.index_map.num_ghosts, dtype=np.int32)
+    b = compat.ghosted_vector(u.function_space, dofs.index_map_bs)
+    fem.petsc.apply_lifting(b, [a], [[fem.dirichletbc(u, every)]])
+    return -compat.summed(b)
+
+
+def _digest(arrays: Iterable[Array]) -> bytes:
     digest = hashlib.blake2b(digest_size=16)
     for array in arrays:
         digest.update(np.ascontiguousarray(array).data)
     return digest.digest()
 
 
-def fill(functions: Sequence[fem.Function], u: np.ndarray, counts: Sequence[int]) -> None:
+def fill(functions: Sequence[fem.Function], u: Array, counts: Sequence[int]) -> None:
     """Write this rank's u (n_local,), so many dofs of each mesh, into Functions; collective."""
     for function, part in zip(functions, np.split(u, np.cumsum(counts)), strict=False):
         function.x.array[: len(part)] = part

@@ -10,6 +10,7 @@ import numpy as np
 from dolfinx import mesh as dolfinx_mesh
 
 from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import agree, check, collective, gather_rows
 from dolfinx_llm.geometry.facets_near import Polygons, facing_pairs
@@ -31,10 +32,10 @@ class _Found:
 
     mesh: Any
     surface: Surface
-    body: np.ndarray  # (m,) of each facet
-    local: np.ndarray  # (l,) this rank's facets
-    number: np.ndarray  # (l,) which facets of the surface these are
-    tags: dict[int, np.ndarray] = field(default_factory=dict)  # cell tags of each body
+    body: Array  # (m,) of each facet
+    local: Array  # (l,) this rank's facets
+    number: Array  # (l,) which facets of the surface these are
+    tags: dict[int, Array] = field(default_factory=dict)  # cell tags of each body
 
 
 def find_interfaces(
@@ -154,7 +155,7 @@ def _reach(distance: Any, angle: Any) -> tuple[float | None, float]:
     return distance, turn
 
 
-def _outside(V: Any, facet_tags: Any, cell_tags: Any, label: np.ndarray) -> _Found:
+def _outside(V: Any, facet_tags: Any, cell_tags: Any, label: Array) -> _Found:
     """The facets of one mesh that are looked at; (n,) body of each of this rank's nodes."""
     mesh = V.mesh
     comm, fdim = mesh.comm, mesh.topology.dim - 1
@@ -183,7 +184,7 @@ def _outside(V: Any, facet_tags: Any, cell_tags: Any, label: np.ndarray) -> _Fou
     return found
 
 
-def _tags_of(V: Any, cell_tags: Any, label: np.ndarray) -> dict[int, np.ndarray]:
+def _tags_of(V: Any, cell_tags: Any, label: Array) -> dict[int, Array]:
     """The values that the cells of each body have; (n,) body of all nodes of all ranks."""
     node = compat.cell_dofs(V)[cell_tags.indices, 0].astype(np.int32)
     body = label[V.dofmap.index_map.local_to_global(node)]
@@ -192,13 +193,13 @@ def _tags_of(V: Any, cell_tags: Any, label: np.ndarray) -> dict[int, np.ndarray]
     return {int(b): rows[rows[:, 0] == b, 1] for b in np.unique(rows[:, 0])}
 
 
-def _ids(found: Sequence[_Found]) -> np.ndarray:
+def _ids(found: Sequence[_Found]) -> Array:
     """Body of all facets of all meshes, one after the other."""
     return np.concatenate([f.body for f in found])
 
 
 def _interfaces(
-    found: Sequence[_Found], i: np.ndarray, j: np.ndarray, laws: dict[Any, Law]
+    found: Sequence[_Found], i: Array, j: Array, laws: dict[Any, Law]
 ) -> list[Interface]:
     """One for each pair of bodies, of facets (k,), (k,) of all meshes that face each other."""
     body = _ids(found)
@@ -227,9 +228,7 @@ def _interfaces(
     return interfaces
 
 
-def _law_between(
-    bodies: Sequence[int], tags: dict[int, np.ndarray], laws: dict[Any, Law]
-) -> Law | None:
+def _law_between(bodies: Sequence[int], tags: dict[int, Array], laws: dict[Any, Law]) -> Law | None:
     """Law of a pair of bodies; None: it is left out."""
     if list(laws) == [None]:
         return laws[None]
@@ -243,7 +242,7 @@ def _law_between(
     return laws.get(tuple(sorted(int(own[0]) for own in values)), laws.get(None))
 
 
-def _mark(found: _Found, facets: Sequence[np.ndarray], values: Sequence[int]) -> Any:
+def _mark(found: _Found, facets: Sequence[Array], values: Sequence[int]) -> Any:
     """Mesh tags of facets of a surface, (k,) each, by values."""
     value = np.full(len(found.surface.facets), -1, dtype=np.int32)
     for some, one in zip(facets, values, strict=True):

@@ -20,7 +20,7 @@ def free_surface_load(
     facet_tags: Any,
     tag: int,
     pressure: float,
-    covered_by: tuple | None = None,
+    covered_by: tuple[Any, ...] | None = None,
 ) -> fem.Function:
     """Energy-equivalent nodal forces of a uniform pressure on a flat surface.
 

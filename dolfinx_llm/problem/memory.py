@@ -6,13 +6,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
 from ufl.algorithms import extract_coefficients
 
 from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
 
@@ -86,7 +86,7 @@ def _compiled(function: fem.Function, new: Any) -> fem.Expression:
         ) from error
 
 
-def _values(function: fem.Function, new: fem.Expression) -> np.ndarray:
+def _values(function: fem.Function, new: fem.Expression) -> Array:
     """All of this rank's new values of a Function; those of ghosts need not be right."""
     V = function.function_space
     points = compat.points_of(V)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress
 from dolfinx_llm.base.timing import StageTimes
@@ -13,7 +14,7 @@ from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.load_steps import advance
 from dolfinx_llm.contact.past import from_the_past
 from dolfinx_llm.contact.state import InterfaceState
-from dolfinx_llm.forms.choice import FORMS
+from dolfinx_llm.forms.choice import form_named
 from dolfinx_llm.forms.step import StepForm
 from dolfinx_llm.operators.petsc import is_symmetric, times
 from dolfinx_llm.operators.reactions import with_reactions
@@ -29,7 +30,7 @@ class Setting:
     bulk: LinearBulk
     operators: ContactOperators
     prefix: str  # of the PETSc options
-    options: dict | None  # PETSc options
+    options: dict[str, Any] | None  # PETSc options
     times: StageTimes
     why: str  # this form
 
@@ -52,15 +53,15 @@ class ContactMethod:
 
     def __init__(self, setting: Setting) -> None:
         self.iteration: Any = None
-        self._last: tuple[np.ndarray, list[np.ndarray]]  # u of this rank, motions of obstacles
-        self._reported: np.ndarray  # λ of the last step, with forces at supports
+        self._last: tuple[Array, list[Array]]  # u of this rank, motions of obstacles
+        self._reported: Array  # λ of the last step, with forces at supports
         self._began: Any = None  # snapshot where its last part began; None: it has failed
         self._use(setting)
 
     def _use(self, setting: Setting) -> None:
         form, self.setting = setting.form, setting
         if isinstance(form, str):
-            form = FORMS[form](setting.prefix, setting.options, setting.times)
+            form = form_named(form, setting.prefix, setting.options, setting.times)
         self.form: StepForm = form
         self._ready = False
 
@@ -70,7 +71,7 @@ class ContactMethod:
         return self.iteration.states
 
     @property
-    def history(self) -> list[dict]:
+    def history(self) -> list[dict[str, Any]]:
         """See ``ContactProblem``."""
         return self.iteration.history
 
@@ -100,18 +101,18 @@ class ContactMethod:
             self.iteration.resume(before, held, self._gaps(*self._last), self._last[0])
         self._ready = True
 
-    def _gaps(self, u: np.ndarray, motions: Any = None) -> np.ndarray:
+    def _gaps(self, u: Array, motions: Any = None) -> Array:
         """(n,) g where supports are as u (n_local,), and obstacles moved."""
         operators = self.setting.operators
         return operators.gather(operators.rows.numbering, operators.gap(u, motions))
 
-    def _holding(self, multiplier: np.ndarray) -> np.ndarray:
+    def _holding(self, multiplier: Array) -> Array:
         """This rank's load that holds the last displacement, prescribed values at fixed dofs."""
         bulk, operators = self.setting.bulk, self.setting.operators
         own = multiplier[operators.rows.numbering.mine]
         return times(bulk.K, self._last[0]) + times(operators.B, own)
 
-    def solve(self, f: np.ndarray, increments: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def solve(self, f: Array, increments: int) -> tuple[Array, Array, Array]:
         """This rank's u, and all of λ and v, at the end of the step to a load f (n_local,)."""
         self.prepare()
         operators = self.setting.operators
@@ -140,13 +141,13 @@ class ContactMethod:
         self._reported = multiplier
         return u, multiplier, v
 
-    def pushed(self) -> np.ndarray:
+    def pushed(self) -> Array:
         """(n_local,) -B λ of the last solve [force]."""
         operators = self.setting.operators
         own = self.iteration.multiplier[operators.rows.numbering.mine]
         return -times(operators.B, own)
 
-    def adjoint(self, load: np.ndarray) -> np.ndarray:
+    def adjoint(self, load: Array) -> Array:
         """This rank's p of the transposed step of the last solve, load (n_local,).
 
         Raises:
@@ -177,7 +178,7 @@ class ContactMethod:
             raise ContactError("the adjoint asks for a symmetric form a")
         return self.form.displacement(self.form.solve(load, step.transposed()))
 
-    def kept(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    def kept(self) -> tuple[dict[str, Array], dict[str, Array]]:
         """What the next load step goes on from, but for the states: what is the same on every rank,
         and this rank's u and f."""
         i = self.iteration
@@ -190,7 +191,7 @@ class ContactMethod:
         }  # fmt: skip
         return common | {f"motion {k}": m for k, m in enumerate(motions)}, {"u": u, "f": i.f}
 
-    def take(self, common: dict[str, np.ndarray], local: dict[str, np.ndarray]) -> None:
+    def take(self, common: dict[str, Array], local: dict[str, Array]) -> None:
         """Go on from what ``kept`` returned; collective."""
         self.prepare()
         i, u = self.iteration, local["u"]

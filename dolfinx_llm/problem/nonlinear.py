@@ -10,6 +10,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.disposable import free_garbage
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, check, collective
@@ -85,7 +86,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         nodal_loads: Sequence[fem.Function] = (),
         solver: str = "auto",
         petsc_options_prefix: str = "llm_",
-        petsc_options: dict | None = None,
+        petsc_options: dict[str, Any] | None = None,
         entity_maps: Any = None,
     ):
         options = petsc_options_prefix, petsc_options
@@ -118,13 +119,13 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         return self.bulk.u if self._several else self.bulk.u[0]
 
     @property
-    def pushed(self) -> np.ndarray:
+    def pushed(self) -> Array:
         """(n_local,) what interfaces and follower loads push this rank's dofs with in the last
         state [force]."""
         return self._state.pushed
 
     @property
-    def history(self) -> list[dict]:
+    def history(self) -> list[dict[str, Any]]:
         """Iterations of the last ``solve``."""
         return self._newton.history
 

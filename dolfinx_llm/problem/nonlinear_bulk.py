@@ -13,6 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
@@ -191,7 +192,7 @@ class NonlinearBulk:
         mine = max(float(np.ptp(x, axis=1).max(initial=0.0)) for x in places)
         self.size = self.comm.allreduce(mine, op=MPI.MAX)
 
-    def values(self) -> np.ndarray:
+    def values(self) -> Array:
         """(n_local,) prescribed displacements, 0 where a dof is free.
 
         Raises:
@@ -211,17 +212,17 @@ class NonlinearBulk:
             )
         return np.where(self.dofs.fixed, values, 0.0)
 
-    def now(self) -> np.ndarray:
+    def now(self) -> Array:
         """(n_local,) what stands in the Functions u."""
         return np.concatenate([b.values(u) for b, u in zip(self.blocks, self.u, strict=True)])
 
-    def put(self, u: np.ndarray) -> None:
+    def put(self, u: Array) -> None:
         """Write this rank's u (n_local,) into the Functions u; collective."""
         parts = np.split(u, np.cumsum(self.dofs.counts))
         for b, function, part in zip(self.blocks, self.u, parts, strict=False):
             b.fill(function, part)
 
-    def residual(self, u: np.ndarray) -> np.ndarray:
+    def residual(self, u: Array) -> Array:
         """This rank's F(u) less the nodal loads, of all dofs; collective."""
         self.put(u)
         parts = []
@@ -232,7 +233,7 @@ class NonlinearBulk:
             parts.append(b.ours(part) * b.scale)
         return np.concatenate(parts)
 
-    def tangent(self, u: np.ndarray) -> PETSc.Mat:
+    def tangent(self, u: Array) -> PETSc.Mat:
         """PETSc AIJ of the derivative of F at u, without conditions; collective."""
         self.put(u)
         return self._tangent()
@@ -245,7 +246,7 @@ class NonlinearBulk:
             [b.matrix(compat.assemble_matrix(J, [], 1.0), none) for b, J, none in parts]
         )
 
-    def inside_out(self, u: np.ndarray) -> tuple[int, list[float]]:
+    def inside_out(self, u: Array) -> tuple[int, list[float]]:
         """How many cells are inside out, in the middle, at this rank's u (n_local,), and where the
         first of them is drawn; collective."""
         self.put(u)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction_contact import FrictionContact
@@ -145,7 +146,7 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     site = find_site(interface, dofs.spaces)
     surface = site.whole[0]
     checked_clearance(obstacle, surface.x)
-    friction: list[np.ndarray] = []
+    friction: list[Array] = []
     nodes = _nodes(interface, OneSide((surface,)), site, surface.x.ravel(), dofs)
     if own:
         contact = LawOnObstacle.under(law, nodes, surface, obstacle)
@@ -157,7 +158,7 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     return _placed(kind.of(surface, obstacle, *friction), site.whole, site.spaces, dofs)
 
 
-def pose_of(placed: Placed, moved: bool = True) -> np.ndarray:
+def pose_of(placed: Placed, moved: bool = True) -> Array:
     """What places an interface's rigid obstacle: as it is now, or as drawn; empty without one."""
     if not isinstance(placed.what, ObstacleContact):
         return np.zeros(0)
@@ -166,13 +167,13 @@ def pose_of(placed: Placed, moved: bool = True) -> np.ndarray:
 
 
 def _nodes(
-    interface: Interface, sides: Sides | OneSide, site: Site, drawn: np.ndarray, dofs: BodyDofs
+    interface: Interface, sides: Sides | OneSide, site: Site, drawn: Array, dofs: BodyDofs
 ) -> LawNodes:
     """The moving side's nodes as a law is told of them, with unit areas."""
     x = sides.surfaces[sides.moving].x
     n, q = len(x), sides.gdim - 1
 
-    def sampled(value: Any) -> np.ndarray:
+    def sampled(value: Any) -> Array:
         if not is_function(value):
             return at_positions(value, x)
         for side in (sides.moving, sides.frame):
@@ -228,7 +229,10 @@ def _placed(
 
 
 def numbered(
-    contacts: Sequence[Placed], dofs: BodyDofs, solver: str, options: tuple[str, dict | None]
+    contacts: Sequence[Placed],
+    dofs: BodyDofs,
+    solver: str,
+    options: tuple[str, dict[str, Any] | None],
 ) -> tuple[NewtonSystem, str, str]:
     """The unknowns of bodies and interfaces; how Newton's systems are solved, and why.
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.disposable import Destroyed, Remains, free_garbage
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import log
@@ -18,6 +18,7 @@ from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.doubts import doubts
 from dolfinx_llm.contact.results import InterfaceResult, collect_results
 from dolfinx_llm.forms.choice import choose_solver
+from dolfinx_llm.forms.cost import LOAD_STEPS
 from dolfinx_llm.forms.step import StepForm
 from dolfinx_llm.interface.build import build_interfaces
 from dolfinx_llm.interface.choices import Interface
@@ -93,6 +94,7 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
         geometries: an ``InterfaceGeometry`` per interface: surfaces, frame, pairs and certificate.
         spaces: function space of the displacement on each mesh.
         K, B, L_b: PETSc matrices of (31).
+        steps_expected: load steps, by which "auto" weighs what is done once against the rest.
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
         bulk, operators, method: ``LinearBulk``, ``ContactOperators``, ``ContactMethod``.
 
@@ -100,6 +102,8 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
         ContactInputError: arguments that do not fit.
         ContactError: a scene that cannot be solved.
     """
+
+    steps_expected = LOAD_STEPS
 
     def __init__(
         self,
@@ -111,7 +115,7 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
         nodal_loads: Sequence[fem.Function] = (),
         solver: str | StepForm = "auto",
         petsc_options_prefix: str = "llm_",
-        petsc_options: dict | None = None,
+        petsc_options: dict[str, Any] | None = None,
         entity_maps: Any = None,
     ):
         given = problem_arguments(
@@ -121,7 +125,7 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
         free_garbage(given.blocks[0].W.mesh.comm)
         self.interfaces, self.solver = given.interfaces, solver
         self.times = StageTimes()
-        self.history: list[dict] = []
+        self.history: list[dict[str, Any]] = []
         self.results: list[InterfaceResult] = []
         self._doubts: list[str] = []
         self._petsc = petsc_options_prefix, petsc_options
@@ -141,7 +145,7 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
     def _setting(self) -> Setting:
         """What the method works with, in the form that suits."""
         self.scale, self.unknowns = self.operators.scale, self.operators.counts
-        form, why = choose_solver(self.solver, self.K, self.operators)
+        form, why = choose_solver(self.solver, self.K, self.operators, self.steps_expected)
         self.form = form if isinstance(form, str) else form.name
         return Setting(form, self.bulk, self.operators, *self._petsc, self.times, why)
 
@@ -182,7 +186,7 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
         return self._u if self.bulk.several else self._u[0]
 
     @property
-    def pushed(self) -> np.ndarray:
+    def pushed(self) -> Array:
         """(n_local,) -B λ, what interfaces push this rank's dofs with [force]."""
         return self.method.pushed()
 

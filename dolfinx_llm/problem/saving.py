@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.disposable import Disposable
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
@@ -122,7 +123,7 @@ class Saving(Disposable):
         """Kinds of problem and laws, whose values may change."""
         return ", ".join(type(one).__name__ for one in (self, *(i.law for i in self.interfaces)))
 
-    def places(self) -> np.ndarray:
+    def places(self) -> Array:
         """What tells this scene from others."""
         raise NotImplementedError
 
@@ -133,7 +134,7 @@ class SavedContact(Saving):
     method: Any
     operators: Any
 
-    def places(self) -> np.ndarray:
+    def places(self) -> Array:
         """Places of the interfaces, which tell this scene from others."""
         return np.concatenate([p.x for p in self.operators.pairs])
 
@@ -175,7 +176,7 @@ class SavedNonlinear(Saving):
     _state: Any
     _newton: Any
 
-    def places(self) -> np.ndarray:
+    def places(self) -> Array:
         """Places of the interfaces, which tell this scene from others."""
         drawn = [placed.drawn for placed in self._newton.equations.interfaces]
         return np.concatenate([np.zeros(0), *drawn])

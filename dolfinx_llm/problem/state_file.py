@@ -13,15 +13,16 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_llm.base import compat
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.output.writing import writing
 
 FORMAT = "dolfinx_llm state 2"
-Arrays = dict[str, np.ndarray]
+Arrays = dict[str, Array]
 
 
-def by_cells(spaces: Sequence[Any], values: np.ndarray) -> list[np.ndarray]:
+def by_cells(spaces: Sequence[Any], values: Array) -> list[Array]:
     """Per mesh (cells, nodes, components) of this rank's values, on rank 0; collective."""
     found, start = [], 0
     for V in spaces:
@@ -42,7 +43,7 @@ def by_cells(spaces: Sequence[Any], values: np.ndarray) -> list[np.ndarray]:
     return found
 
 
-def from_cells(spaces: Sequence[Any], tables: Sequence[Any], file: Any) -> np.ndarray:
+def from_cells(spaces: Sequence[Any], tables: Sequence[Any], file: Any) -> Array:
     """This rank's values of rank 0's tables per mesh; collective."""
     found = []
     for V, table in zip(spaces, tables, strict=True):
@@ -61,7 +62,7 @@ def from_cells(spaces: Sequence[Any], tables: Sequence[Any], file: Any) -> np.nd
     return np.concatenate(found)
 
 
-def _cells(V: Any) -> np.ndarray:
+def _cells(V: Any) -> Array:
     """Numbers that this rank's cells had when the mesh was read or made."""
     return np.asarray(V.mesh.topology.original_cell_index)
 

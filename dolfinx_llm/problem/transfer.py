@@ -11,6 +11,7 @@ import numpy as np
 from dolfinx import fem, geometry
 
 from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.contact.state import ContactState
 from dolfinx_llm.geometry.spaces import order_of
@@ -105,8 +106,8 @@ def _contact(old: ContactProblem, new: ContactProblem) -> Arrays:
 
 
 def _forces(
-    before: InterfaceGeometry, now: InterfaceGeometry, at: list[Any], forces: np.ndarray
-) -> np.ndarray:
+    before: InterfaceGeometry, now: InterfaceGeometry, at: list[Any], forces: Array
+) -> Array:
     """(n_new, c) multipliers of pairs, with the force per area of the old ones (n_old, c)."""
     found, first = [], 0
     for old, new, N in zip(before.pairs, now.pairs, at, strict=True):
@@ -164,7 +165,7 @@ class Elsewhere:
         wanted, wants = body_labels(new)
         cells = _own_cells(old)
         self._of = label[compat.cell_dofs(old)[: len(cells), 0]]
-        self._trees: dict[int, tuple[np.ndarray, Any, Any]] = {}
+        self._trees: dict[int, tuple[Array, Any, Any]] = {}
         for body in np.unique(self._of):
             own = cells[self._of == body]
             middle = geometry.create_midpoint_tree(self._mesh, self._mesh.topology.dim, own)
@@ -178,7 +179,7 @@ class Elsewhere:
         self._x = _three(new.tabulate_dof_coordinates()[: new.dofmap.index_map.size_local])
         self._body = self._matched(new, wanted, count)[wanted[: len(self._x)]]
 
-    def _matched(self, new: Any, wanted: np.ndarray, count: int) -> np.ndarray:
+    def _matched(self, new: Any, wanted: Array, count: int) -> Array:
         """(count,) old body of each new one: in which most middles of its cells lie."""
         own = compat.cell_dofs(new)[: len(_own_cells(new))]
         middle = _three(new.tabulate_dof_coordinates())[own].mean(axis=1)
@@ -194,7 +195,7 @@ class Elsewhere:
             )
         return found
 
-    def values(self, functions: Sequence[fem.Function]) -> list[np.ndarray]:
+    def values(self, functions: Sequence[fem.Function]) -> list[Array]:
         """Per Function of the old mesh (n_owned, size) values at the new nodes; collective.
 
         Raises:
@@ -212,9 +213,7 @@ class Elsewhere:
             )
         return found
 
-    def _ask(
-        self, x: np.ndarray, body: np.ndarray, functions: Sequence[fem.Function]
-    ) -> list[np.ndarray]:
+    def _ask(self, x: Array, body: Array, functions: Sequence[fem.Function]) -> list[Array]:
         """Distance of this rank's points from the old bodies, and values of Functions there."""
         answers: Any = None
         for rank in range(self._comm.size):
@@ -226,9 +225,7 @@ class Elsewhere:
         every = np.arange(len(x))
         return [np.stack(parts)[best, every] for parts in zip(*answers, strict=True)]
 
-    def _answer(
-        self, x: np.ndarray, body: np.ndarray, functions: Sequence[fem.Function]
-    ) -> list[np.ndarray]:
+    def _answer(self, x: Array, body: Array, functions: Sequence[fem.Function]) -> list[Array]:
         """The same of points (n, 3) of any rank, in this rank's cells."""
         far = np.full(len(x), np.inf)
         found = [np.zeros((len(x), f.function_space.dofmap.index_map_bs)) for f in functions]
@@ -246,7 +243,7 @@ class Elsewhere:
 
 def found_elsewhere(
     old: Sequence[Any], new: Sequence[Any], fields: Sequence[Sequence[fem.Function]]
-) -> list[np.ndarray]:
+) -> list[Array]:
     """Per field, Functions of the old spaces, this rank's values (n_local,) at the new spaces'
     dofs, one space after the other; collective.
 
@@ -264,7 +261,7 @@ def found_elsewhere(
     return [np.concatenate([values.ravel() for values in parts]) for parts in zip(*each)]
 
 
-def _own_cells(V: Any) -> np.ndarray:
+def _own_cells(V: Any) -> Array:
     topology = V.mesh.topology
     return np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
 
@@ -275,6 +272,6 @@ def _largest(V: Any, n: int) -> float:
     return float(np.ptp(x, axis=1).max(initial=0.0))
 
 
-def _three(x: np.ndarray) -> np.ndarray:
+def _three(x: Array) -> Array:
     """(n, 3) of positions (n, gdim), contiguous."""
     return np.ascontiguousarray(np.pad(x, ((0, 0), (0, 3 - x.shape[1]))))

@@ -18,6 +18,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_llm.base import compat
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import check
 from dolfinx_llm.operators.bodies import body_labels
@@ -59,7 +60,7 @@ def moved_mass(V: Any, rho: Any, surfaces: Sequence[tuple[Any, int]]) -> fem.Fun
     return factor
 
 
-def _at(V: Any, surfaces: Sequence[tuple[Any, int]]) -> np.ndarray:
+def _at(V: Any, surfaces: Sequence[tuple[Any, int]]) -> Array:
     """(nodes,) which of V's nodes on this rank, with ghosts, are on some tagged facets."""
     found = [np.zeros(0, dtype=np.int32)]
     dim = V.mesh.topology.dim - 1
@@ -70,7 +71,7 @@ def _at(V: Any, surfaces: Sequence[tuple[Any, int]]) -> np.ndarray:
     return _summed(V, nodes, np.ones(len(nodes))) > 0.0
 
 
-def _summed(V: Any, nodes: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _summed(V: Any, nodes: Array, values: Array) -> Array:
     """Sum over all ranks of values at nodes, for this rank's nodes with ghosts."""
     vector = compat.ghosted_vector(V, 1)
     with vector.localForm() as local:
@@ -83,7 +84,7 @@ def _summed(V: Any, nodes: np.ndarray, values: np.ndarray) -> np.ndarray:
     return total
 
 
-def _received(V: Any, cells: np.ndarray, bare: np.ndarray, mass: np.ndarray) -> np.ndarray:
+def _received(V: Any, cells: Array, bare: Array, mass: Array) -> Array:
     """(n,) mass that cells get from those without, over their own: these pass it on in equal parts
     by their nodes that other cells share."""
     k = cells.shape[1]
@@ -94,13 +95,13 @@ def _received(V: Any, cells: np.ndarray, bare: np.ndarray, mass: np.ndarray) -> 
     return (given / np.where(around > 0.0, around, 1.0))[cells].sum(axis=1)
 
 
-def _centres(V: Any, cells: np.ndarray) -> np.ndarray:
+def _centres(V: Any, cells: Array) -> Array:
     """(n, gdim) middle of each cell's nodes."""
     x = V.tabulate_dof_coordinates()[:, : V.mesh.geometry.dim]
     return x[cells].mean(axis=1)
 
 
-def _integrals(mesh: Any, rho: Any, terms: Sequence[Any]) -> np.ndarray:
+def _integrals(mesh: Any, rho: Any, terms: Sequence[Any]) -> Array:
     """(n, terms) integrals of rho times scalars over this rank's cells."""
     Q = compat.function_space(mesh, "DG", 0, (len(terms),))
     t = ufl.TestFunction(Q)
@@ -110,8 +111,8 @@ def _integrals(mesh: Any, rho: Any, terms: Sequence[Any]) -> np.ndarray:
 
 
 def _polynomials(
-    mesh: Any, own: np.ndarray, x: np.ndarray, mass: np.ndarray, label: np.ndarray, count: int
-) -> tuple[list[Any], np.ndarray]:
+    mesh: Any, own: Array, x: Array, mass: Array, label: Array, count: int
+) -> tuple[list[Any], Array]:
     """Monomials up to degree 2 about the centre of each cell's body, as UFL and (n, terms) in the
     middle of the cells."""
     comm, gdim = mesh.comm, mesh.geometry.dim
@@ -129,7 +130,7 @@ def _polynomials(
     return terms, np.column_stack([np.ones(len(x)), z, *(z[:, i] * z[:, j] for i, j in pairs)])
 
 
-def _by_body(comm: Any, values: np.ndarray, label: np.ndarray, count: int) -> np.ndarray:
+def _by_body(comm: Any, values: Array, label: Array, count: int) -> Array:
     """(count, ...) sums of cells' values over the bodies, of all ranks."""
     total = np.zeros((count, *values.shape[1:]))
     np.add.at(total, label, values)
@@ -138,12 +139,12 @@ def _by_body(comm: Any, values: np.ndarray, label: np.ndarray, count: int) -> np
 
 def _corrected(
     mesh: Any,
-    values: np.ndarray,
-    moments: np.ndarray,
-    share: np.ndarray,
-    label: np.ndarray,
+    values: Array,
+    moments: Array,
+    share: Array,
+    label: Array,
     count: int,
-) -> tuple[np.ndarray, bool]:
+) -> tuple[Array, bool]:
     """(n,) shares times polynomials of the bodies with which sums of share times moments are those
     of 1: of second degree, else of mass, centre and polar moment, else of mass and centre, where no
     share is negative then; and whether that can be."""

@@ -10,6 +10,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_llm.base import compat
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.problem.bulk import fill
 
 ON_THE_WAY = 4  # points on the way at which forces are evaluated
@@ -40,14 +41,14 @@ class MeanForces:
         self.forms = [on * _beyond_the_mean(form, w, w0) for form, w, w0, on in parts]
         self._compiled = compat.forms("F", self.forms, entity_maps)
 
-    def begin(self, u: np.ndarray, counts: Sequence[int], part: float) -> None:
+    def begin(self, u: Array, counts: Sequence[int], part: float) -> None:
         """Start a step at this rank's u (n_local,), so many dofs of each mesh, in which this part
         is felt; 0: forces are those of its end. Collective."""
         fill(self._before, u, counts)
         for on in self._on:
             on.value = part
 
-    def values(self) -> np.ndarray:
+    def values(self) -> Array:
         """(n_local,) of this rank, for the displacements as they are now; collective."""
         parts = zip(self._compiled, self._before, strict=True)
         found = [compat.assemble_force((form,), (1.0,), w.function_space) for form, w in parts]

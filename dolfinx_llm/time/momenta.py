@@ -18,6 +18,7 @@ from dolfinx import fem
 from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base import compat
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.operators.bodies import body_labels, rigid_modes
 from dolfinx_llm.operators.petsc import times
 
@@ -26,10 +27,10 @@ from dolfinx_llm.operators.petsc import times
 class End:
     """The start or the end of a step; this rank's values (n_local,)."""
 
-    u: np.ndarray  # displacement [length]
-    v: np.ndarray  # velocity [length / time]
-    F: np.ndarray  # forces of the bodies less their loads, without contact [force]
-    pushed: np.ndarray  # forces of contact [force]
+    u: Array  # displacement [length]
+    v: Array  # velocity [length / time]
+    F: Array  # forces of the bodies less their loads, without contact [force]
+    pushed: Array  # forces of contact [force]
 
 
 class Momenta:
@@ -43,7 +44,7 @@ class Momenta:
     """
 
     def __init__(
-        self, spaces: Sequence[Any], interfaces: Sequence[Any], fixed: np.ndarray, M: Any
+        self, spaces: Sequence[Any], interfaces: Sequence[Any], fixed: Array, M: Any
     ) -> None:
         self._comm, self._M, self._gdim = spaces[0].mesh.comm, M, spaces[0].mesh.geometry.dim
         found = [body_labels(V) for V in spaces]
@@ -61,7 +62,7 @@ class Momenta:
             for i in interfaces
         ]
 
-    def projected(self, start: End, end: End, mean: np.ndarray, impulse: Any) -> np.ndarray:
+    def projected(self, start: End, end: End, mean: Array, impulse: Any) -> Array:
         """(n_local,) velocities at the end of a step; collective.
 
         Args:
@@ -96,7 +97,7 @@ class Momenta:
             change[g] = new - shrunk[g] * old
         return shrunk[of] * end.v + np.einsum("nr,nr->n", B, change[of])
 
-    def _groups(self, pushed: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _groups(self, pushed: Array) -> tuple[Array, Array, Array]:
         """(bodies,) number of the group that each belongs to; (groups,) whether supports and
         obstacles leave it alone, and whether its contact cannot store energy.
 
@@ -116,18 +117,18 @@ class Momenta:
         free[group[held]], limited[group[stores]] = False, False
         return group, free, limited
 
-    def _any(self, bodies: np.ndarray) -> np.ndarray:
+    def _any(self, bodies: Array) -> Array:
         """(bodies,) whether any rank names them."""
         named = np.bincount(bodies, minlength=self._count)
         return np.asarray(self._comm.allreduce(named)) > 0
 
-    def _motions(self, u: np.ndarray) -> np.ndarray:
+    def _motions(self, u: Array) -> Array:
         """(n_local, r) translations, and turns of bodies at u about the origin."""
         x = self._x + u.reshape(self._x.shape)
         return rigid_modes(x).reshape(x.size, -1)
 
 
-def _bodies(interface: Any, spaces: Sequence[Any], labels: Sequence[np.ndarray]) -> np.ndarray:
+def _bodies(interface: Any, spaces: Sequence[Any], labels: Sequence[Array]) -> Array:
     """Numbers of the bodies that an interface's sides are on, as far as this rank has them."""
     found = [np.zeros(0, dtype=int)]
     for tags, tag in interface.tagged_sides():

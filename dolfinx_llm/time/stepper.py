@@ -29,6 +29,12 @@ UP_TO_ONE = "give a number from 0 to 1"
 DENSITY = "give a positive number, a UFL expression or a list of them, one per mesh"
 
 
+class StepProblem(ContactProblem):
+    """Of a step in time, one of many."""
+
+    steps_expected = 1000
+
+
 class TimeStepper(Steps):
     """Bodies of static forms that have inertia, stepped in time by the trapezoidal rule, nonlinear
     forces by their mean on the way of a step.
@@ -123,7 +129,7 @@ class TimeStepper(Steps):
         self._M = block_diagonal(masses)
         self._pushes = [fem.Function(V, name="inertia") for V in spaces]
         given = [nodal_loads] if isinstance(nodal_loads, fem.Function) else list(nodal_loads)
-        kind: Any = NonlinearContactProblem if nonlinear else ContactProblem
+        kind: Any = NonlinearContactProblem if nonlinear else StepProblem
         self.problem = kind(
             forms if self._several else forms[0],
             L,

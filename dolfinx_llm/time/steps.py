@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.operators.petsc import diagonal_of, times
@@ -32,8 +33,8 @@ INERT = 1e7, 1e5  # inertia over stiffness and that of a step, by which bodies s
 class Touch:
     """What bodies meet with at the end of a step; n nodes of all surfaces that may part."""
 
-    gap: np.ndarray  # (n,) to the frame, 0 where a node meets none [length]
-    force: np.ndarray  # (n,) normal, positive in compression [force]
+    gap: Array  # (n,) to the frame, 0 where a node meets none [length]
+    force: Array  # (n,) normal, positive in compression [force]
     kinetic: float  # largest kinetic energy so far [force length]
     largest: float  # largest of the forces so far [force]
 
@@ -85,9 +86,9 @@ class Steps(Saving):
     _v: list[fem.Function]
     _M: Any
     _mean: Any
-    _bare: np.ndarray
+    _bare: Array
     _pushes: list[Any]
-    _left: np.ndarray
+    _left: Array
     _touch: Touch
     _adaptive: float | None
     _accepted: Callable[[Any], None] | None
@@ -133,7 +134,7 @@ class Steps(Saving):
         moves = self.comm.allreduce(bool(self._values(self._v).any()))
         return bool(moves) and any(i.law.slips for i in self.problem.interfaces)
 
-    def _stiffness(self, u: np.ndarray) -> float:
+    def _stiffness(self, u: Array) -> float:
         """Of the bodies at u (n_local,) with the inertia of a step, over their mass [1 / time²]."""
         if not self._mean:
             self.problem.update()
@@ -144,12 +145,12 @@ class Steps(Saving):
         stiffness, mass = self.comm.allreduce(sums)
         return float(stiffness / mass)
 
-    def _hold(self, c: float, u: np.ndarray) -> None:
+    def _hold(self, c: float, u: Array) -> None:
         """Find contact of bodies that inertia of a rate c holds at u (n_local,)."""
         self._push(c * times(self._M, u))
         self.problem.solve()
 
-    def _push(self, force: np.ndarray) -> None:
+    def _push(self, force: Array) -> None:
         """Take this rank's nodal forces (n_local,) of inertia."""
         fill(self._pushes, force, self.problem.bulk.dofs.counts)
 
@@ -204,7 +205,7 @@ class Steps(Saving):
         """Spaces of the bodies' dofs."""
         return self.problem.saved_spaces()
 
-    def places(self) -> np.ndarray:
+    def places(self) -> Array:
         """Places of the interfaces, which tell this scene from others."""
         return self.problem.places()
 
@@ -241,7 +242,7 @@ class Steps(Saving):
         fill(self._v, local["velocity"], counts)
         self._left = local["inertia"]
 
-    def _values(self, functions: Sequence[fem.Function]) -> np.ndarray:
+    def _values(self, functions: Sequence[fem.Function]) -> Array:
         """(n_local,) of this rank."""
         counts = self.problem.bulk.dofs.counts
         return np.concatenate([w.x.array[:n] for w, n in zip(functions, counts, strict=True)])

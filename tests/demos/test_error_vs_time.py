@@ -88,6 +88,28 @@ def test_hertz(solver):
     assert solve("Hertz", plan.UNDESIGNED, plan.SADDLE, 16)["pressure"] >= 0.03
 
 
+@pytest.mark.parametrize(
+    ("scene", "error", "n", "most"),
+    [("dragged block", "friction", 4, 1e-11), longer("dragged block", "friction", 6, 1e-11),
+     longer("Hertz 3D", "pressure", 6, 3e-3), longer("Cattaneo-Mindlin", "traction", 16, 0.05)],
+)  # fmt: skip
+def test_opening_and_friction(scene, error, n, most):
+    """The known answers, whichever way; a linear solve of the matching mesh has none to show."""
+    rows = [solve(scene, *case, n) for case in plan.CASES[scene]]
+    laws = [row for row in rows if row["method"] == plan.LAW]
+    assert len(laws) == 3 and all(row[error] <= most for row in laws)
+    assert all(error not in row for row in rows if row["method"] == plan.MATCHING)
+    assert laws[-1]["form"] == "condensed" and len({row["form"] for row in laws}) > 1
+
+
+def test_sizes():
+    """More of them where they are asked for, but for what is factorised."""
+    few = plan.SIZES["dragged block"]
+    assert plan.sizes_of("dragged block", plan.LAW, plan.CHOSEN, False) == few
+    assert plan.sizes_of("dragged block", plan.LAW, plan.CHOSEN, False, 100_000) == (*few, 20)
+    assert plan.sizes_of("dragged block", plan.LAW, plan.SADDLE, False, 400_000) == few
+
+
 def run_here(scene, cases, ranks):
     """In the place of a process of its own."""
     with contextlib.redirect_stdout(io.StringIO()) as said:

@@ -49,12 +49,13 @@ def test_lost_digits_are_foreseen(exponent):
 
 def test_row_too_long_for_gamg(monkeypatch):
     """A factorisation takes over, and "auto" takes the saddle form."""
-    from dolfinx_llm.forms import choice as solvers
+    from dolfinx_llm.forms import cost
+    from dolfinx_llm.forms.condensed import krylov
     from dolfinx_llm.forms.condensed import system as condensed
 
-    for module in (condensed, solvers):
+    for module in (condensed, krylov):
         monkeypatch.setattr(module, "WIDEST", 50.0)
-    monkeypatch.setitem(solvers.CROSSOVER, 3, 100)
+    monkeypatch.setattr(cost, "SWEPT", 0.0)
     row = stiff_cases.solve(4, MPI.COMM_SELF, solver="condensed")
     assert row["method"] == "Cholesky" and "too many for GAMG" in row["notes"][0]
     assert max(row["displacement"], row["pressure"]) <= 1e-12

@@ -30,7 +30,7 @@ WEIGHT = 10.0
 def solver(request, monkeypatch):
     """The argument ``solver`` for a form, where contact laws are at work."""
     monkeypatch.setattr(choice, "FLEXIBLE", 10**6 if request.param == "flexibility" else 0)
-    return "auto" if request.param == "flexibility" else request.param
+    return "saddle" if request.param == "flexibility" else request.param
 
 
 @pytest.fixture

@@ -51,7 +51,7 @@ class Data:
             ufl.inner(self.force, w) * ufl.dx,
             bcs=self.bcs,
             interfaces=llm.Interface(self.tags, (2, 3), law=LAWS[law]),
-            solver="auto" if form == "flexibility" else form,
+            solver="saddle" if form == "flexibility" else form,
             petsc_options=DIRECT if form == "condensed" else None,
         )
 

@@ -17,7 +17,7 @@ from dolfinx_llm.forms import choice as solvers
 CONDENSED = 113, 0, "condensed"
 
 
-def outcome(comm, seed, limit, solver="auto"):
+def outcome(comm, seed, limit, solver="saddle"):
     solvers.FLEXIBLE = limit
     scene, motions = random_pressed(comm, seed, solver=solver)
     out = {}

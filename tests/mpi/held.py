@@ -31,7 +31,7 @@ def patch(comm, walls, law, form, swap=False):
     problem = llm.ContactProblem(
         a, L, bcs=scenes.hold(V, held, scenes.uniaxial),
         interfaces=llm.Interface(tags, (3, 2) if swap else (2, 3), law=LAWS[law]),
-        solver="auto" if form == "flexibility" else form,
+        solver="saddle" if form == "flexibility" else form,
         petsc_options=DIRECT if form == "condensed" else None,
     )  # fmt: skip
     u = problem.solve()

@@ -74,18 +74,18 @@ def stand_in(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "seconds", "told"),
     [
-        ("import os\nos.abort()", "exit code -6"),
-        ("import time\ntime.sleep(60)", "timed out"),
-        ("raise ImportError('no libGL')", "no libGL"),
+        ("import os\nos.abort()", render.SECONDS, "exit code -6"),
+        ("import time\ntime.sleep(60)", 2.0, "timed out"),
+        ("raise ImportError('no libGL')", render.SECONDS, "no libGL"),
     ],
     ids=["aborts", "hangs", "raises"],
 )
-def test_broken_pyvista(stand_in, text, told, patch, tmp_path, monkeypatch, caplog):
+def test_broken_pyvista(stand_in, text, seconds, told, patch, tmp_path, monkeypatch, caplog):
     """Matplotlib draws instead, which is told once; PyVista is not asked a second time."""
     stand_in(text)
-    monkeypatch.setattr(render, "SECONDS", 2.0)
+    monkeypatch.setattr(render, "SECONDS", seconds)
     with caplog.at_level(logging.WARNING, "dolfinx_llm"):
         patch[1].plot(tmp_path)
     assert [told in record.getMessage() for record in caplog.records] == [True]

@@ -184,15 +184,20 @@ def test_energy_comes_back_as_meshes_get_finer():
 
 
 def test_slip_converges_as_fast_as_contact():
-    """Strips that slip are pressed, and turned by 30 degrees at once: where all pairs stand
-    Newton's iteration is quadratic, down to rounding of forces that just reach their bounds."""
+    """Strips that slip are pressed, pushed along, and turned by 10 degrees on the way back: where
+    all pairs stand Newton's iteration is quadratic, down to rounding of forces that just reach
+    their bounds. Then all turns by 120 degrees at once, of which it sees nothing."""
     strips = turned_strips.Strips(llm.Coulomb(0.1), COMM)
-    for shift, angle in ((0.0, 0.0), (turned_strips.SHIFT, 0.0), (turned_strips.SHIFT, np.pi / 6)):
+    for shift, angle in ((0.0, 0.0), (turned_strips.SHIFT, 0.0), (0.02, np.pi / 18)):
         strips.step(shift, angle)
         history = strips.problem.history
         assert strips.counts()[1] > 0 or angle  # pairs at the bound may stick when all is turned
         near = [h["residual"] for h in history if h["residual"] < 0.01]
         assert len(near) <= 4 and near[1] < 100.0 * near[0] ** 2
+    force, _ = strips.step(0.02, np.pi / 18)
+    there, slip = strips.step(0.02, 13 * np.pi / 18)
+    assert np.abs(there - force).max() < 1e-10 * np.abs(force).max() and slip < 1e-14
+    assert len(strips.problem.history) == 1
 
 
 @pytest.mark.parametrize("mu", [0.1, longer(0.3)])

@@ -2,6 +2,8 @@
 
 import bent_rings
 import finite_patch
+import hertz2d
+import hertz_meshes
 import mixed
 import numpy as np
 import patch2d
@@ -14,7 +16,7 @@ from mpi4py import MPI
 from pressed_scenes import Punch
 from sampling import longer
 from scipy.sparse.linalg import spsolve
-from test_second_order import HEX, QUAD, TET, TRI, scene
+from test_second_order import HEX, QUAD, TET, TRI, Bent, floor, scene, standing
 
 import dolfinx_llm as llm
 from dolfinx_llm.geometry.cells import unit
@@ -135,6 +137,40 @@ def test_forms(kind, monkeypatch):
     assert {1, 2} <= set(one.sides[1].status) and one.pressure.min() >= 0.0
     total = sum(side.force.sum(axis=0) for side in one.sides)
     assert np.abs(total).max() < 1e-10 * np.abs(one.resultant).max()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("disc", [hertz2d.half_disc, hertz_meshes.disc_of_quads])
+def test_hertz(disc, monkeypatch):
+    """Pressure at the nodes of both sides, by their own integrals where they are now, under a small
+    load: none pulls, and none is off by more than in linear problems."""
+    a, p0 = hertz2d.hertz("cylinders", load=0.0025)
+    growth = 0.12 if disc is hertz2d.half_disc else 1.2
+    monkeypatch.setattr(hertz2d, "half_disc", disc)
+    monkeypatch.setattr(llm, "ContactProblem", nonlinear)
+    problem = hertz2d.problem("cylinders", (8, 12), load=0.0025, growth=growth, degree=2)
+    problem.solve()
+    (result,) = problem.results
+    sides = [(s.X, np.einsum("ni,ni->n", s.density, s.normal)) for s in result.sides]
+    for x, p in (*sides, (result.frame_drawn, result.pressure)):
+        x, p = x[:, 0] / a, p / p0
+        inner = np.abs(x) < 0.8
+        off = p[inner] - np.sqrt(1.0 - x[inner] ** 2)
+        assert p.min() >= -1e-12
+        assert np.abs(off).max() <= 5.5e-3 and np.sqrt(np.mean(off**2)) <= 2e-3
+        assert hertz2d.fit(x[inner], p[inner])[0] == pytest.approx(1.0, abs=1.5e-3)
+
+
+@pytest.mark.parametrize(("kind", "law"), [(TRI, llm.Frictionless()), (HEX, llm.Coulomb(0.3))])
+def test_linear_pressure_on_a_rigid_plane(kind, law, monkeypatch):
+    monkeypatch.setattr(llm, "ContactProblem", nonlinear)
+    gdim = 2 if kind == TRI else 3
+    field = Bent(gdim)
+    problem = standing(kind, 4 if gdim == 2 else 2, field, law, floor(gdim))
+    problem.solve()
+    (result,), exact = problem.results, field.pressure(problem.results[0].sides[0].X)
+    assert np.abs(result.pressure - exact).max() <= 1e-9 * exact.max()
+    assert np.abs(result.traction).max() <= 1e-9 * exact.max()
 
 
 def incompressible(cells, law, q, kind="triangle", compliance=0.0, **scene):

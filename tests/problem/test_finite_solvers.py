@@ -11,7 +11,7 @@ from test_finite_deformation_3d import turned
 from turned_strips import Strips
 
 import dolfinx_llm as llm
-from dolfinx_llm.finite import condensed
+from dolfinx_llm.finite import multigrid
 from dolfinx_llm.problem import nonlinear_parts
 
 COMM = MPI.COMM_SELF
@@ -40,6 +40,7 @@ SCENES = {
     "held side": lambda: turned("tet", llm.Frictionless(), held=True, cells=(4, 3))[0],
     "follower pressure": lambda: patch("tet", llm.Frictionless()),
     "supports at a tied side": lambda: patch("hex", llm.Tied(), 2, 3.0),
+    "supports where friction sticks": lambda: patch("hex", llm.Coulomb(0.3), 2, 3.0),
 }
 
 
@@ -77,7 +78,7 @@ def test_iterations_do_not_grow(monkeypatch):
 def test_mumps_takes_over(monkeypatch, caplog):
     """Where GMRES gives no answer a factorisation does, and a warning says so."""
     monkeypatch.setattr(nonlinear_parts, "FROM_UNKNOWNS", {2: 0})
-    monkeypatch.setitem(condensed.GMRES, "ksp_max_it", 2)
+    monkeypatch.setitem(multigrid.GMRES, "ksp_max_it", 2)
     bodies = patch2d.bodies(COMM, "quad", separate=True)
     problem = finite_patch.problem(bodies)
     problem.solve()

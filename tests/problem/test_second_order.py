@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 import dolfinx_llm as llm
 from dolfinx_llm.geometry.element import ELEMENTS, element_of
-from dolfinx_llm.geometry.loads import NodalLoads
+from dolfinx_llm.geometry.loads import NodalLoads, covered_loads
+from dolfinx_llm.geometry.overlap_flat import common_area, common_plane
 from dolfinx_llm.geometry.surface import extract_surface
 from dolfinx_llm.interface.density import kinks
 from dolfinx_llm.interface.site import say_straight
@@ -109,6 +110,31 @@ def test_third_order_in_displacement_second_in_stress_and_traction():
         errors.append([*found, *so.traction_errors(problem.results[0], field)])
     rates = np.log2(np.divide(*errors))
     assert (rates >= [2.9, 1.95, 1.85, 1.85]).all(), rates
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", [TRI, QUAD, TET, HEX])
+def test_no_worse_than_matching_meshes(kind):
+    """Meshes 2:3 against those of the coarser side's size on both: of third order in displacement,
+    of second in its gradient and in tractions, those of both read by the integrals of the shape
+    functions' products alone. What the package reads is better still."""
+    gdim = 2 if kind in (TRI, QUAD) else 3
+    sizes = (8, 16, 24, 48) if gdim == 2 else (3, 4, 6, 8)
+
+    def found(*n):
+        field, (spaces, tags) = so.Waves(gdim), scene((kind, kind), n)
+        problem = so.manufactured_problem(spaces, tags, field)
+        errors = so.errors(problem.solve(), field)
+        (result,), (geometry,) = problem.results, problem.geometries
+        own = so.traction_errors(result, field, geometry)
+        return np.array([*errors, *own, *so.traction_errors(result, field)])
+
+    errors = np.array([found(n, 3 * n // 2) for n in sizes])
+    matching = np.array([found(n, n) for n in sizes])
+    assert (errors[:, :4] <= 1.2 * matching[:, :4]).all()
+    assert (errors[:, 4:] <= matching[:, 2:4]).all()
+    rates = np.log(errors[0] / errors[-1]) / np.log(sizes[-1] / sizes[0])
+    assert (rates[:4] >= [2.9, 1.95, 1.9, 1.9]).all(), rates
 
 
 @pytest.mark.parametrize("kind", ELEMENTS)
@@ -206,6 +232,26 @@ def test_what_is_not_there_is_refused(interface, words):
 
 
 # Curved surfaces
+
+
+@pytest.mark.parametrize("kinds", [(TRI, QUAD), (TET, TET), (HEX, TET)], ids=str)
+@pytest.mark.parametrize("part", [0, 1])
+def test_flat_surfaces_taken_for_curved_ones(kinds, part):
+    """What each covers of the other, also where facets are cut: the same integrals."""
+    spaces, tags = scene(kinds, (4, 6), part)
+    ends = zip((0, -1), (so.TOP[0], so.BOTTOM[1]), strict=True)
+    sides = [extract_surface(spaces[k], tags[k], tag) for k, tag in ends]
+    plane = common_plane(*sides)
+    area = common_area(*sides, plane)
+    for side, other in (sides, sides[::-1]):
+        known = NodalLoads.on(side, plane.project(side.x), area, 2)
+        found, vectors = covered_loads(side, other, np.inf, 2, as_is=True)
+        size = known.forces.sum()
+        assert np.abs(found.forces - known.forces).max() < 1e-13 * size
+        assert abs(found.mass - known.mass).max() < 1e-13 * size
+        along = found.moments @ plane.base[: known.moments.shape[1]].T
+        assert np.abs(along - known.moments).max() < 1e-13 * size
+        assert np.abs(np.linalg.norm(vectors, axis=1) - np.abs(known.forces)).max() < 1e-13 * size
 
 
 @pytest.mark.parametrize(("coarse", "fine"), [

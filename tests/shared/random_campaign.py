@@ -1,7 +1,7 @@
 """Many random scenes, each in a process that may crash or hang: what failed, and how.
 
     python tests/shared/random_campaign.py FIRST-LAST [--second | --finite] [--variants]
-        [--seconds 60]
+        [--curved] [--seconds 60]
 
 Prints one line of JSON per seed. On several ranks, all seeds in one process, against one rank:
 
@@ -74,6 +74,12 @@ def one(seed, kind, variants):
     return out
 
 
+def rubs_on_curves(scene):
+    """Whether there is friction between two bodies along a curve."""
+    rubs = [c for c in scene.contacts if getattr(c.law, "mu", 0.0)]
+    return bool(scene.radius) and any(not isinstance(c.second[0], str) for c in rubs)
+
+
 def on_ranks(seeds, folder, second):
     """One rank leaves answers in a folder, several compare theirs with these; collective."""
     import numpy as np
@@ -118,6 +124,7 @@ def main():
         ("time", "bodies that fly at each other, in time"),
     ):
         kinds.add_argument(f"--{kind}", dest="kind", action="store_const", const=kind, help=text)
+    parser.add_argument("--curved", action="store_true", help="friction on curved frames alone")
     parser.add_argument("--seconds", type=int, default=60)
     parser.add_argument("--answers", type=Path)
     args = parser.parse_args()
@@ -128,9 +135,11 @@ def main():
     if args.answers:
         on_ranks(seeds, args.answers, args.kind == "second")
         return
-    import random_scenes  # noqa: F401
+    import random_scenes
 
     for seed in seeds:
+        if args.curved and not rubs_on_curves(random_scenes.draw(seed, args.kind == "second")):
+            continue
         began = time.time()
         read, write = os.pipe()
         child = os.fork()

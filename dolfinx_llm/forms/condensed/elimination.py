@@ -16,6 +16,7 @@ from scipy.linalg import qr, solve_triangular
 from scipy.sparse import coo_matrix, csr_matrix, diags, hstack
 from scipy.sparse.linalg import splu
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.prescribed import RANK, pieces
 
@@ -28,12 +29,12 @@ CLEAR = 1e-3  # of the largest column: smallest singular value with which square
 class EliminatedRows:
     """The rows of L_b of all frames that tie surface nodes to them, on every rank."""
 
-    dofs: np.ndarray  # (rows, gdim) numbers, in the vector of all bodies, of the node's dofs
-    base: np.ndarray  # (rows, gdim) base vectors, orthonormal at each node
+    dofs: Array  # (rows, gdim) numbers, in the vector of all bodies, of the node's dofs
+    base: Array  # (rows, gdim) base vectors, orthonormal at each node
     L: csr_matrix  # (rows, m) L_b
     multipliers: Numbering  # of the rows
     frames: Numbering  # of the columns
-    items: np.ndarray  # (m,) node of each frame unknown, ascending: they share a block
+    items: Array  # (m,) node of each frame unknown, ascending: they share a block
     gdim: int  # dimensions of space
 
     def __post_init__(self) -> None:
@@ -45,7 +46,7 @@ class EliminatedRows:
             )
 
     @property
-    def local(self) -> tuple[np.ndarray, np.ndarray]:
+    def local(self) -> tuple[Array, Array]:
         """(R, gdim) dofs and base vectors of this rank's rows, in the order of their numbers."""
         return self.dofs[self.multipliers.mine], self.base[self.multipliers.mine]
 
@@ -68,7 +69,7 @@ class NodeElimination:
     W: csr_matrix  # (k, R) orthonormal combinations of rows that move no free dof
 
 
-def eliminate_at_nodes(dofs: np.ndarray, vectors: np.ndarray, fixed: np.ndarray) -> NodeElimination:
+def eliminate_at_nodes(dofs: Array, vectors: Array, fixed: Array) -> NodeElimination:
     """Solve each node's rows S u_p = L_b v - g for its free dofs, with the pseudo-inverse of S;
     rows have (R, gdim) local dofs and base vectors. The directions that they leave free get
     unknowns w in the places of the node's free dofs."""
@@ -102,7 +103,7 @@ def eliminate_at_nodes(dofs: np.ndarray, vectors: np.ndarray, fixed: np.ndarray)
     return NodeElimination(A, (N + diags(kept)).tocsr(), _csr(vector, number, row[g], (len(g), R)))
 
 
-def _unit_eigenvectors(P: np.ndarray) -> Any:
+def _unit_eigenvectors(P: Array) -> Any:
     """Orthonormal bases of the ranges of projectors P (n, k, k): matrix, place, vector of each."""
     values, vectors = np.linalg.eigh(P)
     g, column = np.nonzero(values > 0.5)  # ascending: the last ones
@@ -112,7 +113,7 @@ def _unit_eigenvectors(P: np.ndarray) -> Any:
     return g, column - first[g], vector
 
 
-def _csr(value: np.ndarray, rows: Any, cols: Any, shape: tuple[int, int]) -> csr_matrix:
+def _csr(value: Array, rows: Any, cols: Any, shape: tuple[int, int]) -> csr_matrix:
     keep = value != 0.0
     return csr_matrix((value[keep], (rows[keep], cols[keep])), shape=shape)
 
@@ -121,13 +122,13 @@ def _csr(value: np.ndarray, rows: Any, cols: Any, shape: tuple[int, int]) -> csr
 class BoundUnknowns:
     """Frame unknowns that rows of D which hang together determine."""
 
-    rows: np.ndarray  # (k,) of D
-    dependent: np.ndarray  # (r,) columns that they determine
-    others: np.ndarray  # (i,) columns by which these move
-    motion: np.ndarray  # (r, i) how
-    Q: np.ndarray  # (k, r) basis of the dependent columns; needed where rows give way
-    solve: Callable[[np.ndarray], np.ndarray]  # (r,) of g (k,), by least squares
-    forces: Callable[[np.ndarray], np.ndarray]  # (k,) of b (r,): smallest μ with D_depᵀ μ = b
+    rows: Array  # (k,) of D
+    dependent: Array  # (r,) columns that they determine
+    others: Array  # (i,) columns by which these move
+    motion: Array  # (r, i) how
+    Q: Array  # (k, r) basis of the dependent columns; needed where rows give way
+    solve: Callable[[Array], Array]  # (r,) of g (k,), by least squares
+    forces: Callable[[Array], Array]  # (k,) of b (r,): smallest μ with D_depᵀ μ = b
 
 
 class FrameElimination:
@@ -165,14 +166,14 @@ class FrameElimination:
         blocks = [(part.rows, places[own], part.Q) for part, own in zip(self._parts, self._own)]
         return _scattered(blocks, (self.shape[0], len(places)))
 
-    def particular(self, g_D: np.ndarray) -> np.ndarray:
+    def particular(self, g_D: Array) -> Array:
         """(m,) v_0 with D v_0 = g_D (k,)."""
         v = np.zeros(self.shape[1])
         for part in self._parts:
             v[part.dependent] = part.solve(g_D[part.rows])
         return v
 
-    def multipliers(self, b: np.ndarray) -> np.ndarray:
+    def multipliers(self, b: Array) -> Array:
         """(k,) smallest μ with Dᵀ μ = b, from b (r,) at the dependent unknowns."""
         mu = np.zeros(self.shape[0])
         for part, own in zip(self._parts, self._own, strict=True):
@@ -190,7 +191,7 @@ def _scattered(blocks: Any, shape: tuple[int, int]) -> csr_matrix:
     return found
 
 
-def _gathered(D: csr_matrix) -> list[np.ndarray]:
+def _gathered(D: csr_matrix) -> list[Array]:
     """Rows that hang together, small pieces several at once."""
     found = sorted(pieces(D), key=len)
     ends = np.cumsum([len(rows) for rows in found], dtype=np.int64)
@@ -198,7 +199,7 @@ def _gathered(D: csr_matrix) -> list[np.ndarray]:
     return np.split(np.concatenate(found), cuts) if found else []
 
 
-def _bound(D: csr_matrix, rows: np.ndarray, size: float, soft: csr_matrix | None) -> BoundUnknowns:
+def _bound(D: csr_matrix, rows: Array, size: float, soft: csr_matrix | None) -> BoundUnknowns:
     """What some rows of D determine; its largest column has this size."""
     touched = np.unique(D[rows].indices)
     A = D[rows][:, touched]
@@ -222,15 +223,15 @@ def _bound(D: csr_matrix, rows: np.ndarray, size: float, soft: csr_matrix | None
     )  # fmt: skip
 
 
-def _determined(A: csr_matrix, rows: np.ndarray, columns: np.ndarray, factor: Any) -> BoundUnknowns:
+def _determined(A: csr_matrix, rows: Array, columns: Array, factor: Any) -> BoundUnknowns:
     """Rows A (k, r) that determine all that they touch, with the factors of AᵀA; each solution is
     corrected once, which brings back what squaring costs."""
 
-    def solve(g: np.ndarray) -> np.ndarray:
+    def solve(g: Array) -> Array:
         v = factor.solve(A.T @ g)
         return v + factor.solve(A.T @ (g - A @ v))
 
-    def forces(b: np.ndarray) -> np.ndarray:
+    def forces(b: Array) -> Array:
         y = factor.solve(b)
         return A @ (y + factor.solve(b - A.T @ (A @ y)))
 

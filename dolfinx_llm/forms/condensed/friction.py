@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
@@ -49,7 +50,7 @@ class FrictionStep:
     """
 
     def __init__(
-        self, of: FrictionSystem, eliminated: EliminatedRows, on: np.ndarray, step: LinearStep
+        self, of: FrictionSystem, eliminated: EliminatedRows, on: Array, step: LinearStep
     ) -> None:
         self._of, self._split, self._step, self._on = of, of.split, step, on
         self._fixed, self._scale = of.operators.dofs.fixed, of.operators.scale
@@ -79,7 +80,7 @@ class FrictionStep:
         self._E, self._D = law.E[:, self._on], law.D
         self._test = self._form.columns_of(self._E.T.tocsr()[self._rows.multipliers.mine])
         laws = self._form.frame_law(self._E, self._D, self._scale)
-        self._blocks: tuple = self._form.blocks(-laws, self._scale, self._test)
+        self._blocks: tuple[Any, ...] = self._form.blocks(-laws, self._scale, self._test)
 
     def _factorise(self) -> None:
         prefix, own = self._of.own_options(("ksp_type", "pc_type"))
@@ -89,8 +90,8 @@ class FrictionStep:
         self._solver = DirectSolver(matrix, prefix, own | {"pc_type": "lu"}, own=True)
 
     def ask(
-        self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray, about: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        self, f: Array, g: Array, rhs: Array, about: Array | None = None
+    ) -> tuple[Array, Array, Array]:
         """See ``SetUp``."""
         form, split, numbering = self._form, self._split, self._rows.multipliers
         main = about is not None
@@ -127,8 +128,8 @@ class FrictionStep:
         return u, multiplier, w
 
     def _loads_about(
-        self, u: np.ndarray, z: np.ndarray, f: np.ndarray, g: np.ndarray, rhs: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        self, u: Array, z: Array, f: Array, g: Array, rhs: Array
+    ) -> tuple[Array, Array, Array]:
         """b of A q = b for what is added to u and z, and the offsets u_0 and v_0: about the last
         solution sums of large motions, as those of both sides of a slip, cost no digits."""
         form, split, fixed = self._form, self._split, self._fixed
@@ -141,12 +142,12 @@ class FrictionStep:
         b[len(f) + form.tail.seats] -= (rhs - self._D @ (z + v_0))[form.tail.mine_used]
         return b, u_0, v_0
 
-    def _times(self, q: np.ndarray) -> np.ndarray:
+    def _times(self, q: Array) -> Array:
         n, (right, below, corner) = len(self._fixed), self._blocks
         body = times(self._split.inside, q[:n]) + times(right, q[n:])
         return np.concatenate([body, times(below, q[:n]) + times(corner, q[n:])])
 
-    def _iterate(self, b: np.ndarray, q: np.ndarray, load: float, around: Any, main: bool) -> Any:
+    def _iterate(self, b: Array, q: Array, load: float, around: Any, main: bool) -> Any:
         """q by GMRES; None where it does not get there, and ``_solver`` has taken over."""
         of = self._of
         began, before, ready = time.perf_counter(), of.iterations, of.seconds
@@ -166,8 +167,8 @@ class FrictionStep:
         return q
 
     def _improved(
-        self, b: np.ndarray, q: np.ndarray, load: float, around: Any, main: bool
-    ) -> tuple[np.ndarray, float, float]:
+        self, b: Array, q: Array, load: float, around: Any, main: bool
+    ) -> tuple[Array, float, float]:
         """q as near to the solution as it has to be, its residual, and what that is measured by.
 
         Raises:
@@ -204,7 +205,7 @@ class FrictionStep:
                 raise ContactError(f"{took} iterations, PETSc's reason {reason}, {share}")
         return q, 0.0 if size <= 2.0 * LEFT_BY_ROUNDING * load else size, level
 
-    def _left(self, b: np.ndarray, q: np.ndarray) -> np.ndarray:
+    def _left(self, b: Array, q: Array) -> Array:
         """b - A q, once q has taken weak motions."""
         left = b - self._times(q)
         return left if self._of.weak is None else self._motions.take(q, left)
@@ -216,17 +217,17 @@ class FrictionStep:
         W = self._form.unknowns(body, np.where(self._reduced.told[:, None], 0.0, frame))
         return WeakMotions(self._split.comm, W, self._times, self._by.norm)
 
-    def _gmres(self, r: np.ndarray, rtol: float, limit: int) -> tuple[np.ndarray, int, int]:
+    def _gmres(self, r: Array, rtol: float, limit: int) -> tuple[Array, int, int]:
         """What solves for a residual, the iterations that it took, and PETSc's reason."""
         by, n = self._by.scaling, len(self._fixed)
 
-        def precondition(x: np.ndarray) -> np.ndarray:
+        def precondition(x: Array) -> Array:
             r = x / by
             return np.concatenate(self._of.kept.apply(r[:n], r[n:])) / by
 
         x, took, reason = solve_right(
             self._split.inside.comm, lambda x: by * self._times(by * x), precondition, by * r,
-            "gmres", (rtol, 0.0, 1e30, limit),
+            "fgmres", (rtol, 0.0, 1e30, limit),
         )  # fmt: skip
         return by * x, took, reason
 

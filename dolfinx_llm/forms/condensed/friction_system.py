@@ -8,11 +8,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from petsc4py import PETSc
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.log import log
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.kept import KeptMultigrid
-from dolfinx_llm.forms.condensed.modes import together
+from dolfinx_llm.forms.condensed.modes import sides_of, together
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import Reduced
 from dolfinx_llm.forms.condensed.transformation import Transformation
@@ -42,7 +44,7 @@ class FrictionSystem:
         split: SplitStiffness,
         operators: ContactOperators,
         modes: tuple[Any, Any],
-        options: tuple[str, dict],
+        options: tuple[str, dict[str, Any]],
         direct: bool,
     ) -> None:
         self.split, self.operators, self.direct = split, operators, direct
@@ -53,7 +55,7 @@ class FrictionSystem:
         self.usual = USUAL
         self.excess = 0.0
         self.iterations, self.set_ups, self.seconds = 0, 0, 0.0
-        self.steps: list[dict] = []
+        self.steps: list[dict[str, Any]] = []
         self.residual = 0.0
         self.loose: float | None = None  # of the load, that solves may leave; None: by residuals
         self.left, self.began = 0.0, np.inf  # residual of the last solve, and before it, scaled
@@ -62,11 +64,12 @@ class FrictionSystem:
         self.weak: Any = None  # rigid motions of bodies and frames that supports do not hold
 
     @cached_property
-    def shares(self) -> tuple[np.ndarray, np.ndarray]:
+    def shares(self) -> tuple[Array, Array]:
         """(n_local,) of the bodies' dofs and (m,) of the unknowns w root of how much stiffer than
         the surfaces the body is, or the stiffest of an interface."""
         operators, dofs = self.operators, self.operators.dofs
-        of_bodies = np.sqrt(body_stiffness(operators) / operators.scale)
+        bodies, scale = operators.bodies, operators.scale
+        of_bodies = np.sqrt(body_stiffness(dofs, operators.diagonal, bodies, scale) / scale)
         body = dofs.spread(of_bodies[operators.bodies.label])
         body[body == 0.0] = 1.0
         of_sides = dofs.values(np.array([at[0, 0] for at in operators.side_dofs]), body)
@@ -76,7 +79,7 @@ class FrictionSystem:
         return body, frame
 
     @cached_property
-    def sides(self) -> list[np.ndarray]:
+    def sides(self) -> list[Array]:
         """This rank's dofs on each side of the interfaces."""
         first, n = self.operators.dofs.first, len(self.operators.dofs.fixed)
         places = [np.unique(dofs) - first for dofs in self.operators.side_dofs]
@@ -89,22 +92,28 @@ class FrictionSystem:
             how = f"GMRES + GAMG, {self.iterations} iterations, {self.set_ups} set-ups"
         return "; ".join([f"condensed, {how}", *self.notes])
 
-    def own_options(self, without: tuple[str, ...]) -> tuple[str, dict]:
+    def own_options(self, without: tuple[str, ...]) -> tuple[str, dict[str, Any]]:
         """Prefix and the user's options but for some."""
         return self._prefix, {k: v for k, v in self._options.items() if k not in without}
 
-    def multigrid(self, rows: EliminatedRows, reduced: Reduced) -> KeptMultigrid:
-        """A new multigrid of a step."""
-        self.discard()
-        self.excess = 0.0
+    def multigrid(self, rows: EliminatedRows, reduced: Reduced, slips: bool) -> bool:
+        """A new multigrid of a step, with aggregates of its own unless what stuck ``slips`` there
+        and they may be parted; whether they are its own."""
         dofs, scale = self.operators.dofs, self.operators.scale
-        modes = self._modes
-        if reduced.slips.any():
-            modes = together(modes, self._sliding)
-        options = self.own_options(("ksp_type",))
-        self.kept = KeptMultigrid(self.split, rows, reduced, dofs.fixed, scale, modes, options)
+        modes, before = self._modes, None
+        prefix, _ = options = self.own_options(("ksp_type",))
+        if slips and self.kept.parts(reduced) and not PETSc.Options(prefix).hasName("pc_type"):
+            before = self.kept, sides_of(self.operators)
+        else:
+            self.discard()
+            modes = together(modes, self._sliding) if reduced.slips.any() else modes
+        made = KeptMultigrid(
+            self.split, rows, reduced, dofs.fixed, scale, modes, options, before=before
+        )
+        self.discard()
+        self.kept, self.excess = made, 0.0
         self.set_ups += 1
-        return self.kept
+        return before is None
 
     def serve(
         self,
@@ -114,13 +123,16 @@ class FrictionSystem:
         blocks: Any,
         anew: bool,
     ) -> bool:
-        """Fit the multigrid to a step, or make it anew, also where it is worn; whether it is."""
+        """Fit the multigrid to a step, or make it anew, also where it is worn or bodies come to
+        slide; whether it knows the step as well as it can."""
         began = time.perf_counter()
         anew = anew or self.kept is None or self.excess > SET_UP
-        if anew:
-            self.multigrid(rows, reduced)
-        self.kept.meet(form, rows, reduced)
-        self.kept.fit(form, reduced, blocks)
+        slips = not anew and self.kept.sticks(rows, reduced)
+        if anew or slips:
+            anew = self.multigrid(rows, reduced, slips)
+        if not self.kept.serves(form):
+            self.kept.meet(form, rows, reduced)
+            self.kept.fit(form, reduced, blocks)
         self.seconds += time.perf_counter() - began
         return anew
 

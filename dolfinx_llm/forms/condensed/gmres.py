@@ -4,10 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from petsc4py import PETSc
 
-Product = Callable[[np.ndarray], np.ndarray]  # of this rank's part of a vector; collective
+from dolfinx_llm.base.arrays import Array
+
+Product = Callable[[Array], Array]  # of this rank's part of a vector; collective
 RESTART = 75  # vectors that GMRES keeps
 
 
@@ -28,10 +29,10 @@ def solve_right(
     comm: Any,
     matrix: Product,
     preconditioner: Product,
-    b: np.ndarray,
+    b: Array,
     method: str,
     tolerances: tuple[float, float, float, int],
-) -> tuple[np.ndarray, int, int]:
+) -> tuple[Array, int, int]:
     """This rank's part of x with A x = b, the iterations it took, and PETSc's reason of the end.
 
     Args:
@@ -50,7 +51,7 @@ def solve_right(
     ksp.setPCSide(PETSc.PC.Side.RIGHT)
     ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
     ksp.setTolerances(*tolerances)
-    if method == "gmres":
+    if method.endswith("gmres"):
         ksp.setGMRESRestart(RESTART)
     ksp.getPC().setType("python")
     ksp.getPC().setPythonContext(Shell(preconditioner))

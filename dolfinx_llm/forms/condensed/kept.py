@@ -2,7 +2,7 @@
 
 It is GAMG of the symmetric part of the step it was made for. Where another step differs (nodes
 that have come to stick, slip, open or close since) a factorisation of that step's own matrix on
-these places alone corrects it, before and after.
+these places alone corrects what it leaves there.
 """
 
 from __future__ import annotations
@@ -14,15 +14,21 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix, diags
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.krylov import GAMG, near_null_space
+from dolfinx_llm.forms.condensed.modes import Modes
+from dolfinx_llm.forms.condensed.parting import parted, side_motions
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import Reduced
 from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.forms.direct import set_up_ksp
 from dolfinx_llm.operators.petsc import create_aij, join_blocks, times
 
+MOST = 0.5  # of all jumps between bodies
 STIFFER = 0.5  # of what bodies set against a jump: by so much a law's stiffness has not changed
+
+COARSEST = 300  # unknowns of a hierarchy's end that dense algebra may solve for
 
 
 class KeptMultigrid:
@@ -37,6 +43,12 @@ class KeptMultigrid:
         scale: stiffness of the surfaces [force / length].
         modes: near-null space at this rank's dofs (n_local, k) and the unknowns w (m, k).
         options: prefix and PETSc options.
+        before: a multigrid whose aggregates are to be parted, and the sides of its places.
+
+    Attributes:
+        ksp: PETSc's solver of ``matrix``, which ``scaling`` brings to unit diagonal.
+        frame: (m, m) unknowns w of the frames by those in its places.
+        changed: places on all ranks where the step that it serves differs.
     """
 
     def __init__(
@@ -44,10 +56,11 @@ class KeptMultigrid:
         split: SplitStiffness,
         rows: EliminatedRows,
         reduced: Reduced,
-        fixed: np.ndarray,
+        fixed: Array,
         scale: float,
-        modes: tuple[np.ndarray, np.ndarray],
-        options: tuple[str, dict],
+        modes: tuple[Array, Array],
+        options: tuple[str, dict[str, Any]],
+        before: tuple[KeptMultigrid, Modes] | None = None,
     ) -> None:
         self._split, self._reduced, self._active = split, reduced, _states(rows)
         on = reduced.L_parted[reduced.on]
@@ -59,28 +72,57 @@ class KeptMultigrid:
         idle[self._dependent] = scale
         D = Z.T @ (parts.T @ reduced.stiff @ parts) @ Z + diags(idle)
         self.matrix = form.reduce(D.tocsr(), scale)
-        self._S = self.matrix.getDiagonal()
-        self._S.sqrtabs()
-        self._S.reciprocal()
-        self.matrix.diagonalScale(self._S, self._S)
+        self.scaling = self.matrix.getDiagonal()
+        self.scaling.sqrtabs()
+        self.scaling.reciprocal()
+        self.matrix.diagonalScale(self.scaling, self.scaling)
         for option in (PETSc.Mat.Option.SYMMETRIC, PETSc.Mat.Option.SPD):
             self.matrix.setOption(option, True)
-        w = np.where(reduced.told[:, None], 0.0, modes[1])
-        near_null_space(self.matrix, self._S, form.unknowns(modes[0], reduced.parted @ w))
         chosen = {"ksp_type": "gmres"} | GAMG | options[1]
-        self.ksp = set_up_ksp(self.matrix, options[0], chosen, options[1])
+        if before is None:
+            w = np.where(reduced.told[:, None], 0.0, modes[1])
+            near_null_space(self.matrix, self.scaling, form.unknowns(modes[0], reduced.parted @ w))
+            self.ksp = set_up_ksp(self.matrix, options[0], chosen, options[1])
+        else:
+            other, sides = before
+            told = diags((~reduced.told).astype(float))
+            frame = diags((idle == 0.0).astype(float)) @ reduced.parted @ told @ other.frame
+            motions = side_motions(form, frame.tocsr(), sides)
+            scaled = (self.matrix, self.scaling), (other.ksp, other.scaling)
+            self.ksp = parted(*scaled, motions, options[0], chosen)
         self._x, self._y = self.matrix.createVecs()
         indptr, columns, values = form.T.getValuesCSR()
         self._T = csr_matrix((values, columns, indptr), (len(indptr) - 1, form.tail.sizes[1]))
-        self._w = (reduced.C @ parts @ Z).tocsr()
+        self.frame: csr_matrix = (reduced.C @ parts @ Z).tocsr()
         form.T.destroy()
         self._P: Any = None
         self._factor: Any = None
+        self._form: Any = None
+
+    def parts(self, reduced: Reduced) -> bool:
+        """Whether its aggregates may be parted for another step: all that comes free there slips
+        between two sides, and the aggregates are GAMG's, and whole."""
+        free, pc = self._reduced.told & ~reduced.told, self.ksp.getPC()
+        if (free & ~reduced.slips).any() or pc.getType() != "gamg" or pc.getMGLevels() < 2:
+            return False
+        return bool(pc.getMGCoarseSolve().getOperators()[0].getSize()[0] <= COARSEST)
+
+    def sticks(self, rows: EliminatedRows, reduced: Reduced) -> bool:
+        """Whether it was made for a surface that sticks, and most of it slips in a step: of pairs
+        that have opened multigrid knows little, and a side beside a far stiffer one moves as if it
+        stuck."""
+        begun = reduced.slips & ~self._reduced.slips & reduced.alike
+        most = begun.sum() > MOST * reduced.jumps.sum()
+        return bool(most and np.array_equal(_states(rows), self._active))
+
+    def serves(self, form: Transformation) -> bool:
+        """Whether a step's matrix is known already."""
+        return self._form is form
 
     def meet(self, form: Transformation, rows: EliminatedRows, reduced: Reduced) -> None:
         """Take over another step, but for its matrix."""
         self.release()
-        tail, self._n = form.tail, len(form.fixed)
+        tail, self._n, self._form = form.tail, len(form.fixed), form
         w, dofs = self._changes(form, rows, reduced)
         at = self._split.surface + self._split.first
         places = tail.left[np.isin(at, dofs)]
@@ -91,11 +133,10 @@ class KeptMultigrid:
     def fit(self, form: Transformation, reduced: Reduced, A: Any) -> None:
         """Take over the matrix of the step that was met, of blocks A of ``Transformation.blocks``,
         and factorise it where it differs."""
-        self._A, tail = A, form.tail
-        kept = ~reduced.told
-        kept[form.frame.dependent] = False
+        tail, kept = form.tail, (~reduced.told).astype(float)
+        kept[form.frame.dependent] = 0.0
         surface = (form.nodes.T @ self._T).tocoo()
-        frame = (diags(kept.astype(float)) @ self._w)[tail.mine_used].tocoo()
+        frame = (diags(kept) @ self.frame)[tail.mine_used].tocoo()
         row = np.concatenate([tail.left[surface.row], tail.seats[frame.row]])
         col = np.concatenate([surface.col, tail.columns[frame.col]])
         value = np.concatenate([surface.data, frame.data])
@@ -118,23 +159,29 @@ class KeptMultigrid:
         every = np.concatenate(form.comm.allgather(self._at + first))
         row = np.repeat(np.arange(self._n), np.diff(indptr))
         self._near = np.unique(row[np.isin(columns, every)])
-        places = [
-            PETSc.IS().createGeneral(at.astype(PETSc.IntType), comm)
-            for at in (self._near + start, self._at + first)
-        ]
-        body, tail = places
+
+        def places(at: Array) -> Any:
+            return PETSc.IS().createGeneral(at.astype(PETSc.IntType), comm)
+
+        chosen = places(self._near + start), places(self._at + first)
+        whole = [places(np.arange(*M.getOwnershipRange())) for M in (self._split.inside, corner)]
+        blocks = (self._split.inside, right), (below, corner)
         parts = [
-            [self._split.inside.createSubMatrix(body, body), right.createSubMatrix(body, tail)],
-            [below.createSubMatrix(tail, body), corner.createSubMatrix(tail, tail)],
+            [M.createSubMatrix(rows, columns) for M, columns in zip(line, whole)]
+            for line, rows in zip(blocks, chosen)
         ]
-        matrix, _ = join_blocks(parts)
-        for item in (*places, *parts[0], *parts[1]):
+        self._rows, _ = join_blocks(parts)
+        begin = self._rows.getOwnershipRangeColumn()[0]
+        rows = places(np.arange(*self._rows.getOwnershipRange()))
+        columns = places(np.concatenate([self._near, self._at + self._n]) + begin)
+        matrix = self._rows.createSubMatrix(rows, columns)
+        for item in (*chosen, *whole, *parts[0], *parts[1], rows, columns):
             item.destroy()
         return matrix
 
     def _changes(
         self, form: Transformation, rows: EliminatedRows, reduced: Reduced
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[Array, Array]:
         """(m,) unknowns of the frames that differ, and dofs of surface nodes."""
         before = self._reduced
         changed = (reduced.told != before.told) | reduced.rim
@@ -152,57 +199,37 @@ class KeptMultigrid:
         dofs = (nodes[:, None] + np.arange(rows.dofs.shape[1])).ravel()
         return changed, dofs
 
-    def apply(self, body: np.ndarray, tail: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def apply(self, body: Array, tail: Array) -> tuple[Array, Array]:
         """The preconditioner times this rank's residual of the bodies and of the other places."""
-        first = self._correction(body, tail)
-        if first is not None:
-            body, tail = self._left(body, tail, *first)
-        scale = self._S.array_r
+        scale = self.scaling.array_r
         self._x.array_w[:] = scale * np.concatenate([body, times(self._P, tail, transposed=True)])
         self.ksp.getPC().apply(self._x, self._y)
         found = scale * self._y.array_r
         inside, outside = found[: self._n], times(self._P, found[self._n :])
-        again = self._correction(*self._left(body, tail, inside, outside)) if first else None
-        for part in (first, again):
-            if part is not None:
-                inside, outside = inside + part[0], outside + part[1]
+        if self._factor is not None:
+            k = len(self._near)
+            left = np.concatenate([body[self._near], tail[self._at]])
+            self._c.array_w[:] = left - times(self._rows, np.concatenate([inside, outside]))
+            self._factor.solve(self._c, self._b)
+            inside[self._near] += self._b.array_r[:k]
+            outside[self._at] += self._b.array_r[k:]
         return inside, outside
-
-    def _left(
-        self, body: np.ndarray, tail: np.ndarray, x: np.ndarray, y: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """What x of the bodies and y of the other places leave of a residual."""
-        right, below, corner = self._A
-        inside = body - times(self._split.inside, x) - times(right, y)
-        return inside, tail - times(below, x) - times(corner, y)
-
-    def _correction(
-        self, body: np.ndarray, tail: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        """What the factorised part makes of a residual; None where nothing has changed."""
-        if self._factor is None:
-            return None
-        k = len(self._near)
-        self._c.array_w[:] = np.concatenate([body[self._near], tail[self._at]])
-        self._factor.solve(self._c, self._b)
-        x, y = np.zeros(len(body)), np.zeros(len(tail))
-        x[self._near], y[self._at] = self._b.array_r[:k], self._b.array_r[k:]
-        return x, y
 
     def release(self) -> None:
         """Free what is another step's; collective."""
-        for item in (self._P, *((self._factor, self._b, self._c) if self._factor else ())):
+        correction = (self._factor, self._rows, self._b, self._c) if self._factor else ()
+        for item in (self._P, *correction):
             if item is not None:
                 item.destroy()
-        self._P = self._factor = None
+        self._P = self._factor = self._form = None
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
         self.release()
-        for item in (self.ksp, self.matrix, self._S, self._x, self._y):
+        for item in (self.ksp, self.matrix, self.scaling, self._x, self._y):
             item.destroy()
 
 
-def _states(rows: EliminatedRows) -> np.ndarray:
+def _states(rows: EliminatedRows) -> Array:
     """(k, 2) first dof of each node in contact, and how many rows hold it."""
     return np.column_stack(np.unique(rows.dofs[:, 0], return_counts=True))

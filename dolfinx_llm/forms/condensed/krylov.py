@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.log import log
 from dolfinx_llm.forms.direct import factorised, set_up_ksp
 
@@ -32,7 +33,7 @@ DIGITS = 13.0  # by which a solve makes the residual smaller, about
 COST = 3.0  # iterations, about, for a row that the preconditioner knows otherwise
 
 
-def solver_of(matrix: Any, prefix: str, given: dict) -> Any:
+def solver_of(matrix: Any, prefix: str, given: dict[str, Any]) -> Any:
     """KSP of a symmetric positive definite matrix, set up; its name, and whether it is the default
     one, which may be given up.
 
@@ -65,7 +66,7 @@ def solver_of(matrix: Any, prefix: str, given: dict) -> Any:
     return ksp, " + ".join(parts), default
 
 
-def near_null_space(matrix: Any, S: Any, modes: np.ndarray) -> None:
+def near_null_space(matrix: Any, S: Any, modes: Array) -> None:
     """Give a matrix scaled by S on both sides the near-null space S⁻¹ modes (n_local, k)."""
     values = modes / S.array_r[:, None]
     # PETSc wants them orthonormal.
@@ -95,7 +96,9 @@ class KeptSolver:
         took: iterations of the last solve.
     """
 
-    def __init__(self, comm: MPI.Comm, prefix: str, options: dict, notes: list[str]) -> None:
+    def __init__(
+        self, comm: MPI.Comm, prefix: str, options: dict[str, Any], notes: list[str]
+    ) -> None:
         self._comm, self._prefix, self._options, self._notes = comm, prefix, options, notes
         self.ksp: Any = None
         self.method, self.set_ups, self.took = "", 0, 0
@@ -109,7 +112,7 @@ class KeptSolver:
         self._matrix = matrix
         self._make(self._options)
 
-    def _make(self, given: dict) -> None:
+    def _make(self, given: dict[str, Any]) -> None:
         self.ksp, self.method, self._own = solver_of(self._matrix, self._prefix, given)
         self.set_ups += 1
 

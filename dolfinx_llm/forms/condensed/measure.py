@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.forms.condensed.friction_system import FrictionSystem
 from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.forms.verdict import EPS
@@ -47,12 +48,12 @@ class Measure:
         by = scales_of(np.concatenate(diagonal), of.operators.scale)
         self.scaling = by * np.concatenate([body, tail])
 
-    def norm(self, r: np.ndarray) -> float:
+    def norm(self, r: Array) -> float:
         """Of this rank's residual of all places."""
         squares = float(np.sum((self.scaling * r) ** 2))
         return float(np.sqrt(self._split.comm.allreduce(squares)))
 
-    def level(self, q: np.ndarray, around: Any, load: float) -> float:
+    def level(self, q: Array, around: Any, load: float) -> float:
         """What residuals are compared with: the load, or, where prescribed motions make that far
         larger, the forces on the softer sides of interfaces, which do not know rounding.
 
@@ -89,7 +90,7 @@ class Measure:
         return max(min(goal, CLOSER * of.left) if of.stalls > STALLS else goal, least)
 
 
-def scales_of(diagonal: np.ndarray, scale: float) -> np.ndarray:
+def scales_of(diagonal: Array, scale: float) -> Array:
     """Inverse square roots of a diagonal; of entries that are none that of ``scale``."""
     size = np.abs(diagonal)
     return 1.0 / np.sqrt(np.where(size > 1e-12 * scale, size, scale))

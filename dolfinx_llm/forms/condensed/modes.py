@@ -8,10 +8,11 @@ import numpy as np
 from scipy.sparse import csr_matrix, identity
 from scipy.sparse.linalg import splu
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.operators.bodies import rigid_modes, sliding_ways, two_sides
 from dolfinx_llm.operators.system import ContactOperators
 
-Modes = tuple[np.ndarray, np.ndarray]  # at dofs of the bodies (n_local, k), at unknowns w (m, k)
+Modes = tuple[Array, Array]  # at dofs of the bodies (n_local, k), at unknowns w (m, k)
 
 
 def rigid_modes_of(operators: ContactOperators) -> Modes:
@@ -66,6 +67,16 @@ def sliding_modes_of(operators: ContactOperators) -> Modes:
     return body.reshape(-1, w.shape[1]), w
 
 
+def sides_of(operators: ContactOperators) -> Modes:
+    """1 or -1 at this rank's dofs of the bodies (n_local,) and at the unknowns w (m,): of bodies on
+    either side of what slips. Jumps have the second body's."""
+    side, sides = _sides_of(operators)
+    w = np.zeros(operators.unknowns.sizes[1])
+    for place, of in zip(operators.places, sides, strict=True):
+        w[place.frame], w[place.slips] = of
+    return operators.dofs.spread(side[operators.bodies.label]), w
+
+
 def soft_modes_of(operators: ContactOperators) -> tuple[Modes, Modes]:
     """Rigid motions of all, and the sliding of bodies past each other."""
     return rigid_modes_of(operators), sliding_modes_of(operators)
@@ -77,7 +88,7 @@ def together(*modes: Modes) -> Modes:
     return np.hstack(body), np.hstack(w)
 
 
-def _sides_of(operators: ContactOperators) -> tuple[np.ndarray, np.ndarray]:
+def _sides_of(operators: ContactOperators) -> tuple[Array, Array]:
     """Per body, and per interface and its sides (interfaces, 2), 1 or -1: bodies that are tied are
     on one side, bodies that meet on both, as far as there are two sides to all of it."""
     dofs, count = operators.dofs, operators.bodies.count

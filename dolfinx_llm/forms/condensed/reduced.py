@@ -7,6 +7,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.forms.condensed.gmres import Product
 from dolfinx_llm.forms.condensed.transformation import Transformation
@@ -42,16 +43,16 @@ class ReducedMatrix:
         self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self.matrix.setOption(PETSc.Mat.Option.SPD, True)
 
-    def times(self, q: np.ndarray) -> np.ndarray:
+    def times(self, q: Array) -> Array:
         """A q."""
         return times(self.matrix, q / self.S.array_r) / self.S.array_r
 
-    def best_share(self, q: np.ndarray, load: np.ndarray) -> float:
+    def best_share(self, q: Array, load: Array) -> float:
         """The part of q next to the solution: loads may have grown in proportion."""
         work, energy = self._comm.allreduce(np.array([q @ load, q @ self.times(q)]))
         return work / energy if energy > 0.0 else 0.0
 
-    def left(self, load: np.ndarray, q: np.ndarray) -> np.ndarray:
+    def left(self, load: Array, q: Array) -> Array:
         """What A leaves of a load, r, after q has taken the best of W, the least energy over these
         motions: q + W (Wᵀ A W)⁻¹ Wᵀ r.
 
@@ -89,13 +90,13 @@ class WeakMotions:
     """
 
     def __init__(
-        self, comm: MPI.Comm, W: np.ndarray, times: Product, norm: Callable[[np.ndarray], float]
+        self, comm: MPI.Comm, W: Array, times: Product, norm: Callable[[Array], float]
     ) -> None:
         self._comm, self._W, self._norm = comm, W, norm
         self._product = np.column_stack([times(column) for column in W.T])
         self._energy = comm.allreduce(W.T @ self._product)
 
-    def take(self, q: np.ndarray, left: np.ndarray) -> np.ndarray:
+    def take(self, q: Array, left: Array) -> Array:
         """What is left, once q has taken of W what that leaves no force along, where that gains:
         under a residual that is small against the load such motions would still go far."""
         force = self._comm.allreduce(self._W.T @ left)
@@ -107,7 +108,7 @@ class WeakMotions:
         return after
 
 
-def _inverse_root(M: np.ndarray) -> np.ndarray:
+def _inverse_root(M: Array) -> Array:
     """X with Xᵀ M X = 1, without what M is zero on."""
     values, vectors = np.linalg.eigh(0.5 * (M + M.T))
     kept = values > GRAIN * values.max(initial=0.0)

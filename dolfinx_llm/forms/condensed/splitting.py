@@ -13,6 +13,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.operators.petsc import create_aij, diagonal_of, is_symmetric, join_blocks, times
 
@@ -31,7 +32,7 @@ class SplitStiffness:
         ContactError: K is not symmetric.
     """
 
-    def __init__(self, K: Any, dofs: np.ndarray) -> None:
+    def __init__(self, K: Any, dofs: Array) -> None:
         if not is_symmetric(K):
             raise ContactError(
                 "the condensed form needs a symmetric stiffness, K has none: use solver='saddle'"
@@ -49,8 +50,9 @@ class SplitStiffness:
         for item in (S, all_dofs, rows):
             item.destroy()
         K.zeroRowsColumns(mine, 1.0)
+        self._K_IS: Any = None  # K_SI turned, once it is needed
 
-    def _without_columns(self, rows: Any, dofs: np.ndarray) -> Any:
+    def _without_columns(self, rows: Any, dofs: Array) -> Any:
         indptr, columns, values = rows.getValuesCSR()
         kept = ~np.isin(columns, dofs)
         row = np.repeat(np.arange(len(self.surface)), np.diff(indptr))[kept]
@@ -61,14 +63,18 @@ class SplitStiffness:
     def blocks(self, T: Any, D: Any, test: Any = None) -> tuple[Any, Any, Any]:
         """Of Tᵀ K T with D, which has a stored diagonal, added to its last block, all but
         ``inside``: above on the right, below, and the last; with ``test`` the T_S of its rows."""
-        T_t = _transposed(T)
-        test_t = T_t if test is None else _transposed(test)
+        test_t = _transposed(T if test is None else test)
         K_T = self.K_SS.matMult(T)
         corner = test_t.matMult(K_T)
         corner.axpy(1.0, D, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        below, across = test_t.matMult(self.K_SI), T_t.matMult(self.K_SI)
-        right = _transposed(across)
-        for M in (T_t, test_t, K_T, across):
+        below = test_t.matMult(self.K_SI)
+        if test is None:
+            right = _transposed(below)
+        else:  # turning what has all columns of the bodies, each time, is dear on several ranks
+            if self._K_IS is None:
+                self._K_IS = _transposed(self.K_SI)
+            right = self._K_IS.matMult(T)
+        for M in (test_t, K_T):
             M.destroy()
         return right, below, corner
 
@@ -80,17 +86,17 @@ class SplitStiffness:
             M.destroy()
         return matrix
 
-    def columns(self, u_S: np.ndarray) -> np.ndarray:
+    def columns(self, u_S: Array) -> Array:
         """(n_local,) K u for a u that is zero but on S."""
         product = times(self.K_SI, u_S, transposed=True)
         product[self.surface] = times(self.K_SS, u_S)
         return product
 
-    def rows(self, u: np.ndarray) -> np.ndarray:
+    def rows(self, u: Array) -> Array:
         """(S,) rows S of K u."""
         return times(self.K_SI, u) + times(self.K_SS, u[self.surface])
 
-    def times(self, u: np.ndarray) -> np.ndarray:
+    def times(self, u: Array) -> Array:
         """(n_local,) K u."""
         product = times(self.inside, u)
         product[self.surface] = times(self.K_SI, u)
@@ -112,8 +118,9 @@ class SplitStiffness:
         self.inside.destroy()
 
     def destroy(self) -> None:
-        for M in (self.inside, self.K_SS, self.K_SI):
-            M.destroy()
+        for M in (self.inside, self.K_SS, self.K_SI, self._K_IS):
+            if M is not None:
+                M.destroy()
 
 
 def _transposed(M: Any) -> Any:

@@ -13,6 +13,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import diags, hstack
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.friction import SOLVED, FrictionStep
@@ -21,6 +22,7 @@ from dolfinx_llm.forms.condensed.modes import soft_modes_of, together, weak_moti
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import items_of
 from dolfinx_llm.forms.condensed.system import CondensedSystem
+from dolfinx_llm.forms.cost import FEWEST
 from dolfinx_llm.forms.exchange import SetUp, WholeSteps, row_stiffness
 from dolfinx_llm.forms.options import FACTORISED
 from dolfinx_llm.forms.step import SOFT, LinearStep, StepResult, force_level
@@ -32,7 +34,6 @@ from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
 
 SWINGS = 8  # steps towards one load in which no fewer pairs are wrong than in any before
-FEWEST = 10_000  # unknowns of bodies from which on friction by GMRES is no slower than factorising
 LOOSELY = 1e-2  # of the load, that the first solve towards it leaves if its signs are wrong
 FIRMER = 0.1  # from one of these to the next
 DOUBTLESS = 10.0  # times that, of the largest force: signs that are wrong beyond doubt
@@ -59,10 +60,10 @@ class CondensedForm(WholeSteps):
             self._items, self._modes = items_of(operators), soft_modes_of(operators)
         self._known = np.zeros(0)  # what the system's matrix was made of
         self._spring, self._swings, self._fewest = 0.0, 0, np.inf
-        self._seen: list[np.ndarray] = []  # rows in contact in the steps towards one load
+        self._seen: list[Array] = []  # rows in contact in the steps towards one load
         self.__dict__.pop("_stiffness", None)
 
-    def solve(self, f: np.ndarray, step: LinearStep) -> StepResult:
+    def solve(self, f: Array, step: LinearStep) -> StepResult:
         """See ``StepForm``."""
         given = step.compliance[step.active].max(initial=0.0) * self.scale
         if given > 10.0 * SOFT:
@@ -92,7 +93,7 @@ class CondensedForm(WholeSteps):
         stays = self.operators.floating.rigid.modes.shape[1] > 0 or not step.may_open.any()
         return self._symmetric(step) and bool(stays or _chosen(self.options or {}))
 
-    def _frictionless(self, f: np.ndarray, step: LinearStep, back: bool) -> StepResult:
+    def _frictionless(self, f: Array, step: LinearStep, back: bool) -> StepResult:
         """A step without friction. Where signs are wrong it need not be solved to the end: what
         presses next is forecast from what there is; pairs are asked for where that comes back."""
         self.most = CondensedForm.most if back else 0
@@ -114,7 +115,7 @@ class CondensedForm(WholeSteps):
         self.tolerance = self.system.tolerance if by_cg else 0.0
         return found
 
-    def _with_friction(self, f: np.ndarray, step: LinearStep, back: bool, new: bool) -> StepResult:
+    def _with_friction(self, f: Array, step: LinearStep, back: bool, new: bool) -> StepResult:
         """A step with friction, as far as the law's residual is worth it."""
         self._served(step)
         self.friction.turn(new)
@@ -128,7 +129,7 @@ class CondensedForm(WholeSteps):
         self._judge_friction(found, step)
         return found
 
-    def _foretold(self, f: np.ndarray, step: LinearStep, found: StepResult) -> StepResult:
+    def _foretold(self, f: Array, step: LinearStep, found: StepResult) -> StepResult:
         """The same, with those rows wrong that will change."""
         if not found.wrong.any() or (self.friction is not None and self.friction.direct):
             return found
@@ -138,7 +139,7 @@ class CondensedForm(WholeSteps):
         return replace(found, wrong=wrong) if wrong.any() else found
 
     @cached_property
-    def _stiffness(self) -> np.ndarray:
+    def _stiffness(self) -> Array:
         """(n,) of rows."""
         return row_stiffness(self.operators, self.split.diagonal)
 
@@ -155,7 +156,7 @@ class CondensedForm(WholeSteps):
         else:  # an inexact solve ends no iteration
             self.accuracy = CondensedForm.accuracy if self.friction.residual <= SOLVED else -1.0
 
-    def left(self, f: np.ndarray, u: np.ndarray, multiplier: np.ndarray) -> np.ndarray:
+    def left(self, f: Array, u: Array, multiplier: Array) -> Array:
         """See ``StepForm``; where ties let K go, as the last solve has left it."""
         operators = self.operators
         forces = times(operators.B, multiplier[operators.rows.numbering.mine])
@@ -197,7 +198,7 @@ class CondensedForm(WholeSteps):
         self.eager = self.friction.direct
         return made
 
-    def _eliminate(self, eliminated: EliminatedRows, step: LinearStep, hold: np.ndarray) -> None:
+    def _eliminate(self, eliminated: EliminatedRows, step: LinearStep, hold: Array) -> None:
         """Take what is in contact into the system, if it is not there yet."""
         floating, n = self.operators.floating, len(step.active)
         wanted = np.concatenate([step.active, hold, [self._spring * floating.count]])
@@ -245,12 +246,12 @@ class _Symmetric:
     """A step whose matrix is that of a ``CondensedSystem``, which may serve other steps as well:
     rows in contact stand at the places ``on`` (r,) among all."""
 
-    def __init__(self, system: CondensedSystem, eliminated: EliminatedRows, on: np.ndarray) -> None:
+    def __init__(self, system: CondensedSystem, eliminated: EliminatedRows, on: Array) -> None:
         self._system, self._rows, self._on = system, eliminated, on
 
     def ask(
-        self, f: np.ndarray, g: np.ndarray, rhs: np.ndarray, about: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        self, f: Array, g: Array, rhs: Array, about: Array | None = None
+    ) -> tuple[Array, Array, Array]:
         """See ``SetUp``."""
         rows, comm = self._rows, self._system.comm
         u, found, w = self._system.solve(f, g[self._on][rows.multipliers.mine], -rhs)
@@ -263,8 +264,8 @@ class _Symmetric:
 
 
 def _pressing(
-    step: LinearStep, k: np.ndarray, found: StepResult, floating: Floating | None, f: np.ndarray
-) -> np.ndarray:
+    step: LinearStep, k: Array, found: StepResult, floating: Floating | None, f: Array
+) -> Array:
     """(n,) rows that press next. Bodies that contact alone holds go to where what presses balances
     this rank's loads f on them; with friction, floating None, they stay. k (n,) of rows."""
     k, g = np.where(step.active | step.may_open, k, 0.0), step.g
@@ -276,7 +277,7 @@ def _pressing(
     return forecast.pressing(found.multiplier, found.y + g, loads)
 
 
-def _chosen(options: dict) -> bool:
+def _chosen(options: dict[str, Any]) -> bool:
     """Whether options of PETSc say how a symmetric matrix is to be solved."""
     krylov = any(key.startswith("ksp_") for key in options)
     return krylov or options.get("pc_type") in FACTORISED

@@ -15,10 +15,12 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import splu
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.forms.step import LinearStep
 from dolfinx_llm.operators.system import ContactOperators
 
 REGULAR = 1e-3  # of a law's forces, added to them where it does not depend on them
+AS_STIFF = 0.1  # of the stiffer side
 EXACT = 1e-14  # of a product's factors, below which it is zero
 
 
@@ -37,6 +39,7 @@ class Reduced:
         C: (m, m) w = C z + w_0.
         L: (n, m) motion of the frames by z.
         E, D: (m, n), (m, m) rows E λ + D z.
+        jumps, alike: (m,) unknowns that are jumps; those whose sides are about equally stiff.
         stiff: (m, m) symmetric and positive: what the rows hold z by, less what K does.
         parts: (m, m) z = parts × coordinates in which sides that slip stand apart.
         parted: (m, m) inverse of it.
@@ -59,6 +62,10 @@ class Reduced:
         self.E = (self._rows @ step.E).tocsr()
         self.D = (self._rows @ step.D @ self.C + idle).tocsr()
         self._part(self.L[on])
+        self.jumps, self.alike = np.zeros((2, m), dtype=bool)
+        for place, of in zip(operators.places, operators.stiffness, strict=True):
+            self.jumps[place.slips] = True
+            self.alike[place.slips] = len(of) > 1 and of.min() > AS_STIFF * of.max()
 
     def _eliminate(self, D: csr_matrix, m: int) -> None:
         """C, from rows that say how unknowns depend on each other."""
@@ -134,17 +141,17 @@ class Reduced:
         self.parted = _with_blocks(m, back, at_parts, at_parts)
 
     @property
-    def stiffness(self) -> np.ndarray:
+    def stiffness(self) -> Array:
         """(m,) what bodies set against the motion of unknowns, about [force / length]."""
         return self._scale * self._support
 
-    def complete(self, chosen: np.ndarray) -> None:
+    def complete(self, chosen: Array) -> None:
         """Add to chosen unknowns (m,) all of the same nodes."""
         for kappa, v in self._jumps:
             every = kappa if v is None else np.concatenate([v, kappa], axis=1)
             chosen[every] = chosen[every].any(axis=1)[:, None]
 
-    def loads(self, g: np.ndarray, rhs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def loads(self, g: Array, rhs: Array) -> tuple[Array, Array, Array]:
         """Gaps (n,) and right-hand side (m,) for z, and w_0 (m,), of those for w."""
         w_0 = np.zeros(len(rhs))
         if len(self._size):
@@ -157,7 +164,7 @@ class Reduced:
         return _clean(self.L @ self.parts)
 
 
-def jumps_of(operators: ContactOperators) -> list[tuple[np.ndarray, np.ndarray | None]]:
+def jumps_of(operators: ContactOperators) -> list[tuple[Array, Array | None]]:
     """Per interface whose law has jumps (k, q) places of these in w, and of the frame's motion in
     the same directions; None against an obstacle."""
     found = []
@@ -176,7 +183,7 @@ def jumps_of(operators: ContactOperators) -> list[tuple[np.ndarray, np.ndarray |
     return found
 
 
-def items_of(operators: ContactOperators) -> np.ndarray:
+def items_of(operators: ContactOperators) -> Array:
     """(m,) number of the block that each unknown w stands in: the motions of a frame node, and its
     jumps."""
     sizes = [np.zeros(0, dtype=np.int64)]
@@ -188,7 +195,7 @@ def items_of(operators: ContactOperators) -> np.ndarray:
     return np.repeat(np.arange(len(size)), size)
 
 
-def at_blocks(M: csr_matrix, at: np.ndarray) -> np.ndarray:
+def at_blocks(M: csr_matrix, at: Array) -> Array:
     """(k, q, q) entries of a matrix in the rows and columns ``at`` (k, q)."""
     k, q = at.shape
     if not k:
@@ -199,9 +206,9 @@ def at_blocks(M: csr_matrix, at: np.ndarray) -> np.ndarray:
 
 def _with_blocks(
     m: int,
-    blocks: list[np.ndarray],
-    rows: list[np.ndarray],
-    cols: list[np.ndarray],
+    blocks: list[Array],
+    rows: list[Array],
+    cols: list[Array],
     other: float = 1.0,
 ) -> csr_matrix:
     """(m, m) matrix with given blocks (k, q, q), and ``other`` on the diagonal elsewhere."""
@@ -215,9 +222,7 @@ def _with_blocks(
     return (csr_matrix((value, (row, col)), shape=(m, m)) + diags(rest)).tocsr()
 
 
-def _two_by_two(
-    V: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, after: bool
-) -> np.ndarray:
+def _two_by_two(V: Array, a: Array, b: Array, c: Array, d: Array, after: bool) -> Array:
     """(k, 2 q, 2 q) blocks of diagonals (k, q), multiplied by V from the left, or the right."""
     k, q = a.shape
     found = np.zeros((k, 2 * q, 2 * q))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows, widest
 from dolfinx_llm.forms.condensed.krylov import RTOL, WIDEST, KeptSolver, near_null_space
 from dolfinx_llm.forms.condensed.reduced import ReducedMatrix
@@ -47,18 +48,18 @@ class CondensedSystem:
         self,
         split: SplitStiffness,
         rows: EliminatedRows,
-        fixed: np.ndarray,
+        fixed: Array,
         scale: float,
         prefix: str = "llm_",
-        options: dict | None = None,
+        options: dict[str, Any] | None = None,
         *,
-        modes: tuple[np.ndarray, np.ndarray] | None = None,
-        weak: tuple[np.ndarray, np.ndarray] | None = None,
-        proximal: np.ndarray | None = None,
+        modes: tuple[Array, Array] | None = None,
+        weak: tuple[Array, Array] | None = None,
+        proximal: Array | None = None,
     ) -> None:
         self.split, self.fixed, self.scale, self.comm = split, fixed, scale, split.comm
         self.notes: list[str] = []
-        self.steps: list[dict] = []
+        self.steps: list[dict[str, Any]] = []
         self.iterations, self.tolerance = 0, 0.0
         self.loose = 0.0  # of the load, that solves may leave for now
         self._modes, self._weak = modes, weak or modes
@@ -74,7 +75,7 @@ class CondensedSystem:
         self._reduce(rows, proximal)
 
     def eliminate(
-        self, rows: EliminatedRows, proximal: np.ndarray | None = None, changed: int = 0
+        self, rows: EliminatedRows, proximal: Array | None = None, changed: int = 0
     ) -> None:
         """Eliminate other rows, of which ``changed`` were not or are not any more, or with another
         proximal term; springs of ``split`` are taken over. A preconditioner stays as long as it
@@ -85,7 +86,7 @@ class CondensedSystem:
         same = self.comm.allreduce(self.matrix.getLocalSize() == before, op=MPI.LAND)
         self.solver.renew(self.matrix, same, changed)
 
-    def _reduce(self, rows: EliminatedRows, proximal: np.ndarray | None) -> None:
+    def _reduce(self, rows: EliminatedRows, proximal: Array | None) -> None:
         """Take over what other eliminated rows leave."""
         self.form = Transformation(self.split, rows, self.fixed, proximal)
         self.reduced = ReducedMatrix(self.form, self.scale, self._weak)
@@ -108,9 +109,7 @@ class CondensedSystem:
                 near_null_space(self.matrix, self.S, self.form.unknowns(*self._modes))
             self.solver.set_up(self.matrix)
 
-    def solve(
-        self, f: np.ndarray, g: np.ndarray, pull: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def solve(self, f: Array, g: Array, pull: Array | None = None) -> tuple[Array, Array, Array]:
         """This rank's parts of u, λ, v for loads f (n_local,), prescribed values at fixed dofs, and
         gaps g (R,); p (m,) are forces on the frames' unknowns, None: zero.
 
@@ -132,14 +131,14 @@ class CondensedSystem:
         self.steps.append({"iterations": self.iterations, **seconds})
         return u, multiplier, v[form.tail.mine_v]
 
-    def _guess(self, u_0: np.ndarray, v_0: np.ndarray) -> np.ndarray:
+    def _guess(self, u_0: Array, v_0: Array) -> Array:
         """q of the last solution; zero for a factorisation, which needs no start."""
         if self._last is None or self.solver.direct:
             return np.zeros(self.matrix.getLocalSize()[0])
         u, v = self._last
         return self.form.unknowns((u - u_0)[:, None], (v - v_0)[:, None])[:, 0]
 
-    def _iterate(self, f: np.ndarray, u_0: np.ndarray, push: Any, q: np.ndarray) -> Any:
+    def _iterate(self, f: Array, u_0: Array, push: Any, q: Array) -> Any:
         """u and q of this rank; solved for the residual of the unreduced system again while that
         gains."""
         x, b = self.matrix.createVecs()
@@ -180,20 +179,20 @@ class CondensedSystem:
         self._left = left  # by the reduced system [force]
         return self.form.motion(q) + u_0, q
 
-    def _forces(self, f: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def _forces(self, f: Array, u: Array) -> Array:
         """f - K u of this rank: reactions at surface nodes, elsewhere what the system leaves."""
         force, S = self._left[: len(f)].copy(), self.split.surface
         force[S] = f[S] - self.split.rows(u)
         force[self.fixed] = 0.0
         return force
 
-    def _strength(self, f: np.ndarray, u: np.ndarray) -> float:
+    def _strength(self, f: Array, u: Array) -> float:
         """Norm of loads and reactions, as the scaled system has it."""
         forces = np.maximum(np.abs(np.where(self.fixed, 0.0, f)), np.abs(self._forces(f, u)))
         scaled = forces * self.S.array_r[: len(f)]
         return float(np.sqrt(self.comm.allreduce(scaled @ scaled)))
 
-    def _require_answer(self, f: np.ndarray, u: np.ndarray, multiplier: np.ndarray) -> None:
+    def _require_answer(self, f: Array, u: Array, multiplier: Array) -> None:
         """Require a small residual where the solver ended without an answer."""
         free = ~self.fixed
         parts = free * self.split.diagonal * u, free * f, multiplier, self._left

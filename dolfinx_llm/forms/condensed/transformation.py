@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csr_matrix, diags
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.forms.condensed.elimination import (
     EliminatedRows,
     FrameElimination,
@@ -29,9 +30,9 @@ class Transformation:
         self,
         split: SplitStiffness,
         rows: EliminatedRows,
-        fixed: np.ndarray,
-        proximal: np.ndarray | None,
-        soft: np.ndarray | None = None,
+        fixed: Array,
+        proximal: Array | None,
+        soft: Array | None = None,
         whole: bool = False,
     ) -> None:
         self.comm, self.split, self.rows, self.fixed = split.comm, split, rows, fixed
@@ -52,7 +53,7 @@ class Transformation:
         self.tail = Tail(self.comm, self.gdim, rows, self._N_S, motion, held, whole)
         self.T = self.columns_of(self.L @ self.frame.Z)
 
-    def _frame_rows(self, soft: np.ndarray | None) -> tuple[csr_matrix, csr_matrix | None]:
+    def _frame_rows(self, soft: Array | None) -> tuple[csr_matrix, csr_matrix | None]:
         """D, the rows of all ranks that bind the frame alone, and how they give way, the same on
         every rank."""
         W = self.W.tocoo()
@@ -70,11 +71,11 @@ class Transformation:
         """(S, S) motion of this rank's surface dofs by what is left of them."""
         return self._N_S
 
-    def bound_parts(self, multiplier: np.ndarray) -> np.ndarray:
+    def bound_parts(self, multiplier: Array) -> Array:
         """(k,) forces of multipliers (rows,) that bind the frame alone."""
         return self._W_all @ multiplier
 
-    def bound(self, multiplier: np.ndarray) -> np.ndarray:
+    def bound(self, multiplier: Array) -> Array:
         """(rows,) part of multipliers (rows,) that binds the frame alone."""
         return self._W_all.T @ self.bound_parts(multiplier)
 
@@ -102,9 +103,9 @@ class Transformation:
         added.destroy()
         return blocks
 
-    def reduce(self, D: csr_matrix, idle: float, test: Any = None) -> Any:
+    def reduce(self, D: csr_matrix, idle: float) -> Any:
         """The matrix of ``blocks``, AIJ."""
-        matrix = self.split.joined(self.blocks(D, idle, test))
+        matrix = self.split.joined(self.blocks(D, idle))
         matrix.setBlockSize(self.gdim)
         return matrix
 
@@ -115,14 +116,14 @@ class Transformation:
             return csr_matrix(Z.shape)
         return (Z.T @ Z.multiply(self.proximal[:, None])).tocsr()
 
-    def motion(self, q: np.ndarray) -> np.ndarray:
+    def motion(self, q: Array) -> Array:
         """(n_local,) T q."""
         n = len(self.fixed)
         u = q[:n].copy()
         u[self.split.surface] = times(self.T, q[n:])
         return u
 
-    def load(self, f: np.ndarray, u_0: np.ndarray, test: Any = None) -> np.ndarray:
+    def load(self, f: Array, u_0: Array, test: Any = None) -> Array:
         """Tᵀ (f - K u_0) for u_0 of ``offsets``; with ``test`` in the place of T_S."""
         S = self.split.surface
         left = f - self.split.columns(u_0[S])
@@ -131,7 +132,7 @@ class Transformation:
         tail = times(self.T if test is None else test, left[S], transposed=True)
         return np.concatenate([inside, tail])
 
-    def push(self, pull: np.ndarray | None, v_0: np.ndarray) -> np.ndarray:
+    def push(self, pull: Array | None, v_0: Array) -> Array:
         """(q_local,) Zᵀ (p - d v_0), the load on q of forces p (m,) on the frames' unknowns, None:
         zero, and of the proximal term."""
         n = len(self.fixed)
@@ -141,19 +142,19 @@ class Transformation:
             load[n + self.tail.seats] = (self.frame.Z.T @ pull)[self.tail.mine_used]
         return load
 
-    def _pull(self, pull: np.ndarray | None, v: np.ndarray) -> np.ndarray:
+    def _pull(self, pull: Array | None, v: Array) -> Array:
         """(m,) p - d v."""
         pull = np.zeros(len(v)) if pull is None else pull
         return pull if self.proximal is None else pull - self.proximal * v
 
-    def offsets(self, f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def offsets(self, f: Array, g: Array) -> tuple[Array, Array]:
         """This rank's u_0 and all of v_0 for gaps g and the prescribed values in f."""
         v_0 = self.frame.particular(np.concatenate(self.comm.allgather(self.W @ g)))
         u_0 = self.A @ (self.L @ v_0 - g)
         u_0[self.fixed] = f[self.fixed]
         return u_0, v_0
 
-    def frame_motion(self, q: np.ndarray, v_0: np.ndarray) -> np.ndarray:
+    def frame_motion(self, q: Array, v_0: Array) -> Array:
         """(m,) v on every rank."""
         return self.frame.Z @ self.tail.frame_unknowns(q[len(self.fixed) :]) + v_0
 
@@ -164,13 +165,13 @@ class Transformation:
         places = own.row, self.frame.dependent[own.col]
         return (D @ self.frame.Z + csr_matrix((own.data, places), shape=D.shape)).tocsr()
 
-    def frame_multipliers(self, q: np.ndarray, c: float) -> np.ndarray:
+    def frame_multipliers(self, q: Array, c: float) -> Array:
         """(R,) λ of this rank that binds the frame alone, where it is unknown."""
         q_v = self.tail.frame_unknowns(q[len(self.fixed) :])
         force = c * self.frame.Q @ q_v[self.frame.dependent]
         return self.W.T @ force[self._mine_D]
 
-    def force_unknowns(self, multiplier: np.ndarray, c: float) -> np.ndarray:
+    def force_unknowns(self, multiplier: Array, c: float) -> Array:
         """(q_local,) q of multipliers (rows,) that bind the frame alone, where they are unknown."""
         values, at = np.zeros(len(self.tail.columns)), self.frame.dependent
         values[at] = self.frame.Q.T @ self.bound_parts(multiplier) / c
@@ -178,7 +179,7 @@ class Transformation:
         q[len(self.fixed) + self.tail.seats] = values[self.tail.mine_used]
         return q
 
-    def multipliers(self, force: np.ndarray, v: np.ndarray, pull: np.ndarray | None) -> np.ndarray:
+    def multipliers(self, force: Array, v: Array, pull: Array | None) -> Array:
         """λ of this rank from the reactions f - K u, zero at fixed dofs. What a row does to the
         frame alone follows from the frame's equilibrium."""
         found = self.A.T @ force
@@ -187,13 +188,11 @@ class Transformation:
             found = found - self.W.T @ self.frame.multipliers(missing)[self._mine_D]
         return found
 
-    def frame_forces(
-        self, multiplier: np.ndarray, v: np.ndarray, pull: np.ndarray | None
-    ) -> np.ndarray:
+    def frame_forces(self, multiplier: Array, v: Array, pull: Array | None) -> Array:
         """(m,) L_bᵀ λ + p - d v, which must vanish."""
         return self.comm.allreduce(self.L.T @ multiplier) + self._pull(pull, v)
 
-    def unknowns(self, body: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    def unknowns(self, body: Array, frame: Array) -> Array:
         """(q_local, k) q of motions of this rank's dofs (n_local, k) and of the frames (m, k), as
         far as they have places in it: zero at prescribed dofs and idle places."""
         S, n = self.split.surface, len(self.fixed)
@@ -234,8 +233,8 @@ class Tail:
         rows: EliminatedRows,
         N: csr_matrix,
         motion: csr_matrix,
-        held: np.ndarray | None,
-        whole: bool = False,
+        held: Array | None,
+        whole: bool,
     ) -> None:
         self._comm, frames = comm, rows.frames
         kept = (np.diff(N.tocsc().indptr) > 0).reshape(-1, gdim).any(axis=1) | whole
@@ -254,7 +253,7 @@ class Tail:
         self.idle[self.left[np.unique(N.indices)]] = False
         self.idle[self.seats] = False
 
-    def _number(self, n: int, gdim: int, rows: EliminatedRows, used: np.ndarray) -> None:
+    def _number(self, n: int, gdim: int, rows: EliminatedRows, used: Array) -> None:
         """Numbers of the frame unknowns behind n surface dofs of each rank."""
         comm, item = self._comm, rows.items
         count = np.bincount(item)
@@ -274,7 +273,7 @@ class Tail:
         self.first = int(start[comm.rank])
         self.sizes = int(start[comm.rank + 1] - start[comm.rank]), int(start[-1])
 
-    def frame_unknowns(self, q: np.ndarray) -> np.ndarray:
+    def frame_unknowns(self, q: Array) -> Array:
         """(m,) values of all frame unknowns, on every rank, from this rank's places (n_tail,)."""
         values = np.zeros(len(self.columns))
         for place, value in self._comm.allgather((self.mine_used, q[self.seats])):

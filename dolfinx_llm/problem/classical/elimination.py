@@ -1,11 +1,14 @@
 """The frame form with v eliminated, (32)-(36): the classical form that is equivalent to (31)."""
 
+from typing import Any
+
 import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
 from scipy.linalg import solve_triangular
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective, gather_rows
 from dolfinx_llm.operators.petsc import create_aij, times
@@ -45,7 +48,9 @@ class Elimination(ClassicalForm):
         ContactInputError: more than ``MAX_ROWS`` multipliers.
     """
 
-    def __init__(self, problem: ContactProblem, *, petsc_options: dict | None = None) -> None:
+    def __init__(
+        self, problem: ContactProblem, *, petsc_options: dict[str, Any] | None = None
+    ) -> None:
         with collective(checked_problem(problem).comm):
             check_petsc_options(petsc_options)
         agree(problem.comm, "PETSc options", petsc_options)
@@ -113,7 +118,7 @@ class Elimination(ClassicalForm):
         return self._functions(u)
 
 
-def _acting(Phi: np.ndarray, nodal: csr_matrix) -> np.ndarray:
+def _acting(Phi: Array, nodal: csr_matrix) -> Array:
     """Orthonormal basis of the part of Φ (n c, k) that acts on free dofs, forces there (n c, dofs):
     with it Q has full row rank."""
     if nodal.shape[0] == nodal.shape[1]:  # none is prescribed, or in several interfaces

@@ -9,6 +9,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.disposable import Destroyed
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import gather_rows
@@ -87,7 +88,9 @@ def checked_problem(problem: Any) -> ContactProblem:
 class ClassicalForm:
     """Q of (6) and its factorised system."""
 
-    def __init__(self, problem: ContactProblem, Q: PETSc.Mat, petsc_options: dict | None) -> None:
+    def __init__(
+        self, problem: ContactProblem, Q: PETSc.Mat, petsc_options: dict[str, Any] | None
+    ) -> None:
         self.problem, self.Q = problem, Q
         self.stats = constraint_stats(Q, problem.spaces[0].mesh.geometry.dim)
         self.residual: float | None = None  # of (6) after a solve, relative
@@ -95,7 +98,7 @@ class ClassicalForm:
         self._options = petsc_options
         self._operators, self._version = problem.operators, problem.bulk.version
 
-    def _load(self) -> np.ndarray:
+    def _load(self) -> Array:
         """This rank's load, once what has changed in the problem is taken over."""
         problem = self.problem
         problem.update()
@@ -109,7 +112,7 @@ class ClassicalForm:
         self._version = problem.bulk.version
         return problem.bulk.load()
 
-    def _solve(self, f: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _solve(self, f: Array, g: Array) -> tuple[Array, Array]:
         """This rank's u and multipliers of (6)."""
         problem, comm, Q = self.problem, self.problem.comm, self.Q
         counts = comm.allgather(Q.getLocalSize()[0])
@@ -129,7 +132,7 @@ class ClassicalForm:
         self._judge(f, g, u, multiplier[rows.mine])
         return u, multiplier[rows.mine]
 
-    def _judge(self, f: np.ndarray, g: np.ndarray, u: np.ndarray, multiplier: np.ndarray) -> None:
+    def _judge(self, f: Array, g: Array, u: Array, multiplier: Array) -> None:
         """Require what every solution is required to keep."""
         problem, Q = self.problem, self.Q
         free = ~problem.bulk.dofs.fixed
@@ -150,7 +153,7 @@ class ClassicalForm:
         check_rounding(verdict.rounding)
         self.residual = verdict.residual
 
-    def _functions(self, u: np.ndarray) -> fem.Function | list[fem.Function]:
+    def _functions(self, u: Array) -> fem.Function | list[fem.Function]:
         functions = self.problem.bulk.functions(u)
         return functions if self.problem.bulk.several else functions[0]
 

@@ -1,12 +1,14 @@
 """Node-to-segment contact, (2)-(6): prefers a side, and fails the patch test."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from dolfinx import fem
 from scipy.sparse import block_diag, csr_matrix
 
 from dolfinx_llm.base import checks
+from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import agree, collective, gather_rows
 from dolfinx_llm.base.sparse import placed
@@ -28,12 +30,12 @@ _ON_OUTLINE = 1e-8  # [cells] a slave node this far beyond the master's outline 
 class _Ties:
     """Slave nodes of one interface on their master surface; n nodes, c constraints each."""
 
-    x: np.ndarray  # (n, gdim) slave nodes [length]
-    owner: np.ndarray  # (n,) rank of each
-    base: np.ndarray  # (n, c, gdim) directions a_i
-    gap: np.ndarray  # (n, gdim) X_m - X_s [length]
+    x: Array  # (n, gdim) slave nodes [length]
+    owner: Array  # (n,) rank of each
+    base: Array  # (n, c, gdim) directions a_i
+    gap: Array  # (n, gdim) X_m - X_s [length]
     rows: csr_matrix  # (n c, k) Q on the dofs of both surfaces
-    dofs: np.ndarray  # (k,) their numbers in the vector of all bodies
+    dofs: Array  # (k,) their numbers in the vector of all bodies
 
 
 class NodeToSegment(ClassicalForm):
@@ -71,7 +73,7 @@ class NodeToSegment(ClassicalForm):
         *,
         slave: int,
         components: str = "all",
-        petsc_options: dict | None = None,
+        petsc_options: dict[str, Any] | None = None,
     ) -> None:
         with collective(checked_problem(problem).comm):
             if checks.integer("slave", slave, "choose side 0 or 1") not in (0, 1):
@@ -175,8 +177,8 @@ def _tie(
 
 def _constraint_rows(
     weights: csr_matrix,
-    nodes: np.ndarray,
-    base: np.ndarray,
+    nodes: Array,
+    base: Array,
     first: int,
     shape: tuple[int, int, int],
 ) -> csr_matrix:

@@ -1,0 +1,144 @@
+"""What a solve gives of one side of an interface: forces, gaps, status of its nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.geometry.pairs import ContactPairs
+from dolfinx_llm.interface.control import at_nodes
+from dolfinx_llm.interface.density import density_at_nodes
+from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.laws.rows import OPEN
+
+FELT = 1e-9  # part of the largest force or motion, below which there is none
+IDLE = 1e-14  # force over the surfaces' stiffness times their motion that is rounding
+
+
+@dataclass(frozen=True, eq=False)
+class SideResult:
+    """One side of an interface; n nodes that may touch, sorted by position.
+
+    A node is closed where it presses, or where the bodies touch without force; with friction it has
+    the status of the frame node next to it. ``slip`` is counted from the drawing, and to the frame,
+    which moves as the mean of both bodies do: of a sliding interface it is half of the way that one
+    body goes along the other. Against a rigid obstacle that takes the frame's place.
+    """
+
+    x: Array  # (n, gdim) node positions X [length]
+    u: Array  # (n, gdim) their displacements [length]
+    force: Array  # (n, gdim) forces that the body exerts on the frame [force]
+    normal: Array  # (n, gdim) frame normal, out of this side
+    normal_force: Array  # (n,) positive in compression [force]
+    gap: Array  # (n,) distance to the other body along the normal, 0 where closed [length]
+    frame_gap: Array  # (n,) the same to the frame, which lies between the bodies [length]
+    slip: Array  # (n, gdim) tangential motion relative to the frame, 0 where open [length]
+    status: Array  # (n,) 0 open, 1 stick, 2 slip, 3 closed without friction
+    area: Array  # (n,) tributary area: the force of unit pressure [area]
+    facets: Array  # (m, c) corners of the facets that lie between these nodes
+    density: Array | None = None  # (n, gdim) of the forces on the surface, see
+    # ``density_at_nodes``; None at first order, where the frame's are [force / area]
+
+    @property
+    def drawn(self) -> Array:
+        """(n, gdim) x [length]."""
+        return self.x
+
+    @property
+    def tangential_force(self) -> Array:
+        """(n, gdim) part of the force in the contact plane [force]."""
+        return self.force - self.normal_force[:, None] * self.normal
+
+
+def side_result(
+    pairs: ContactPairs,
+    multiplier: Array,
+    u: Array,
+    follows: Array,
+    gap: Array,
+    status: Array,
+    presses: bool,
+) -> SideResult:
+    """One side's result from its multipliers (n, c), u and the motion of the point it touches
+    (n, gdim), the initial gap that counts (n, gdim) and the status (n,); whether no pair pulls."""
+    force = np.einsum("nc,nci->ni", multiplier, pairs.base)
+    motion = u - follows
+    normal_motion = np.einsum("ni,ni->n", motion, pairs.normal)
+    return SideResult(
+        x=pairs.X,
+        u=u,
+        force=force,
+        normal=pairs.normal,
+        normal_force=np.einsum("ni,ni->n", force, pairs.normal),
+        gap=np.zeros(len(force)),
+        frame_gap=-normal_motion - np.einsum("ni,ni->n", gap, pairs.normal),
+        slip=motion - normal_motion[:, None] * pairs.normal,
+        status=status,
+        area=pairs.forces,
+        facets=pairs.facets,
+        density=density_at_nodes(pairs, force, presses),
+    )
+
+
+def between_bodies(
+    geometry: InterfaceGeometry, sides: list[SideResult], scale: float, held: Array
+) -> list[SideResult]:
+    """The sides with gaps between the bodies, and open where these are apart and none of the pairs
+    held (n,), which may pull.
+
+    A node may lie on the frame, which is free there, and the other body be away: what it carries
+    is rounding then, of the surfaces' stiffness ``scale`` times their motion.
+    """
+    gaps = [side.frame_gap for side in sides]
+    force = max(np.abs(side.normal_force).max(initial=0.0) for side in sides)
+    size = max(np.abs(a).max(initial=0.0) for side in sides for a in (side.u, side.frame_gap))
+    nothing, law = IDLE * scale * size, geometry.interface.law
+    least = max(FELT * force, nothing)
+    presses = [(side.status != OPEN) & (side.normal_force > least) for side in sides]
+    if law.gives or not np.concatenate(presses).all():  # where all press there are none
+        both = zip(geometry.pairs, sides, strict=True)
+        x = [s.x + (s.u if p.control is None else p.control @ s.u) for p, s in both]
+        for k, N in enumerate(geometry.opposite):
+            across = N @ x[1 - k] - x[k]
+            gaps[k] = np.einsum("ni,ni->n", across, sides[k].normal)
+    out, ends = [], np.cumsum([len(side.x) for side in sides])
+    each = zip(sides, gaps, presses, np.split(held, ends[:-1]), strict=True)
+    for side, gap, pressed, pulls in each:
+        closed = (side.status != OPEN) & (pressed | (gap <= FELT * size) | pulls)
+        if not law.opens:
+            closed[:] = True
+        idle = ~closed & (np.linalg.norm(side.force, axis=1) <= nothing)
+        out.append(
+            replace(
+                side,
+                force=np.where(idle[:, None], 0.0, side.force),
+                normal_force=np.where(idle, 0.0, side.normal_force),
+                gap=gap if law.gives else np.where(closed, 0.0, np.maximum(gap, 0.0)),
+                slip=np.where(closed[:, None], side.slip, 0.0),
+                status=np.where(closed, side.status, OPEN),
+            )
+        )
+    return out
+
+
+def nodal_sides(geometry: InterfaceGeometry, sides: Sequence[SideResult]) -> tuple[SideResult, ...]:
+    """The sides with values at nodes, where those of second-order bodies are control values."""
+    found = []
+    for p, side in zip(geometry.pairs, sides, strict=True):
+        if p.control is not None:
+            force = at_nodes(p, side.force)
+            side = replace(
+                side,
+                u=p.control @ side.u,
+                force=force,
+                normal_force=np.einsum("ni,ni->n", force, side.normal),
+                gap=p.control @ side.gap if geometry.rigid else side.gap,
+                frame_gap=p.control @ side.frame_gap,
+                slip=p.control @ side.slip,
+                area=at_nodes(p, side.area),
+            )
+        found.append(side)
+    return tuple(found)
