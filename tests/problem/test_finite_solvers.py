@@ -67,12 +67,15 @@ def test_same_answers(name, monkeypatch, caplog):
 
 
 def test_iterations_do_not_grow(monkeypatch):
-    """Twice as many unknowns take about as many iterations, not many more than one body's 12."""
+    """Four times as many unknowns take about as many iterations to the same residual, 1e-5 of the
+    first solves; one level of a preconditioner would take 1.6 times as many. Those of the last
+    solves, to residuals that Newton's iteration asks for, stay below twice one body's 12."""
     monkeypatch.setattr(nonlinear_parts, "FROM_UNKNOWNS", {3: 0})
-    coarse, fine = (patch("hex", llm.Frictionless(), refine, 3.0) for refine in (3, 4))
-    assert fine.unknowns["u"] > 2.0 * coarse.unknowns["u"]
-    one, other = (max(h["linear"] for h in problem.history) for problem in (coarse, fine))
-    assert other <= 1.2 * one and other < 20
+    coarse, fine = (patch("hex", llm.Frictionless(), refine, 3.0) for refine in (3, 5))
+    assert fine.unknowns["u"] > 4.0 * coarse.unknowns["u"]
+    one, other = (problem.history[0]["linear"] for problem in (coarse, fine))
+    assert other <= 1.25 * one
+    assert max(h["linear"] for h in fine.history) < 24
 
 
 def test_mumps_takes_over(monkeypatch, caplog):
