@@ -121,7 +121,7 @@ def one_mesh(scene, V, a, L, bcs, solver, nodal=(), constraint=None):
     u.x.array[:n] = x
     u.x.scatter_forward()
     if constraint is not None:
-        constraint.backsubstitution(u)
+        constraint.backsubstitution(getattr(u, "vector", u))  # 0.5 wants the vector
     K.destroy()
     unknowns = V.dofmap.index_map.size_global * 3
     row = {**dict.fromkeys(STAGES, 0.0), "bulk assembly": assembled, "unknowns": unknowns}
