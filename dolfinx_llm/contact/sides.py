@@ -90,7 +90,9 @@ def between_bodies(
     held (n,), which may pull.
 
     A node may lie on the frame, which is free there, and the other body be away: what it carries
-    is rounding then, of the surfaces' stiffness ``scale`` times their motion.
+    is rounding then, of the surfaces' stiffness ``scale`` times their motion. Of second order also
+    what dies out from node to node beside contact, as corrected rows of one side balance there:
+    such a node is open where it presses by less than that stiffness makes of the gap.
     """
     gaps = [side.frame_gap for side in sides]
     force = max(np.abs(side.normal_force).max(initial=0.0) for side in sides)
@@ -105,8 +107,10 @@ def between_bodies(
             across = N @ x[1 - k] - x[k]
             gaps[k] = np.einsum("ni,ni->n", across, sides[k].normal)
     out, ends = [], np.cumsum([len(side.x) for side in sides])
-    each = zip(sides, gaps, presses, np.split(held, ends[:-1]), strict=True)
-    for side, gap, pressed, pulls in each:
+    each = zip(geometry.pairs, sides, gaps, presses, np.split(held, ends[:-1]), strict=True)
+    for p, side, gap, pressed, pulls in each:
+        if p.control is not None and not law.gives:
+            pressed = pressed & (side.normal_force > scale * gap)
         closed = (side.status != OPEN) & (pressed | (gap <= FELT * size) | pulls)
         if not law.opens:
             closed[:] = True

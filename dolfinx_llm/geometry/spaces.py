@@ -86,7 +86,7 @@ def displacement_block(W: Any) -> tuple[Any, Array]:
         ContactInputError,
     )
     V, dofs = blocks[found[0]]
-    return V, np.asarray(dofs, dtype=np.int64)
+    return V, np.ravel(np.asarray(dofs, dtype=np.int64))  # 0.11 has one array per block size
 
 
 def is_scalar(V: Any) -> bool:

@@ -11,6 +11,7 @@ from conftest import run_mpi_json
 from dolfinx import fem
 from mpi4py import MPI
 from sampling import longer
+from scipy.interpolate import griddata
 from scipy.spatial.transform import Rotation
 
 import dolfinx_llm as llm
@@ -388,6 +389,13 @@ def test_block_pulled_off_on_one_side(kinds, n):
         assert np.minimum(np.abs(force), np.abs(gap)).max() <= 1e-7
         assert (force > 1e-3).any() and (gap > 1e-3).any()
         assert (side.gap >= 0.0).all()
+    for side, other in (sides, sides[::-1]):  # closed nodes are where the other body is
+        along, (x, there) = slice(0, -1), (side.x + side.u, other.x + other.u)
+        opposite = griddata(there[:, along].squeeze(), there[:, -1], x[:, along].squeeze())
+        apart = (opposite - x[:, -1]) * side.normal[:, -1]
+        known = np.isfinite(apart)
+        assert (np.abs(side.gap - apart)[known] <= 0.02 * motion).all()
+        assert (side.status[known & (apart > 0.02 * motion)] == 0).all()
 
 
 @pytest.mark.parametrize(("elements", "reach", "quads"), [
