@@ -5,7 +5,8 @@ With a force lambda_p that pair p carries, n its normal out of the frame's body,
     force on p: lambda_p n,   force on the frame's node J: -N_pJ lambda_p n,
     gap_p = n·(x_p - sum_J N_pJ y_J) - s_p,   gap >= 0, lambda >= 0, their product 0,
 
-s how far a curved frame stands out beyond its facets: see ``roundness``. At second order gaps and
+s how far a curved frame stands out beyond its facets, and what rows miss of it: see ``roundness``.
+At second order gaps and
 lambda are those of control values, of C gap and C^T lambda at the nodes: see ``sides``.
 
 These forces are the first term of (19), Q: ``force`` of ``terms``. The second one, Phi, has the
@@ -29,7 +30,7 @@ from dolfinx_llm.finite.chart import chart, functions_of
 from dolfinx_llm.finite.design import Design, DesignedRows
 from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.location import OnFrame
-from dolfinx_llm.finite.roundness import roundness
+from dolfinx_llm.finite.roundness import rounded_gap
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place, held_fast, yields
 from dolfinx_llm.laws.rows import OPEN
@@ -49,7 +50,8 @@ class NormalPlace(Place):
     height: Array  # (k, s) n·(y_J - x_p) [length]
     C: csr_matrix  # (k, k) of these nodes
     turned: csr_matrix  # (k gdim, width) derivative of the normals [1 / length]
-    rounded: csr_matrix  # (k, width) derivative of what the frame stands out beyond its facets
+    curved: Array  # (k,) part of the gap that the frame itself tells, not rows
+    by_frame: csr_matrix  # (k, width) its derivative
     coordinates: Array  # (k, (s + 1) gdim) numbers of the coordinates of p and of all J
 
     def spread(self, force: Array) -> csr_matrix:
@@ -167,11 +169,12 @@ class NormalContact(MovingContact):
         pick = summing(on, n)
         gap, normal = np.full(n, np.inf), np.zeros((n, gdim))
         of_frame = y, sides.cells(False), meeting.normals, sides.rounded
-        s, rounded = roundness(at, d, *of_frame, (columns[1], sides.width))
+        by_rows = -np.einsum("ns,ns->n", rows.N, height)
+        numbers = (*columns, sides.width)
+        to_frame, curved, by_frame = rounded_gap(at, d, *of_frame, numbers, by_rows)
         C, whole = sides.control[0][on][:, on], np.diff(sides.control[0].indptr)[on]
         there = np.diff(C.indptr) == whole  # and all that its gap is made of
-        gaps = C @ (-np.einsum("ns,ns->n", rows.N, height) - s)
-        gap[on], normal[on] = np.where(there, gaps, np.inf), at.normal
+        gap[on], normal[on] = np.where(there, C @ to_frame, np.inf), at.normal
         return NormalPlace(
             z=z,
             gap=gap,
@@ -186,7 +189,8 @@ class NormalContact(MovingContact):
             entries=(by_place, by_mu),
             height=height,
             turned=d.normal,
-            rounded=rounded,
+            curved=curved,
+            by_frame=by_frame,
             coordinates=np.concatenate(
                 [columns[0], coordinates(rows.nodes, gdim, columns[1])], axis=1
             ),
@@ -209,8 +213,10 @@ class NormalContact(MovingContact):
         (by_place, by_mu), (df, dfy), f = place.entries, place.by_z, place.areas[0]
         k, s = rows.nodes.shape
         gdim, width, force = self.sides.gdim, self.sides.width, q[:n]
-        A, gap_z, gap_mu = (place.C @ by for by in place.distance)  # A: the force row
-        gap_z = gap_z - place.C @ place.rounded
+        by_rows, part = place.distance, diagonal(1.0 - place.curved)
+        A = place.C @ by_rows[0]  # the force row
+        gap_z = place.C @ (part @ by_rows[1] + place.by_frame)
+        gap_mu = place.C @ part @ by_rows[2]
         # Forces, and how they change.
         borne = np.where(active[on], force[on], 0.0)
         lam = place.C.T @ borne  # at the nodes

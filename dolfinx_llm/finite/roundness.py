@@ -1,4 +1,4 @@
-"""How far a curved frame stands out beyond its facets, by its nodal normals.
+"""Gaps to a curved frame, which stands out beyond its facets: by its nodal normals.
 
 With y(xi) = sum_J N_J y_J on a facet, and n_J the averaged normals of its nodes,
 
@@ -8,6 +8,14 @@ half of what planes across n_J through the nodes stand out in the mean, exact wh
 quadratic, and 0 on flat facets. Its slope is -n·y' but for what curvature varies: forces along n do
 as good as no work where a node slides along the frame. Nodes count about which the frame is drawn
 curved: what is drawn flat bends at rims of contact most, where it is not smooth.
+
+Designed rows pass forces, and move with the frame; where they say a node is they miss the frame by
+as much as s, since they reproduce planes alone. So where nodes count a gap is that to the frame
+itself, on which N_0 places the node:
+
+    gap = n·(x - sum_J N_J y_J) + w n·sum_J (N - N_0)_J y_J - s,
+
+w the sum of N_0J over the nodes J that count.
 """
 
 from __future__ import annotations
@@ -16,12 +24,51 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import per_item
+from dolfinx_llm.base.sparse import diagonal, per_item
 from dolfinx_llm.finite.jacobians import NodalNormals, coordinates, jacobian
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
 
 
-def roundness(
+def rounded_gap(
+    at: OnFrame,
+    d: LocationDerivatives,
+    y: Array,
+    facets: Array,
+    normals: NodalNormals,
+    rounded: Array,
+    columns: tuple[Array, int, int],
+    by_rows: Array,
+) -> tuple[Array, Array, csr_matrix]:
+    """(n,) gaps at places on a frame [length], (n,) w, and (n, width) their derivative by all
+    coordinates but for 1 - w times that of what rows say.
+
+    Args:
+        at, d: the places, and how they change.
+        y: (m, gdim) the frame's nodes [length].
+        facets: (f, k) its facets.
+        normals: of its nodes.
+        rounded: (m,) nodes that count.
+        columns: numbers (n, gdim) of the nodes' coordinates, of the frame's first, and of all.
+        by_rows: (n,) n·(x - sum_J N_J y_J) with the designed rows [length].
+    """
+    cells, (of_x, first, width) = facets[at.facet], columns
+    (n, k), gdim, weight = at.N.shape, y.shape[1], rounded[facets[at.facet]]
+    w, s, s_z = (
+        np.einsum("nk,nk->n", at.N, weight),
+        *_roundness(at, d, y, facets, normals, rounded, (first, width)),
+    )
+    slope = -np.einsum("ni,nkd,nki->nd", at.normal, at.dN, y[cells])
+    on_y = (-at.N[:, :, None] * at.normal[:, None]).reshape(n, 1, k * gdim)
+    moved = jacobian(at.normal[:, None], of_x, width)
+    moved = moved + jacobian(on_y, coordinates(cells, gdim, first), width)
+    to_frame = moved + per_item(slope[:, None]) @ d.xi
+    fades = per_item(np.einsum("nkd,nk->nd", at.dN, weight)[:, None]) @ d.xi
+    apart = at.gap - by_rows
+    derivative = diagonal(w) @ to_frame + diagonal(apart) @ fades - s_z
+    return by_rows + w * apart - s, w, derivative
+
+
+def _roundness(
     at: OnFrame,
     d: LocationDerivatives,
     y: Array,
@@ -30,16 +77,7 @@ def roundness(
     rounded: Array,
     columns: tuple[int, int],
 ) -> tuple[Array, csr_matrix]:
-    """(n,) s at places on a frame [length], and its derivative (n, width) by all coordinates.
-
-    Args:
-        at, d: the places, and how they change.
-        y: (m, gdim) the frame's nodes [length].
-        facets: (f, k) its facets.
-        normals: of its nodes.
-        rounded: (m,) nodes that count.
-        columns: number of the frame's first coordinate, and of all.
-    """
+    """(n,) s, and its derivative (n, width)."""
     cells, (first, width) = facets[at.facet], columns
     (n, k), gdim = at.N.shape, y.shape[1]
     nn = normals.n[cells] * rounded[cells][:, :, None]
