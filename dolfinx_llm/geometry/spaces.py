@@ -48,9 +48,16 @@ def check_space(V: Any, highest: int = 1, scalar: bool = False) -> None:
         f"{' or '.join(map(str, nodes[:highest]))} nodes per cell, {gdim} components"
         f"{', or 1 of a temperature' * scalar}); this one "
         f"has {layout.num_dofs} nodes per cell and {bs} component(s). Use "
-        f"functionspace(mesh, ('Lagrange', 1, ({gdim},)))",
+        f"functionspace(mesh, ('Lagrange', 1, ({gdim},))){', or 2 for 1' * (highest > 1)}"
+        f"{_SECOND_AT_MOST * (highest > 1 and layout.num_dofs > nodes[0])}",
         ContactInputError,
     )
+
+
+_SECOND_AT_MOST = (
+    ": interfaces keep second order at most, which would be all that is left of a higher one, and "
+    "corners of 8-node facets pull where a pressure acts"
+)
 
 
 def _has_nodes(V: Any, nodes: tuple[int, ...], components: tuple[int, ...]) -> bool:
