@@ -104,7 +104,10 @@ def side_motions(form: Transformation, frame: csr_matrix, sides: tuple[Array, Ar
 
 
 def _galerkin(A: Any, P: Any) -> Any:
-    """Pᵀ A P, in half the time of PETSc's own product of the three."""
+    """Pᵀ A P; on one rank in half the time of PETSc's own product of the three, which on several
+    is the quicker one."""
+    if A.comm.size > 1:
+        return A.ptap(P)
     product, turned = A.matMult(P), P.transpose(PETSc.Mat())
     found = turned.matMult(product)
     product.destroy()
