@@ -57,8 +57,9 @@ class Surface:
 
     def part(self, facets: Array) -> Surface:
         """Some of the facets (numbers), and their nodes, in the same order."""
-        nodes, cells = np.unique(self.cells[facets], return_inverse=True)
-        cells = cells.reshape(len(facets), -1)
+        chosen = self.cells[facets]
+        nodes, cells = np.unique(chosen, return_inverse=True)
+        cells = cells.reshape(chosen.shape)  # of no facets as well
         drawn = None if self.drawn is None else self.drawn[nodes]
         return replace(
             self,
