@@ -20,8 +20,8 @@ ALONE = 4  # closings for which one counts where hardly any other pair changes
 FEW = 0.02  # of the pairs: where no more change, those that close do so for reasons of their own
 HEAVIEST = 0.5  # of the largest friction of open pairs: those above lose their ties together
 TOUCHES = 1e-2  # of the interface's largest force: pairs touch that less than that would close
-UNTIED = 5e-2  # the same of pairs that ``ties`` left out, for which those next to them bear it, and
-# friction of open pairs that have ties
+UNTIED = 5e-2  # the same of pairs that ``ties`` left out, for which those next to them bear it
+BORNE = 2e-2  # of the normal force, friction of open pairs that keep their ties
 
 
 def lost(s: InterfaceState, multiplier: Array) -> float:
@@ -112,7 +112,7 @@ def _part(s: InterfaceState, multiplier: Array, gaps: Array, felt: float) -> boo
     bears = np.where(open_, np.linalg.norm(multiplier[rows[:, :-1]], axis=1), 0.0)
     s.grazes = float(bears.sum() / max(pressed, felt)) if bears.sum() > felt else 0.0
     bears[gaps[rows[:, -1]] <= TOUCHES * np.abs(multiplier[rows]).max()] = 0.0
-    if bears.sum() <= max(felt, _allowed(s) * pressed):
+    if bears.sum() <= max(felt, min(BORNE, _allowed(s)) * pressed):
         return False
     gone = bears >= HEAVIEST * bears.max()
     s.own.closings[gone] = GONE
