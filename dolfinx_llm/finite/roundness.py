@@ -10,8 +10,9 @@ as good as no work where a node slides along the frame. Nodes count about which 
 curved: what is drawn flat bends at rims of contact most, where it is not smooth.
 
 Designed rows pass forces, and move with the frame; where they say a node is they miss the frame by
-as much as s, since they reproduce planes alone. So where nodes count a gap is that to the frame
-itself, on which N_0 places the node:
+as much as s, since they reproduce planes alone. So in the plane, where nodes count, a gap is that
+to the frame itself, on which N_0 places the node (in space w = 0: there forces on a coarse die that
+is drawn along rippled by 0.43 in the place of 0.1 %):
 
     gap = n·(x - sum_J N_J y_J) + w n·sum_J (N - N_0)_J y_J - s,
 
@@ -52,7 +53,8 @@ def rounded_gap(
         by_rows: (n,) n·(x - sum_J N_J y_J) with the designed rows [length].
     """
     cells, (of_x, first, width) = facets[at.facet], columns
-    (n, k), gdim, weight = at.N.shape, y.shape[1], rounded[facets[at.facet]]
+    (n, k), gdim = at.N.shape, y.shape[1]
+    weight = rounded[cells] if gdim == 2 else np.zeros((n, k))
     w, s, s_z = (
         np.einsum("nk,nk->n", at.N, weight),
         *_roundness(at, d, y, facets, normals, rounded, (first, width)),
