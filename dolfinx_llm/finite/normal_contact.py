@@ -6,8 +6,8 @@ With a force lambda_p that pair p carries, n its normal out of the frame's body,
     gap_p = n·(x_p - sum_J N_pJ y_J) - s_p,   gap >= 0, lambda >= 0, their product 0,
 
 s how far a curved frame stands out beyond its facets, and what rows miss of it: see ``roundness``.
-At second order gaps and
-lambda are those of control values, of C gap and C^T lambda at the nodes: see ``sides``.
+At second order gaps and lambda are those of control values, of C gap and C^T lambda at the nodes:
+see ``sides``.
 
 These forces are the first term of (19), Q: ``force`` of ``terms``. The second one, Phi, has the
 derivatives of base and interpolation times lambda·(x - sum N y). Rows keep t·(x - sum N y) = 0:

@@ -53,44 +53,28 @@ def rounded_gap(
         by_rows: (n,) n·(x - sum_J N_J y_J) with the designed rows [length].
     """
     cells, (of_x, first, width) = facets[at.facet], columns
-    (n, k), gdim = at.N.shape, y.shape[1]
-    weight = rounded[cells] if gdim == 2 else np.zeros((n, k))
-    w, s, s_z = (
-        np.einsum("nk,nk->n", at.N, weight),
-        *_roundness(at, d, y, facets, normals, rounded, (first, width)),
-    )
-    slope = -np.einsum("ni,nkd,nki->nd", at.normal, at.dN, y[cells])
-    on_y = (-at.N[:, :, None] * at.normal[:, None]).reshape(n, 1, k * gdim)
-    moved = jacobian(at.normal[:, None], of_x, width)
-    moved = moved + jacobian(on_y, coordinates(cells, gdim, first), width)
-    to_frame = moved + per_item(slope[:, None]) @ d.xi
-    fades = per_item(np.einsum("nkd,nk->nd", at.dN, weight)[:, None]) @ d.xi
-    apart = at.gap - by_rows
-    derivative = diagonal(w) @ to_frame + diagonal(apart) @ fades - s_z
-    return by_rows + w * apart - s, w, derivative
-
-
-def _roundness(
-    at: OnFrame,
-    d: LocationDerivatives,
-    y: Array,
-    facets: Array,
-    normals: NodalNormals,
-    rounded: Array,
-    columns: tuple[int, int],
-) -> tuple[Array, csr_matrix]:
-    """(n,) s, and its derivative (n, width)."""
-    cells, (first, width) = facets[at.facet], columns
-    (n, k), gdim = at.N.shape, y.shape[1]
-    nn = normals.n[cells] * rounded[cells][:, :, None]
+    (n, k), gdim, count = at.N.shape, y.shape[1], rounded[cells]
+    on_frame = coordinates(cells, gdim, first)
+    # How far the frame stands out.
+    nn = normals.n[cells] * count[:, :, None]
     arm = y[cells] - np.einsum("nk,nki->ni", at.N, y[cells])[:, None]
     stands = np.einsum("nki,nki->nk", nn, arm)
     mean = np.einsum("nk,nki->ni", at.N, nn)
     slope = np.einsum("nkd,nk->nd", at.dN, stands)
     slope -= np.einsum("ni,nkd,nki->nd", mean, at.dN, y[cells])
-    by_n = (at.N * rounded[cells])[:, :, None] * arm
+    by_n = (at.N * count)[:, :, None] * arm
     by_y = at.N[:, :, None] * (nn - mean[:, None])
     turned = jacobian(by_n.reshape(n, 1, k * gdim), coordinates(cells, gdim), y.size)
-    moved = jacobian(by_y.reshape(n, 1, k * gdim), coordinates(cells, gdim, first), width)
-    found = turned @ normals.derivative + moved + per_item(slope[:, None]) @ d.xi
-    return 0.5 * np.einsum("nk,nk->n", at.N, stands), 0.5 * found
+    moved = jacobian(by_y.reshape(n, 1, k * gdim), on_frame, width)
+    s_z = 0.5 * (turned @ normals.derivative + moved + per_item(slope[:, None]) @ d.xi)
+    gap = by_rows - 0.5 * np.einsum("nk,nk->n", at.N, stands)
+    if gdim > 2 or not count.any():
+        return gap, np.zeros(n), -s_z
+    # What rows miss of it.
+    w, apart = np.einsum("nk,nk->n", at.N, count), at.gap - by_rows
+    slope = -np.einsum("ni,nkd,nki->nd", at.normal, at.dN, y[cells])
+    by_y = -at.N[:, :, None] * at.normal[:, None]
+    moved = jacobian(by_y.reshape(n, 1, k * gdim), on_frame, width)
+    to_frame = jacobian(at.normal[:, None], of_x, width) + moved + per_item(slope[:, None]) @ d.xi
+    fades = per_item(np.einsum("nkd,nk->nd", at.dN, count)[:, None]) @ d.xi
+    return gap + w * apart, w, diagonal(w) @ to_frame + diagonal(apart) @ fades - s_z

@@ -14,6 +14,10 @@ from dolfinx_llm.base.parallel import check
 
 # Kinds of cells, and their nodes at first and second order.
 CELLS = {"triangle": (3, 6), "quadrilateral": (4, 9), "tetrahedron": (4, 10), "hexahedron": (8, 27)}
+SECOND_AT_MOST = (
+    ": interfaces keep second order at most, which would be all that is left of a higher one, and "
+    "corners of 8-node facets pull where a pressure acts"
+)
 
 
 def check_space(V: Any, highest: int = 1, scalar: bool = False) -> None:
@@ -49,15 +53,9 @@ def check_space(V: Any, highest: int = 1, scalar: bool = False) -> None:
         f"{', or 1 of a temperature' * scalar}); this one "
         f"has {layout.num_dofs} nodes per cell and {bs} component(s). Use "
         f"functionspace(mesh, ('Lagrange', 1, ({gdim},))){', or 2 for 1' * (highest > 1)}"
-        f"{_SECOND_AT_MOST * (highest > 1 and layout.num_dofs > nodes[0])}",
+        f"{SECOND_AT_MOST * (highest > 1 and layout.num_dofs > nodes[0])}",
         ContactInputError,
     )
-
-
-_SECOND_AT_MOST = (
-    ": interfaces keep second order at most, which would be all that is left of a higher one, and "
-    "corners of 8-node facets pull where a pressure acts"
-)
 
 
 def _has_nodes(V: Any, nodes: tuple[int, ...], components: tuple[int, ...]) -> bool:
@@ -93,7 +91,7 @@ def displacement_block(W: Any) -> tuple[Any, Array]:
         ContactInputError,
     )
     V, dofs = blocks[found[0]]
-    return V, np.ravel(np.asarray(dofs, dtype=np.int64))  # 0.11 has one array per block size
+    return V, np.ravel(np.asarray(dofs, dtype=np.int64))  # or a list of such arrays
 
 
 def is_scalar(V: Any) -> bool:
