@@ -13,8 +13,8 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import per_item
-from dolfinx_llm.geometry.cells import areas_around
+from dolfinx_llm.base.sparse import per_component, per_item
+from dolfinx_llm.geometry.cells import vector_areas
 
 QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # turns by 90 degrees
 
@@ -81,7 +81,9 @@ def area_derivatives(x: Array, facets: Array) -> Array:
     return 0.5 * np.moveaxis(cross_matrix(across), 1, 2).reshape(f, 3, 3 * k)
 
 
-def nodal_normals(x: Array, facets: Array, first: int, width: int) -> NodalNormals:
+def nodal_normals(
+    x: Array, facets: Array, first: int, width: int, weights: csr_matrix | None = None
+) -> NodalNormals:
     """Normals of the nodes, along ``areas_around``, with their derivatives.
 
     Args:
@@ -89,14 +91,15 @@ def nodal_normals(x: Array, facets: Array, first: int, width: int) -> NodalNorma
         facets: (f, k) nodes of each facet; vector areas point out of the body.
         first: number of the first of the nodes' coordinates.
         width: number of all coordinates.
+        weights: (m, f) of the facets' vector areas in each node's normal; None: those around it.
     """
     (m, gdim), (f, k) = x.shape, facets.shape
-    total = areas_around(x, facets)
+    if weights is None:
+        ones, nodes = np.ones(f * k), np.repeat(np.arange(f), k)
+        weights = csr_matrix((ones, (facets.ravel(), nodes)), (m, f))
+    total = weights @ vector_areas(x, facets)
     size = np.linalg.norm(total, axis=1)
     n = total / size[:, None]
     areas = jacobian(area_derivatives(x, facets), coordinates(facets, gdim, first), width)
-    rows = coordinates(facets, gdim).reshape(f, k, gdim)
-    cols = np.broadcast_to(coordinates(np.arange(f)[:, None], gdim)[:, None], rows.shape)
-    gather = csr_matrix((np.ones(rows.size), (rows.ravel(), cols.ravel())), (m * gdim, f * gdim))
     project = (np.eye(gdim) - n[:, :, None] * n[:, None, :]) / size[:, None, None]
-    return NodalNormals(n, per_item(project) @ (gather @ areas))
+    return NodalNormals(n, per_item(project) @ (per_component(weights, gdim) @ areas))

@@ -30,6 +30,7 @@ AROUND = 1.5  # radii of the largest facet, within which all are tried for the r
 MET = 1e-10  # distance over facet size that is left where a node has met a facet
 INSIDE = 1e-9  # shape functions above minus this: within a facet
 MISSED = 1e3  # reference coordinates of what does not meet a facet
+FOCUS = 1e-9  # of a facet's size to the power of d: what is left where normals run together
 VAGUE = 0.1  # length of the mean of unit normals below which a facet's nodes tell no direction
 OPPOSITE = 1.4  # the same of n_J - n_p, where normals differ by 90 degrees
 BEHIND_IT = 0.5  # of a facet: what lies deeper behind one does not meet it, if it meets another
@@ -164,10 +165,11 @@ def _meet(x: Array, y: Array, n: Array, vague: float) -> tuple[Array, Array, Arr
             at = at[going & (np.abs(xi[at]).max(axis=1) < MISSED)]
             if not len(at):
                 break
-        N, _ = shape_functions(k, xi)
-        rest = x - _sums(N, y + height[:, None, None] * n)
+        N, dN = shape_functions(k, xi)
+        raised = y + height[:, None, None] * n
         size = np.linalg.norm(y - y.mean(axis=1)[:, None], axis=2).max(axis=1)
-        met = np.linalg.norm(rest, axis=1) < MET * size
+        met = np.linalg.norm(x - _sums(N, raised), axis=1) < MET * size
+        met &= np.abs(np.linalg.det(_tangent(raised, n, N, dN))) > FOCUS * size**d
         met &= np.linalg.norm(_sums(N, n), axis=1) > vague
     xi[~met], height[~met] = 0.0, 0.0
     return xi, height, met

@@ -48,7 +48,7 @@ class SelfSides(Sides):
     def of_one(cls, surface: Surface) -> SelfSides:
         """Of a surface as drawn."""
         sides = Sides.of((surface, surface))
-        return cls(sides.surfaces, 0, sides.chains, sides.rounded)
+        return cls(sides.surfaces, 0, sides.chains, sides.rounded, sides.around)
 
     def candidates(self, z: Array) -> Array:
         """(f,) facets that move, face the frame and lie near; held during a step."""
@@ -72,7 +72,7 @@ class SelfSides(Sides):
 
     def own_normals(self, x: Array) -> NodalNormals:
         """See ``Sides``."""
-        return nodal_normals(x, self.skin(True), self.first[0], self.width)
+        return nodal_normals(x, self.skin(True), self.first[0], self.width, self.around)
 
     @property
     def farthest_behind(self) -> float:

@@ -32,7 +32,8 @@ from dolfinx_llm.finite.location import (
     find_on_frame,
     location_derivatives,
 )
-from dolfinx_llm.geometry.cells import areas_around, cell_sizes, unit, unit_normals, vector_areas
+from dolfinx_llm.finite.roundness import drawn_curved
+from dolfinx_llm.geometry.cells import areas_around, cell_sizes, unit, vector_areas
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface
@@ -41,7 +42,6 @@ Item = TypeVar("Item")
 
 AS_COARSE = 1e-6  # difference of mean facet sizes that is none
 PER_NODE = {2: 1.0, 3: np.sqrt(2.0), 4: 1.0}  # distance of nodes over the size of facets
-CURVES, SHARP = 1e-3, np.pi / 6  # angles of facets with the mean about a node, where it is curved
 WITHIN = 1.0  # gap over the frame's facet up to which facets can touch in a step
 
 
@@ -63,6 +63,7 @@ class Sides:
     frame: int  # which of them carries the frame
     chains: Chains | None  # of the frame's facets, in the plane
     rounded: Array  # (m,) the frame's nodes about which it is drawn curved, not at an edge
+    around: csr_matrix | None  # (m, f) weights of its facets in nodal normals; None: those around
     within: float = WITHIN
     _met: list[Any] = field(init=False, default_factory=list, repr=False)  # the last of ``meet``
 
@@ -83,10 +84,10 @@ class Sides:
             frame = int(normals[1] > normals[0])
         flat = surfaces[0].x.shape[1] == 2
         chains = Chains.of(surfaces[frame].facets) if flat else None
-        rounded = np.zeros(len(surfaces[frame].x), dtype=bool)  # second order: nothing stands out
-        if surfaces[frame].element.order == 1:
-            rounded = _rounded(surfaces[frame].x, surfaces[frame].facets)
-        return cls((surfaces[0], surfaces[1]), frame, chains, rounded)
+        rounded, around = np.zeros(len(surfaces[frame].x), dtype=bool), None
+        if surfaces[frame].element.order == 1:  # at second order nothing stands out
+            around, rounded = drawn_curved(surfaces[frame].x, surfaces[frame].facets)
+        return cls((surfaces[0], surfaces[1]), frame, chains, rounded, around)
 
     @property
     def moving(self) -> int:
@@ -178,7 +179,7 @@ class Sides:
     def _meet(self, z: Array, candidates: Array) -> Meeting:
         x, y = self.split(z)
         frame = self.cells(False)
-        normals = nodal_normals(y, self.skin(False), self.first[1], self.width)
+        normals = nodal_normals(y, self.skin(False), self.first[1], self.width, self.around)
         own = self.own_normals(x)
         at = self.found(x, y, normals.n, None if own is None else own.n, candidates)
         d = location_derivatives(at, y, frame, normals, self.columns, self.width, own)
@@ -250,11 +251,3 @@ class Sides:
     def skin(self, moving: bool) -> Array:
         """(s, c) first-order facets between all nodes of a side, by which normals are averaged."""
         return self.surfaces[self.moving if moving else self.frame].skin
-
-
-def _rounded(x: Array, facets: Array) -> Array:
-    """(n,) nodes about which a surface with facets (f, k) is curved, and has no edge."""
-    mean, normal = unit(areas_around(x, facets)), unit_normals(x, facets)
-    angle, most = np.linalg.norm(mean[facets] - normal[:, None], axis=2), np.zeros(len(x))
-    np.maximum.at(most, facets, angle)
-    return (most > CURVES) & (most < SHARP)

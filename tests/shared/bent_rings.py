@@ -41,9 +41,9 @@ def ring(n, low, high, first, order=2, tag=1):
     return domain, tags
 
 
-def shell(h, low, high, tag=1):
-    """A curved mesh of tetrahedra of size h of a quarter of a tube; its inner surface has the tag
-    given, the outer one the next, all others 9."""
+def shell(h, low, high, tag=1, order=2):
+    """A mesh, at second order a curved one, of tetrahedra of size h of a quarter of a tube; its
+    inner surface has the tag given, the outer one the next, all others 9."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     occ, model = gmsh.model.occ, gmsh.model
@@ -60,14 +60,14 @@ def shell(h, low, high, tag=1):
     for name in ("Min", "Max"):
         gmsh.option.setNumber(f"Mesh.MeshSize{name}", h)
     model.mesh.generate(3)
-    model.mesh.setOrder(2)
+    model.mesh.setOrder(order)
     domain, _, tags = compat.model_to_mesh(model, COMM, 0, gdim=3)
     gmsh.finalize()
     return domain, tags
 
 
-def bricks(h, low, high, tag=1):
-    """The same of hexahedra, in regular layers."""
+def bricks(h, low, high, tag=1, order=2, gdim=3):
+    """The same of hexahedra, in regular layers; or of quadrilaterals, of a quarter of a ring."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     geo, make = gmsh.model.geo, gmsh.model.mesh
@@ -81,16 +81,19 @@ def bricks(h, low, high, tag=1):
         geo.mesh.setTransfiniteCurve(line, n[1 - k % 2] + 1)
     geo.mesh.setTransfiniteSurface(face)
     geo.mesh.setRecombine(2, face)
-    made = geo.extrude([(2, face)], 0, 0, 1, numElements=[n[2]], recombine=True)
+    body, around, ends = face, lines, []
+    if gdim == 3:
+        made = geo.extrude([(2, face)], 0, 0, 1, numElements=[n[2]], recombine=True)
+        top, body, *around = [tag for _, tag in made]
+        ends = [face, top]
     geo.synchronize()
-    top, body, *around = [tag for _, tag in made]
     for k, faces in enumerate(([around[3]], [around[1]]), tag):
-        gmsh.model.addPhysicalGroup(2, faces, k)
-    gmsh.model.addPhysicalGroup(2, [face, top, around[0], around[2]], so.LATERAL)
-    gmsh.model.addPhysicalGroup(3, [body], 3)
-    make.generate(3)
-    make.setOrder(2)
-    domain, _, tags = compat.model_to_mesh(gmsh.model, COMM, 0, gdim=3)
+        gmsh.model.addPhysicalGroup(gdim - 1, faces, k)
+    gmsh.model.addPhysicalGroup(gdim - 1, [*ends, around[0], around[2]], so.LATERAL)
+    gmsh.model.addPhysicalGroup(gdim, [body], 3)
+    make.generate(gdim)
+    make.setOrder(order)
+    domain, _, tags = compat.model_to_mesh(gmsh.model, COMM, 0, gdim=gdim)
     gmsh.finalize()
     return domain, tags
 
