@@ -42,7 +42,7 @@ class FrictionNodes:
     rows: Array  # (n, c) its multiplier rows
     v: Array  # (m d,) its frame unknowns
     kappa: Array  # (k, q) its jump unknowns
-    kept: Array  # (n c,) rows that are not redundant
+    operators: ContactOperators  # of all interfaces
     yields: Array  # (n,) pairs that supports leave free to move tangentially
     L: csr_matrix  # (n c, m d)
     L_kappa: csr_matrix  # (n c, k q)
@@ -67,6 +67,12 @@ class FrictionNodes:
     def N(self) -> tuple[csr_matrix, ...]:
         """Per side (n_i, k) shape functions of the pairs."""
         return self.geometry.law_shapes
+
+    @property
+    def kept(self) -> Array:
+        """(n c,) rows that are not left out."""
+        rows, operators = self.rows.ravel(), self.operators
+        return ~(operators.redundant[rows] | operators.idle[rows])
 
     @cached_property
     def nearest(self) -> Array:
@@ -167,7 +173,7 @@ def _friction_nodes(
         rows=rows.reshape(n, c),
         v=np.arange(place.frame.start, place.frame.stop),
         kappa=jumps.reshape(-1, max(q, 1)),
-        kept=~operators.redundant[place.rows],
+        operators=operators,
         yields=~operators.soft[place.rows].reshape(n, c)[:, :-1].all(axis=1),
         L=L,
         L_kappa=L_kappa,

@@ -87,6 +87,12 @@ class Friction(MovingContact):
         """(k, width) derivatives of the areas of nodes (k,) [area / length]."""
         raise NotImplementedError
 
+    def supported(self, place: Any, closed: Array, way: csr_matrix, free: Array) -> Array:
+        """(k, gdim) components of the slip of pairs ``closed`` (k,), of which ``way`` (k gdim,
+        width) is the derivative, that supports prescribe on both sides."""
+        moves = np.asarray(way.multiply(way) @ free.astype(float))
+        return moves.reshape(-1, self.sides.gdim) < FAST**2
+
     def touching(
         self, place: Any, q: Array, before: Array, held: Held, reach: Array
     ) -> tuple[Array, Held]:
@@ -172,10 +178,10 @@ class Friction(MovingContact):
             then = held.about[1]
             tau, bound = (values[closed] for values in self._forces(place, then))
             about = sigma + (way @ held.about[0]).reshape(sigma.shape)
-        moves = np.asarray(way.multiply(way) @ free.astype(float)).reshape(-1, gdim)
+        supported = self.supported(place, closed, way, free)
         stick = status[closed] == STICK
         axes = np.broadcast_to(np.eye(gdim), (len(closed), gdim, gdim))
-        supports = moves < FAST**2, yields(axes, self.sides.split(free)[0][closed], held)
+        supports = supported, yields(axes, self.sides.split(free)[0][closed], held)
         law = friction_rows(normal, tau, about, bound, held.scale, stick, *supports, held.exact)
         law = law.moved(here[0] - tau, sigma - about, here[1] - bound)
         pressed = (then[closed] > 0.0).astype(float)

@@ -32,6 +32,7 @@ from dolfinx_llm.finite.terms import ContactTerms, Held, Origin
 from dolfinx_llm.laws.rows import OPEN
 
 CONTINUED = 1e-2  # gap over facet size to the frame's continuation that is none
+HARDLY = 1e-2  # shape function of a node below which a place is not on it
 COMES_IN = 3.0  # facets beyond the rim from where nodes may come in within an increment
 _I, _J, _K = np.indices((3, 3, 3))
 ALTERNATING = {  # a x b, a number in the plane
@@ -116,6 +117,16 @@ class FrictionContact(Friction, NormalContact):
         x, y = self.sides.split(place.z)
         way = self.sides.control[0] @ x - origin.points @ y
         return way, self.sides.jumps(origin.points)
+
+    def supported(self, place: NormalPlace, closed: Array, way: csr_matrix, free: Array) -> Array:
+        """Also those at supports of both sides: rows reach to nodes beside these, from where they
+        tell next to nothing of what of the force is friction and what the supports'."""
+        on_x, on_y = self.sides.split(free)
+        at, C = place.at, self.sides.control[0]
+        cells = self.sides.cells(False)[at.facet]
+        loose = ((np.abs(at.N) > HARDLY)[:, :, None] & on_y[cells]).any(axis=1) | on_x
+        both = (abs(C)[closed] @ loose.astype(float)) == 0.0
+        return both | super().supported(place, closed, way, free)
 
     def turned(self, place: NormalPlace, nodes: Array) -> csr_matrix:
         among = np.searchsorted(place.on, nodes)

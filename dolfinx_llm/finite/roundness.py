@@ -31,7 +31,7 @@ from dolfinx_llm.geometry.cells import unit, vector_areas
 from dolfinx_llm.geometry.overlap_flat import outline_edges
 
 CURVES, SHARP = 1e-3, np.pi / 6  # angles of facets with the mean about a node, where it is curved
-UNTOLD = 1e-6  # of the largest share in a fit: directions that it tells no slope along
+HARDLY_TOLD = 1e-6  # of the largest share in a fit: directions that it tells no slope along
 
 
 def rounded_gap(
@@ -137,6 +137,6 @@ def _continued(
     p = np.column_stack([np.ones(len(s)), s / size[at][:, None]])
     fit = np.zeros((len(rim), p.shape[1], p.shape[1]))
     np.add.at(fit, at, p[:, :, None] * p[:, None, :])
-    value = np.linalg.pinv(fit, rcond=UNTOLD, hermitian=True)[:, 0]
+    value = np.linalg.pinv(fit, rcond=HARDLY_TOLD, hermitian=True)[:, 0]
     near.data = np.einsum("ei,ei->e", value[at], p) / np.linalg.norm(area, axis=1)[near.indices]
     return near

@@ -11,6 +11,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import symmetric_factors
 
 REPEATED = 1e-6  # part of base vectors at free dofs that counts as none
+NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
 RANK = 1e-8  # of the largest: singular values below are none
 INCOMING = 64  # rows that come in together
 DAMPED = 1e-14  # added to squares of singular values, of the largest column's

@@ -19,6 +19,7 @@ from dolfinx_llm.interface.control import control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.operators.assemble import assemble_B, assemble_L_b, frame_operator
 from dolfinx_llm.operators.bodies import Bodies
+from dolfinx_llm.operators.both_sides import held_on_both_sides
 from dolfinx_llm.operators.floating import Floating
 from dolfinx_llm.operators.motions import rigid_motions
 from dolfinx_llm.operators.numbering import (
@@ -30,7 +31,7 @@ from dolfinx_llm.operators.numbering import (
     slip_numbering,
 )
 from dolfinx_llm.operators.petsc import diagonal_of
-from dolfinx_llm.operators.prescribed import free_parts, in_loops, repeated
+from dolfinx_llm.operators.prescribed import NEARLY_FIXED, free_parts, in_loops, repeated
 from dolfinx_llm.operators.stiffness import side_stiffness, surface_stiffness
 from dolfinx_llm.operators.support import NAMED, floating_motions, movers
 
@@ -39,7 +40,6 @@ CONTRADICTED = (
     "meet: rows there follow from others, and gaps could contradict them"
 )
 FLUSH = 64.0 * float(np.finfo(float).eps)  # of positions, that rounding makes of no gap
-NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
 
 
 class ContactOperators:
@@ -63,6 +63,7 @@ class ContactOperators:
         held: (n,) rows at dofs that are prescribed.
         free: (n, gdim) base vectors at dofs that are not.
         interfaces_at: (n,) to how many interfaces, and pieces of one, each row's node belongs.
+        idle: (n,) rows where supports hold both sides, left out too as of the last ``gap``.
         redundant: (n,) rows of ties that follow from others, at prescribed dofs and where several
             interfaces meet; they are left out of what is solved.
         bodies: connected bodies and their rigid motions.
@@ -141,6 +142,8 @@ class ContactOperators:
         if not self.tied:
             rest = np.flatnonzero(shared & ~self.redundant & ~self.soft)
             self.loops[rest] = in_loops(self._said(rest)) & ~ties[rest]
+        self.idle, of = np.zeros_like(self.held), (self.dofs, self.side_dofs, self.soft)
+        self._both = held_on_both_sides(self.geometries, self.places, *of)
 
     def _said(self, rows: Array) -> csr_matrix:
         """What some rows (k,) say of frames and of free dofs."""
@@ -219,6 +222,9 @@ class ContactOperators:
         if in_rows(self.pairs, given_gaps(self.geometries))[self.redundant].any():
             raise ContactInputError(CONTRADICTED)
         mine = self.rows.numbering.mine
+        for both in self._both:
+            given = np.where(self.dofs.fixed, prescribed, 0.0)
+            self.idle[both.rows] = both.rest([self.motion(side, given) for side in both.sides])
         values = self.row_gaps(motions)[mine]
         at = self.rows.dofs[mine] - self.dofs.first
         known = np.where(self.dofs.fixed[at], prescribed[at], 0.0)

@@ -1,0 +1,145 @@
+"""Rows of curved frames at the outline, which bind nodes there to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags
+from scipy.spatial import cKDTree
+
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.design.stencils import row_weights, spread
+from dolfinx_llm.geometry.cells import unit
+from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.overlap_flat import outline_edges
+from dolfinx_llm.geometry.pairs import ContactPairs
+
+AT_OUTLINE = 0.2  # cells: how near to the frame's outline a node of a side's outline belongs to it
+AT_NODE = 1e-9  # from 1, at which a row is its frame node's
+ON_LINE = 0.5  # edge lengths: how near to an edge's line nodes of the outline belong to it
+
+
+@dataclass(frozen=True, eq=False)
+class Clamped:
+    """Rows of one side, with those at the frame's outline bound to the outline's nodes."""
+
+    rows: Array  # (c,) rows at the outline
+    edge: Array  # (c,) edge of the outline
+    N: csr_matrix  # (n, m) all rows
+    cell: Array  # (n,) cell of each row
+
+
+def at_outline(frame: Frame, pairs: ContactPairs, edges: Array, normals: Array) -> Clamped:
+    """Bind nodes of a side's outline that lie at the frame's to it: what a symmetry plane or an
+    edge prescribes for the one must not concern the frame's inner nodes.
+
+    Args:
+        normals: (n_cells, gdim) of the frame's cells.
+    """
+    own = np.unique(outline_edges(pairs.surface.facets))
+    rows = np.flatnonzero(np.isin(pairs.nodes, own))
+    if not len(edges) or not len(rows):
+        return Clamped(rows[:0], rows[:0], pairs.N, pairs.cell)
+    ends, x = frame.x[edges], pairs.x[rows]
+    near = cKDTree(ends.mean(axis=1)).query(x, k=min(8, len(edges)))[1].reshape(len(x), -1)
+    a, b = ends[near, 0], ends[near, -1]
+    along = np.einsum("nei,nei->ne", x[:, None] - a, b - a)
+    length2 = np.maximum(np.einsum("nei,nei->ne", b - a, b - a), 1e-300)
+    t = np.clip(along / length2, 0.0, 1.0)
+    distance = np.linalg.norm(x[:, None] - a - t[..., None] * (b - a), axis=2)
+    best = np.round(distance / distance.max(), 9).argmin(axis=1)
+    pick = np.arange(len(x)), best
+    edge, t = near[pick], t[pick]
+    # The cell that the edge belongs to, and the distance within its plane.
+    owner = _cells_of_edges(frame.cells, edges)[edge]
+    miss = x - ends[edge, 0] - t[:, None] * (ends[edge, -1] - ends[edge, 0])
+    normal = normals[owner]
+    tangential = miss - np.einsum("ni,ni->n", miss, normal)[:, None] * normal
+    close = np.linalg.norm(tangential, axis=1) <= AT_OUTLINE * frame.cell_size[owner]
+    rows, edge, t, owner = rows[close], edge[close], t[close], owner[close]
+    inner, cell = np.ones(len(pairs.nodes)), pairs.cell.copy()
+    inner[rows], cell[rows] = 0.0, owner
+    share = np.column_stack([1.0 - t, t])[:, : edges.shape[1]]
+    at = np.repeat(rows, edges.shape[1]), edges[edge].ravel()
+    N = (diags(inner) @ pairs.N + csr_matrix((share.ravel(), at), pairs.N.shape)).tocsr()
+    N.eliminate_zeros()
+    return Clamped(rows, edge, N, cell)
+
+
+def _cells_of_edges(cells: Array, edges: Array) -> Array:
+    """(e,) the one cell of each outline edge (of each end node in 2D)."""
+    m = cells.max() + 1
+    if edges.shape[1] == 1:
+        cell_of = np.zeros(m, dtype=np.int64)
+        cell_of[cells] = np.arange(len(cells))[:, None]
+        return cell_of[edges[:, 0]]
+    key = (cells * m + np.roll(cells, -1, axis=1)).ravel()
+    order = np.argsort(key)
+    return order[np.searchsorted(key[order], edges[:, 0] * m + edges[:, 1])] // cells.shape[1]
+
+
+def outline_weights(
+    frame: Frame, clamped: Clamped, edges: Array, normals: Array, ring: csr_matrix
+) -> csr_matrix:
+    """(n, m) weights of the frame nodes in each row's stencil.
+
+    Rows at the outline take the nodes along the line of their edge alone. On a line, as anywhere
+    in 2D, one ring of three nodes would leave nothing beside three constraints: they take two.
+
+    Args:
+        normals: (n_cells, gdim) of the frame's cells.
+        ring: ``adjacency`` of the frame's nodes.
+    """
+    wide = row_weights(clamped.N, ring @ ring)
+    if frame.gdim == 3:
+        at_edge = np.zeros(wide.shape[0])
+        at_edge[clamped.rows] = 1.0
+        wide = diags(1.0 - at_edge) @ row_weights(clamped.N, ring) + diags(at_edge) @ wide
+    W = wide.tocsr()
+    if len(clamped.rows):
+        W.data[~_along_lines(frame, clamped, edges, normals, W)] = 0.0
+    W.eliminate_zeros()
+    return W
+
+
+def _along_lines(
+    frame: Frame, clamped: Clamped, edges: Array, normals: Array, W: csr_matrix
+) -> Array:
+    """(z,) which entries of W stay: those of inner rows, and of nodes along a row's own edge."""
+    edge_of = np.full(W.shape[0], -1)
+    edge_of[clamped.rows] = clamped.edge
+    at = spread(edge_of, W.indptr)
+    keep = at < 0
+    entries = np.flatnonzero(at >= 0)
+    node, normal = W.indices[entries], normals[spread(clamped.cell, W.indptr)[entries]]
+    keep[entries] = (node[:, None] == edges[at[entries]]).any(axis=1)
+    if edges.shape[1] == 2:
+        keep[entries] |= _on_line(frame.x, edges, at[entries], node, normal)
+        # A node at a corner of the outline lies on the lines of both edges: it stays.
+        for other in _edges_there(clamped, edges):
+            edge_of[clamped.rows] = other
+            also = spread(edge_of, W.indptr)[entries]
+            keep[entries] &= (also < 0) | _on_line(frame.x, edges, also, node, normal)
+    return keep
+
+
+def _on_line(x: Array, edges: Array, edge: Array, node: Array, normal: Array) -> Array:
+    """(z,) which nodes (z,) are of the outline and lie near the lines of edges (z,), in planes of
+    these normals (z, gdim)."""
+    a, b = x[edges[edge, 0]], x[edges[edge, 1]]
+    length = np.linalg.norm(b - a, axis=1)
+    across = unit(np.cross(normal, (b - a) / length[:, None]))
+    off = np.abs(np.einsum("zi,zi->z", x[node] - a, across))
+    return np.isin(node, edges) & (off <= ON_LINE * length)
+
+
+def _edges_there(clamped: Clamped, edges: Array) -> list[Array]:
+    """Twice (c,) an edge of the outline at the node on which a row of it lies, -1: on none."""
+    rows = clamped.N[clamped.rows]
+    alone = np.asarray(rows.max(axis=1).todense()).ravel() > 1.0 - AT_NODE
+    node = np.where(alone, np.asarray(rows.argmax(axis=1)).ravel(), -1)
+    ends, edge = edges.ravel(), np.repeat(np.arange(len(edges)), 2)
+    first, last = np.full((2, edges.max() + 1), -1)
+    last[ends], first[ends[::-1]] = edge, edge[::-1]  # of what is given twice the last one stays
+    return [np.where(alone, of[node], -1) for of in (first, last)]

@@ -1,0 +1,113 @@
+"""Where supports prescribe the tangential motion of both sides of an interface, as on a plane of
+symmetry.
+
+Rows there tell nothing but how supports share friction, if both sides move alike. Designed rows do
+not even say that: they reach to frame nodes beyond, and would hold these. So they are left out for
+as long as what is prescribed does not slip; where it does, all but one for each frame node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.operators.numbering import BodyDofs, Place
+from dolfinx_llm.operators.prescribed import NEARLY_FIXED, free_parts
+
+ALL = 0.99  # part of what surrounds a place that counts as all of it
+MOSTLY = 0.5  # row's part in a frame node from which on its node is next to it
+HELD_STILL = 1e-9  # slip over the largest prescribed motion that is none
+
+
+def held_on_both_sides(
+    geometries: Sequence[InterfaceGeometry],
+    places: Sequence[Place],
+    dofs: BodyDofs,
+    side_dofs: Sequence[Array],
+    soft: Array,
+) -> list[BothSides]:
+    """Of all interfaces that have such rows.
+
+    Args:
+        geometries, places: of the interfaces.
+        dofs, side_dofs: of the bodies, and per side (n, gdim).
+        soft: (n,) rows that supports prescribe at their own nodes.
+    """
+    if not soft.any():
+        return []
+    fixed = [dofs.values(of, dofs.fixed.astype(float)) for of in side_dofs]
+    pairs = zip(geometries, places, strict=True)
+    found = [BothSides.of(g, place, fixed[place.sides], soft) for g, place in pairs]
+    return [both for both in found if both is not None]
+
+
+@dataclass(frozen=True, eq=False)
+class BothSides:
+    """Of two sides, one after the other."""
+
+    sides: range  # among all sides
+    rows: slice  # among all rows
+    base: tuple[Array, Array]  # (n_i, c, gdim)
+    across: tuple[csr_matrix, csr_matrix]  # (n_i, n_j) the other side's nodes at a side's nodes
+    held: Array  # (n c,) tangential rows that supports prescribe on both sides
+    spare: Array  # (n c,) those of nodes that are not the one next to a frame node
+
+    @classmethod
+    def of(
+        cls, geometry: InterfaceGeometry, place: Place, fixed: Sequence[Array], soft: Array
+    ) -> BothSides | None:
+        """Of an interface of a law by which sides slip; None where there are no such rows.
+
+        Args:
+            geometry: two sides and a frame.
+            place: among all interfaces.
+            fixed: per side (n_i, gdim) 1.0: prescribed dofs.
+            soft: (n c,) rows that supports prescribe at their own nodes.
+        """
+        soft = soft[place.rows].reshape(-1, geometry.pairs[0].base.shape[1])[:, :-1]
+        if geometry.interface.law.ties or len(geometry.pairs) < 2 or not soft.any():
+            return None
+        own, other = geometry.pairs
+        base = own.base, other.base
+        across = other.interpolation(own.x), own.interpolation(other.x)
+        parts: list[Array] = []
+        for a, N, known in zip(base, across, fixed[::-1], strict=True):
+            n, c, gdim = a.shape
+            free = a * (N @ known < ALL)[:, None]
+            parts.append(free_parts(free.reshape(-1, gdim), c).reshape(n, c)[:, :-1] < NEARLY_FIXED)
+        held = np.pad(soft & np.concatenate(parts), ((0, 0), (0, 1)))
+        if not held.any():
+            return None
+        at = np.split(held.any(axis=1), [len(own.nodes)])
+        alone = np.concatenate([_next_to_nodes(p.N, a) for p, a in zip((own, other), at)])
+        spare = held & ~alone[:, None]
+        sides = range(place.sides.start, place.sides.stop)
+        return cls(sides, place.rows, base, across, held.ravel(), spare.ravel())
+
+    def rest(self, motions: Sequence[Array]) -> Array:
+        """(n c,) such rows along which neither side slips, and those that are spare.
+
+        Args:
+            motions: per side (n_i, gdim) prescribed displacements, 0 where none is [length].
+        """
+        slips = [
+            np.einsum("nci,ni->nc", a, u - N @ v)
+            for a, N, u, v in zip(self.base, self.across, motions, motions[::-1], strict=True)
+        ]
+        most = HELD_STILL * max(np.abs(u).max(initial=0.0) for u in motions)
+        return self.spare | (self.held & (np.abs(np.concatenate(slips).ravel()) <= most))
+
+
+def _next_to_nodes(N: csr_matrix, among: Array) -> Array:
+    """(n,) those of some nodes, with rows N (n, m), that have the largest part in a frame node."""
+    found, rows = np.zeros(len(among), dtype=bool), np.flatnonzero(among)
+    if len(rows):
+        part = N[rows].tocsc()
+        largest = np.asarray(part.max(axis=0).todense()).ravel()
+        found[rows[np.asarray(part.argmax(axis=0)).ravel()[largest > MOSTLY]]] = True
+    return found
