@@ -25,9 +25,8 @@ from dolfinx_llm.design.stencils import (
     curved_stencils,
     spread,
 )
-from dolfinx_llm.geometry.cells import areas_around, cross_plane, unit, unit_normals
+from dolfinx_llm.geometry.cells import areas_around, cross_plane, outline_edges, unit, unit_normals
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.geometry.overlap_flat import outline_edges
 from dolfinx_llm.geometry.pairs import ContactPairs
 
 LARGEST = 0.3  # correction of an entry of L_b by geometry; larger ones are faded, or left out

@@ -10,9 +10,8 @@ from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.design.stencils import row_weights, spread
-from dolfinx_llm.geometry.cells import unit
+from dolfinx_llm.geometry.cells import outline_edges, unit
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.geometry.overlap_flat import outline_edges
 from dolfinx_llm.geometry.pairs import ContactPairs
 
 AT_OUTLINE = 0.2  # cells: how near to the frame's outline a node of a side's outline belongs to it

@@ -30,7 +30,7 @@ from dolfinx_llm.finite.chart import chart, functions_of
 from dolfinx_llm.finite.design import Design, DesignedRows
 from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.location import OnFrame
-from dolfinx_llm.finite.roundness import rounded_gap
+from dolfinx_llm.finite.roundness import raised, rounded_gap
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place, held_fast, yields
 from dolfinx_llm.laws.rows import OPEN
@@ -172,6 +172,10 @@ class NormalContact(MovingContact):
         by_rows = -np.einsum("ns,ns->n", rows.N, height)
         numbers = (*columns, sides.width)
         to_frame, curved, by_frame = rounded_gap(at, d, *of_frame, numbers, by_rows)
+        if sides.rise is not None:
+            own, of_facets = sides.rise[0][on], sides.rise[1][sides.cells(False)[at.facet]]
+            less, less_z = raised(at, d, of_facets, own)
+            to_frame, by_frame = to_frame - less, by_frame - less_z
         C, whole = sides.control[0][on][:, on], np.diff(sides.control[0].indptr)[on]
         there = np.diff(C.indptr) == whole  # and all that its gap is made of
         gap[on], normal[on] = np.where(there, C @ to_frame, np.inf), at.normal

@@ -25,6 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_component, per_item
+from dolfinx_llm.design.rises import rises
 from dolfinx_llm.finite.areas import everything, surface_integrals
 from dolfinx_llm.finite.friction import MET_AT, Friction
 from dolfinx_llm.finite.jacobians import coordinates, jacobian
@@ -143,6 +144,11 @@ class ObstacleContact(MovingContact):
         """(size,) ranks that own the unknowns."""
         return self.sides.surfaces[0].owner
 
+    @cached_property
+    def rise(self) -> Array:
+        """(n,) ``rises`` of the surface [length]."""
+        return rises(self.sides.surfaces[0])
+
     def pose(self) -> Array:
         """Pivot, displacement, rotation and force as they are now; no force is 0.
 
@@ -169,7 +175,7 @@ class ObstacleContact(MovingContact):
         before the obstacle moved: nodes have not followed it yet."""
         if held.pose_before is not None:
             X = self.posed(held.pose_before).back(self.sides.split(place.z)[0])
-            came = self.sides.control @ checked_clearance(self.obstacle, X)[0]
+            came = self.sides.control @ self._clearance(X)
             gap = np.where(place.pairs, np.minimum(came, place.gap), np.inf)
             place, held = replace(place, gap=gap), replace(held, pose_before=None)
         return super().touching(place, q, before, held, reach)
@@ -190,7 +196,7 @@ class ObstacleContact(MovingContact):
         pose = self.posed(held.pose)
         gaps, into = checked_clearance(self.obstacle, pose.back(points))
         normals = -into @ pose.R.T
-        gaps, normals = gaps.reshape(-1, len(x)), normals.reshape(-1, len(x), gdim)
+        gaps, normals = gaps.reshape(-1, len(x)) - self.rise, normals.reshape(-1, len(x), gdim)
         with np.errstate(invalid="ignore"):
             by_x = (gaps[1 : gdim + 1] - gaps[gdim + 1 :]).T / (2.0 * h)
         turned = np.moveaxis(normals[1 : gdim + 1] - normals[gdim + 1 :], 0, 2)  # (n, i, k)
@@ -212,6 +218,10 @@ class ObstacleContact(MovingContact):
             turned=np.where(smooth[:, None, None], turned / (2.0 * h), 0.0),
             pose=pose,
         )
+
+    def _clearance(self, X: Array) -> Array:
+        """(n,) of the surface with its nodes at X (n, gdim), as the obstacle was drawn [length]."""
+        return checked_clearance(self.obstacle, X)[0] - self.rise
 
     def posed(self, pose: Array | None) -> Pose:
         """A pose that is held; None: as it is now."""
@@ -252,7 +262,7 @@ class ObstacleFriction(Friction, ObstacleContact):
         """Where slip counts from: the obstacle stands where the increment starts."""
         surface = self.sides.surfaces[0]
         X = self.posed(held.pose_before).back(self.sides.split(place.z)[0])
-        gap = self.sides.control @ checked_clearance(self.obstacle, X)[0]
+        gap = self.sides.control @ self._clearance(X)
         gap[gap < MET_AT * cell_sizes(surface.x, surface.facets).max()] = 0.0
         return Origin(self.sides.control @ X, gap, closed)
 

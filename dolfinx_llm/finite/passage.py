@@ -18,9 +18,8 @@ from dolfinx_llm.finite.normal_contact import OVER, NormalPlace
 from dolfinx_llm.finite.self_sides import CROSSED, SelfSides
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import MovingContact, Place
-from dolfinx_llm.geometry.cells import areas_around, cell_sizes
+from dolfinx_llm.geometry.cells import areas_around, cell_sizes, outline_edges
 from dolfinx_llm.geometry.facing import TURN
-from dolfinx_llm.geometry.overlap_flat import outline_edges
 
 AHEAD = 0.5  # of a facet: no deeper lies what is in front of the frame at first
 THROUGH = 1.0  # of a facet: deeper lies what has gone through it

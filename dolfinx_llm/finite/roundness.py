@@ -24,14 +24,9 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import diagonal, per_item, summing
+from dolfinx_llm.base.sparse import diagonal, per_item
 from dolfinx_llm.finite.jacobians import NodalNormals, coordinates, jacobian
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
-from dolfinx_llm.geometry.cells import unit, vector_areas
-from dolfinx_llm.geometry.overlap_flat import outline_edges
-
-CURVES, SHARP = 1e-3, np.pi / 6  # angles of facets with the mean about a node, where it is curved
-HARDLY_TOLD = 1e-6  # of the largest share in a fit: directions that it tells no slope along
 
 
 def rounded_gap(
@@ -84,59 +79,16 @@ def rounded_gap(
     return gap + w * apart, w, diagonal(w) @ to_frame + diagonal(apart) @ fades - s_z
 
 
-def drawn_curved(x: Array, facets: Array) -> tuple[csr_matrix, Array]:
-    """(m, f) weights of the facets' vector areas in nodal normals, and (m,) the nodes about which a
-    surface is drawn curved and has no edge.
-
-    A node's normal is that of the facets around; at the outline of what is drawn curved, which has
-    facets on one side alone, that of ``_continued``.
-
-    Args:
-        x: (m, gdim) nodes as drawn [length].
-        facets: (f, k) their facets.
-    """
-    (f, k), m = facets.shape, len(x)
-    each = np.repeat(np.arange(f), k)
-    around = csr_matrix((np.ones(f * k), (facets.ravel(), each)), (m, f))
-    area = vector_areas(x, facets)
-
-    def angles(weights: csr_matrix) -> Array:
-        normal, mean, most = unit(area), unit(weights @ area), np.zeros(m)
-        np.maximum.at(most, facets, np.linalg.norm(mean[facets] - normal[:, None], axis=2))
-        return most
-
-    angle = angles(around)
-    bent = around @ (around.T @ (angle > CURVES)) > 0.0
-    outline = np.isin(np.arange(m), outline_edges(facets))
-    deep = around @ (around.T @ ~outline) > 0.0  # else facets about it tell no slope inwards
-    rim = np.flatnonzero(outline & deep & bent & (angle < SHARP))
-    if len(rim):
-        own = _continued(rim, x, facets, around, angle < SHARP)
-        kept = diagonal(~np.isin(np.arange(m), rim) + 0.0)
-        around = (kept @ around + summing(rim, m) @ own).tocsr()
-        angle = angles(around)
-    return around, (angle > CURVES) & (angle < SHARP)
-
-
-def _continued(
-    rim: Array, x: Array, facets: Array, around: csr_matrix, smooth: Array
-) -> csr_matrix:
-    """(r, f) weights in the normals of nodes (r,) at the outline: of the linear function along the
-    surface that fits unit normals of the facets about them best, the value at the node.
+def raised(
+    at: OnFrame, d: LocationDerivatives, rise: Array, own: Array
+) -> tuple[Array, csr_matrix]:
+    """(n,) by how much gaps of second-order nodes are less since they, and facets of the frame, are
+    drawn straight: ``rises``; and (n, width) its derivative.
 
     Args:
-        around: (m, f) which facets lie around a node.
-        smooth: (m,) nodes over which the surface goes on without an edge.
+        at, d: the nodes' places on the frame, and how they change.
+        rise: (n, k) of the nodes of the frame's facets there [length].
+        own: (n,) of the nodes [length].
     """
-    near = (around[rim] @ around.T @ diagonal(1.0 * smooth) @ around).tocsr()
-    at, area = np.repeat(np.arange(len(rim)), np.diff(near.indptr)), vector_areas(x, facets)
-    normal = unit(around[rim] @ area)[at]
-    s = x[facets].mean(axis=1)[near.indices] - x[rim][at]
-    s -= np.einsum("ei,ei->e", s, normal)[:, None] * normal
-    size = np.sqrt(np.bincount(at, np.einsum("ei,ei->e", s, s)) / np.bincount(at))
-    p = np.column_stack([np.ones(len(s)), s / size[at][:, None]])
-    fit = np.zeros((len(rim), p.shape[1], p.shape[1]))
-    np.add.at(fit, at, p[:, :, None] * p[:, None, :])
-    value = np.linalg.pinv(fit, rcond=HARDLY_TOLD, hermitian=True)[:, 0]
-    near.data = np.einsum("ei,ei->e", value[at], p) / np.linalg.norm(area, axis=1)[near.indices]
-    return near
+    slope = np.einsum("nkd,nk->nd", at.dN, rise)
+    return np.einsum("nk,nk->n", at.N, rise) + own, per_item(slope[:, None]) @ d.xi

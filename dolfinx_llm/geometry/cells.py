@@ -63,6 +63,18 @@ def unit_normals(x: Array, cells: Array) -> Array:
     return unit(vector_areas(x, cells))
 
 
+def outline_edges(facets: Array) -> Array:
+    """(e, 2) edges of one facet only, (e, 1) end nodes of segments; empty on closed surfaces."""
+    if facets.shape[1] == 2:
+        nodes, count = np.unique(facets, return_counts=True)
+        return nodes[count == 1][:, None]
+    edges = np.stack([facets, np.roll(facets, -1, axis=1)], axis=2).reshape(-1, 2)
+    _, first, count = np.unique(
+        np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    return edges[first[count == 1]]
+
+
 def areas_around(x: Array, facets: Array, cells: Array | None = None) -> Array:
     """(m, gdim) sums of the vector areas of the facets (f, k) around each node, of those of cells
     (f, j) where these have more nodes than the facets' corners [area]."""

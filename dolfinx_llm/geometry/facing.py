@@ -19,12 +19,12 @@ from dolfinx_llm.geometry.cells import (
     bases,
     cell_sizes,
     joined_lists,
+    outline_edges,
     points_of,
     repeated_for,
     vector_areas,
 )
 from dolfinx_llm.geometry.location import ClosestPoints
-from dolfinx_llm.geometry.overlap_flat import outline_edges
 from dolfinx_llm.geometry.surface import Surface
 
 TURN = 1.0  # [rad] between facing normals; no two sides of a regular polygon differ by as much

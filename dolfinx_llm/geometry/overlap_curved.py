@@ -13,10 +13,10 @@ from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.geometry.cells import bases, facet_vectors, unit_normals
+from dolfinx_llm.geometry.cells import bases, facet_vectors, outline_edges, unit_normals
 from dolfinx_llm.geometry.facing import Facets
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.geometry.overlap_flat import covered_forces, orthonormal_base, outline_edges
+from dolfinx_llm.geometry.overlap_flat import covered_forces, orthonormal_base
 from dolfinx_llm.geometry.surface import Surface
 
 FACING = -0.5  # cosine between the outward normals of facets that face each other, at most

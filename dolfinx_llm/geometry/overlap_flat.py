@@ -11,7 +11,7 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.geometry.cells import cross_plane, facet_vectors, gauss, unit
+from dolfinx_llm.geometry.cells import cross_plane, facet_vectors, gauss, outline_edges, unit
 from dolfinx_llm.geometry.element import element_of, shape_functions
 from dolfinx_llm.geometry.surface import Surface
 
@@ -87,18 +87,6 @@ def plane_with(normal: Array, side0: Surface, side1: Surface) -> Plane:
     boxes = [(s.x.min(axis=0), s.x.max(axis=0)) for s in (side0, side1)]
     low, high = np.maximum(boxes[0][0], boxes[1][0]), np.minimum(boxes[0][1], boxes[1][1])
     return Plane(0.5 * (low + high), orthonormal_base(normal))
-
-
-def outline_edges(facets: Array) -> Array:
-    """(e, 2) edges of one facet only, (e, 1) end nodes of segments; empty on closed surfaces."""
-    if facets.shape[1] == 2:
-        nodes, count = np.unique(facets, return_counts=True)
-        return nodes[count == 1][:, None]
-    edges = np.stack([facets, np.roll(facets, -1, axis=1)], axis=2).reshape(-1, 2)
-    _, first, count = np.unique(
-        np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True
-    )
-    return edges[first[count == 1]]
 
 
 def outline(s: Array, facets: Array) -> Any:

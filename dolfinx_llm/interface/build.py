@@ -12,10 +12,12 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.timing import Clock
+from dolfinx_llm.design.rises import rises
 from dolfinx_llm.geometry.loads import NodalLoads, loads_in_contact
 from dolfinx_llm.geometry.overlap_flat import common_area, local_bases
 from dolfinx_llm.geometry.pairs import ContactPairs, locate_pairs
 from dolfinx_llm.geometry.pieces import Piece, separated
+from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.against import against_obstacle, loaded, under_force
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.control import in_control_values, with_control
@@ -167,7 +169,7 @@ def assembled(
     if alone is None:
         pairs, frame, base, certificate = joined(site.whole, parts)
     if not law.ties:
-        pairs = [in_control_values(p, frame) for p in pairs]
+        pairs = [in_control_values(risen(p, side), frame) for p, side in zip(pairs, site.whole)]
     rims = [
         rim[np.isin(side.dofs, p.surface.dofs)][p.nodes]
         for rim, side, p in zip(whole_rims, site.whole, pairs, strict=True)
@@ -208,6 +210,15 @@ def assembled(
         stages = ", ".join(f"{stage} {seconds:.3g} s" for stage, seconds in clock.times.items())
         log.info("%s\n    %s", "\n".join(describe(geometry)).strip(), stages)
     return geometry
+
+
+def risen(pairs: ContactPairs, whole: Surface) -> ContactPairs:
+    """Pairs of a part of a surface, with gaps from the smooth one that straight facets cut."""
+    rise = rises(whole)
+    if not rise.any():
+        return pairs
+    own = rise[np.isin(whole.dofs, pairs.surface.dofs)][pairs.nodes]
+    return replace(pairs, gap=pairs.gap + own[:, None] * pairs.normal)
 
 
 def scalar_pairs(pairs: ContactPairs) -> ContactPairs:

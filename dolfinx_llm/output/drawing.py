@@ -9,9 +9,9 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, depth_first_order
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.cells import outline_edges, vector_areas
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.geometry.overlap_flat import Plane, orthonormal_base, outline_edges
+from dolfinx_llm.geometry.overlap_flat import Plane, orthonormal_base
 from dolfinx_llm.output import render
 from dolfinx_llm.output.render import Scene
 from dolfinx_llm.output.writing import writable_file, writing

@@ -13,6 +13,7 @@ class Lame:
     """A ring in a ring of first order, alike, pressed from inside by what moves its inner circle;
     the outer circle moves as in one piece. Or quarters of them, or of tubes, in plane strain."""
 
+    degree = 1
     along = 0.0  # displacement of the outer body's ends along the tubes
     E, NU, PRESSURE, RADII = 1.0, 0.3, 1e-2, (1.0, 1.5, 2.0)
 
@@ -36,9 +37,9 @@ class Lame:
     def given(self, meshes):
         """Forms, displacements, conditions, and the sides of an interface."""
         F, us, bcs = [], [], []
-        for (domain, tags), tag in zip(meshes, (1, 6), strict=True):
+        for (domain, tags), tag in zip(meshes, (1, 6)):
             gdim = domain.geometry.dim
-            V = compat.function_space(domain, shape=(gdim,))
+            V = compat.function_space(domain, degree=self.degree, shape=(gdim,))
             u, w, known = fem.Function(V), ufl.TestFunction(V), fem.Function(V)
             known.interpolate(lambda x, gdim=gdim: self.displacement(x)[:gdim])
             e = ufl.sym(ufl.grad(u))
@@ -53,14 +54,14 @@ class Lame:
                 dofs = fem.locate_dofs_topological(V.sub(i), gdim - 1, facets)
                 value = self.along if (tag, i) == (6, 2) else 0.0
                 bcs.append(fem.dirichletbc(value, dofs, V.sub(i)))
-        return F, us, bcs, ((meshes[0][1], 2), (meshes[1][1], 5))
+        return F, us, bcs, ((meshes[0][1], 2), (meshes[-1][1], 5))
 
-    def nonlinear(self, meshes, law):
+    def nonlinear(self, meshes, law, obstacle=None):
         F, us, bcs, sides = self.given(meshes)
-        interfaces = [llm.Interface(None, sides, law=law)]
+        interfaces = [llm.Interface(None, (sides[0], obstacle or sides[1]), law=law)]
         return llm.NonlinearContactProblem(F, us, bcs=bcs, interfaces=interfaces)
 
-    def linear(self, meshes, law, solver):
+    def linear(self, meshes, law, solver, obstacle=None):
         F, us, bcs, sides = self.given(meshes)
         tests = [
             (ufl.TrialFunction(u.function_space), ufl.TestFunction(u.function_space)) for u in us
@@ -70,13 +71,13 @@ class Lame:
             ufl.inner(fem.Function(u.function_space), w) * ufl.dx
             for u, (_, w) in zip(us, tests, strict=True)
         ]
-        interfaces = [llm.Interface(None, sides, law=law)]
+        interfaces = [llm.Interface(None, (sides[0], obstacle or sides[1]), law=law)]
         return llm.ContactProblem(a, L, bcs=bcs, interfaces=interfaces, solver=solver)
 
 
-def quarters(kind, sizes):
-    """Meshes of quarters of rings ("quad") or tubes, of cells of these sizes."""
+def quarters(kind, sizes, order=1):
+    """Meshes of an order of quarters of rings ("quad") or tubes, of cells of these sizes."""
     parts = zip(sizes, Lame.RADII[:-1], Lame.RADII[1:], (1, 5), strict=True)
     make = bent_rings.shell if kind == "tet" else bent_rings.bricks
     more = {"gdim": 2} if kind == "quad" else {}
-    return [make(h, *radii, tag, order=1, **more) for h, *radii, tag in parts]
+    return [make(h, *radii, tag, order=order, **more) for h, *radii, tag in parts]
