@@ -26,6 +26,7 @@ from scipy.sparse import bmat, csr_matrix, hstack, vstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item, summing
+from dolfinx_llm.design.rises import rises
 from dolfinx_llm.finite.chart import chart, functions_of
 from dolfinx_llm.finite.design import Design, DesignedRows
 from dolfinx_llm.finite.jacobians import coordinates, jacobian
@@ -102,6 +103,13 @@ class NormalContact(MovingContact):
         first = np.zeros(self.counts[2], dtype=np.int64)
         return np.concatenate([surfaces[1 - frame].owner, surfaces[frame].owner, first])
 
+    @cached_property
+    def rises(self) -> tuple[Array, Array] | None:
+        """(n,) and (m,) of nodes of the moving side and of the frame; None: there are none."""
+        sides = self.sides
+        found = rises(sides.surfaces[sides.moving]), rises(sides.surfaces[sides.frame])
+        return found if any(rise.any() for rise in found) else None
+
     def hold(self, z: Array) -> Held:
         """What is held in a load step that starts at coordinates z."""
         candidates = self.sides.candidates(z)
@@ -172,8 +180,8 @@ class NormalContact(MovingContact):
         by_rows = -np.einsum("ns,ns->n", rows.N, height)
         numbers = (*columns, sides.width)
         to_frame, curved, by_frame = rounded_gap(at, d, *of_frame, numbers, by_rows)
-        if sides.rise is not None:
-            own, of_facets = sides.rise[0][on], sides.rise[1][sides.cells(False)[at.facet]]
+        if self.rises is not None:
+            own, of_facets = self.rises[0][on], self.rises[1][sides.cells(False)[at.facet]]
             less, less_z = raised(at, d, of_facets, own)
             to_frame, by_frame = to_frame - less, by_frame - less_z
         C, whole = sides.control[0][on][:, on], np.diff(sides.control[0].indptr)[on]

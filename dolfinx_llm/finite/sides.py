@@ -22,7 +22,6 @@ from scipy.sparse import csr_matrix, hstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import per_component
-from dolfinx_llm.design.rises import rises
 from dolfinx_llm.finite.areas import Covered, surface_integrals
 from dolfinx_llm.finite.cover_facets import LAYER, Skin, covered_facets
 from dolfinx_llm.finite.cover_line import Chains, covered_lines
@@ -89,12 +88,6 @@ class Sides:
         if surfaces[frame].element.order == 1:  # at second order nothing stands out
             around, rounded = drawn_curved(surfaces[frame].x, surfaces[frame].facets)
         return cls((surfaces[0], surfaces[1]), frame, chains, rounded, around)
-
-    @cached_property
-    def rise(self) -> tuple[Array, Array] | None:
-        """(n,) and (m,) ``rises`` of the moving side and of the frame; None: there are none."""
-        found = rises(self.surfaces[self.moving]), rises(self.surfaces[self.frame])
-        return found if any(rise.any() for rise in found) else None
 
     @property
     def moving(self) -> int:
