@@ -23,7 +23,7 @@ def test_pressed_rings(counts, most, law):
 @pytest.mark.parametrize(("kind", "sizes", "most"), [
     ("quad", (0.2, 0.13), 0.02),
     ("hex", (0.3, 0.2), 0.02), longer("hex", (0.12, 0.09), 0.01),
-    ("tet", (0.2, 0.13), 0.45), longer("tet", (0.1, 0.065), 0.35),
+    ("tet", (0.2, 0.13), 0.55), longer("tet", (0.1, 0.065), 0.35),
 ])  # fmt: skip
 @pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.3)], ids=str)
 def test_pressed_quarters(kind, sizes, most, law):
