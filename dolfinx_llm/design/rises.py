@@ -2,8 +2,8 @@
 
 Facets are straight there, and cut off what a surface stands out beyond them, h² / 8R. Corners lie
 on the surface, nodes between them below it by that much, which is as large as what contact presses
-them in by: pressures at nodes would be off by 50 to 1,000 %. Gaps are told from the smooth surface
-through the corners instead.
+them in by: pressures at nodes would be off by 50 to 1,000 %. At finite deformation gaps are told
+from the smooth surface through the corners instead; linear problems warn.
 """
 
 from __future__ import annotations

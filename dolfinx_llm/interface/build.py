@@ -168,8 +168,11 @@ def assembled(
     frame, base, certificate = None, np.empty((0, gdim, gdim)), None
     if alone is None:
         pairs, frame, base, certificate = joined(site.whole, parts)
+    notes = [*notes]
     if not law.ties:
-        pairs = [in_control_values(risen(p, side), frame) for p, side in zip(pairs, site.whole)]
+        pairs = [in_control_values(p, frame) for p in pairs]
+        for side in site.whole:
+            _say_straight(side, interface.name, notes)
     rims = [
         rim[np.isin(side.dofs, p.surface.dofs)][p.nodes]
         for rim, side, p in zip(whole_rims, site.whole, pairs, strict=True)
@@ -212,13 +215,18 @@ def assembled(
     return geometry
 
 
-def risen(pairs: ContactPairs, whole: Surface) -> ContactPairs:
-    """Pairs of a part of a surface, with gaps from the smooth one that straight facets cut."""
-    rise = rises(whole)
-    if not rise.any():
-        return pairs
-    own = rise[np.isin(whole.dofs, pairs.surface.dofs)][pairs.nodes]
-    return replace(pairs, gap=pairs.gap + own[:, None] * pairs.normal)
+def _say_straight(side: Surface, name: str, notes: list[str]) -> None:
+    """Say how far nodes of straight facets lie below a curved surface, which gaps take for real."""
+    below = float(rises(side).max(initial=0.0))
+    if below > 0.0:
+        text = (
+            f"{side.name} is drawn curved, by straight facets: nodes of second order between "
+            f"corners lie up to {below:.3g} below the surface that these are on, and gaps and "
+            "pressures are those of such facets. Make the mesh one of second order, as by gmsh's "
+            "setOrder(2)"
+        )
+        log.warning("interface %s: %s", name, text)
+        notes.append(text)
 
 
 def scalar_pairs(pairs: ContactPairs) -> ContactPairs:

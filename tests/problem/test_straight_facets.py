@@ -36,10 +36,10 @@ def test_pressed(kind, sizes, most, law):
     assert len(problem.history) <= 10
 
 
-@pytest.mark.parametrize("make", [Lame2.nonlinear, Lame2.linear], ids=["finite", "linear"])
 @pytest.mark.parametrize("gdim", [2, longer(3)])
-def test_in_a_bore(gdim, make):
-    """The inner part in a rigid bore that gives way as the outer part would."""
+def test_in_a_bore(gdim, caplog):
+    """The inner part in a rigid bore that gives way as the outer part would; linear problems, whose
+    gaps are those of the mesh, say that facets are straight."""
     exact = Lame2()
     radius = 1.5 + exact.radial(1.5)
     bore = {
@@ -47,11 +47,13 @@ def test_in_a_bore(gdim, make):
         3: lambda: llm.RigidCylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), radius, inside=True),
     }[gdim]()
     inner = bent_rings.bricks(0.2, 1.0, 1.5, 1, order=1, gdim=gdim)
-    chosen = {} if make is Lame2.nonlinear else {"solver": "auto"}
-    problem = make(exact, [inner], llm.Frictionless(), obstacle=bore, **chosen)
+    problem = exact.nonlinear([inner], llm.Frictionless(), obstacle=bore)
     problem.solve()
     p = exact.pressure(1.5)
-    assert np.abs(problem.results[0].pressure - p).max() <= 0.12 * p
+    assert np.abs(problem.results[0].pressure - p).max() <= 0.07 * p
+    problem = exact.linear([inner], llm.Frictionless(), "auto", obstacle=bore)
+    assert "lie up to 0.00321 below the surface" in caplog.text
+    assert "setOrder(2)" in str(problem)
 
 
 @pytest.mark.parametrize("kind", ["quad", "hex", "tet"])
