@@ -33,7 +33,10 @@ _Solve = Callable[[Array], Array]
 
 
 def balance(
-    N: Sequence[csr_matrix], vectors: Sequence[Array], stencils: Sequence[RowStencils]
+    N: Sequence[csr_matrix],
+    vectors: Sequence[Array],
+    stencils: Sequence[RowStencils],
+    stay: Sequence[bool] = (False, False),
 ) -> list[csr_matrix]:
     """Correct the rows so that the vector areas cancel at the frame's nodes, in least squares.
 
@@ -47,12 +50,13 @@ def balance(
         vectors: pair of (n_i, gdim) vector areas of the pairs out of their sides, or (n_i, 1)
             ``loads_along_normals`` [area].
         stencils: what the rows of each side may be corrected on.
+        stay: whether those of a side stay.
 
     Returns:
         Pair of (n_i, m) CSR matrices.
     """
     r = vector_residual(N, vectors)
-    rows = _Rows.of(vectors, stencils, len(r))
+    rows = _Rows.of(vectors, stencils, len(r), stay)
     solve = rows.solver()
     mu = solve(r)
     for _ in range(TRIALS - 1):
@@ -86,12 +90,14 @@ class _Rows:
     shape: tuple[int, int]  # (m, gdim) of the multipliers
 
     @staticmethod
-    def of(vectors: Sequence[Array], stencils: Sequence[RowStencils], m: int) -> _Rows:
-        """Rows that all count for the same."""
+    def of(
+        vectors: Sequence[Array], stencils: Sequence[RowStencils], m: int, stay: Sequence[bool]
+    ) -> _Rows:
+        """Rows that all count for the same, but for those that stay."""
         scale = max(np.linalg.norm(a, axis=1).max() for a in vectors)
         size = [np.linalg.norm(a, axis=1) / scale for a in vectors]
         normal = [a / (scale * np.maximum(f, 1e-300))[:, None] for a, f in zip(vectors, size)]
-        same = [np.ones(len(f)) for f in size]
+        same = [np.full(len(f), float(not kept)) for f, kept in zip(size, stay, strict=True)]
         return _Rows(stencils, size, normal, same, (m, vectors[0].shape[1]))
 
     @property

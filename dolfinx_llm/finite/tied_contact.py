@@ -22,7 +22,7 @@ from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.sides import Meeting, Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place
 from dolfinx_llm.geometry.cells import unit
-from dolfinx_llm.interface.carried import carried_rows
+from dolfinx_llm.interface.carried import carried_rows, round_rows
 from dolfinx_llm.laws.rows import OPEN, STICK
 
 DRAWN = 1e-9  # gap over facet size that is none
@@ -71,14 +71,16 @@ class TiedContact(MovingContact):
                 "be tied, face each other within the size of a facet. Check tags, positions and "
                 "units"
             )
+        n, found = len(x), _carried(sides, close_gap) if design.wanted else None
         far = np.abs(meeting.at.gap[on]).max(initial=0.0)
+        if found is not None and sides.rounded.any():  # facets of curved surfaces are apart
+            far = np.abs(x[found[0]] - found[1] @ y).max(initial=0.0)
         if not close_gap and far > DRAWN * design.size:
             raise ContactInputError(
                 f"the surfaces {sides.surfaces[0].name} and {sides.surfaces[1].name} are drawn "
                 f"with gaps of up to {far:.3g}: at finite deformation choose Tied(close_gap=True), "
                 "or draw them in touch"
             )
-        n, found = len(x), _carried(sides) if design.wanted else None
         if found is None:
             at, loads = meeting.at.part(on), ((sides.control[0].T @ f)[on], sides.control[1].T @ fy)
             of, functions = (at, x[on], y, loads), chart(y, design.element, loads[1])
@@ -183,12 +185,14 @@ class TiedContact(MovingContact):
         return self.found[0]
 
 
-def _carried(sides: Sides) -> tuple[Array, csr_matrix, float] | None:
-    """``carried_rows`` of second-order bodies, where small corrections do."""
+def _carried(sides: Sides, close_gap: bool) -> tuple[Array, csr_matrix, float] | None:
+    """``carried_rows`` of second-order bodies, where small corrections do; ``round_rows`` of
+    first-order ones along curved surfaces."""
     surfaces = sides.surfaces[sides.moving], sides.surfaces[sides.frame]
-    if any(surface.element.order == 1 for surface in surfaces):
-        return None
+    orders = [surface.element.order for surface in surfaces]
     try:
-        return carried_rows(*surfaces)
+        if max(orders) == 1 and sides.rounded.any():
+            return round_rows(*surfaces, close_gap)
+        return carried_rows(*surfaces) if min(orders) == 2 else None
     except ContactError:  # rows that pass constant pressures need less
         return None

@@ -1,4 +1,4 @@
-"""Second-order surfaces that are tied, of which one carries the frame: its nodes are its own."""
+"""Surfaces that are tied, of which one carries the frame: its nodes are its own."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ import numpy as np
 from scipy.sparse import csr_matrix, identity
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.design.balance import balance
 from dolfinx_llm.design.bent import bent_normals, bent_rows
+from dolfinx_llm.design.curved import smooth_rows
 from dolfinx_llm.design.weights import balanced_rows
 from dolfinx_llm.geometry.frame import Frame, bent
 from dolfinx_llm.geometry.loads import NodalLoads, loads_in_contact
@@ -47,3 +49,25 @@ def carried_rows(moving: Surface, carrier: Surface) -> tuple[Array, csr_matrix, 
         s, plain = plane.project(frame.x), (own.N, other.N)
         N = list(balanced_rows(frame, s, plain, (own.loads, other.loads), keep))
     return own.nodes, N[0], float(abs(N[0] - own.N).max())
+
+
+def round_rows(
+    moving: Surface, carrier: Surface, close_gap: bool
+) -> tuple[Array, csr_matrix, float]:
+    """The same of first-order surfaces along a curved one, which facets cut: rows reproduce the
+    nodes' places, or those below them on the smooth surface where gaps are to be closed.
+
+    Raises:
+        ContactError: the surfaces do not face each other.
+    """
+    sides, frame = (moving, carrier), Frame(carrier.x, carrier.facets)
+    loads, vectors = loads_in_contact(sides, False, 1)
+    own, other = pairs = [
+        locate_pairs(side, load, frame, sign, REACH)
+        for side, load, sign in zip(sides, loads, (1.0, -1.0), strict=True)
+    ]
+    smooth = smooth_rows(frame, pairs, close_gap)
+    N = [smooth.rows(1.0)[0], identity(len(carrier.x), format="csr")[other.nodes]]
+    areas = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
+    found = balance(N, areas, smooth.stencils, stay=(False, True))[0]
+    return own.nodes, found, float(abs(found - own.N).max())
