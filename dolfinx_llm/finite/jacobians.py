@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import per_component, per_item
-from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.cells import facets_around, vector_areas
 
 QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # turns by 90 degrees
 
@@ -93,10 +93,8 @@ def nodal_normals(
         width: number of all coordinates.
         weights: (m, f) of the facets' vector areas in each node's normal; None: those around it.
     """
-    (m, gdim), (f, k) = x.shape, facets.shape
-    if weights is None:
-        ones, nodes = np.ones(f * k), np.repeat(np.arange(f), k)
-        weights = csr_matrix((ones, (facets.ravel(), nodes)), (m, f))
+    m, gdim = x.shape
+    weights = facets_around(facets, m) if weights is None else weights
     total = weights @ vector_areas(x, facets)
     size = np.linalg.norm(total, axis=1)
     n = total / size[:, None]

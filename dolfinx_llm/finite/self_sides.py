@@ -72,7 +72,7 @@ class SelfSides(Sides):
 
     def own_normals(self, x: Array) -> NodalNormals:
         """See ``Sides``."""
-        return nodal_normals(x, self.skin(True), self.first[0], self.width, self.around)
+        return nodal_normals(x, self.skin(True), self.first[0], self.width)
 
     @property
     def farthest_behind(self) -> float:

@@ -51,7 +51,7 @@ class Meeting:
 
     at: OnFrame  # of all nodes of the moving side
     d: LocationDerivatives
-    normals: NodalNormals  # of the frame's nodes
+    normals: NodalNormals  # of the frame's nodes, continued to its outline
     covered: tuple[Covered, Covered]  # facets of the moving side, of the frame
 
 
@@ -179,7 +179,8 @@ class Sides:
     def _meet(self, z: Array, candidates: Array) -> Meeting:
         x, y = self.split(z)
         frame = self.cells(False)
-        normals = nodal_normals(y, self.skin(False), self.first[1], self.width, self.around)
+        of_frame = y, self.skin(False), self.first[1], self.width
+        normals = nodal_normals(*of_frame)
         own = self.own_normals(x)
         at = self.found(x, y, normals.n, None if own is None else own.n, candidates)
         d = location_derivatives(at, y, frame, normals, self.columns, self.width, own)
@@ -189,6 +190,8 @@ class Sides:
             elements = self.surfaces[self.moving].element, self.surfaces[self.frame].element
             of = self.facets(True), candidates, x, y, at, d, normals, self.first, elements
             covered = covered_lines(self.chains, *of)
+        if self.around is not None:  # nodes are found by the facets' own alone
+            normals = nodal_normals(*of_frame, self.around)
         return Meeting(at, d, normals, covered)
 
     def found(

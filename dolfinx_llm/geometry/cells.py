@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from itertools import chain
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.element import CORNERS as CORNERS
@@ -73,6 +74,12 @@ def outline_edges(facets: Array) -> Array:
         np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True
     )
     return edges[first[count == 1]]
+
+
+def facets_around(facets: Array, m: int) -> csr_matrix:
+    """(m, f) ones where a facet (f, k) has a node."""
+    f, k = facets.shape
+    return csr_matrix((np.ones(f * k), (facets.ravel(), np.repeat(np.arange(f), k))), (m, f))
 
 
 def areas_around(x: Array, facets: Array, cells: Array | None = None) -> Array:

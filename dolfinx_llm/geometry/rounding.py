@@ -7,15 +7,15 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, summing
-from dolfinx_llm.geometry.cells import outline_edges, unit, vector_areas
+from dolfinx_llm.geometry.cells import facets_around, outline_edges, unit, vector_areas
 
 CURVES, SHARP = 1e-3, np.pi / 6  # angles of facets with the mean about a node, where it is curved
 HARDLY_TOLD = 1e-6  # of the largest share in a fit: directions that it tells no slope along
 
 
-def drawn_curved(x: Array, facets: Array) -> tuple[csr_matrix, Array]:
-    """(m, f) weights of the facets' vector areas in nodal normals, and (m,) the nodes about which a
-    surface is drawn curved and has no edge.
+def drawn_curved(x: Array, facets: Array) -> tuple[csr_matrix | None, Array]:
+    """(m, f) weights of the facets' vector areas in nodal normals, None: of those around alike; and
+    (m,) the nodes about which a surface is drawn curved and has no edge.
 
     A node's normal is that of the facets around; at the outline of what is drawn curved, which has
     facets on one side alone, that of ``_continued``.
@@ -24,17 +24,15 @@ def drawn_curved(x: Array, facets: Array) -> tuple[csr_matrix, Array]:
         x: (m, gdim) nodes as drawn [length].
         facets: (f, k) their facets.
     """
-    (f, k), m = facets.shape, len(x)
-    each = np.repeat(np.arange(f), k)
-    around = csr_matrix((np.ones(f * k), (facets.ravel(), each)), (m, f))
-    area = vector_areas(x, facets)
+    m, area = len(x), vector_areas(x, facets)
+    around = facets_around(facets, m)
 
     def angles(weights: csr_matrix) -> Array:
         normal, mean, most = unit(area), unit(weights @ area), np.zeros(m)
         np.maximum.at(most, facets, np.linalg.norm(mean[facets] - normal[:, None], axis=2))
         return most
 
-    angle = angles(around)
+    angle, weights = angles(around), None
     bent = around @ (around.T @ (angle > CURVES)) > 0.0
     outline = np.isin(np.arange(m), outline_edges(facets))
     deep = around @ (around.T @ ~outline) > 0.0  # else facets about it tell no slope inwards
@@ -42,9 +40,9 @@ def drawn_curved(x: Array, facets: Array) -> tuple[csr_matrix, Array]:
     if len(rim):
         own = _continued(rim, x, facets, around, angle < SHARP)
         kept = diagonal(~np.isin(np.arange(m), rim) + 0.0)
-        around = (kept @ around + summing(rim, m) @ own).tocsr()
-        angle = angles(around)
-    return around, (angle > CURVES) & (angle < SHARP)
+        weights = (kept @ around + summing(rim, m) @ own).tocsr()
+        angle = angles(weights)
+    return weights, (angle > CURVES) & (angle < SHARP)
 
 
 def _continued(

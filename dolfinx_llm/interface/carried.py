@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +15,8 @@ from dolfinx_llm.design.curved import smooth_rows
 from dolfinx_llm.design.weights import balanced_rows
 from dolfinx_llm.geometry.frame import Frame, bent
 from dolfinx_llm.geometry.loads import NodalLoads, loads_in_contact
-from dolfinx_llm.geometry.overlap_flat import common_area
-from dolfinx_llm.geometry.pairs import locate_pairs
+from dolfinx_llm.geometry.overlap_flat import Plane, common_area
+from dolfinx_llm.geometry.pairs import ContactPairs, locate_pairs
 from dolfinx_llm.geometry.pieces import tied_plane
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.frames import REACH
@@ -37,11 +38,7 @@ def carried_rows(moving: Surface, carrier: Surface) -> tuple[Array, csr_matrix, 
     else:
         area = common_area(*sides, plane)
         loads = [NodalLoads.on(side, plane.project(side.x), area, 2) for side in sides]
-    own, other = (
-        locate_pairs(side, load, frame, sign, REACH, plane)
-        for side, load, sign in zip(sides, loads, (1.0, -1.0), strict=True)
-    )
-    other = replace(other, N=identity(len(carrier.x), format="csr")[other.nodes])
+    own, other = _on_own_nodes(sides, loads, frame, plane)
     keep = np.zeros(len(own.nodes), dtype=bool), np.ones(len(other.nodes), dtype=bool)
     if plane is None:
         N = bent_rows(frame, (own, other), bent_normals(frame), keep)
@@ -62,12 +59,20 @@ def round_rows(
     """
     sides, frame = (moving, carrier), Frame(carrier.x, carrier.facets)
     loads, vectors = loads_in_contact(sides, False, 1)
-    own, other = pairs = [
-        locate_pairs(side, load, frame, sign, REACH)
-        for side, load, sign in zip(sides, loads, (1.0, -1.0), strict=True)
-    ]
+    own, other = pairs = _on_own_nodes(sides, loads, frame, None)
     smooth = smooth_rows(frame, pairs, close_gap)
-    N = [smooth.rows(1.0)[0], identity(len(carrier.x), format="csr")[other.nodes]]
     areas = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
-    found = balance(N, areas, smooth.stencils, stay=(False, True))[0]
+    start = smooth.rows(1.0)[0], other.N
+    found = balance(start, areas, smooth.stencils, stay=(False, True))[0]
     return own.nodes, found, float(abs(found - own.N).max())
+
+
+def _on_own_nodes(
+    sides: Sequence[Surface], loads: Sequence[NodalLoads], frame: Frame, plane: Plane | None
+) -> tuple[ContactPairs, ContactPairs]:
+    """Pairs of both sides on a frame of the second one's nodes, whose rows are the identity."""
+    own, other = (
+        locate_pairs(side, load, frame, sign, REACH, plane)
+        for side, load, sign in zip(sides, loads, (1.0, -1.0), strict=True)
+    )
+    return own, replace(other, N=identity(len(frame.x), format="csr")[other.nodes])
