@@ -30,6 +30,7 @@ from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 
 LARGEST = 0.3  # correction of an entry of L_b by geometry; larger ones are faded, or left out
+AT_OUTLINE = 0.2  # cells: how near to the frame's outline a node of a side's outline belongs to it
 FADES = (FADE, 1e-3, 1e-2, 1e-1)  # of ``curved_stencils``, until the correction is small enough
 
 
@@ -49,7 +50,11 @@ class SmoothRows:
 
 
 def smooth_rows(
-    frame: Frame, pairs: Sequence[ContactPairs], close_gap: bool, along_normals: bool = False
+    frame: Frame,
+    pairs: Sequence[ContactPairs],
+    close_gap: bool,
+    along_normals: bool = False,
+    near: float = AT_OUTLINE,
 ) -> SmoothRows:
     """Rows of both sides that reproduce places on the smooth surface, and their stencils.
 
@@ -61,13 +66,15 @@ def smooth_rows(
             through the frame's nodes, so that what remains is the gap.
         along_normals: forces act along normals alone: then rows, and corrections on the stencils,
             also keep moments.
+        near: how near nodes of a side's outline lie to the frame's that are bound to it, in cells:
+            what such rows miss along the surface is a part of the gap.
     """
     surface = SmoothSurface.through(frame)
     ring = adjacency(frame.cells, len(frame.x))
     edges = outline_edges(frame.cells)
     normals, sides = unit_normals(frame.x, frame.cells), []
     for p in pairs:
-        clamped = at_outline(frame, p, edges, normals)
+        clamped = at_outline(frame, p, edges, normals, near)
         W = outline_weights(frame, clamped, edges, normals, ring)
         sides.append(_smooth_side(frame, surface, p, clamped, W, close_gap, along_normals))
     out, stencils, start, move = (list(parts) for parts in zip(*sides, strict=True))

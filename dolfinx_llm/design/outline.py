@@ -14,7 +14,6 @@ from dolfinx_llm.geometry.cells import outline_edges, unit
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 
-AT_OUTLINE = 0.2  # cells: how near to the frame's outline a node of a side's outline belongs to it
 AT_NODE = 1e-9  # from 1, at which a row is its frame node's
 ON_LINE = 0.5  # edge lengths: how near to an edge's line nodes of the outline belong to it
 
@@ -29,33 +28,36 @@ class Clamped:
     cell: Array  # (n,) cell of each row
 
 
-def at_outline(frame: Frame, pairs: ContactPairs, edges: Array, normals: Array) -> Clamped:
+def at_outline(
+    frame: Frame, pairs: ContactPairs, edges: Array, normals: Array, near: float
+) -> Clamped:
     """Bind nodes of a side's outline that lie at the frame's to it: what a symmetry plane or an
     edge prescribes for the one must not concern the frame's inner nodes.
 
     Args:
         normals: (n_cells, gdim) of the frame's cells.
+        near: how near a node lies to the frame's outline that is bound to it, in cells.
     """
     own = np.unique(outline_edges(pairs.surface.facets))
     rows = np.flatnonzero(np.isin(pairs.nodes, own))
     if not len(edges) or not len(rows):
         return Clamped(rows[:0], rows[:0], pairs.N, pairs.cell)
     ends, x = frame.x[edges], pairs.x[rows]
-    near = cKDTree(ends.mean(axis=1)).query(x, k=min(8, len(edges)))[1].reshape(len(x), -1)
-    a, b = ends[near, 0], ends[near, -1]
+    edge_near = cKDTree(ends.mean(axis=1)).query(x, k=min(8, len(edges)))[1].reshape(len(x), -1)
+    a, b = ends[edge_near, 0], ends[edge_near, -1]
     along = np.einsum("nei,nei->ne", x[:, None] - a, b - a)
     length2 = np.maximum(np.einsum("nei,nei->ne", b - a, b - a), 1e-300)
     t = np.clip(along / length2, 0.0, 1.0)
     distance = np.linalg.norm(x[:, None] - a - t[..., None] * (b - a), axis=2)
     best = np.round(distance / distance.max(), 9).argmin(axis=1)
     pick = np.arange(len(x)), best
-    edge, t = near[pick], t[pick]
+    edge, t = edge_near[pick], t[pick]
     # The cell that the edge belongs to, and the distance within its plane.
     owner = _cells_of_edges(frame.cells, edges)[edge]
     miss = x - ends[edge, 0] - t[:, None] * (ends[edge, -1] - ends[edge, 0])
     normal = normals[owner]
     tangential = miss - np.einsum("ni,ni->n", miss, normal)[:, None] * normal
-    close = np.linalg.norm(tangential, axis=1) <= AT_OUTLINE * frame.cell_size[owner]
+    close = np.linalg.norm(tangential, axis=1) <= near * frame.cell_size[owner]
     rows, edge, t, owner = rows[close], edge[close], t[close], owner[close]
     inner, cell = np.ones(len(pairs.nodes)), pairs.cell.copy()
     inner[rows], cell[rows] = 0.0, owner

@@ -33,9 +33,9 @@ from dolfinx_llm.finite.location import (
     location_derivatives,
 )
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes, unit, vector_areas
+from dolfinx_llm.geometry.drawn import drawn_curved
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.geometry.pairs import control_matrices
-from dolfinx_llm.geometry.rounding import drawn_curved
 from dolfinx_llm.geometry.surface import Surface
 
 Item = TypeVar("Item")

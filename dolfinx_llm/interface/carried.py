@@ -21,6 +21,8 @@ from dolfinx_llm.geometry.pieces import tied_plane
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.frames import REACH
 
+LIES_ON_OUTLINE = 0.02  # cells off edges of the outline, which cut arcs, up to which nodes lie on it
+
 
 def carried_rows(moving: Surface, carrier: Surface) -> tuple[Array, csr_matrix, float]:
     """Nodes (p,) of a surface that are tied to another one, their rows (p, m) of its nodes, and the
@@ -60,7 +62,7 @@ def round_rows(
     sides, frame = (moving, carrier), Frame(carrier.x, carrier.facets)
     loads, vectors = loads_in_contact(sides, False, 1)
     own, other = pairs = _on_own_nodes(sides, loads, frame, None)
-    smooth = smooth_rows(frame, pairs, close_gap)
+    smooth = smooth_rows(frame, pairs, close_gap, near=LIES_ON_OUTLINE)
     areas = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
     start = smooth.rows(1.0)[0], other.N
     found = balance(start, areas, smooth.stencils, stay=(False, True))[0]

@@ -57,3 +57,18 @@ def test_ties(kind, sizes, most, close_gap):
         outwards = side.X[:, :2] / np.hypot(*side.X[:, :2].T)[:, None]
         normal = np.abs(np.einsum("ni,ni->n", side.force[:, :2], outwards)) / side.area
         assert np.abs(normal / exact.pressure(1.5) - 1.0).max() <= most
+
+
+@pytest.mark.parametrize("longer_one", [0, 1])
+def test_ties_beyond_an_outline(longer_one):
+    """A tube that is longer than the other one: nodes beyond its end are not bound to it, which was
+    refused as a gap, or closed along the tubes."""
+    exact, meshes = Lame(), quarters("hex", (0.3, 0.2))
+    meshes[longer_one][0].geometry.x[:, 2] *= 1.3
+    wanted = exact.linear(meshes, llm.Tied(), "auto").solve()
+    for close_gap in (False, True):
+        problem = exact.nonlinear(meshes, llm.Tied(close_gap=close_gap))
+        problem.solve()
+        for u, known in zip(problem.u, wanted, strict=True):
+            miss = np.abs(u.x.array - known.x.array).max()
+            assert miss <= 0.02 * np.abs(known.x.array).max()
