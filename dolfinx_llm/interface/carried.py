@@ -21,7 +21,7 @@ from dolfinx_llm.geometry.pieces import tied_plane
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.frames import REACH
 
-LIES_ON_OUTLINE = 0.02  # cells off edges of the outline, which cut arcs, up to which nodes lie on it
+LIES_ON_OUTLINE = 0.02  # cells off the outline, whose edges cut arcs, up to which nodes lie on it
 
 
 def carried_rows(moving: Surface, carrier: Surface) -> tuple[Array, csr_matrix, float]:
