@@ -8,9 +8,9 @@ alone: arrays that are the same on every rank.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from dolfinx_llm.contact.gliding import glide, slips
 from dolfinx_llm.contact.loose import count, keep, lets_go, regain, require_friction
 from dolfinx_llm.contact.sliding import slide
 from dolfinx_llm.contact.state import ContactState, InterfaceState
-from dolfinx_llm.contact.ties import ask, choose, tie_more, unsettled
+from dolfinx_llm.contact.ties import ask, ask_again, choose, tie_more, unsettled
 from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import GRAZING, SIGN, StepForm, StepResult, force_level
 from dolfinx_llm.forms.verdict import FinalError, Verdict
@@ -34,14 +34,13 @@ from dolfinx_llm.operators.system import ContactOperators
 
 LED = 10  # iterations in which what springs alone press together sticks
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
-MAXIMUM = 100  # iterations
+MAXIMUM = 100  # iterations, and as many again once ties have been chosen
 FALLING = 4  # of them in which the motion of what nothing holds is looked for
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 MANY = 0.2  # of the pairs: where more change, friction is not yet what it will be
 AGAIN = 0.05  # the same in later load steps, on curved frames, for which pairs touch
 FLOATS = 1e-6  # of the forces, that springs carry where contact without friction holds no body
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
-CHANCES = 3  # for pairs without friction, when all the others have come to rest
 CIRCLES = 1e-3  # relative difference of residuals that are the same
 CALM = 2  # iterations without a change after which a residual may have stopped falling
 
@@ -137,7 +136,7 @@ class ContactIteration:
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
         equations.idle = 0.0
         equations.start, self._calmed, self._vital = about[0], False, False
-        calm, before, w_last, chances = 0, np.inf, w, CHANCES  # iterations without change
+        calm, before, w_last, regained = 0, np.inf, w, False  # iterations without change
         changes, many, runs = 0, _many(self.states, known), 0
         giving = GivingWay(equations)
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
@@ -145,7 +144,12 @@ class ContactIteration:
         for s in self.states:
             s.begin()
         glides, rest = glide(equations, False), self.snapshot()[0]
-        for iteration in takewhile(lambda i: i <= FALLING or not falls(), range(1, MAXIMUM + 1)):
+        last = MAXIMUM
+
+        def goes_on(i: int) -> bool:
+            return i <= last and (i <= FALLING or not falls())
+
+        for iteration in itertools.takewhile(goes_on, itertools.count(1)):
             circles = changes > 0 and _comes_back(self.history[first:])
             equations.lags = (changes > many and not known) or circles
             equations.about = giving.about(calm > 0 and before <= CONSTANT, iteration)
@@ -188,6 +192,7 @@ class ContactIteration:
                 glides, many, self._vital, (_, about, centre) = False, np.inf, True, stuck
                 _take_back(self.states, stuck[0])
                 keep(self.states)
+                ask_again(self.states)
                 continue
             stalled = calm > CALM and miss > 0.5 * before
             enough = max(ENOUGH, spread(equations, self.form.noise) / largest)
@@ -199,10 +204,11 @@ class ContactIteration:
             if rests and not released:
                 gaps = self.scale * (equations.L @ w - y - g)
                 released = lets_go(self.states, multiplier, gaps, ENOUGH * largest)
-            if rests and not released and chances and regain(self.states, multiplier):
-                chances, released = chances - 1, True
-            if rests and not released:
-                released = ask(self.states, multiplier, self._vital)
+            # Most come to rest once all else has; ties settle the others.
+            if rests and not released and not regained:
+                regained = released = regain(self.states, multiplier)
+            if rests and not released and ask(self.states, multiplier, self._vital):
+                last, released = iteration + MAXIMUM, True
             if rests and not released:
                 require_friction(self.states, multiplier)
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating

@@ -70,6 +70,17 @@ def ask(states: list[InterfaceState], multiplier: Array, vital: bool) -> bool:
     return bool(some)
 
 
+def ask_again(states: list[InterfaceState]) -> None:
+    """Where contact without friction has turned out to tell nothing, what was asked for may be once
+    more.
+
+    Args:
+        states: of all interfaces.
+    """
+    for s in _of(states, DONE):
+        s.asked = NEVER if s.ties is None else DONE
+
+
 def tie_more(states: list[InterfaceState], multiplier: Array, miss: float) -> bool:
     """Tie what presses now as well, once in a load step, where too much is without a tie, as
     friction has moved contact; whether there is any.
@@ -100,10 +111,8 @@ def choose(states: list[InterfaceState], multiplier: Array, iteration: int) -> N
         multiplier: λ (n,) of contact without friction [force].
         iteration: its number.
     """
-    if iteration <= EVERY:
-        return
     for s in states:
-        if s.curved or s.asked:
+        if s.asked or (s.curved and iteration > EVERY):
             _tie(s, multiplier)
             s.asked = DONE
 

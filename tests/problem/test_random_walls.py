@@ -1,12 +1,13 @@
 """Random walls by K u - f and positions; 6: forces at joints were out of balance by 2 %; 93, 199:
-pairs that share a force at a joint pressed by turns for ever, in one form."""
+pairs that share a force at a joint pressed by turns for ever, in one form; 9, 41, 45: a few pairs
+at joints of few cells, just about to part, were without friction for good."""
 
 import pytest
 import wall_campaign
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", [*range(1, 9), 93, 199])
+@pytest.mark.parametrize("seed", [*range(1, 10), 41, 45, 93, 199])
 def test_random_walls(seed):
     """What stands is right; of what falls both forms say so."""
     assert wall_campaign.verdict(seed) == ("right: falls" if seed in (4, 7, 8) else "right")
