@@ -33,6 +33,8 @@ GMRES = {
     "ksp_rtol": OURS,
     "pc_factor_mat_solver_type": "mumps",
     "pc_gamg_reuse_interpolation": True,
+    # Errors of a V-cycle add up from level to level; coarse ones cost little.
+    "pc_mg_cycle_type": "w",
     # Pairs make the largest eigenvalues, which smoothers are to know: not those of the bodies.
     "pc_gamg_use_sa_esteig": False,
 }
