@@ -34,6 +34,8 @@ from dolfinx_llm.operators.numbering import BodyDofs
 LITTLE = 0.5  # of the largest force of an unknown, below which the preconditioner leaves it out
 ALMOST_FAST = 0.1  # part of what a node does to its own row that is free: held below
 MAIN = 0.1  # entry of a row on the frame, below which it is left out: corrections reach far
+JOINT = 500  # rows of held nodes that yield together although each could alone, at most: dense
+NO_STIFFNESS = 1e-12  # of a node's stiffness that is none
 BETA = 2.0  # by how much rows yield, over what a single node does: less hides them from multigrid
 
 
@@ -46,15 +48,15 @@ class Condensed:
     yielding: csr_matrix  # (q, q) own' - own
     scaling: csr_matrix  # (q, q) by which own equations are multiplied
     jumps: tuple[csr_matrix, csr_matrix]  # (n gdim, width) J of the n pairs, and of all of N
-    bound: csr_matrix  # (width, q) forces that yield together
+    held: csr_matrix  # (width, width) the part of C of rows that yield together
     gdim: int
 
     def entries(self, slides: bool) -> csr_matrix:
         """(width, width) 1 where C may have entries, whether pairs stick or slip; where nodes slide
         also those that it soon may have."""
-        J, on = abs(self.jumps[slides]), abs(self.bound)
+        J = abs(self.jumps[slides])
         blocks = np.ones((J.shape[0] // self.gdim, self.gdim, self.gdim))
-        return (J.T @ per_item(blocks) @ J + on @ on.T).sign().tocsr()
+        return (J.T @ per_item(blocks) @ J + abs(self.held)).sign().tocsr()
 
     @classmethod
     def of(cls, t: ContactTerms, sides: Any, free: Array, d: float) -> Condensed:
@@ -95,9 +97,12 @@ class Condensed:
         # So do those that normals tilt out of the supports: alone they would yield next to nothing.
         together = several & fast
         held = (pair >= 0) & (_norms(near @ kept) < ALMOST_FAST * _norms(near)) | together
+        joint = held & fast & (abs(t.top).T @ free > 0.0)
+        joint = np.flatnonzero(joint if joint.sum() <= JOINT else together)
         held = diagonal(held.astype(float))
         yielding = near @ kept @ top + held @ left @ keep @ t.top @ held
         yielding = -BETA / d * yielding
+        pair[joint] = -1
         place, c = _places(pair, n)
         X = _diagonal_blocks(place.T @ (own + yielding) @ place, n, c)
         X += np.eye(c) * (np.abs(X).max(axis=2, initial=0.0) == 0.0)[:, :, None]
@@ -105,10 +110,25 @@ class Condensed:
         H = _semidefinite(_diagonal_blocks(-top @ inverse @ near, n, gdim))
         of_pairs = diagonal((pair >= 0).astype(float))
         rows = near @ J + left - of_pairs @ left
-        bound = t.top @ diagonal(together.astype(float))
-        C = keep @ (J.T @ per_item(H) @ J + d / BETA * (bound @ bound.T)) @ keep
+        jointly = _jointly(t, keep, joint, d)
+        C = keep @ J.T @ per_item(H) @ J @ keep + jointly
         jumps = J, sides.jumps(t.place.N)
-        return cls(C, rows @ keep, yielding, scaling, jumps, bound, gdim)
+        return cls(C, rows @ keep, yielding, scaling, jumps, jointly, gdim)
+
+
+def _jointly(t: ContactTerms, keep: csr_matrix, joint: Array, d: float) -> csr_matrix:
+    """(width, width) stiffness -top own'⁻¹ left of some unknowns, of whose rows ``left`` is the
+    transposed of ``top`` or minus that."""
+    top = keep @ t.top[:, joint]
+    if not len(joint):
+        return csr_matrix(keep.shape)
+    products = (t.left[joint] @ top).toarray()
+    X = t.own[joint][:, joint].toarray() - BETA / d * products
+    X *= -np.sign(np.diag(products))[:, None]
+    found = (top @ csr_matrix(_semidefinite(_inverse(X[None]))[0]) @ top.T).tocsr()
+    found.data[np.abs(found.data) < NO_STIFFNESS * d] = 0.0
+    found.eliminate_zeros()
+    return found
 
 
 def _inverse(X: Array) -> Array:

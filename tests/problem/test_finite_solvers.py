@@ -66,16 +66,19 @@ def test_same_answers(name, monkeypatch, caplog):
         assert np.abs(a.force - b.force).max() < 1e-9 * np.abs(a.force).max()
 
 
-def test_iterations_do_not_grow(monkeypatch):
+@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Tied()], ids=["frictionless", "tied"])
+def test_iterations_do_not_grow(monkeypatch, law):
     """Four times as many unknowns take about as many iterations to the same residual, 1e-5 of the
     first solves; one level of a preconditioner would take 1.6 times as many. Those of the last
-    solves, to residuals that Newton's iteration asks for, stay below twice one body's 12."""
+    solves, to residuals that Newton's iteration asks for, stay below 1.5 times one body's 15, with
+    supports at the interface as well: ties took 27 where rows of held nodes were condensed as if
+    each stood alone."""
     monkeypatch.setattr(nonlinear_parts, "FROM_UNKNOWNS", {3: 0})
-    coarse, fine = (patch("hex", llm.Frictionless(), refine, 3.0) for refine in (3, 5))
+    coarse, fine = (patch("hex", law, refine, 3.0) for refine in (3, 5))
     assert fine.unknowns["u"] > 4.0 * coarse.unknowns["u"]
     one, other = (problem.history[0]["linear"] for problem in (coarse, fine))
     assert other <= 1.25 * one
-    assert max(h["linear"] for h in fine.history) < 24
+    assert max(h["linear"] for h in fine.history) < 22
 
 
 def test_mumps_takes_over(monkeypatch, caplog):
