@@ -144,7 +144,7 @@ class FrictionStep:
 
     def _times(self, q: Array) -> Array:
         n, (right, below, corner) = len(self._fixed), self._blocks
-        body = times(self._split.inside, q[:n]) + times(right, q[n:])
+        body = self._split.inside_times(q[:n]) + times(right, q[n:])
         return np.concatenate([body, times(below, q[:n]) + times(corner, q[n:])])
 
     def _iterate(self, b: Array, q: Array, load: float, around: Any, main: bool) -> Any:
@@ -213,7 +213,7 @@ class FrictionStep:
     @cached_property
     def _motions(self) -> WeakMotions:
         """Rigid motions that supports do not hold."""
-        body, frame = self._of.weak
+        body, frame = self._of.weak()
         W = self._form.unknowns(body, np.where(self._reduced.told[:, None], 0.0, frame))
         return WeakMotions(self._split.comm, W, self._times, self._by.norm)
 
@@ -226,7 +226,7 @@ class FrictionStep:
             return np.concatenate(self._of.kept.apply(r[:n], r[n:])) / by
 
         x, took, reason = solve_right(
-            self._split.inside.comm, lambda x: by * self._times(by * x), precondition, by * r,
+            self._split.K_SS.comm, lambda x: by * self._times(by * x), precondition, by * r,
             "fgmres", (rtol, 0.0, 1e30, limit),
         )  # fmt: skip
         return by * x, took, reason

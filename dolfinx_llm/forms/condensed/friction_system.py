@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.log import log
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.kept import KeptMultigrid
-from dolfinx_llm.forms.condensed.modes import sides_of, together
+from dolfinx_llm.forms.condensed.modes import rigid_modes_of, sides_of, soft_modes_of
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import Reduced
 from dolfinx_llm.forms.condensed.transformation import Transformation
@@ -43,12 +43,10 @@ class FrictionSystem:
         self,
         split: SplitStiffness,
         operators: ContactOperators,
-        modes: tuple[Any, Any],
         options: tuple[str, dict[str, Any]],
         direct: bool,
     ) -> None:
         self.split, self.operators, self.direct = split, operators, direct
-        self._modes, self._sliding = modes
         self._prefix, self._options = options
         self.notes: list[str] = []
         self.kept: Any = None  # ``KeptMultigrid``, once there is one
@@ -61,7 +59,7 @@ class FrictionSystem:
         self.left, self.began = 0.0, np.inf  # residual of the last solve, and before it, scaled
         self.stalls = 0  # solves towards a load that have begun no nearer than the one before
         self.last: Any = None  # u, λ and w of the last solve
-        self.weak: Any = None  # rigid motions of bodies and frames that supports do not hold
+        self.weak: Any = None  # ``ModesAsked`` of ``weak_motions``, where supports leave some
 
     @cached_property
     def shares(self) -> tuple[Array, Array]:
@@ -100,13 +98,13 @@ class FrictionSystem:
         """A new multigrid of a step, with aggregates of its own unless what stuck ``slips`` there
         and they may be parted; whether they are its own."""
         dofs, scale = self.operators.dofs, self.operators.scale
-        modes, before = self._modes, None
+        before = None
         prefix, _ = options = self.own_options(("ksp_type",))
         if slips and self.kept.parts(reduced) and not PETSc.Options(prefix).hasName("pc_type"):
             before = self.kept, sides_of(self.operators)
         else:
             self.discard()
-            modes = together(modes, self._sliding) if reduced.slips.any() else modes
+        modes = partial(soft_modes_of if reduced.slips.any() else rigid_modes_of, self.operators)
         made = KeptMultigrid(
             self.split, rows, reduced, dofs.fixed, scale, modes, options, before=before
         )

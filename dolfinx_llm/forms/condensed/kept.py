@@ -15,15 +15,16 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.forms.condensed.correction import Correction
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.krylov import GAMG, near_null_space
-from dolfinx_llm.forms.condensed.modes import Modes
+from dolfinx_llm.forms.condensed.modes import Modes, ModesAsked
 from dolfinx_llm.forms.condensed.parting import parted, side_motions
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import Reduced
 from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.forms.direct import set_up_ksp
-from dolfinx_llm.operators.petsc import create_aij, join_blocks, times
+from dolfinx_llm.operators.petsc import create_aij, times
 
 MOST = 0.5  # of all jumps between bodies
 STIFFER = 0.5  # of what bodies set against a jump: by so much a law's stiffness has not changed
@@ -41,7 +42,7 @@ class KeptMultigrid:
         reduced: the step.
         fixed: (n_local,) prescribed dofs.
         scale: stiffness of the surfaces [force / length].
-        modes: near-null space at this rank's dofs (n_local, k) and the unknowns w (m, k).
+        modes: gives the near-null space at this rank's dofs (n_local, k) and the unknowns w (m, k).
         options: prefix and PETSc options.
         before: a multigrid whose aggregates are to be parted, and the sides of its places.
 
@@ -58,7 +59,7 @@ class KeptMultigrid:
         reduced: Reduced,
         fixed: Array,
         scale: float,
-        modes: tuple[Array, Array],
+        modes: ModesAsked,
         options: tuple[str, dict[str, Any]],
         before: tuple[KeptMultigrid, Modes] | None = None,
     ) -> None:
@@ -71,24 +72,21 @@ class KeptMultigrid:
         idle = np.zeros(on.shape[1])
         idle[self._dependent] = scale
         D = Z.T @ (parts.T @ reduced.stiff @ parts) @ Z + diags(idle)
-        self.matrix = form.reduce(D.tocsr(), scale)
-        self.scaling = self.matrix.getDiagonal()
-        self.scaling.sqrtabs()
-        self.scaling.reciprocal()
-        self.matrix.diagonalScale(self.scaling, self.scaling)
+        between = [] if before is None else before[0].stripped()
+        self.matrix, self.scaling = form.reduce(D.tocsr(), scale)
         for option in (PETSc.Mat.Option.SYMMETRIC, PETSc.Mat.Option.SPD):
             self.matrix.setOption(option, True)
         chosen = {"ksp_type": "gmres"} | GAMG | options[1]
         if before is None:
-            w = np.where(reduced.told[:, None], 0.0, modes[1])
-            near_null_space(self.matrix, self.scaling, form.unknowns(modes[0], reduced.parted @ w))
+            self._tell_modes(form, modes)
             self.ksp = set_up_ksp(self.matrix, options[0], chosen, options[1])
+            self.matrix.setNearNullSpace(PETSc.NullSpace())  # it has served
         else:
             other, sides = before
             told = diags((~reduced.told).astype(float))
             frame = diags((idle == 0.0).astype(float)) @ reduced.parted @ told @ other.frame
             motions = side_motions(form, frame.tocsr(), sides)
-            scaled = (self.matrix, self.scaling), (other.ksp, other.scaling)
+            scaled = (self.matrix, self.scaling), (between, other.scaling)
             self.ksp = parted(*scaled, motions, options[0], chosen)
         self._x, self._y = self.matrix.createVecs()
         indptr, columns, values = form.T.getValuesCSR()
@@ -96,8 +94,14 @@ class KeptMultigrid:
         self.frame: csr_matrix = (reduced.C @ parts @ Z).tocsr()
         form.T.destroy()
         self._P: Any = None
-        self._factor: Any = None
+        self._correction: Any = None  # where the step that it serves differs
         self._form: Any = None
+
+    def _tell_modes(self, form: Transformation, modes: ModesAsked) -> None:
+        """Give the matrix its near-null space."""
+        body, frame = modes()
+        w = self._reduced.parted @ np.where(self._reduced.told[:, None], 0.0, frame)
+        near_null_space(self.matrix, self.scaling, form.unknowns(body, w))
 
     def parts(self, reduced: Reduced) -> bool:
         """Whether its aggregates may be parted for another step: all that comes free there slips
@@ -106,6 +110,14 @@ class KeptMultigrid:
         if (free & ~reduced.slips).any() or pc.getType() != "gamg" or pc.getMGLevels() < 2:
             return False
         return bool(pc.getMGCoarseSolve().getOperators()[0].getSize()[0] <= COARSEST)
+
+    def stripped(self) -> list[Any]:
+        """Interpolations of GAMG, from the coarsest: what parting needs, all other memory of it is
+        freed; collective."""
+        pc = self.ksp.getPC()
+        between = [pc.getMGInterpolation(level) for level in range(1, pc.getMGLevels())]
+        self._free_matrix()
+        return between
 
     def sticks(self, rows: EliminatedRows, reduced: Reduced) -> bool:
         """Whether it was made for a surface that sticks, and most of it slips in a step: of pairs
@@ -143,41 +155,7 @@ class KeptMultigrid:
         local = csr_matrix((value, (row, col)), shape=tail.sizes)
         self._P = create_aij(form.comm, tail.sizes, tail.sizes, local)
         if self.changed:
-            matrix = self._around(form, A)
-            options = {"ksp_type": "preonly", "pc_type": "lu", "mat_mumps_icntl_24": 1,
-                       "pc_factor_mat_solver_type": "mumps"}  # fmt: skip
-            self._factor = set_up_ksp(matrix, "llm_changed_", options)
-            self._b, self._c = matrix.createVecs()
-            matrix.destroy()
-
-    def _around(self, form: Transformation, A: Any) -> Any:
-        """The matrix on the chosen places and the bodies' dofs next to them: what law and bodies
-        say of these at once, neither the multigrid nor the places alone tell."""
-        right, below, corner = A
-        comm, first, start = corner.comm, form.tail.first, self._split.first
-        indptr, columns, _ = right.getValuesCSR()
-        every = np.concatenate(form.comm.allgather(self._at + first))
-        row = np.repeat(np.arange(self._n), np.diff(indptr))
-        self._near = np.unique(row[np.isin(columns, every)])
-
-        def places(at: Array) -> Any:
-            return PETSc.IS().createGeneral(at.astype(PETSc.IntType), comm)
-
-        chosen = places(self._near + start), places(self._at + first)
-        whole = [places(np.arange(*M.getOwnershipRange())) for M in (self._split.inside, corner)]
-        blocks = (self._split.inside, right), (below, corner)
-        parts = [
-            [M.createSubMatrix(rows, columns) for M, columns in zip(line, whole)]
-            for line, rows in zip(blocks, chosen)
-        ]
-        self._rows, _ = join_blocks(parts)
-        begin = self._rows.getOwnershipRangeColumn()[0]
-        rows = places(np.arange(*self._rows.getOwnershipRange()))
-        columns = places(np.concatenate([self._near, self._at + self._n]) + begin)
-        matrix = self._rows.createSubMatrix(rows, columns)
-        for item in (*chosen, *whole, *parts[0], *parts[1], rows, columns):
-            item.destroy()
-        return matrix
+            self._correction = Correction(form, self._at, A)
 
     def _changes(
         self, form: Transformation, rows: EliminatedRows, reduced: Reduced
@@ -206,28 +184,28 @@ class KeptMultigrid:
         self.ksp.getPC().apply(self._x, self._y)
         found = scale * self._y.array_r
         inside, outside = found[: self._n], times(self._P, found[self._n :])
-        if self._factor is not None:
-            k = len(self._near)
-            left = np.concatenate([body[self._near], tail[self._at]])
-            self._c.array_w[:] = left - times(self._rows, np.concatenate([inside, outside]))
-            self._factor.solve(self._c, self._b)
-            inside[self._near] += self._b.array_r[:k]
-            outside[self._at] += self._b.array_r[k:]
+        if self._correction is not None:
+            self._correction.add((body, tail), (inside, outside))
         return inside, outside
 
     def release(self) -> None:
         """Free what is another step's; collective."""
-        correction = (self._factor, self._rows, self._b, self._c) if self._factor else ()
-        for item in (self._P, *correction):
+        for item in (self._P, self._correction):
             if item is not None:
                 item.destroy()
-        self._P = self._factor = self._form = None
+        self._P = self._correction = self._form = None
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
         self.release()
-        for item in (self.ksp, self.matrix, self.scaling, self._x, self._y):
+        self._free_matrix()
+        for item in (self.scaling, self._x, self._y):
             item.destroy()
+
+    def _free_matrix(self) -> None:
+        self._split.leave(self.matrix)
+        self.ksp.destroy()
+        self.matrix.destroy()
 
 
 def _states(rows: EliminatedRows) -> Array:

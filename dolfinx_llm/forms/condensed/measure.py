@@ -40,7 +40,7 @@ class Measure:
 
     def __init__(self, of: FrictionSystem, form: Transformation, blocks: Any) -> None:
         self._of, self._form, self._split = of, form, of.split
-        diagonal = diagonal_of(of.split.inside), diagonal_of(blocks[2])
+        diagonal = of.split.inside_diagonal, diagonal_of(blocks[2])
         body, frame = of.shares
         tail, there = np.ones(form.tail.sizes[0]), form.tail.left >= 0
         tail[form.tail.left[there]] = body[of.split.surface[there]]

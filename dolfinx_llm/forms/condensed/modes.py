@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 from scipy.sparse import csr_matrix, identity
@@ -13,6 +13,7 @@ from dolfinx_llm.operators.bodies import rigid_modes, sliding_ways, two_sides
 from dolfinx_llm.operators.system import ContactOperators
 
 Modes = tuple[Array, Array]  # at dofs of the bodies (n_local, k), at unknowns w (m, k)
+ModesAsked = Callable[[], Modes]  # made when they are asked for: they take as much as k solutions
 
 
 def rigid_modes_of(operators: ContactOperators) -> Modes:
@@ -77,13 +78,9 @@ def sides_of(operators: ContactOperators) -> Modes:
     return operators.dofs.spread(side[operators.bodies.label]), w
 
 
-def soft_modes_of(operators: ContactOperators) -> tuple[Modes, Modes]:
-    """Rigid motions of all, and the sliding of bodies past each other."""
-    return rigid_modes_of(operators), sliding_modes_of(operators)
-
-
-def together(*modes: Modes) -> Modes:
-    """Modes side by side."""
+def soft_modes_of(operators: ContactOperators) -> Modes:
+    """Rigid motions of all, and the sliding of bodies past each other, side by side."""
+    modes = rigid_modes_of(operators), sliding_modes_of(operators)
     body, w = zip(*modes, strict=True)
     return np.hstack(body), np.hstack(w)
 
@@ -104,13 +101,14 @@ def _sides_of(operators: ContactOperators) -> tuple[Array, Array]:
     return side, side[meet]
 
 
-def weak_motions(operators: ContactOperators, L: csr_matrix) -> Any:
+def weak_motions(operators: ContactOperators, L: csr_matrix) -> ModesAsked | None:
     """Rigid motions that supports alone do not hold firmly of bodies (n_local, k), and of frames
     (m, k), which rows see by L (n, m); None where ties hold all."""
     if operators.tied:
         return None
-    rigid = operators.floating.rigid.modes.toarray()
-    if not (L.shape[1] and rigid.shape[1]):
-        return rigid, np.zeros((L.shape[1], rigid.shape[1]))
-    fit = splu((L.T @ L + 1e-10 * identity(L.shape[1])).tocsc())
-    return rigid, fit.solve((L.T @ operators.floating.G).toarray())
+    rigid = operators.floating.rigid.modes
+    frame = np.zeros((L.shape[1], rigid.shape[1]))
+    if frame.size:
+        fit = splu((L.T @ L + 1e-10 * identity(L.shape[1])).tocsc())
+        frame = fit.solve((L.T @ operators.floating.G).toarray())
+    return lambda: (rigid.toarray(), frame)

@@ -30,7 +30,7 @@ EMPTY = 1e-10  # of an aggregate's motions
 
 def parted(
     new: tuple[Any, Any],
-    old: tuple[Any, Any],
+    old: tuple[list[Any], Any],
     sides: list[Any],
     prefix: str,
     options: dict[str, Any],
@@ -39,29 +39,28 @@ def parted(
 
     Args:
         new: the matrix, and the scaling of its places.
-        old: KSP of the other, and the same.
+        old: interpolations of the other, from the coarsest, used up, and the same.
         sides: of ``side_motions``; used up.
         prefix, options: of PETSc.
     """
-    (matrix, scaling), (ksp, other) = new, old
+    (matrix, scaling), (coarse, other) = new, old
     inverse = scaling.copy()
     inverse.reciprocal()
     for M in sides:
         M.diagonalScale(inverse, other)
     inverse.destroy()
-    pc, levels, kept = ksp.getPC(), [matrix], np.zeros(0, dtype=np.int64)
+    levels, kept = [matrix], np.zeros(0, dtype=np.int64)
     between: list[Any] = []
-    count = pc.getMGLevels()
-    for level in range(count - 1, 0, -1):
-        P = pc.getMGInterpolation(level)
+    for P in reversed(coarse):
         local = kron(local_csr(P), identity(2), "csr")[kept] if between else _turns(P, sides)
         Q, kept = _without_empty(P, local)
+        P.destroy()
         between.append(Q)
         levels.append(_galerkin(levels[-1], Q))
 
     def prepare(pc: Any) -> None:
         pc.setType("mg")
-        pc.setMGLevels(count)
+        pc.setMGLevels(len(levels))
         for level, Q in enumerate(reversed(between), 1):
             pc.setMGInterpolation(level, Q)
         for level, A in enumerate(reversed(levels)):

@@ -10,36 +10,34 @@ from petsc4py import PETSc
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.forms.condensed.gmres import Product
+from dolfinx_llm.forms.condensed.modes import ModesAsked
 from dolfinx_llm.forms.condensed.transformation import Transformation
-from dolfinx_llm.operators.petsc import times
+from dolfinx_llm.operators.petsc import diagonal_of, times
 
 GRAIN = 64.0 * np.finfo(float).eps  # of the largest value: what rounding can make of zero
 
 
 class ReducedMatrix:
     """A = Tᵀ K T with the proximal term, as PETSc AIJ ``matrix`` S A S; the PETSc Vec S is the
-    inverse square root of A's diagonal, which is ``scale`` at idle places. T goes with the matrix.
+    inverse square root of A's diagonal, which is ``scale`` at idle places. T goes with the matrix,
+    in which K's inside stands.
 
-    ``weak`` are motions W that cost hardly any energy, which conjugate gradients alone leave too
+    ``weak`` gives motions W that cost hardly any energy, which conjugate gradients alone leave too
     early; as of ``CondensedSystem``.
     """
 
-    def __init__(self, form: Transformation, scale: float, weak: Any) -> None:
+    def __init__(self, form: Transformation, scale: float, weak: ModesAsked | None) -> None:
         self.form, self._comm = form, form.comm
-        self._weak = weak if weak is not None and weak[0].shape[1] else None
+        self._weak = weak
         self._inverse: Any = None  # X with X Xᵀ = (Wᵀ A W)⁻¹, once it is needed
-        self.matrix = self.form.reduce(self.form.penalty(), scale)
-        diagonal = self.matrix.getDiagonal()
-        least = self._comm.allreduce(diagonal.array_r.min(initial=np.inf), op=MPI.MIN)
+        self.matrix, self.S = self.form.reduce(self.form.penalty(), scale)
+        diagonal = diagonal_of(self.matrix) / self.S.array_r**2
+        least = self._comm.allreduce(diagonal.min(initial=np.inf), op=MPI.MIN)
         if not least > 0.0:
             raise ContactError(
                 f"the condensed matrix has the diagonal entry {least:.3g}: it is not positive "
                 "definite. Check the material data of the forms a"
             )
-        diagonal.sqrtabs()
-        diagonal.reciprocal()
-        self.S = diagonal
-        self.matrix.diagonalScale(diagonal, diagonal)
         self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self.matrix.setOption(PETSc.Mat.Option.SPD, True)
 
@@ -63,7 +61,9 @@ class ReducedMatrix:
         left = load - self.times(q)
         if self._weak is None:
             return left
-        W, comm = self.form.unknowns(*self._weak), self._comm
+        W, comm = self.form.unknowns(*self._weak()), self._comm
+        if not W.shape[1]:
+            return left
         if self._inverse is None:
             product = np.column_stack([self.times(column) for column in W.T])
             scaled = W / self.S.array_r[:, None]
@@ -75,6 +75,7 @@ class ReducedMatrix:
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
+        self.form.split.leave(self.matrix)
         for item in (self.form.T, self.matrix, self.S):
             item.destroy()
 

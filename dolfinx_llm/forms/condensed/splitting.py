@@ -5,11 +5,14 @@ With S their dofs, I the others and u_S = T_S q_S,
 
     Tᵀ K T = [ K_II       K_IS T_S     ]
              [ T_Sᵀ K_SI  T_Sᵀ K_SS T_S ].
+
+K_II is most of K, and of any such matrix: what is solved with keeps it for both.
 """
 
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
@@ -25,7 +28,6 @@ class SplitStiffness:
     Attributes:
         surface: this rank's of these dofs, local numbers.
         diagonal: (n_local,) of K.
-        inside: K with zeros in the rows and columns of S, and ones on their diagonal.
         K_SS, K_SI: rows S of K, the latter with the columns of all dofs, and none in those of S.
 
     Raises:
@@ -37,12 +39,15 @@ class SplitStiffness:
             raise ContactError(
                 "the condensed form needs a symmetric stiffness, K has none: use solver='saddle'"
             )
-        self.comm, self.inside, self.sizes = K.comm.tompi4py(), K, K.getSizes()[0]
+        self.comm, self.sizes = K.comm.tompi4py(), K.getSizes()[0]
+        self._inside: Any = K  # unless it stands in ``_home``
+        self._home: Any = None  # matrix of ``scaled``, and (n_local,) its scaling
         self.first, end = K.getOwnershipRange()
         dofs = np.unique(dofs)
         mine = dofs[(dofs >= self.first) & (dofs < end)].astype(PETSc.IntType)
         self.surface = mine - self.first
         self.diagonal = diagonal_of(K)
+        self._held = np.zeros(0, dtype=np.int64), np.zeros(0)  # dofs inside, diagonal with springs
         S = PETSc.IS().createGeneral(mine, K.comm)
         all_dofs = PETSc.IS().createStride(end - self.first, self.first, 1, K.comm)
         self.K_SS, rows = K.createSubMatrix(S, S), K.createSubMatrix(S, all_dofs)
@@ -78,6 +83,42 @@ class SplitStiffness:
             M.destroy()
         return right, below, corner
 
+    @property
+    def inside_diagonal(self) -> Array:
+        """(n_local,) of ``inside``."""
+        values, (held, of) = self.diagonal.copy(), self._held
+        values[self.surface] = 1.0
+        values[held] = of
+        return values
+
+    @property
+    def inside(self) -> Any:
+        """K with zeros in the rows and columns of S, and ones on their diagonal; taken back from
+        where it stands."""
+        if self._home is not None:
+            self._inside, self._home = self.inside_rows(), None
+        return self._inside
+
+    def inside_rows(self, at: Array | None = None) -> Any:
+        """Some of this rank's rows of ``inside``, local numbers, or all; a copy."""
+        home, scaling = self._home or (self._inside, None)
+        first, n = home.getOwnershipRange()[0], self.sizes[0]
+        columns = PETSc.IS().createStride(n, first, 1, home.comm)
+        rows = columns
+        if at is not None:
+            rows = PETSc.IS().createGeneral((at + first).astype(PETSc.IntType), home.comm)
+        found = home.createSubMatrix(rows, columns)
+        if scaling is not None:
+            right, left = found.createVecs()
+            left.array_w[:] = 1.0 / (scaling if at is None else scaling[at])
+            right.array_w[:] = 1.0 / scaling
+            found.diagonalScale(left, right)
+            left.destroy()
+            right.destroy()
+        rows.destroy()
+        columns.destroy()
+        return found
+
     def joined(self, blocks: tuple[Any, Any, Any]) -> Any:
         """The matrix of these blocks, which are used up."""
         right, below, corner = blocks
@@ -85,6 +126,23 @@ class SplitStiffness:
         for M in blocks:
             M.destroy()
         return matrix
+
+    def scaled(self, blocks: tuple[Any, Any, Any]) -> tuple[Any, Any]:
+        """The same as S A S of unit diagonal, and S. ``inside`` stands there from now on, until
+        ``leave``; whatever is taken out of it has the rounding of that."""
+        matrix = self.joined(blocks)
+        S = matrix.getDiagonal()
+        S.sqrtabs()
+        S.reciprocal()
+        matrix.diagonalScale(S, S)
+        self._inside.destroy()
+        self._home = matrix, S.array_r[: self.sizes[0]].copy()
+        return matrix, S
+
+    def leave(self, matrix: Any) -> None:
+        """Let ``inside`` no longer stand in a matrix, which is about to go."""
+        if self._home is not None and self._home[0] is matrix:
+            _ = self.inside
 
     def columns(self, u_S: Array) -> Array:
         """(n_local,) K u for a u that is zero but on S."""
@@ -96,29 +154,42 @@ class SplitStiffness:
         """(S,) rows S of K u."""
         return times(self.K_SI, u) + times(self.K_SS, u[self.surface])
 
+    def inside_times(self, u: Array) -> Array:
+        """(n_local,) ``inside`` times u, wherever it stands."""
+        if self._home is None:
+            return times(self._inside, u)
+        matrix, scaling = self._home
+        x = np.zeros(matrix.getLocalSize()[0])
+        x[: len(u)] = u / scaling
+        return times(matrix, x)[: len(u)] / scaling
+
     def times(self, u: Array) -> Array:
         """(n_local,) K u."""
-        product = times(self.inside, u)
+        product = self.inside_times(u)
         product[self.surface] = times(self.K_SI, u)
         return product + self.columns(u[self.surface])
 
     def hold(self, at: list[int], stiffness: float) -> None:
         """Springs at this rank's dofs, local numbers, instead of those there were."""
+        held = np.array(at, dtype=np.int64)
+        of, on_surface = self.diagonal[held] + stiffness, np.isin(held, self.surface)
         start = self.K_SS.getOwnershipRange()[0]
-        for i in at:
-            place = np.searchsorted(self.surface, i)
-            on_surface = place < len(self.surface) and self.surface[place] == i
-            M, row = (self.K_SS, start + place) if on_surface else (self.inside, self.first + i)
-            M.setValue(row, row, self.diagonal[i] + stiffness)
+        for i, value in zip(held[on_surface], of[on_surface], strict=True):
+            row = start + np.searchsorted(self.surface, i)
+            self.K_SS.setValue(row, row, value)
         self.K_SS.assemble()
-        self.inside.assemble()
-
-    def release(self) -> None:
-        """Free the volume's part: no more ``reduce`` and ``times``."""
-        self.inside.destroy()
+        held, of = held[~on_surface], of[~on_surface]
+        changed = bool((self.inside_diagonal[held] != of).any())
+        if not self.comm.allreduce(changed, op=MPI.LOR):
+            return  # where it stands others may have been made of it
+        self._held, inside = (held, of), self.inside
+        for i, value in zip(held, of, strict=True):
+            inside.setValue(self.first + i, self.first + i, value)
+        inside.assemble()
 
     def destroy(self) -> None:
-        for M in (self.inside, self.K_SS, self.K_SI, self._K_IS):
+        self._home = None
+        for M in (self._inside, self.K_SS, self.K_SI, self._K_IS):
             if M is not None:
                 M.destroy()
 

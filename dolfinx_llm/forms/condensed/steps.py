@@ -6,7 +6,7 @@ reduced matrix is then not symmetric (``friction``).
 """
 
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.friction import SOLVED, FrictionStep
 from dolfinx_llm.forms.condensed.friction_system import FrictionSystem
-from dolfinx_llm.forms.condensed.modes import soft_modes_of, together, weak_motions
+from dolfinx_llm.forms.condensed.modes import soft_modes_of, weak_motions
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import items_of
 from dolfinx_llm.forms.condensed.system import CondensedSystem
@@ -57,7 +57,7 @@ class CondensedForm(WholeSteps):
         super().prepare(K, operators)
         with self.times.timed("reduction"):
             self.split = SplitStiffness(K, operators.rows.dofs)
-            self._items, self._modes = items_of(operators), soft_modes_of(operators)
+            self._items = items_of(operators)
         self._known = np.zeros(0)  # what the system's matrix was made of
         self._spring, self._swings, self._fewest = 0.0, 0, np.inf
         self._seen: list[Array] = []  # rows in contact in the steps towards one load
@@ -157,11 +157,9 @@ class CondensedForm(WholeSteps):
             self.accuracy = CondensedForm.accuracy if self.friction.residual <= SOLVED else -1.0
 
     def left(self, f: Array, u: Array, multiplier: Array) -> Array:
-        """See ``StepForm``; where ties let K go, as the last solve has left it."""
+        """See ``StepForm``."""
         operators = self.operators
         forces = times(operators.B, multiplier[operators.rows.numbering.mine])
-        if operators.tied:
-            return forces - self.system.force
         forces[operators.floating.pins] -= self._spring * u[operators.floating.pins]
         return self.split.times(u) + forces - f
 
@@ -187,10 +185,10 @@ class CondensedForm(WholeSteps):
         self.split.hold(self.operators.floating.pins, self._spring)
         if self.friction is None:
             options = self.prefix, dict(self.options or {})
-            few = "pc_type" not in options[1] and self.split.inside.getSize()[0] < FEWEST
+            few = "pc_type" not in options[1] and self.split.sizes[1] < FEWEST
             few = few and not self._symmetric(step)
             direct = few or options[1].get("pc_type") in FACTORISED
-            self.friction = FrictionSystem(self.split, self.operators, self._modes, options, direct)
+            self.friction = FrictionSystem(self.split, self.operators, options, direct)
         if self.operators.floating.rigid.modes.shape[1]:
             self.friction.weak = weak_motions(self.operators, step.L)
         with self.times.timed("factorisation"):
@@ -212,12 +210,11 @@ class CondensedForm(WholeSteps):
             with self.times.timed("reduction"):
                 self.system = CondensedSystem(
                     self.split, eliminated, self.operators.dofs.fixed, self.scale, self.prefix,
-                    self.options, modes=together(*self._modes),
+                    self.options, modes=partial(soft_modes_of, self.operators),
                     weak=weak_motions(self.operators, step.L),
                     proximal=hold if hold.any() else None,
                 )  # fmt: skip
             if self.operators.tied:  # the matrix stays
-                self.split.release()
                 with self.times.timed("factorisation"):
                     self.system.set_up()
         self._known = wanted
@@ -234,11 +231,12 @@ class CondensedForm(WholeSteps):
     def destroy(self) -> None:
         """See ``StepForm``."""
         super().destroy()
+        if self.split is not None:
+            self.split.destroy()  # first: K's inside need not be taken back
         if self.friction is not None:
             self.friction.discard()
-        for item in (self.system, self.split):
-            if item is not None:
-                item.destroy()
+        if self.system is not None:
+            self.system.destroy()
         self.system = self.split = self.friction = None
 
 

@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows, widest
 from dolfinx_llm.forms.condensed.krylov import RTOL, WIDEST, KeptSolver, near_null_space
+from dolfinx_llm.forms.condensed.modes import ModesAsked
 from dolfinx_llm.forms.condensed.reduced import ReducedMatrix
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.transformation import Transformation
@@ -26,19 +28,19 @@ ROUNDING = 4.0 * EPS  # of a residual of the scaled system, per size of its unkn
 class CondensedSystem:
     """Tᵀ K T with a preconditioner or a factorisation, set up once for any number of loads.
 
-    After a solve ``iterations``, ``force`` (this rank's f - K u), ``tolerance`` (what the user's
+    After a solve ``iterations``, ``tolerance`` (what the user's
     options allow of K u + B λ - f [force]) and ``notes`` tell how it went; ``steps`` has of
     each solve its "iterations" and the seconds of its "set-up" and "solve".
 
     Args:
         split: stiffness of the bodies, parted at the nodes of all rows that will be eliminated. It
-            is destroyed with the system; what is not needed for solving may be released before.
+            is destroyed with the system.
         rows: what is eliminated to the frames.
         fixed: (n_local,) whether a dof of this rank is prescribed; f holds its value.
         scale: mean diagonal of K on the surface dofs [force / length].
         prefix, options: of PETSc, on top of ``ITERATIVE`` and ``GAMG``, or of ``DIRECT``.
-        modes: near-null space for GAMG, rigid modes at the bodies' dofs (n_local, k) and at the
-            frames' unknowns (m, k); None: none.
+        modes: gives the near-null space for GAMG, rigid modes at the bodies' dofs (n_local, k) and
+            at the frames' unknowns (m, k); None: none.
         weak: motions that supports or springs may hold weakly, in the same way; None: ``modes``.
         proximal: (m,) non-negative stiffness d of the frames' unknowns, which adds
             1/2 sum_J d_J v_J² to the energy [force / length]; None: none.
@@ -53,8 +55,8 @@ class CondensedSystem:
         prefix: str = "llm_",
         options: dict[str, Any] | None = None,
         *,
-        modes: tuple[Array, Array] | None = None,
-        weak: tuple[Array, Array] | None = None,
+        modes: ModesAsked | None = None,
+        weak: ModesAsked | None = None,
         proximal: Array | None = None,
     ) -> None:
         self.split, self.fixed, self.scale, self.comm = split, fixed, scale, split.comm
@@ -106,8 +108,9 @@ class CondensedSystem:
         """Preconditioner or factorisation, if it is not there yet."""
         if self.solver.ksp is None:
             if self._modes is not None:
-                near_null_space(self.matrix, self.S, self.form.unknowns(*self._modes))
+                near_null_space(self.matrix, self.S, self.form.unknowns(*self._modes()))
             self.solver.set_up(self.matrix)
+            self.matrix.setNearNullSpace(PETSc.NullSpace())  # it has served
 
     def solve(self, f: Array, g: Array, pull: Array | None = None) -> tuple[Array, Array, Array]:
         """This rank's parts of u, λ, v for loads f (n_local,), prescribed values at fixed dofs, and
@@ -121,7 +124,7 @@ class CondensedSystem:
         ready, form = time.perf_counter(), self.form
         u_0, v_0 = form.offsets(f, g)
         u, q = self._iterate(f, u_0, form.push(pull, v_0), self._guess(u_0, v_0))
-        self.force = force = self._forces(f, u)
+        force = self._forces(f, u)
         v = form.frame_motion(q, v_0)
         self._last = u, v
         multiplier = form.multipliers(np.where(self.fixed, 0.0, force), v, pull)
@@ -202,6 +205,6 @@ class CondensedSystem:
         judge(left, terms, max(load, forces), how)
 
     def destroy(self) -> None:
+        self.split.destroy()  # first: K's inside need not be taken back
         self.solver.discard()
         self.reduced.destroy()
-        self.split.destroy()

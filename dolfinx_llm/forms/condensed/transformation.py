@@ -40,11 +40,11 @@ class Transformation:
         dofs, self.vectors = rows.local  # (R, gdim) base vectors of this rank's rows
         self.dofs = dofs - split.first  # (R, gdim) local
         node = eliminate_at_nodes(self.dofs, self.vectors, fixed)
-        self.A, self.N, self.W = node.A, node.N, node.W
+        self.A, self.W = node.A, node.W
         self.L = rows.L[rows.multipliers.mine]  # rows of this rank
         self.frame = FrameElimination(*self._frame_rows(soft))
         surface = split.surface
-        self._N_S = self.N[surface][:, surface].multiply(~fixed[surface]).tocsr()
+        self._N_S = node.N[surface][:, surface].multiply(~fixed[surface]).tocsr()
         self._N_S.eliminate_zeros()
         motion = self.A @ (self.L @ self.frame.Z)
         held = None if proximal is None else abs(self.frame.Z).T @ proximal > 0.0
@@ -103,11 +103,11 @@ class Transformation:
         added.destroy()
         return blocks
 
-    def reduce(self, D: csr_matrix, idle: float) -> Any:
-        """The matrix of ``blocks``, AIJ."""
-        matrix = self.split.joined(self.blocks(D, idle))
+    def reduce(self, D: csr_matrix, idle: float) -> tuple[Any, Any]:
+        """The matrix of ``blocks``, AIJ, as of ``SplitStiffness.scaled``, and its scaling."""
+        matrix, S = self.split.scaled(self.blocks(D, idle))
         matrix.setBlockSize(self.gdim)
-        return matrix
+        return matrix, S
 
     def penalty(self) -> csr_matrix:
         """(m, m) Zᵀ diag(d) Z of the proximal term."""
