@@ -14,7 +14,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.contact.equations import Equations
 from dolfinx_llm.laws.coulomb import Coulomb
-from dolfinx_llm.laws.rows import SLIP
+from dolfinx_llm.laws.rows import STICK
 from dolfinx_llm.operators.floating import Floating
 
 SINGULAR = 1e-14  # of the squares of rows, added so that they can be factorised
@@ -46,7 +46,7 @@ def _motion(equations: Equations, floating: Floating) -> Array | None:
     follows[: equations.n_v] = True
     for s in equations.states:
         if isinstance(s.law, Coulomb) and s.nodes.kappa.size:
-            follows[s.nodes.kappa[s.own.status == SLIP]] = True
+            follows[s.nodes.kappa[s.own.status != STICK]] = True
     closed, count = np.flatnonzero(equations.closed_rows()), floating.count
     G, A = (M[closed] for M in (floating.G, equations.whole))
     felt_by = hstack([G[:, :count], A[:, np.flatnonzero(follows)]], format="csc")

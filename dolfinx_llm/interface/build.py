@@ -25,7 +25,7 @@ from dolfinx_llm.interface.frames import REACH, choose_frame, common_order, move
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.interface.join import Part, joined, whole_piece
 from dolfinx_llm.interface.rows import balanced, bent_pairs, designed, kept_nodes
-from dolfinx_llm.interface.site import Site, check_order, find_site, say_straight
+from dolfinx_llm.interface.site import Site, check_order, find_site, say_straight, with_law
 from dolfinx_llm.interface.touching import check_flat, find_pieces
 
 
@@ -118,6 +118,7 @@ def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
     pieces, rims = find_pieces(whole, interface.law.opens, interface.name, notes)
     if len(pieces) > 1 and interface.frame is not None:
         pieces = [whole_piece(pieces)]
+    site = with_law(site, any(piece.plane is None for piece in pieces))
     if interface.frame is None:
         pieces = [part for piece in pieces for part in separated(piece, whole)]
         site = replace(site, shared=shared_by(pieces, site))
@@ -252,7 +253,6 @@ def build_piece(
     area: Any = None
     order = common_order(sides, interface.frame)
     if plane is None:  # curved: vector areas, smooth rows, balance in least squares
-        check_order(interface, sides, flat=False)
         if interface.design == "positions":
             raise ContactInputError("design='positions' needs flat sides; use 'weights' or 'auto'")
         loads, vectors = loads_in_contact(sides, law.opens, order)

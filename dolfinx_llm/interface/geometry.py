@@ -47,6 +47,12 @@ class InterfaceGeometry:
         return self.frame is None
 
     @property
+    def bent(self) -> bool:
+        """Whether the frame's cells are of second order and follow curved surfaces."""
+        curved = any(part.piece.plane is None for part in self.parts)
+        return curved and any(part.frame.element.order > 1 for part in self.parts)
+
+    @property
     def normals_alone(self) -> bool:
         """Whether the frame's nodes move along their normals only."""
         return self.frame is not None and self.interface.law.components == "normal"

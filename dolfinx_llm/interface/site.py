@@ -17,6 +17,7 @@ from dolfinx_llm.geometry.cells import unit_normals
 from dolfinx_llm.geometry.spaces import is_scalar
 from dolfinx_llm.geometry.surface import Surface, check_sides, extract_surface
 from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.laws.frictionless import FreeSlip
 
 STRAIGHT_FACETS = (
     1e-9  # of a surface's diameter: how far nodes of straight edges lie off the middle
@@ -103,7 +104,7 @@ def check_field(interface: Interface, scalar: bool) -> None:
         )
 
 
-def check_order(interface: Interface, sides: Sequence[Surface], flat: bool = True) -> None:
+def check_order(interface: Interface, sides: Sequence[Surface]) -> None:
     """Require, of second-order bodies, ties, laws that let them part, or those of a scalar field.
 
     Raises:
@@ -116,15 +117,36 @@ def check_order(interface: Interface, sides: Sequence[Surface], flat: bool = Tru
         missing = f"the law {law}"
     elif interface.design == "positions":
         missing = "design='positions' (use 'weights' or 'auto')"
-    elif not flat and law.opens:
-        missing = "contact that turns around a body (by more than 0.2 rad to either side)"
     if missing:
         raise ContactInputError(
             f"interface {interface.name}: {missing} need(s) first-order bodies; second-order ones "
-            "can be tied, and part and slide along surfaces that turn less. Use "
-            "('Lagrange', 1, ...) here, or NonlinearContactProblem, of F = ufl.action(a, u) - L, "
-            "which takes laws of your own"
+            "can be tied, and part and slide. Use ('Lagrange', 1, ...) here, or "
+            "NonlinearContactProblem, of F = ufl.action(a, u) - L, which takes laws of your own"
         )
+
+
+def with_law(site: Site, curved: bool) -> Site:
+    """The same, with the form of its law for curved surfaces between bodies of second order.
+
+    Raises:
+        ContactInputError: bodies that may part, or their frame, are of several orders there.
+    """
+    interface, law = site.interface, site.interface.law
+    elements = [side.element for side in site.whole]
+    if interface.frame is not None:
+        elements.append(interface.frame.element)
+    orders = {element.order for element in elements}
+    if not (curved and law.opens and 2 in orders):
+        return site
+    if len(orders) > 1:
+        raise ContactInputError(
+            f"interface {interface.name}: contact that turns around a body (by more than 0.2 rad "
+            "to either side) is between bodies of one order, of second order on a predicted frame. "
+            "Give both ('Lagrange', 2, ...) or both ('Lagrange', 1, ...), and frame=None"
+        )
+    if law.components != "normal":
+        return site
+    return replace(site, interface=replace(interface, law=FreeSlip()))
 
 
 def say_straight(interface: Interface, sides: Sequence[Surface], notes: list[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.law import Law
 
 
@@ -18,3 +19,23 @@ class Frictionless(Law):
     """
 
     components = "normal"
+
+
+class FreeSlip(Coulomb):
+    """The same along curved surfaces of second order: nothing acts along them at the frame's nodes.
+
+    Normals turn along a facet there. What a pressure exerts at a pair is along no one normal, and
+    control values of a slip have parts across the surface, of second order in the facets' size:
+    pairs bear forces along it which cancel at the frame's nodes, and the frame moves along it.
+
+    >>> FreeSlip(), FreeSlip().slips
+    (Frictionless(), True)
+    """
+
+    def __init__(self) -> None:
+        super().__init__(0.0)
+        object.__setattr__(self, "slips", True)
+        object.__setattr__(self, "components", "local")
+
+    def __repr__(self) -> str:
+        return repr(Frictionless())

@@ -3,7 +3,9 @@ symmetry.
 
 Rows there tell nothing but how supports share friction, if both sides move alike. Designed rows do
 not even say that: they reach to frame nodes beyond, and would hold these. So they are left out for
-as long as what is prescribed does not slip; where it does, all but one for each frame node.
+as long as what is prescribed does not slip; where it does, all but one for each frame node. So on
+bent frames, whose nodes on the plane would else be free along the surface, and thus across it where
+normals differ: rows at supports are not designed there.
 """
 
 from __future__ import annotations
@@ -16,11 +18,13 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.laws.frictionless import FreeSlip
 from dolfinx_llm.operators.numbering import BodyDofs, Place
 from dolfinx_llm.operators.prescribed import NEARLY_FIXED, free_parts
 
 ALL = 0.99  # part of what surrounds a place that counts as all of it
 MOSTLY = 0.5  # row's part in a frame node from which on its node is next to it
+COINCIDES = 0.999  # the same of a node that is the frame node's own
 HELD_STILL = 1e-9  # slip over the largest prescribed motion that is none
 
 
@@ -84,8 +88,12 @@ class BothSides:
         if not held.any():
             return None
         at = np.split(held.any(axis=1), [len(own.nodes)])
-        alone = np.concatenate([_next_to_nodes(p.N, a) for p, a in zip((own, other), at)])
+        # With friction rows of others than its own nodes would share that among supports.
+        rubs = geometry.bent and not isinstance(geometry.interface.law, FreeSlip)
+        least = COINCIDES if rubs else MOSTLY
+        alone = np.concatenate([_next_to_nodes(p.N, a, least) for p, a in zip((own, other), at)])
         spare = held & ~alone[:, None]
+        held = spare if geometry.bent else held
         sides = range(place.sides.start, place.sides.stop)
         return cls(sides, place.rows, base, across, held.ravel(), spare.ravel())
 
@@ -103,11 +111,12 @@ class BothSides:
         return self.spare | (self.held & (np.abs(np.concatenate(slips).ravel()) <= most))
 
 
-def _next_to_nodes(N: csr_matrix, among: Array) -> Array:
-    """(n,) those of some nodes, with rows N (n, m), that have the largest part in a frame node."""
+def _next_to_nodes(N: csr_matrix, among: Array, least: float) -> Array:
+    """(n,) those of some nodes, with rows N (n, m), that have the largest part in a frame node, and
+    more than ``least``."""
     found, rows = np.zeros(len(among), dtype=bool), np.flatnonzero(among)
     if len(rows):
         part = N[rows].tocsc()
         largest = np.asarray(part.max(axis=0).todense()).ravel()
-        found[rows[np.asarray(part.argmax(axis=0)).ravel()[largest > MOSTLY]]] = True
+        found[rows[np.asarray(part.argmax(axis=0)).ravel()[largest > least]]] = True
     return found

@@ -8,7 +8,7 @@ import pytest
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-from sampling import some_of
+from sampling import longer, some_of
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -19,7 +19,7 @@ E, NU, RADIUS, PULL = 210000.0, 0.3, 10.0, 5000.0
 PLATE, PIN, BORE, SHAFT, ENDS, EDGE = 1, 2, 3, 4, 5, 6
 
 
-def draw(dim, h, clearance, seed):
+def draw(dim, h, clearance, seed, order):
     """Plate 60 x 40 (x 8) and pin in gmsh, with all tags."""
     occ, group = gmsh.model.occ, gmsh.model.addPhysicalGroup
     for option, value in ("RandomSeed", seed), ("MeshSizeMax", h), ("MeshSizeMin", h / 2):
@@ -51,18 +51,19 @@ def draw(dim, h, clearance, seed):
         if faces:
             group(dim - 1, faces, tag)
     gmsh.model.mesh.generate(dim)
+    gmsh.model.mesh.setOrder(order)
 
 
-def pulled(dim, mu, h, clearance, seed=3, comm=MPI.COMM_WORLD, along=0.0):
+def pulled(dim, mu, h, clearance, seed=3, comm=MPI.COMM_WORLD, along=0.0, order=1):
     """The problem, and the load per volume (2D) or area of the pin's ends as a Constant; a part of
-    it ``along`` the pin, which friction alone then holds there."""
+    it ``along`` the pin, which friction alone then holds there. Mesh and bodies of an order."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     if comm.rank == 0:
-        draw(dim, h, clearance, seed)
+        draw(dim, h, clearance, seed, order)
     mesh, bodies, tags = compat.model_to_mesh(gmsh.model, comm, 0, gdim=dim)
     gmsh.finalize()
-    V = compat.function_space(mesh, shape=(dim,))
+    V = compat.function_space(mesh, degree=order, shape=(dim,))
     u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
     dx, ds = ufl.dx(subdomain_data=bodies), ufl.ds(subdomain_data=tags)
     eps = ufl.sym(ufl.grad(u))
@@ -158,4 +159,30 @@ def test_friction_alone_holds():
     load.value = -PULL / area
     problem.solve()
     assert problem.results[0].resultant[::2] == pytest.approx([-PULL, -0.02 * PULL], abs=1e-6)
+    problem.destroy()
+
+
+@pytest.mark.parametrize(("dim", "h", "clearance", "mu"), [
+    (2, 4.0, 0.0, 0.0), (2, 2.0, 0.02, 0.0), (2, 2.0, 0.02, 0.5), longer(3, 4.0, 0.02, 0.0),
+    longer(3, 4.0, 0.02, 0.2),
+])  # fmt: skip
+def test_of_second_order(dim, h, clearance, mu):
+    """Contact ends on the way around: no control value of forces pulls, none of gaps is negative,
+    of each pair one vanishes, and nothing is left of the load."""
+    problem, load, area = pulled(dim, mu, h, clearance, order=2)
+    total = PULL if dim == 3 else PULL / 8.0
+    load.value = -total / area
+    problem.solve()
+    assert len(problem.history) <= 25
+    (result,), (geometry,) = problem.results, problem.geometries
+    assert result.resultant[0] == pytest.approx(-total, rel=1e-8)
+    left = sum(side.force.sum(axis=0) for side in result.sides)
+    assert np.abs(left).max() <= 1e-9 * total
+    for pairs, side in zip(geometry.pairs, result.sides, strict=True):
+        force = np.einsum("ni,ni->n", pairs.control.T @ side.force, side.normal)
+        force /= np.abs(force).max()
+        gap = np.linalg.solve(pairs.control.toarray(), side.frame_gap) / np.abs(side.u).max()
+        assert force.min() >= -1e-8 and gap.min() >= -1e-8
+        assert np.minimum(np.abs(force), np.abs(gap)).max() <= 1e-7
+        assert (force > 1e-3).any() and (force <= 1e-3).any()
     problem.destroy()
