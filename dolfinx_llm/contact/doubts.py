@@ -10,6 +10,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.contact.loose import loose_share
 from dolfinx_llm.contact.results import InterfaceResult
 from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.interface.control import of_control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import OPEN
 
@@ -91,7 +92,8 @@ def doubts(
 
 def _unbalanced(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
     """Friction of both sides that cancels in sums over frame nodes at the rim of contact only."""
-    forces = [side.force for side in result.sides]
+    sides = zip(geometry.pairs, result.sides, strict=True)
+    forces = [of_control_values(pairs, side.force) for pairs, side in sides]
     left = sum(p.N.T @ force for p, force in zip(geometry.pairs, forces, strict=True))
     left = np.abs(left).max() / max(np.abs(np.concatenate(forces)).max(), 1e-300)
     if left <= IN_SUM:

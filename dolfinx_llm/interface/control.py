@@ -90,6 +90,11 @@ def at_nodes(pairs: ContactPairs, force: Array) -> Array:
     return np.asarray(splu(pairs.control.T.tocsc()).solve(force))
 
 
+def of_control_values(pairs: ContactPairs, force: Array) -> Array:
+    """(n, ...) forces of pairs that do the same work as these at their nodes."""
+    return force if pairs.control is None else np.asarray(pairs.control.T @ force)
+
+
 def nodal_values(geometry: InterfaceGeometry, v: Array) -> Array:
     """(m, gdim) values at the frame's nodes from the frame unknowns' (m, gdim)."""
     frame = geometry.frame

@@ -48,6 +48,7 @@ def check(problem, most):
         assert force.min() > 0.0 and not side.gap.any()
     total = sum(side.force.sum(axis=0) for side in result.sides)
     assert np.abs(total).max() <= 1e-9 * largest
+    assert "after the last solve" not in str(problem)
     return found
 
 
