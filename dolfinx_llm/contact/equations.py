@@ -167,7 +167,7 @@ class Equations:
                 no force reaches sticks.
         """
         rows = rows_of(s, multiplier, self.start, w, self.scale)
-        if self.lags and s.shares:
+        if self.lags and s.law.shares:
             rows = rows.lagged(s.at(multiplier, w, self.scale))
         light = np.abs(multiplier[s.nodes.rows]).max(initial=0.0) <= self.idle
         unheld = s.others.unheld & calmed | (light and s.law.slips and not s.law.gives)

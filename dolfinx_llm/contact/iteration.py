@@ -8,7 +8,6 @@ alone: arrays that are the same on every rank.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -22,6 +21,7 @@ from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.contact.equations import Equations, spread
 from dolfinx_llm.contact.giving import CONSTANT, GivingWay
 from dolfinx_llm.contact.gliding import glide, slips
+from dolfinx_llm.contact.history import comes_back, failure
 from dolfinx_llm.contact.loose import count, keep, lets_go, regain, require_friction
 from dolfinx_llm.contact.sliding import slide
 from dolfinx_llm.contact.state import ContactState, InterfaceState
@@ -41,7 +41,6 @@ MANY = 0.2  # of the pairs: where more change, friction is not yet what it will 
 AGAIN = 0.05  # the same in later load steps, on curved frames, for which pairs touch
 FLOATS = 1e-6  # of the forces, that springs carry where contact without friction holds no body
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
-CIRCLES = 1e-3  # relative difference of residuals that are the same
 CALM = 2  # iterations without a change after which a residual may have stopped falling
 
 
@@ -137,20 +136,17 @@ class ContactIteration:
         equations.idle = 0.0
         equations.start, self._calmed, self._vital = about[0], False, False
         calm, before, w_last, regained = 0, np.inf, w, False  # iterations without change
-        changes, many, runs = 0, _many(self.states, known), 0
+        changes, many, runs, circles = 0, _many(self.states, known), 0, False
         giving = GivingWay(equations)
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         pull = Pull(floating, spring, f, self.forces, alpha)
         for s in self.states:
             s.begin()
         glides, rest = glide(equations, False), self.snapshot()[0]
-        last = MAXIMUM
-
-        def goes_on(i: int) -> bool:
-            return i <= last and (i <= FALLING or not falls())
-
-        for iteration in itertools.takewhile(goes_on, itertools.count(1)):
-            circles = changes > 0 and _comes_back(self.history[first:])
+        iteration, last = 0, MAXIMUM
+        while iteration < last and (iteration < FALLING or not falls()):
+            iteration += 1
+            circles = calm <= CALM and (circles or comes_back(self.history[first:]))
             equations.lags = (changes > many and not known) or circles
             equations.about = giving.about(calm > 0 and before <= CONSTANT, iteration)
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
@@ -171,8 +167,7 @@ class ContactIteration:
             runs = runs + 1 if (lost := equations.runaway(multiplier)) else 0
             if runs > RUNS:
                 raise FinalError(lost)
-            counts = {**_count(self.states), "changes": changes, "residual": miss}
-            self.history.append({"iteration": iteration, **counts})
+            self.history.append(_entry(iteration, self.states, changes, miss))
             tell_iteration(self.history[-1], self.bar)
             if self.operators.tied:  # one linear step is all
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
@@ -204,7 +199,6 @@ class ContactIteration:
             if rests and not released:
                 gaps = self.scale * (equations.L @ w - y - g)
                 released = lets_go(self.states, multiplier, gaps, ENOUGH * largest)
-            # Most come to rest once all else has; ties settle the others.
             if rests and not released and not regained:
                 regained = released = regain(self.states, multiplier)
             if rests and not released and ask(self.states, multiplier, self._vital):
@@ -225,7 +219,7 @@ class ContactIteration:
             w_last = w
             if calm:
                 self.form.correct(found)
-        raise ContactError(_failure(self.history[first:]))
+        raise ContactError(failure(self.history[first:]))
 
     def _take(self, s: InterfaceState, found: StepResult, apart: Array) -> int:
         """Take over the pairs of an interface in contact, and find what sticks and slips.
@@ -275,25 +269,11 @@ def _many(states: list[InterfaceState], known: bool) -> float:
     return (again if known else MANY) * sum(len(s.nodes.rows) for s in states)
 
 
-def _comes_back(history: list[dict[str, Any]]) -> bool:
-    """Whether the last iterates miss the laws as those two before did: a known bound of friction
-    leads out of circles."""
-    last = [h["residual"] for h in history[-4:]]
-    return len(last) == 4 and bool(np.allclose(last[2:], last[:2], rtol=CIRCLES, atol=0.0))
-
-
-def _count(states: list[InterfaceState]) -> dict[str, Any]:
-    """Numbers of pairs in contact, and of those that stick and slip."""
+def _entry(
+    iteration: int, states: list[InterfaceState], changes: int, miss: float
+) -> dict[str, Any]:
+    """Of the history: numbers of pairs in contact, of those that stick and slip, of changes."""
     status = np.concatenate([s.pair_status() for s in states])
     of = [int((status == one).sum()) for one in (OPEN, STICK, SLIP)]
-    return {"active": len(status) - of[0], "stick": of[1], "slip": of[2]}
-
-
-def _failure(history: list[dict[str, Any]]) -> str:
-    last = history[-5:]
-    return (
-        f"the contact law did not converge in {len(history)} iterations; the last changed "
-        f"{[h['changes'] for h in last]} states, with residuals "
-        f"{', '.join(format(h['residual'], '.1e') for h in last)}. Apply the load in smaller "
-        "steps (solve(increments=...)), and check that supports hold the bodies when they slip"
-    )
+    counts = {"active": len(status) - of[0], "stick": of[1], "slip": of[2], "changes": changes}
+    return {"iteration": iteration, **counts, "residual": miss}
