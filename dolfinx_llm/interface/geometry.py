@@ -48,9 +48,9 @@ class InterfaceGeometry:
 
     @property
     def bent(self) -> bool:
-        """Whether the frame's cells are of second order and follow curved surfaces."""
+        """Whether surfaces are curved, of second order at least one of them."""
         curved = any(part.piece.plane is None for part in self.parts)
-        return curved and any(part.frame.element.order > 1 for part in self.parts)
+        return curved and any(side.element.order > 1 for side in self.sides)
 
     @property
     def normals_alone(self) -> bool:

@@ -126,23 +126,21 @@ def check_order(interface: Interface, sides: Sequence[Surface]) -> None:
 
 
 def with_law(site: Site, curved: bool) -> Site:
-    """The same, with the form of its law for curved surfaces between bodies of second order.
+    """The same, with the form of its law for curved surfaces of bodies of second order.
 
     Raises:
-        ContactInputError: bodies that may part, or their frame, are of several orders there.
+        ContactInputError: the frame of bodies that may part is not of the least order there.
     """
     interface, law = site.interface, site.interface.law
-    elements = [side.element for side in site.whole]
-    if interface.frame is not None:
-        elements.append(interface.frame.element)
-    orders = {element.order for element in elements}
+    orders = [side.element.order for side in site.whole]
     if not (curved and law.opens and 2 in orders):
         return site
-    if len(orders) > 1:
+    least, frame = min(orders), interface.frame
+    if frame is not None and frame.element.order != least:
         raise ContactInputError(
-            f"interface {interface.name}: contact that turns around a body (by more than 0.2 rad "
-            "to either side) is between bodies of one order, of second order on a predicted frame. "
-            "Give both ('Lagrange', 2, ...) or both ('Lagrange', 1, ...), and frame=None"
+            f"interface {interface.name}: the frame is of order {frame.element.order}, the bodies "
+            f"of {orders}, along contact that turns around a body (by more than 0.2 rad to either "
+            f"side). Give a frame of order {least}, or none"
         )
     if law.components != "normal":
         return site

@@ -15,6 +15,18 @@ class Lame2(Lame):
     degree = 2
 
 
+class Mixed(Lame):
+    """Bodies of such orders, the inner one's first."""
+
+    def __init__(self, orders):
+        super().__init__()
+        self.orders = list(orders)
+
+    @property
+    def degree(self):
+        return self.orders.pop(0)
+
+
 EXACT = Lame2()
 
 
@@ -44,7 +56,8 @@ def check(problem, most):
     assert np.abs(result.pressure / EXACT.pressure(1.5) - 1.0).max() <= most
     largest = max(side.normal_force.max() for side in result.sides)
     for pairs, side in zip(geometry.pairs, result.sides, strict=True):
-        force = np.einsum("ni,ni->n", pairs.control.T @ side.force, side.normal)
+        control = np.eye(len(side.x)) if pairs.control is None else pairs.control.T
+        force = np.einsum("ni,ni->n", control @ side.force, side.normal)
         assert force.min() > 0.0 and not side.gap.any()
     total = sum(side.force.sum(axis=0) for side in result.sides)
     assert np.abs(total).max() <= 1e-9 * largest
@@ -79,14 +92,34 @@ def test_up_to_planes_of_symmetry(kind, sizes, most, law):
     assert (found <= [1.4, 1.15] * tied).all()
 
 
-def test_orders_that_differ_are_refused():
-    """Along curved surfaces: rows at planes of symmetry let pressures be off by up to 99 %."""
+@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.3)], ids=str)
+@pytest.mark.parametrize("orders", [(1, 2), (2, 1)])
+def test_orders_that_differ(orders, law):
+    """By the lesser one's rules: of second order in L2, of first in the gradient."""
+    coarse, fine = (
+        check(Mixed(orders).linear(rings(n, orders), law, "auto"), most)
+        for n, most in (((16, 24), 0.13), ((32, 48), 0.035))
+    )
+    assert (np.log2(coarse / fine) >= [1.85, 0.95]).all()
 
-    class Both(Lame):
-        @property
-        def degree(self):
-            return next(orders)
 
-    orders = iter((1, 2))
-    with pytest.raises(llm.ContactInputError, match="bodies of one order"):
-        Both().linear(rings((16, 24), (1, 2)), llm.Frictionless(), "auto")
+@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.3)], ids=str)
+@pytest.mark.parametrize("orders", [(1, 2), (2, 1)])
+@pytest.mark.parametrize(("kind", "sizes", "most"), [
+    ("quad", (0.2, 0.13), 0.03), longer("quad", (0.1, 0.065), 0.007),
+    longer("hex", (0.3, 0.2), 0.045),
+])  # fmt: skip
+def test_orders_that_differ_up_to_planes_of_symmetry(kind, sizes, most, orders, law):
+    """With friction, and all rows there left out, pressures were off by up to 84 %."""
+    meshes = [quarters(kind, sizes, order)[k] for k, order in enumerate(orders)]
+    check(Mixed(orders).linear(meshes, law, "auto"), most)
+
+
+def test_a_frame_of_lower_order_is_refused():
+    """Along curved surfaces, where it would not follow them."""
+    meshes, law = rings((16, 24)), llm.Frictionless()
+    predicted = EXACT.linear(meshes, law, "auto").geometries[0].frame
+    corners, cells = np.unique(predicted.cells[:, :2], return_inverse=True)
+    lower = llm.Frame(predicted.x[corners], cells.reshape(-1, 2))
+    with pytest.raises(llm.ContactInputError, match="frame is of order 1, the bodies of"):
+        EXACT.linear(meshes, law, "auto", frame=lower)

@@ -61,7 +61,7 @@ class Lame:
         interfaces = [llm.Interface(None, (sides[0], obstacle or sides[1]), law=law)]
         return llm.NonlinearContactProblem(F, us, bcs=bcs, interfaces=interfaces)
 
-    def linear(self, meshes, law, solver, obstacle=None):
+    def linear(self, meshes, law, solver, obstacle=None, **more):
         F, us, bcs, sides = self.given(meshes)
         tests = [
             (ufl.TrialFunction(u.function_space), ufl.TestFunction(u.function_space)) for u in us
@@ -71,7 +71,8 @@ class Lame:
             ufl.inner(fem.Function(u.function_space), w) * ufl.dx
             for u, (_, w) in zip(us, tests, strict=True)
         ]
-        interfaces = [llm.Interface(None, (sides[0], obstacle or sides[1]), law=law)]
+        sides = sides[0], obstacle or sides[1]
+        interfaces = [llm.Interface(None, sides, law=law, **more)]
         return llm.ContactProblem(a, L, bcs=bcs, interfaces=interfaces, solver=solver)
 
 
