@@ -7,18 +7,31 @@ from typing import Any
 import numpy as np
 
 CIRCLE = (2, 3)  # iterations in one
-CIRCLES = 1e-3  # relative difference of residuals that are the same
+ALIKE_AGAIN = 1e-3  # relative difference of residuals that are the same
 
 
-def comes_back(history: list[dict[str, Any]]) -> bool:
-    """Whether the last two or three iterates miss the laws as those before did: a known bound of
-    friction leads out of circles."""
-    residuals = [h["residual"] for h in history]
-    return any(
-        len(residuals) >= 2 * n
-        and bool(np.allclose(residuals[-n:], residuals[-2 * n : -n], rtol=CIRCLES, atol=0.0))
-        for n in CIRCLE
-    )
+class Circles:
+    """Iterates that come back. Friction with the bound of the last iterate leads out of most
+    circles that there are without, and the other way round.
+
+    Args:
+        history: of the load step, which grows.
+    """
+
+    def __init__(self, history: list[dict[str, Any]]) -> None:
+        self._history, self._since, self._lags = history, len(history), False
+
+    def lag(self, restless: bool) -> bool:
+        """Whether friction is to have the bound of the last iterate, as long as contact is
+        restless."""
+        missed = [h["residual"] for h in self._history[self._since :]]
+        for n in CIRCLE:
+            last = missed[-2 * n :]
+            if len(last) == 2 * n and np.allclose(last[n:], last[:n], rtol=ALIKE_AGAIN, atol=0.0):
+                self._lags, self._since = not self._lags, len(self._history)
+                break
+        self._lags = self._lags and restless
+        return self._lags
 
 
 def failure(history: list[dict[str, Any]]) -> str:

@@ -21,7 +21,7 @@ from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.contact.equations import Equations, spread
 from dolfinx_llm.contact.giving import CONSTANT, GivingWay
 from dolfinx_llm.contact.gliding import glide, slips
-from dolfinx_llm.contact.history import comes_back, failure
+from dolfinx_llm.contact.history import Circles, failure
 from dolfinx_llm.contact.loose import count, keep, lets_go, regain, require_friction
 from dolfinx_llm.contact.sliding import slide
 from dolfinx_llm.contact.state import ContactState, InterfaceState
@@ -136,8 +136,8 @@ class ContactIteration:
         equations.idle = 0.0
         equations.start, self._calmed, self._vital = about[0], False, False
         calm, before, w_last, regained = 0, np.inf, w, False  # iterations without change
-        changes, many, runs, circles = 0, _many(self.states, known), 0, False
-        giving = GivingWay(equations)
+        changes, many, runs = 0, _many(self.states, known), 0
+        giving, circles = GivingWay(equations), Circles(self.history)
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         pull = Pull(floating, spring, f, self.forces, alpha)
         for s in self.states:
@@ -146,8 +146,7 @@ class ContactIteration:
         iteration, last = 0, MAXIMUM
         while iteration < last and (iteration < FALLING or not falls()):
             iteration += 1
-            circles = calm <= CALM and (circles or comes_back(self.history[first:]))
-            equations.lags = (changes > many and not known) or circles
+            equations.lags = (changes > many and not known) or circles.lag(calm <= CALM)
             equations.about = giving.about(calm > 0 and before <= CONSTANT, iteration)
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
             if glides or (not known and iteration == 1):
