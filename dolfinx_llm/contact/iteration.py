@@ -146,7 +146,8 @@ class ContactIteration:
         iteration, last = 0, MAXIMUM
         while iteration < last and (iteration < FALLING or not falls()):
             iteration += 1
-            equations.lags = (changes > many and not known) or circles.lag(calm <= CALM)
+            equations.lags = changes > many and not known
+            equations.circles = circles.lag(calm <= CALM)
             equations.about = giving.about(calm > 0 and before <= CONSTANT, iteration)
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
             if glides or (not known and iteration == 1):
