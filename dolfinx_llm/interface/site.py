@@ -19,9 +19,7 @@ from dolfinx_llm.geometry.surface import Surface, check_sides, extract_surface
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.laws.frictionless import FreeSlip
 
-STRAIGHT_FACETS = (
-    1e-9  # of a surface's diameter: how far nodes of straight edges lie off the middle
-)
+STRAIGHT_FACETS = 1e-9  # of a surface's diameter: nodes of straight edges lie off the middle
 BENT = 1e-6  # difference of unit normals of a surface that is curved
 
 

@@ -3,9 +3,9 @@ symmetry.
 
 Rows there tell nothing but how supports share friction, if both sides move alike. Designed rows do
 not even say that: they reach to frame nodes beyond, and would hold these. So they are left out for
-as long as what is prescribed does not slip; where it does, all but one for each frame node. So on
-bent frames, whose nodes on the plane would else be free along the surface, and thus across it where
-normals differ: rows at supports are not designed there.
+as long as what is prescribed does not slip; where it does, all but one for each frame node. So
+along curved surfaces of second order, where frame nodes on the plane would else be free along the
+surface, and thus across it where normals differ: rows at supports are not designed there.
 """
 
 from __future__ import annotations
