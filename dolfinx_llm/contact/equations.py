@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 from scipy.sparse import block_diag, csr_matrix, hstack, identity
 from scipy.sparse import vstack as stack
-from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import diagonal, per_item, picking
+from dolfinx_llm.base.sparse import diagonal, per_item, picking, symmetric_factors
 from dolfinx_llm.contact.friction_nodes import friction_nodes
 from dolfinx_llm.contact.led import rows_of, told
 from dolfinx_llm.contact.loose import release
@@ -116,7 +115,7 @@ class Equations:
     def _fit(self) -> Any:
         """Factorised LᵀL."""
         fitted = self.whole @ diagonal(1.0 - self._rigid)
-        return splu((fitted.T @ fitted + 1e-10 * identity(self.m)).tocsc())
+        return symmetric_factors(fitted.T @ fitted + 1e-10 * identity(self.m))
 
     def step(self, about: Any, g: Array, centre: Array, held: Any, calmed: bool) -> LinearStep:
         """The linear equations of one iteration about λ and w.

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import gather_rows
-from dolfinx_llm.base.sparse import diagonal
+from dolfinx_llm.base.sparse import diagonal, symmetric_factors
 from dolfinx_llm.operators.motions import RigidMotions
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import local_csr
@@ -106,7 +106,7 @@ class Floating:
         on = np.diff(L.indptr) > 0
         G = self.G[:, weak].toarray() * on[:, None]
         if L.shape[1]:
-            fit = splu((L.T @ L + 1e-10 * identity(L.shape[1])).tocsc())
+            fit = symmetric_factors(L.T @ L + 1e-10 * identity(L.shape[1]))
             G = G - L @ fit.solve(L.T @ G)
         values, vectors = np.linalg.eigh(G.T @ G)
         loose = vectors[:, values < 1e-8 * max(abs(self.G).max() if self.G.nnz else 0.0, 1.0)]

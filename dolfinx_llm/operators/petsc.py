@@ -9,6 +9,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 
+SYMMETRY = "dolfinx_llm_symmetric"  # attribute of a matrix: its state, and whether it was so then
 PROBES = 8  # products that tell how large a row is, to a factor of 10 for all of 10^7 rows
 
 
@@ -91,7 +92,10 @@ def same_entries(K: PETSc.Mat, M: PETSc.Mat) -> bool:
 def is_symmetric(K: PETSc.Mat) -> bool:
     """Whether xᵀKy = yᵀKx for two random vectors, where rows are as large as each other: those of
     other units would hide the rest. How large they are products with random signs tell, so that no
-    entry is copied."""
+    entry is copied. K keeps the answer as long as its entries stay."""
+    state, known = K.stateGet(), K.getAttr(SYMMETRY)
+    if known is not None and known[0] == state:
+        return bool(known[1])
     comm, n = K.comm.tompi4py(), K.getLocalSize()[0]
     rng = np.random.default_rng(2001 + comm.rank)
     size = np.sqrt(sum(times(K, rng.choice((-1.0, 1.0), n)) ** 2 for _ in range(PROBES)))
@@ -100,4 +104,6 @@ def is_symmetric(K: PETSc.Mat) -> bool:
     Kv, Kw = (scale * times(K, scale * vector) for vector in (v, w))
     mine = np.array([v @ Kw, w @ Kv, Kv @ Kv, w @ w])
     across, back, of_product, of_vector = comm.allreduce(mine)
-    return bool(abs(across - back) <= 1e-10 * np.sqrt(of_product * of_vector))
+    symmetric = bool(abs(across - back) <= 1e-10 * np.sqrt(of_product * of_vector))
+    K.setAttr(SYMMETRY, (state, symmetric))
+    return symmetric

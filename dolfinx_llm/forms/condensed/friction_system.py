@@ -34,7 +34,8 @@ class FrictionSystem:
         split, operators: bodies and interfaces.
         direct: factorise; set where GMRES has not got there.
         usual: iterations per digit of a new multigrid; ``excess``: that an old one has taken more.
-        iterations: of GMRES in all steps so far; ``set_ups`` of GAMG; ``seconds`` for these.
+        iterations: of GMRES in all steps so far; ``set_ups`` of GAMG.
+        seconds: for what was set up since the last solve.
         steps: of each solve its "iterations" and the seconds of its "set-up" and "solve".
         residual: over the load, of the last solve.
     """
@@ -94,9 +95,19 @@ class FrictionSystem:
         """Prefix and the user's options but for some."""
         return self._prefix, {k: v for k, v in self._options.items() if k not in without}
 
-    def multigrid(self, rows: EliminatedRows, reduced: Reduced, slips: bool) -> bool:
+    def renew(self, rows: EliminatedRows, reduced: Reduced, anew: bool = False) -> None:
+        """Make the multigrid anew for a step where there is none, where it is worn or bodies come
+        to slide, or where it is to be."""
+        began = time.perf_counter()
+        worn = self.kept is None or (self.excess > SET_UP and not self.kept.knows(reduced))
+        slips = not (anew or worn) and self.kept.sticks(rows, reduced)
+        if anew or worn or slips:
+            self._make(rows, reduced, slips)
+        self.seconds += time.perf_counter() - began
+
+    def _make(self, rows: EliminatedRows, reduced: Reduced, slips: bool) -> None:
         """A new multigrid of a step, with aggregates of its own unless what stuck ``slips`` there
-        and they may be parted; whether they are its own."""
+        and they may be parted."""
         dofs, scale = self.operators.dofs, self.operators.scale
         before = None
         prefix, _ = options = self.own_options(("ksp_type",))
@@ -111,7 +122,6 @@ class FrictionSystem:
         self.discard()
         self.kept, self.excess = made, 0.0
         self.set_ups += 1
-        return before is None
 
     def serve(
         self,
@@ -121,18 +131,15 @@ class FrictionSystem:
         blocks: Any,
         anew: bool,
     ) -> bool:
-        """Fit the multigrid to a step, or make it anew, also where it is worn or bodies come to
-        slide; whether it knows the step as well as it can."""
+        """Fit the multigrid to a step, once it is renewed; whether it knows the step as well as it
+        can."""
+        self.renew(rows, reduced, anew)
         began = time.perf_counter()
-        anew = anew or self.kept is None or self.excess > SET_UP
-        slips = not anew and self.kept.sticks(rows, reduced)
-        if anew or slips:
-            anew = self.multigrid(rows, reduced, slips)
         if not self.kept.serves(form):
             self.kept.meet(form, rows, reduced)
             self.kept.fit(form, reduced, blocks)
         self.seconds += time.perf_counter() - began
-        return anew
+        return bool(self.kept.knows(reduced))
 
     def count(self, took: int, digits: float, fresh: bool) -> None:
         """Take down what a solve took that gained some digits, with a new multigrid or another."""

@@ -64,6 +64,7 @@ class KeptMultigrid:
         before: tuple[KeptMultigrid, Modes] | None = None,
     ) -> None:
         self._split, self._reduced, self._active = split, reduced, _states(rows)
+        self._own = before is None  # its aggregates
         on = reduced.L_parted[reduced.on]
         everywhere = np.ones(on.shape[1])
         form = Transformation(split, replace(rows, L=on), fixed, everywhere, whole=True)
@@ -102,6 +103,10 @@ class KeptMultigrid:
         body, frame = modes()
         w = self._reduced.parted @ np.where(self._reduced.told[:, None], 0.0, frame)
         near_null_space(self.matrix, self.scaling, form.unknowns(body, w))
+
+    def knows(self, reduced: Reduced) -> bool:
+        """Whether it was made for this step, with aggregates of its own."""
+        return self._own and self._reduced is reduced
 
     def parts(self, reduced: Reduced) -> bool:
         """Whether its aggregates may be parted for another step: all that comes free there slips

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.sparse import csr_matrix, identity
-from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.sparse import symmetric_factors
 from dolfinx_llm.operators.bodies import rigid_modes, sliding_ways, two_sides
 from dolfinx_llm.operators.system import ContactOperators
 
@@ -109,6 +109,6 @@ def weak_motions(operators: ContactOperators, L: csr_matrix) -> ModesAsked | Non
     rigid = operators.floating.rigid.modes
     frame = np.zeros((L.shape[1], rigid.shape[1]))
     if frame.size:
-        fit = splu((L.T @ L + 1e-10 * identity(L.shape[1])).tocsc())
+        fit = symmetric_factors(L.T @ L + 1e-10 * identity(L.shape[1]))
         frame = fit.solve((L.T @ operators.floating.G).toarray())
     return lambda: (rigid.toarray(), frame)

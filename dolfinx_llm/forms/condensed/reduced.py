@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
@@ -93,9 +94,11 @@ class WeakMotions:
     def __init__(
         self, comm: MPI.Comm, W: Array, times: Product, norm: Callable[[Array], float]
     ) -> None:
-        self._comm, self._W, self._norm = comm, W, norm
-        self._product = np.column_stack([times(column) for column in W.T])
-        self._energy = comm.allreduce(W.T @ self._product)
+        self._comm, self._W, self._norm = comm, csr_matrix(W), norm
+        product = np.column_stack([times(column) for column in W.T])
+        product[np.abs(product) <= GRAIN * np.abs(product).max(initial=0.0)] = 0.0  # inside bodies
+        self._product = csr_matrix(product)
+        self._energy = comm.allreduce((self._W.T @ self._product).toarray())
 
     def take(self, q: Array, left: Array) -> Array:
         """What is left, once q has taken of W what that leaves no force along, where that gains:
