@@ -171,6 +171,8 @@ class Equations:
             rows = rows.lagged(s.at(multiplier, w, self.scale))
         light = np.abs(multiplier[s.nodes.rows]).max(initial=0.0) <= self.idle
         unheld = s.others.unheld & calmed | (light and s.law.slips and not s.law.gives)
+        if s.law.slips and not (s.law.gives or s.nodes.kept.all()):
+            unheld |= ~(s.others.sums @ s.nodes.seen.astype(float) > 0.0)
         return rows.tied(s.others.speaker, unheld, self.scale)
 
     def all_stick(self, step: LinearStep) -> LinearStep:

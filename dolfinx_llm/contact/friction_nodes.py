@@ -74,6 +74,12 @@ class FrictionNodes:
         rows, operators = self.rows.ravel(), self.operators
         return ~(operators.redundant[rows] | operators.idle[rows])
 
+    @property
+    def seen(self) -> Array:
+        """(k,) nodes along whose jumps rows act that are not left out."""
+        acts = abs(self.L_kappa).T @ self.kept.astype(float)
+        return acts.reshape(self.kappa.shape).any(axis=1)
+
     @cached_property
     def nearest(self) -> Array:
         """(n,) node next to each pair."""

@@ -64,6 +64,7 @@ class CondensedSystem:
         self.steps: list[dict[str, Any]] = []
         self.iterations, self.tolerance = 0, 0.0
         self.loose = 0.0  # of the load, that solves may leave for now
+        self.firm = False  # whether solves go on to rounding, as far as the user's options let
         self._modes, self._weak = modes, weak or modes
         options = dict(options or {})
         self.solver = KeptSolver(self.comm, prefix, options, self.notes)
@@ -148,7 +149,7 @@ class CondensedSystem:
         load = self.form.load(f, u_0) + push
         b.array_w[:] = load * self.S.array_r
         rtol, direct = self.solver.rtol, self.solver.direct
-        share = max(rtol, EPS, self.loose)
+        share = max(EPS if self.firm and rtol <= RTOL else rtol, EPS, self.loose)
         goal = share * b.norm()
         q = q * self.reduced.best_share(q, load)
         self.iterations, last = 0, np.inf
