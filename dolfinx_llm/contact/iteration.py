@@ -23,6 +23,7 @@ from dolfinx_llm.contact.giving import CONSTANT, GivingWay
 from dolfinx_llm.contact.gliding import glide, slips
 from dolfinx_llm.contact.history import Circles, failure
 from dolfinx_llm.contact.loose import count, keep, lets_go, regain, require_friction
+from dolfinx_llm.contact.parted import Parted
 from dolfinx_llm.contact.sliding import slide
 from dolfinx_llm.contact.state import ContactState, InterfaceState
 from dolfinx_llm.contact.ties import ask, ask_again, choose, tie_more, unsettled
@@ -139,6 +140,7 @@ class ContactIteration:
         calm, before, w_last, regained = 0, np.inf, w, False  # iterations without change
         changes, many, runs = 0, _many(self.states, known), 0
         giving, circles = GivingWay(equations), Circles(self.history)
+        parted = Parted(equations, floating.comm)
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         pull = Pull(floating, spring, f, self.forces, alpha)
         for s in self.states:
@@ -218,6 +220,8 @@ class ContactIteration:
             if stalled:  # a frame node under a tiny force goes to where it touches, ever faster
                 farther = 2.0 ** min(calm, FASTEST) - 1.0
                 centre = w + farther * np.where(equations.drifts, w - w_last, 0.0)
+            if changes:
+                centre = parted.frame(centre, multiplier, y + g, iteration)
             w_last = w
             if calm:
                 self.form.correct(found)
