@@ -220,19 +220,15 @@ class ContactIteration:
             if stalled:  # a frame node under a tiny force goes to where it touches, ever faster
                 farther = 2.0 ** min(calm, FASTEST) - 1.0
                 centre = w + farther * np.where(equations.drifts, w - w_last, 0.0)
-            if changes:
-                centre = parted.frame(centre, multiplier, y + g, iteration)
+            centre = parted.frame(centre, multiplier, y + g, iteration if changes else 0)
             w_last = w
             if calm:
                 self.form.correct(found)
         raise ContactError(failure(self.history[first:]))
 
     def _take(self, s: InterfaceState, found: StepResult, apart: Array) -> int:
-        """Take over the pairs of an interface in contact, and find what sticks and slips.
-
-        Returns:
-            Number of changes that matter, surface and frame being apart (n,) [length].
-        """
+        """Take over the pairs of an interface in contact, and find what sticks and slips; number of
+        changes that matter, surface and frame being apart (n,) [length]."""
         rows, own, speaker = s.nodes.rows, s.own, s.others.speaker
         normal = rows[:, -1]
         chosen = found.active[normal] ^ found.wrong[normal] if s.law.opens else own.active

@@ -15,9 +15,9 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.contact.equations import Equations
 from dolfinx_llm.contact.state import InterfaceState
 
-WAITS = 5  # iterations, after which pairs should have parted by themselves
-NOTHING = 1e-6  # forces over stiffness times motion, that press no bodies
-CLEAR = 1e-4  # of the motion: how far bodies are apart that will not meet without these forces
+UNPARTED = 5  # iterations, after which pairs should have parted by themselves
+FORCELESS = 1e-6  # forces over stiffness times motion, that press no bodies
+WELL_CLEAR = 1e-4  # of the motion: how far bodies are apart that will not meet without these forces
 
 
 class Parted:
@@ -43,10 +43,10 @@ class Parted:
             iteration: its number in the load step.
         """
         found = w
-        for s in list(self._rest) if iteration > WAITS else ():
+        for s in list(self._rest) if iteration > UNPARTED else ():
             rows = s.nodes.rows
             motion = np.abs(position[rows]).max(initial=0.0)
-            if np.abs(multiplier[rows]).max() > NOTHING * self._equations.scale * motion:
+            if np.abs(multiplier[rows]).max() > FORCELESS * self._equations.scale * motion:
                 continue
             between = self._between(s, position, motion)
             if between is not None:
@@ -83,5 +83,5 @@ def _farthest(L: csr_matrix, position: Array, motion: float) -> Array | None:
         bounds=[(None, None)] * k + [(None, motion)],
         method="highs",
     )
-    clear = best.status == 0 and best.x[-1] > CLEAR * motion
+    clear = best.status == 0 and best.x[-1] > WELL_CLEAR * motion
     return np.asarray(best.x[:-1]) if clear else None

@@ -11,7 +11,6 @@ sides that sticks).
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -25,7 +24,6 @@ from dolfinx_llm.forms.condensed.friction_system import FrictionSystem
 from dolfinx_llm.forms.condensed.gmres import solve_right
 from dolfinx_llm.forms.condensed.measure import LEFT_BY_ROUNDING, Measure
 from dolfinx_llm.forms.condensed.reduced import WeakMotions
-from dolfinx_llm.forms.condensed.symmetric import Reduced
 from dolfinx_llm.forms.condensed.transformation import Transformation
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.step import LinearStep
@@ -54,34 +52,13 @@ class FrictionStep:
     ) -> None:
         self._of, self._split, self._step, self._on = of, of.split, step, on
         self._fixed, self._scale = of.operators.dofs.fixed, of.operators.scale
-        self._rows = eliminated
         self._solver: DirectSolver | None = None
-        self._reduced: Any = None if of.direct else self._reduce()  # where GMRES is to solve
+        self._rows, self._reduced = of.reduced(step, eliminated, on)
         self._assemble()
         if self._reduced is None:
             self._factorise()
         else:
             self._by = Measure(of, self._form, self._blocks)
-
-    def _reduce(self) -> Reduced | None:
-        """The step for GMRES, if it may be had, with a multigrid made anew where that is due: there
-        is room for that before there are blocks."""
-        of = self._of
-        try:
-            reduced = Reduced(self._step, of.operators)
-        except (np.linalg.LinAlgError, RuntimeError) as error:
-            of.give_up(f"the law's rows cannot be taken apart ({error})")
-            return None
-        rows = replace(self._rows, L=reduced.L[self._on])
-        try:
-            of.renew(rows, reduced)
-        except ContactInputError:
-            raise
-        except ContactError as error:
-            of.give_up(f"GMRES + GAMG ended without an answer ({error})")
-            return None
-        self._rows = rows
-        return reduced
 
     def _assemble(self) -> None:
         """Blocks of the matrix, of the step as it is or reduced."""

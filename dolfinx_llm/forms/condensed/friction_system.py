@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.kept import KeptMultigrid
@@ -18,6 +20,7 @@ from dolfinx_llm.forms.condensed.modes import rigid_modes_of, sides_of, soft_mod
 from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import Reduced
 from dolfinx_llm.forms.condensed.transformation import Transformation
+from dolfinx_llm.forms.step import LinearStep
 from dolfinx_llm.operators.stiffness import body_stiffness
 from dolfinx_llm.operators.system import ContactOperators
 
@@ -94,6 +97,27 @@ class FrictionSystem:
     def own_options(self, without: tuple[str, ...]) -> tuple[str, dict[str, Any]]:
         """Prefix and the user's options but for some."""
         return self._prefix, {k: v for k, v in self._options.items() if k not in without}
+
+    def reduced(self, step: LinearStep, rows: EliminatedRows, on: Array) -> tuple[Any, Any]:
+        """Rows in contact, at (r,) places among all, and ``Reduced``, or None where a step is to be
+        factorised. A multigrid is made anew here where that is due: before there are blocks there
+        is room for it."""
+        if self.direct:
+            return rows, None
+        try:
+            reduced = Reduced(step, self.operators)
+        except (np.linalg.LinAlgError, RuntimeError) as error:
+            self.give_up(f"the law's rows cannot be taken apart ({error})")
+            return rows, None
+        own = replace(rows, L=reduced.L[on])
+        try:
+            self.renew(own, reduced)
+        except ContactInputError:
+            raise
+        except ContactError as error:
+            self.give_up(f"GMRES + GAMG ended without an answer ({error})")
+            return rows, None
+        return own, reduced
 
     def renew(self, rows: EliminatedRows, reduced: Reduced, anew: bool = False) -> None:
         """Make the multigrid anew for a step where there is none, where it is worn or bodies come

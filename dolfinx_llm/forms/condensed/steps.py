@@ -76,8 +76,6 @@ class CondensedForm(WholeSteps):
             self.release()
         new = f is not self._f
         self._seen = [] if new else self._seen
-        if new and self.system is not None:
-            self.system.firm = False
         back = any(np.array_equal(step.active, one) for one in self._seen)
         self._seen.append(step.active)
         if self._symmetric(step):
@@ -157,12 +155,6 @@ class CondensedForm(WholeSteps):
             self.accuracy = min(max(noise, WholeSteps.accuracy), CondensedForm.accuracy)
         else:  # an inexact solve ends no iteration
             self.accuracy = CondensedForm.accuracy if self.friction.residual <= SOLVED else -1.0
-
-    def correct(self, found: StepResult) -> None:
-        """See ``StepForm``. Loads of what is prescribed may be far larger than forces in contact,
-        and so may be what solves leave of them."""
-        if self.system is not None:
-            self.system.firm = True
 
     def left(self, f: Array, u: Array, multiplier: Array) -> Array:
         """See ``StepForm``."""

@@ -64,7 +64,6 @@ class CondensedSystem:
         self.steps: list[dict[str, Any]] = []
         self.iterations, self.tolerance = 0, 0.0
         self.loose = 0.0  # of the load, that solves may leave for now
-        self.firm = False  # whether solves go on to rounding, as far as the user's options let
         self._modes, self._weak = modes, weak or modes
         options = dict(options or {})
         self.solver = KeptSolver(self.comm, prefix, options, self.notes)
@@ -149,7 +148,7 @@ class CondensedSystem:
         load = self.form.load(f, u_0) + push
         b.array_w[:] = load * self.S.array_r
         rtol, direct = self.solver.rtol, self.solver.direct
-        share = max(EPS if self.firm and rtol <= RTOL else rtol, EPS, self.loose)
+        share = max(rtol, EPS, self.loose)
         goal = share * b.norm()
         q = q * self.reduced.best_share(q, load)
         self.iterations, last = 0, np.inf
@@ -161,6 +160,9 @@ class CondensedSystem:
             if attempt == 1 and not direct:  # gaps may make loads that are far larger than forces
                 self._left = left
                 goal = min(goal, share * self._strength(f, self.form.motion(q) + u_0))
+            if not (attempt or size > 2.0 * goal or direct or share > RTOL):
+                # Asked again: loads of what is prescribed may be far larger than forces in contact.
+                goal *= EPS / share
             # A factorisation refines while that gains.
             enough = 0.0 if direct else max(2.0 * goal, ROUNDING * length)
             ended = attempt and (attempt == PASSES or self.solver.reason < 0)
