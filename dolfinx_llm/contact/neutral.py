@@ -20,6 +20,7 @@ from dolfinx_llm.operators.floating import Floating
 SINGULAR = 1e-14  # of the squares of rows, added so that they can be factorised
 INVERSE = 4  # inverse ones, from a motion by chance
 OPEN_SHARE = 1e-8  # of a motion, up to which rows in contact may feel it
+ROUND_SHARE = 1e-3  # the same on curved facets of second order, which are round but for so much
 
 
 def neutral(equations: Equations, floating: Floating) -> str:
@@ -29,19 +30,30 @@ def neutral(equations: Equations, floating: Floating) -> str:
         equations: of the laws, with the state of contact that has been found.
         floating: motions that supports leave free; what no contact holds in any state is left out.
     """
-    motion = _motion(equations, floating) if floating.count else None
-    if motion is None:
+    if not floating.count:
         return ""
+    motion, felt = _motion(equations, floating)
+    bent = any(s.nodes.geometry.bent for s in equations.states)
+    if felt > (ROUND_SHARE if bent else OPEN_SHARE):
+        return ""
+    told = floating.rigid.describe(motion, np.zeros_like(motion))
+    if felt > OPEN_SHARE:
+        return (
+            f"contact as it has been found hardly resists a motion: {told}. Facets of second order "
+            f"that stand for round surfaces feel {felt:.1g} of it. Displacements may have any "
+            "amount of it, and differ by solver; forces hardly change with it. Add supports or "
+            "springs if they matter"
+        )
     return (
         "contact as it has been found leaves a motion open on which the loads do no work: "
-        f"{floating.rigid.describe(motion, np.zeros_like(motion))}. Forces hold for any amount of "
-        "it; of displacements those are given that are next to where the bodies were. Add supports "
-        "or springs if they matter"
+        f"{told}. Forces hold for any amount of it; of displacements those are given that are next "
+        "to where the bodies were. Add supports or springs if they matter"
     )
 
 
-def _motion(equations: Equations, floating: Floating) -> Array | None:
-    """(count,) of size 1, or None: rows in contact, without friction that slips, feel nothing."""
+def _motion(equations: Equations, floating: Floating) -> tuple[Array, float]:
+    """(count,) of size 1 that rows in contact, without friction that slips, feel the least, and the
+    largest of what they feel."""
     follows = np.zeros(equations.m, dtype=bool)  # frames, and slips that friction leaves free
     follows[: equations.n_v] = True
     for s in equations.states:
@@ -61,5 +73,4 @@ def _motion(equations: Equations, floating: Floating) -> Array | None:
         found = solve(found)
         found /= np.abs(found[:count]).max()
         x = found[:count]
-    felt = np.abs(felt_by @ found).max(initial=0.0)
-    return x if felt <= OPEN_SHARE else None
+    return x, float(np.abs(felt_by @ found).max(initial=0.0))

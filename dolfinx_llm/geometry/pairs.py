@@ -30,6 +30,12 @@ def control_matrices(surface: Surface) -> tuple[csr_matrix, csr_matrix]:
     return nodal_rows(surface.cells, E, n), nodal_rows(surface.cells, inverse, n)
 
 
+def control_points(surface: Surface) -> Array:
+    """(n, gdim) control values of where a surface's nodes are drawn: where its unknowns are in
+    control values. Of straight facets they are the nodes' own [length]."""
+    return np.asarray(control_matrices(surface)[1] @ surface.X)
+
+
 def nodal_rows(cells: Array, table: Array, n: int) -> csr_matrix:
     """(n, n) matrix whose row of a node is that of its place in a cell (m, k), in a table (k, k)
     which says the same of it in each of its cells."""
@@ -71,6 +77,11 @@ class ContactPairs:
     def X(self) -> Array:
         """(n, gdim) the same as drawn, where periodic sides lie apart [length]."""
         return self.surface.X[self.nodes]
+
+    @property
+    def places(self) -> Array:
+        """(n, gdim) where the unknowns of the rows are: nodes as drawn, or control points."""
+        return self.X if self.control is None else control_points(self.surface)[self.nodes]
 
     @property
     def met(self) -> Array:

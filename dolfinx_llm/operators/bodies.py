@@ -10,6 +10,8 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from dolfinx_llm.base import compat
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.geometry.pairs import control_points
+from dolfinx_llm.geometry.surface import Surface
 
 ALONG = 1e-2  # part of a rotation below which it counts as translation, of a screw as rotation
 SHARED = 0.3  # mean square of what surfaces have of a direction, from which on bodies slide so
@@ -97,9 +99,16 @@ class Bodies:
     Args:
         spaces: of the displacements, or of the field.
         dofs: (nodes gdim,) this rank's dofs that these are; None: all, one after the other.
+        controlled: (space, surface) of second order whose unknowns are control values: a rotation
+            moves control points, which are off the surface where facets are curved.
     """
 
-    def __init__(self, spaces: Sequence[Any], dofs: Array | None = None) -> None:
+    def __init__(
+        self,
+        spaces: Sequence[Any],
+        dofs: Array | None = None,
+        controlled: Sequence[tuple[int, Surface]] = (),
+    ) -> None:
         self.comm = spaces[0].mesh.comm
         self.gdim = spaces[0].mesh.geometry.dim
         self.components = spaces[0].dofmap.index_map_bs
@@ -122,6 +131,11 @@ class Bodies:
         order = np.lexsort(np.concatenate([high.T[::-1], low.T[::-1]]).round(12))
         self.low, self.high = low[order], high[order]
         self.label, self.points = np.argsort(order)[label], x
+        sizes = [V.dofmap.index_map.size_local for V in spaces]
+        for space, surface in controlled:
+            mine = surface.owner == self.comm.rank
+            start = sum(sizes[:space]) - spaces[space].dofmap.index_map.local_range[0]
+            self.points[surface.dofs[mine] + start] = control_points(surface)[mine]
         self.dofs = np.arange(len(x) * self.components) if dofs is None else dofs
 
     def own_modes(self, label: Array, x: Array) -> Array:

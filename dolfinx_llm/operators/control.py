@@ -14,11 +14,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.interface.control import frame_control
+from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.operators.petsc import create_aij, times
 
@@ -112,3 +115,11 @@ class Control:
     def nodal(self, u: Array) -> Array:
         """E u' of this rank's control values (n_local,)."""
         return times(self.E, u)
+
+
+def frame_places(geometry: InterfaceGeometry) -> Array:
+    """(m, gdim) where the frame's unknowns are: its nodes, or their control points [length]."""
+    frame, x = geometry.frame, geometry.places
+    if frame is None or frame.element.order == 1 or geometry.interface.law.ties:
+        return x
+    return np.asarray(splu(frame_control(frame).tocsc()).solve(x))

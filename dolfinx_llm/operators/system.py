@@ -15,7 +15,7 @@ from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.against import prescribed_loads
-from dolfinx_llm.interface.control import control_values
+from dolfinx_llm.interface.control import control_values, controlled
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.operators.assemble import assemble_B, assemble_L_b, frame_operator
 from dolfinx_llm.operators.bodies import Bodies
@@ -93,7 +93,7 @@ class ContactOperators:
             self._find_repeated()
             self.L_b = assemble_L_b(self.comm, self.L, self.rows.numbering, self.frames)
         with times.timed("support check"):
-            self.bodies = Bodies(dofs.spaces, dofs.of_nodes)
+            self.bodies = Bodies(dofs.spaces, dofs.of_nodes, controlled(geometries))
         self.renew(K, times)
 
     def renew(self, K: PETSc.Mat, times: StageTimes) -> None:
@@ -286,7 +286,7 @@ def _constraints(operators: ContactOperators) -> list[tuple[csr_matrix | None, c
     bodies, moves, labels = operators.bodies, [], operators.dofs.spread(operators.bodies.label)
     for side, dofs in zip(operators.pairs, operators.side_dofs, strict=True):
         label = operators.dofs.values(dofs[:, 0], labels)
-        modes = bodies.own_modes(label.astype(np.int64), side.X)
+        modes = bodies.own_modes(label.astype(np.int64), side.places)
         move = np.einsum("nci,nim->ncm", side.base, modes)
         n, c, m = move.shape
         first = np.broadcast_to(m * label.astype(np.int64)[:, None, None], move.shape)

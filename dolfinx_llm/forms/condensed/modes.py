@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix, identity
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import symmetric_factors
 from dolfinx_llm.operators.bodies import rigid_modes, sliding_ways, two_sides
+from dolfinx_llm.operators.control import frame_places
 from dolfinx_llm.operators.system import ContactOperators
 
 Modes = tuple[Array, Array]  # at dofs of the bodies (n_local, k), at unknowns w (m, k)
@@ -26,7 +27,7 @@ def rigid_modes_of(operators: ContactOperators) -> Modes:
     k = body.shape[2]
     modes = np.zeros((operators.unknowns.sizes[1], k))
     for geometry, place in zip(operators.geometries, operators.places, strict=True):
-        at, places, directions = place.frame, geometry.places, geometry.directions
+        at, places, directions = place.frame, frame_places(geometry), geometry.directions
         if geometry.rigid and not len(directions):  # bodies slip past it
             at, places = place.slips, geometry.law_nodes[0]
             directions = geometry.jump_directions
