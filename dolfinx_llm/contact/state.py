@@ -173,7 +173,7 @@ class InterfaceState:
         whether it presses or not."""
         active, closings = self.own.active, self.own.closings
         if not self.shares:
-            return active
+            return np.ones_like(active) if self.law.follows else active
         settling = active & (closings < BY_TURNS)
         if self.keeps:
             settling = (active | (closings >= BY_TURNS)) & (closings < GONE)

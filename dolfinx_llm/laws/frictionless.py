@@ -26,7 +26,8 @@ class FreeSlip(Coulomb):
 
     Normals turn along a facet there. What a pressure exerts at a pair is along no one normal, and
     control values of a slip have parts across the surface, of second order in the facets' size:
-    pairs bear forces along it which cancel at the frame's nodes, and the frame moves along it.
+    pairs bear forces along it which cancel at the frame's nodes, and the frame moves along it. So
+    do open pairs: what is solved stays a convex programme, and does not depend on the way there.
 
     >>> FreeSlip(), FreeSlip().slips
     (Frictionless(), True)
@@ -36,6 +37,8 @@ class FreeSlip(Coulomb):
         super().__init__(0.0)
         object.__setattr__(self, "slips", True)
         object.__setattr__(self, "components", "local")
+        object.__setattr__(self, "shares", False)
+        object.__setattr__(self, "follows", True)
 
     def __repr__(self) -> str:
         return repr(Frictionless())

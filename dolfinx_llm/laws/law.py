@@ -30,6 +30,8 @@ class Law:
             with components "cartesian", ``gives``, and neither ``opens`` nor ``slips``.
         shares: nodes that hardly any pair holds slip as a neighbour does (Coulomb's law, which asks
             for the sense of the slip); where the law does not give.
+        follows: pairs follow the frame and its jumps along the surface also where they are open, of
+            laws that slip and do not share: nothing may act along it at the frame's nodes.
 
     >>> class Layer(Law):
     ...     components, gives = "normal", True
@@ -46,6 +48,7 @@ class Law:
     closes_gap: bool = True
     scalar: bool = False
     shares: bool = False
+    follows: bool = False
 
     def __init__(self) -> None:
         """Without arguments; dataclasses make their own."""
