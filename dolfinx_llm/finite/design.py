@@ -201,12 +201,20 @@ class Design:
         """
         largest = forces[0].max()
         for limit in LIMITS if self.wanted else LIMITS[-1:]:
-            delta = (found := self.rows(at, x, y, forces, limit * largest, chart)).delta
-            raised = np.einsum("ns,nsi,ni->n", delta, y[found.nodes] - x[:, None], at.normal)
-            far = y.shape[1] == 2 and np.abs(raised).max() >= RAISED * self.size  # in the plane
-            if np.abs(delta).max() < CORRECTED and not far:
+            found = self.rows(at, x, y, forces, limit * largest, chart)
+            height = np.einsum("nsi,ni->ns", y[found.nodes] - x[:, None], at.normal)
+            if self.excess(found.delta, height) < 1.0:
                 break
         return float(limit * largest)
+
+    def excess(self, delta: Array, height: Array) -> float:
+        """Corrections (n, s) over what they may be at the start of a step; heights (n, s) of the
+        frame's nodes over the rows' own [length]."""
+        most = np.abs(delta).max(initial=0.0) / CORRECTED
+        if self.element.dim > 1:  # only in the plane they are held back for this
+            return float(most)
+        raised = np.abs(np.einsum("ns,ns->n", delta, height)).max(initial=0.0)
+        return float(max(most, raised / (RAISED * self.size)))
 
     def derivatives(
         self,

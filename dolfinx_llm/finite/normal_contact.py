@@ -37,6 +37,7 @@ from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place, h
 from dolfinx_llm.laws.rows import OPEN
 
 OVER = 0.05  # of a facet beyond the frame's edge, at which a node has left it
+LATER = 1.5  # times what corrections may be at the start of a step: then they are held back in it
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +126,8 @@ class NormalContact(MovingContact):
         return Held(candidates, f[0] > 0.0, limit, functions, np.zeros(len(x), dtype=bool))
 
     def missed(self, place: NormalPlace, held: Held) -> Held | None:
-        """The same with facets that have passed the frame since the start, and without pairs that
-        have left it over its edge; None: there are none.
+        """The same with facets that have passed the frame since the start, without pairs that have
+        left it over its edge, or with a larger limit of corrections; None: there are none.
 
         Args:
             place: at an equilibrium.
@@ -135,6 +136,8 @@ class NormalContact(MovingContact):
         now = self.sides.candidates(place.z)
         added, at = now & ~held.candidates, place.at
         left = held.pairs & ~held.left & (place.areas[0] <= 0.0) & (at.beyond > OVER)
+        if (limit := raised_limit(self.sides, self.design, place, held)) > LATER * held.limit:
+            return replace(held, limit=limit)
         if not (added.any() and (at.gap[self.sides.facets(True)[added]] < 0.0).any()):
             added[:] = False
         if not (added.any() or left.any()):
@@ -273,3 +276,13 @@ class NormalContact(MovingContact):
             friction=np.zeros(width),
             slip=np.zeros((n, gdim)),
         )
+
+
+def raised_limit(sides: Sides, design: Design, place: NormalPlace, held: Held) -> float:
+    """The limit of corrections, which may have to be larger where bodies have parted since the
+    start of the step: then forces of both sides no longer balance about the same places [area]."""
+    if design.excess(place.rows.delta, place.height) < LATER:
+        return held.limit
+    (x, y), on = sides.split(place.z), place.on
+    loads = (sides.control[0].T @ place.areas[0])[on], place.areas[1]
+    return design.smallest_limit(place.at.part(on), x[on], y, loads, held.chart)
