@@ -22,7 +22,7 @@ from dolfinx_llm.finite.terms import (
     foreseen,
     lands,
 )
-from dolfinx_llm.finite.turning import turned
+from dolfinx_llm.finite.turning import prescribed, turned
 from dolfinx_llm.laws.rows import OPEN
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
@@ -123,8 +123,10 @@ class Increment:
 
     def _turn(self) -> None:
         """Where all that is prescribed turns alike, turn all with it."""
-        alone = self.steps.bodies.in_time or any(len(pose) for pose in self.poses)
-        if found := None if alone else turned(self.dofs, self.u, self.target):
+        if self.steps.bodies.in_time:
+            return
+        given = prescribed(self.dofs, self.target, self.steps.interfaces, self.poses)
+        if given and (found := turned(self.dofs, self.u, *given)):
             self.u, R = found
             every = zip(self.steps.interfaces, self.own, strict=True)
             self.own = [placed.what.carried(q, R) for placed, q in every]

@@ -33,7 +33,7 @@ from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Origin, 
 from dolfinx_llm.geometry.cells import cell_sizes, facet_vectors
 from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface
-from dolfinx_llm.interface.against import checked_clearance, forced, forces_on
+from dolfinx_llm.interface.against import checked_clearance, forces_on, loaded
 from dolfinx_llm.interface.obstacle import Obstacle
 from dolfinx_llm.laws.rows import OPEN
 
@@ -86,14 +86,16 @@ class Pose:
 
     pivot: Array  # (gdim,) as drawn [length]
     shift: Array  # (gdim,) [length]
+    turn: Array  # (1,), (3,) rotation vector [rad]
     R: Array  # (gdim, gdim)
 
     @classmethod
     def of(cls, numbers: Array, gdim: int) -> Pose:
-        """Of pivot, displacement, rotation and force."""
-        pivot, shift, turn, _ = np.split(numbers, [gdim, 2 * gdim, len(numbers) - gdim])
+        """Of pivot, displacement, rotation, and what forces and moments are."""
+        ends = np.cumsum([gdim, gdim, 1 if gdim == 2 else 3])
+        pivot, shift, turn, _ = np.split(numbers, ends)
         vector = [0.0, 0.0, turn[0]] if gdim == 2 else turn
-        return cls(pivot, shift, Rotation.from_rotvec(vector).as_matrix()[:gdim, :gdim])
+        return cls(pivot, shift, turn, Rotation.from_rotvec(vector).as_matrix()[:gdim, :gdim])
 
     def back(self, x: Array) -> Array:
         """(n, gdim) where points x were drawn."""
@@ -119,7 +121,7 @@ class ObstacleContact(MovingContact):
 
     sides: OneSide
     obstacle: Obstacle
-    forced: tuple[bool, ...]  # which components of a force on the obstacle are prescribed
+    forced: tuple[bool, ...]  # which components of force and moment on it are prescribed
 
     @classmethod
     def of(cls, surface: Surface, obstacle: Obstacle, *friction: Array) -> ObstacleContact:
@@ -132,7 +134,7 @@ class ObstacleContact(MovingContact):
         Raises:
             ContactInputError: what places the obstacle does not fit.
         """
-        return cls(OneSide((surface,)), obstacle, forced(obstacle, surface.x.shape[1]), *friction)
+        return cls(OneSide((surface,)), obstacle, loaded(obstacle, surface.x.shape[1]), *friction)
 
     @property
     def size(self) -> int:
@@ -150,7 +152,7 @@ class ObstacleContact(MovingContact):
         return rises(self.sides.surfaces[0])
 
     def pose(self) -> Array:
-        """Pivot, displacement, rotation and force as they are now; no force is 0.
+        """Pivot, displacement, rotation, force and moment as they are now; none is 0.
 
         Raises:
             ContactInputError: they do not fit, or a force is prescribed for other components.
@@ -158,6 +160,11 @@ class ObstacleContact(MovingContact):
         gdim = self.sides.gdim
         shift, turn, pivot, *_ = self.obstacle.pose(gdim)
         return np.array([*pivot, *shift, *turn, *forces_on(self.obstacle, self.forced, gdim)])
+
+    def led(self, pose: Array) -> tuple[Array, Array] | None:
+        """Which coordinates (width,) an obstacle with this pose leads, and where to; None: it lets
+        them go, or yields."""
+        return None
 
     def hold(self, z: Array) -> Held:
         """Nothing but the pose, which the increment knows."""

@@ -4,6 +4,8 @@ Contact knows nodes relative to the obstacle alone: a displacement s of it is on
 -s. With S that motion of the nodes, f(z, q) the forces on them and F that on the obstacle,
 
     Sᵀ f + F = 0,   d/ds = (d/dz) S.
+
+Obstacles that bodies are tied to turn under a moment as well: see ``tied_obstacle``.
 """
 
 from __future__ import annotations
@@ -32,8 +34,14 @@ class Pressed(ObstacleContact):
 
     @property
     def axes(self) -> Array:
-        """(f,) components with a force."""
+        """(f,) components with a force or moment."""
         return np.flatnonzero(self.forced)
+
+    @property
+    def units(self) -> Array:
+        """(f,) displacement or angle of each motion of length 1 [1, rad / length]."""
+        surface = self.sides.surfaces[0]
+        return np.where(self.axes < self.sides.gdim, 1.0, 1.0 / surface.diameter)
 
     @property
     def size(self) -> int:
@@ -46,7 +54,7 @@ class Pressed(ObstacleContact):
     def _pose(self, pose: Array | None, q: Array) -> Array:
         """A pose that is held, with the displacement found."""
         found = (self.pose() if pose is None else pose).copy()
-        found[self.sides.gdim + self.axes] += q[len(q) - len(self.axes) :]
+        found[self.sides.gdim + self.axes] += self.units * q[len(q) - len(self.axes) :]
         return found
 
     def place(self, z: Array, q: Array, held: Held) -> ObstaclePlace:
@@ -81,7 +89,7 @@ class Pressed(ObstacleContact):
             (np.full(at.size, -1.0), (at.ravel(), np.tile(np.arange(len(self.axes)), n))),
             (len(free), len(self.axes)),
         )
-        force = (self.pose() if held.pose is None else held.pose)[-gdim:][self.axes]
+        force = self.pressing(held)
         self._resists(place, status, force)
         rest = (S.T @ t.force + force) / c
         alone = 1.0 if not (status != OPEN).any() else FALLS
@@ -97,6 +105,11 @@ class Pressed(ObstacleContact):
             rest=np.concatenate([t.rest, rest]),
             miss=max(t.miss, float(np.abs(rest).max()) * c),
         )
+
+    def pressing(self, held: Held) -> Array:
+        """(f,) forces on the motions [force]."""
+        pose = self.pose() if held.pose is None else held.pose
+        return self.units * pose[-len(self.forced) :][self.axes]
 
     def _supported(
         self, place: ObstaclePlace, status: Array, held: Held, free: Array, k: int

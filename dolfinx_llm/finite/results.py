@@ -73,6 +73,7 @@ class MovingInterfaceResult(InterfaceForces):
     frame_traction: Array  # (m, gdim) the same of the tangential force of side 0
     # (gdim,) of an obstacle, prescribed or where a force brings it [length]; None with a frame
     displacement: Array | None = None
+    rotation: Array | None = None  # (1,), (3,) rotation vector of an obstacle, likewise [rad]
 
     @property
     def pressure(self) -> Array:
@@ -180,7 +181,7 @@ def _against_obstacle(
     gap = _at_nodes(contact.sides, np.where(shut, 0.0, place.gap))
     nodal, normal, borne = C.T @ area, -place.normal, E.T @ force
     pressing = np.einsum("ni,ni->n", borne, normal)
-    mean, presses = per_area(borne, area), _presses(pressing)
+    mean, presses = per_area(borne, area), contact.parts and _presses(pressing)
     (density,) = densities([surface], [x], [nodal], [force], [normal], [mean], presses)
     side = _side(surface, x, force, normal, gap, E @ terms.slip, status, nodal, density)
     along = along_normals(mean if density is None else density, normal)
@@ -195,6 +196,7 @@ def _against_obstacle(
         frame_pressure=along[:, 0],
         frame_traction=along[:, 1:],
         displacement=place.pose.shift,
+        rotation=place.pose.turn,
     )
 
 

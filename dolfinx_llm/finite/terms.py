@@ -47,7 +47,7 @@ class Held:
     exact: bool = False  # whether slip has its exact derivative: see ``friction_law``
     origin: Origin | None = None  # of slip, where there is friction
     kept: Any = None  # what an own law has kept from the last increment
-    pose: Array | None = None  # pivot, displacement, rotation, force of a rigid obstacle
+    pose: Array | None = None  # what places and presses a rigid obstacle: see ``Pose``
     pose_before: Array | None = None  # the same at the start of the increment
     scale: float = 1.0  # stiffness of the bodies, which weighs lengths [force / length]
     about: Any = None  # changes (width,) and own unknowns where friction is linearised; None: here

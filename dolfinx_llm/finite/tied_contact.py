@@ -152,10 +152,8 @@ class TiedContact(MovingContact):
 
         Where the moving side is prescribed, and has more nodes than the frame has free ones, rows
         depend on each other, or tell of frame nodes by tiny entries alone: such forces are not
-        unique, or without sense. With f the nodes' areas and the singular vectors U of the rows
-        f^1/2 N of prescribed nodes, at free ones of the frame, P = f^1/2 U Uᵀ f^-1/2 and D = f^-1/2
-        (1 - U Uᵀ) f^-1/2. Pᵀ A z = 0 ties the prescribed nodes in the mean, and all of them where
-        the frame can follow.
+        unique, or without sense. Pᵀ A z = 0 ties the prescribed nodes in the mean, and all of them
+        where the frame can follow: see ``determined``.
 
         Args:
             free: (width,) coordinates that are not prescribed.
@@ -172,17 +170,27 @@ class TiedContact(MovingContact):
             on = np.flatnonzero(self.pairs & (own[:, c] == 0.0))
             if not len(on):
                 continue
-            for weights in (np.ones(len(on)), f[on]):  # as they are, where they are independent
-                rows = self.N[on][:, np.flatnonzero(frame[:, c])].toarray() * weights[:, None]
-                U, size, _ = np.linalg.svd(rows, full_matrices=False)
-                U = U[:, size > TELLS]
-                if U.shape[1] == len(on):
-                    break
-            at, UU = np.ix_(on * gdim + c, on * gdim + c), U @ U.T
-            P[at] = weights[:, None] * UU / weights
-            D[at] = (np.eye(len(on)) - UU) / np.outer(weights, weights)
+            rows, at = self.N[on][:, np.flatnonzero(frame[:, c])].toarray(), on * gdim + c
+            P[np.ix_(at, at)], D[np.ix_(at, at)] = determined(rows, f[on])
         self.found.append((P.tocsr(), D.tocsr()))
         return self.found[0]
+
+
+def determined(rows: Array, f: Array) -> tuple[Array, Array]:
+    """P and D (k, k) of prescribed nodes. With U the singular vectors of the rows f^1/2 N there,
+    P = f^1/2 U Uᵀ f^-1/2 and D = f^-1/2 (1 - U Uᵀ) f^-1/2.
+
+    Args:
+        rows: (k, m) N, of what is free on the other side.
+        f: (k,) roots of the nodes' areas, over the largest.
+    """
+    for weights in (np.ones(len(f)), f):  # as they are, where they are independent
+        U, size, _ = np.linalg.svd(rows * weights[:, None], full_matrices=False)
+        U = U[:, size > TELLS]
+        if U.shape[1] == len(f):
+            break
+    UU = U @ U.T
+    return weights[:, None] * UU / weights, (np.eye(len(f)) - UU) / np.outer(weights, weights)
 
 
 def _carried(sides: Sides, close_gap: bool) -> tuple[Array, csr_matrix, float] | None:

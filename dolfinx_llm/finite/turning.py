@@ -3,9 +3,12 @@ which sees turns as strains."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.finite.load_step import Placed
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.numbering import BodyDofs
 
@@ -13,7 +16,31 @@ RIGID = 1e-9  # of the size of what is prescribed, up to which a rigid motion is
 AT_REST = 1e-6  # turn in radians that is none
 
 
-def turned(dofs: BodyDofs, u: Array, target: Array) -> tuple[Array, Array] | None:
+def prescribed(
+    dofs: BodyDofs, target: Array, interfaces: Sequence[Placed], poses: Sequence[Array]
+) -> tuple[Array, Array] | None:
+    """Where supports, and obstacles that bodies are tied to, lead to (n_local,), and which dofs;
+    None where obstacles let go, or yield.
+
+    Args:
+        dofs: of the bodies.
+        target: (n_local,) of dofs that supports prescribe.
+        interfaces: of which some are with obstacles.
+        poses: per interface what places its obstacle; empty without one.
+    """
+    fixed, target = dofs.fixed.copy(), target.copy()
+    for placed, pose in zip(interfaces, poses, strict=True):
+        if not len(pose):
+            continue
+        if not (led := placed.what.led(pose)):
+            return None
+        at = placed.numbers - dofs.first
+        mine = led[0] & (at >= 0) & (at < len(fixed)) & placed.free
+        fixed[at[mine]], target[at[mine]] = True, (led[1] - placed.drawn)[mine]
+    return target, fixed
+
+
+def turned(dofs: BodyDofs, u: Array, target: Array, fixed: Array) -> tuple[Array, Array] | None:
     """All dofs after the rigid motion that takes prescribed ones to their targets, and its rotation
     (gdim, gdim); None where there is no such motion, it does not turn, or a body is not held by as
     many nodes as tell it. Collective.
@@ -22,11 +49,12 @@ def turned(dofs: BodyDofs, u: Array, target: Array) -> tuple[Array, Array] | Non
         dofs: of the bodies.
         u: (n_local,) where they are.
         target: (n_local,) where prescribed dofs are to be.
+        fixed: (n_local,) which they are.
     """
     comm, gdim, at = dofs.comm, dofs.gdim, dofs.of_nodes
     X = dofs.points
     x, y = (X + values[at].reshape(X.shape) for values in (u, target))
-    fixed = dofs.fixed[at].reshape(X.shape)
+    fixed = fixed[at].reshape(X.shape)
     whole = fixed.all(axis=1)
     n = comm.allreduce(int(whole.sum()))
     if n < gdim:

@@ -156,26 +156,20 @@ def _say_place(
     )  # fmt: skip
 
 
-def forced(obstacle: Obstacle, gdim: int) -> tuple[bool, ...]:
-    """Per component whether a force on the obstacle is prescribed."""
-    return loaded(obstacle, gdim)[:gdim]
-
-
 def loaded(obstacle: Obstacle, gdim: int) -> tuple[bool, ...]:
-    """Per component of ``forced`` and of the rotation whether a force or moment is prescribed."""
+    """Per component of displacement and rotation whether a force or moment is prescribed."""
     force, moment = obstacle.pose(gdim)[3:]
     return tuple(f is not None for f in force + moment)
 
 
 def forces_on(obstacle: Obstacle, before: tuple[bool, ...], gdim: int) -> Array:
-    """The force on an obstacle now [force], and as far as ``before`` goes its moment, 0 where none
-    is prescribed.
+    """Force and moment on an obstacle now, 0 where none is prescribed [force, force length].
 
     Raises:
         ContactInputError: it is prescribed for other components than it was ``before``.
     """
     force, moment = obstacle.pose(gdim)[3:]
-    given = (force + moment)[: len(before)]
+    given = force + moment
     if tuple(f is not None for f in given) != before:
         raise ContactInputError(
             f"force={force}, moment={moment} of the {type(obstacle).__name__}: when the problem "

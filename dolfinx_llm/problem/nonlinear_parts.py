@@ -24,9 +24,10 @@ from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.system import NewtonSystem
 from dolfinx_llm.finite.terms import MovingContact
 from dolfinx_llm.finite.tied_contact import TiedContact
+from dolfinx_llm.finite.tied_obstacle import TiedObstacle
 from dolfinx_llm.geometry.spaces import is_function
 from dolfinx_llm.geometry.surface import Surface, extract_surface
-from dolfinx_llm.interface.against import checked_clearance, forced
+from dolfinx_llm.interface.against import checked_clearance, loaded
 from dolfinx_llm.interface.choices import Interface, SelfContact
 from dolfinx_llm.interface.site import Site, find_site, space_of
 from dolfinx_llm.laws.coulomb import Coulomb
@@ -130,22 +131,27 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     law, obstacle = interface.law, interface.obstacle
     assert obstacle is not None
     own = _is_asked(law)
-    if obstacle.moment is not None or obstacle.everywhere:
+    if obstacle.everywhere:
         raise ContactInputError(
-            f"{type(obstacle).__name__}, moment={obstacle.moment!r}: rigid ends and mean "
-            "displacements are of a ContactProblem, for small deformation. Here tie a stiff body "
-            "to the surface and load that, or prescribe displacements; for a mean, change a "
-            "uniform traction in F until it is met"
+            f"{type(obstacle).__name__}: mean displacements are of a ContactProblem, for small "
+            "deformation. Here change a uniform traction in F until the mean is met"
         )
-    if isinstance(law, Tied) or (own and obstacle.force is not None):
+    if obstacle.moment is not None and not isinstance(law, Tied):
         raise ContactInputError(
-            f"law={checks.shown(law)}: against a rigid obstacle at finite deformation choose "
-            "Frictionless() or Coulomb(...), a law of your own where it is moved and not under a "
-            "force, or prescribe the body's displacement"
+            f"law={checks.shown(law)}, moment={obstacle.moment!r}: a moment is of the rigid end "
+            "of a body, law=Tied(); an obstacle that bodies part from turns as prescribed"
+        )
+    if own and obstacle.force is not None:
+        raise ContactInputError(
+            f"law={checks.shown(law)}: against a rigid obstacle at finite deformation choose a "
+            "law of your own where it is moved, and not under a force"
         )
     site = find_site(interface, dofs.spaces)
     surface = site.whole[0]
     checked_clearance(obstacle, surface.x)
+    if isinstance(law, Tied):
+        tie = TiedObstacle.between(surface, obstacle, interface.name, law.close_gap)
+        return _placed(tie, site.whole, site.spaces, dofs)
     friction: list[Array] = []
     nodes = _nodes(interface, OneSide((surface,)), site, surface.x.ravel(), dofs)
     if own:
@@ -154,7 +160,7 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     if law.slips:
         bears = law.start(nodes)
         friction = [bears["mu"], bears["cohesive"]]
-    kind = AGAINST[law.slips, any(forced(obstacle, surface.x.shape[1]))]
+    kind = AGAINST[law.slips, any(loaded(obstacle, surface.x.shape[1]))]
     return _placed(kind.of(surface, obstacle, *friction), site.whole, site.spaces, dofs)
 
 

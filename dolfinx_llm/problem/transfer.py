@@ -15,7 +15,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.contact.state import ContactState
 from dolfinx_llm.geometry.spaces import order_of
-from dolfinx_llm.interface.against import forced
+from dolfinx_llm.interface.against import loaded
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.update import remeshed
 from dolfinx_llm.laws.coulomb import Coulomb
@@ -65,7 +65,7 @@ def _stand(old: NonlinearContactProblem, new: NonlinearContactProblem) -> None:
             continue
         own, pose = f"interface {i} own", f"interface {i} pose"
         now[pose] = before[pose]
-        if found := sum(forced(interface.obstacle, new.bulk.dofs.gdim)):  # where forces bring it
+        if found := sum(loaded(interface.obstacle, new.bulk.dofs.gdim)):  # where forces bring it
             now[own] = np.append(now[own][:-found], before[own][-found:])
     new.take_arrays(now, local)
 

@@ -8,11 +8,12 @@ import hertz2d
 import numpy as np
 import pytest
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import fem
 from mpi4py import MPI
 from own_law import Glue, Soft
 from sampling import longer, some_of
-from scipy.sparse import bmat
+from tangents import tangent_errors
+from upright_blocks import FOOT, KINDS, TOP, block
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -25,8 +26,7 @@ from dolfinx_llm.laws.rows import CLOSED, SLIP, STICK, LawNodes
 from dolfinx_llm.problem.nonlinear_parts import AGAINST
 
 COMM = MPI.COMM_SELF
-FOOT, TOP, ROUGH = 1, 2, llm.Coulomb(0.3)
-KINDS = {"quad": (2, mesh.CellType.quadrilateral), "tet": (3, mesh.CellType.tetrahedron)}
+ROUGH = llm.Coulomb(0.3)
 
 
 class Floor(llm.Obstacle):
@@ -36,32 +36,6 @@ class Floor(llm.Obstacle):
         into = np.zeros_like(x)
         into[:, -1] = -1.0
         return x[:, -1] * (1.0 + 0.3 * x[:, -1]), into
-
-
-def block(kind, cells=4, degree=1):
-    """Unit block, its foot and top tagged; displacement and residual."""
-    dim, cell = KINDS[kind]
-    make = mesh.create_rectangle if dim == 2 else mesh.create_box
-    domain = make(COMM, [np.zeros(dim), np.ones(dim)], [cells, *(3,) * (dim - 1)], cell)
-    at = [
-        mesh.locate_entities_boundary(domain, dim - 1, lambda p, y=y: np.isclose(p[dim - 1], y))
-        for y in (0.0, 1.0)
-    ]
-    order = np.argsort(np.concatenate(at))
-    values = np.repeat([FOOT, TOP], [len(found) for found in at]).astype(np.int32)
-    tags = mesh.meshtags(domain, dim - 1, np.concatenate(at)[order], values[order])
-    V = compat.function_space(domain, degree=degree, shape=(dim,))
-    u = fem.Function(V)
-    mu, lam = (fem.Constant(domain, c) for c in finite_patch.lame(1000.0, 0.4))
-    energy = finite_patch.energy(u, mu, lam) if dim == 2 else energy_3d(u, mu, lam)
-    dx = ufl.dx if degree == 1 else ufl.dx(degree=4)
-    return domain, tags, V, u, ufl.derivative(energy * dx, u, ufl.TestFunction(V))
-
-
-def energy_3d(u, mu, lam):
-    F = ufl.Identity(3) + ufl.grad(u)
-    J = ufl.det(F)
-    return mu / 2 * (ufl.inner(F, F) - 3) - mu * ufl.ln(J) + lam / 2 * ufl.ln(J) ** 2
 
 
 def rolled(V, axes):
@@ -226,24 +200,6 @@ def patch(rng, gdim):
     return Surface(x, facets, np.arange(6), np.zeros(6, dtype=int), "patch")
 
 
-def tangent_errors(contact, z, q, on, held, rng):
-    """(4, 2) by how much differences of forces and own equations along random directions differ
-    from their derivative, and how large they are."""
-    free, h, both = np.ones(len(z), dtype=bool), 1e-6, np.concatenate([z, q])
-
-    def values(both):
-        z, q = np.split(both, [len(free)])
-        t = contact.terms(contact.place(z, q, held), q, on, held, free)
-        return np.concatenate([-t.force, t.rest]), t
-
-    t = values(both)[1]
-    whole = bmat([[t.K, t.top], [t.left, t.own]]).toarray()
-    ways = rng.standard_normal((4, len(both)))
-    found = [(values(both + h * e)[0] - values(both - h * e)[0]) / (2 * h) for e in ways]
-    off = [whole @ e - difference for e, difference in zip(ways, found, strict=True)]
-    return np.abs([off, found]).max(axis=2).T
-
-
 @pytest.mark.parametrize("status", [CLOSED, STICK, SLIP])
 @pytest.mark.parametrize(
     ("gdim", "force"), [(2, None), (2, (None, 2.0)), (3, None), (3, (None, 3.0, 2.0))], ids=str
@@ -347,7 +303,8 @@ def test_refused():
     domain, tags, V, u, F = block("quad")
     plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
     for law, floor, text in [
-        (llm.Tied(), plane, "choose Frictionless"),
+        (llm.Frictionless(), llm.RigidPlane((0, 0), (0, 1), moment=1.0), "is of the rigid end"),
+        (llm.Tied(), llm.MeanDisplacement((None, 0.1)), "mean displacements are of a"),
         (Soft(), llm.RigidPlane((0, 0), (0, 1), force=(None, 1.0)), "not under a force"),
         (llm.Coulomb(np.full(3, 0.2)), plane, "for each of 5 nodes"),
         (llm.Frictionless(), llm.RigidPlane((0, 0, 0), (0, 0, 1)), "lies in 3D"),
