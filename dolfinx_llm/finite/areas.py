@@ -133,8 +133,9 @@ def plane_integrals(
         weights: (n, g) of these points there.
     """
     (n, g, _), k = xi.shape, corners.shape[1]
-    dN = element_of(2, k).shape(xi.reshape(-1, 2))[1].reshape(n, g, k, 2)
-    N = element.positive(xi.reshape(-1, 2)).reshape(n, g, element.nodes)
+    N, dN = element_of(2, k).shape(xi.reshape(-1, 2))
+    N = N if element.nodes == k else element.positive(xi.reshape(-1, 2))
+    N, dN = N.reshape(n, g, element.nodes), dN.reshape(n, g, k, 2)
     (x_xi, x_eta), (y_xi, y_eta) = tangents_at(dN, corners)
     across = np.stack(  # grad N_K det J
         [

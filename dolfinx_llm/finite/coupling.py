@@ -255,13 +255,16 @@ class Coupling:
             self.wrong = f"a node couples with {width // dofs.gdim} others, too many for GAMG"
         at = numbers - dofs.first
         mine = np.flatnonzero((at >= 0) & (at < len(dofs.fixed)))
+        self._mine = mine, at[mine]
         self._spread = csr_matrix(
             (np.ones(len(mine)), (at[mine], mine)), (len(dofs.fixed), len(numbers))
         )
 
     def at(self, u: Array) -> Array:
         """Values at all coordinates, of this rank's (n_local,); collective."""
-        return np.asarray(self.comm.allreduce(self._spread.T @ u))
+        z = np.zeros(self._spread.shape[1])
+        z[self._mine[0]] = u[self._mine[1]]
+        return np.asarray(self.comm.allreduce(z)) if self.comm.size > 1 else z
 
     def prescribed(self, u: Array) -> tuple[Array, Array]:
         """What changes (n_local,) of prescribed dofs alone do to both equations, but for the

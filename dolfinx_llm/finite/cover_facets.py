@@ -223,7 +223,9 @@ class _Edges:
         size = np.maximum(np.einsum("ei,ei->e", line, line), 1e-300)
         t = np.einsum("egi,ei->eg", x - self.ends[:, :1], line) / size[:, None]
         out = np.column_stack([side[:, 1], -side[:, 0]]) * self.theirs[:, None]
-        positive = element.positive(xi.reshape(-1, 2)).reshape(*xi.shape[:2], element.nodes)
+        positive = N
+        if element.nodes != k:
+            positive = element.positive(xi.reshape(-1, 2)).reshape(*xi.shape[:2], element.nodes)
         weighted = ws[:, None] * positive
         weighted = np.swapaxes(weighted, 1, 2)
         by_own = by_own - _times(weighted @ N, out)

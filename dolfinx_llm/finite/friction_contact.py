@@ -25,7 +25,7 @@ from scipy.sparse import csr_matrix, hstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_component, per_item, summing
-from dolfinx_llm.finite.friction import MET_AT, Friction
+from dolfinx_llm.finite.friction import MET_AT, Friction, tangential
 from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.normal_contact import NormalContact, NormalPlace
 from dolfinx_llm.finite.terms import ContactTerms, Held, Origin
@@ -135,14 +135,17 @@ class FrictionContact(Friction, NormalContact):
     def growth(self, place: NormalPlace, nodes: Array) -> csr_matrix:
         return place.by_z[0][nodes]
 
+    def along(self, q: Array, status: Array) -> Array:
+        n, gdim = len(status), self.sides.gdim
+        return np.where((status != OPEN)[:, None], tangential(q, n, gdim), 0.0)
+
     def dragged(self, t: ContactTerms, place: NormalPlace, tau: Array) -> ContactTerms:
-        """Terms of what presses, with tau (n, gdim) as well, also as rows spread it and as couples
-        bear its arm."""
+        """Terms of what presses, with tau (n, gdim) as well, also as couples bear its arm; rows
+        spread it with what presses."""
         t, on = super().dragged(t, place, tau), place.on
         (n, _, c), gdim, width = self.counts, self.sides.gdim, self.sides.width
         C = self.sides.control[0][:, on].T  # to these nodes
         at_nodes = C @ tau
-        spread, (by_place, by_mu) = place.spread(-at_nodes), place.entries
         cells = self.sides.cells(False)[place.at.facet[on]]
         y, height = self.sides.split(place.z)[1], -np.einsum("ks,ks->k", place.rows.N, place.height)
         couple = couples(at_nodes, height, place.normal[on], y[cells])
@@ -154,13 +157,13 @@ class FrictionContact(Friction, NormalContact):
         shut = diagonal((t.status != OPEN).astype(float))
         by_tau = per_item(couple.by_tau) @ per_component((C @ shut).tocsr(), gdim)
         force = gather @ couple.force.ravel()
-        of_mu = spread @ by_mu + gather @ by_height @ height_mu
+        of_mu = gather @ by_height @ height_mu
         none = csr_matrix((width, n)), csr_matrix((width, c))
         top = hstack([none[0], of_mu, none[1], gather @ by_tau], format="csr")
         return replace(
             t,
             force=t.force + force,
-            K=(t.K - spread @ by_place - gather @ by_z).tocsr(),
+            K=(t.K - gather @ by_z).tocsr(),
             top=t.top - top,
             friction=t.friction + force,
         )

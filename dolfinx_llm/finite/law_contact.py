@@ -18,6 +18,7 @@ from dolfinx_llm.finite.friction_law import in_plane
 from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.law_rows import LawSystem
 from dolfinx_llm.finite.law_told import ToldContact
+from dolfinx_llm.finite.normal_contact import NormalContact
 from dolfinx_llm.finite.obstacle_contact import ObstacleFriction
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, moved
@@ -115,6 +116,9 @@ class LawContact(ToldContact):
 @dataclass(frozen=True, eq=False)
 class LawOnFrame(LawContact, FrictionContact):
     """On the moving frame."""
+
+    def along(self, q: Array, status: Array) -> Array:
+        return super().along(q, status) if self.law.slips else NormalContact.along(self, q, status)
 
     @classmethod
     def under(cls, law: Law, nodes: LawNodes, sides: Sides, design: Design, z: Array) -> LawOnFrame:

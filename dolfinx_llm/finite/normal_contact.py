@@ -68,6 +68,21 @@ class NormalPlace(Place):
         at = self.coordinates[:, gdim:].ravel(), np.repeat(np.arange(k * s), gdim)
         return csr_matrix((values, at), (len(self.z), k * s))
 
+    def swung(self, force: Array) -> csr_matrix:
+        """(width, width) change of normal forces (k,) on the coordinates where normals turn."""
+        (k, s), gdim = self.rows.nodes.shape, self.normal.shape[1]
+        weights = np.concatenate([np.ones((k, 1)), -self.rows.N], axis=1) * force[:, None]
+        normals = coordinates(np.arange(k)[:, None].repeat(s + 1, axis=1), gdim)
+        at, shape = (self.coordinates.ravel(), normals.ravel()), (len(self.z), k * gdim)
+        return csr_matrix((weights.repeat(gdim, axis=1).ravel(), at), shape) @ self.turned
+
+    @cached_property
+    def gap_by(self) -> tuple[csr_matrix, csr_matrix]:
+        """(k, width), (k, m) derivatives of the gaps by positions and mu."""
+        part = diagonal(1.0 - self.curved)
+        by_z = self.C @ (part @ self.distance[1] + self.by_frame)
+        return by_z, self.C @ part @ self.distance[2]
+
     @cached_property
     def distance(self) -> tuple[csr_matrix, csr_matrix, csr_matrix]:
         """(k, width) that n·(dx_p - sum_J N_pJ dy_J) is of changes dz, and the whole derivatives of
@@ -211,6 +226,13 @@ class NormalContact(MovingContact):
             ),
         )
 
+    def nearing(self, place: NormalPlace) -> csr_matrix:
+        return summing(place.on, len(place.gap)) @ place.gap_by[0]
+
+    def along(self, q: Array, status: Array) -> Array:
+        """(n, gdim) forces of pairs along the surface, which rows spread as well [force]."""
+        return np.zeros((len(status), self.sides.gdim))
+
     def terms(
         self, place: NormalPlace, q: Array, status: Array, held: Held, free: Array
     ) -> ContactTerms:
@@ -228,18 +250,13 @@ class NormalContact(MovingContact):
         (by_place, by_mu), (df, dfy), f = place.entries, place.by_z, place.areas[0]
         k, s = rows.nodes.shape
         gdim, width, force = self.sides.gdim, self.sides.width, q[:n]
-        by_rows, part = place.distance, diagonal(1.0 - place.curved)
-        A = place.C @ by_rows[0]  # the force row
-        gap_z = place.C @ (part @ by_rows[1] + place.by_frame)
-        gap_mu = place.C @ part @ by_rows[2]
+        A, (gap_z, gap_mu) = place.C @ place.distance[0], place.gap_by  # A: the force row
         # Forces, and how they change.
         borne = np.where(active[on], force[on], 0.0)
         lam = place.C.T @ borne  # at the nodes
-        spread = place.spread(lam[:, None] * normal)
-        weights = np.concatenate([np.ones((k, 1)), -rows.N], axis=1) * lam[:, None]
-        turned = (weights[:, :, None, None] * np.eye(gdim)).reshape(k, (s + 1) * gdim, gdim)
-        gather = summing(place.coordinates.ravel(), width)
-        K = -(spread @ by_place + gather @ (per_item(turned) @ place.turned))
+        along = self.sides.control[0][:, on].T @ self.along(q, status)
+        spread = place.spread(lam[:, None] * normal - along)
+        K = -(spread @ by_place + place.swung(lam))
         # Equation (28), which gives mu.
         f, df = (self.sides.control[0].T @ a for a in (f, df))
         by_entry = csr_matrix(

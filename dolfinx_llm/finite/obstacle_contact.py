@@ -234,6 +234,11 @@ class ObstacleContact(MovingContact):
         """A pose that is held; None: as it is now."""
         return Pose.of(self.pose() if pose is None else pose, self.sides.gdim)
 
+    def nearing(self, place: ObstaclePlace) -> csr_matrix:
+        n, gdim = place.normal.shape
+        own = coordinates(np.arange(n)[:, None], gdim)
+        return self.sides.control @ jacobian(place.by_x[:, None], own, n * gdim)
+
     def terms(
         self, place: ObstaclePlace, q: Array, status: Array, held: Held, free: Array
     ) -> ContactTerms:
@@ -250,7 +255,7 @@ class ObstacleContact(MovingContact):
             force=A.T @ force,
             K=per_item(-(C.T @ force)[:, None, None] * place.turned),
             top=-(on @ A).T.tocsr(),
-            left=on @ C @ jacobian(place.by_x[:, None], own, width),
+            left=on @ self.nearing(place),
             own=diagonal(~closed / held.scale),
             rest=np.where(closed, place.gap, q / held.scale),
             place=place,

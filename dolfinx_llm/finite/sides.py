@@ -145,6 +145,8 @@ class Sides:
 
     def candidates(self, z: Array) -> Array:
         """(f,) facets of the moving side that face the frame and lie near; held during a step."""
+        if self._met and np.array_equal(self._met[0], z):
+            return self.facing(z, self._met[2].at)
         x, y = self.split(z)
         return self.facing(z, find_on_frame(x, y, self.cells(False), self.outward(z)))
 

@@ -154,6 +154,10 @@ class MovingContact:
         closed = place.pairs & (q[: len(gap)] / held.scale - gap > -reach)
         return np.where(closed, CLOSED, OPEN), held
 
+    def nearing(self, place: Any) -> csr_matrix:
+        """(n, width) derivatives of the gaps of pairs by the coordinates."""
+        raise NotImplementedError
+
     def terms(self, place: Any, q: Array, status: Array, held: Held, free: Array) -> ContactTerms:
         """All that Newton's iteration asks for."""
         raise NotImplementedError
@@ -207,10 +211,8 @@ def foreseen(
         reach: gap that is none [length].
     """
     dz, q = changed
-    n, pairs = len(place.gap), place.pairs
-    every = np.where(pairs, contact.pressed[0], OPEN)
-    rows = contact.terms(place, np.zeros(len(q)), every, held, np.ones(len(dz), dtype=bool)).left
-    then = replace(moved(place, (rows @ dz)[:n]), z=place.z + dz)
+    every = np.where(place.pairs, contact.pressed[0], OPEN)
+    then = replace(moved(place, contact.nearing(place) @ dz), z=place.z + dz)
     return contact.touching(then, q, every, held, reach)[0]
 
 

@@ -153,8 +153,13 @@ def shape_functions(k: int, xi: Array) -> tuple[Array, Array]:
 def _linear(k: int, xi: Array) -> tuple[Array, Array]:
     n = len(xi)
     if k == 4:
-        a = 1.0 + xi[:, None, :] * CORNERS[4]
-        return 0.25 * a[..., 0] * a[..., 1], 0.25 * CORNERS[4] * a[..., ::-1]
+        # Column by column: of many points, tiny axes cost more than all that is done with them.
+        (a, b), N, dN = xi.T, np.empty((n, 4)), np.empty((n, 4, 2))
+        for j, (s, t) in enumerate(CORNERS[4]):
+            along, across = 1.0 + s * a, 1.0 + t * b
+            N[:, j] = 0.25 * along * across
+            dN[:, j, 0], dN[:, j, 1] = 0.25 * s * across, 0.25 * t * along
+        return N, dN
     N = np.column_stack([1.0 - xi.sum(axis=1), xi])
     dN = np.vstack([-np.ones(k - 1), np.eye(k - 1)])
     return N, np.broadcast_to(dN, (n, k, k - 1))
