@@ -245,9 +245,9 @@ class Coupling:
         self.own = self.scaling @ _joined([t.own for t in terms])
         self._rows = _joined([part.rows for part in parts], size[::-1])
         own = self.own + _joined([part.yielding for part in parts])
-        self._factor, self.wrong = None, ""
+        self.wrong, self._yielded = "", np.asarray
         try:
-            self._factor = splu(own.tocsc()) if size[1] else None
+            self._yielded = splu(own.tocsc()).solve if size[1] else np.asarray
         except RuntimeError as error:  # SuperLU's "exactly singular"
             self.wrong = f"SuperLU: {error}"
         width = max([int(np.diff(C.indptr).max(initial=0)) for C in self.stiffness], default=0)
@@ -279,12 +279,12 @@ class Coupling:
 
     def forces(self, s: Array) -> tuple[Array, Array]:
         """q of own' q = s, and this rank's (n_local,) of top q."""
-        q = s if self._factor is None else self._factor.solve(s)
+        q = self._yielded(s)
         return q, self._spread @ (self.top @ q)
 
     def after(self, s: Array, u: Array) -> Array:
         """q of left u + own' q = s in the preconditioner; collective."""
-        return self.forces(s - self._rows @ self.at(u))[0]
+        return self._yielded(s - self._rows @ self.at(u))
 
 
 def _joined(blocks: Sequence[csr_matrix], shape: tuple[int, int] | None = None) -> csr_matrix:

@@ -131,6 +131,9 @@ def covered_facets(own: Skin, other: Skin, width: int, behind: float) -> Covered
     (f, k), n = own.facets.shape, own.element.nodes
     i, j = _across(planes, own, other, behind)
     ends, heights = planes.seen(i, other.x[other.facets[j][:, ::-1]])  # looked at from behind
+    low, high = (f(planes.corners[i], axis=1) for f in (np.min, np.max))
+    meet = ((ends.min(axis=1) < high) & (ends.max(axis=1) > low)).all(axis=1)
+    i, j, ends, heights = i[meet], j[meet], ends[meet], heights[meet]
     pieces = cut(planes.corners[i], ends)
     part = np.bincount(i, pieces.area, f) / planes.size
     whole, at = part > 1.0 - SLIVER, (part > SLIVER) & (part <= 1.0 - SLIVER)
