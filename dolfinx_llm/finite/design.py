@@ -38,6 +38,7 @@ from dolfinx_llm.geometry.overlap_flat import local_bases
 
 CORRECTED = 0.4  # correction from which on the limit k is raised at the start of a step
 RAISED = 5e-3  # the same, for what corrections move places along the normal, over facet size
+LATER = 1.5  # times as much, from which on they are held back within a step as well
 # k over the largest force of unit pressure; with the last one rows stay as they are
 LIMITS = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e12)
 UNREACHED = 1e-12  # diagonal entry of M over the largest, of nodes that no row reaches
@@ -206,6 +207,17 @@ class Design:
             if self.excess(found.delta, height) < 1.0:
                 break
         return float(limit * largest)
+
+    def later_limit(
+        self, last: float, place: Any, nodes: tuple[Array, Array], forces: Any, chart: Array
+    ) -> float | None:
+        """The same within a step, if it is larger than the last: bodies that have parted since its
+        start balance about other places. ``place`` has rows, heights and places; others as above.
+        """
+        if self.excess(place.rows.delta, place.height) < LATER:
+            return None
+        limit = self.smallest_limit(place.at.part(place.on), *nodes, forces, chart)
+        return limit if limit > LATER * last else None
 
     def excess(self, delta: Array, height: Array) -> float:
         """Corrections (n, s) over what they may be at the start of a step; heights (n, s) of the

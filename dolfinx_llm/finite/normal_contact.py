@@ -37,7 +37,6 @@ from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place, h
 from dolfinx_llm.laws.rows import OPEN
 
 OVER = 0.05  # of a facet beyond the frame's edge, at which a node has left it
-LATER = 1.5  # times what corrections may be at the start of a step: then they are held back in it
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +150,10 @@ class NormalContact(MovingContact):
         now = self.sides.candidates(place.z)
         added, at = now & ~held.candidates, place.at
         left = held.pairs & ~held.left & (place.areas[0] <= 0.0) & (at.beyond > OVER)
-        if (limit := raised_limit(self.sides, self.design, place, held)) > LATER * held.limit:
+        (x, y), on = self.sides.split(place.z), place.on
+        loads = (self.sides.control[0].T @ place.areas[0])[on], place.areas[1]
+        limit = self.design.later_limit(held.limit, place, (x[on], y), loads, held.chart)
+        if limit is not None:
             return replace(held, limit=limit)
         if not (added.any() and (at.gap[self.sides.facets(True)[added]] < 0.0).any()):
             added[:] = False
@@ -293,13 +295,3 @@ class NormalContact(MovingContact):
             friction=np.zeros(width),
             slip=np.zeros((n, gdim)),
         )
-
-
-def raised_limit(sides: Sides, design: Design, place: NormalPlace, held: Held) -> float:
-    """The limit of corrections, which may have to be larger where bodies have parted since the
-    start of the step: then forces of both sides no longer balance about the same places [area]."""
-    if design.excess(place.rows.delta, place.height) < LATER:
-        return held.limit
-    (x, y), on = sides.split(place.z), place.on
-    loads = (sides.control[0].T @ place.areas[0])[on], place.areas[1]
-    return design.smallest_limit(place.at.part(on), x[on], y, loads, held.chart)

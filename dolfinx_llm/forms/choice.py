@@ -16,6 +16,7 @@ from dolfinx_llm.operators.system import ContactOperators
 
 SOLVERS = ("auto", "saddle", "condensed")
 MOTIONS = 300  # of bodies that contact alone holds, up to which CG can take all of them out
+ONE_BODY = 6  # the same with friction: where it holds more, contact goes back and forth by GMRES
 FLEXIBLE = 1500  # multipliers up to which contact laws may iterate on the surfaces' flexibility
 
 
@@ -110,7 +111,7 @@ def _no_multigrid(operators: ContactOperators) -> str:
         return "a mean couples all nodes of its surface"
     if operators.tied:
         return ""
-    most = 0 if any(law.slips or law.gives for law in laws) else MOTIONS
+    most = ONE_BODY if any(law.slips or law.gives for law in laws) else MOTIONS
     motions = operators.floating.rigid.modes.shape[1]
     return f"contact alone holds {motions} motions of bodies" if motions > most else ""
 

@@ -1032,9 +1032,8 @@ def bent_end(s, end):
 
 
 add(
-    "rigid ends and mean displacements are of a ContactProblem",
+    "mean displacements are of a ContactProblem",
     lambda s: bent_end(s, llm.MeanDisplacement((None, 0.1))),
-    lambda s: bent_end(s, llm.RigidPlane((0, 0), (0, -1), force=(None, 1.0), moment=1.0)),
 )
 add("increments=", *(lambda s, x=x: s.nonlinear().solve(x) for x in (0, "2", INF)))
 
