@@ -98,10 +98,11 @@ def balanced_rows(
 ) -> Sequence[csr_matrix]:
     """``design_weights`` for loads of either order.
 
-    With moments, pressures linear along the surface pass as well, and rows reproduce polynomials
-    of degree 2. Per frame node there are then multipliers for the force, and for the moments about
-    it: delta_p = -+ P_p sum_a (c_pa mu_a) / w_p, c_p = (f_p, (m_p + (s_p - s_J) f_p) / h), w_p the
-    area that the row stands for, since f_p may vanish.
+    With moments, pressures linear along the surface pass as well, of 9-node facets those of degree
+    2, and rows reproduce polynomials of degree 2. Per frame node there are then multipliers for the
+    force, and for the moments about it: delta_p = -+ P_p sum_a (c_pa mu_a) / w_p,
+    c_p = (f_p, (m_p + (s_p - s_J) f_p) / h), w_p the area that the row stands for, since f_p may
+    vanish.
     """
     loading = FrameLoads.of(frame, s, N, loads)
     far = np.abs(frame.x).max() / np.ptp(frame.x, axis=0).max()

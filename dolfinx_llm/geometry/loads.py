@@ -2,15 +2,16 @@
 
 At first order a constant pressure passes, for which forces are enough. At second order it is
 pressures linear along the surface as well: p = s - s_0 exerts ∫ N_p (s - s_0) dA at node p, which
-the moment ∫ N_p (s - s_p) dA tells for any s_0. Forces of second-order facets may be zero or
-negative (at the corners of triangles, beyond where the area ends): what takes part is told by
-facets, not by signs.
+the moment ∫ N_p (s - s_p) dA tells for any s_0. Of 9-node facets those of degree 2 as well: a
+corner stands for a 36th of a facet, and shows what the others leave as a pressure of its own.
+Forces of second-order facets may be zero or negative (at the corners of triangles, beyond where the
+area ends): what takes part is told by facets, not by signs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,8 @@ class NodalLoads:
     touched: Array  # (n,) whether a facet of the node is in contact
     mass: csr_matrix | None = None  # (n, n) integrals of N_p N_q of second-order facets [area]
     sound: Array | None = None  # (n,) whether one of them is by more than ``UNTOLD`` of it
+    second: Array | None = None  # (n, 3) integrals of N_p (s - s_p)_i (s - s_p)_j, i >= j, of flat
+    # 9-node facets
 
     @classmethod
     def of_forces(cls, forces: Array) -> NodalLoads:
@@ -72,6 +75,7 @@ class NodalLoads:
         s = side.straightened(s)
         forces, shares, touched = np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool)
         moments, products, sound = np.zeros((n, s.shape[1])), [], np.zeros(n, dtype=bool)
+        second = np.zeros((n, 3)) if order > 1 and element.nodes == 9 else None
         whole = np.ptp(s[side.facets][..., 0], axis=1)
         if s.shape[1] > 1:
             whole = np.linalg.norm(vector_areas(s, side.facets), axis=1)
@@ -86,12 +90,15 @@ class NodalLoads:
             np.add.at(forces, nodes, wN.sum(axis=1))
             np.add.at(shares, nodes, weight.sum(axis=1)[:, None] / element.nodes)
             np.add.at(moments, nodes, np.einsum("egk,egkd->ekd", wN, arm))
+            if second is not None:
+                arms = np.stack(squares(arm), axis=-1)
+                np.add.at(second, nodes, np.einsum("egk,egkq->ekq", wN, arms))
             touched[nodes] = True
             np.add.at(covered, facet, weight.sum(axis=1))
             products.append(assembled(np.einsum("egk,egl->ekl", wN, N), nodes, n))
         sound[cells[covered > UNTOLD * whole]] = True
         moments = moments if order > 1 else moments[:, :0]
-        return cls(forces, shares, moments, touched, sum(products), sound)
+        return cls(forces, shares, moments, touched, sum(products), sound, second)
 
     @classmethod
     def whole(cls, side: Surface, facets: Array) -> NodalLoads:
@@ -113,7 +120,11 @@ class NodalLoads:
         mass = None if self.mass is None else self.mass[nodes][:, nodes].tocsr()
         sound = None if self.sound is None else self.sound[nodes]
         own = self.forces[nodes], self.shares[nodes], self.moments[nodes], self.touched[nodes]
-        return NodalLoads(*own, mass, sound)
+        return NodalLoads(*own, mass, sound, None if self.second is None else self.second[nodes])
+
+    def linear(self) -> NodalLoads:
+        """The same without those of degree 2."""
+        return replace(self, second=None)
 
     @staticmethod
     def joined(loads: Sequence[NodalLoads]) -> NodalLoads:
@@ -125,7 +136,18 @@ class NodalLoads:
         blocks = [load.mass for load in loads]
         whole = None if blocks[0] is None else csr_matrix(block_diag(blocks, format="csr"))
         sound = None if whole is None else np.concatenate([load.sound for load in loads])
-        return NodalLoads(forces, shares, moments, touched, whole, sound)
+        squared = [load.second for load in loads if load.second is not None]
+        second = np.concatenate(squared) if len(squared) == len(loads) else None
+        return NodalLoads(forces, shares, moments, touched, whole, sound, second)
+
+
+def squares(x: Array) -> list[Array]:
+    """x_i x_j, i >= j, of vectors x (..., d).
+
+    >>> [float(v) for v in squares(np.array([2.0, 3.0]))]
+    [4.0, 6.0, 9.0]
+    """
+    return [x[..., i] * x[..., j] for i in range(x.shape[-1]) for j in range(i + 1)]
 
 
 def assembled(blocks: Array, nodes: Array, n: int) -> csr_matrix:

@@ -24,6 +24,7 @@ from dolfinx_llm.design.line import check_closed_form
 from dolfinx_llm.design.quadric import SmoothSurface
 from dolfinx_llm.design.weights import TOLERANCE, balanced_rows, load_residual
 from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.pairs import ContactPairs, rank_certificate, with_weights
 from dolfinx_llm.interface.choices import Interface
@@ -205,10 +206,7 @@ def designed(
     before = float(np.abs(load_residual(frame, s, plain, loads)).max())
     N: Sequence[csr_matrix] = plain
     if interface.design == "weights" or (interface.design == "auto" and before > TOLERANCE):
-        try:  # rows at supports bind the frame's edge: better left alone, where that is enough
-            N = balanced_rows(frame, s, plain, loads, keep)
-        except ContactError:
-            N = balanced_rows(frame, s, plain, loads)
+        N, loads = _balanced(frame, s, plain, loads, keep)
         pairs = [with_weights(p, M, frame) for p, M in zip(pairs, N)]
         notes.append("design: rows of L_b corrected (weights)")
     elif interface.design == "auto":
@@ -223,6 +221,26 @@ def designed(
     linear = max(np.abs(plane.project(p.x) - plane.project(p.x - p.gap)).max() for p in pairs)
     change = 0.0 if N is plain else max(np.abs(a - b).max() for a, b in zip(N, plain))
     return pairs, Certificate(residual, before, singular, float(linear / size), float(change))
+
+
+def _balanced(
+    frame: Frame,
+    s: Array,
+    plain: Sequence[csr_matrix],
+    loads: list[NodalLoads],
+    keep: Sequence[Array] | None,
+) -> tuple[Sequence[csr_matrix], list[NodalLoads]]:
+    """Rows through which loads pass, and which these are: those of degree 2 only if they can. Rows
+    at supports bind the frame's edge: better left alone, where that is enough."""
+    linear = [load.linear() for load in loads]
+    of_degree_2 = all(load.second is not None for load in loads)
+    tries = [(of, k) for of in ([loads, linear] if of_degree_2 else [linear]) for k in (keep, None)]
+    for of, stay in tries[:-1]:
+        try:
+            return balanced_rows(frame, s, plain, of, stay), of
+        except ContactError:
+            pass
+    return balanced_rows(frame, s, plain, linear), linear
 
 
 def kept_nodes(site: Site, pairs: Sequence[ContactPairs]) -> list[Array] | None:
