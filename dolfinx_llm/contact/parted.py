@@ -46,7 +46,10 @@ class Parted:
         for s in list(self._rest) if iteration > UNPARTED else ():
             rows = s.nodes.rows
             motion = np.abs(position[rows]).max(initial=0.0)
-            if np.abs(multiplier[rows]).max() > FORCELESS * self._equations.scale * motion:
+            if (
+                np.abs(multiplier[rows]).max(initial=0.0)
+                > FORCELESS * self._equations.scale * motion
+            ):
                 continue
             between = self._between(s, position, motion)
             if between is not None:

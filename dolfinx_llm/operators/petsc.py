@@ -93,10 +93,10 @@ def is_symmetric(K: PETSc.Mat) -> bool:
     """Whether xᵀKy = yᵀKx for two random vectors, where rows are as large as each other: those of
     other units would hide the rest. How large they are products with random signs tell, so that no
     entry is copied. K keeps the answer as long as its entries stay."""
-    state, known = K.stateGet(), K.getAttr(SYMMETRY)
-    if known is not None and known[0] == state:
-        return bool(known[1])
     comm, n = K.comm.tompi4py(), K.getLocalSize()[0]
+    state, known = K.stateGet(), K.getAttr(SYMMETRY)
+    if comm.allreduce(known is not None and known[0] == state, op=MPI.LAND):
+        return bool(known[1])
     rng = np.random.default_rng(2001 + comm.rank)
     size = np.sqrt(sum(times(K, rng.choice((-1.0, 1.0), n)) ** 2 for _ in range(PROBES)))
     scale = 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0))
