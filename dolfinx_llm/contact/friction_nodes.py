@@ -77,8 +77,7 @@ class FrictionNodes:
     @property
     def seen(self) -> Array:
         """(k,) nodes along whose jumps rows act that are not left out."""
-        acts = abs(self.L_kappa).T @ self.kept.astype(float)
-        return acts.reshape(self.kappa.shape).any(axis=1)
+        return self.reached(self.kept.reshape(self.rows.shape)[:, :-1].any(axis=1))
 
     @cached_property
     def nearest(self) -> Array:

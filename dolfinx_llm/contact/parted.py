@@ -45,14 +45,10 @@ class Parted:
         found = w
         for s in list(self._rest) if iteration > UNPARTED else ():
             rows = s.nodes.rows
-            motion = np.abs(position[rows]).max(initial=0.0)
-            if (
-                np.abs(multiplier[rows]).max(initial=0.0)
-                > FORCELESS * self._equations.scale * motion
-            ):
+            forces, motion = (np.abs(a[rows]).max(initial=0.0) for a in (multiplier, position))
+            if forces > FORCELESS * self._equations.scale * motion:
                 continue
-            between = self._between(s, position, motion)
-            if between is not None:
+            if between := self._between(s, position, motion):
                 found, (at, place) = found.copy(), between
                 found[at] = place
                 s.touch(np.zeros(len(rows), dtype=bool))
@@ -65,10 +61,8 @@ class Parted:
         """Unknowns of a frame (k,) and where they touch no body (k,); None: they cannot."""
         rows = s.nodes.rows[:, -1]
         L = self._equations.whole[rows][:, s.nodes.v]
-        at = np.flatnonzero(np.diff(L.tocsc().indptr))
-        found = None
-        if self._comm.rank == 0:
-            found = _farthest(L[:, at], position[rows], motion)
+        at = np.unique(L.indices)
+        found = _farthest(L[:, at], position[rows], motion) if self._comm.rank == 0 else None
         found = self._comm.bcast(found)
         return None if found is None else (s.nodes.v[at], found)
 

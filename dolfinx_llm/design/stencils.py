@@ -16,6 +16,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.geometry.loads import squares
 
 ZERO = 1e-13  # shape functions below this are rounding: the node lies on an edge
 NONE_LEFT = 1e-11  # of the largest singular value: no other direction than rounding's
@@ -149,9 +150,7 @@ def polynomial_stencils(
 def monomials(x: Array, degree: int) -> list[Array]:
     """1, the coordinates (n, d) and, at degree 2, their products, each (n,)."""
     out = [np.ones(len(x)), *x.T]
-    if degree > 1:
-        out += [x[:, i] * x[:, j] for i in range(x.shape[1]) for j in range(i + 1)]
-    return out
+    return out + squares(x) if degree > 1 else out
 
 
 def _deficits(N: csr_matrix, s: Array, mean: Array) -> list[Array]:

@@ -9,7 +9,7 @@ prescribed, components of s and of the rotation vector θ of R are found. With f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -89,7 +89,7 @@ class TiedObstacle(Pressed):
         for _ in range(CLOSINGS if off.any() else 0):
             gap, into = checked_clearance(obstacle, points[off])
             points[off] += gap[:, None] * into
-        contact = cls(contact.sides, obstacle, contact.forced, tied, points, contact.directions)
+        contact = replace(contact, points=points)
         contact.check_borne()
         return contact
 

@@ -232,15 +232,17 @@ def _balanced(
 ) -> tuple[Sequence[csr_matrix], list[NodalLoads]]:
     """Rows through which loads pass, and which these are: those of degree 2 only if they can. Rows
     at supports bind the frame's edge: better left alone, where that is enough."""
-    linear = [load.linear() for load in loads]
-    of_degree_2 = all(load.second is not None for load in loads)
-    tries = [(of, k) for of in ([loads, linear] if of_degree_2 else [linear]) for k in (keep, None)]
+    tries = [(loads, keep)] if keep is None else [(loads, keep), (loads, None)]
+    if all(load.second is not None for load in loads):
+        linear = [load.linear() for load in loads]
+        tries += [(linear, stay) for _, stay in tries]
     for of, stay in tries[:-1]:
         try:
             return balanced_rows(frame, s, plain, of, stay), of
         except ContactError:
             pass
-    return balanced_rows(frame, s, plain, linear), linear
+    of, stay = tries[-1]
+    return balanced_rows(frame, s, plain, of, stay), of
 
 
 def kept_nodes(site: Site, pairs: Sequence[ContactPairs]) -> list[Array] | None:
