@@ -116,15 +116,17 @@ def same(found, known, most):
 ], ids=str)  # fmt: skip
 def test_forms_and_units(orders, laws):
     """Beside interfaces of other laws, in mm and MPa, in both forms: all conditions are met. In
-    other units corrections of rows differ by 4e-6 between rings of second order, and with them
-    answers; both forms agree to 4e-15 in the same ones."""
-    known = Rings(orders, laws, "saddle", counts=(16, 24, 32)[: len(orders)])
+    other units rows differ by 1e-9 between rings of second order, and with them answers; both forms
+    agree to 4e-15 in the same ones. With 16 and 24 cells both rims of contact
+    are alike, and either may touch at one node more: with friction both are answers, 1e-4 apart."""
+    counts = (15, 24, 32)[: len(orders)]
+    known = Rings(orders, laws, "saddle", counts=counts)
     known.problem.solve()
     known.check()
-    other = Rings(orders, laws, "condensed", (1e3, 2.1e5), (16, 24, 32)[: len(orders)])
+    other = Rings(orders, laws, "condensed", (1e3, 2.1e5), counts)
     other.problem.solve()
     other.check()
-    same(other.answer(), known.answer(), 1e-4)
+    same(other.answer(), known.answer(), 1e-8)
 
 
 def test_motions_that_round_surfaces_hardly_resist():
