@@ -11,9 +11,10 @@ With W = diag(w_p), C the rows (1, t·(y - x_p) / h), S = C W Cᵀ and one mu pe
 
     delta_p = -P_p mu,   P_p = W - W Cᵀ S⁻¹ C W.
 
-G holds affine functions on the frame as drawn, held during a step, times f_J: what of the residual
-no correction can remove, since both surfaces carry the same force about the same place (rounding on
-flat ones). k = 0 but where the rim is covered so poorly that corrections would be large.
+G are forces of affine pressures, in coordinates on the frame as drawn, of second order there as
+well, where f_J are those of unit pressure: what of the residual no correction can remove, since
+both surfaces carry the same force about the same place (rounding on flat ones). k = 0 but where the
+rim is covered so poorly that corrections would be large.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
 from dolfinx_llm.geometry.element import Element, element_of
 from dolfinx_llm.geometry.loads import assembled
 from dolfinx_llm.geometry.overlap_flat import local_bases
+from dolfinx_llm.geometry.pairs import control_of
 
 CORRECTED = 0.4  # correction from which on the limit k is raised at the start of a step
 RAISED = 5e-3  # the same, for what corrections move places along the normal, over facet size
@@ -92,7 +94,7 @@ class DesignedRows:
     M: csr_matrix  # (m, m) sum_p f_p P_p + k, how mu changes the residual [area]
     G: Array  # (m, c) what no correction removes [area]
     mu: Array  # (m,)
-    left: Array  # (m,) residual over f_J that no correction removes
+    left: Array  # (m,) pressure whose forces no correction removes
     parts: dict[str, Any] = field(repr=False)  # of which derivatives are made
 
     def matrix(self, m: int) -> csr_matrix:
@@ -112,6 +114,7 @@ class Design:
     facets: Array  # (f, k) of the frame
     element: Element  # of these
     size: float  # h, of the chart of a stencil [length]
+    control: tuple[csr_matrix, csr_matrix]  # E, C (m, m): see ``sides``
     wanted: bool = True  # False: rows stay as they are
 
     @classmethod
@@ -119,7 +122,8 @@ class Design:
         """Design of a frame with nodes Y (m, gdim) as drawn."""
         span = np.linalg.norm(Y[facets] - np.roll(Y[facets], 1, axis=1), axis=2).max()
         element = element_of(Y.shape[1] - 1, facets.shape[1])
-        return cls(Stencils.of(facets, len(Y)), facets, element, float(span), wanted)
+        control = control_of(element, facets, len(Y))
+        return cls(Stencils.of(facets, len(Y)), facets, element, float(span), control, wanted)
 
     @property
     def bernstein(self) -> Array:
@@ -167,7 +171,7 @@ class Design:
         P[:, own, own] += w
         M = assembled(forces[0][:, None, None] * P, nodes, m)
         fy = forces[1]
-        M, G = self._held(M, limit), chart * (fy if fy.any() else np.ones(m))[:, None]
+        M, G = self._held(M, limit), self._borne(chart, fy if fy.any() else np.ones(m))
         r = np.bincount(nodes.ravel(), (forces[0][:, None] * N0).ravel(), m) - fy
         mu, kappa = _bordered(M, G, r)
         t = np.einsum("nsa,ns->na", lift, mu[nodes])  # S⁻¹ C W mu
@@ -178,6 +182,18 @@ class Design:
             "window": window, "plus": plus, "total": total, "w": w,
         }  # fmt: skip
         return DesignedRows(nodes, N0 + delta, delta, M, G, mu, chart @ kappa, parts)
+
+    def _borne(self, chart: Array, fy: Array) -> Array:
+        """(m, c) G, forces of pressures that are polynomials, times f_J of unit pressure. At second
+        order it is their control values that meet those of f_J: none of these is negative, and
+        Gᵀ mu = 0 rules out each polynomial where f_J at nodes may cancel."""
+        E, C = self.control
+        return np.asarray(C.T @ ((E.T @ fy)[:, None] * (C @ chart)))
+
+    def forces_by(self, pressure: Array) -> csr_matrix:
+        """(m, m) by which forces of a pressure with values (m,) follow from f_J: see ``_borne``."""
+        E, C = self.control
+        return C.T @ diagonal(C @ pressure) @ E.T
 
     def _held(self, M: csr_matrix, limit: float) -> csr_matrix:
         """M with the limit on its diagonal, and pins at nodes that no row reaches."""

@@ -252,6 +252,7 @@ class NormalContact(MovingContact):
         (by_place, by_mu), (df, dfy), f = place.entries, place.by_z, place.areas[0]
         k, s = rows.nodes.shape
         gdim, width, force = self.sides.gdim, self.sides.width, q[:n]
+        forces_by = self.design.forces_by
         A, (gap_z, gap_mu) = place.C @ place.distance[0], place.gap_by  # A: the force row
         # Forces, and how they change.
         borne = np.where(active[on], force[on], 0.0)
@@ -265,9 +266,9 @@ class NormalContact(MovingContact):
             (np.repeat(f[on], s), (rows.nodes.ravel(), np.arange(k * s))), (m, k * s)
         )
         balance_z = (
-            by_entry @ by_place + rows.matrix(m).T @ df[on] - diagonal(1.0 + rows.left) @ dfy
+            by_entry @ by_place + rows.matrix(m).T @ df[on] - forces_by(1.0 + rows.left) @ dfy
         )
-        border_z = csr_matrix(held.chart * rows.mu[:, None]).T @ dfy
+        border_z = csr_matrix(held.chart.T @ forces_by(rows.mu)) @ dfy
         closed = active[on] & ~held_fast(A, free)
         by_closed = summing(on, n) @ diagonal(closed)
         idle, rest = np.full(n, 1.0 / held.scale), force / held.scale

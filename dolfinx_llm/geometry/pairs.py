@@ -12,6 +12,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.geometry.cells import bases
+from dolfinx_llm.geometry.element import Element
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.overlap_flat import Plane
@@ -24,10 +25,14 @@ DRAW = 1e-3  # of a frame node's mean support: what draws its motion to the mean
 def control_matrices(surface: Surface) -> tuple[csr_matrix, csr_matrix]:
     """E and E^-1 (n, n) of ``Element.bernstein``: values at a surface's nodes from control values,
     and these from values at nodes."""
-    E = surface.element.bernstein
+    return control_of(surface.element, surface.cells, len(surface.x))
+
+
+def control_of(element: Element, cells: Array, n: int) -> tuple[csr_matrix, csr_matrix]:
+    """The same of n nodes in cells (f, k)."""
+    E = element.bernstein
     inverse = np.round(16.0 * np.linalg.inv(E)) / 16.0  # they are multiples of a quarter
-    n = len(surface.x)
-    return nodal_rows(surface.cells, E, n), nodal_rows(surface.cells, inverse, n)
+    return nodal_rows(cells, E, n), nodal_rows(cells, inverse, n)
 
 
 def control_points(surface: Surface) -> Array:

@@ -1,9 +1,10 @@
 """Many random scenes, each in a process that may crash or hang: what failed, and how.
 
-    python tests/shared/random_campaign.py FIRST-LAST [--second | --finite] [--variants]
-        [--curved] [--seconds 60]
+    python tests/shared/random_campaign.py FIRST-LAST [--second] [--finite | --time]
+        [--variants] [--curved] [--seconds 60]
 
-Prints one line of JSON per seed. On several ranks, all seeds in one process, against one rank:
+Prints one line of JSON per seed. On several ranks, all seeds in one process, against one rank, with
+`--second`, `--finite` as well:
 
     python tests/shared/random_campaign.py FIRST-LAST --answers FOLDER
     mpirun -n 2 python tests/shared/random_campaign.py FIRST-LAST --answers FOLDER
@@ -23,21 +24,29 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1] / "demos")]
 
 
-def one(seed, kind, variants):
-    """Result of one seed as a dict."""
+def of_kind(kind):
+    """(draw, check, solve) of scenes; None: there is none."""
     import random_finite
-    import random_scenes as scenes
+    import random_scenes
     import random_time
     import scene_oracle
+
+    if kind == "finite":
+        return random_finite.draw, random_finite.check, random_finite.solve
+    if kind == "time":
+        return random_time.draw, random_time.check, None
+    return random_scenes.draw, scene_oracle.check, random_scenes.solve
+
+
+def one(seed, kind, second, variants):
+    """Result of one seed as a dict."""
+    import random_scenes as scenes
 
     import dolfinx_llm as llm
 
     logging.disable(logging.CRITICAL)
-    of = {"finite": random_finite, "time": random_time}.get(kind)
-    scene = of.draw(seed) if of else scenes.draw(seed, kind == "second")
-    check, solve = (
-        (of.check, getattr(of, "solve", None)) if of else (scene_oracle.check, scenes.solve)
-    )
+    draw, check, solve = of_kind(kind)
+    scene = draw(seed, second)
     out = {"seed": seed, "solver": scene.solver, "kind": "ok", "worst": {}, "variants": {}}
     try:
         answers, found = check(scene)
@@ -80,7 +89,7 @@ def rubs_on_curves(scene):
     return bool(scene.radius) and any(not isinstance(c.second[0], str) for c in rubs)
 
 
-def on_ranks(seeds, folder, second):
+def on_ranks(seeds, folder, kind, second):
     """One rank leaves answers in a folder, several compare theirs with these; collective."""
     import numpy as np
     import random_scenes as scenes
@@ -89,12 +98,12 @@ def on_ranks(seeds, folder, second):
     import dolfinx_llm as llm
 
     logging.disable(logging.CRITICAL)
-    comm = MPI.COMM_WORLD
+    comm, (draw, _, solve) = MPI.COMM_WORLD, of_kind(kind)
     for seed in seeds:
-        began, scene, file = time.time(), scenes.draw(seed, second), folder / f"{seed}.npz"
+        began, scene, file = time.time(), draw(seed, second), folder / f"{seed}.npz"
         line = {"seed": seed, "ranks": comm.size}
         try:
-            found = scenes.solve(scene, comm=comm)
+            found = solve(scene, comm=comm)
         except llm.ContactError as error:
             found, line["text"] = [], str(error)[:300]
         if comm.rank == 0 and comm.size == 1:
@@ -118,8 +127,8 @@ def main():
     parser.add_argument("seeds", nargs="+", help="seeds, or FIRST-LAST")
     parser.add_argument("--variants", action="store_true")
     kinds = parser.add_mutually_exclusive_group()
+    parser.add_argument("--second", action="store_true", help="most bodies of second order")
     for kind, text in (
-        ("second", "most bodies of second order"),
         ("finite", "at finite deformation"),
         ("time", "bodies that fly at each other, in time"),
     ):
@@ -133,12 +142,12 @@ def main():
         low, _, high = word.partition("-")
         seeds += range(int(low), int(high or low) + 1)
     if args.answers:
-        on_ranks(seeds, args.answers, args.kind == "second")
+        on_ranks(seeds, args.answers, args.kind, args.second)
         return
     import random_scenes
 
     for seed in seeds:
-        if args.curved and not rubs_on_curves(random_scenes.draw(seed, args.kind == "second")):
+        if args.curved and not rubs_on_curves(random_scenes.draw(seed, args.second)):
             continue
         began = time.time()
         read, write = os.pipe()
@@ -146,7 +155,7 @@ def main():
         if child == 0:
             os.close(read)
             try:
-                text = json.dumps(one(seed, args.kind, args.variants))
+                text = json.dumps(one(seed, args.kind, args.second, args.variants))
             except BaseException:
                 text = json.dumps({"seed": seed, "kind": "broken", "text": traceback.format_exc()})
             with os.fdopen(write, "w") as file:

@@ -9,14 +9,15 @@ from dolfinx import fem
 from scene_oracle import load, rigid_clearance
 
 import dolfinx_llm as llm
+from dolfinx_llm.geometry.pairs import control_matrices
 
 INCREMENTS = 2  # of each load step
 
 
-def draw(seed):
+def draw(seed, second=False):
     """Scene of a seed: no ties on obstacles, springs that hold, motions of up to a sixth of the
-    bodies."""
-    scene, rng = scenes.draw(seed), np.random.default_rng([seed, 97])
+    bodies; with some bodies of second order."""
+    scene, rng = scenes.draw(seed, second), np.random.default_rng([seed, 97])
     for contact in scene.contacts:
         rigid = isinstance(contact.second[0], str)
         if rigid and contact.law.ties:
@@ -38,7 +39,7 @@ def _residual(form, V, u):
     E, k = a.coefficients()
     w = ufl.TestFunction(V)
     mu, lam = E / (2 * (1 + scenes.NU)), E * scenes.NU / (1 + scenes.NU) / (1 - 2 * scenes.NU)
-    W = finite_patch.energy(u, mu, lam) * ufl.dx(degree=2)
+    W = finite_patch.energy(u, mu, lam) * ufl.dx(degree=2 * V.ufl_element().degree())
     return ufl.derivative(W, u, w) + k * ufl.inner(u, w) * ufl.dx - L
 
 
@@ -87,21 +88,31 @@ class Oracle:
             self.balance(faces)
         # K u - f says nothing of single interfaces where several act, or supports.
         others = (np.sum(answer.part, axis=0) > 1)[:, None] | posed.held
-        for contact, result in zip(self.scene.contacts, answer.results, strict=True):
+        placed = posed.problem._newton.equations.interfaces
+        for contact, result, of in zip(self.scene.contacts, answer.results, placed, strict=True):
             faces = [contact.first, contact.second][: len(result.sides)]
-            sides = result.sides[::-1] if posed.variant.swap and len(faces) == 2 else result.sides
-            for face, side in zip(faces, sides, strict=True):
+            faces = faces[::-1] if posed.variant.swap else faces
+            sides = zip(faces, result.sides, of.what.sides.surfaces, strict=True)
+            for face, side, surface in sides:
+                # Of bodies of second order, control values bear and part.
+                E, C = (M.toarray() for M in control_matrices(surface))
                 nodes = scenes.face_nodes(posed, face, side.drawn)
                 own = side.force @ posed.Q / self.unit
                 force = np.where(others[nodes], own, -self.R[nodes])
-                normal = side.normal @ posed.Q
+                normal, there = side.normal @ posed.Q, np.isfinite(side.gap)
+                gap = C @ np.where(there, side.gap, 0.0) / posed.length
+                gap[abs(C) @ ~there > 0.0] = 0.0
                 if len(faces) == 1:
                     displacement = posed.Q.T @ np.asarray(result.displacement) / posed.length
-                    normal = self.clear(contact, nodes, force, displacement)
+                    gap, normal = self.clear(contact, nodes, displacement, C)
                 elif result.frame.x.shape == side.x.shape and (result.frame.x == side.x).all():
                     continue  # it carries the frame: the law holds at the other one's nodes
+                pressing, tangential = parts(force, normal, E)
+                if len(faces) == 1:
+                    carried = np.abs(pressing)[gap > 1e-8 * self.U]
+                    self.note("force of open pairs", carried / self.F)
                 if contact.law.opens:
-                    self.law(contact.law, side, force, normal)
+                    self.law(contact.law, gap, pressing, tangential)
         self.found.append(self.worst)
 
     def note(self, name, value):
@@ -132,23 +143,32 @@ class Oracle:
         moment = (x - x.mean(axis=0)).T @ self.R[nodes]
         self.note("moment", np.abs(moment - moment.T) / self.F)
 
-    def clear(self, contact, nodes, force, displacement):
-        """(n, gdim) directions into an obstacle, which bodies do not enter, by its own geometry."""
+    def clear(self, contact, nodes, displacement, C):
+        """(n,) gaps to an obstacle, which bodies do not enter, and (n, gdim) directions into it, by
+        its own geometry; C gives the nodes' control values."""
         clearance, into = rigid_clearance(contact.second, self.now[nodes] - displacement)
-        pressing = np.einsum("ni,ni->n", force, into) / self.F
+        clearance = C @ clearance
         self.note("overlap", -clearance / self.U)
-        self.note("force of open pairs", np.abs(pressing)[clearance > 1e-8 * self.U])
-        return into
+        return clearance, into
 
-    def law(self, law, side, force, normal):
+    def law(self, law, gap, pressing, tangential):
         """Pairs press, within the cone of friction; gaps are not negative."""
-        pressing = np.einsum("ni,ni->n", force, normal)
-        tangential = np.linalg.norm(force - pressing[:, None] * normal, axis=1)
         self.note("pull", -pressing / self.F)
-        gap = np.where(np.isfinite(side.gap), side.gap, 0.0) / self.posed.length
         self.note("overlap as reported", -gap / self.U)
         mu = getattr(law, "mu", 0.0)
         self.note("cone", (tangential - mu * np.maximum(pressing, 0.0)) / self.F)
+
+
+def parts(force, normal, E):
+    """(n,) normal and tangential forces p and |t| of pairs. Those at nodes are E^-T p along the
+    nodes' normals, and E^-T t, with t across the pairs' own: at first order both are as usual."""
+    (n, gdim), C = force.shape, np.linalg.inv(E)
+    normal = np.where(normal.any(axis=1)[:, None], normal, np.eye(gdim)[-1])  # no frame is below
+    across = np.linalg.svd(normal[:, None])[2][:, 1:]  # (n, gdim - 1, gdim)
+    of_normal = np.einsum("pq,qi->qip", C, normal).reshape(n * gdim, n)
+    of_across = np.einsum("pq,pai->qipa", C, across).reshape(n * gdim, -1)
+    found = np.linalg.solve(np.concatenate([of_normal, of_across], axis=1), force.ravel())
+    return found[:n], np.linalg.norm(found[n:].reshape(n, gdim - 1), axis=1)
 
 
 def check(scene, variant=None):

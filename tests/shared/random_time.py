@@ -17,9 +17,9 @@ STEPS = 40
 SPEED = 0.05  # of waves, at most
 
 
-def draw(seed):
+def draw(seed, second=False):
     """Scene of a seed, flat, drawn without overlaps, with neither springs nor moved supports."""
-    scene, rng = scenes.draw(seed), np.random.default_rng([seed, 96])
+    scene, rng = scenes.draw(seed, second), np.random.default_rng([seed, 96])
     scene.walls, scene.radius, scene.load, scene.steps = "", 0.0, "force", [None] * STEPS
     scene.contacts = [c for c in scene.contacts if not c.moves]
     levels = [(b.low, b.low + b.height) for b in scene.bodies]
