@@ -1,16 +1,30 @@
-"""Polynomials that rows of a moving frame reproduce: linear ones, at second order squares too."""
+"""Polynomials that rows of a moving frame reproduce: linear ones, at second order squares too.
+
+Corrections change nothing along them, and along what they nearly are, next to nothing. So it is for
+a second-order frame in the plane that is drawn curved with the coordinate across: on a circle of n
+facets it is reproduced to (pi / n)^4. It belongs to them, or rounding in it would be divided by as
+little squared: Newton's iteration would end at 1e-10, or not at all.
+"""
 
 from __future__ import annotations
 
 from itertools import combinations_with_replacement
 
 import numpy as np
+from scipy.sparse import bmat, csr_matrix
+from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.geometry.element import Element
 
+Control = tuple[csr_matrix, csr_matrix]
+
+LIFTED = 1e-3  # part of a coordinate across a frame that is none, over its length
 EDGEWISE = 1e-2  # least over largest singular value of functions that are hardly independent
 ELSEWHERE = 1e-9  # weight of nodes where nothing is covered then, over the largest
+FUNCTIONS_YIELD = 1e-9  # of a facet's area: how much functions yield
 
 
 def products(element: Element) -> list[tuple[int, int]]:
@@ -22,12 +36,22 @@ def products(element: Element) -> list[tuple[int, int]]:
 
 def functions_of(element: Element) -> int:
     """How many functions ``chart`` gives."""
+    return _along(element) + _is_across(element)
+
+
+def _along(element: Element) -> int:
+    """How many of them are functions of coordinates along the frame."""
     return 1 + element.dim + len(products(element))
+
+
+def _is_across(element: Element) -> bool:
+    """Whether one is the coordinate across."""
+    return element.dim == 1 and element.order > 1
 
 
 def chart(Y: Array, element: Element, forces: Array) -> Array:
     """(m, c) functions on a frame as drawn: 1, coordinates in its mean plane, and their products at
-    second order; orthogonal.
+    second order; in the plane there also that across, 0 if the others tell it; orthogonal.
 
     Of a frame that folds, the part that is covered may be seen edgewise there: then the mean is
     that over this part.
@@ -40,7 +64,7 @@ def chart(Y: Array, element: Element, forces: Array) -> Array:
     every = np.ones(len(Y))
     found = _functions(Y, element, every)
     covered = np.maximum(forces, 0.0) / (forces.max(initial=0.0) or 1.0)
-    there = found[covered > 0.0]
+    there = found[covered > 0.0, : _along(element)]
     size = np.linalg.norm(there, axis=0)
     seen = np.linalg.svd(there / np.where(size > 0.0, size, 1.0), compute_uv=False)
     if len(there) and seen[-1] < EDGEWISE * seen[0]:
@@ -53,9 +77,61 @@ def _functions(Y: Array, element: Element, weights: Array) -> Array:
     root = np.sqrt(weights / weights.sum())[:, None]
     centred = Y - (root**2 * Y).sum(axis=0)
     axes = np.linalg.svd(root * centred, full_matrices=False)[2]
-    s = centred @ axes[:-1].T
-    s = s / np.linalg.norm(root * s, axis=0)
+    s = centred @ axes.T
+    length = np.linalg.norm(root * s, axis=0)
+    across = s[:, -1] / length[0]
+    s = s[:, :-1] / length[:-1]
     squares = [s[:, a] * s[:, b] for a, b in products(element)]
     functions = np.column_stack([np.ones(len(Y)), s, *squares])
-    triangle: Array = np.linalg.qr(root * functions)[1]
-    return np.linalg.solve(triangle.T, functions.T).T
+    triangle = np.linalg.qr(root * functions)[1]
+    found = np.linalg.solve(triangle.T, functions.T).T
+    if not _is_across(element):
+        return found
+    for _ in range(2):  # once more for what rounding leaves
+        across = across - found @ ((root**2 * found).T @ across)
+    left = float(np.linalg.norm(root[:, 0] * across))
+    return np.column_stack([found, across / left if left > LIFTED else np.zeros(len(Y))])
+
+
+def borne(control: Control, pressures: Array, forces: Array) -> Array:
+    """(m, c) nodal forces of pressures with nodal values (m, c), where a unit pressure's are (m,).
+
+    At second order control values are multiplied, E^T forces with C pressures. None of the first is
+    negative: so no polynomial has forces that do no work on it, which those at nodes may cancel to
+    where a frame is covered in part.
+
+    Args:
+        control: E, C (m, m) of the frame, see ``finite.sides``.
+    """
+    E, C = control
+    return np.asarray(C.T @ ((E.T @ forces)[:, None] * (C @ pressures)))
+
+
+def borne_by(control: Control, pressure: Array) -> csr_matrix:
+    """(m, m) by which ``borne`` of one pressure (m,) follows from a unit pressure's forces."""
+    E, C = control
+    return C.T @ diagonal(C @ pressure) @ E.T
+
+
+def bordered(M: csr_matrix, G: Array, r: Array, soft: float) -> tuple[Array, Array]:
+    """mu and kappa of M mu + G kappa = r, Gᵀ mu = soft kappa; refined once.
+
+    Args:
+        M: (m, m) of ``finite.design`` [area].
+        G: (m, c) the chart times forces of unit pressure [area].
+        r: (m,) residual [area].
+        soft: how much functions yield, which may depend on each other where contact is [area].
+    """
+    c = G.shape[1]
+    A = bmat([[M, csr_matrix(G)], [csr_matrix(G.T), diagonal(np.full(c, -soft))]], format="csc")
+    b = np.concatenate([r, np.zeros(c)])
+    try:
+        factor = splu(A)
+    except RuntimeError as error:  # SuperLU's "exactly singular"
+        raise ContactError(
+            "design of the moving frame: its rows cannot be balanced "
+            f"(SuperLU: {error}). Check that the surfaces face each other"
+        ) from None
+    x = factor.solve(b)
+    x += factor.solve(b - A @ x)
+    return x[: len(r)], x[len(r) :]

@@ -24,6 +24,7 @@ from dolfinx_llm.geometry.element import Element, element_of
 class Chains:
     """Facets of polylines in their order: the second node of one is the first of the next."""
 
+    facets: Array  # (f, 2)
     order: Array  # (f,) facets, chain by chain
     place: Array  # (f,) where each stands there
     chain: Array  # (f,) its chain
@@ -52,7 +53,7 @@ class Chains:
         place, chain = np.empty(f, dtype=np.int64), np.empty(f, dtype=np.int64)
         place[order], chain[order] = np.arange(f), np.repeat(np.arange(len(chains)), count)
         ends = np.array([(facets[c[0], 0], facets[c[-1], 1]) for c in chains])
-        return cls(order, place, chain, count[chain], np.array(closed)[chain], ends[chain])
+        return cls(facets, order, place, chain, count[chain], np.array(closed)[chain], ends[chain])
 
 
 def covered_lines(
@@ -66,7 +67,7 @@ def covered_lines(
     normals: NodalNormals,
     columns: tuple[int, int],
     elements: tuple[Element, Element],
-) -> tuple[Covered, Covered]:
+) -> tuple[tuple[Covered, Covered], tuple[Array, csr_matrix]]:
     """What the moving side's facets cover of the frame, and what of them is covered.
 
     Args:
@@ -80,7 +81,8 @@ def covered_lines(
         elements: of the functions that are integrated, on both.
 
     Returns:
-        Covered parts of the moving side's facets, and of the frame's.
+        Covered parts of the moving side's facets, and of the frame's; (f,) lengths of the frame
+        that each of the moving side's facets covers, and (f, width) derivatives.
     """
     width = d.xi.shape[1]
     place = chains.place[at.facet]
@@ -98,8 +100,11 @@ def covered_lines(
     good &= (steps >= 0) & ~(ring & (2 * steps > chains.length[at.facet[a]] + 1))
     facets = np.flatnonzero(good)
     of = facets, moving, x, y, at, high, low, chains, normals, columns, width
-    ends = moving[facets], steps[facets], start, at, d, high | low
-    return _of_moving(elements[0], *of), _of_frame(elements[1], chains, *ends)
+    ends = chains, moving[facets], steps[facets], start, at, d, high | low
+    lengths, by_z = _lengths(*ends, y, columns[1])
+    pick = summing(facets, len(moving))
+    covered = _of_moving(elements[0], *of), _of_frame(elements[1], *ends)
+    return covered, (pick @ lengths, pick @ by_z)
 
 
 def _of_frame(
@@ -119,17 +124,56 @@ def _of_frame(
     share = np.zeros((f, k))
     np.add.at(share, at.facet[a], _integral(element, xi[a]))
     np.add.at(share, at.facet[b], -_integral(element, xi[b]))
-    # Facets before the far end's, from the near end's own on, count in full.
-    which = np.repeat(np.arange(len(steps)), steps)
-    ahead = np.arange(len(which)) - np.repeat(np.cumsum(steps) - steps, steps)
-    base, length = start[b][which], chains.length[at.facet[b]][which]
-    full = chains.order[base + (chains.place[at.facet[b]][which] - base + ahead) % length]
-    np.add.at(share, full, 1.0 / k)
+    np.add.at(share, _in_full(chains, b, steps, start, at)[1], 1.0 / k)
     by_xi = element.positive(xi[:, None]) * ~beyond[:, None]
     rows = coordinates(at.facet[np.concatenate([a, b])][:, None], k).ravel()
     cols = np.repeat(np.concatenate([a, b]), k)
     values = np.concatenate([by_xi[a], -by_xi[b]]).ravel()
     return Covered(share, csr_matrix((values, (rows, cols)), (k * f, n)) @ d.xi)
+
+
+def _in_full(
+    chains: Chains, near: Array, steps: Array, start: Array, at: OnFrame
+) -> tuple[Array, Array]:
+    """Facets of the frame that count in full, those before the far end's, from that of the near end
+    (k,) on; and which of the k items each belongs to."""
+    which = np.repeat(np.arange(len(steps)), steps)
+    ahead = np.arange(len(which)) - np.repeat(np.cumsum(steps) - steps, steps)
+    base, length = start[near][which], chains.length[at.facet[near]][which]
+    place = chains.place[at.facet[near]][which]
+    return which, chains.order[base + (place - base + ahead) % length]
+
+
+def _lengths(
+    chains: Chains,
+    moving: Array,
+    steps: Array,
+    start: Array,
+    at: OnFrame,
+    d: LocationDerivatives,
+    beyond: Array,
+    y: Array,
+    first: int,
+) -> tuple[Array, csr_matrix]:
+    """(k,) lengths of the frame that facets (k, 2) cover, and (k, width) derivatives."""
+    (a, b), k, width = moving.T, len(moving), d.xi.shape[1]
+    frame = chains.facets
+    side = y[frame[:, 1]] - y[frame[:, 0]]
+    size = np.linalg.norm(side, axis=1)
+    along = side / size[:, None]
+    stretched = np.hstack([-along, along])[:, None]
+    by_y = jacobian(stretched, coordinates(frame, 2, first), width)
+    xi, item = np.clip(at.xi[:, 0], 0.0, 1.0), np.arange(k)
+    which, full = _in_full(chains, b, steps, start, at)
+    parts = np.concatenate([xi[a], -xi[b], np.ones(len(full))])
+    places = np.concatenate([item, item, which]), np.concatenate([at.facet[a], at.facet[b], full])
+    of_facets = csr_matrix((parts, places), (k, len(frame)))
+    slope = size[at.facet] * ~beyond
+    ends = csr_matrix(
+        (np.concatenate([slope[a], -slope[b]]), (np.tile(item, 2), np.concatenate([a, b]))),
+        (k, len(xi)),
+    )
+    return of_facets @ size, of_facets @ by_y + ends @ d.xi
 
 
 def _of_moving(

@@ -11,10 +11,11 @@ With W = diag(w_p), C the rows (1, t·(y - x_p) / h), S = C W Cᵀ and one mu pe
 
     delta_p = -P_p mu,   P_p = W - W Cᵀ S⁻¹ C W.
 
-G are forces of affine pressures, in coordinates on the frame as drawn, of second order there as
-well, where f_J are those of unit pressure: what of the residual no correction can remove, since
-both surfaces carry the same force about the same place (rounding on flat ones). k = 0 but where the
-rim is covered so poorly that corrections would be large.
+f_p and f_J are of the same area: see ``balanced``. G are forces of affine pressures, in coordinates
+on the frame as drawn, of second order there as well, where f_J are those of unit pressure: what of
+the residual no correction can remove, since both surfaces carry the same force about the same place
+(rounding on flat ones). k = 0 but where the rim is covered so poorly that corrections would be
+large.
 """
 
 from __future__ import annotations
@@ -23,14 +24,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.sparse import bmat, csr_matrix
-from scipy.sparse.linalg import splu
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.sparse import diagonal, per_item
 from dolfinx_llm.design.stencils import adjacency
-from dolfinx_llm.finite.chart import products
+from dolfinx_llm.finite.chart import FUNCTIONS_YIELD, bordered, borne, products
 from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
 from dolfinx_llm.geometry.element import Element, element_of
@@ -126,6 +125,11 @@ class Design:
         return cls(Stencils.of(facets, len(Y)), facets, element, float(span), control, wanted)
 
     @property
+    def soft(self) -> float:
+        """How much the chart's functions yield [area]."""
+        return FUNCTIONS_YIELD * self.size**self.element.dim
+
+    @property
     def bernstein(self) -> Array:
         """(k, k) E of the frame's facets: weights follow control values, which are not negative."""
         return self.element.bernstein
@@ -171,9 +175,9 @@ class Design:
         P[:, own, own] += w
         M = assembled(forces[0][:, None, None] * P, nodes, m)
         fy = forces[1]
-        M, G = self._held(M, limit), self._borne(chart, fy if fy.any() else np.ones(m))
+        M, G = self._held(M, limit), borne(self.control, chart, fy if fy.any() else np.ones(m))
         r = np.bincount(nodes.ravel(), (forces[0][:, None] * N0).ravel(), m) - fy
-        mu, kappa = _bordered(M, G, r)
+        mu, kappa = bordered(M, G, r, self.soft)
         t = np.einsum("nsa,ns->na", lift, mu[nodes])  # S⁻¹ C W mu
         v = mu[nodes] - np.einsum("nas,na->ns", C, t)
         delta = -w * v
@@ -182,18 +186,6 @@ class Design:
             "window": window, "plus": plus, "total": total, "w": w,
         }  # fmt: skip
         return DesignedRows(nodes, N0 + delta, delta, M, G, mu, chart @ kappa, parts)
-
-    def _borne(self, chart: Array, fy: Array) -> Array:
-        """(m, c) G, forces of pressures that are polynomials, times f_J of unit pressure. At second
-        order it is their control values that meet those of f_J: none of these is negative, and
-        Gᵀ mu = 0 rules out each polynomial where f_J at nodes may cancel."""
-        E, C = self.control
-        return np.asarray(C.T @ ((E.T @ fy)[:, None] * (C @ chart)))
-
-    def forces_by(self, pressure: Array) -> csr_matrix:
-        """(m, m) by which forces of a pressure with values (m,) follow from f_J: see ``_borne``."""
-        E, C = self.control
-        return C.T @ diagonal(C @ pressure) @ E.T
 
     def _held(self, M: csr_matrix, limit: float) -> csr_matrix:
         """M with the limit on its diagonal, and pins at nodes that no row reaches."""
@@ -296,20 +288,3 @@ class Design:
             turns -= (Q @ height[:, :, None]) * tangent[:, None]
         through = per_item(dN) @ d.xi + per_item(turns) @ d.normal
         return through + jacobian(moves, places, width), by_mu
-
-
-def _bordered(M: csr_matrix, G: Array, r: Array) -> tuple[Array, Array]:
-    """mu and kappa of M mu + G kappa = r, Gᵀ mu = 0; refined once."""
-    c = G.shape[1]
-    A = bmat([[M, csr_matrix(G)], [csr_matrix(G.T), None]], format="csc")
-    b = np.concatenate([r, np.zeros(c)])
-    try:
-        factor = splu(A)
-    except RuntimeError as error:  # SuperLU's "exactly singular"
-        raise ContactError(
-            "design of the moving frame: its rows cannot be balanced "
-            f"(SuperLU: {error}). Check that the surfaces face each other"
-        ) from None
-    x = factor.solve(b)
-    x += factor.solve(b - A @ x)
-    return x[: len(r)], x[len(r) :]

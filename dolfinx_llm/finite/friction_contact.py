@@ -133,7 +133,7 @@ class FrictionContact(Friction, NormalContact):
         return place.turned[coordinates(among[:, None], self.sides.gdim).ravel()]
 
     def growth(self, place: NormalPlace, nodes: Array) -> csr_matrix:
-        return place.by_z[0][nodes]
+        return place.grown[nodes]
 
     def along(self, q: Array, status: Array) -> Array:
         n, gdim = len(status), self.sides.gdim

@@ -27,7 +27,8 @@ from scipy.sparse import bmat, csr_matrix, hstack, vstack
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item, summing
 from dolfinx_llm.design.rises import rises
-from dolfinx_llm.finite.chart import chart, functions_of
+from dolfinx_llm.finite.balanced import balanced_loads
+from dolfinx_llm.finite.chart import borne_by, chart, functions_of
 from dolfinx_llm.finite.design import Design, DesignedRows
 from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.location import OnFrame
@@ -43,7 +44,9 @@ OVER = 0.05  # of a facet beyond the frame's edge, at which a node has left it
 class NormalPlace(Place):
     """Pairs on the moving frame, with derivatives; k of the n nodes are there, s entries a row."""
 
-    by_z: tuple[csr_matrix, csr_matrix]  # (n, width), (m, width) derivatives of the areas
+    grown: csr_matrix  # (n, width) derivative of the pairs' areas
+    loads: tuple[Array, Array]  # (n,), (m,) at nodes: see ``balanced``
+    loads_by: tuple[csr_matrix, csr_matrix]  # (n, width), (m, width) their derivatives
     at: OnFrame  # of all n nodes
     on: Array  # (k,) nodes that are there
     rows: DesignedRows
@@ -129,15 +132,15 @@ class NormalContact(MovingContact):
         """What is held in a load step that starts at coordinates z."""
         candidates = self.sides.candidates(z)
         meeting = self.sides.meet(z, candidates)
-        f = [self.sides.forces(meeting, z, moving)[0] for moving in (True, False)]
-        on = np.flatnonzero((f[0] > 0.0) & meeting.at.met)
+        f = self.sides.forces(meeting, z, True)[0]
+        on = np.flatnonzero((f > 0.0) & meeting.at.met)
         x, y = self.sides.split(z)
-        loads = [C.T @ a for C, a in zip(self.sides.control, f, strict=True)]
+        loads = balanced_loads(self.sides, meeting, z)[0]
         functions, limit = self._chart(loads[1]), 0.0
         if len(on):
             of = meeting.at.part(on), x[on], y, (loads[0][on], loads[1])
             limit = self.design.smallest_limit(*of, functions)
-        return Held(candidates, f[0] > 0.0, limit, functions, np.zeros(len(x), dtype=bool))
+        return Held(candidates, f > 0.0, limit, functions, np.zeros(len(x), dtype=bool))
 
     def missed(self, place: NormalPlace, held: Held) -> Held | None:
         """The same with facets that have passed the frame since the start, without pairs that have
@@ -151,7 +154,7 @@ class NormalContact(MovingContact):
         added, at = now & ~held.candidates, place.at
         left = held.pairs & ~held.left & (place.areas[0] <= 0.0) & (at.beyond > OVER)
         (x, y), on = self.sides.split(place.z), place.on
-        loads = (self.sides.control[0].T @ place.areas[0])[on], place.areas[1]
+        loads = place.loads[0][on], place.loads[1]
         limit = self.design.later_limit(held.limit, place, (x[on], y), loads, held.chart)
         if limit is not None:
             return replace(held, limit=limit)
@@ -181,18 +184,16 @@ class NormalContact(MovingContact):
         n, m, _ = self.counts
         x, y = sides.split(z)
         meeting = sides.meet(z, held.candidates)
-        forces = [sides.forces(meeting, z, moving) for moving in (True, False)]
-        f = forces[0][0], sides.control[1].T @ forces[1][0]
-        on = np.flatnonzero(((f[0] > 0.0) | held.pairs) & meeting.at.met)
+        f, grown = sides.forces(meeting, z, True)
+        on = np.flatnonzero(((f > 0.0) | held.pairs) & meeting.at.met)
         at, d = meeting.at.part(on), meeting.d.part(on, gdim)
         columns = sides.columns[0][on], sides.columns[1]
-        loads = (sides.control[0].T @ f[0])[on], f[1]
-        rows = self.design.rows(at, x[on], y, loads, held.limit, held.chart)
+        loads, by_loads = balanced_loads(sides, meeting, z)
+        rows = self.design.rows(at, x[on], y, (loads[0][on], loads[1]), held.limit, held.chart)
         by_place, by_mu = self.design.derivatives(rows, at, d, columns, sides.width)
-        by_areas = forces[0][1], sides.control[1].T @ forces[1][1]
         if held.lagged:
-            by_place = csr_matrix(by_place.shape)
-            by_areas = csr_matrix(by_areas[0].shape), csr_matrix(by_areas[1].shape)
+            by_place, grown = csr_matrix(by_place.shape), csr_matrix(grown.shape)
+            by_loads = grown, csr_matrix(by_loads[1].shape)
         height = np.einsum("nsi,ni->ns", y[rows.nodes] - x[on][:, None], at.normal)
         pick = summing(on, n)
         gap, normal = np.full(n, np.inf), np.zeros((n, gdim))
@@ -213,8 +214,10 @@ class NormalContact(MovingContact):
             normal=normal,
             N=pick @ C @ rows.matrix(m),
             C=C,
-            areas=f,
-            by_z=by_areas,
+            areas=(f, loads[1]),
+            grown=grown,
+            loads=loads,
+            loads_by=by_loads,
             at=meeting.at,
             on=on,
             rows=rows,
@@ -249,10 +252,9 @@ class NormalContact(MovingContact):
         """
         n, m, c = self.counts
         on, rows, normal, active = place.on, place.rows, place.normal[place.on], status != OPEN
-        (by_place, by_mu), (df, dfy), f = place.entries, place.by_z, place.areas[0]
+        (by_place, by_mu), (df, dfy), f = place.entries, place.loads_by, place.loads[0]
         k, s = rows.nodes.shape
-        gdim, width, force = self.sides.gdim, self.sides.width, q[:n]
-        forces_by = self.design.forces_by
+        gdim, width, force, control = self.sides.gdim, self.sides.width, q[:n], self.design.control
         A, (gap_z, gap_mu) = place.C @ place.distance[0], place.gap_by  # A: the force row
         # Forces, and how they change.
         borne = np.where(active[on], force[on], 0.0)
@@ -261,14 +263,12 @@ class NormalContact(MovingContact):
         spread = place.spread(lam[:, None] * normal - along)
         K = -(spread @ by_place + place.swung(lam))
         # Equation (28), which gives mu.
-        f, df = (self.sides.control[0].T @ a for a in (f, df))
         by_entry = csr_matrix(
             (np.repeat(f[on], s), (rows.nodes.ravel(), np.arange(k * s))), (m, k * s)
         )
-        balance_z = (
-            by_entry @ by_place + rows.matrix(m).T @ df[on] - forces_by(1.0 + rows.left) @ dfy
-        )
-        border_z = csr_matrix(held.chart.T @ forces_by(rows.mu)) @ dfy
+        of_frame = borne_by(control, 1.0 + rows.left) @ dfy
+        balance_z = by_entry @ by_place + rows.matrix(m).T @ df[on] - of_frame
+        border_z = csr_matrix(held.chart.T @ borne_by(control, rows.mu)) @ dfy
         closed = active[on] & ~held_fast(A, free)
         by_closed = summing(on, n) @ diagonal(closed)
         idle, rest = np.full(n, 1.0 / held.scale), force / held.scale
@@ -285,7 +285,7 @@ class NormalContact(MovingContact):
                 [
                     [diagonal(idle), by_closed @ gap_mu, csr_matrix((n, c))],
                     [csr_matrix((m, n)), -rows.M, -G],
-                    [csr_matrix((c, n)), G.T.tocsr(), csr_matrix((c, c))],
+                    [csr_matrix((c, n)), G.T.tocsr(), diagonal(np.full(c, -self.design.soft))],
                 ],
                 format="csr",
             ),

@@ -7,11 +7,12 @@ With y(xi) = sum_J N_J y_J on a facet, and n_J the averaged normals of its nodes
 half of what planes across n_J through the nodes stand out in the mean, exact where the surface is
 quadratic, and 0 on flat facets. Its slope is -n·y' but for what curvature varies: forces along n do
 as good as no work where a node slides along the frame. Nodes count about which the frame is drawn
-curved: what is drawn flat bends at rims of contact most, where it is not smooth.
+curved: what is drawn flat bends at rims of contact most, where it is not smooth. Facets of second
+order are curved themselves, s = 0.
 
 Designed rows pass forces, and move with the frame; where they say a node is they miss the frame by
-as much as s, since they reproduce planes alone. So where nodes count a gap is that to the frame
-itself, on which N_0 places the node:
+as much as s, since they reproduce planes alone, at second order paraboloids. So where nodes count a
+gap is that to the frame itself, on which N_0 places the node:
 
     gap = n·(x - sum_J N_J y_J) + w n·sum_J (N - N_0)_J y_J - s,
 
@@ -27,6 +28,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item
 from dolfinx_llm.finite.jacobians import NodalNormals, coordinates, jacobian
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
+from dolfinx_llm.geometry.element import element_of
 
 
 def rounded_gap(
@@ -55,13 +57,14 @@ def rounded_gap(
     (n, k), gdim, count = at.N.shape, y.shape[1], rounded[cells]
     on_frame = coordinates(cells, gdim, first)
     # How far the frame stands out.
-    nn = normals.n[cells] * count[:, :, None]
+    stands_out = count * (element_of(gdim - 1, k).order == 1)
+    nn = normals.n[cells] * stands_out[:, :, None]
     arm = y[cells] - np.einsum("nk,nki->ni", at.N, y[cells])[:, None]
     stands = np.einsum("nki,nki->nk", nn, arm)
     mean = np.einsum("nk,nki->ni", at.N, nn)
     slope = np.einsum("nkd,nk->nd", at.dN, stands)
     slope -= np.einsum("ni,nkd,nki->nd", mean, at.dN, y[cells])
-    by_n = (at.N * count)[:, :, None] * arm
+    by_n = (at.N * stands_out)[:, :, None] * arm
     by_y = at.N[:, :, None] * (nn - mean[:, None])
     turned = jacobian(by_n.reshape(n, 1, k * gdim), coordinates(cells, gdim), y.size)
     moved = jacobian(by_y.reshape(n, 1, k * gdim), on_frame, width)

@@ -53,6 +53,8 @@ class Meeting:
     d: LocationDerivatives
     normals: NodalNormals  # of the frame's nodes, continued to its outline
     covered: tuple[Covered, Covered]  # facets of the moving side, of the frame
+    along: tuple[Array, csr_matrix] | None  # (f,) length of the frame that each of the moving
+    # side's facets covers [length], and (f, width) its derivative; None: in space
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +86,10 @@ class Sides:
             frame = int(normals[1] > normals[0])
         flat = surfaces[0].x.shape[1] == 2
         chains = Chains.of(surfaces[frame].facets) if flat else None
-        rounded, around = np.zeros(len(surfaces[frame].x), dtype=bool), None
-        if surfaces[frame].element.order == 1:  # at second order nothing stands out
-            around, rounded = drawn_curved(surfaces[frame].x, surfaces[frame].facets)
+        around, rounded = drawn_curved(surfaces[frame].x, surfaces[frame].skin)
+        if surfaces[frame].element.order > 1:  # nothing stands out beyond its facets
+            inner = rounded[surfaces[frame].facets].all(axis=1)
+            around, rounded[surfaces[frame].cells[inner]] = None, True
         return cls((surfaces[0], surfaces[1]), frame, chains, rounded, around)
 
     @property
@@ -180,21 +183,21 @@ class Sides:
 
     def _meet(self, z: Array, candidates: Array) -> Meeting:
         x, y = self.split(z)
-        frame = self.cells(False)
         of_frame = y, self.skin(False), self.first[1], self.width
         normals = nodal_normals(*of_frame)
         own = self.own_normals(x)
         at = self.found(x, y, normals.n, None if own is None else own.n, candidates)
-        d = location_derivatives(at, y, frame, normals, self.columns, self.width, own)
+        d = location_derivatives(at, y, self.cells(False), normals, self.columns, self.width, own)
         if self.chains is None:
             covered = self._clipped(z, candidates, True), self._clipped(z, candidates, False)
+            along = None
         else:
             elements = self.surfaces[self.moving].element, self.surfaces[self.frame].element
             of = self.facets(True), candidates, x, y, at, d, normals, self.first, elements
-            covered = covered_lines(self.chains, *of)
+            covered, along = covered_lines(self.chains, *of)
         if self.around is not None:  # nodes are found by the facets' own alone
             normals = nodal_normals(*of_frame, self.around)
-        return Meeting(at, d, normals, covered)
+        return Meeting(at, d, normals, covered, along)
 
     def found(
         self,
@@ -230,11 +233,10 @@ class Sides:
         """The same in space."""
         (x, y), (facets, frame) = self.split(z), (self.facets(True), self.facets(False))
         elements = self.surfaces[self.moving].element, self.surfaces[self.frame].element
-        skins = (
-            Skin(x, facets, elements[0], candidates, self.first[0]),
-            Skin(y, frame, elements[1], self.carries(candidates), self.first[1]),
-        )
-        return covered_facets(*(skins if moving else skins[::-1]), self.width, self.farthest_behind)
+        own = Skin(x, facets, elements[0], candidates, self.first[0])
+        other = Skin(y, frame, elements[1], self.carries(candidates), self.first[1])
+        skins = (own, other) if moving else (other, own)
+        return covered_facets(*skins, self.width, self.farthest_behind)
 
     def forces(self, meeting: Meeting, z: Array, moving: bool) -> tuple[Array, csr_matrix]:
         """(n,) forces of unit pressure on the common area at a side's control values, and their

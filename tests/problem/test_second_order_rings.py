@@ -198,17 +198,43 @@ def test_adjoint(orders, law, solver):
     assert rate == pytest.approx((values[0] - values[1]) / 2e-3, rel=1e-6)
 
 
-@pytest.mark.parametrize(("orders", "most"), [((2, 2), 0.06), longer((1, 2), 0.03)], ids=str)
-def test_finite_deformation_agrees(orders, most):
-    """Of rings that part on one side forces were 26 to 39 % too large, by corrections of rows that
-    were bounded where all were drawn in contact."""
-    rings = Rings(orders, [FREE], counts=(16, 24))
-    rings.move(0.0, (0.01, 0.0))
+@pytest.mark.parametrize(("orders", "counts", "motion", "most"), [
+    ((2, 2), (16, 24), 0.01, 0.01), ((2, 2), (16, 24), 0.003, 0.03),
+    ((2, 2), (32, 48), 0.003, 0.003), longer((2, 2), (64, 96), 0.01, 0.002),
+    longer((2, 2), (64, 96), 0.001, 0.001), longer((1, 2), (16, 24), 0.01, 0.02),
+], ids=str)  # fmt: skip
+@pytest.mark.parametrize("law", [FREE, RUBS], ids=str)
+def test_finite_deformation_agrees(orders, counts, motion, most, law):
+    """Of rings that part on one side. Areas of both differ there smoothly, by what corrections of
+    rows hardly change, and rows moved gaps where they were corrected for it: forces were 2 to 12 %
+    too large, and took hundreds of iterations with 32:48 cells. What is left is gaps of the
+    drawing, over the motion."""
+    rings = Rings(orders, [law], counts=counts)
+    rings.move(0.0, (motion, 0.0))
     rings.problem.solve()
-    us = [fem.Function(V) for V in rings]
-    F = [a - L for a, L in (rings.forms(k, u) for k, u in enumerate(us))]
-    interfaces = [llm.Interface(None, i.sides, law=FREE) for i in rings.problem.interfaces]
-    problem = llm.NonlinearContactProblem(F, us, bcs=rings.bcs, interfaces=interfaces)
+    problem = nonlinear(rings, law)
     problem.solve()
     found, known = (p.results[0].resultant[0] for p in (problem, rings.problem))
     assert found == pytest.approx(known, rel=most)
+    assert len(problem.history) <= (5 if law is FREE else 12)
+
+
+def test_finite_deformation_in_proportion():
+    """Forces of rings that are drawn in touch are in proportion to a small motion, but for gaps of
+    the drawing, up to 1e-7 with 64 cells: they were 5 to 40 % off with small ones."""
+    forces = []
+    for motion in (1e-3, 1e-4):
+        rings = Rings((2, 2), [FREE], counts=(64, 96))
+        rings.move(0.0, (motion, 0.0))
+        problem = nonlinear(rings, FREE)
+        problem.solve()
+        forces.append(problem.results[0].resultant[0] / motion)
+    assert forces[1] == pytest.approx(forces[0], rel=1e-3)
+
+
+def nonlinear(rings, law):
+    """The same rings, of the same linear material, at finite deformation."""
+    us = [fem.Function(V) for V in rings]
+    F = [a - L for a, L in (rings.forms(k, u) for k, u in enumerate(us))]
+    interfaces = [llm.Interface(None, i.sides, law=law) for i in rings.problem.interfaces]
+    return llm.NonlinearContactProblem(F, us, bcs=rings.bcs, interfaces=interfaces)

@@ -1,0 +1,54 @@
+"""Forces of unit pressure by which rows are designed: both sides' of the same area.
+
+A pressure passes where surfaces touch. Elsewhere between them the areas of both sides differ by the
+gap over the radius, and by what one side stretches more: smoothly. Corrections of rows hardly
+change what varies slowly along a frame, so that balancing such differences took large ones, which
+moved gaps. In the plane, therefore, a facet of the moving side counts with the length of the frame
+that it covers.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.sparse import diagonal, summing
+from dolfinx_llm.finite.sides import Meeting, Sides
+
+
+def balanced_loads(
+    sides: Sides, meeting: Meeting, z: Array
+) -> tuple[tuple[Array, Array], tuple[csr_matrix, csr_matrix]]:
+    """(n,) and (m,) of the nodes of the moving side and of the frame [area], and derivatives.
+
+    Args:
+        sides: of an interface.
+        meeting: how they meet.
+        z: all coordinates [length].
+    """
+    forces = [sides.forces(meeting, z, moving) for moving in (True, False)]
+    if meeting.along is not None:
+        forces[0] = _along(sides, meeting, *meeting.along)
+    C = [control.T for control in sides.control]
+    values, by_z = ([M @ a for M, a in zip(C, of)] for of in zip(*forces, strict=True))
+    return (values[0], values[1]), (by_z[0].tocsr(), by_z[1].tocsr())
+
+
+def _along(
+    sides: Sides, meeting: Meeting, length: Array, by_z: csr_matrix
+) -> tuple[Array, csr_matrix]:
+    """(n,) of the moving side's control values: a facet's length on the frame, parted as what is
+    covered of the facet itself."""
+    share, cells = meeting.covered[0].share, sides.cells(True)
+    f, k = share.shape
+    part = share.sum(axis=1)
+    inverse = np.where(part > 0.0, 1.0 / np.where(part > 0.0, part, 1.0), 0.0)
+    own = share * inverse[:, None]
+    of_facet = summing(np.repeat(np.arange(f), k), f)
+    change = meeting.covered[0].derivative
+    change = change - diagonal(own.ravel()) @ of_facet.T @ (of_facet @ change)
+    change = diagonal(np.repeat(length * inverse, k)) @ change
+    change = change + diagonal(own.ravel()) @ of_facet.T @ by_z
+    gather = summing(cells.ravel(), len(sides.surfaces[sides.moving].x))
+    return gather @ (own * length[:, None]).ravel(), gather @ change

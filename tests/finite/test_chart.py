@@ -1,0 +1,38 @@
+"""Functions along which corrections of rows of a moving frame change next to nothing."""
+
+import numpy as np
+import pytest
+
+from dolfinx_llm.finite.chart import bordered, chart, functions_of
+from dolfinx_llm.geometry.element import element_of
+
+pytestmark = pytest.mark.quick
+
+
+def test_across():
+    """In the plane, at second order: that across a circle belongs to them, none of a straight line
+    does; they are orthogonal."""
+    element, angle = element_of(1, 3), np.arange(0.0, 2.0 * np.pi, 0.1)
+    ring = np.column_stack([2.0 * np.cos(angle), 2.0 * np.sin(angle)])
+    straight = np.column_stack([angle, 0.5 * angle])
+    for Y, many in ((ring, 4), (straight, 3)):
+        found = chart(Y, element, np.ones(len(Y)))
+        assert found.shape == (len(Y), functions_of(element))
+        expected = np.diag(np.arange(4) < many).astype(float)
+        assert np.abs(found.T @ found / len(Y) - expected).max() < 1e-12
+    functions = chart(ring, element, np.ones(len(ring)))
+    of_ring = functions @ np.linalg.lstsq(functions, ring, rcond=None)[0]
+    assert np.abs(of_ring - ring).max() < 1e-12
+
+
+def test_functions_may_depend_on_each_other():
+    """A column of zeros, and one that is another's double, leave r balanced."""
+    from scipy.sparse import diags
+
+    rng = np.random.default_rng(3)
+    M, r = diags(rng.uniform(1.0, 2.0, 6), format="csr"), rng.standard_normal(6)
+    one = rng.standard_normal(6)
+    G = np.column_stack([one, 2.0 * one, np.zeros(6)])
+    mu, kappa = bordered(M, G, r, 1e-9)
+    assert np.abs(M @ mu + G @ kappa - r).max() < 1e-7
+    assert np.abs(one @ mu) < 1e-7
