@@ -77,11 +77,13 @@ class Oracle:
         posed, gdim, self.worst = self.posed, self.scene.gdim, {}
         self.unit = posed.modulus * posed.length ** (gdim - 1)
         self.R, self.now = np.zeros_like(posed.x), posed.x + answer.u
-        for form, nodes in zip(posed.residuals, posed.nodes, strict=True):
+        loads = [0.0]  # which springs may bear where nothing touches
+        for form, (_, L), nodes in zip(posed.residuals, posed.forms, posed.nodes, strict=True):
             self.R[nodes] = load(form).reshape(-1, gdim) @ posed.Q / self.unit
+            loads.append(np.abs(load(L)).max() / self.unit)
         self.U = max(np.abs(answer.u).max(), self.U)
         least = 1e-3 * self.U * min(b.E for b in self.scene.bodies)  # nothing touches: rounding
-        self.F = max(np.abs(np.where(posed.held, 0.0, self.R)).max(), self.F, least)
+        self.F = max(np.abs(np.where(posed.held, 0.0, self.R)).max(), *loads, self.F, least)
         total = sum(answer.force, np.zeros_like(self.R))
         self.note("free", np.where(posed.held, 0.0, np.abs(self.R + total)) / self.F)
         for faces in self.groups():
