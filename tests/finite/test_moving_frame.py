@@ -228,6 +228,16 @@ def test_tangent_is_the_derivative(name, law):
     assert t.delta > (0.01 if "second" in name else 0.03)
 
 
+def test_one_facet_at_a_frame_node():
+    """What lies over a frame node but for rounding stays on one of its facets: couples of friction
+    act on a facet's own corners, and Newton's iteration went from one to the other for ever."""
+    y = np.array([[-1.0, 0.2], [0.0, 0.0], [1.0, 0.2]])
+    facets, normals = np.array([[1, 0], [2, 1]]), np.array([[0.2, 1.0], [0.0, 1.0], [-0.2, 1.0]])
+    x = np.array([[s, 1e-13 * h] for s in (-3e-10, 0.0, 3e-10) for h in (-1.0, 0.0, 1.0)])
+    found = find_on_frame(x, y, facets, normals / np.linalg.norm(normals, axis=1)[:, None])
+    assert (found.facet == found.facet[0]).all()
+
+
 @pytest.mark.parametrize("kind", ["line", "quad", "tri"])
 def test_gaps_are_those_of_round_surfaces(kind):
     """Nodes at a distance from a cylinder of radius 2, whose facets of size h lie up to h² / 16
