@@ -23,7 +23,7 @@ from dolfinx_llm.contact.led import rows_of, told
 from dolfinx_llm.contact.loose import release
 from dolfinx_llm.contact.proximal import FrameRows
 from dolfinx_llm.contact.state import InterfaceState
-from dolfinx_llm.forms.step import SIGN, SOFT, LinearStep
+from dolfinx_llm.forms.step import LEAST_FELT, SIGN, SOFT, LinearStep
 from dolfinx_llm.laws.rows import STICK, LawRows
 from dolfinx_llm.operators.system import ContactOperators
 
@@ -49,6 +49,7 @@ class Equations:
             same nodes, leave forces open.
         felt: part of the largest force that is more than rounding: where rows of joints give way it
             is divided by ``SOFT``.
+        least: where all forces are below, they are none: rounding of what came here [force].
         idle: forces [force] up to which interfaces stick: weak springs alone press there, and lead
             bodies that have come free away.
         start: (n,) λ at the start of the load step: friction at rest keeps it [force].
@@ -76,7 +77,8 @@ class Equations:
         self.L, self.L_t = seen_by(self.whole, self.n_v)
         self._frames = FrameRows(self.states, self.m, self.n_v, proximal, self.scale)
         self._operators, self.loads = operators, np.zeros(self.n_v)
-        self.start, self.about, self.idle = np.zeros(self.n), np.zeros(self.n), 0.0
+        self.start, self.about = np.zeros(self.n), np.zeros(self.n)
+        self.idle = self.least = 0.0
         self._rigid = np.zeros(self.m)  # 1: translations of obstacles, the others nodal motions
         self.normal = np.zeros(self.n, dtype=bool)
         self.drifts = np.zeros(self.m, dtype=bool)
@@ -148,7 +150,7 @@ class Equations:
         return LinearStep(
             active, self.may_open(), self.L, g + self.soft * compliance * kept, compliance,
             below(E), below(D), np.concatenate(rhs),
-            anchor, spring, floating.pins, spring * floating.at_pins(anchor), kept,
+            anchor, spring, floating.pins, spring * floating.at_pins(anchor), kept, self.least,
         )  # fmt: skip
 
     @cached_property
@@ -228,6 +230,12 @@ class Equations:
                     "the force"
                 )
         return ""
+
+
+def unfelt(equations: Equations, w: Array) -> float:
+    """Force that is rounding of the motion w (m,) at the start of a load step [force]."""
+    moved = [equations.whole @ w, *(s.own.kappa_before for s in equations.states)]
+    return LEAST_FELT * equations.scale * max(np.abs(a).max(initial=0.0) for a in moved)
 
 
 def seen_by(L: csr_matrix, n_v: int) -> tuple[csr_matrix, csr_matrix]:

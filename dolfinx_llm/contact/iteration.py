@@ -18,7 +18,7 @@ from tqdm import tqdm
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import tell_iteration
-from dolfinx_llm.contact.equations import Equations, spread
+from dolfinx_llm.contact.equations import Equations, spread, unfelt
 from dolfinx_llm.contact.giving import CONSTANT, GivingWay
 from dolfinx_llm.contact.gliding import glide, slips
 from dolfinx_llm.contact.history import Circles, failure
@@ -28,7 +28,7 @@ from dolfinx_llm.contact.sliding import slide
 from dolfinx_llm.contact.state import ContactState, InterfaceState
 from dolfinx_llm.contact.ties import ask, ask_again, choose, tie_more, unsettled
 from dolfinx_llm.forms.floating import Pull
-from dolfinx_llm.forms.step import GRAZING, SIGN, StepForm, StepResult, force_level
+from dolfinx_llm.forms.step import GRAZING, SIGN, StepForm, StepResult, unless_none
 from dolfinx_llm.forms.verdict import FinalError, Verdict
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 from dolfinx_llm.operators.system import ContactOperators
@@ -135,10 +135,10 @@ class ContactIteration:
         floating, spring = self.operators.floating, self.operators.floating.spring(self.scale)
         alpha = self.alpha if known else np.zeros(floating.count)
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
-        equations.idle = 0.0
+        equations.idle, equations.least = 0.0, unfelt(equations, w)
         equations.start, self._calmed, self._vital = about[0], False, False
         calm, before, w_last, regained = 0, np.inf, w, False  # iterations without change
-        changes, many, runs = 0, _many(self.states, known), 0
+        changes, runs, iteration, last, many = 0, 0, 0, MAXIMUM, _many(self.states, known)
         giving, circles = GivingWay(equations), Circles(self.history)
         parted = Parted(equations, floating.comm)
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
@@ -146,7 +146,6 @@ class ContactIteration:
         for s in self.states:
             s.begin()
         glides, rest = glide(equations, False), self.snapshot()[0]
-        iteration, last = 0, MAXIMUM
         while iteration < last and (iteration < FALLING or not falls()):
             iteration += 1
             equations.lags = changes > many and not known
@@ -158,7 +157,8 @@ class ContactIteration:
             found = self.form.solve(f, step)
             multiplier, y, w = found.multiplier, found.y, found.w
             self.last = replace(step, active=found.active)
-            largest = max(force_level(multiplier, y + g, self.scale), GRAZING * pressed)
+            largest = max(step.level(multiplier, y, self.scale), GRAZING * pressed)
+            borne = np.where(np.abs(multiplier) > SIGN * largest, multiplier, 0.0)
             apart = np.abs(equations.L @ w - y - g)
             met = slide(equations, found, known * iteration)
             if glides:
@@ -198,16 +198,16 @@ class ContactIteration:
             settled &= giving.rest(multiplier, largest, calm > CALM)
             rests = settled and calm > corrections and pull.rests
             released = (rests or calm > 1) and equations.release(multiplier, ENOUGH * largest)
-            released |= tie_more(self.states, multiplier, miss)
+            released |= tie_more(self.states, borne, miss)
             if rests and not released:
                 gaps = self.scale * (equations.L @ w - y - g)
-                released = lets_go(self.states, multiplier, gaps, ENOUGH * largest)
+                released = lets_go(self.states, borne, gaps, ENOUGH * largest)
             if rests and not released and not regained:
-                regained = released = regain(self.states, multiplier)
-            if rests and not released and ask(self.states, multiplier, self._vital):
+                regained = released = regain(self.states, borne)
+            if rests and not released and ask(self.states, borne, self._vital):
                 last, released = iteration + MAXIMUM, True
             if rests and not released:
-                require_friction(self.states, multiplier)
+                require_friction(self.states, borne)
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
                 return found
             # Friction is linearised about the last iterate, or halfway where that did not help.
@@ -233,7 +233,7 @@ class ContactIteration:
         normal = rows[:, -1]
         chosen = found.active[normal] ^ found.wrong[normal] if s.law.opens else own.active
         changed, force = chosen != own.active, np.abs(found.multiplier)
-        largest = force.max(initial=0.0)
+        largest = unless_none(float(force.max(initial=0.0)), self.equations.least)
         light = force[normal] <= LIGHT * largest
         count(s, chosen, found.wrong[normal], light, self._vital)
         s.touch(chosen)

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, force_level
+from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult
 from dolfinx_llm.forms.verdict import EPS, SEVERAL, largest
 from dolfinx_llm.laws.complementarity import complementarity
 from dolfinx_llm.operators.petsc import times
@@ -120,7 +120,7 @@ class WholeSteps(StepForm):
         rows = np.flatnonzero(step.may_open)
         place = np.cumsum(step.may_open) - 1
         on = step.active[rows]
-        band = SIGN * force_level(found.multiplier, found.y + step.g, self.scale)
+        band = SIGN * step.level(found.multiplier, found.y, self.scale)
 
         def signs(multiplier: Array, y: Array, w: Array, g: Array) -> Array:
             """What must not be negative: forces in contact, gaps times c elsewhere."""

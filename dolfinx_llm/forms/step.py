@@ -16,6 +16,7 @@ from dolfinx_llm.operators.system import ContactOperators
 
 SIGN = 1e-11  # relative: what rounding may not switch
 ROUNDED_GAP = 4.0 * float(np.finfo(float).eps)  # of positions
+LEAST_FELT = 1e-10  # of scale times the motion at the start of a load step: no forces are smaller
 GRAZING = 1e-3  # forces below this part of scale times motion count as none
 SOFT = 1e-6  # compliance, relative to the surface's, with which forces at supports change
 
@@ -43,6 +44,7 @@ class LinearStep:
     pins: list[int]  # (p,) this rank's dofs, local numbers, at which they hold
     pull: Array  # (p,) spring times where they hold these [force], part of the load
     about: Array  # (n,) λ about which rows in contact give way, as g has it [force]
+    least: float = 0.0  # where all forces are below, they are none [force]
 
     @classmethod
     def tied(cls, L: csr_matrix, g: Array) -> LinearStep:
@@ -87,6 +89,17 @@ class LinearStep:
             and np.array_equal(self.compliance, other.compliance)
             and all(a is b or _same(a, b) for a, b in parts)
         )
+
+    def level(self, multiplier: Array, y: Array, scale: float) -> float:
+        """Size of forces; where bodies hardly touch, of a part of those that closing gaps would
+        take [force].
+
+        Args:
+            multiplier, y: λ and Bᵀ u, (n,).
+            scale: stiffness of the surfaces [force / length].
+        """
+        apart = GRAZING * scale * np.abs(y + self.g).max(initial=0.0)
+        return unless_none(max(np.abs(multiplier).max(initial=0.0), apart, 1e-300), self.least)
 
     def loaded(self, f: Array) -> Array:
         """(n_local,) load with what the springs pull.
@@ -252,7 +265,7 @@ def wrong_signs(
 ) -> Array:
     """(n,) rows with tension in contact or overlap out of it, beyond what rounding can do."""
     position = y + step.g
-    gap, band = step.L @ w - position, SIGN * force_level(multiplier, position, scale)
+    gap, band = step.L @ w - position, SIGN * step.level(multiplier, y, scale)
     soft = step.compliance > 0.0  # forces there are gaps, which are rounded, over little
     rounding = (
         ROUNDED_GAP * np.abs(position).max(initial=0.0) / np.where(soft, step.compliance, 1.0)
@@ -274,8 +287,13 @@ def singular(reason: object) -> ContactError:
     )
 
 
-def force_level(multiplier: Array, position: Array, scale: float) -> float:
-    """Size of forces; where bodies hardly touch, of a part of those that closing gaps would take
-    [force]."""
-    apart = GRAZING * scale * np.abs(position).max(initial=0.0)
-    return max(np.abs(multiplier).max(initial=0.0), apart, 1e-300)
+def unless_none(level: float, least: float) -> float:
+    """A level of forces; where that is below the least, one to which all of them are rounding.
+
+    Args:
+        level, least: [force].
+
+    >>> unless_none(2.0, 1.0), unless_none(0.5, 1.0)
+    (2.0, 100000000000.0)
+    """
+    return level if level > least else max(least / SIGN, level)

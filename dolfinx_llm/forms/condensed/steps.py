@@ -25,7 +25,7 @@ from dolfinx_llm.forms.condensed.system import CondensedSystem
 from dolfinx_llm.forms.cost import FEWEST
 from dolfinx_llm.forms.exchange import SetUp, WholeSteps, row_stiffness
 from dolfinx_llm.forms.options import FACTORISED
-from dolfinx_llm.forms.step import SOFT, LinearStep, StepResult, force_level
+from dolfinx_llm.forms.step import SOFT, LinearStep, StepResult
 from dolfinx_llm.forms.verdict import FinalError
 from dolfinx_llm.laws.forecast import Forecast
 from dolfinx_llm.operators.floating import Floating
@@ -105,7 +105,7 @@ class CondensedForm(WholeSteps):
             system.loose = loose = LOOSELY * FIRMER ** len(self._seen)
             found = self.result(step, *made.ask(step.loaded(f), step.g, step.rhs, step.about))
             system.loose = 0.0
-            least = -DOUBTLESS * loose * force_level(found.multiplier, found.y + step.g, self.scale)
+            least = -DOUBTLESS * loose * step.level(found.multiplier, found.y, self.scale)
             gap = self.scale * (step.L @ found.w - found.y - step.g)
             if (found.wrong & (np.where(step.active, found.multiplier, gap) < least)).any():
                 self._f, self._wrong = f, np.inf
@@ -150,7 +150,7 @@ class CondensedForm(WholeSteps):
             self.friction.give_up("contact goes back and forth, its pairs are asked for one by one")
         self.eager = self.friction.direct
         if self.eager:  # what a factorisation leaves is the rounding of f - K u
-            level = force_level(found.multiplier, found.y + step.g, self.scale)
+            level = step.level(found.multiplier, found.y, self.scale)
             noise = 0.5 * self.noise / level
             self.accuracy = min(max(noise, WholeSteps.accuracy), CondensedForm.accuracy)
         else:  # an inexact solve ends no iteration
