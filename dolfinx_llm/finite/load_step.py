@@ -15,6 +15,8 @@ from dolfinx_llm.finite.system import NewtonSystem, mean_diagonal
 from dolfinx_llm.finite.terms import ContactTerms, slide
 from dolfinx_llm.operators.numbering import BodyDofs
 
+ROUNDED_FORCE = 1e-9  # over stiffness and facets, by inertia that holds bodies at the start
+
 
 class Bodies(Protocol):
     """Nonlinear bodies without their contact."""
@@ -96,11 +98,12 @@ class Equations:
 
 def stays(steps: Equations, start: NewtonState) -> list[Any]:
     """Per interface the pairs that stay in contact in a step in time: those that press at its
-    start; (n,) or one for all."""
+    start by more than rounding; (n,) or one for all."""
+    presses = ROUNDED_FORCE * steps.scale * steps.size
     return [
         steps.bodies.in_time
         and status is not None
-        and np.isin(status, placed.what.pressed) & (q[: len(status)] > 0.0)
+        and np.isin(status, placed.what.pressed) & (q[: len(status)] > presses)
         for placed, status, q in zip(steps.interfaces, start.status, start.own, strict=True)
     ]
 

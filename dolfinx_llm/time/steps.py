@@ -97,7 +97,9 @@ class Steps(Saving):
         """Find the forces at the start, from u, v and the loads as they are; the first ``step``
         does so unless you have done it before. Surfaces without mass come to rest with what lies
         behind them; ties have the forces that hold them as bodies accelerate. Where bodies slide
-        with v on others, or on obstacles at rest, friction acts already. Collective.
+        with v on others, or on obstacles at rest, friction acts already. Before rigid ends of
+        bodies begin to move call it yourself: where they are elsewhere than the bodies they pull at
+        what inertia holds. Collective.
 
         Raises:
             ContactError: contact does not balance what presses it.

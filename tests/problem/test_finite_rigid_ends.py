@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from conftest import run_mpi_json
 from dolfinx import fem
+from end_scenes import matrix
 from mpi4py import MPI
 from sampling import longer
-from scipy.spatial.transform import Rotation
 from tangents import tangent_errors
 from upright_blocks import FOOT, TOP, block
 
@@ -46,13 +46,6 @@ LOADS = {
         },
     },
 }  # fmt: skip
-
-
-def matrix(rotation):
-    """Of an angle, or of a rotation vector."""
-    if np.size(rotation) == 1:
-        return Rotation.from_rotvec([0.0, 0.0, np.ravel(rotation)[0]]).as_matrix()[:2, :2]
-    return Rotation.from_rotvec(rotation).as_matrix()
 
 
 class End:
