@@ -24,7 +24,7 @@ Control = tuple[csr_matrix, csr_matrix]
 LIFTED = 1e-3  # part of a coordinate across a frame that is none, over its length
 EDGEWISE = 1e-2  # least over largest singular value of functions that are hardly independent
 ELSEWHERE = 1e-9  # weight of nodes where nothing is covered then, over the largest
-FUNCTIONS_YIELD = 1e-9  # of a facet's area: how much functions yield
+FUNCTION_YIELDS = 1e-9  # of a facet's area: how much the function across yields
 
 
 def products(element: Element) -> list[tuple[int, int]]:
@@ -113,17 +113,22 @@ def borne_by(control: Control, pressure: Array) -> csr_matrix:
     return C.T @ diagonal(C @ pressure) @ E.T
 
 
-def bordered(M: csr_matrix, G: Array, r: Array, soft: float) -> tuple[Array, Array]:
+def yielding(element: Element) -> Array:
+    """(c,) how much functions yield over a facet's area: that across, which others may tell."""
+    return np.where(np.arange(functions_of(element)) < _along(element), 0.0, FUNCTION_YIELDS)
+
+
+def bordered(M: csr_matrix, G: Array, r: Array, soft: Array) -> tuple[Array, Array]:
     """mu and kappa of M mu + G kappa = r, Gᵀ mu = soft kappa; refined once.
 
     Args:
         M: (m, m) of ``finite.design`` [area].
         G: (m, c) the chart times forces of unit pressure [area].
         r: (m,) residual [area].
-        soft: how much functions yield, which may depend on each other where contact is [area].
+        soft: (c,) how much functions yield [area].
     """
     c = G.shape[1]
-    A = bmat([[M, csr_matrix(G)], [csr_matrix(G.T), diagonal(np.full(c, -soft))]], format="csc")
+    A = bmat([[M, csr_matrix(G)], [csr_matrix(G.T), diagonal(-soft)]], format="csc")
     b = np.concatenate([r, np.zeros(c)])
     try:
         factor = splu(A)

@@ -19,6 +19,8 @@ from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
 from dolfinx_llm.geometry.cells import cross_plane
 from dolfinx_llm.geometry.element import Element, element_of
 
+JUST_BESIDE = 1e-6  # of a facet: how far beside it a place counts as it is
+
 
 @dataclass(frozen=True, eq=False)
 class Chains:
@@ -120,7 +122,7 @@ def _of_frame(
     """Sums over facets (k, 2) of the moving side; what is common to neighbours cancels."""
     a, b = moving.T
     f, n, k = len(chains.order), len(at.facet), element.nodes
-    xi = np.clip(at.xi[:, 0], 0.0, 1.0)
+    xi = _inside(at, beyond)
     share = np.zeros((f, k))
     np.add.at(share, at.facet[a], _integral(element, xi[a]))
     np.add.at(share, at.facet[b], -_integral(element, xi[b]))
@@ -130,6 +132,13 @@ def _of_frame(
     cols = np.repeat(np.concatenate([a, b]), k)
     values = np.concatenate([by_xi[a], -by_xi[b]]).ravel()
     return Covered(share, csr_matrix((values, (rows, cols)), (k * f, n)) @ d.xi)
+
+
+def _inside(at: OnFrame, beyond: Array) -> Array:
+    """(n,) places in facets; those beyond an end at it, others as they are: a node over a frame
+    node may lie beside its facet by rounding, where what is covered still changes."""
+    beside = np.where(beyond, 0.0, JUST_BESIDE)
+    return np.clip(at.xi[:, 0], -beside, 1.0 + beside)
 
 
 def _in_full(
@@ -163,7 +172,7 @@ def _lengths(
     along = side / size[:, None]
     stretched = np.hstack([-along, along])[:, None]
     by_y = jacobian(stretched, coordinates(frame, 2, first), width)
-    xi, item = np.clip(at.xi[:, 0], 0.0, 1.0), np.arange(k)
+    xi, item = _inside(at, beyond), np.arange(k)
     which, full = _in_full(chains, b, steps, start, at)
     parts = np.concatenate([xi[a], -xi[b], np.ones(len(full))])
     places = np.concatenate([item, item, which]), np.concatenate([at.facet[a], at.facet[b], full])

@@ -29,7 +29,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item
 from dolfinx_llm.design.stencils import adjacency
-from dolfinx_llm.finite.chart import FUNCTIONS_YIELD, bordered, borne, products
+from dolfinx_llm.finite.chart import bordered, borne, products, yielding
 from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
 from dolfinx_llm.geometry.element import Element, element_of
@@ -125,9 +125,9 @@ class Design:
         return cls(Stencils.of(facets, len(Y)), facets, element, float(span), control, wanted)
 
     @property
-    def soft(self) -> float:
-        """How much the chart's functions yield [area]."""
-        return FUNCTIONS_YIELD * self.size**self.element.dim
+    def soft(self) -> Array:
+        """(c,) how much functions of the chart yield [area]."""
+        return yielding(self.element) * self.size**self.element.dim
 
     @property
     def bernstein(self) -> Array:

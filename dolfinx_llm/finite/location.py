@@ -28,7 +28,7 @@ from dolfinx_llm.geometry.element import element_of
 TRIED = {2: 6, 3: 12}  # facets next to a node that it may meet
 AROUND = 1.5  # radii of the largest facet, within which all are tried for the rest
 MET = 1e-10  # distance over facet size that is left where a node has met a facet
-ALIKE = 1e-6  # of a facet: difference of heights that is none
+AS_HIGH = 1e-6  # of a facet: difference of heights that is none
 INSIDE = 1e-9  # shape functions above minus this: within a facet
 MISSED = 1e3  # reference coordinates of what does not meet a facet
 FOCUS = 1e-9  # of a facet's size to the power of d: what is left where normals run together
@@ -128,7 +128,7 @@ def _nearest(
         within = shape_functions(facets.shape[1], within @ CORNERS[foot.shape[1]])[0]
     away = np.linalg.norm(_sums(N - within, p), axis=1)
     away = np.where(met, np.where(foot.min(axis=1) < -INSIDE, away, 0.0), np.inf)
-    alike = ALIKE * np.ptp(p, axis=1).max(initial=0.0)  # or rounding would choose at a frame node
+    alike = AS_HIGH * np.ptp(p, axis=1).max(initial=0.0)  # or rounding would choose at a frame node
     level = np.round(np.abs(height) / (alike or 1.0))
     order = np.lexsort((facet, level, away, which))
     if own is not None:  # the other face of its own wall may be nearer than what a node faces

@@ -285,7 +285,7 @@ class NormalContact(MovingContact):
                 [
                     [diagonal(idle), by_closed @ gap_mu, csr_matrix((n, c))],
                     [csr_matrix((m, n)), -rows.M, -G],
-                    [csr_matrix((c, n)), G.T.tocsr(), diagonal(np.full(c, -self.design.soft))],
+                    [csr_matrix((c, n)), G.T.tocsr(), diagonal(-self.design.soft)],
                 ],
                 format="csr",
             ),
