@@ -118,9 +118,10 @@ def choose(states: list[InterfaceState], multiplier: Array, iteration: int) -> N
 
 
 def _tie(s: InterfaceState, multiplier: Array, kept: Array | None = None) -> None:
-    """To the pairs that press, but for the weakest, and to those (n,) that are kept."""
+    """To the pairs that press, but for the weakest, to those (n,) that are kept, and to those that
+    cannot part."""
     force = np.maximum(multiplier[s.nodes.rows[:, -1]], 0.0)
     order = np.argsort(force)
     carried = np.cumsum(force[order])
-    s.ties = np.zeros(len(force), dtype=bool) if kept is None else kept.copy()
+    s.ties = s.stays.copy() if kept is None else kept.copy()
     s.ties[order] |= carried > TIELESS * carried[-1]
