@@ -15,13 +15,8 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState, slid, stays
 from dolfinx_llm.finite.parts import Part
-from dolfinx_llm.finite.terms import (
-    Held,
-    MovingContact,
-    differ,
-    foreseen,
-    lands,
-)
+from dolfinx_llm.finite.settling import EXCHANGES, Exchanges, foreseen, lands
+from dolfinx_llm.finite.terms import Held, MovingContact
 from dolfinx_llm.finite.turning import prescribed, turned
 from dolfinx_llm.laws.rows import OPEN
 
@@ -34,8 +29,8 @@ STUCK = 0.9  # part of the last residual above which an iteration has brought no
 SLIDES = 0.5  # of a facet, in an iteration, up to which derivatives of rows and areas hold
 TRUSTED = 0.03  # residual, relative, below which slip has its exact derivative
 LANDED = 1e-5  # residual, relative, below which solves leave next to nothing
+TELLING = 0.3  # residual, relative, up to which the linear model tells which pairs touch
 HELPED, LESS = 0.5, 0.1  # where it has not brought the residual down by as much: only below a tenth
-SETTLINGS = 6  # solves for the pairs in contact of the linear model, where nodes slide far
 CUTS = 8  # of a change that turns elements inside out
 FLIES = 1e6  # cells, by which no body moves in an iteration that something holds
 
@@ -206,8 +201,10 @@ class Increment:
             K = steps.bodies.tangent(self.u)
         try:
             du, changes = self._solve(K)
-            for _ in range(SETTLINGS if self.lagged else 0):
-                if not self._foresee(du, changes):
+            exchanges = Exchanges()
+            tells = self.lagged or (self.changes and self.error < TELLING)
+            for _ in range(EXCHANGES if tells else 0):
+                if not self._foresee(du, changes, exchanges):
                     break
                 self._balance()
                 du, changes = self._solve(K)
@@ -237,23 +234,22 @@ class Increment:
         _check_solution(self.dofs.comm, du, dq, steps.bodies.size)
         return du, np.split(dq, np.cumsum([len(q) for q in self.own])[:-1]) if self.own else []
 
-    def _foresee(self, du: Array, changes: list[Array]) -> bool:
-        """Whether the linear model has other pairs in contact than were put in; these are then.
-
-        A body that comes down on a few nodes alone would bear all of its load on them.
-        """
-        found = False
-        for i, (placed, dq) in enumerate(zip(self.steps.interfaces, changes, strict=True)):
-            if not placed.what.settles:
-                continue
-            q, held = self.own[i], self.held[i]
-            z, place = self.dofs.values(placed.numbers, du), self.terms[i].place
-            now = foreseen(placed.what, place, (z, q + dq), held, NO_GAP * self.steps.size)
-            now = placed.what.staying(self.stays[i] & place.pairs, now)
-            if differ(now, self.status[i], held.origin):
-                self.status[i], found, about = now, True, replace(held, about=(z, q + dq))
-                self.terms[i] = placed.what.terms(place, q, now, about, placed.free)
-        return found
+    def _foresee(self, du: Array, changes: list[Array], exchanges: Exchanges) -> bool:
+        """Whether the linear model has other pairs in contact than were put in; these are then. A
+        body that comes down on a few nodes alone would bear all of its load on them."""
+        every, now = self.steps.interfaces, list(self.status)
+        dz = [self.dofs.values(placed.numbers, du) for placed in every]
+        for i, (t, q, held) in enumerate(zip(self.terms, self.own, self.held, strict=True)):
+            if every[i].what.settles:
+                of = every[i].what, t.place, q, (dz[i], changes[i]), held
+                there = foreseen(*of, NO_GAP * self.steps.size)
+                now[i] = every[i].what.staying(self.stays[i] & t.place.pairs, there)
+        found = exchanges.take(now, self.status, self.held)
+        for i, status in found.items():
+            q, held = self.own[i], replace(self.held[i], about=(dz[i], self.own[i] + changes[i]))
+            of_pairs = self.terms[i].place, q, status, held, every[i].free
+            self.status[i], self.terms[i] = status, every[i].what.terms(*of_pairs)
+        return bool(found)
 
     def converged(self) -> bool:
         """Whether this is an equilibrium; its pairs are those that can touch."""

@@ -231,8 +231,9 @@ class NormalContact(MovingContact):
             ),
         )
 
-    def nearing(self, place: NormalPlace) -> csr_matrix:
-        return summing(place.on, len(place.gap)) @ place.gap_by[0]
+    def nearing(self, place: NormalPlace, dz: Array, dq: Array) -> Array:
+        (n, m, _), (by_z, by_mu) = self.counts, place.gap_by
+        return summing(place.on, n) @ (by_z @ dz + by_mu @ dq[n : n + m])
 
     def along(self, q: Array, status: Array) -> Array:
         """(n, gdim) forces of pairs along the surface, which rows spread as well [force]."""

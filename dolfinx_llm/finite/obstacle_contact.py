@@ -234,10 +234,13 @@ class ObstacleContact(MovingContact):
         """A pose that is held; None: as it is now."""
         return Pose.of(self.pose() if pose is None else pose, self.sides.gdim)
 
-    def nearing(self, place: ObstaclePlace) -> csr_matrix:
-        n, gdim = place.normal.shape
-        own = coordinates(np.arange(n)[:, None], gdim)
-        return self.sides.control @ jacobian(place.by_x[:, None], own, n * gdim)
+    def nearing(self, place: ObstaclePlace, dz: Array, dq: Array) -> Array:
+        return np.asarray(self._gap_by(place) @ dz)
+
+    def _gap_by(self, place: ObstaclePlace) -> csr_matrix:
+        """(n, width) derivatives of the gaps by the coordinates."""
+        own = coordinates(np.arange(len(place.gap))[:, None], self.sides.gdim)
+        return self.sides.control @ jacobian(place.by_x[:, None], own, own.size)
 
     def terms(
         self, place: ObstaclePlace, q: Array, status: Array, held: Held, free: Array
@@ -249,15 +252,14 @@ class ObstacleContact(MovingContact):
         A = C @ jacobian(place.normal[:, None], own, width)
         closed = (status != OPEN) & ~held_fast(A, free)
         on = diagonal(closed)
-        q = q[:n]
-        force = np.where(status != OPEN, q, 0.0)
+        force = np.where(status != OPEN, q[:n], 0.0)
         return ContactTerms(
             force=A.T @ force,
             K=per_item(-(C.T @ force)[:, None, None] * place.turned),
             top=-(on @ A).T.tocsr(),
-            left=on @ self.nearing(place),
+            left=on @ self._gap_by(place),
             own=diagonal(~closed / held.scale),
-            rest=np.where(closed, place.gap, q / held.scale),
+            rest=np.where(closed, place.gap, q[:n] / held.scale),
             place=place,
             delta=0.0,
             status=status,

@@ -1,5 +1,4 @@
-"""What an interface adds to Newton's system, and what the linear model of an iteration says of it
-before its bodies move."""
+"""What an interface adds to Newton's system."""
 
 from __future__ import annotations
 
@@ -10,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
+from dolfinx_llm.laws.rows import CLOSED, OPEN
 
 FAST = 1e-9  # part of a row at free dofs, below which supports hold the pair
 YIELDS = 1e-6  # over the stiffness: by which a row yields to its force where supports hold the node
@@ -154,8 +153,8 @@ class MovingContact:
         closed = place.pairs & (q[: len(gap)] / held.scale - gap > -reach)
         return np.where(closed, CLOSED, OPEN), held
 
-    def nearing(self, place: Any) -> csr_matrix:
-        """(n, width) derivatives of the gaps of pairs by the coordinates."""
+    def nearing(self, place: Any, dz: Array, dq: Array) -> Array:
+        """(n,) changes of the pairs' gaps for those of coordinates and own unknowns [length]."""
         raise NotImplementedError
 
     def terms(self, place: Any, q: Array, status: Array, held: Held, free: Array) -> ContactTerms:
@@ -196,38 +195,3 @@ def slide(contact: MovingContact, terms: ContactTerms, dz: Array) -> float:
     jump = (contact.sides.jumps(terms.place.N) @ dz).reshape(n.shape)
     jump -= np.einsum("ni,ni->n", jump, n)[:, None] * n
     return float(np.linalg.norm(jump[on], axis=1).max(initial=0.0))
-
-
-def foreseen(
-    contact: Any, place: Place, changed: tuple[Array, Array], held: Held, reach: float
-) -> Array:
-    """(n,) status of the pairs in the linear model.
-
-    Args:
-        contact: an interface whose pairs settle by themselves.
-        place: as it is.
-        changed: (width,) changes of the coordinates, and own unknowns after them.
-        held: from the start of the step.
-        reach: gap that is none [length].
-    """
-    dz, q = changed
-    every = np.where(place.pairs, contact.pressed[0], OPEN)
-    then = replace(moved(place, contact.nearing(place) @ dz), z=place.z + dz)
-    return contact.touching(then, q, every, held, reach)[0]
-
-
-def differ(now: Array, before: Array, origin: Origin | None) -> bool:
-    """Whether pairs of status (n,) in the linear model are to be solved for again: others touch, or
-    all slip. Where some of the same stick it says little of which, and iterates tell where nodes
-    land that had a gap (``origin``, with friction): Newton's iteration finds them sooner alone."""
-    lands = origin is not None and (origin.gap > 0.0) & ~origin.touched & (now != OPEN)
-    touch = ((now != OPEN) != (before != OPEN)).any()
-    again = (now != before).any() and (touch or STICK not in now)
-    return bool(again and not np.any(lands))
-
-
-def lands(held: list[Held]) -> bool:
-    """Whether pairs with friction may yet meet for the first time: what counts as slip is kept of
-    that iterate, and must not depend on how well it was solved for."""
-    origins = [h.origin for h in held if h.origin is not None]
-    return any(bool(((o.gap > 0.0) & ~o.touched).any()) for o in origins)

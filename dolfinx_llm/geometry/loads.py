@@ -187,7 +187,7 @@ def covered_loads(
     flat = xi.reshape(-1, gdim - 1)
     N, dN = element.shape(flat)
     e, g = weight.shape
-    N, dN = N.reshape(e, g, -1), dN.reshape(e, g, element.nodes, gdim - 1)
+    N, dN = N.reshape(e, g, element.nodes), dN.reshape(e, g, element.nodes, gdim - 1)
     normal, nodes = facet_normals(side.x, cells[facet], dN), cells[facet]
     area = np.linalg.norm(normal, axis=2) * weight  # weights of parts cut off are negative
     normal = normal * weight[..., None]
