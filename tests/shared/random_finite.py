@@ -33,13 +33,13 @@ def draw(seed, second=False):
     return scene
 
 
-def _residual(form, V, u):
-    """F of neo-Hookean bodies with the moduli, springs and load of linear ones."""
+def _residual(form, V, u, order):
+    """F of neo-Hookean bodies of an order with the moduli, springs and load of linear ones."""
     a, L = form
     E, k = a.coefficients()
     w = ufl.TestFunction(V)
     mu, lam = E / (2 * (1 + scenes.NU)), E * scenes.NU / (1 + scenes.NU) / (1 - 2 * scenes.NU)
-    W = finite_patch.energy(u, mu, lam) * ufl.dx(degree=2 * V.ufl_element().degree())
+    W = finite_patch.energy(u, mu, lam) * ufl.dx(degree=2 * order)
     return ufl.derivative(W, u, w) + k * ufl.inner(u, w) * ufl.dx - L
 
 
@@ -47,7 +47,8 @@ def pose(scene, variant=None, **kwargs):
     """A posed scene whose ``problem`` is nonlinear."""
     posed = scenes.pose(scene, variant, **kwargs)
     u = [fem.Function(V) for V in posed.spaces]
-    F = [_residual(*given) for given in zip(posed.forms, posed.spaces, u, strict=True)]
+    orders = [b.order for b in scene.bodies][: len(u)]  # those on one mesh have one
+    F = [_residual(*given) for given in zip(posed.forms, posed.spaces, u, orders, strict=True)]
     solver = posed.variant.solver or scene.solver
     one = len(F) == 1
     posed.problem = llm.NonlinearContactProblem(
