@@ -15,7 +15,7 @@ from dolfinx_llm.finite.system import NewtonSystem, mean_diagonal
 from dolfinx_llm.finite.terms import ContactTerms, slide
 from dolfinx_llm.operators.numbering import BodyDofs
 
-ROUNDED_FORCE = 1e-9  # over stiffness and facets, by inertia that holds bodies at the start
+ROUNDED_FORCE = 1e-12  # over stiffness and facets, by inertia that holds bodies at the start
 
 
 class Bodies(Protocol):
