@@ -18,7 +18,7 @@ from dolfinx_llm.finite.sides import Meeting, Sides
 
 
 def balanced_loads(
-    sides: Sides, meeting: Meeting, z: Array
+    sides: Sides, meeting: Meeting, z: Array, own: tuple[Array, csr_matrix]
 ) -> tuple[tuple[Array, Array], tuple[csr_matrix, csr_matrix]]:
     """(n,) and (m,) of the nodes of the moving side and of the frame [area], and derivatives.
 
@@ -26,10 +26,11 @@ def balanced_loads(
         sides: of an interface.
         meeting: how they meet.
         z: all coordinates [length].
+        own: ``Sides.forces`` of the moving side.
     """
-    forces = [sides.forces(meeting, z, moving) for moving in (True, False)]
     if meeting.along is not None:
-        forces[0] = _along(sides, meeting, *meeting.along)
+        own = _along(sides, meeting, *meeting.along)
+    forces = own, sides.forces(meeting, z, False)
     C = [control.T for control in sides.control]
     values, by_z = ([M @ a for M, a in zip(C, of)] for of in zip(*forces, strict=True))
     return (values[0], values[1]), (by_z[0].tocsr(), by_z[1].tocsr())

@@ -123,7 +123,7 @@ def bordered(M: csr_matrix, G: Array, r: Array, soft: Array) -> tuple[Array, Arr
 
     Args:
         M: (m, m) of ``finite.design`` [area].
-        G: (m, c) the chart times forces of unit pressure [area].
+        G: (m, c) what the chart's functions bear: see ``borne`` [area].
         r: (m,) residual [area].
         soft: (c,) how much functions yield [area].
     """

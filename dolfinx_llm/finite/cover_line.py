@@ -102,86 +102,83 @@ def covered_lines(
     good &= (steps >= 0) & ~(ring & (2 * steps > chains.length[at.facet[a]] + 1))
     facets = np.flatnonzero(good)
     of = facets, moving, x, y, at, high, low, chains, normals, columns, width
-    ends = chains, moving[facets], steps[facets], start, at, d, high | low
-    lengths, by_z = _lengths(*ends, y, columns[1])
+    spans = Spans.of(chains, moving[facets], steps[facets], start, at, high | low)
+    lengths, by_z = _lengths(chains, spans, at, d, y, columns[1])
     pick = summing(facets, len(moving))
-    covered = _of_moving(elements[0], *of), _of_frame(elements[1], *ends)
+    covered = _of_moving(elements[0], *of), _of_frame(elements[1], chains, spans, at, d)
     return covered, (pick @ lengths, pick @ by_z)
 
 
+@dataclass(frozen=True, eq=False)
+class Spans:
+    """What k facets of the moving side cover of the frame, from a near to a far end."""
+
+    far: Array  # (k,) nodes of the moving side at these ends
+    near: Array  # (k,)
+    xi: Array  # (n,) places of all nodes in their facets, of those beyond a chain's end at it
+    beyond: Array  # (n,) nodes beyond it
+    which: Array  # (q,) span of each facet that counts in full
+    full: Array  # (q,) these: those before the far end's, from that of the near end on
+
+    @classmethod
+    def of(
+        cls, chains: Chains, moving: Array, steps: Array, start: Array, at: OnFrame, beyond: Array
+    ) -> Spans:
+        """Of facets (k, 2); what is common to neighbours cancels.
+
+        Args:
+            chains: of the frame.
+            moving: (k, 2) facets, a node at the far end, one at the near end.
+            steps: (k,) facets from one to the other.
+            start: (n,) first place of the chain below each node.
+            at: where all nodes lie.
+            beyond: (n,) nodes beyond a chain's end.
+        """
+        far, near = moving.T
+        # A node over a frame node may lie beside its facet by rounding: that still changes.
+        beside = np.where(beyond, 0.0, JUST_BESIDE)
+        xi = np.clip(at.xi[:, 0], -beside, 1.0 + beside)
+        which = np.repeat(np.arange(len(steps)), steps)
+        ahead = np.arange(len(which)) - np.repeat(np.cumsum(steps) - steps, steps)
+        base, length = start[near][which], chains.length[at.facet[near]][which]
+        place = chains.place[at.facet[near]][which]
+        full = chains.order[base + (place - base + ahead) % length]
+        return cls(far, near, xi, beyond, which, full)
+
+
 def _of_frame(
-    element: Element,
-    chains: Chains,
-    moving: Array,
-    steps: Array,
-    start: Array,
-    at: OnFrame,
-    d: LocationDerivatives,
-    beyond: Array,
+    element: Element, chains: Chains, of: Spans, at: OnFrame, d: LocationDerivatives
 ) -> Covered:
-    """Sums over facets (k, 2) of the moving side; what is common to neighbours cancels."""
-    a, b = moving.T
+    """Sums over the spans."""
     f, n, k = len(chains.order), len(at.facet), element.nodes
-    xi = _inside(at, beyond)
+    both = np.concatenate([of.far, of.near])
     share = np.zeros((f, k))
-    np.add.at(share, at.facet[a], _integral(element, xi[a]))
-    np.add.at(share, at.facet[b], -_integral(element, xi[b]))
-    np.add.at(share, _in_full(chains, b, steps, start, at)[1], 1.0 / k)
-    by_xi = element.positive(xi[:, None]) * ~beyond[:, None]
-    rows = coordinates(at.facet[np.concatenate([a, b])][:, None], k).ravel()
-    cols = np.repeat(np.concatenate([a, b]), k)
-    values = np.concatenate([by_xi[a], -by_xi[b]]).ravel()
-    return Covered(share, csr_matrix((values, (rows, cols)), (k * f, n)) @ d.xi)
-
-
-def _inside(at: OnFrame, beyond: Array) -> Array:
-    """(n,) places in facets; those beyond an end at it, others as they are: a node over a frame
-    node may lie beside its facet by rounding, where what is covered still changes."""
-    beside = np.where(beyond, 0.0, JUST_BESIDE)
-    return np.clip(at.xi[:, 0], -beside, 1.0 + beside)
-
-
-def _in_full(
-    chains: Chains, near: Array, steps: Array, start: Array, at: OnFrame
-) -> tuple[Array, Array]:
-    """Facets of the frame that count in full, those before the far end's, from that of the near end
-    (k,) on; and which of the k items each belongs to."""
-    which = np.repeat(np.arange(len(steps)), steps)
-    ahead = np.arange(len(which)) - np.repeat(np.cumsum(steps) - steps, steps)
-    base, length = start[near][which], chains.length[at.facet[near]][which]
-    place = chains.place[at.facet[near]][which]
-    return which, chains.order[base + (place - base + ahead) % length]
+    np.add.at(share, at.facet[of.far], _integral(element, of.xi[of.far]))
+    np.add.at(share, at.facet[of.near], -_integral(element, of.xi[of.near]))
+    np.add.at(share, of.full, 1.0 / k)
+    by_xi = element.positive(of.xi[:, None]) * ~of.beyond[:, None]
+    rows = coordinates(at.facet[both][:, None], k).ravel()
+    values = np.concatenate([by_xi[of.far], -by_xi[of.near]]).ravel()
+    return Covered(share, csr_matrix((values, (rows, np.repeat(both, k))), (k * f, n)) @ d.xi)
 
 
 def _lengths(
-    chains: Chains,
-    moving: Array,
-    steps: Array,
-    start: Array,
-    at: OnFrame,
-    d: LocationDerivatives,
-    beyond: Array,
-    y: Array,
-    first: int,
+    chains: Chains, of: Spans, at: OnFrame, d: LocationDerivatives, y: Array, first: int
 ) -> tuple[Array, csr_matrix]:
-    """(k,) lengths of the frame that facets (k, 2) cover, and (k, width) derivatives."""
-    (a, b), k, width = moving.T, len(moving), d.xi.shape[1]
-    frame = chains.facets
+    """(k,) lengths of the spans, and (k, width) derivatives."""
+    k, frame, both = len(of.far), chains.facets, np.concatenate([of.far, of.near])
     side = y[frame[:, 1]] - y[frame[:, 0]]
     size = np.linalg.norm(side, axis=1)
     along = side / size[:, None]
     stretched = np.hstack([-along, along])[:, None]
-    by_y = jacobian(stretched, coordinates(frame, 2, first), width)
-    xi, item = _inside(at, beyond), np.arange(k)
-    which, full = _in_full(chains, b, steps, start, at)
-    parts = np.concatenate([xi[a], -xi[b], np.ones(len(full))])
-    places = np.concatenate([item, item, which]), np.concatenate([at.facet[a], at.facet[b], full])
+    by_y = jacobian(stretched, coordinates(frame, 2, first), d.xi.shape[1])
+    item = np.tile(np.arange(k), 2)
+    parts = np.concatenate([of.xi[of.far], -of.xi[of.near], np.ones(len(of.full))])
+    places = np.concatenate([item, of.which]), np.concatenate([at.facet[both], of.full])
     of_facets = csr_matrix((parts, places), (k, len(frame)))
-    slope = size[at.facet] * ~beyond
-    ends = csr_matrix(
-        (np.concatenate([slope[a], -slope[b]]), (np.tile(item, 2), np.concatenate([a, b]))),
-        (k, len(xi)),
-    )
+    slope = size[at.facet] * ~of.beyond
+    slopes = np.concatenate([slope[of.far], -slope[of.near]])
+    ends = csr_matrix((slopes, (item, both)), (k, len(of.xi)))
     return of_facets @ size, of_facets @ by_y + ends @ d.xi
 
 

@@ -132,10 +132,11 @@ class NormalContact(MovingContact):
         """What is held in a load step that starts at coordinates z."""
         candidates = self.sides.candidates(z)
         meeting = self.sides.meet(z, candidates)
-        f = self.sides.forces(meeting, z, True)[0]
+        own = self.sides.forces(meeting, z, True)
+        f = own[0]
         on = np.flatnonzero((f > 0.0) & meeting.at.met)
         x, y = self.sides.split(z)
-        loads = balanced_loads(self.sides, meeting, z)[0]
+        loads = balanced_loads(self.sides, meeting, z, own)[0]
         functions, limit = self._chart(loads[1]), 0.0
         if len(on):
             of = meeting.at.part(on), x[on], y, (loads[0][on], loads[1])
@@ -188,7 +189,7 @@ class NormalContact(MovingContact):
         on = np.flatnonzero(((f > 0.0) | held.pairs) & meeting.at.met)
         at, d = meeting.at.part(on), meeting.d.part(on, gdim)
         columns = sides.columns[0][on], sides.columns[1]
-        loads, by_loads = balanced_loads(sides, meeting, z)
+        loads, by_loads = balanced_loads(sides, meeting, z, (f, grown))
         rows = self.design.rows(at, x[on], y, (loads[0][on], loads[1]), held.limit, held.chart)
         by_place, by_mu = self.design.derivatives(rows, at, d, columns, sides.width)
         if held.lagged:
