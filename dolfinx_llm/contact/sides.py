@@ -38,6 +38,8 @@ class SideResult:
     slip: Array  # (n, gdim) tangential motion relative to the frame, 0 where open [length]
     status: Array  # (n,) 0 open, 1 stick, 2 slip, 3 closed without friction
     area: Array  # (n,) tributary area: the force of unit pressure [area]
+    pressing: Array  # (n,) normal_force, of second order of its control values, see
+    # ``operators.control``: these are not negative where bodies may part [force]
     facets: Array  # (m, c) corners of the facets that lie between these nodes
     density: Array | None = None  # (n, gdim) of the forces on the surface, see
     # ``density_at_nodes``; None at first order, where the frame's are [force / area]
@@ -65,19 +67,20 @@ def side_result(
     """One side's result from its multipliers (n, c), u and the motion of the point it touches
     (n, gdim), the initial gap that counts (n, gdim) and the status (n,); whether no pair pulls."""
     force = np.einsum("nc,nci->ni", multiplier, pairs.base)
-    motion = u - follows
+    motion, across = u - follows, np.einsum("ni,ni->n", force, pairs.normal)
     normal_motion = np.einsum("ni,ni->n", motion, pairs.normal)
     return SideResult(
         x=pairs.X,
         u=u,
         force=force,
         normal=pairs.normal,
-        normal_force=np.einsum("ni,ni->n", force, pairs.normal),
+        normal_force=across,
         gap=np.zeros(len(force)),
         frame_gap=-normal_motion - np.einsum("ni,ni->n", gap, pairs.normal),
         slip=motion - normal_motion[:, None] * pairs.normal,
         status=status,
         area=pairs.forces,
+        pressing=across,
         facets=pairs.facets,
         density=density_at_nodes(pairs, force, presses),
     )
@@ -120,6 +123,7 @@ def between_bodies(
                 side,
                 force=np.where(idle[:, None], 0.0, side.force),
                 normal_force=np.where(idle, 0.0, side.normal_force),
+                pressing=np.where(idle, 0.0, side.pressing),
                 gap=gap if law.gives else np.where(closed, 0.0, np.maximum(gap, 0.0)),
                 slip=np.where(closed[:, None], side.slip, 0.0),
                 status=np.where(closed, side.status, OPEN),

@@ -15,6 +15,7 @@ from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
 from dolfinx_llm.finite.self_sides import SelfSides
 from dolfinx_llm.finite.terms import ContactTerms, MovingContact
 from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.density import along_normals
 from dolfinx_llm.interface.forces import InterfaceForces, per_area
@@ -38,6 +39,7 @@ class MovingSideResult:
     slip: Array  # (n, gdim) tangential motion on the other body in the last increment [length]
     status: Array  # (n,) 0 open, 1 stick, 2 slip, 3 closed without friction
     area: Array  # (n,) tributary area of what both surfaces cover [area]
+    pressing: Array  # (n,) normal_force, of second order of its control values: see ``SideResult``
     facets: Array  # (m, k) first-order facets of the surface, between all of its nodes
     density: Array | None = None  # (n, gdim) of the forces on what both surfaces cover, see
     # ``density_at_nodes``; None at first order, where it is force per area [force / area]
@@ -218,10 +220,9 @@ def _side(
 ) -> MovingSideResult:
     """Of a surface; what else is given as of ``MovingSideResult``."""
     pressed = np.einsum("ni,ni->n", force, normal)
-    facets = surface.skin
-    return MovingSideResult(
-        surface.x, x, force, normal, pressed, gap, slip, status, area, facets, density
-    )
+    pressing, facets = control_matrices(surface)[0].T @ pressed, surface.skin
+    own = pressed, gap, slip, status, area, pressing, facets, density
+    return MovingSideResult(surface.x, x, force, normal, *own)
 
 
 def _at_nodes(sides: Any, gap: Array) -> Array:

@@ -24,6 +24,7 @@ from dolfinx_llm.problem.form_arguments import listed
 from dolfinx_llm.problem.saving import Saving
 from dolfinx_llm.problem.state_file import Arrays
 
+UNFELT = 1e-9  # of the force that stops a node in a step: pulls by less are rounding
 LATEST_PART = 0.95  # of a step: what comes after it is not worth a step of its own
 INERT = 1e7, 1e5  # inertia over stiffness and that of a step, by which bodies stay where they are
 # at first: linear ones, and others, whose forces are known to rounding of theirs
@@ -34,7 +35,7 @@ class Touch:
     """What bodies meet with at the end of a step; n nodes of all surfaces that may part."""
 
     gap: Array  # (n,) to the frame, 0 where a node meets none [length]
-    force: Array  # (n,) normal, positive in compression [force]
+    force: Array  # (n,) normal, of control values, positive in compression [force]
     kinetic: float  # largest kinetic energy so far [force length]
     largest: float  # largest of the forces so far [force]
 
@@ -49,18 +50,19 @@ class Touch:
         """
         sides = [side for result in results for side in result.sides]
         gap = np.concatenate([np.zeros(0), *(getattr(s, "frame_gap", s.gap) for s in sides)])
-        force = np.concatenate([np.zeros(0), *(s.normal_force for s in sides)])
+        force = np.concatenate([np.zeros(0), *(s.pressing for s in sides)])
         largest = max(before.largest, float(force.max(initial=0.0)))
         gap = np.where(np.isfinite(gap), gap, 0.0)
         return cls(gap, force, max(before.kinetic, kinetic), largest)
 
-    def divides(self, before: Touch, part: float) -> float:
+    def divides(self, before: Touch, part: float, least: float) -> float:
         """Where a step from ``before`` to here is to be divided, as a part of it; 0: nowhere.
 
         Args:
             before: at its start.
             part: of the kinetic energy, that closing may take; its root, of the largest force,
                 pairs may pull with.
+            least: force up to which pulls are rounding [force].
         """
         if len(self.gap) != len(before.gap):  # nothing is known
             return 0.0
@@ -69,7 +71,7 @@ class Touch:
             return 0.5
         pulls = (self.force < 0.0) & (before.force > 0.0)
         pressed, now = float(before.force[pulls].sum()), float(self.force[pulls].sum())
-        allowed = np.sqrt(part) * self.largest
+        allowed = max(np.sqrt(part) * self.largest, least)
         if -now <= allowed:
             return 0.0
         at = (pressed + 0.5 * allowed) / (pressed - now)  # there they hardly pull
@@ -192,11 +194,13 @@ class Steps(Saving):
         if self._adaptive is None:
             return self._touch, 0.0
         v = self._values(self._v)
-        kinetic = 0.5 * self.comm.allreduce(float(v @ times(self._M, v)))
+        momentum = times(self._M, v)
+        told = self.comm.allgather((float(v @ momentum), float(np.abs(momentum).max(initial=0.0))))
+        kinetic, fastest = 0.5 * sum(e for e, _ in told), max(p for _, p in told)
         of = zip(self.problem.interfaces, self.problem.results, strict=True)
         results = [result for i, result in of if i.law.opens and not i.law.gives]
         touch = Touch.of(results, kinetic, self._touch)
-        return touch, touch.divides(self._touch, self._adaptive)
+        return touch, touch.divides(self._touch, self._adaptive, UNFELT * fastest / self.dt)
 
     @property
     def interfaces(self) -> Any:

@@ -21,12 +21,18 @@ def draw(seed, second=False):
     """Scene of a seed, flat, drawn without overlaps, with neither springs nor moved supports."""
     scene, rng = scenes.draw(seed, second), np.random.default_rng([seed, 96])
     scene.walls, scene.radius, scene.load, scene.steps = "", 0.0, "force", [None] * STEPS
-    scene.contacts = [c for c in scene.contacts if not c.moves]
+    closes = [c.law.ties and c.second[0] == "sphere" for c in scene.contacts]  # its gap at once
+    both = zip(scene.contacts, closes, strict=True)
+    scene.contacts = [c for c, at_once in both if not (c.moves or at_once)]
+    if not scene.contacts:
+        below = ("plane", np.zeros(scene.gdim), np.eye(scene.gdim)[-1])
+        scene.contacts = [scenes.Contact((0, 0), below, llm.Frictionless())]
     levels = [(b.low, b.low + b.height) for b in scene.bodies]
     for contact in scene.contacts:
         below, second = contact.first[0], contact.second
         if second[0] == "plane":
             gap = abs(second[1][-1] - levels[0][0])
+            gap = 0.0 if contact.law.ties else gap
             point = np.append(np.zeros(scene.gdim - 1), scene.bodies[0].low - gap)
             contact.second = ("plane", point, second[2])
         elif not isinstance(second[0], str):
@@ -50,7 +56,7 @@ class Flight:
     stepper: llm.TimeStepper
 
     @classmethod
-    def of(cls, scene, variant=None, **kwargs):
+    def of(cls, scene, variant=None, accepted=None, **kwargs):
         """With velocities, other ones for each body."""
         posed = scenes.pose(scene, variant, **kwargs)
         several, time = len(posed.forms) > 1, posed.length / np.sqrt(posed.modulus)
@@ -64,6 +70,7 @@ class Flight:
             bcs=posed.bcs,
             interfaces=posed.interfaces,
             solver="saddle" if solver == "sparse" else solver,
+            accepted=accepted,
             **scene.options,
         )
         posed.problem = stepper.problem

@@ -196,6 +196,21 @@ def test_ten_bounces_of_a_bar():
     assert 0.01 > losses[0] > 5.0 * losses[1] > 20.0 * losses[2] > 0.0
 
 
+@pytest.mark.parametrize("seed", [2202, longer(2237)])
+def test_bodies_of_second_order_that_touch(seed):
+    """Steps are divided neither where surfaces touch without force, of which rounding is left, nor
+    where nodes of second order pull, though none of their control values does: 2202 touches in its
+    third step and presses in its eleventh, 2237 presses in its first."""
+    import random_time
+
+    ends, scene = [], random_time.draw(seed, True)
+    flight = random_time.Flight.of(scene, accepted=lambda s: ends.append(s.t))
+    for _ in range(10):
+        flight.stepper.step()
+    assert len(ends) <= 10 + 3 * (seed == 2237)
+    assert ends[-1] == pytest.approx(10 * flight.stepper.dt)
+
+
 @pytest.mark.long
 def test_damped_impact():
     """100 cells: pressure within 2 % at all times but at the ends of contact, and its time."""
