@@ -96,7 +96,8 @@ class Condensed:
         # combined); they yield together, as the frame does, but for what they yield of themselves.
         # So do those that normals tilt out of the supports: alone they would yield next to nothing.
         together = several & fast
-        held = (pair >= 0) & (_norms(near @ kept) < ALMOST_FAST * _norms(near)) | together
+        mean = several & ~fast & (np.diff(own.indptr) == 0)  # of many nodes
+        held = (pair >= 0) & (_norms(near @ kept) < ALMOST_FAST * _norms(near)) | together | mean
         joint = held & fast & (abs(t.top).T @ free > 0.0)
         joint = np.flatnonzero(joint if joint.sum() <= JOINT else together)
         held = diagonal(held.astype(float))
@@ -112,8 +113,8 @@ class Condensed:
         rows = near @ J + left - of_pairs @ left
         jointly = _jointly(t, keep, joint, d)
         C = keep @ J.T @ per_item(H) @ J @ keep + jointly
-        jumps = J, sides.jumps(t.place.N)
-        return cls(C, rows @ keep, yielding, scaling, jumps, jointly, gdim)
+        of_all = sides.jumps(t.place.N)
+        return cls(C, rows @ keep, yielding, scaling, (J, of_all), jointly, gdim)
 
 
 def _jointly(t: ContactTerms, keep: csr_matrix, joint: Array, d: float) -> csr_matrix:

@@ -20,6 +20,7 @@ from dolfinx_llm.finite.law_rows import LawSystem
 from dolfinx_llm.finite.law_told import ToldContact
 from dolfinx_llm.finite.normal_contact import NormalContact
 from dolfinx_llm.finite.obstacle_contact import ObstacleFriction
+from dolfinx_llm.finite.pressed_obstacle import Pressed
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, moved
 from dolfinx_llm.geometry.surface import Surface
@@ -158,3 +159,12 @@ class LawOnObstacle(LawContact, ObstacleFriction):
         gap = np.where(place.pairs, place.gap, 0.0)
         told = cls.told(alone.sides, law, replace(nodes, area=place.areas[0]), gap)
         return cls(alone.sides, obstacle, alone.forced, *told)
+
+
+@dataclass(frozen=True, eq=False)
+class LawOnPressed(Pressed, LawOnObstacle):
+    """On a rigid obstacle under a force."""
+
+    def _resists(self, place: Any, status: Array, force: Array) -> None:
+        if not self.law.slips:  # it says itself what it bears along the surface
+            super()._resists(place, status, force)

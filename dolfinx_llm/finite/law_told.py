@@ -87,15 +87,20 @@ class ToldContact(Friction):
 
     @property
     def size(self) -> int:
-        nodes = self.sides.surfaces[self.sides.moving]
-        return super().size - (0 if self.law.slips else nodes.x.size)
+        return super().size - (0 if self.law.slips else self._vectors)
+
+    @property
+    def _vectors(self) -> int:
+        """Number of coordinates of the moving side's nodes."""
+        return int(self.sides.surfaces[self.sides.moving].x.size)
 
     def carried(self, q: Array, R: Array) -> Array:
         return super().carried(q, R) if self.law.slips else q
 
     @property
     def owner(self) -> Array:
-        return super().owner[: self.size]
+        every = super().owner
+        return every if self.law.slips else every[: super().size - self._vectors]
 
     def check_reach(self, held: Held, asked: Array) -> None:
         """Require that nodes where the law pulled in the last increment are among those asked (k,).

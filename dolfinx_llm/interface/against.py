@@ -19,6 +19,7 @@ from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.obstacle import Obstacle, Swings
 from dolfinx_llm.interface.obstacles import MeanDisplacement, about_the_mean
 from dolfinx_llm.interface.touching import BURIED, say_depth, steep_rim
+from dolfinx_llm.laws.law import Law
 
 RESISTED = 1e-6  # part of the largest: below it a motion meets no resistance of contact
 REST = 1e-9  # part of a force that rounding may put across what contact resists
@@ -211,13 +212,8 @@ def prescribed_loads(geometry: InterfaceGeometry) -> Array:
     loads = np.zeros(axes.shape[0] * axes.shape[1])
     if obstacle is None:
         return loads
-    if isinstance(obstacle, MeanDisplacement) and not np.array_equal(
-        obstacle.axes(axes.shape[2]), axes[0]
-    ):
-        raise ContactInputError(
-            f"mean={obstacle.mean}: when the problem was made, other components were prescribed. "
-            "Make the problem anew to change that"
-        )
+    if isinstance(obstacle, MeanDisplacement):
+        check_mean(obstacle, axes[0])
     values = forces_on(obstacle, geometry.forced, axes.shape[2])
     if not any(geometry.forced):
         return loads
@@ -229,6 +225,31 @@ def prescribed_loads(geometry: InterfaceGeometry) -> Array:
     left = values - along @ ways
     check_resisted(left, values, obstacle, before=f"interface {geometry.interface.name}: ")
     return -along
+
+
+def check_tied_to_mean(name: str, obstacle: Obstacle, law: Law) -> None:
+    """Require the law that goes with a prescribed mean.
+
+    Raises:
+        ContactInputError: it is another one, on the interface of this name.
+    """
+    if obstacle.everywhere and not law.ties:
+        raise ContactInputError(
+            f"interface {name}: a mean displacement is prescribed with law=Tied()"
+        )
+
+
+def check_mean(mean: MeanDisplacement, before: Array) -> None:
+    """Require that components are prescribed along the same axes (c, gdim) as ``before``.
+
+    Raises:
+        ContactInputError: they are not.
+    """
+    if not np.array_equal(mean.axes(before.shape[1]), before):
+        raise ContactInputError(
+            f"mean={mean.mean}: when the problem was made, other components were prescribed. "
+            "Make the problem anew to change that"
+        )
 
 
 def check_resisted(

@@ -18,7 +18,12 @@ from dolfinx_llm.geometry.overlap_flat import common_area, local_bases
 from dolfinx_llm.geometry.pairs import ContactPairs, locate_pairs
 from dolfinx_llm.geometry.pieces import Piece, separated
 from dolfinx_llm.geometry.surface import Surface
-from dolfinx_llm.interface.against import against_obstacle, loaded, under_force
+from dolfinx_llm.interface.against import (
+    against_obstacle,
+    check_tied_to_mean,
+    loaded,
+    under_force,
+)
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.control import in_control_values, with_control
 from dolfinx_llm.interface.frames import REACH, choose_frame, common_order, move_nodes
@@ -194,10 +199,7 @@ def assembled(
     swings = None
     if interface.obstacle is not None:
         given = loaded(interface.obstacle, gdim)
-        if interface.obstacle.everywhere and not law.ties:
-            raise ContactInputError(
-                f"interface {interface.name}: a mean displacement is prescribed with law=Tied()"
-            )
+        check_tied_to_mean(interface.name, interface.obstacle, law)
         own, base, swings = under_force(interface.obstacle, pairs[0])
         if any(given[gdim:]) and not law.ties:
             raise ContactInputError(

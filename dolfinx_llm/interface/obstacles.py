@@ -204,7 +204,8 @@ def _round(d: Array, radius: float, inside: bool) -> tuple[Array, Array]:
 class MeanDisplacement(Obstacle):
     """The mean displacement of a surface over its area, prescribed; in the place of an obstacle,
     with ``Tied()``. The surface may deform: what acts on it is a uniform traction, as of a load
-    whose size is not known. ``result.resultant`` tells its sum.
+    whose size is not known. ``result.resultant`` tells its sum. At finite deformation area and
+    traction are those of the drawing, a dead load.
 
     Args:
         mean: (gdim,) [length], None where a component is free; may be set anew before every solve.

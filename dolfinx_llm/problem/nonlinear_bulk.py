@@ -124,7 +124,7 @@ def nonlinear_arguments(
             derivatives,
             functions,
             kept_list(bcs, spaces),
-            interface_list(interfaces, spaces) if interfaces != () else [],
+            [] if interfaces in ((), []) else interface_list(interfaces, spaces),
             pressures(loads, spaces),
             nodal_list(nodal_loads, [*spaces, *(b.V for b in blocks if b.mixed)]),
             blocks,

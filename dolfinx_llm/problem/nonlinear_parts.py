@@ -12,9 +12,10 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction_contact import FrictionContact
-from dolfinx_llm.finite.law_contact import LawOnFrame, LawOnObstacle
+from dolfinx_llm.finite.law_contact import LawOnFrame, LawOnObstacle, LawOnPressed
 from dolfinx_llm.finite.load_step import Placed
 from dolfinx_llm.finite.location import INSIDE, find_on_frame
+from dolfinx_llm.finite.mean_obstacle import MovingMean
 from dolfinx_llm.finite.normal_contact import NormalContact
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstacleFriction, OneSide
 from dolfinx_llm.finite.pressed_obstacle import Pressed, PressedFriction
@@ -27,8 +28,9 @@ from dolfinx_llm.finite.tied_contact import TiedContact
 from dolfinx_llm.finite.tied_obstacle import TiedObstacle
 from dolfinx_llm.geometry.spaces import is_function
 from dolfinx_llm.geometry.surface import Surface, extract_surface
-from dolfinx_llm.interface.against import checked_clearance, loaded
+from dolfinx_llm.interface.against import check_tied_to_mean, checked_clearance, loaded
 from dolfinx_llm.interface.choices import Interface, SelfContact
+from dolfinx_llm.interface.obstacles import MeanDisplacement
 from dolfinx_llm.interface.site import Site, find_site, space_of
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
@@ -131,36 +133,31 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     law, obstacle = interface.law, interface.obstacle
     assert obstacle is not None
     own = _is_asked(law)
-    if obstacle.everywhere:
-        raise ContactInputError(
-            f"{type(obstacle).__name__}: mean displacements are of a ContactProblem, for small "
-            "deformation. Here change a uniform traction in F until the mean is met"
-        )
     if obstacle.moment is not None and not isinstance(law, Tied):
         raise ContactInputError(
             f"law={checks.shown(law)}, moment={obstacle.moment!r}: a moment is of the rigid end "
             "of a body, law=Tied(); an obstacle that bodies part from turns as prescribed"
         )
-    if own and obstacle.force is not None:
-        raise ContactInputError(
-            f"law={checks.shown(law)}: against a rigid obstacle at finite deformation choose a "
-            "law of your own where it is moved, and not under a force"
-        )
     site = find_site(interface, dofs.spaces)
     surface = site.whole[0]
+    check_tied_to_mean(interface.name, obstacle, law)
+    if isinstance(obstacle, MeanDisplacement):
+        return _placed(MovingMean.over(surface, obstacle), site.whole, site.spaces, dofs)
     checked_clearance(obstacle, surface.x)
     if isinstance(law, Tied):
         tie = TiedObstacle.between(surface, obstacle, interface.name, law.close_gap)
         return _placed(tie, site.whole, site.spaces, dofs)
     friction: list[Array] = []
     nodes = _nodes(interface, OneSide((surface,)), site, surface.x.ravel(), dofs)
+    pressed = any(loaded(obstacle, surface.x.shape[1]))
     if own:
-        contact = LawOnObstacle.under(law, nodes, surface, obstacle)
+        of_law = LawOnPressed if pressed else LawOnObstacle
+        contact = of_law.under(law, nodes, surface, obstacle)
         return _placed(contact, site.whole, site.spaces, dofs)
     if law.slips:
         bears = law.start(nodes)
         friction = [bears["mu"], bears["cohesive"]]
-    kind = AGAINST[law.slips, any(loaded(obstacle, surface.x.shape[1]))]
+    kind = AGAINST[law.slips, pressed]
     return _placed(kind.of(surface, obstacle, *friction), site.whole, site.spaces, dofs)
 
 

@@ -24,7 +24,7 @@ from dolfinx_llm.problem.form_arguments import listed
 from dolfinx_llm.problem.saving import Saving
 from dolfinx_llm.problem.state_file import Arrays
 
-UNFELT = 1e-9  # of the force that stops a node in a step: pulls by less are rounding
+NO_PULL = 1e-9  # of the force that stops a node in a step: pulls by less are rounding
 LATEST_PART = 0.95  # of a step: what comes after it is not worth a step of its own
 INERT = 1e7, 1e5  # inertia over stiffness and that of a step, by which bodies stay where they are
 # at first: linear ones, and others, whose forces are known to rounding of theirs
@@ -200,7 +200,7 @@ class Steps(Saving):
         of = zip(self.problem.interfaces, self.problem.results, strict=True)
         results = [result for i, result in of if i.law.opens and not i.law.gives]
         touch = Touch.of(results, kinetic, self._touch)
-        return touch, touch.divides(self._touch, self._adaptive, UNFELT * fastest / self.dt)
+        return touch, touch.divides(self._touch, self._adaptive, NO_PULL * fastest / self.dt)
 
     @property
     def interfaces(self) -> Any:

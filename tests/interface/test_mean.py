@@ -1,11 +1,19 @@
-"""Prescribed mean displacements of surfaces: what moves them is a uniform traction."""
+"""Prescribed mean displacements of surfaces: what moves them is a uniform traction.
+
+As a script it prints what several ranks find at finite deformation.
+"""
+
+import json
 
 import numpy as np
 import pytest
 import ufl
+from conftest import run_mpi_json
 from contact_scenes import ABOVE, hold_all, rectangle
 from dolfinx import fem, mesh
 from mpi4py import MPI
+from sampling import longer
+from upright_blocks import FOOT, TOP, block
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -69,6 +77,64 @@ def test_uniform_traction(gdim, order):
     assert problem.results[0].displacement[-1] == pytest.approx(2.0 * mean[-1], abs=1e-13)
 
 
+def moved(kind, degree, solver, traction, mean=None, comm=COMM):
+    """A neo-Hookean block held at its foot, its top under a traction as drawn, or moved in the
+    mean."""
+    domain, tags, V, u, F = block(kind, 4, degree, comm)
+    gdim = domain.geometry.dim
+    ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)
+    F -= ufl.inner(fem.Constant(domain, tuple(traction)), ufl.TestFunction(V)) * ds(TOP)
+    foot = fem.locate_dofs_topological(V, gdim - 1, tags.indices[tags.values == FOOT])
+    bcs = [fem.dirichletbc(fem.Function(V), foot)]
+    sides = []
+    if mean is not None:
+        sides = [llm.Interface(tags, (TOP, llm.MeanDisplacement(mean)), law=llm.Tied())]
+    problem = llm.NonlinearContactProblem(F, u, bcs=bcs, interfaces=sides, solver=solver)
+    problem.solve(increments=2)
+    return problem, [
+        comm.allreduce(fem.assemble_scalar(fem.form(u[k] * ds(TOP)))) for k in range(gdim)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("kind", "degree", "solver"),
+    [
+        ("quad", 1, "saddle"),
+        ("quad", 2, "condensed"),
+        ("tet", 1, "condensed"),
+        longer("quad", 2, "saddle"),
+        longer("tet", 2, "saddle"),
+        longer("tet", 2, "condensed"),
+    ],
+)
+def test_at_finite_deformation(kind, degree, solver, caplog):
+    """As at small strains, where a block is pressed by 5 % and pushed aside by 10 % of its height;
+    with all components prescribed, or the last one alone."""
+    traction = np.array([50.0, -75.0] if kind == "quad" else [40.0, 20.0, -75.0])
+    loaded, mean = moved(kind, degree, "saddle", traction)
+    assert mean[-1] < -0.05 and mean[0] > 0.08
+    for free in (0, len(mean) - 1):
+        left = np.where(np.arange(len(mean)) < free, traction, 0.0)
+        given = [None] * free + mean[free:]
+        problem, found = moved(kind, degree, solver, left, given)
+        np.testing.assert_allclose(problem.u.x.array, loaded.u.x.array, atol=1e-10)
+        np.testing.assert_allclose(found, mean, atol=1e-11)
+        (result,) = problem.results
+        np.testing.assert_allclose(result.displacement, mean, atol=1e-11)
+        np.testing.assert_allclose(result.resultant, left - traction, atol=1e-7)
+    assert "MUMPS instead" not in caplog.text
+    problem.interfaces[0].obstacle.mean = [*mean[:-1], mean[-1]]
+    with pytest.raises(llm.ContactInputError, match="other components were prescribed"):
+        problem.solve()
+
+
+def test_at_finite_deformation_on_two_ranks():
+    problem, found = moved("tet", 1, "condensed", (0.0, 0.0, 0.0), (0.1, None, -0.05))
+    two = run_mpi_json(__file__, 2)
+    np.testing.assert_allclose(two["mean"], found, atol=1e-11)
+    np.testing.assert_allclose(two["resultant"], problem.results[0].resultant, atol=1e-7)
+
+
 def test_refused():
     for wrong in ((None, None), (1.0,), (1.0, "far"), 3.0):
         with pytest.raises(llm.ContactInputError, match="mean=.*give"):
@@ -79,3 +145,11 @@ def test_refused():
     problem.interfaces[0].obstacle.mean = (0.0, 0.1)
     with pytest.raises(llm.ContactInputError, match="other components were prescribed"):
         problem.solve()
+
+
+if __name__ == "__main__":
+    scene = "tet", 1, "condensed", (0.0,) * 3, (0.1, None, -0.05)
+    problem, found = moved(*scene, MPI.COMM_WORLD)
+    if MPI.COMM_WORLD.rank == 0:
+        told = {"mean": found, "resultant": problem.results[0].resultant.tolist()}
+        print(json.dumps(told))

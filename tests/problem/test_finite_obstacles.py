@@ -19,7 +19,7 @@ import dolfinx_llm as llm
 from dolfinx_llm import compat
 from dolfinx_llm.finite import obstacle_contact
 from dolfinx_llm.finite.friction_law import in_plane
-from dolfinx_llm.finite.law_contact import LawOnObstacle
+from dolfinx_llm.finite.law_contact import LawOnObstacle, LawOnPressed
 from dolfinx_llm.finite.terms import Origin
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.laws.rows import CLOSED, SLIP, STICK, LawNodes
@@ -27,6 +27,7 @@ from dolfinx_llm.problem.nonlinear_parts import AGAINST
 
 COMM = MPI.COMM_SELF
 ROUGH = llm.Coulomb(0.3)
+SOFT, GLUE = Soft(30.0, 0.05), Glue(4000.0, ratio=0.5, first=0.05, last=0.6)
 
 
 class Floor(llm.Obstacle):
@@ -232,23 +233,27 @@ def test_tangent_is_the_derivative(gdim, status, force, monkeypatch):
     assert tangent_errors(contact, x.ravel(), q, on, held, rng)[:, 0].max() < 1e-8
 
 
-@pytest.mark.parametrize("gdim", [2, 3])
+@pytest.mark.parametrize(
+    ("gdim", "force"), [(2, None), (2, (None, 2.0)), (3, None), (3, (None, 3.0, 2.0))], ids=str
+)
 @pytest.mark.parametrize("law", [Soft(30.0, 0.05), Glue(40.0, first=1e-3, last=5.0)], ids=str)
-def test_tangent_of_own_laws(gdim, law, monkeypatch):
+def test_tangent_of_own_laws(gdim, force, law, monkeypatch):
     """The same of laws of one's own."""
     monkeypatch.setattr(obstacle_contact, "TURNED_AWAY", -2.0)
     rng = np.random.default_rng(8)
     surface = patch(rng, gdim)
     x = surface.x
-    ball = llm.RigidSphere(np.eye(gdim)[-1] * -3.0, 2.0)
-    contact = LawOnObstacle.under(law, LawNodes(x, *(np.ones(6),) * 7), surface, ball)
+    ball = llm.RigidSphere(np.eye(gdim)[-1] * -3.0, 2.0, force=force)
+    kind = LawOnObstacle if force is None else LawOnPressed
+    contact = kind.under(law, LawNodes(x, *(np.ones(6),) * 7), surface, ball)
     z = (x + 0.03 * rng.standard_normal(x.shape) - 0.15 * np.eye(gdim)[-1]).ravel()
     q, on = np.zeros(contact.size), np.full(6, STICK)
     q[:6], q[6:] = rng.uniform(0.5, 1.5, 6), 0.2 * rng.standard_normal(len(q) - 6)
+    q[6 + x.size * law.slips :] = 0.03
     held = replace(contact.hold(z), scale=5.0)
     place = contact.place(z, q, held)
     if not law.slips:  # rows of a layer, over its stiffness, are exact where it holds
-        q[:] = place.areas[0] * law.p0 * np.expm1(-place.gap / law.h)
+        q[:6] = place.areas[0] * law.p0 * np.expm1(-place.gap / law.h)
     points = contact.here(place) + 0.05 * rng.standard_normal(x.shape)
     held = replace(held, origin=Origin(points, place.gap, on > 0))
     errors, sizes = tangent_errors(contact, z, q, on, held, rng).T
@@ -258,9 +263,10 @@ def test_tangent_of_own_laws(gdim, law, monkeypatch):
 @pytest.mark.parametrize(
     ("kind", "law"),
     some_of(
-        list(itertools.product(KINDS, (llm.Frictionless(), ROUGH))),
-        [("quad", ROUGH), ("tet", llm.Frictionless())],
+        list(itertools.product(KINDS, (llm.Frictionless(), ROUGH, SOFT, GLUE))),
+        [("quad", ROUGH), ("tet", llm.Frictionless()), ("quad", GLUE), ("tet", SOFT)],
     ),
+    ids=str,
 )
 def test_pressed_by_a_force(kind, law):
     """A ball drawn above a block, or under friction a plane, pressed onto it, and the plane along
@@ -294,7 +300,8 @@ def test_pressed_by_a_force(kind, law):
             places.append(result.displacement)
             assert np.abs(result.resultant + force)[-1 if not law.slips else 0 :].max() < 1e-8
         found.append(result.sides[0])
-    assert set(found[0].status) == ({1, 2} if law.slips else {0, 3})
+    status, known = set(found[0].status), {ROUGH: {1, 2}, GLUE: {1}, SOFT: {3}}
+    assert status - {0} == known.get(law, {3}) and (0 in status) <= (not law.slips)
     assert np.abs(found[0].u - found[1].u).max() < 1e-10
     assert np.abs(found[0].force - found[1].force).max() < 1e-8
 
@@ -304,8 +311,7 @@ def test_refused():
     plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
     for law, floor, text in [
         (llm.Frictionless(), llm.RigidPlane((0, 0), (0, 1), moment=1.0), "is of the rigid end"),
-        (llm.Tied(), llm.MeanDisplacement((None, 0.1)), "mean displacements are of a"),
-        (Soft(), llm.RigidPlane((0, 0), (0, 1), force=(None, 1.0)), "not under a force"),
+        (llm.Frictionless(), llm.MeanDisplacement((None, 0.1)), "prescribed with law=Tied"),
         (llm.Coulomb(np.full(3, 0.2)), plane, "for each of 5 nodes"),
         (llm.Frictionless(), llm.RigidPlane((0, 0, 0), (0, 0, 1)), "lies in 3D"),
     ]:
