@@ -144,7 +144,7 @@ class TimeStepper(Steps):
         fixed = self.problem.bulk.dofs.fixed
         alone = nonlinear and not options.get("loads")  # follower loads count as contact
         self._momenta = Momenta(spaces, chosen, fixed, self._M) if alone else None
-        self._adaptive, self._touch = adaptive, Touch(np.zeros(0), np.zeros(0), 0.0, 0.0)
+        self._adaptive, self._touch = adaptive, Touch(*(np.zeros(0),) * 3, 0.0, 0.0)
 
     @property
     def u(self) -> fem.Function | list[fem.Function]:

@@ -35,7 +35,8 @@ class Touch:
     """What bodies meet with at the end of a step; n nodes of all surfaces that may part."""
 
     gap: Array  # (n,) to the frame, 0 where a node meets none [length]
-    force: Array  # (n,) normal, of control values, positive in compression [force]
+    force: Array  # (n,) normal, positive in compression [force]
+    pressing: Array  # (n,) the same of control values, which alone are not to pull [force]
     kinetic: float  # largest kinetic energy so far [force length]
     largest: float  # largest of the forces so far [force]
 
@@ -50,10 +51,11 @@ class Touch:
         """
         sides = [side for result in results for side in result.sides]
         gap = np.concatenate([np.zeros(0), *(getattr(s, "frame_gap", s.gap) for s in sides)])
-        force = np.concatenate([np.zeros(0), *(s.pressing for s in sides)])
+        force = np.concatenate([np.zeros(0), *(s.normal_force for s in sides)])
+        pressing = np.concatenate([np.zeros(0), *(s.pressing for s in sides)])
         largest = max(before.largest, float(force.max(initial=0.0)))
         gap = np.where(np.isfinite(gap), gap, 0.0)
-        return cls(gap, force, max(before.kinetic, kinetic), largest)
+        return cls(gap, force, pressing, max(before.kinetic, kinetic), largest)
 
     def divides(self, before: Touch, part: float, least: float) -> float:
         """Where a step from ``before`` to here is to be divided, as a part of it; 0: nowhere.
@@ -69,8 +71,8 @@ class Touch:
         taken = 0.5 * float(self.force @ np.maximum(before.gap, 0.0))
         if taken > part * self.kinetic:
             return 0.5
-        pulls = (self.force < 0.0) & (before.force > 0.0)
-        pressed, now = float(before.force[pulls].sum()), float(self.force[pulls].sum())
+        pulls = (self.pressing < 0.0) & (before.pressing > 0.0)
+        pressed, now = float(before.pressing[pulls].sum()), float(self.pressing[pulls].sum())
         allowed = max(np.sqrt(part) * self.largest, least)
         if -now <= allowed:
             return 0.0
@@ -220,7 +222,7 @@ class Steps(Saving):
         common, local = self.problem.state_arrays()
         touch = self._touch
         common |= {"time": np.array([self.t, self.dt, touch.kinetic, touch.largest])}
-        common |= {"touch": np.array([touch.gap, touch.force])}
+        common |= {"touch": np.array([touch.gap, touch.force, touch.pressing])}
         own = {"displacement": self._values(self._u), "velocity": self._values(self._v)}
         return common, local | own | {"inertia": self._left}
 
