@@ -15,7 +15,7 @@ from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import OPEN
 
 FELT = 1e-9  # part of the largest force or motion, below which there is none
-IDLE = 1e-14  # force over the surfaces' stiffness times their motion that is rounding
+IDLE = 1e-13  # force over the surfaces' stiffness times their motion that is rounding
 
 
 @dataclass(frozen=True, eq=False)

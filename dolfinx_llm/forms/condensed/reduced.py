@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix
+from scipy.sparse import csc_matrix, hstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
@@ -94,11 +94,9 @@ class WeakMotions:
     def __init__(
         self, comm: MPI.Comm, W: Array, times: Product, norm: Callable[[Array], float]
     ) -> None:
-        self._comm, self._W, self._norm = comm, csr_matrix(W), norm
-        product = np.column_stack([times(column) for column in W.T])
-        product[np.abs(product) <= GRAIN * np.abs(product).max(initial=0.0)] = 0.0  # inside bodies
-        self._product = csr_matrix(product)
-        self._energy = comm.allreduce((self._W.T @ self._product).toarray())
+        self._comm, self._W, self._norm = comm, W, norm
+        self._product = hstack([_grainless(times(column)) for column in W.T], format="csr")
+        self._energy = comm.allreduce((self._product.T @ W).T)
 
     def take(self, q: Array, left: Array) -> Array:
         """What is left, once q has taken of W what that leaves no force along, where that gains:
@@ -110,6 +108,12 @@ class WeakMotions:
             return left
         q += self._W @ part
         return after
+
+
+def _grainless(product: Array) -> csc_matrix:
+    """(n, 1) forces of a motion, without rounding: there are none inside bodies."""
+    least = GRAIN * np.abs(product).max(initial=0.0)
+    return csc_matrix(np.where(np.abs(product) > least, product, 0.0)[:, None])
 
 
 def _inverse_root(M: Array) -> Array:

@@ -196,13 +196,13 @@ class Transformation:
         """(q_local, k) q of motions of this rank's dofs (n_local, k) and of the frames (m, k), as
         far as they have places in it: zero at prescribed dofs and idle places."""
         S, n = self.split.surface, len(self.fixed)
-        body = np.where(self.fixed[:, None], 0.0, body)
         values = np.zeros((n + self.tail.sizes[0], body.shape[1]))
-        there = self.tail.left >= 0
-        values[n + self.tail.left[there]] = (self._N_S.T @ body[S])[there]
-        values[n + self.tail.seats] = frame[self.tail.mine_used]
-        body[S] = 0.0
         values[:n] = body
+        values[:n][self.fixed] = 0.0
+        there = self.tail.left >= 0
+        values[n + self.tail.left[there]] = (self._N_S.T @ values[S])[there]
+        values[n + self.tail.seats] = frame[self.tail.mine_used]
+        values[S] = 0.0
         return values
 
 
