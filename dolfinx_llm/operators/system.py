@@ -21,7 +21,6 @@ from dolfinx_llm.operators.assemble import assemble_B, assemble_L_b, frame_opera
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.both_sides import held_on_both_sides
 from dolfinx_llm.operators.floating import Floating
-from dolfinx_llm.operators.motions import rigid_motions
 from dolfinx_llm.operators.numbering import (
     BodyDofs,
     Numbering,
@@ -71,6 +70,7 @@ class ContactOperators:
         stiffness: per interface that of its sides [force / length].
         diagonal: (n_local,) of K [force / length].
         floating: rigid motions that need contact to be held; none where ties hold all.
+        firm: whether supports and ties hold all bodies, whatever springs do.
 
     Raises:
         ContactError: there are ties alone, and they and supports leave a motion free.
@@ -160,9 +160,7 @@ class ContactOperators:
 
     def _check_support(self, K: PETSc.Mat) -> None:
         """Require that supports and ties hold every body, if these are all there is."""
-        rigid = rigid_motions(self.bodies, K, self.dofs.fixed)
-        constraints = _constraints(self) if rigid.free else []
-        rigid, loose = floating_motions(rigid, constraints, self.tied)
+        rigid, loose, self.firm = floating_motions(self, K)
         self.floating = Floating(rigid, self.B, self.rows.numbering, loose)
 
     @property
@@ -279,20 +277,3 @@ def anatomy(operators: ContactOperators) -> list[str]:
         ]
     lines = [line for geometry in operators.geometries for line in describe(geometry)]
     return [text] * bool(repeated) + [shared] * bool(names) + loose + lines
-
-
-def _constraints(operators: ContactOperators) -> list[tuple[csr_matrix | None, csr_matrix]]:
-    """Per interface L_b, None without a frame, and Bᵀ of the bodies' rigid motions."""
-    bodies, moves, labels = operators.bodies, [], operators.dofs.spread(operators.bodies.label)
-    for side, dofs in zip(operators.pairs, operators.side_dofs, strict=True):
-        label = operators.dofs.values(dofs[:, 0], labels)
-        modes = bodies.own_modes(label.astype(np.int64), side.places)
-        move = np.einsum("nci,nim->ncm", side.base, modes)
-        n, c, m = move.shape
-        first = np.broadcast_to(m * label.astype(np.int64)[:, None, None], move.shape)
-        columns = (first + np.arange(m)).ravel(), m * np.arange(n * c + 1)
-        moves.append(csr_matrix((move.ravel(), *columns), (n * c, m * bodies.count)))
-    return [
-        (L if L.shape[1] else None, scipy.sparse.vstack(moves[place.sides], format="csr"))
-        for place, L in zip(operators.places, operators.blocks, strict=True)
-    ]
