@@ -121,10 +121,12 @@ def is_symmetric(K: PETSc.Mat, diagonal: Array | None = None) -> bool:
         return scale * times(K, scale * v), scale * times(K, scale * w)
 
     size = diagonal_of(K) if diagonal is None else diagonal
-    Kv, Kw = scaled(size)
-    # Of a positive definite matrix no row is much larger than its diagonal entry then.
-    largest = max(np.abs(Kv).max(initial=0.0), np.abs(Kw).max(initial=0.0))
-    if comm.allreduce(bool((size <= 0.0).any() or not largest < TOLD), op=MPI.LOR):
+    told = comm.allreduce(bool((size > 0.0).all()), op=MPI.LAND)
+    if told:  # of a positive definite matrix no row is much larger than its diagonal entry then
+        Kv, Kw = scaled(size)
+        largest = max(np.abs(Kv).max(initial=0.0), np.abs(Kw).max(initial=0.0))
+        told = comm.allreduce(bool(largest < TOLD), op=MPI.LAND)
+    if not told:
         size = np.sqrt(sum(times(K, rng.choice((-1.0, 1.0), n)) ** 2 for _ in range(PROBES)))
         Kv, Kw = scaled(size)
     mine = np.array([v @ Kw, w @ Kv, Kv @ Kv, w @ w])

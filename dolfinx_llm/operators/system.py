@@ -137,7 +137,8 @@ class ContactOperators:
             ties[place.rows] = geometry.interface.law.ties
         shared = self.held | (self.interfaces_at > 1)
         rows = np.flatnonzero(ties & shared)
-        self.redundant[rows] = repeated(self._said(rows))
+        if len(rows):
+            self.redundant[rows] = repeated(self._said(rows))
         self.loops = np.zeros(len(self.held), dtype=bool)
         if not self.tied:
             rest = np.flatnonzero(shared & ~self.redundant & ~self.soft)
