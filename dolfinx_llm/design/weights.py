@@ -16,6 +16,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.sparse import largest_entry
 from dolfinx_llm.design.arguments import weight_arguments
 from dolfinx_llm.design.residual import (
     Corrections,
@@ -116,7 +117,7 @@ def balanced_rows(
         ]
         found = _corrected(loading, N, keep, weights)
         residual = np.abs(loading.residual(found)).max()
-        change = max(abs(M - L).max() for M, L in zip(found, N, strict=True))
+        change = max(largest_entry(M - L) for M, L in zip(found, N, strict=True))
         # What passes with the smaller correction; else what is nearer to passing.
         rank = (max(residual, allowed), change if residual <= allowed else 0.0)
         if rank < least:

@@ -12,6 +12,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import gather_rows
+from dolfinx_llm.base.sparse import beside
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.against import prescribed_loads
@@ -89,7 +90,7 @@ class ContactOperators:
         with times.timed("operators"):
             self._number()
             self.B = assemble_B(self.rows, dofs)
-            self.L = scipy.sparse.block_diag(self.blocks, format="csr")
+            self.L = beside(self.blocks)
             self._find_repeated()
             self.L_b = assemble_L_b(self.comm, self.L, self.rows.numbering, self.frames)
         with times.timed("support check"):
