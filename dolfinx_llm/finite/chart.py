@@ -46,38 +46,42 @@ def _along(element: Element) -> int:
 
 def _is_across(element: Element) -> bool:
     """Whether one is the coordinate across."""
-    return element.dim == 1 and element.order > 1
+    return element.order > 1
 
 
-def chart(Y: Array, element: Element, forces: Array) -> Array:
-    """(m, c) functions on a frame as drawn: 1, coordinates in its mean plane, and their products at
-    second order; in the plane there also that across, 0 if the others tell it; orthogonal.
+def chart(Y: Array, normals: Array, element: Element, forces: Array) -> Array:
+    """(m, c) functions on a frame as drawn: 1, coordinates along it, and at second order their
+    products and the coordinate across, 0 if the others tell it; orthogonal.
+
+    Along it is where its normals point least: not where its nodes spread most, which is the plane
+    of its circle for a short closed tube, where x² + y² is constant, and rows reproduce z.
 
     Of a frame that folds, the part that is covered may be seen edgewise there: then the mean is
     that over this part.
 
     Args:
         Y: (m, gdim) nodes as drawn [length].
+        normals: (m, gdim) of these, unit vectors.
         element: of the frame's facets.
         forces: (m,) of unit pressure on what is covered [area].
     """
     every = np.ones(len(Y))
-    found = _functions(Y, element, every)
+    found = _functions(Y, normals, element, every)
     covered = np.maximum(forces, 0.0) / (forces.max(initial=0.0) or 1.0)
     there = found[covered > 0.0, : _along(element)]
     size = np.linalg.norm(there, axis=0)
     seen = np.linalg.svd(there / np.where(size > 0.0, size, 1.0), compute_uv=False)
     if len(there) and seen[-1] < EDGEWISE * seen[0]:
-        return _functions(Y, element, covered + ELSEWHERE)
+        return _functions(Y, normals, element, covered + ELSEWHERE)
     return found
 
 
-def _functions(Y: Array, element: Element, weights: Array) -> Array:
+def _functions(Y: Array, normals: Array, element: Element, weights: Array) -> Array:
     """The same, orthogonal in a weighted (m,) sense."""
     root = np.sqrt(weights / weights.sum())[:, None]
     centred = Y - (root**2 * Y).sum(axis=0)
-    axes = np.linalg.svd(root * centred, full_matrices=False)[2]
-    s = centred @ axes.T
+    axes = np.linalg.svd(root * normals, full_matrices=False)[2]
+    s = centred @ axes[::-1].T  # the last is that across
     length = np.linalg.norm(root * s, axis=0)
     across = s[:, -1] / length[0]
     s = s[:, :-1] / length[:-1]

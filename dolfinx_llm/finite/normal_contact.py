@@ -171,7 +171,7 @@ class NormalContact(MovingContact):
 
     def _chart(self, forces: Array) -> Array:
         """Of the design, for forces (m,) of unit pressure on what is covered of the frame."""
-        return chart(self.sides.surfaces[self.sides.frame].x, self.design.element, forces)
+        return chart(*self.sides.drawn_frame, self.design.element, forces)
 
     def place(self, z: Array, q: Array, held: Held) -> NormalPlace:
         """Pairs, rows and gaps with derivatives: what does not depend on forces.

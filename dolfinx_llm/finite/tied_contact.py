@@ -83,7 +83,8 @@ class TiedContact(MovingContact):
             )
         if found is None:
             at, loads = meeting.at.part(on), ((sides.control[0].T @ f)[on], sides.control[1].T @ fy)
-            of, functions = (at, x[on], y, loads), chart(y, design.element, loads[1])
+            functions = chart(*sides.drawn_frame, design.element, loads[1])
+            of = at, x[on], y, loads
             rows = design.rows(*of, design.smallest_limit(*of, functions), functions)
             found = on, rows.matrix(len(y)), float(np.abs(rows.delta).max())
         on, own, delta = found

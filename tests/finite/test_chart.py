@@ -15,12 +15,13 @@ def test_across():
     element, angle = element_of(1, 3), np.arange(0.0, 2.0 * np.pi, 0.1)
     ring = np.column_stack([2.0 * np.cos(angle), 2.0 * np.sin(angle)])
     straight = np.column_stack([angle, 0.5 * angle])
-    for Y, many in ((ring, 4), (straight, 3)):
-        found = chart(Y, element, np.ones(len(Y)))
+    of_line = np.tile([-0.5, 1.0] / np.hypot(0.5, 1.0), (len(angle), 1))
+    for Y, normals, many in ((ring, 0.5 * ring, 4), (straight, of_line, 3)):
+        found = chart(Y, normals, element, np.ones(len(Y)))
         assert found.shape == (len(Y), functions_of(element))
         expected = np.diag(np.arange(4) < many).astype(float)
         assert np.abs(found.T @ found / len(Y) - expected).max() < 1e-12
-    functions = chart(ring, element, np.ones(len(ring)))
+    functions = chart(ring, 0.5 * ring, element, np.ones(len(ring)))
     of_ring = functions @ np.linalg.lstsq(functions, ring, rcond=None)[0]
     assert np.abs(of_ring - ring).max() < 1e-12
 
