@@ -29,7 +29,9 @@ TRIED = {2: 6, 3: 12}  # facets next to a node that it may meet
 AROUND = 1.5  # radii of the largest facet, within which all are tried for the rest
 MET = 1e-10  # distance over facet size that is left where a node has met a facet
 AS_HIGH = 1e-6  # of a facet: difference of heights that is none
-INSIDE = 1e-9  # shape functions above minus this: within a facet
+# Shape functions above minus this: within a facet. A node that comes to rest on the edge of two is
+# on the same one in each iteration: derivatives differ, and Newton's would go to and fro.
+INSIDE = 1e-6
 MISSED = 1e3  # reference coordinates of what does not meet a facet
 FOCUS = 1e-9  # of a facet's size to the power of d: what is left where normals run together
 VAGUE = 0.1  # length of the mean of unit normals below which a facet's nodes tell no direction

@@ -37,3 +37,18 @@ def test_functions_may_depend_on_each_other():
     mu, kappa = bordered(M, G, r, 1e-9 * np.array([0.0, 1.0, 1.0]))
     assert np.abs(M @ mu + G @ kappa - r).max() < 1e-7
     assert np.abs(one @ mu) < 1e-7
+
+
+def test_short_tube():
+    """Closed, shorter than twice its radius: the plane of its circle is not along it, since 1, x²
+    and y² depend on each other there; z and z², which rows reproduce, belong to them."""
+    angle, z = np.meshgrid(np.arange(0.0, 2.0 * np.pi, 0.1), np.linspace(-0.4, 0.4, 5))
+    normals = np.column_stack([np.cos(angle).ravel(), np.sin(angle).ravel(), np.zeros(angle.size)])
+    Y = 2.0 * normals + np.outer(z.ravel(), [0.0, 0.0, 1.0])
+    for nodes, many in ((4, 3), (9, 7)):
+        found = chart(Y, normals, element_of(2, nodes), np.ones(len(Y)))
+        assert found.shape == (len(Y), many)
+        assert np.abs(found.T @ found / len(Y) - np.eye(many)).max() < 1e-12
+        wanted = np.column_stack([Y, Y[:, 2] ** 2]) if nodes == 9 else Y[:, 2:]
+        told = found @ np.linalg.lstsq(found, wanted, rcond=None)[0]
+        assert np.abs(told - wanted).max() < 1e-12

@@ -329,3 +329,12 @@ def test_pressure_around_a_body():
     assert (
         max(np.abs(force.sum(axis=0)).max(), np.abs(np.cross(x, force).sum(axis=0)).max()) < 1e-15
     )
+
+
+def test_on_an_edge():
+    """A node that lies on the edge of two facets but for what Newton's iteration leaves is on the
+    same one."""
+    y = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.3]])
+    facets, normals = np.array([[0, 1], [1, 2]]), np.tile([0.0, 1.0], (3, 1))
+    x = np.array([[1.0 + by, 0.1] for by in (-1e-3, -1e-7, 0.0, 1e-7, 1e-3)])
+    assert find_on_frame(x, y, facets, normals).facet.tolist() == [0, 0, 0, 0, 1]

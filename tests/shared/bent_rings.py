@@ -11,9 +11,10 @@ from dolfinx_llm import compat
 COMM = MPI.COMM_SELF
 
 
-def ring(n, low, high, first, order=2, tag=1):
+def ring(n, low, high, first, order=2, tag=1, layers=0, height=1.0, hexahedra=True):
     """A mesh, at second order a curved one, of a closed ring, n cells around from an angle on; its
-    inner circle has the tag given, the outer one the next."""
+    inner circle has the tag given, the outer one the next. With layers it is a closed tube of a
+    height, of hexahedra or of tetrahedra."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     geo, make, around = gmsh.model.geo, gmsh.model.mesh, range(4)
@@ -24,19 +25,29 @@ def ring(n, low, high, first, order=2, tag=1):
     loops = [
         geo.addCurveLoop([arcs[0][i], lines[(i + 1) % 4], -arcs[1][i], -lines[i]]) for i in around
     ]
-    surfaces = [geo.addPlaneSurface([loop]) for loop in loops]
-    geo.synchronize()
+    bodies = [geo.addPlaneSurface([loop]) for loop in loops]
     for curves, k in ((sum(arcs, []), n // 4), (lines, n // 8)):
         for curve in curves:
-            make.setTransfiniteCurve(curve, k + 1)
-    for surface in surfaces:
-        make.setTransfiniteSurface(surface)
-    for k, curves in enumerate(arcs, tag):
-        gmsh.model.addPhysicalGroup(1, curves, k)
-    gmsh.model.addPhysicalGroup(2, surfaces, 3)
-    make.generate(2)
+            geo.mesh.setTransfiniteCurve(curve, k + 1)
+    for face in bodies:
+        geo.mesh.setTransfiniteSurface(face)
+    gdim, sides = 2, arcs
+    if layers:
+        for face in bodies if hexahedra else ():
+            geo.mesh.setRecombine(2, face)
+        made = [
+            geo.extrude([(2, face)], 0, 0, height, numElements=[layers], recombine=hexahedra)
+            for face in bodies
+        ]
+        bodies = [of[1][1] for of in made]
+        gdim, sides = 3, [[of[i][1] for of in made] for i in (2, 4)]
+    geo.synchronize()
+    for k, entities in enumerate(sides, tag):
+        gmsh.model.addPhysicalGroup(gdim - 1, entities, k)
+    gmsh.model.addPhysicalGroup(gdim, bodies, 3)
+    make.generate(gdim)
     make.setOrder(order)
-    domain, _, tags = compat.model_to_mesh(gmsh.model, COMM, 0, gdim=2)
+    domain, _, tags = compat.model_to_mesh(gmsh.model, COMM, 0, gdim=gdim)
     gmsh.finalize()
     return domain, tags
 
