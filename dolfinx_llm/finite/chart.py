@@ -17,7 +17,9 @@ from scipy.sparse.linalg import splu
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.sparse import diagonal
+from dolfinx_llm.geometry.cells import areas_around, unit
 from dolfinx_llm.geometry.element import Element
+from dolfinx_llm.geometry.surface import Surface
 
 Control = tuple[csr_matrix, csr_matrix]
 
@@ -47,6 +49,12 @@ def _along(element: Element) -> int:
 def _is_across(element: Element) -> bool:
     """Whether one is the coordinate across."""
     return element.order > 1
+
+
+def chart_of(frame: Surface, forces: Array) -> Array:
+    """``chart`` of a surface as drawn; forces (m,) of unit pressure on what is covered [area]."""
+    normals = unit(areas_around(frame.x, frame.skin))
+    return chart(frame.x, normals, frame.element, forces)
 
 
 def chart(Y: Array, normals: Array, element: Element, forces: Array) -> Array:

@@ -28,7 +28,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item, summing
 from dolfinx_llm.design.rises import rises
 from dolfinx_llm.finite.balanced import balanced_loads
-from dolfinx_llm.finite.chart import borne_by, chart, functions_of
+from dolfinx_llm.finite.chart import borne_by, chart_of, functions_of
 from dolfinx_llm.finite.design import Design, DesignedRows
 from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.location import OnFrame
@@ -171,7 +171,7 @@ class NormalContact(MovingContact):
 
     def _chart(self, forces: Array) -> Array:
         """Of the design, for forces (m,) of unit pressure on what is covered of the frame."""
-        return chart(*self.sides.drawn_frame, self.design.element, forces)
+        return chart_of(self.sides.surfaces[self.sides.frame], forces)
 
     def place(self, z: Array, q: Array, held: Held) -> NormalPlace:
         """Pairs, rows and gaps with derivatives: what does not depend on forces.

@@ -169,12 +169,6 @@ class Sides:
         """(m, gdim) unit normals of the frame's nodes, out of its body."""
         return unit(areas_around(self.split(z)[1], self.skin(False)))
 
-    @cached_property
-    def drawn_frame(self) -> tuple[Array, Array]:
-        """(m, gdim) the frame's nodes as drawn [length], and their unit normals."""
-        Y = self.surfaces[self.frame].x
-        return Y, unit(areas_around(Y, self.skin(False)))
-
     def meet(self, z: Array, candidates: Array) -> Meeting:
         """How the surfaces meet at coordinates z (width,); kept until they are elsewhere.
 

@@ -17,7 +17,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.sparse import diagonal, summing
 from dolfinx_llm.finite.areas import Covered
-from dolfinx_llm.finite.chart import chart
+from dolfinx_llm.finite.chart import chart_of
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.sides import Meeting, Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place
@@ -83,7 +83,7 @@ class TiedContact(MovingContact):
             )
         if found is None:
             at, loads = meeting.at.part(on), ((sides.control[0].T @ f)[on], sides.control[1].T @ fy)
-            functions = chart(*sides.drawn_frame, design.element, loads[1])
+            functions = chart_of(sides.surfaces[sides.frame], loads[1])
             of = at, x[on], y, loads
             rows = design.rows(*of, design.smallest_limit(*of, functions), functions)
             found = on, rows.matrix(len(y)), float(np.abs(rows.delta).max())
