@@ -153,6 +153,10 @@ def row_stencil_weights(N: csr_matrix, ring: csr_matrix, frame: Frame, width: in
     corners = own if frame.element.order == 1 else inner_part((N @ _to_corners(frame)).tocsr())
     if width > 1:
         return (corners @ reduce(matmul, [ring] * width)).tocsr()
+    if corners is own:  # both at once
+        row = np.repeat(np.arange(ring.shape[0]), np.diff(ring.indptr))
+        value = np.where(ring.indices == row, 1.0, OUTER)
+        return (own @ csr_matrix((value, ring.indices, ring.indptr), ring.shape)).tocsr()
     return (OUTER * (corners @ ring) + (1.0 - OUTER) * own).tocsr()
 
 
