@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 
 SYMMETRY = "dolfinx_llm_symmetric"  # attribute of a matrix: its state, and whether it was so then
-TOLD = 1e4  # largest row over its diagonal entry, about, up to which that tells how large it is
+OVERSIZE = 1e4  # largest row over its diagonal entry, about, up to which that tells how large it is
 PROBES = 8  # products that tell how large a row is, to a factor of 10 for all of 10^7 rows
 
 
@@ -125,7 +125,7 @@ def is_symmetric(K: PETSc.Mat, diagonal: Array | None = None) -> bool:
     if told:  # of a positive definite matrix no row is much larger than its diagonal entry then
         Kv, Kw = scaled(size)
         largest = max(np.abs(Kv).max(initial=0.0), np.abs(Kw).max(initial=0.0))
-        told = comm.allreduce(bool(largest < TOLD), op=MPI.LAND)
+        told = comm.allreduce(bool(largest < OVERSIZE), op=MPI.LAND)
     if not told:
         size = np.sqrt(sum(times(K, rng.choice((-1.0, 1.0), n)) ** 2 for _ in range(PROBES)))
         Kv, Kw = scaled(size)
