@@ -124,7 +124,9 @@ MIRRORED = [
 @pytest.mark.parametrize("mu, kind, degree", MIRRORED)
 def test_mirror(mu, kind, degree):
     """Half a hairpin on a rigid plane in its middle, without friction, carries the same forces at
-    all nodes; so it does where the whole has friction, since nothing slips."""
+    all nodes; so it does where the whole has friction, since nothing slips. Legs of hexahedra that
+    are pressed more buckle along each other, from rounding."""
+    ways = CLOSES if kind == "quad" else (*CLOSES[:2], folding.RADIUS + 0.01)
     chosen = {"kind": kind, "layers": 3}
     whole, jaws = folding.problem(*folding.hairpin(MPI.COMM_WORLD, **chosen), mu, degree=degree)
     domain, tags = folding.hairpin(MPI.COMM_WORLD, half=True, **chosen)
@@ -132,8 +134,8 @@ def test_mirror(mu, kind, degree):
     plane = llm.RigidPlane((0.0, 0.0, 0.0)[:dim], (0.0, 1.0, 0.0)[:dim])
     touch = llm.Interface(tags, (folding.INSIDE, plane), law=llm.Frictionless())
     half, jaw = folding.problem(domain, tags, interfaces=[touch], middle=True, degree=degree)
-    first, second = fold(whole, jaws)
-    (side,) = fold(half, jaw)
+    first, second = fold(whole, jaws, ways)
+    (side,) = fold(half, jaw, ways)
     at = np.linalg.norm(side.X[:, None] - first.X, axis=2).argmin(axis=1)
     force, size = (first.force + second.force)[at], np.abs(side.force).max()
     assert (np.abs(force[:, 1]) > 0.1 * size).sum() > 5
