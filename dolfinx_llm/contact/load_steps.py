@@ -146,7 +146,7 @@ def _judged(iteration: ContactIteration, found: StepResult, f: Array, g: Array) 
         verdict = judge(left, terms, iteration.forces, form.describe(), form.tolerance)
     check_rounding(verdict.rounding)
     drift = operators.floating.drift(equations.L, equations.n_v, equations.closed_rows())
-    left_open = neutral(equations, operators.floating)
+    left_open = neutral(equations, operators.floating, multiplier)
     iteration.verdict = replace(verdict, drift=drift, neutral=left_open)
     for words in iteration.verdict.lost if operators.comm.rank == 0 else []:
         log.warning(words)

@@ -132,20 +132,23 @@ def plate_on_disc(gdim, n, load, eccentric, **options):
 )
 def test_a_plate_tilts_on_a_disc(monkeypatch, gdim, n, load, eccentric):
     """Until it meets the disc a second time. Gaps are far larger than displacements, and forces of
-    gaps than those of contact. All forms agree; 60 iterations were not enough, or left 1e-7."""
-    found = []
+    gaps than those of contact. All forms agree; 60 iterations were not enough, or left 1e-7. On a
+    ball of few facets it rocks across its tilt, from one that touches without force to the next,
+    which is said, whether it ends at one or between them: forces are the same."""
+    found, rocks = [], gdim == 3
     for solver, limit in (("saddle", 10**6), ("saddle", 0), ("condensed", 0)):
         monkeypatch.setattr(choice, "FLEXIBLE", limit)
         with plate_on_disc(gdim, n, load, eccentric, solver=solver) as problem:
             u = np.concatenate([one.x.array for one in problem.solve()])
-            assert len(problem.history) <= 20 and "leaves a motion open" not in str(problem)
+            assert len(problem.history) <= 20
+            assert ("leaves a motion open" in str(problem)) == rocks
             side = problem.results[0].sides[1]
             found.append((u, side.normal_force))
             weight = 2.4 ** (gdim - 1) * 0.4 * load
             assert abs(side.normal_force.sum() - weight) <= 1e-8 * weight
             along = side.normal_force @ side.x[:, 0]
             assert abs(along - 0.48 * eccentric * weight) <= 1e-8 * weight
-    for one, *others in zip(*found, strict=True):
+    for one, *others in list(zip(*found, strict=True))[rocks:]:
         for other in others:
             assert np.abs(one - other).max() <= 2e-8 * np.abs(one).max()
 
