@@ -100,6 +100,15 @@ class RigidMotions:
         return "; ".join(words)
 
 
+def _combined(fields: Array, parts: Array, of: Array) -> Array:
+    """(n, j) of fields (n, k) by parts (b, k, j), of those ``of`` each (n,); one by one, as tables
+    (n, k, j) are the largest of all."""
+    found = np.zeros((len(fields), parts.shape[2]))
+    for k in range(parts.shape[1]):
+        found += fields[:, k, None] * parts[:, k][of]
+    return found
+
+
 def no_motions(bodies: Bodies, n: int) -> RigidMotions:
     """None at all, of bodies with n dofs on this rank: where ties hold them nobody asks."""
     none, parts = csr_matrix((n, 0)), np.zeros((0, bodies.ways))
@@ -114,7 +123,7 @@ def rigid_motions(bodies: Bodies, K: Any, fixed: Array) -> RigidMotions:
     R = bodies.own_modes(bodies.label, bodies.points).reshape(-1, bodies.ways)
     allowed = _allowed(bodies, fixed)
     moved = np.zeros((len(fixed), allowed.shape[2]))  # of all bodies at once
-    moved[bodies.dofs] = np.einsum("nw,nwk->nk", R, allowed[of])
+    moved[bodies.dofs] = _combined(R, allowed, of)
     moved[fixed] = 0.0
     pushed, diagonal = products(K, moved), np.abs(diagonal_of(K))[bodies.dofs]
     found = _of_bodies(bodies, of, allowed, (moved[bodies.dofs], pushed[bodies.dofs], diagonal))
@@ -131,7 +140,7 @@ def rigid_motions(bodies: Bodies, K: Any, fixed: Array) -> RigidMotions:
     shape, columns = (len(fixed), k), number[of]
     modes, forces = (
         placed(
-            np.einsum("nk,nkj->nj", field[bodies.dofs], C[of]) * (columns >= first),
+            _combined(field[bodies.dofs], C, of) * (columns >= first),
             bodies.dofs[:, None],
             columns,
             shape,
