@@ -91,7 +91,8 @@ def test_motions_move_no_support():
 
 @pytest.mark.parametrize("spring", [0.0, 1e-6, 1.0])
 def test_supports_leave_motions_whatever_springs_do(spring):
-    bodies, _, fixed = Squares(count=2, spring=spring).parts([*PIN, ((1.0, 0.0), 1)])
+    squares = Squares(count=2, spring=spring)  # its communicator goes with it
+    bodies, _, fixed = squares.parts([*PIN, ((1.0, 0.0), 1)])
     body, parts = left_by_supports(bodies, fixed)
     assert body.tolist() == [1, 1, 1] and np.linalg.matrix_rank(parts) == 3
 
