@@ -97,9 +97,6 @@ def independent_rows(D: csr_matrix, least: float = RANK) -> Array:
     if not scale:
         return np.zeros(0, dtype=np.int64)
     order = reverse_cuthill_mckee((D @ D.T).tocsr(), symmetric_mode=True)
-    if len(order) <= INCOMING:
-        R, pivots = qr(D.toarray()[order].T / scale, mode="r", pivoting=True)
-        return np.sort(order[pivots[: int((np.abs(np.diag(R)) > least).sum())]])
     D, none = (D[order] / scale).tocsc(), np.zeros(0, dtype=np.int64)
     filled = np.flatnonzero(np.diff(D.indptr))
     D = D[:, filled].tocsc()

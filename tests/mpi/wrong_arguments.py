@@ -1031,10 +1031,6 @@ def bent_end(s, end):
     return s.nonlinear(interfaces=llm.Interface(s.bent[1], sides, law=llm.Tied()))
 
 
-add(
-    "mean displacements are of a ContactProblem",
-    lambda s: bent_end(s, llm.MeanDisplacement((None, 0.1))),
-)
 add("increments=", *(lambda s, x=x: s.nonlinear().solve(x) for x in (0, "2", INF)))
 
 # Wrong on one rank alone: on all of them an error, and none waits.
