@@ -18,7 +18,7 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.operators.numbering import Numbering
-from dolfinx_llm.operators.prescribed import RANK, pieces
+from dolfinx_llm.operators.prescribed import RANK, REPEATED, pieces
 
 SMALL = 200  # rows or columns up to which dense algebra is as fast
 TURNS = 4  # steps of inverse iteration
@@ -87,7 +87,7 @@ def eliminate_at_nodes(dofs: Array, vectors: Array, fixed: Array) -> NodeElimina
     free = ~fixed[nodes]
     S = np.zeros((*shape, gdim))
     S[group, place] = vectors * free[group]
-    inverse = np.linalg.pinv(S, rcond=1e-10)
+    inverse = np.linalg.pinv(S, rcond=REPEATED)
     value = inverse[group, :, place]
     A = _csr(value, dofs, np.broadcast_to(np.arange(R)[:, None], dofs.shape), (n, R))
 
