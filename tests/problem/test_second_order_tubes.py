@@ -53,11 +53,11 @@ class Tubes:
         stress = (eps + NU / (1 - 2 * NU) * ufl.tr(eps) * ufl.Identity(self.gdim)) / (1 + NU)
         return ufl.inner(stress, ufl.grad(ufl.TestFunction(self.spaces[k]))) * ufl.dx
 
-    def linear(self):
+    def linear(self, solver="saddle"):
         a = [self.form(k, ufl.TrialFunction(V)) for k, V in enumerate(self.spaces)]
         L = [ufl.inner(fem.Function(V), ufl.TestFunction(V)) * ufl.dx for V in self.spaces]
-        chosen = {"bcs": self.bcs, "interfaces": self.interfaces, "solver": "saddle"}
-        return self.solved(llm.ContactProblem(a, L, **chosen))[1]
+        chosen = {"bcs": self.bcs, "interfaces": self.interfaces, "solver": solver}
+        return self.solved(llm.ContactProblem(a, L, **chosen))
 
     def nonlinear(self):
         us = [fem.Function(V) for V in self.spaces]
@@ -96,6 +96,18 @@ def test_plane_strain(counts, layers, motion, more, most):
     assert iterations <= 5
 
 
+@pytest.mark.parametrize(("counts", "most"), [((8, 12), 6), longer((16, 24), 14)])
+def test_condensed(counts, most):
+    """Forces of the saddle form. Along the axis open pairs of ends that are held move by what
+    rounding leaves of their rows at free dofs, and these were eliminated by it: forces were off by
+    1e-3, and contact did not come to rest. With 16:24 cells, by multigrid, the way along the
+    surface was left out of the forecast of what presses: contact went back and forth."""
+    known = Tubes(counts, (2, 3), (0.01, 0.0), FREE).linear()[1]
+    iterations, found = Tubes(counts, (2, 3), (0.01, 0.0), FREE).linear("condensed")
+    assert found == pytest.approx(known, rel=1e-8)
+    assert iterations <= most
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("law", [FREE, RUBS], ids=str)
 @pytest.mark.parametrize("hexahedra", [True, False])
@@ -106,5 +118,5 @@ def test_finite_deformation_agrees(held, motion, most, hexahedra, law):
     friction it went to and fro."""
     tubes = Tubes((16, 24), (2, 3), (motion, 0.0), law, hexahedra, held=held)
     iterations, found = tubes.nonlinear()
-    assert found[0] == pytest.approx(tubes.linear()[0], rel=most)
+    assert found[0] == pytest.approx(tubes.linear()[1][0], rel=most)
     assert iterations <= (4 if law is FREE else 16)
