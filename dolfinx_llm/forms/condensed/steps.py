@@ -133,17 +133,12 @@ class CondensedForm(WholeSteps):
         """The same, with those rows wrong that will change."""
         if not found.wrong.any() or (self.friction is not None and self.friction.direct):
             return found
-        told = self._symmetric(step) or self._free  # by the balance of frames and jumps
+        # By the balance of frames and jumps.
+        told = self._symmetric(step) or _smooth(self.operators)
         bodies = self.operators.floating if told else None
         pressing = _pressing(step, self._stiffness, found, bodies, f)
         wrong = step.may_open & (pressing != step.active)
         return replace(found, wrong=wrong) if wrong.any() else found
-
-    @property
-    def _free(self) -> bool:
-        """Whether nothing acts along any surface that bodies may slide on."""
-        laws = [geometry.interface.law for geometry in self.operators.geometries]
-        return all(law.follows or not (law.slips or law.gives) for law in laws)
 
     @cached_property
     def _stiffness(self) -> Array:
@@ -266,6 +261,12 @@ class _Symmetric:
 
     def destroy(self) -> None:
         """What is set up may serve the next step."""
+
+
+def _smooth(operators: ContactOperators) -> bool:
+    """Whether nothing acts along any surface that bodies may slide on."""
+    laws = [geometry.interface.law for geometry in operators.geometries]
+    return all(law.follows or not (law.slips or law.gives) for law in laws)
 
 
 def _pressing(
