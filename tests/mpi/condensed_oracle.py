@@ -65,8 +65,7 @@ def system(problem, base, eliminated, L, bs, proximal, options):
         np.repeat(np.arange(len(frame_owner)), bs),
         3,
     )
-    dofs, diagonal = np.concatenate(problem.operators.side_dofs), problem.operators.diagonal
-    split = SplitStiffness(problem.K.copy(), dofs, diagonal)
+    split = SplitStiffness(problem.K.copy(), np.concatenate(problem.operators.side_dofs))
     made = CondensedSystem(
         split, rows, problem.bulk.dofs.fixed, problem.scale, proximal=proximal, options=options
     )
