@@ -20,7 +20,6 @@ from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.finite.friction import Friction, tangential
 from dolfinx_llm.finite.law_rows import Linear, Tangents, linear
 from dolfinx_llm.finite.terms import Held
-from dolfinx_llm.geometry.cells import cell_sizes
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import CLOSED, OPEN, LawNodes
 
@@ -200,7 +199,7 @@ class ToldContact(Friction):
             jump = kept.jump.copy()
             jump[at] = nodes.jump
             surface = self.sides.surfaces[self.sides.moving]
-            least = PULLS * held.scale * cell_sizes(surface.x, surface.facets).max()
+            least = PULLS * held.scale * surface.facet_size
             return Kept(history, jump, q[: len(jump)] < -least)
 
         return ended

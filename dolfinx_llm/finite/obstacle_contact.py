@@ -30,7 +30,7 @@ from dolfinx_llm.finite.areas import everything, surface_integrals
 from dolfinx_llm.finite.friction import MET_AT, Friction
 from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Origin, Place, held_fast
-from dolfinx_llm.geometry.cells import cell_sizes, facet_vectors
+from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.against import checked_clearance, forces_on, loaded
@@ -277,7 +277,7 @@ class ObstacleFriction(Friction, ObstacleContact):
         surface = self.sides.surfaces[0]
         X = self.posed(held.pose_before).back(self.sides.split(place.z)[0])
         gap = self.sides.control @ self._clearance(X)
-        gap[gap < MET_AT * cell_sizes(surface.x, surface.facets).max()] = 0.0
+        gap[gap < MET_AT * surface.facet_size] = 0.0
         return Origin(self.sides.control @ X, gap, closed)
 
     def here(self, place: ObstaclePlace) -> Array:

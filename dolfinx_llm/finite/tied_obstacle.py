@@ -22,7 +22,7 @@ from dolfinx_llm.finite.obstacle_contact import ObstaclePlace, OneSide, Pose
 from dolfinx_llm.finite.pressed_obstacle import Pressed
 from dolfinx_llm.finite.terms import ContactTerms, Held
 from dolfinx_llm.finite.tied_contact import DRAWN, LITTLE_AREA, determined
-from dolfinx_llm.geometry.cells import cell_sizes, facet_vectors
+from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.against import (
     RESISTED,
@@ -67,7 +67,7 @@ class TiedObstacle(Pressed):
             ContactInputError: there are gaps that are not to be closed.
         """
         pairs, _ = against_obstacle(obstacle, surface, name, [], None)
-        size = float(cell_sizes(surface.x, surface.facets).max())
+        size = surface.facet_size
         tied = np.isin(np.arange(len(surface.x)), pairs.nodes)
         gap, into = checked_clearance(obstacle, surface.x)
         contact = cls(

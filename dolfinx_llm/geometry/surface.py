@@ -16,7 +16,7 @@ from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import check, collective, gather_rows
-from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.cells import cell_sizes, vector_areas
 from dolfinx_llm.geometry.element import Element, element_of
 from dolfinx_llm.geometry.spaces import order_of
 
@@ -44,6 +44,11 @@ class Surface:
         """(s, c) first-order facets between all nodes."""
         parts = self.element.parts
         return self.cells[:, parts].reshape(-1, parts.shape[1])
+
+    @cached_property
+    def facet_size(self) -> float:
+        """Of the largest facet, see ``cell_sizes`` [length]."""
+        return float(cell_sizes(self.x, self.facets).max())
 
     @property
     def element(self) -> Element:

@@ -100,15 +100,6 @@ class RigidMotions:
         return "; ".join(words)
 
 
-def _combined(fields: Array, parts: Array, of: Array) -> Array:
-    """(n, j) of fields (n, k) by parts (b, k, j), of those ``of`` each (n,); one by one, as tables
-    (n, k, j) are the largest of all."""
-    found = np.zeros((len(fields), parts.shape[2]))
-    for k in range(parts.shape[1]):
-        found += fields[:, k, None] * parts[:, k][of]
-    return found
-
-
 def no_motions(bodies: Bodies, n: int) -> RigidMotions:
     """None at all, of bodies with n dofs on this rank: where ties hold them nobody asks."""
     none, parts = csr_matrix((n, 0)), np.zeros((0, bodies.ways))
@@ -153,6 +144,15 @@ def rigid_motions(bodies: Bodies, K: Any, fixed: Array) -> RigidMotions:
     body = np.array([b for b, _ in order], dtype=np.int64)
     stiffness = 0.5 * (stiffness + stiffness.T)
     return RigidMotions(bodies, body, parts, free, modes, forces, stiffness, noise)
+
+
+def _combined(fields: Array, parts: Array, of: Array) -> Array:
+    """(n, j) of fields (n, k) by parts (b, k, j), of those ``of`` each (n,); one by one, as tables
+    (n, k, j) are the largest of all."""
+    found = np.zeros((len(fields), parts.shape[2]))
+    for k in range(parts.shape[1]):
+        found += fields[:, k, None] * parts[:, k][of]
+    return found
 
 
 def _allowed(bodies: Bodies, R: Array, of: Array, fixed: Array) -> Array:

@@ -16,7 +16,6 @@ from dolfinx_llm.contact.past import from_the_past
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.choice import form_named
 from dolfinx_llm.forms.step import ROUNDED_FORCE, StepForm
-from dolfinx_llm.geometry.cells import cell_sizes
 from dolfinx_llm.operators.petsc import is_symmetric, times
 from dolfinx_llm.operators.reactions import with_reactions
 from dolfinx_llm.operators.system import ContactOperators
@@ -126,8 +125,7 @@ class ContactMethod:
             for state in self.states:
                 if state.law.opens and (state.law.shares or not state.nodes.kappa.size):
                     force = self.iteration.multiplier[state.nodes.rows[:, -1]]
-                    of = [p.surface for p in state.nodes.geometry.pairs]
-                    size = max(cell_sizes(s.x, s.facets).max() for s in of)
+                    size = max(p.surface.facet_size for p in state.nodes.geometry.pairs)
                     presses = force > ROUNDED_FORCE * operators.scale * size
                     state.stays = presses & (not self.starts)
         motions = operators.obstacle_motions()

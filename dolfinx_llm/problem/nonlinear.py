@@ -19,7 +19,6 @@ from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.newton import NewtonSteps
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.finite.results import MovingInterfaceResult, moving_results
-from dolfinx_llm.geometry.cells import cell_sizes
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.output.pictured import Pictured
 from dolfinx_llm.problem.memory import INSTANT, Memory, Remembering
@@ -105,7 +104,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
             followers = [follower_of(load, dofs) for load in self.loads]
         system, self.method, self._why = numbered(contacts, dofs, solver, options)
         surfaces = [s for c in contacts for s in c.what.sides.surfaces]
-        size = float(max([cell_sizes(s.x, s.facets).max() for s in surfaces] or [1.0]))
+        size = max([s.facet_size for s in surfaces] or [1.0])
         self._newton = NewtonSteps(
             Equations(self.bulk, contacts, followers, system, size, self.times)
         )

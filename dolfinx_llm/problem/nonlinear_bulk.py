@@ -117,6 +117,7 @@ def nonlinear_arguments(
         check_petsc_options(options[1], options[0])
         checks.one_of("solver", solver, SOLVERS)
     blocks = [Blocks(V, scalar=False) for V in spaces]
+    none = isinstance(interfaces, (list, tuple)) and not interfaces
     with collective(comm):
         given = NonlinearArguments(
             isinstance(u, (list, tuple)),
@@ -124,7 +125,7 @@ def nonlinear_arguments(
             derivatives,
             functions,
             kept_list(bcs, spaces),
-            [] if interfaces in ((), []) else interface_list(interfaces, spaces),
+            [] if none else interface_list(interfaces, spaces),
             pressures(loads, spaces),
             nodal_list(nodal_loads, [*spaces, *(b.V for b in blocks if b.mixed)]),
             blocks,
