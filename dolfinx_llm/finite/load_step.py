@@ -13,8 +13,9 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.system import NewtonSystem, mean_diagonal
 from dolfinx_llm.finite.terms import ContactTerms, slide
-from dolfinx_llm.forms.step import ROUNDED_FORCE
 from dolfinx_llm.operators.numbering import BodyDofs
+
+ROUNDED_FORCE = 1e-12  # over stiffness and facets, by inertia that holds bodies at the start
 
 
 class Bodies(Protocol):

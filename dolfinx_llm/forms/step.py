@@ -16,7 +16,6 @@ from dolfinx_llm.operators.system import ContactOperators
 
 SIGN = 1e-11  # relative: what rounding may not switch
 ROUNDED_GAP = 4.0 * float(np.finfo(float).eps)  # of positions
-ROUNDED_FORCE = 1e-12  # over stiffness and facets, by inertia that holds bodies at the start
 LEAST_FELT = 3e-11  # of scale times the motion at the start of a load step: no forces are smaller
 GRAZING = 1e-3  # forces below this part of scale times motion count as none
 SOFT = 1e-6  # compliance, relative to the surface's, with which forces at supports change

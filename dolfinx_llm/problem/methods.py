@@ -15,7 +15,7 @@ from dolfinx_llm.contact.load_steps import advance
 from dolfinx_llm.contact.past import from_the_past
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.choice import form_named
-from dolfinx_llm.forms.step import ROUNDED_FORCE, StepForm
+from dolfinx_llm.forms.step import StepForm
 from dolfinx_llm.operators.petsc import is_symmetric, times
 from dolfinx_llm.operators.reactions import with_reactions
 from dolfinx_llm.operators.system import ContactOperators
@@ -125,9 +125,7 @@ class ContactMethod:
             for state in self.states:
                 if state.law.opens and (state.law.shares or not state.nodes.kappa.size):
                     force = self.iteration.multiplier[state.nodes.rows[:, -1]]
-                    size = max(p.surface.facet_size for p in state.nodes.geometry.pairs)
-                    presses = force > ROUNDED_FORCE * operators.scale * size
-                    state.stays = presses & (not self.starts)
+                    state.stays = (force > 0.0) & (not self.starts)
         motions = operators.obstacle_motions()
         g = self._gaps(f, motions)
         stage = "solve" if operators.tied else "iteration of contact laws"
