@@ -3,10 +3,11 @@ constructors, by way of other formats, cost more than all that is done with the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import block_diag, csr_matrix
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
@@ -58,6 +59,24 @@ def placed(values: Array, rows: Array, columns: Array, shape: tuple[int, int]) -
     there = values != 0.0
     row, column = (np.broadcast_to(at, values.shape)[there] for at in (rows, columns))
     return csr_matrix((values[there], (row, column)), shape)
+
+
+def largest_entry(matrix: csr_matrix) -> float:
+    """Largest absolute value; 0 of none.
+
+    >>> largest_entry(csr_matrix([[0.0, -2.0], [1.0, 0.0]])), largest_entry(csr_matrix((2, 2)))
+    (2.0, 0.0)
+    """
+    return float(np.abs(matrix.data).max(initial=0.0))
+
+
+def beside(blocks: Sequence[csr_matrix]) -> csr_matrix:
+    """Block diagonal matrix; a single block as it is.
+
+    >>> beside([csr_matrix([[1.0]]), csr_matrix([[2.0]])]).toarray().tolist()
+    [[1.0, 0.0], [0.0, 2.0]]
+    """
+    return blocks[0] if len(blocks) == 1 else block_diag(blocks, format="csr")
 
 
 def symmetric_factors(A: Any, pivots: bool = False) -> Any:

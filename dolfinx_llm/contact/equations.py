@@ -13,11 +13,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import block_diag, csr_matrix, hstack, identity
+from scipy.sparse import csr_matrix, hstack, identity
 from scipy.sparse import vstack as stack
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import diagonal, per_item, picking, symmetric_factors
+from dolfinx_llm.base.sparse import beside, diagonal, per_item, picking, symmetric_factors
 from dolfinx_llm.contact.friction_nodes import friction_nodes
 from dolfinx_llm.contact.led import rows_of, told
 from dolfinx_llm.contact.loose import release
@@ -70,9 +70,10 @@ class Equations:
         self.soft = (operators.soft | operators.loops) & loose
         self.felt = max(SIGN, ROUNDED_OFF) if operators.loops.any() else SIGN
         self.compliance = np.zeros(self.n)
-        L = block_diag([nodes.L for nodes in places], format="csr")
-        L_kappa = block_diag([nodes.L_kappa for nodes in places], format="csr")
-        self.whole, self.n_v = hstack([L, L_kappa], format="csr"), L.shape[1]
+        L, L_kappa = beside([s.L for s in places]), beside([s.L_kappa for s in places])
+        self.whole, self.n_v = L, L.shape[1]
+        if L_kappa.shape[1]:
+            self.whole = hstack([L, L_kappa], format="csr")
         self.m = self.whole.shape[1]
         self.L, self.L_t = seen_by(self.whole, self.n_v)
         self._frames = FrameRows(self.states, self.m, self.n_v, proximal, self.scale)

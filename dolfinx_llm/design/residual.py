@@ -13,12 +13,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import bsr_matrix, csr_matrix, diags
+from scipy.sparse import bsr_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.base.sparse import symmetric_factors
+from dolfinx_llm.base.sparse import diagonal, symmetric_factors
 from dolfinx_llm.design.stencils import RowStencils, monomials, spread
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.loads import NodalLoads, squares
@@ -139,17 +139,17 @@ class Corrections:
     def equations(self) -> csr_matrix:
         """(m c, m c) sum_p c_p P_p c_pᵀ / w_p, by which mu changes the residual."""
         m, c = self.m, self.at[0].shape[1]
-        diagonal, seen = np.zeros((m, c, c)), []
+        alone, seen = np.zeros((m, c, c)), []
         for st, load, area in zip(self.stencils, self.at, self.areas, strict=True):
             weight = spread(1.0 / area, st.indptr) * st.root**2
             for i in range(c):
                 for j in range(c):
-                    diagonal[:, i, j] += np.bincount(st.nodes, weight * load[:, i] * load[:, j], m)
+                    alone[:, i, j] += np.bincount(st.nodes, weight * load[:, i] * load[:, j], m)
             root = (spread(1.0 / np.sqrt(area), st.indptr) * st.root)[:, None] * load
             blocks, q = st.Q[:, :, None] * root[:, None], st.Q.shape[1]
             B = bsr_matrix((blocks, st.nodes, st.indptr), (st.shape[0] * q, m * c))
             seen.append((B.T @ B).tocsr())  # blocks are multiplied in a fifth of the time
-        own = bsr_matrix((diagonal, np.arange(m), np.arange(m + 1)), (m * c, m * c))
+        own = bsr_matrix((alone, np.arange(m), np.arange(m + 1)), (m * c, m * c))
         return (own.tocsr() - sum(seen)).tocsr()
 
     def under(self, mu: Array) -> list[Array]:
@@ -223,17 +223,17 @@ def without_compatible(r: Array, parts: Parts) -> Array:
     return r
 
 
-def pins(A: csr_matrix, parts: Parts) -> Any:
+def pins(A: csr_matrix, parts: Parts) -> csr_matrix:
     """Diagonal that fixes the compatible functions on each part, where they are held best.
 
     The right-hand side is free of them, so pinning changes no equation. SHIFT is for what else A
     cannot see, as where rows that are kept leave strips of stencils; refinement makes up for it.
     """
-    diagonal = A.diagonal()
-    largest = diagonal.max()
+    held = A.diagonal()
+    largest = held.max()
     if not largest > 0.0:  # no row may be corrected
-        return diags(np.ones(len(diagonal)))
-    pins = np.where(diagonal <= 1e-14 * largest, largest, SHIFT * largest)
+        return diagonal(np.ones(len(held)))
+    pins = np.where(held <= 1e-14 * largest, largest, SHIFT * largest)
     for nodes, U in parts:
         rest = U.copy()
         for _ in range(U.shape[1]):
@@ -241,4 +241,4 @@ def pins(A: csr_matrix, parts: Parts) -> Any:
             best = int(size.argmax())
             pins[nodes[best]] = largest
             rest = rest - np.outer(rest @ rest[best], rest[best]) / size[best]
-    return diags(pins)
+    return diagonal(pins)

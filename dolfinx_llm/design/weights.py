@@ -16,6 +16,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.sparse import largest_entry
 from dolfinx_llm.design.arguments import weight_arguments
 from dolfinx_llm.design.residual import (
     Corrections,
@@ -116,7 +117,7 @@ def balanced_rows(
         ]
         found = _corrected(loading, N, keep, weights)
         residual = np.abs(loading.residual(found)).max()
-        change = max(abs(M - L).max() for M, L in zip(found, N, strict=True))
+        change = max(largest_entry(M - L) for M, L in zip(found, N, strict=True))
         # What passes with the smaller correction; else what is nearer to passing.
         rank = (max(residual, allowed), change if residual <= allowed else 0.0)
         if rank < least:
@@ -152,6 +153,10 @@ def row_stencil_weights(N: csr_matrix, ring: csr_matrix, frame: Frame, width: in
     corners = own if frame.element.order == 1 else inner_part((N @ _to_corners(frame)).tocsr())
     if width > 1:
         return (corners @ reduce(matmul, [ring] * width)).tocsr()
+    if corners is own:  # both at once
+        row = np.repeat(np.arange(ring.shape[0]), np.diff(ring.indptr))
+        value = np.where(ring.indices == row, 1.0, OUTER)
+        return (own @ csr_matrix((value, ring.indices, ring.indptr), ring.shape)).tocsr()
     return (OUTER * (corners @ ring) + (1.0 - OUTER) * own).tocsr()
 
 

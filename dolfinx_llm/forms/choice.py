@@ -39,7 +39,7 @@ def choose_solver(
     symmetric."""
     if isinstance(asked, StepForm):
         return asked, "as given"
-    symmetric = is_symmetric(K)
+    symmetric = is_symmetric(K, operators.diagonal)
     if asked == "condensed" and not symmetric:
         raise ContactError(
             "solver='condensed' needs a symmetric stiffness, and the form a is not symmetric: use "

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import gather_rows
@@ -18,7 +18,7 @@ from dolfinx_llm.forms.exchange import WholeSteps, row_stiffness
 from dolfinx_llm.forms.step import LinearStep, StepResult
 from dolfinx_llm.laws.forecast import Forecast
 from dolfinx_llm.operators.numbering import Numbering
-from dolfinx_llm.operators.petsc import create_aij, join_blocks, with_springs
+from dolfinx_llm.operators.petsc import create_aij, join_blocks, local_csr, with_springs
 
 STALLED = 1  # steps towards a load that leave no fewer wrong signs than any before
 
@@ -95,11 +95,12 @@ class FactorisedStep:
         held = K
         if len(step.anchor):
             held = with_springs(K, step.pins, np.full(K.getLocalSize()[0], step.spring))
-        blocks = _blocks(self._comm, B, step, numbers, scale)
-        self._matrix, self._places = join_blocks([[held, *blocks[0]], *blocks[1:]])
-        for M in (*(M for row in blocks for M in row), None if held is K else held):
-            if M is not None:
-                M.destroy()
+        B, B_t, own = _blocks(B, step, numbers, scale)
+        self._matrix, (body, rest) = join_blocks([[held, B], [B_t, own]])
+        rows = np.split(rest, [len(numbers[0].mine)])
+        self._places = body, *rows
+        for M in (B, B_t, own, *([] if held is K else [held])):
+            M.destroy()
         self._solver = DirectSolver(self._matrix, prefix, options, own=True)
 
     def ask(
@@ -114,12 +115,9 @@ class FactorisedStep:
         b = np.zeros(self._matrix.getLocalSize()[0])
         b[places[0]] = f
         b[places[1]] = np.where(self._active, -c * g, 0.0)[rows.mine]
-        if len(places) > 2:
-            b[places[2]] = -rhs[frames.mine]
+        b[places[2]] = -rhs[frames.mine]
         x = self._solver.solve(b)
         multiplier = gather_rows(self._comm, c * x[places[1]])[rows.number]
-        if len(places) == 2:
-            return x[places[0]], multiplier, np.zeros(0)
         return x[places[0]], multiplier, gather_rows(self._comm, x[places[2]])[frames.number]
 
     def destroy(self) -> None:
@@ -128,45 +126,33 @@ class FactorisedStep:
 
 
 def _blocks(
-    comm: MPI.Comm, B: PETSc.Mat, step: LinearStep, numbers: Sequence[Numbering], c: float
-) -> list[list[PETSc.Mat | None]]:
-    """Blocks of the system but for the first."""
-    rows, frames = numbers
-    on = step.active.astype(float)
-    picked = _aij(comm, diags(c * on).tocsr(), rows, rows)
-    B = B.matMult(picked)
-    picked.destroy()
-    B_t = B.copy()
-    B_t.transpose()
-    idle = diags(np.where(step.active, -(c**2) * step.compliance, c)).tocsr()
-    own = _aij(comm, idle, rows, rows)
-    if not step.L.shape[1]:
-        return [[B], [B_t, own]]
-    L = _aij(comm, (diags(-c * on) @ step.L).tocsr(), rows, frames)
-    E = _aij(comm, (step.E @ diags(-c * on)).tocsr(), frames, rows)
-    D = _aij(comm, (-step.D).tocsr(), frames, frames)
-    return [[B, None], [B_t, own, L], [None, E, D]]
-
-
-def _aij(comm: MPI.Comm, M: csr_matrix, rows: Numbering, cols: Numbering) -> PETSc.Mat:
-    """PETSc AIJ of a matrix known to every rank, with a stored diagonal where it is square.
+    B: PETSc.Mat, step: LinearStep, numbers: Sequence[Numbering], c: float
+) -> tuple[PETSc.Mat, PETSc.Mat, PETSc.Mat]:
+    """B, Bᵀ and the rest of the system, in which λ / c and w of each rank stand together.
 
     PETSc hands MUMPS the upper triangle from each row's stored diagonal on: on several ranks rows
-    without one lose entries.
+    without one lose entries. All of the diagonal is stored.
     """
-    if rows is cols:
-        pattern = csr_matrix(
-            (np.ones(M.shape[0]), np.arange(M.shape[0]), np.arange(M.shape[0] + 1))
-        )
-        M = _union(M.tocsr(), pattern)
-    local: Any = M[rows.mine].tocoo()
-    local = csr_matrix((local.data, (local.row, cols.number[local.col])), shape=local.shape)
-    return create_aij(comm, rows.sizes, cols.sizes, local)
+    comm, (rows, frames) = B.comm.tompi4py(), numbers
+    n, m = rows.sizes[1], frames.sizes[1]
+    both = Numbering(np.concatenate([rows.owner, frames.owner]), rows.rank)
+    on = c * step.active
+    factor, place = np.empty(n), np.empty(n, dtype=np.int64)
+    factor[rows.number], place[rows.number] = on, both.number[:n]
+    own = local_csr(B)
+    shape = own.shape[0], n + m
+    own = csr_matrix((own.data * factor[own.indices], place[own.indices], own.indptr), shape)
+    B = create_aij(comm, B.getSizes()[0], both.sizes, own)
+    B_t = B.copy()
+    B_t.transpose()
 
-
-def _union(M: csr_matrix, pattern: csr_matrix) -> csr_matrix:
-    """M with stored zeros where the pattern has entries."""
-    a, b = M.tocoo(), pattern.tocoo()
-    data = np.concatenate([a.data, np.zeros(b.nnz)])
-    index = np.concatenate([a.row, b.row]), np.concatenate([a.col, b.col])
-    return csr_matrix((data, index), M.shape)
+    L, E, D, every = step.L.tocoo(), step.E.tocoo(), step.D.tocoo(), np.arange(n + m)
+    idle = np.where(step.active, -(c**2) * step.compliance, c)
+    value = -on[L.row] * L.data, -E.data * on[E.col], -D.data, idle, np.zeros(m)
+    row = np.concatenate([L.row, n + E.row, n + D.row, every])
+    col = np.concatenate([n + L.col, E.col, n + D.col, every])
+    mine = both.owner[row] == both.rank
+    first = both.number[both.mine].min(initial=n + m)
+    index = both.number[row[mine]] - first, both.number[col[mine]]
+    local = csr_matrix((np.concatenate(value)[mine], index), both.sizes)
+    return B, B_t, create_aij(comm, both.sizes, both.sizes, local)

@@ -155,10 +155,12 @@ def _linear(k: int, xi: Array) -> tuple[Array, Array]:
     if k == 4:
         # Column by column: of many points, tiny axes cost more than all that is done with them.
         (a, b), N, dN = xi.T, np.empty((n, 4)), np.empty((n, 4, 2))
-        for j, (s, t) in enumerate(CORNERS[4]):
-            along, across = 1.0 + s * a, 1.0 + t * b
-            N[:, j] = 0.25 * along * across
-            dN[:, j, 0], dN[:, j, 1] = 0.25 * s * across, 0.25 * t * along
+        ends = (1.0 - a, 1.0 + a), (0.25 * (1.0 - b), 0.25 * (1.0 + b))
+        for j, (s, t) in enumerate(((0, 0), (1, 0), (1, 1), (0, 1))):
+            along, across = ends[0][s], ends[1][t]
+            np.multiply(along, across, out=N[:, j])
+            dN[:, j, 0] = across if s else -across
+            np.multiply(along, 0.25 if t else -0.25, out=dN[:, j, 1])
         return N, dN
     N = np.column_stack([1.0 - xi.sum(axis=1), xi])
     dN = np.vstack([-np.ones(k - 1), np.eye(k - 1)])

@@ -11,6 +11,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.sparse import largest_entry
 from dolfinx_llm.design.balance import balance
 from dolfinx_llm.design.bent import bent_normals, bent_rows
 from dolfinx_llm.design.curved import (
@@ -219,7 +220,7 @@ def designed(
     singular = rank_certificate(frame, N)
     size = max(p.surface.diameter for p in pairs)
     linear = max(np.abs(plane.project(p.x) - plane.project(p.x - p.gap)).max() for p in pairs)
-    change = 0.0 if N is plain else max(np.abs(a - b).max() for a, b in zip(N, plain))
+    change = 0.0 if N is plain else max(largest_entry(a - b) for a, b in zip(N, plain))
     return pairs, Certificate(residual, before, singular, float(linear / size), float(change))
 
 

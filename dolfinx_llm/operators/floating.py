@@ -59,11 +59,14 @@ class Floating:
         self.modes = self.rigid.modes[:, : self.count]
         self.pins = rigid.pins(self.count)
         self._pinned = self.modes[self.pins]
-        at_pins = vstack(self.comm.allgather(self._pinned), format="csc")
-        self.square = (at_pins.T @ at_pins).tocsr()
-        self._at_pins = splu(at_pins) if self.count else None
-        own = (local_csr(B).T @ self.rigid.modes).tocsr()
-        self.G = self.comm.allreduce(own)[rows.number]  # (n, k) Bᵀ of all rigid motions
+        self.square, self._at_pins = csr_matrix((0, 0)), None
+        if self.count:
+            at_pins = vstack(self.comm.allgather(self._pinned), format="csc")
+            self.square, self._at_pins = (at_pins.T @ at_pins).tocsr(), splu(at_pins)
+        self.G = csr_matrix((rows.sizes[1], 0))  # (n, k) Bᵀ of all rigid motions
+        if len(rigid.body):
+            own = (local_csr(B).T @ self.rigid.modes).tocsr()
+            self.G = self.comm.allreduce(own)[rows.number]
 
     def at_pins(self, amounts: Array) -> Array:
         """Motion of this rank's pins for (count,) α [length]."""

@@ -17,7 +17,7 @@ from scipy.sparse import bsr_matrix, csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import placed
 from dolfinx_llm.operators.bodies import Bodies
-from dolfinx_llm.operators.petsc import diagonal_of, times
+from dolfinx_llm.operators.petsc import diagonal_of, products
 
 STILL = 1e-10  # part of its size by which a rigid motion may move prescribed dofs and count as none
 WEAK = 1e-2  # of a body's own stiffness, below which that of springs counts as weak
@@ -112,13 +112,11 @@ def rigid_motions(bodies: Bodies, K: Any, fixed: Array) -> RigidMotions:
     only by weak springs; K has identity rows at fixed dofs."""
     of = np.repeat(bodies.label, bodies.components)
     R = bodies.own_modes(bodies.label, bodies.points).reshape(-1, bodies.ways)
-    allowed = _allowed(bodies, R, of, fixed[bodies.dofs])
+    allowed = _allowed(bodies, fixed)
     moved = np.zeros((len(fixed), allowed.shape[2]))  # of all bodies at once
     moved[bodies.dofs] = _combined(R, allowed, of)
     moved[fixed] = 0.0
-    pushed, diagonal = np.empty_like(moved), np.abs(diagonal_of(K))[bodies.dofs]
-    for k in range(moved.shape[1]):
-        pushed[:, k] = times(K, moved[:, k])
+    pushed, diagonal = products(K, moved), np.abs(diagonal_of(K))[bodies.dofs]
     found = _of_bodies(bodies, of, allowed, (moved[bodies.dofs], pushed[bodies.dofs], diagonal))
     order = [(b, j) for held in (False, True) for b, (_, _, h, _) in enumerate(found)
              for j in np.flatnonzero(h == held)]  # fmt: skip
@@ -155,20 +153,30 @@ def _combined(fields: Array, parts: Array, of: Array) -> Array:
     return found
 
 
-def _allowed(bodies: Bodies, R: Array, of: Array, fixed: Array) -> Array:
+def left_by_supports(bodies: Bodies, fixed: Array) -> tuple[Array, Array]:
+    """Rigid motions of single bodies that move no prescribed dof, springs or not: the body of each
+    (k,), and (k, 3 or 6) its parts of that body's motions; (n_local,) fixed dofs."""
+    allowed = _allowed(bodies, fixed)
+    b, j = np.nonzero((allowed != 0.0).any(axis=1))
+    return b, allowed[b, :, j]
+
+
+def _allowed(bodies: Bodies, fixed: Array) -> Array:
     """(bodies, modes, k) combinations of each body's rigid motions that move no prescribed dof,
-    then zeros; R (n, modes), bodies ``of`` (n,) and ``fixed`` (n,) of its dofs."""
-    held = {}
-    at = np.flatnonzero(fixed)[np.argsort(of[fixed], kind="stable")]
-    for own in np.split(at, np.flatnonzero(np.diff(of[at])) + 1) if len(at) else []:
+    then zeros; (n_local,) fixed dofs."""
+    node, component = np.nonzero(fixed[bodies.dofs].reshape(-1, bodies.components))
+    of, held = bodies.label[node], {}
+    R = bodies.own_modes(of, bodies.points[node])[np.arange(len(node)), component]
+    order = np.argsort(of, kind="stable")
+    for own in np.split(order, np.flatnonzero(np.diff(of[order])) + 1) if len(of) else []:
         held[of[own[0]]] = np.linalg.qr(R[own], mode="r")
     every = bodies.comm.allgather(held)
-    out = np.tile(np.eye(R.shape[1]), (bodies.count, 1, 1))
-    counts = np.full(bodies.count, R.shape[1])
+    out = np.tile(np.eye(bodies.ways), (bodies.count, 1, 1))
+    counts = np.full(bodies.count, bodies.ways)
     for b in sorted(set().union(*every)):
         _, values, vectors = np.linalg.svd(np.concatenate([h[b] for h in every if b in h]))
         rank = int((values > STILL * max(values.max(initial=0.0), 1.0)).sum())
-        counts[b], out[b] = R.shape[1] - rank, 0.0
+        counts[b], out[b] = bodies.ways - rank, 0.0
         out[b, :, : counts[b]] = vectors[rank:].T
     return out[:, :, : counts.max(initial=0)]
 

@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 
 SYMMETRY = "dolfinx_llm_symmetric"  # attribute of a matrix: its state, and whether it was so then
+OVERSIZE = 1e4  # largest row over its diagonal entry, about, up to which that tells how large it is
 PROBES = 8  # products that tell how large a row is, to a factor of 10 for all of 10^7 rows
 
 
@@ -43,6 +44,19 @@ def times(M: PETSc.Mat, x: Array, transposed: bool = False) -> Array:
     right.destroy()
     left.destroy()
     return values
+
+
+def products(M: PETSc.Mat, X: Array) -> Array:
+    """(n_local, k) this rank's part of M X, for that of X (m_local, k)."""
+    right, left = M.createVecs()
+    found = np.empty((M.getLocalSize()[0], X.shape[1]), order="F")
+    for source, target in zip(X.T, found.T, strict=True):
+        right.array_w[:] = source
+        M.mult(right, left)
+        target[:] = left.array_r
+    right.destroy()
+    left.destroy()
+    return found
 
 
 def local_csr(M: PETSc.Mat) -> csr_matrix:
@@ -89,19 +103,32 @@ def same_entries(K: PETSc.Mat, M: PETSc.Mat) -> bool:
     return bool(K.comm.tompi4py().allreduce(alike, op=MPI.LAND))
 
 
-def is_symmetric(K: PETSc.Mat) -> bool:
+def is_symmetric(K: PETSc.Mat, diagonal: Array | None = None) -> bool:
     """Whether xᵀKy = yᵀKx for two random vectors, where rows are as large as each other: those of
-    other units would hide the rest. How large they are products with random signs tell, so that no
-    entry is copied. K keeps the answer as long as its entries stay."""
+    other units would hide the rest. How large they are the diagonal (n_local,) tells, or else
+    products with random signs, so that no entry is copied. K keeps the answer as long as its
+    entries stay."""
     comm, n = K.comm.tompi4py(), K.getLocalSize()[0]
     state, known = K.stateGet(), K.getAttr(SYMMETRY)
     if comm.allreduce(known is not None and known[0] == state, op=MPI.LAND):
         return bool(known[1])
     rng = np.random.default_rng(2001 + comm.rank)
-    size = np.sqrt(sum(times(K, rng.choice((-1.0, 1.0), n)) ** 2 for _ in range(PROBES)))
-    scale = 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0))
     v, w = rng.standard_normal((2, n))
-    Kv, Kw = (scale * times(K, scale * vector) for vector in (v, w))
+
+    def scaled(size: Array) -> tuple[Array, Array]:
+        """K v and K w with rows and columns divided by the roots of their sizes."""
+        scale = 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0))
+        return scale * times(K, scale * v), scale * times(K, scale * w)
+
+    size = diagonal_of(K) if diagonal is None else diagonal
+    told = comm.allreduce(bool((size > 0.0).all()), op=MPI.LAND)
+    if told:  # of a positive definite matrix no row is much larger than its diagonal entry then
+        Kv, Kw = scaled(size)
+        largest = max(np.abs(Kv).max(initial=0.0), np.abs(Kw).max(initial=0.0))
+        told = comm.allreduce(bool(largest < OVERSIZE), op=MPI.LAND)
+    if not told:
+        size = np.sqrt(sum(times(K, rng.choice((-1.0, 1.0), n)) ** 2 for _ in range(PROBES)))
+        Kv, Kw = scaled(size)
     mine = np.array([v @ Kw, w @ Kv, Kv @ Kv, w @ w])
     across, back, of_product, of_vector = comm.allreduce(mine)
     symmetric = bool(abs(across - back) <= 1e-10 * np.sqrt(of_product * of_vector))

@@ -1,16 +1,29 @@
 """Rigid motions of the bodies that neither supports nor interfaces hold."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
+from petsc4py import PETSc
 from scipy.sparse import coo_matrix, csr_matrix, identity, vstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.sparse import symmetric_factors
+from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.floating import Loose
-from dolfinx_llm.operators.motions import RigidMotions, no_motions
+from dolfinx_llm.operators.motions import (
+    RigidMotions,
+    left_by_supports,
+    no_motions,
+    rigid_motions,
+)
 from dolfinx_llm.operators.prescribed import independent_rows
+
+if TYPE_CHECKING:
+    from dolfinx_llm.operators.system import ContactOperators
 
 FIT_DIRECTLY = 5000  # frame unknowns up to which a factorisation is the quickest least-squares fit
 NAMED = 8  # bodies that a message names, of many
@@ -29,7 +42,7 @@ def check_support(
     Raises:
         ContactError: they do not.
     """
-    loose = unheld(rigid, interfaces)
+    loose = unheld(rigid.bodies, (rigid.body[: rigid.free], rigid.parts[: rigid.free]), interfaces)
     if not loose.count:
         return
     if rigid.bodies.components == 1:
@@ -44,25 +57,43 @@ def check_support(
     )
 
 
-def floating_motions(
-    rigid: RigidMotions, interfaces: Sequence[tuple[csr_matrix | None, csr_matrix]], tied: bool
-) -> tuple[RigidMotions, Loose]:
-    """The motions that contact has to hold, and those combinations of the free ones that no contact
-    holds, on which loads must not do work.
-
-    Args:
-        rigid: of the bodies.
-        interfaces: as of ``unheld``.
-        tied: whether ties are all there is: they hold all bodies, or it is an error.
+def floating_motions(operators: ContactOperators, K: PETSc.Mat) -> tuple[RigidMotions, Loose, bool]:
+    """The motions that contact has to hold; those combinations of the free ones that no contact
+    holds, on which loads must not do work; and whether supports and ties hold all bodies: only
+    where they do not the stiffness K is looked at for springs.
 
     Raises:
-        ContactError: they do not.
+        ContactError: there are ties alone, or it is a scalar field, and something is not held.
     """
-    if not (tied or rigid.bodies.components == 1):
-        return rigid, unheld(rigid, interfaces)
+    bodies, fixed, tied = operators.bodies, operators.dofs.fixed, operators.tied
+    left = left_by_supports(bodies, fixed)
+    interfaces = _constraints(operators) if len(left[0]) else []
+    if tied and not unheld(bodies, left, interfaces).count:
+        return no_motions(bodies, len(fixed)), Loose(csr_matrix((0, 0))), True
+    rigid = rigid_motions(bodies, K, fixed)
+    if not (tied or bodies.components == 1):
+        free = rigid.body[: rigid.free], rigid.parts[: rigid.free]
+        return rigid, unheld(bodies, free, interfaces), False
     check_support(rigid, interfaces)
-    rigid = no_motions(rigid.bodies, rigid.modes.shape[0]) if tied else rigid
-    return rigid, Loose(identity(rigid.free, format="csr"))
+    rigid = no_motions(bodies, len(fixed)) if tied else rigid
+    return rigid, Loose(identity(rigid.free, format="csr")), False
+
+
+def _constraints(operators: ContactOperators) -> list[tuple[csr_matrix | None, csr_matrix]]:
+    """Per interface L_b, None without a frame, and Bᵀ of the bodies' rigid motions."""
+    bodies, moves, labels = operators.bodies, [], operators.dofs.spread(operators.bodies.label)
+    for side, dofs in zip(operators.pairs, operators.side_dofs, strict=True):
+        label = operators.dofs.values(dofs[:, 0], labels)
+        modes = bodies.own_modes(label.astype(np.int64), side.places)
+        move = np.einsum("nci,nim->ncm", side.base, modes)
+        n, c, m = move.shape
+        first = np.broadcast_to(m * label.astype(np.int64)[:, None, None], move.shape)
+        columns = (first + np.arange(m)).ravel(), m * np.arange(n * c + 1)
+        moves.append(csr_matrix((move.ravel(), *columns), (n * c, m * bodies.count)))
+    return [
+        (L if L.shape[1] else None, vstack(moves[place.sides], format="csr"))
+        for place, L in zip(operators.places, operators.blocks, strict=True)
+    ]
 
 
 def movers(rigid: RigidMotions, loose: Loose) -> str:
@@ -82,21 +113,26 @@ def _moved(rigid: RigidMotions, loose: Loose) -> list[tuple[str, int]]:
 
 
 def unheld(
-    rigid: RigidMotions, interfaces: Sequence[tuple[csr_matrix | None, csr_matrix]]
+    bodies: Bodies,
+    motions: tuple[Array, Array],
+    interfaces: Sequence[tuple[csr_matrix | None, csr_matrix]],
 ) -> Loose:
-    """Combinations of the free motions that no interface holds both ways.
+    """Combinations of motions that no interface holds both ways.
 
     A combination of rigid motions is not held if it has no stiffness (K R c = 0), does not move
     prescribed dofs, and the frames can follow it (Bᵀ R c in the range of L_b).
 
     Args:
-        rigid: of the bodies.
+        bodies: that move.
+        motions: that nothing else is to hold, body (k,) and parts (k, 3 or 6) of each, as of
+            ``RigidMotions``.
         interfaces: of each L_b, None without a frame, and Bᵀ R (rows, modes of all bodies).
     """
-    bodies, free = rigid.bodies, rigid.free
-    row = rigid.body[:free, None] * rigid.parts.shape[1] + np.arange(rigid.parts.shape[1])
-    at = row.ravel(), np.repeat(np.arange(free), rigid.parts.shape[1])
-    moves = csr_matrix((rigid.parts[:free].ravel(), at), (bodies.count * row.shape[1], free))
+    body, parts = motions
+    free, ways = parts.shape
+    row = body[:, None] * ways + np.arange(ways)
+    at = row.ravel(), np.repeat(np.arange(free), ways)
+    moves = csr_matrix((parts.ravel(), at), (bodies.count * ways, free))
     rows = [csr_matrix((0, free))]
     for L, BtR in interfaces:
         own = (BtR @ moves).tocsc()

@@ -12,6 +12,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import gather_rows
+from dolfinx_llm.base.sparse import beside
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.against import prescribed_loads
@@ -21,7 +22,6 @@ from dolfinx_llm.operators.assemble import assemble_B, assemble_L_b, frame_opera
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.both_sides import held_on_both_sides
 from dolfinx_llm.operators.floating import Floating
-from dolfinx_llm.operators.motions import rigid_motions
 from dolfinx_llm.operators.numbering import (
     BodyDofs,
     Numbering,
@@ -71,6 +71,7 @@ class ContactOperators:
         stiffness: per interface that of its sides [force / length].
         diagonal: (n_local,) of K [force / length].
         floating: rigid motions that need contact to be held; none where ties hold all.
+        firm: whether supports and ties hold all bodies, whatever springs do.
 
     Raises:
         ContactError: there are ties alone, and they and supports leave a motion free.
@@ -89,7 +90,7 @@ class ContactOperators:
         with times.timed("operators"):
             self._number()
             self.B = assemble_B(self.rows, dofs)
-            self.L = scipy.sparse.block_diag(self.blocks, format="csr")
+            self.L = beside(self.blocks)
             self._find_repeated()
             self.L_b = assemble_L_b(self.comm, self.L, self.rows.numbering, self.frames)
         with times.timed("support check"):
@@ -137,7 +138,8 @@ class ContactOperators:
             ties[place.rows] = geometry.interface.law.ties
         shared = self.held | (self.interfaces_at > 1)
         rows = np.flatnonzero(ties & shared)
-        self.redundant[rows] = repeated(self._said(rows))
+        if len(rows):
+            self.redundant[rows] = repeated(self._said(rows))
         self.loops = np.zeros(len(self.held), dtype=bool)
         if not self.tied:
             rest = np.flatnonzero(shared & ~self.redundant & ~self.soft)
@@ -160,9 +162,7 @@ class ContactOperators:
 
     def _check_support(self, K: PETSc.Mat) -> None:
         """Require that supports and ties hold every body, if these are all there is."""
-        rigid = rigid_motions(self.bodies, K, self.dofs.fixed)
-        constraints = _constraints(self) if rigid.free else []
-        rigid, loose = floating_motions(rigid, constraints, self.tied)
+        rigid, loose, self.firm = floating_motions(self, K)
         self.floating = Floating(rigid, self.B, self.rows.numbering, loose)
 
     @property
@@ -279,20 +279,3 @@ def anatomy(operators: ContactOperators) -> list[str]:
         ]
     lines = [line for geometry in operators.geometries for line in describe(geometry)]
     return [text] * bool(repeated) + [shared] * bool(names) + loose + lines
-
-
-def _constraints(operators: ContactOperators) -> list[tuple[csr_matrix | None, csr_matrix]]:
-    """Per interface L_b, None without a frame, and Bᵀ of the bodies' rigid motions."""
-    bodies, moves, labels = operators.bodies, [], operators.dofs.spread(operators.bodies.label)
-    for side, dofs in zip(operators.pairs, operators.side_dofs, strict=True):
-        label = operators.dofs.values(dofs[:, 0], labels)
-        modes = bodies.own_modes(label.astype(np.int64), side.places)
-        move = np.einsum("nci,nim->ncm", side.base, modes)
-        n, c, m = move.shape
-        first = np.broadcast_to(m * label.astype(np.int64)[:, None, None], move.shape)
-        columns = (first + np.arange(m)).ravel(), m * np.arange(n * c + 1)
-        moves.append(csr_matrix((move.ravel(), *columns), (n * c, m * bodies.count)))
-    return [
-        (L if L.shape[1] else None, scipy.sparse.vstack(moves[place.sides], format="csr"))
-        for place, L in zip(operators.places, operators.blocks, strict=True)
-    ]

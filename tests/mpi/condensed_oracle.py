@@ -65,7 +65,8 @@ def system(problem, base, eliminated, L, bs, proximal, options):
         np.repeat(np.arange(len(frame_owner)), bs),
         3,
     )
-    split = SplitStiffness(problem.K.copy(), np.concatenate(problem.operators.side_dofs))
+    dofs, diagonal = np.concatenate(problem.operators.side_dofs), problem.operators.diagonal
+    split = SplitStiffness(problem.K.copy(), dofs, diagonal)
     made = CondensedSystem(
         split, rows, problem.bulk.dofs.fixed, problem.scale, proximal=proximal, options=options
     )

@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix
 import dolfinx_llm as llm
 from dolfinx_llm import compat
 from dolfinx_llm.operators.bodies import Bodies
-from dolfinx_llm.operators.motions import rigid_motions
+from dolfinx_llm.operators.motions import left_by_supports, rigid_motions
 from dolfinx_llm.operators.support import check_support
 
 pytestmark = pytest.mark.quick
@@ -87,6 +87,14 @@ def test_motions_move_no_support():
     assert np.allclose(
         np.linalg.norm(turn, axis=1), np.linalg.norm(arm, axis=1) * np.abs(turn).max()
     )
+
+
+@pytest.mark.parametrize("spring", [0.0, 1e-6, 1.0])
+def test_supports_leave_motions_whatever_springs_do(spring):
+    squares = Squares(count=2, spring=spring)  # its communicator goes with it
+    bodies, _, fixed = squares.parts([*PIN, ((1.0, 0.0), 1)])
+    body, parts = left_by_supports(bodies, fixed)
+    assert body.tolist() == [1, 1, 1] and np.linalg.matrix_rank(parts) == 3
 
 
 @pytest.mark.parametrize("spring", [1e-4, 1e-8, 1e-12])

@@ -9,11 +9,10 @@ from petsc4py import PETSc
 from scipy.sparse import csc_matrix, hstack
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.forms.condensed.gmres import Product
 from dolfinx_llm.forms.condensed.modes import ModesAsked
 from dolfinx_llm.forms.condensed.transformation import Transformation
-from dolfinx_llm.operators.petsc import diagonal_of, times
+from dolfinx_llm.operators.petsc import products, times
 
 GRAIN = 64.0 * np.finfo(float).eps  # of the largest value: what rounding can make of zero
 
@@ -24,21 +23,16 @@ class ReducedMatrix:
     in which K's inside stands.
 
     ``weak`` gives motions W that cost hardly any energy, which conjugate gradients alone leave too
-    early; as of ``CondensedSystem``.
+    early, unless all is ``firm``; as of ``CondensedSystem``.
     """
 
-    def __init__(self, form: Transformation, scale: float, weak: ModesAsked | None) -> None:
+    def __init__(
+        self, form: Transformation, scale: float, weak: ModesAsked | None, firm: bool
+    ) -> None:
         self.form, self._comm = form, form.comm
-        self._weak = weak
+        self._weak, self._firm = weak, firm
         self._inverse: Any = None  # X with X Xᵀ = (Wᵀ A W)⁻¹, once it is needed
         self.matrix, self.S = self.form.reduce(self.form.penalty(), scale)
-        diagonal = diagonal_of(self.matrix) / self.S.array_r**2
-        least = self._comm.allreduce(diagonal.min(initial=np.inf), op=MPI.MIN)
-        if not least > 0.0:
-            raise ContactError(
-                f"the condensed matrix has the diagonal entry {least:.3g}: it is not positive "
-                "definite. Check the material data of the forms a"
-            )
         self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self.matrix.setOption(PETSc.Mat.Option.SPD, True)
 
@@ -51,27 +45,29 @@ class ReducedMatrix:
         work, energy = self._comm.allreduce(np.array([q @ load, q @ self.times(q)]))
         return work / energy if energy > 0.0 else 0.0
 
-    def left(self, load: Array, q: Array) -> Array:
-        """What A leaves of a load, r, after q has taken the best of W, the least energy over these
-        motions: q + W (Wᵀ A W)⁻¹ Wᵀ r.
+    def take(self, load: Array, q: Array, left: Array) -> Array:
+        """What A leaves of a load after q, which has ``left`` r, has taken the best of W, the least
+        energy over these motions: q + W (Wᵀ A W)⁻¹ Wᵀ r.
 
         Where springs hold a body weakly, a residual that is small against the load may still move
         it far. One without a part along its rigid motions moves it no farther than what is held
         firmly.
         """
-        left = load - self.times(q)
         if self._weak is None:
             return left
-        W, comm = self.form.unknowns(*self._weak()), self._comm
+        W, comm, product = self.form.unknowns(*self._weak()), self._comm, None
         if not W.shape[1]:
             return left
         if self._inverse is None:
-            product = np.column_stack([self.times(column) for column in W.T])
             scaled = W / self.S.array_r[:, None]
-            size, energy = comm.allreduce(np.stack([scaled.T @ scaled, W.T @ product]))
+            product = products(self.matrix, scaled)
+            size, energy = comm.allreduce(np.stack([scaled.T @ scaled, scaled.T @ product]))
             apart = _inverse_root(size)
             self._inverse = apart @ _inverse_root(apart.T @ energy @ apart)
-        q += W @ (self._inverse @ (self._inverse.T @ comm.allreduce(W.T @ left)))
+        part = self._inverse @ (self._inverse.T @ comm.allreduce(W.T @ left))
+        q += W @ part
+        if product is not None and self._firm:
+            return left - product @ part / self.S.array_r
         return load - self.times(q)
 
     def destroy(self) -> None:

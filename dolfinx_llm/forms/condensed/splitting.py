@@ -18,12 +18,17 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.operators.petsc import create_aij, diagonal_of, is_symmetric, join_blocks, times
+from dolfinx_llm.operators.petsc import create_aij, is_symmetric, join_blocks, times
 
 
 class SplitStiffness:
     """K, parted at the dofs of surface nodes, numbers of whole nodes. It is taken over: its storage
     becomes ``inside``.
+
+    Args:
+        K: stiffness.
+        dofs: numbers of those of surface nodes, of all ranks.
+        diagonal: (n_local,) of K.
 
     Attributes:
         surface: this rank's of these dofs, local numbers.
@@ -34,8 +39,8 @@ class SplitStiffness:
         ContactError: K is not symmetric.
     """
 
-    def __init__(self, K: Any, dofs: Array) -> None:
-        if not is_symmetric(K):
+    def __init__(self, K: Any, dofs: Array, diagonal: Array) -> None:
+        if not is_symmetric(K, diagonal):
             raise ContactError(
                 "the condensed form needs a symmetric stiffness, K has none: use solver='saddle'"
             )
@@ -46,7 +51,7 @@ class SplitStiffness:
         dofs = np.unique(dofs)
         mine = dofs[(dofs >= self.first) & (dofs < end)].astype(PETSc.IntType)
         self.surface = mine - self.first
-        self.diagonal = diagonal_of(K)
+        self.diagonal = diagonal
         self._held = np.zeros(0, dtype=np.int64), np.zeros(0)  # dofs inside, diagonal with springs
         S = PETSc.IS().createGeneral(mine, K.comm)
         all_dofs = PETSc.IS().createStride(end - self.first, self.first, 1, K.comm)
@@ -129,9 +134,19 @@ class SplitStiffness:
 
     def scaled(self, blocks: tuple[Any, Any, Any]) -> tuple[Any, Any]:
         """The same as S A S of unit diagonal, and S. ``inside`` stands there from now on, until
-        ``leave``; whatever is taken out of it has the rounding of that."""
+        ``leave``; whatever is taken out of it has the rounding of that.
+
+        Raises:
+            ContactError: the diagonal is not positive.
+        """
         matrix = self.joined(blocks)
         S = matrix.getDiagonal()
+        least = S.min()[1]
+        if not least > 0.0:
+            raise ContactError(
+                f"the condensed matrix has the diagonal entry {least:.3g}: it is not positive "
+                "definite. Check the material data of the forms a"
+            )
         S.sqrtabs()
         S.reciprocal()
         matrix.diagonalScale(S, S)

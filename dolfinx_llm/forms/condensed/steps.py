@@ -56,7 +56,7 @@ class CondensedForm(WholeSteps):
         self.destroy()
         super().prepare(K, operators)
         with self.times.timed("reduction"):
-            self.split = SplitStiffness(K, operators.rows.dofs)
+            self.split = SplitStiffness(K, operators.rows.dofs, operators.diagonal)
             self._items = items_of(operators)
         self._known = np.zeros(0)  # what the system's matrix was made of
         self._spring, self._swings, self._fewest = 0.0, 0, np.inf
@@ -213,7 +213,7 @@ class CondensedForm(WholeSteps):
                 self.system = CondensedSystem(
                     self.split, eliminated, self.operators.dofs.fixed, self.scale, self.prefix,
                     self.options, modes=partial(soft_modes_of, self.operators),
-                    weak=weak_motions(self.operators, step.L),
+                    weak=weak_motions(self.operators, step.L), firm=self.operators.firm,
                     proximal=hold if hold.any() else None,
                 )  # fmt: skip
             if self.operators.tied:  # the matrix stays

@@ -42,6 +42,7 @@ class CondensedSystem:
         modes: gives the near-null space for GAMG, rigid modes at the bodies' dofs (n_local, k) and
             at the frames' unknowns (m, k); None: none.
         weak: motions that supports or springs may hold weakly, in the same way; None: ``modes``.
+        firm: supports and ties hold all motions firmly.
         proximal: (m,) non-negative stiffness d of the frames' unknowns, which adds
             1/2 sum_J d_J v_J² to the energy [force / length]; None: none.
     """
@@ -57,6 +58,7 @@ class CondensedSystem:
         *,
         modes: ModesAsked | None = None,
         weak: ModesAsked | None = None,
+        firm: bool = False,
         proximal: Array | None = None,
     ) -> None:
         self.split, self.fixed, self.scale, self.comm = split, fixed, scale, split.comm
@@ -64,7 +66,7 @@ class CondensedSystem:
         self.steps: list[dict[str, Any]] = []
         self.iterations, self.tolerance = 0, 0.0
         self.loose = 0.0  # of the load, that solves may leave for now
-        self._modes, self._weak = modes, weak or modes
+        self._modes, self._weak, self._firm = modes, weak or modes, firm
         options = dict(options or {})
         self.solver = KeptSolver(self.comm, prefix, options, self.notes)
         nodes = widest(rows.L, rows.gdim)
@@ -91,7 +93,7 @@ class CondensedSystem:
     def _reduce(self, rows: EliminatedRows, proximal: Array | None) -> None:
         """Take over what other eliminated rows leave."""
         self.form = Transformation(self.split, rows, self.fixed, proximal)
-        self.reduced = ReducedMatrix(self.form, self.scale, self._weak)
+        self.reduced = ReducedMatrix(self.form, self.scale, self._weak, self._firm)
         self.matrix, self.S = self.reduced.matrix, self.reduced.S
 
     @property
@@ -134,14 +136,14 @@ class CondensedSystem:
         self.steps.append({"iterations": self.iterations, **seconds})
         return u, multiplier, v[form.tail.mine_v]
 
-    def _guess(self, u_0: Array, v_0: Array) -> Array:
-        """q of the last solution; zero for a factorisation, which needs no start."""
+    def _guess(self, u_0: Array, v_0: Array) -> Array | None:
+        """q of the last solution; None: there is none, or a factorisation, which needs no start."""
         if self._last is None or self.solver.direct:
-            return np.zeros(self.matrix.getLocalSize()[0])
+            return None
         u, v = self._last
         return self.form.unknowns((u - u_0)[:, None], (v - v_0)[:, None])[:, 0]
 
-    def _iterate(self, f: Array, u_0: Array, push: Any, q: Array) -> Any:
+    def _iterate(self, f: Array, u_0: Array, push: Any, start: Array | None) -> Any:
         """u and q of this rank; solved for the residual of the unreduced system again while that
         gains."""
         x, b = self.matrix.createVecs()
@@ -150,10 +152,14 @@ class CondensedSystem:
         rtol, direct = self.solver.rtol, self.solver.direct
         share = max(rtol, EPS, self.loose)
         goal = share * b.norm()
-        q = q * self.reduced.best_share(q, load)
+        q = np.zeros(len(load))
+        if start is not None:
+            q = start * self.reduced.best_share(start, load)
         self.iterations, last = 0, np.inf
         for attempt in range(PASSES + 1):
-            left = self.reduced.left(load, q)
+            left = load - self.reduced.times(q) if attempt or start is not None else load.copy()
+            if not (attempt and self._firm):  # a better start, which saves an iteration or two
+                left = self.reduced.take(load, q, left)
             b.array_w[:] = left * self.S.array_r
             x.array_w[:] = q / self.S.array_r
             size, length = b.norm(), x.norm()
