@@ -1,9 +1,9 @@
 """Gathering of interface-sized data and errors that all ranks raise together."""
 
 import pickle
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from mpi4py import MPI
@@ -11,10 +11,34 @@ from mpi4py import MPI
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 
+ROUNDED_APART = 1e-12  # by which numbers that ranks compute alike may differ
+
+Found = TypeVar("Found")
+
 
 def gather_rows(comm: MPI.Comm, rows: Array) -> Array:
     """The rows (n_local, ...) of all ranks on every rank, in rank order."""
     return np.concatenate(comm.allgather(rows)) if comm.size > 1 else rows
+
+
+def told(comm: MPI.Comm, value: Found) -> Found:
+    """The value of rank 0 on all ranks: what each computes alike differs by rounding."""
+    return comm.bcast(value) if comm.size > 1 else value
+
+
+def chosen(comm: MPI.Comm, choose: Callable[[], Found]) -> Found:
+    """What ``choose``, local work on data that all ranks have, returns on rank 0, for all of them.
+
+    For whatever rounding decides: pivots, bases of null spaces, who comes first of equals. LAPACK
+    rounds otherwise from processor to processor, and on one with where arrays lie in memory.
+    """
+    if comm.size == 1:
+        return choose()
+    found: Any = None
+    with collective(comm):
+        if comm.rank == 0:
+            found = choose()
+    return told(comm, found)
 
 
 @contextmanager
@@ -55,14 +79,28 @@ def check(comm: MPI.Comm, failed: bool, message: str, kind: type[Exception] = Co
 
 
 def agree(comm: MPI.Comm, what: str, value: Any) -> None:
-    """Require that an argument, plain data, is the same on all ranks: ``ContactInputError`` on
-    all."""
+    """Require that an argument, plain data, is the same on all ranks, but for what rounding makes
+    of it where each computes it: ``ContactInputError`` on all."""
     if comm.size == 1:
         return
     texts = comm.allgather(repr(value))
-    if any(text != texts[0] for text in texts):
-        other = next(i for i, text in enumerate(texts) if text != texts[0])
+    if all(text == texts[0] for text in texts):
+        return
+    values = comm.allgather(value)
+    other = next((i for i, found in enumerate(values) if not _alike(values[0], found)), None)
+    if other is not None:
         raise ContactInputError(
             f"{what} must be the same on all ranks: rank 0 has {texts[0][:80]}, rank {other} has "
             f"{texts[other][:80]}"
         )
+
+
+def _alike(a: Any, b: Any) -> bool:
+    """Whether numbers differ by rounding at most, of the largest that stand beside them, and all
+    else is equal."""
+    if not (isinstance(a, (list, tuple)) and type(a) is type(b) and len(a) == len(b)):
+        return _alike([a], [b]) if isinstance(a, float) else repr(a) == repr(b)
+    if all(isinstance(c, float) for c in (*a, *b)):
+        size = max((abs(c) for c in (*a, *b)), default=0.0)
+        return all(c == d or abs(c - d) <= ROUNDED_APART * size for c, d in zip(a, b, strict=True))
+    return all(_alike(c, d) for c, d in zip(a, b, strict=True))

@@ -18,6 +18,7 @@ from tqdm import tqdm
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import tell_iteration
+from dolfinx_llm.base.parallel import told
 from dolfinx_llm.contact.equations import Equations, spread, unfelt
 from dolfinx_llm.contact.giving import CONSTANT, GivingWay
 from dolfinx_llm.contact.gliding import glide, slips
@@ -165,8 +166,8 @@ class ContactIteration:
                 met = slips(equations, y + g, w)
                 choose(self.states, multiplier, iteration)
                 glide(equations, False)
-            changes = sum(self._take(s, found, apart) for s in self.states)
-            miss = equations.miss(multiplier, w) / largest
+            taken = sum(self._take(s, found, apart) for s in self.states)
+            changes, miss = told(floating.comm, (taken, equations.miss(multiplier, w) / largest))
             runs = runs + 1 if (lost := equations.runaway(multiplier)) else 0
             if runs > RUNS:
                 raise FinalError(lost)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import told
 from dolfinx_llm.contact.sides import FELT, SideResult, between_bodies, nodal_sides, side_result
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.geometry.frame import Frame, displaced
@@ -92,7 +93,7 @@ def collect_results(
         nodal = nodal_sides(geometry, sides)
         found = _interface_result(geometry, sides, nodal, v, state)
         results.append(replace(found, rotation=geometry.rotation(w[place.frame])))
-    return results
+    return told(operators.comm, results)
 
 
 def _tangential_average(geometry: InterfaceGeometry, moved: Sequence[Array]) -> Array:

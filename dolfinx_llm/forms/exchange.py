@@ -11,7 +11,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.parallel import gather_rows
+from dolfinx_llm.base.parallel import chosen, gather_rows
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult
 from dolfinx_llm.forms.verdict import EPS, SEVERAL, largest
@@ -128,8 +128,22 @@ class WholeSteps(StepForm):
             return np.where(on, multiplier[rows], self.scale * gap)
 
         now = signs(found.multiplier, found.y, found.w, step.g)
-        pairs, new, answers = np.empty(0, dtype=np.int64), np.flatnonzero(found.wrong), []
+        pairs, new = np.empty(0, dtype=np.int64), np.flatnonzero(found.wrong)
+        answers: list[Array] = []
         change, forces = np.zeros(0, dtype=bool), np.zeros(0)
+
+        def exchanged() -> tuple[Array, ...] | None:
+            at, columns = place[pairs], np.column_stack(answers)
+            M, q, forces = columns[at], now[at], np.zeros(len(pairs))
+            try:
+                change = complementarity(M, q, q < 0.0)
+                forces[change] = np.linalg.solve(M[np.ix_(change, change)], -q[change])
+            except np.linalg.LinAlgError:
+                return None
+            after = now + columns @ forces
+            after[at] = 0.0
+            return change, forces, rows[after < -band]
+
         while len(new) and len(pairs) + len(new) <= 2 * self.most:
             for p in new:
                 load = self._loads(step, np.array([p]), np.ones(1))
@@ -138,16 +152,10 @@ class WholeSteps(StepForm):
                 column[place[p]] += 0.0 if on[place[p]] else self.scale * step.compliance[p]
                 answers.append(column)
             pairs = np.concatenate([pairs, new])
-            at, columns = place[pairs], np.column_stack(answers)
-            M, q, forces = columns[at], now[at], np.zeros(len(pairs))
-            try:
-                change = complementarity(M, q, q < 0.0)
-                forces[change] = np.linalg.solve(M[np.ix_(change, change)], -q[change])
-            except np.linalg.LinAlgError:  # forces that nothing determines: all wrong ones change
+            told = chosen(self.operators.comm, exchanged)
+            if told is None:  # forces that nothing determines: all wrong ones change
                 return pairs[:0], forces[:0]
-            after = now + columns @ forces
-            after[at] = 0.0
-            new = rows[after < -band]
+            change, forces, new = told
         return pairs[change], forces[change]
 
     def destroy(self) -> None:

@@ -6,10 +6,12 @@ Motions of an obstacle under prescribed forces and moments are unknowns, as a fr
 from dataclasses import replace
 
 import numpy as np
+from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
+from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.geometry.cells import areas_around, vector_areas
 from dolfinx_llm.geometry.facing import BEYOND, TURN, Facets, facet_sizes
 from dolfinx_llm.geometry.loads import NodalLoads
@@ -181,7 +183,7 @@ def forces_on(obstacle: Obstacle, before: tuple[bool, ...], gdim: int) -> Array:
 
 
 def under_force(
-    obstacle: Obstacle, pairs: ContactPairs
+    obstacle: Obstacle, pairs: ContactPairs, comm: MPI.Comm
 ) -> tuple[ContactPairs, Array, Swings | None]:
     """Motions of an obstacle that forces and moments are prescribed for, as those of a frame of one
     node: the pairs, whose rows all see that node, (1, d, gdim) directions in which it moves, and
@@ -196,7 +198,8 @@ def under_force(
         return pairs, np.empty((0, c, gdim)), None
     swings = Swings.of(obstacle, pairs.met, axes[:, gdim:])
     seen = np.einsum("nci,ndi->ncd", pairs.base, axes[:, :gdim] + swings.motions)
-    _, size, vectors = np.linalg.svd(seen.reshape(n * c, -1))
+    seen = seen.reshape(n * c, -1)
+    size, vectors = chosen(comm, lambda: np.linalg.svd(seen, full_matrices=False)[1:])
     resisted = size > RESISTED * size[0]
     if not resisted.all() or len(size) < len(axes):
         axes = vectors[: int(resisted.sum())] @ axes

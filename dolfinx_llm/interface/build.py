@@ -3,14 +3,15 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, triu
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
+from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.base.timing import Clock
 from dolfinx_llm.design.rises import rises
 from dolfinx_llm.geometry.loads import NodalLoads, loads_in_contact
@@ -30,6 +31,7 @@ from dolfinx_llm.interface.frames import REACH, choose_frame, common_order, move
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.interface.join import Part, joined, whole_piece
 from dolfinx_llm.interface.rows import balanced, bent_pairs, designed, kept_nodes
+from dolfinx_llm.interface.shared import check_pairs, shared_by, shared_nodes
 from dolfinx_llm.interface.site import Site, check_order, find_site, say_straight, with_law
 from dolfinx_llm.interface.touching import check_flat, find_pieces
 
@@ -37,9 +39,9 @@ from dolfinx_llm.interface.touching import check_flat, find_pieces
 def build_interface(
     interface: Interface, spaces: Sequence[Any], fixed: Sequence[Array] | None = None
 ) -> InterfaceGeometry:
-    """Surfaces, common area, frame, design and pairs of an interface. Collective. Everything after
-    the gathering of the surfaces is computed alike on all ranks. Per space (n_owned dofs,) which
-    are fixed."""
+    """Surfaces, common area, frame, design and pairs of an interface. Collective. What follows
+    from the surfaces is found on rank 0 and told: rounding must not choose otherwise elsewhere.
+    Per space (n_owned dofs,) which are fixed."""
     clock = Clock()
     site = find_site(interface, spaces, fixed)
     clock.stop("surfaces")
@@ -61,56 +63,6 @@ def build_interfaces(
     return with_control(found)
 
 
-def check_pairs(geometries: Sequence[InterfaceGeometry]) -> None:
-    """Require that no two interfaces have the same facets on both of their sides."""
-    pairs = [(i, k) for i, g in enumerate(geometries) if len(g.pairs) == 2 for k in (0, 1)]
-    if len(pairs) < 4:
-        return
-    facets = []
-    for i, k in pairs:
-        surface = geometries[i].pairs[k].surface
-        nodes = np.sort(surface.dofs[surface.facets], axis=1)
-        known = np.full((len(nodes), 7), -1)
-        known[:, 0], known[:, 1] = i, k
-        known[:, 2], known[:, 3 : 3 + nodes.shape[1]] = geometries[i].spaces[k], nodes
-        facets.append(known)
-    rows = np.concatenate(facets)
-    _, number = np.unique(rows[:, 2:], axis=0, return_inverse=True)
-    shape, number = (len(geometries), len(rows)), number.ravel()
-    own = [
-        csr_matrix((np.ones(side.sum()), (rows[side, 0], number[side])), shape)
-        for side in (rows[:, 1] == 0, rows[:, 1] == 1)
-    ]
-    common = [triu(M @ (own[0] + own[1]).T, 1, format="csr") for M in own]
-    twice = common[0].multiply(common[1]).tocoo()
-    if twice.nnz:
-        i, j = int(twice.row[0]), int(twice.col[0])
-        counts = [int(M[i, j]) for M in common]
-        names = " and ".join(geometries[k].interface.name for k in (i, j))
-        raise ContactInputError(
-            f"the interfaces {names} have {counts[0]} and {counts[1]} facets of both sides in "
-            "common: give each pair of surfaces once"
-        )
-
-
-def shared_nodes(geometries: Sequence[InterfaceGeometry]) -> list[tuple[Array, ...]]:
-    """Per interface and side (n,) nodes of the tagged surface that several interfaces have."""
-    nodes = [
-        np.column_stack([np.full(len(pairs.dofs), space), pairs.dofs])
-        for geometry in geometries
-        for pairs, space in zip(geometry.pairs, geometry.spaces, strict=True)
-    ]
-    known, count = np.unique(np.concatenate(nodes), axis=0, return_counts=True)
-    several = known[count > 1]
-    return [
-        tuple(
-            np.isin(whole.dofs, several[several[:, 0] == space, 1])
-            for whole, space in zip(geometry.site.whole, geometry.spaces, strict=True)
-        )
-        for geometry in geometries
-    ]
-
-
 def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
     """Common area, frame, design and pairs of surfaces where they are now."""
     clock = clock or Clock()
@@ -120,6 +72,17 @@ def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
     say_straight(interface, whole, notes)
     if interface.obstacle is not None:
         return build_against(site, notes, clock)
+    found = chosen(site.comm, partial(_find_parts, site, notes, clock))
+    parts, rims, shared, notes, clock = found
+    curved = any(part.piece.plane is None for part in parts)
+    site = replace(with_law(site, curved), shared=shared)
+    return assembled(site, parts, rims, notes, clock)
+
+
+def _find_parts(site: Site, notes: list[str], clock: Clock) -> tuple[Any, ...]:
+    """What is built of the pieces that touch, per side (n,) nodes at a rim that is too steep and
+    those that several pieces or other interfaces have, ``notes`` and ``clock``."""
+    interface, whole = site.interface, site.whole
     pieces, rims = find_pieces(whole, interface.law.opens, interface.name, notes)
     if len(pieces) > 1 and interface.frame is not None:
         pieces = [whole_piece(pieces)]
@@ -132,19 +95,7 @@ def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
     for piece in pieces:  # one frame has cells of one kind
         corners = parts[0].frame.cells.shape[1] if parts else None
         parts.append(build_piece(site, piece, notes, clock, corners))
-    return assembled(site, parts, rims, notes, clock)
-
-
-def shared_by(pieces: Sequence[Piece], site: Site) -> tuple[Array, ...]:
-    """Per side (n,) nodes that several pieces, or other interfaces have; none of laws that may slip
-    or part."""
-    if len(pieces) == 1 or not site.interface.law.ties:
-        return site.shared
-    found = []
-    for k, side in enumerate(site.whole):
-        nodes = np.concatenate([np.unique(side.cells[piece.facets[k]]) for piece in pieces])
-        found.append(np.bincount(nodes, minlength=len(side.x)) > 1)
-    return tuple(a | b for a, b in zip(found, site.shared or found, strict=True))
+    return parts, rims, site.shared, notes, clock
 
 
 def build_against(
@@ -153,7 +104,11 @@ def build_against(
     """A body against a rigid obstacle; ``nodes`` take part, or those that face it."""
     obstacle, name = site.interface.obstacle, site.interface.name
     assert obstacle is not None
-    pairs, rim = against_obstacle(obstacle, site.whole[0], name, notes, nodes)
+
+    def found() -> tuple[Any, ...]:
+        return *against_obstacle(obstacle, site.whole[0], name, notes, nodes), notes
+
+    pairs, rim, notes = chosen(site.comm, found)
     clock.stop("surfaces")
     return assembled(site, (), [rim], notes, clock, pairs)
 
@@ -200,7 +155,7 @@ def assembled(
     if interface.obstacle is not None:
         given = loaded(interface.obstacle, gdim)
         check_tied_to_mean(interface.name, interface.obstacle, law)
-        own, base, swings = under_force(interface.obstacle, pairs[0])
+        own, base, swings = under_force(interface.obstacle, pairs[0], site.comm)
         if any(given[gdim:]) and not law.ties:
             raise ContactInputError(
                 f"interface {interface.name}: moment={interface.obstacle.moment!r} is of the rigid "
@@ -272,7 +227,7 @@ def build_piece(
     notes.append(note)
     clock.stop("frame")
     if interface.design == "positions" and frame.gdim == 3 and last is None:
-        frame = move_nodes(frame, sides, [load.forces for load in loads], site.comm)
+        frame = move_nodes(frame, sides, [load.forces for load in loads])
         notes.append("design: frame nodes moved (positions)")
         clock.stop("design")
     nodes = [None, None] if last is None else [p.nodes for p in last.pairs]

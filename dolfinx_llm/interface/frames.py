@@ -3,12 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
-from mpi4py import MPI
-
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.log import log
-from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.design.line import frame_at_roots
 from dolfinx_llm.design.predict import face_side_1, predict_frame
 from dolfinx_llm.geometry.frame import Frame
@@ -72,16 +69,10 @@ def common_order(sides: Sequence[Surface], frame: Frame | None = None) -> int:
     return min(orders if frame is None else [*orders, frame.element.order])
 
 
-def move_nodes(
-    frame: Frame, sides: Sequence[Surface], forces: Sequence[Array], comm: MPI.Comm
-) -> Frame:
-    """The frame with its nodes moved, found on one rank: the search feels rounding, which need not
-    be the same on all."""
-    in_contact = [f > 0.0 for f in forces]
-    with collective(comm):
-        if comm.rank == 0:
-            from dolfinx_llm.design.positions import design_positions  # which few frames need
+def move_nodes(frame: Frame, sides: Sequence[Surface], forces: Sequence[Array]) -> Frame:
+    """The frame with its nodes moved."""
+    from dolfinx_llm.design.positions import design_positions  # which few frames need
 
-            x = [side.x[k] for side, k in zip(sides, in_contact)]
-            frame = design_positions(frame, x, [f[k] for f, k in zip(forces, in_contact)])
-    return comm.bcast(frame, root=0)
+    in_contact = [f > 0.0 for f in forces]
+    x = [side.x[k] for side, k in zip(sides, in_contact)]
+    return design_positions(frame, x, [f[k] for f, k in zip(forces, in_contact)])

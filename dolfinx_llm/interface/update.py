@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.base.timing import Clock
 from dolfinx_llm.interface.build import assembled, build, build_against, build_piece
 from dolfinx_llm.interface.geometry import InterfaceGeometry
@@ -61,11 +63,16 @@ def relocated(
         return build_against(site, notes, clock, geometry.pairs[0].nodes)
     if v is None:
         raise ContactInputError("v=None: give the motion (m, gdim) of the frame's nodes")
-    parts, first = [], 0
-    for part in geometry.parts:
-        last = replace(part, frame=part.frame.moved(v[first : first + len(part.frame.x)]))
-        first += len(part.frame.x)
-        parts.append(build_piece(site, part.piece.moved(site.whole), notes, clock, last=last))
+    ends = np.cumsum([len(part.frame.x) for part in geometry.parts])
+
+    def found() -> tuple[Any, ...]:
+        parts = []
+        for part, own in zip(geometry.parts, np.split(v, ends[:-1]), strict=True):
+            last = replace(part, frame=part.frame.moved(own))
+            parts.append(build_piece(site, part.piece.moved(site.whole), notes, clock, last=last))
+        return parts, notes, clock
+
+    parts, notes, clock = chosen(site.comm, found)
     rims = [np.zeros(len(side.x), dtype=bool) for side in site.whole]
     for rim, side, own, pairs in zip(rims, site.whole, geometry.rims, geometry.pairs, strict=True):
         rim[np.isin(side.dofs, pairs.dofs[own])] = True

@@ -15,6 +15,7 @@ import scipy.linalg
 from scipy.sparse import bsr_matrix, csr_matrix
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.base.sparse import placed
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.petsc import diagonal_of, products
@@ -171,14 +172,18 @@ def _allowed(bodies: Bodies, fixed: Array) -> Array:
     for own in np.split(order, np.flatnonzero(np.diff(of[order])) + 1) if len(of) else []:
         held[of[own[0]]] = np.linalg.qr(R[own], mode="r")
     every = bodies.comm.allgather(held)
-    out = np.tile(np.eye(bodies.ways), (bodies.count, 1, 1))
-    counts = np.full(bodies.count, bodies.ways)
-    for b in sorted(set().union(*every)):
-        _, values, vectors = np.linalg.svd(np.concatenate([h[b] for h in every if b in h]))
-        rank = int((values > STILL * max(values.max(initial=0.0), 1.0)).sum())
-        counts[b], out[b] = bodies.ways - rank, 0.0
-        out[b, :, : counts[b]] = vectors[rank:].T
-    return out[:, :, : counts.max(initial=0)]
+
+    def left() -> Array:
+        out = np.tile(np.eye(bodies.ways), (bodies.count, 1, 1))
+        counts = np.full(bodies.count, bodies.ways)
+        for b in sorted(set().union(*every)):
+            _, values, vectors = np.linalg.svd(np.concatenate([h[b] for h in every if b in h]))
+            rank = int((values > STILL * max(values.max(initial=0.0), 1.0)).sum())
+            counts[b], out[b] = bodies.ways - rank, 0.0
+            out[b, :, : counts[b]] = vectors[rank:].T
+        return out[:, :, : counts.max(initial=0)]
+
+    return chosen(bodies.comm, left)
 
 
 def _of_bodies(bodies: Bodies, of: Array, allowed: Array, fields: Any) -> list[Any]:
@@ -204,16 +209,21 @@ def _of_bodies(bodies: Bodies, of: Array, allowed: Array, fields: Any) -> list[A
     extent = np.linalg.norm(bodies.high - bodies.low, axis=1)
     reach = np.maximum(np.abs(bodies.low), np.abs(bodies.high)).max(axis=1)
     far = np.maximum(reach / extent * across / FAR, 1.0)
-    noise, found = NOISE * EPS * far * np.sqrt(squares), []
-    for b, count in enumerate((allowed != 0.0).any(axis=1).sum(axis=1)):
-        if not count:
-            found.append((np.zeros((0, 0)), np.zeros(0), np.zeros(0, dtype=bool), np.zeros(0)))
-            continue
-        mine = own[b, :count, :count]
-        values, vectors = scipy.linalg.eigh(0.5 * (mine + mine.T), size[b, :count, :count])
-        weak = values * across[b] ** 2 < WEAK
-        vectors = vectors[:, weak]
-        vectors = vectors / np.linalg.norm(allowed[b, :, :count] @ vectors, axis=0)
-        values = np.einsum("ij,ik,kj->j", vectors, mine, vectors)
-        found.append((vectors, values, values > noise[b], np.full(len(values), noise[b] / NOISE)))
-    return found
+    noise = NOISE * EPS * far * np.sqrt(squares)
+
+    def weakly_held() -> list[Any]:
+        found = []
+        for b, count in enumerate((allowed != 0.0).any(axis=1).sum(axis=1)):
+            if not count:
+                found.append((np.zeros((0, 0)), np.zeros(0), np.zeros(0, dtype=bool), np.zeros(0)))
+                continue
+            mine = own[b, :count, :count]
+            values, vectors = scipy.linalg.eigh(0.5 * (mine + mine.T), size[b, :count, :count])
+            vectors = vectors[:, values * across[b] ** 2 < WEAK]
+            vectors = vectors / np.linalg.norm(allowed[b, :, :count] @ vectors, axis=0)
+            values = np.einsum("ij,ik,kj->j", vectors, mine, vectors)
+            level = np.full(len(values), noise[b] / NOISE)
+            found.append((vectors, values, values > noise[b], level))
+        return found
+
+    return chosen(bodies.comm, weakly_held)

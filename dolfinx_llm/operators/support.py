@@ -11,6 +11,7 @@ from scipy.sparse import coo_matrix, csr_matrix, identity, vstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.base.sparse import symmetric_factors
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.floating import Loose
@@ -133,20 +134,24 @@ def unheld(
     row = body[:, None] * ways + np.arange(ways)
     at = row.ravel(), np.repeat(np.arange(free), ways)
     moves = csr_matrix((parts.ravel(), at), (bodies.count * ways, free))
-    rows = [csr_matrix((0, free))]
-    for L, BtR in interfaces:
-        own = (BtR @ moves).tocsc()
-        used = np.flatnonzero(np.diff(own.indptr))  # of two bodies, as a rule
-        felt = own[:, used].toarray()
-        if L is not None and len(used):
-            felt = felt - L @ least_squares(L, felt)
-        felt = np.linalg.qr(felt, mode="r")
-        placed = coo_matrix(felt)
-        rows.append(csr_matrix((placed.data, (placed.row, used[placed.col])), (len(felt), free)))
-    held = vstack(rows, format="csr")
-    held.data[np.abs(held.data) < UNHELD * np.abs(held.data).max(initial=1.0)] = 0.0
-    held.eliminate_zeros()
-    return Loose(held[independent_rows(held, UNHELD)])
+
+    def held() -> csr_matrix:
+        rows = [csr_matrix((0, free))]
+        for L, BtR in interfaces:
+            own = (BtR @ moves).tocsc()
+            used = np.flatnonzero(np.diff(own.indptr))  # of two bodies, as a rule
+            felt = own[:, used].toarray()
+            if L is not None and len(used):
+                felt = felt - L @ least_squares(L, felt)
+            felt = coo_matrix(np.linalg.qr(felt, mode="r"))
+            shape = felt.shape[0], free
+            rows.append(csr_matrix((felt.data, (felt.row, used[felt.col])), shape))
+        found = vstack(rows, format="csr")
+        found.data[np.abs(found.data) < UNHELD * np.abs(found.data).max(initial=1.0)] = 0.0
+        found.eliminate_zeros()
+        return found[independent_rows(found, UNHELD)]
+
+    return Loose(chosen(bodies.comm, held) if free else csr_matrix((0, 0)))
 
 
 def least_squares(L: csr_matrix, b: Array) -> Array:

@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.base.parallel import gather_rows
+from dolfinx_llm.base.parallel import chosen, gather_rows
 from dolfinx_llm.base.sparse import beside
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.geometry.pairs import ContactPairs
@@ -139,11 +139,12 @@ class ContactOperators:
         shared = self.held | (self.interfaces_at > 1)
         rows = np.flatnonzero(ties & shared)
         if len(rows):
-            self.redundant[rows] = repeated(self._said(rows))
+            self.redundant[rows] = chosen(self.comm, lambda: repeated(self._said(rows)))
         self.loops = np.zeros(len(self.held), dtype=bool)
         if not self.tied:
             rest = np.flatnonzero(shared & ~self.redundant & ~self.soft)
-            self.loops[rest] = in_loops(self._said(rest)) & ~ties[rest]
+            loops = chosen(self.comm, lambda: in_loops(self._said(rest)))
+            self.loops[rest] = loops & ~ties[rest]
         self.idle, of = np.zeros_like(self.held), (self.dofs, self.side_dofs, self.soft)
         self._both = held_on_both_sides(self.geometries, self.places, *of)
 

@@ -231,9 +231,9 @@ def check_tags_belong(tags: Any, spaces: Sequence[Any]) -> None:
         )
 
 
-def _told(interface: Interface) -> tuple[str, ...]:
-    """An interface's choices as texts, to compare them between ranks."""
+def _told(interface: Interface) -> tuple[Any, ...]:
+    """An interface's choices as plain data, to compare them between ranks."""
     frame, obstacle = interface.frame, interface.obstacle
-    nodes = () if frame is None else (frame.x.tobytes().hex(), frame.cells.tobytes().hex())
+    nodes = () if frame is None else (frame.x.tolist(), frame.cells.tolist())
     law, rigid = checks.shown(interface.law), "" if obstacle is None else repr(obstacle)
     return interface.name, law, str(interface.design), rigid, str(interface.shift), *nodes

@@ -13,7 +13,7 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.disposable import free_garbage
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.base.parallel import agree, check, collective
+from dolfinx_llm.base.parallel import agree, check, collective, told
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.newton import NewtonSteps
@@ -183,10 +183,11 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         self.bulk.put(state.u)
         self._state, placed = state, self._newton.equations.interfaces
         with self.times.timed("results"):
-            self.results = [
+            results = [
                 moving_results(c.what, c.at(self.bulk.dofs, state.u), t)
                 for c, t in zip(placed, self._newton.terms, strict=True)
             ]
+            self.results = told(self.comm, results)
 
     def destroy(self) -> None:
         """Free the factorisation, which the next ``solve`` makes anew; collective. On one rank the

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from scipy.sparse import block_diag, csr_matrix, diags, identity, random, vstack
 
 from dolfinx_llm.forms.condensed import elimination
@@ -28,7 +29,7 @@ def test_unknowns_that_rows_bind(soft, monkeypatch):
 
     monkeypatch.setattr(elimination, "qr", small)
     S = diags(rng.random(k)).tocsr() if soft else None
-    found = elimination.FrameElimination(D, S)
+    found = elimination.FrameElimination(MPI.COMM_SELF, D, S)
     g, forces = dense @ rng.random(m), dense.T @ rng.random(k)
     q, r = rng.random(m), len(found.dependent)
     assert r == np.linalg.matrix_rank(dense, tol=1e-8)

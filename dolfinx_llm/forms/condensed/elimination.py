@@ -12,11 +12,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from scipy.linalg import qr, solve_triangular
 from scipy.sparse import coo_matrix, csr_matrix, diags, hstack
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.prescribed import RANK, REPEATED, pieces
 
@@ -141,14 +143,17 @@ class FrameElimination:
 
     With S (k, k) over c, S = ``soft``, the rows give way, D v = g_D - S μ / c. Their forces μ =
     c Q ν are then unknowns ν in the places of v_dep, and Z has columns -R_1⁻¹ Qᵀ S Q there.
+
+    Which unknowns go is the same on all ranks of ``comm``.
     """
 
-    def __init__(self, D: csr_matrix, soft: csr_matrix | None = None) -> None:
+    def __init__(self, comm: MPI.Comm, D: csr_matrix, soft: csr_matrix | None = None) -> None:
         self.shape = k, m = D.shape
         D.eliminate_zeros()
         joint = D if soft is None else hstack([D, soft], format="csr")
         size = np.sqrt(D.multiply(D).sum(axis=0).max()) if D.nnz else 1.0
-        self._parts = [_bound(D, rows, size, soft) for rows in _gathered(joint) if D[rows].nnz]
+        parts = chosen(comm, lambda: _triangles(D, joint, size, soft is None))
+        self._parts = [_bound(D, soft, *part) for part in parts]
         ends = np.cumsum([0, *(len(part.dependent) for part in self._parts)])
         self._own = [slice(*pair) for pair in itertools.pairwise(ends)]
         self.dependent = np.zeros(ends[-1], dtype=np.int64)
@@ -199,17 +204,35 @@ def _gathered(D: csr_matrix) -> list[Array]:
     return np.split(np.concatenate(found), cuts) if found else []
 
 
-def _bound(D: csr_matrix, rows: Array, size: float, soft: csr_matrix | None) -> BoundUnknowns:
-    """What some rows of D determine; its largest column has this size."""
-    touched = np.unique(D[rows].indices)
-    A = D[rows][:, touched]
-    if soft is None and len(touched) > SMALL:
-        factor = _factor_of_squares(A, size)
-        if factor is not None:
-            return _determined(A, rows, touched, factor)
-    Q, R, order = qr(A.toarray(), mode="economic", pivoting=True)
-    r = int((np.abs(np.diag(R)) > RANK * size).sum())
-    Q, R, rest = Q[:, :r], R[:r, :r], R[:r, r:]
+def _triangles(D: csr_matrix, joint: csr_matrix, size: float, squares: bool) -> list[Any]:
+    """Of rows of D that hang together by ``joint`` their numbers, the columns that they touch, and
+    Q, R and pivots; these are None where ``squares`` tell what rows determine. D's largest column
+    has this size."""
+    found = []
+    for rows in _gathered(joint):
+        A = D[rows]
+        touched = np.unique(A.indices)
+        if not len(touched):
+            continue
+        A, triangle = A[:, touched], None
+        if not (squares and len(touched) > SMALL and _factor_of_squares(A, size) is not None):
+            Q, R, order = qr(A.toarray(), mode="economic", pivoting=True)
+            r = int((np.abs(np.diag(R)) > RANK * size).sum())
+            triangle = Q[:, :r], R[:r], order
+        found.append((rows, touched, triangle))
+    return found
+
+
+def _bound(
+    D: csr_matrix, soft: csr_matrix | None, rows: Array, touched: Array, triangle: Any
+) -> BoundUnknowns:
+    """What some rows of D determine, of ``_triangles``."""
+    if triangle is None:
+        A = D[rows][:, touched]
+        return _determined(A, rows, touched, _squares(A))
+    Q, R, order = triangle
+    r = R.shape[0]
+    R, rest = R[:, :r], R[:, r:]
     X = -solve_triangular(R, rest) if r else rest
     X[np.abs(X) < 1e-15] = 0.0
     dependent, others = touched[order[:r]], touched[order[r:]]
@@ -239,14 +262,19 @@ def _determined(A: csr_matrix, rows: Array, columns: Array, factor: Any) -> Boun
     return BoundUnknowns(rows, columns, columns[:0], none, none, solve, forces)
 
 
+def _squares(A: csr_matrix) -> Any:
+    """Factors of AᵀA."""
+    return splu(
+        (A.T @ A).tocsc(),
+        permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
+    )  # fmt: skip
+
+
 def _factor_of_squares(A: csr_matrix, size: float) -> Any:
     """Factors of AᵀA; None where A's smallest singular value is not clearly above zero."""
     v = np.random.default_rng(2001).normal(size=A.shape[1])
     try:
-        factor = splu(
-            (A.T @ A).tocsc(),
-            permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
-        )  # fmt: skip
+        factor = _squares(A)
     except RuntimeError:  # exactly singular
         return None
     for _ in range(TURNS):

@@ -42,7 +42,7 @@ class Transformation:
         node = eliminate_at_nodes(self.dofs, self.vectors, fixed)
         self.A, self.W = node.A, node.W
         self.L = rows.L[rows.multipliers.mine]  # rows of this rank
-        self.frame = FrameElimination(*self._frame_rows(soft))
+        self.frame = FrameElimination(self.comm, *self._frame_rows(soft))
         surface = split.surface
         self._N_S = node.N[surface][:, surface].multiply(~fixed[surface]).tocsr()
         self._N_S.eliminate_zeros()

@@ -1,0 +1,18 @@
+"""What is the same on all ranks, whatever each of them rounds."""
+
+import pytest
+from conftest import run_mpi_json
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_that_round_otherwise(ranks):
+    """Rank 0 chooses, also an error; arguments may differ by rounding and no more."""
+    every = run_mpi_json("rounded.py", ranks)["every"]
+    assert len(every) == ranks
+    assert all(found == every[0] for found in every)
+    found = every[0]
+    assert found["told"] == 0.1
+    assert found["chosen"] == [0, 0.1]
+    assert found["error"] == "on rank 0"
+    refused = {name for name, is_so in found.items() if is_so is True}
+    assert refused == {name for name in found if name.startswith("another")}
