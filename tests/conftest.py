@@ -58,24 +58,24 @@ def clean_environment() -> dict[str, str]:
     }
 
 
-# Kernels of an older processor, which round otherwise: as on machines of several kinds, and on one
-# where LAPACK's results depend on where arrays lie. No rank may choose by that for itself.
-OLDER = ["env", "OPENBLAS_CORETYPE=Nehalem", "NPY_DISABLE_CPU_FEATURES=AVX512F"]
-
-
-def _each(n: int, command: list[str]) -> list[str]:
-    """mpirun's arguments for n ranks, every other one of which rounds like another processor."""
-    each = [["-n", "1", *(OLDER if rank % 2 else []), *command] for rank in range(n)]
-    return [word for rank in each for word in (":", *rank)][1:]
+# Every other rank has the kernels of an older processor, which round otherwise: as on machines of
+# several kinds, and on one where LAPACK's results depend on where arrays lie. No rank may choose by
+# that for itself.
+UNLIKE = """
+if [ $((${OMPI_COMM_WORLD_RANK:-${PMI_RANK:-0}} % 2)) = 1 ]; then
+    export OPENBLAS_CORETYPE=Nehalem NPY_DISABLE_CPU_FEATURES=AVX512F
+fi
+exec "$@"
+"""
 
 
 class Ranks:
     """An mpirun of n ranks that runs one script after the other, see mpi/guard.py."""
 
     def __init__(self, n: int):
-        self.errors = tempfile.TemporaryFile("w+")
+        self.errors, guard = tempfile.TemporaryFile("w+"), [str(TESTS / "mpi" / "guard.py")]
         self.process = subprocess.Popen(
-            ["mpirun", *_each(n, [sys.executable, str(TESTS / "mpi" / "guard.py")])],
+            ["mpirun", "-n", str(n), "sh", "-c", UNLIKE, "sh", sys.executable, *guard],
             env=clean_environment(),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
