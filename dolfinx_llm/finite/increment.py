@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.parallel import collective, told
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState, slid, stays
 from dolfinx_llm.finite.parts import Part
 from dolfinx_llm.finite.settling import EXCHANGES, Exchanges, foreseen, lands
@@ -142,9 +143,8 @@ class Increment:
 
     def _balance(self) -> None:
         """Residual for the forces of contact and loads as they are."""
-        steps = self.steps
+        steps, comm, largest = self.steps, self.dofs.comm, 0.0
         r = self._body - self.unbalanced
-        largest = 0.0
         self.loads = []
         self.pushed = np.zeros_like(r)
         for placed, p, faces in zip(steps.followers, self.pressures, self.faces, strict=True):
@@ -160,43 +160,45 @@ class Increment:
         r -= self.pushed
         parts = r[self.fixed], self.unbalanced, r[~self.fixed], self.u
         mine = [float(np.abs(part).max(initial=0.0)) for part in parts]
-        reaction, load, rest, moved = np.max(self.dofs.comm.allgather(mine), axis=0)
-        nothing = 1e-12 * steps.scale * steps.size
-        rest = max([rest, *(t.miss for t in self.terms)])
+        mine.append(max([np.abs(t.rest).max(initial=0.0) for t in self.terms], default=0.0))
+        mine += [max([0.0, *(t.miss for t in self.terms)]), largest]  # the same but for rounding
+        reaction, load, rest, moved, self.rest, miss, largest = np.max(comm.allgather(mine), axis=0)
+        nothing, rest = 1e-12 * steps.scale * steps.size, max(rest, miss)
         largest = max(largest, reaction, load, nothing, 1e-300)
         rounding = ROUNDED * steps.scale * (steps.bodies.size + moved)
         self.r, self.error = r, float(rest / max(largest, rounding / CONVERGED))
         self.doubt = min(rest, DOUBTS * largest)
-        self.rest = max([np.abs(t.rest).max(initial=0.0) for t in self.terms], default=0.0)
 
     def _contact(self) -> None:
         """Terms of the interfaces, with the status that their pairs have now."""
         self.terms, self.changes = [], 0
-        scale, size = self.steps.scale, self.steps.size
+        size, comm, in_time = self.steps.size, self.dofs.comm, self.steps.bodies.in_time
+        reaches = max(NO_GAP * size, self.doubt / self.steps.scale), NO_GAP * size  # closed, open
         for i, placed in enumerate(self.steps.interfaces):
             contact: MovingContact = placed.what
             before, q, near = self.status[i], self.own[i], self.error < self.trusted
             held = replace(self.held[i], lagged=self.lagged, near=near)
-            place = contact.place(placed.at(self.dofs, self.u), q, held)
-            start = np.full(len(place.gap), OPEN) if before is None else before
-            reach = np.where(start == OPEN, NO_GAP * size, max(NO_GAP * size, self.doubt / scale))
-            now, found = contact.touching(place, q, start, held, reach)
-            fallen = self.stuck and not (start != OPEN).any()  # bodies that contact alone supports
-            fallen = (before is None or fallen) and not self.steps.bodies.in_time
-            if fallen and not now.any() and place.pairs.any() and not self.drawn[i]:
-                # The nearest touch; once, as they may pull: what springs hold has not fallen.
-                self.drawn[i] = before is not None
-                reach = np.full(len(start), place.gap.min() + NEARLY * size)
-                now, found = contact.touching(place, q, start, held, reach)
-            now = contact.staying(self.stays[i] & place.pairs, now)
+            z = placed.at(self.dofs, self.u)
+            with collective(comm):
+                place = contact.place(z, q, held)
+                start = np.full(len(place.gap), OPEN) if before is None else before
+                now, found = contact.touching(place, q, start, held, np.where(start, *reaches))
+                fallen = before is None or (self.stuck and not start.any())
+                if fallen and not (now.any() or in_time or self.drawn[i]) and place.pairs.any():
+                    # The nearest touch; once, as they may pull: what springs hold has not fallen.
+                    self.drawn[i] = before is not None
+                    reach = np.full(len(start), place.gap.min() + NEARLY * size)
+                    now, found = contact.touching(place, q, start, held, reach)
+                now = contact.staying(self.stays[i] & place.pairs, now)
+            now = self.status[i] = told(comm, now)
             self.changes += int(((now != OPEN) != (start != OPEN)).sum())
-            self.status[i] = now
             self.held[i] = replace(found, pairs=place.pairs)
-            self.terms.append(contact.terms(place, q, now, self.held[i], placed.free))
+            with collective(comm):
+                self.terms.append(contact.terms(place, q, now, self.held[i], placed.free))
 
     def iterate(self) -> None:
         """Solve for changes, and apply them as far as elements do not turn inside out."""
-        steps = self.steps
+        steps, comm = self.steps, self.dofs.comm
         with steps.times.timed("assembly of J"):
             K = steps.bodies.tangent(self.u)
         try:
@@ -212,11 +214,11 @@ class Increment:
             K.destroy()
         for cut in 0.5 ** np.arange(CUTS):
             body = self._residual(self.u + cut * du)
-            if self.dofs.comm.allreduce(bool(np.isfinite(body).all()), op=MPI.LAND):
+            if comm.allreduce(bool(np.isfinite(body).all()), op=MPI.LAND):
                 break
         else:
-            raise _inside_out(self.dofs.comm, body, cut * du)
-        self.lagged = slid(steps, self.terms, cut * du) > SLIDES * steps.size
+            raise _inside_out(comm, body, cut * du)
+        self.lagged = told(comm, slid(steps, self.terms, cut * du) > SLIDES * steps.size)
         self.u, self._body = self.u + cut * du, body
         self.own = [q + cut * d for q, d in zip(self.own, changes, strict=True)]
         exact, before = any(held.exact for held in self.held), self.error
@@ -244,7 +246,7 @@ class Increment:
                 of = every[i].what, t.place, q, (dz[i], changes[i]), held
                 there = foreseen(*of, NO_GAP * self.steps.size)
                 now[i] = every[i].what.staying(self.stays[i] & t.place.pairs, there)
-        found = exchanges.take(now, self.status, self.held)
+        found = exchanges.take(told(self.dofs.comm, now), self.status, self.held)
         for i, status in found.items():
             q, held = self.own[i], replace(self.held[i], about=(dz[i], self.own[i] + changes[i]))
             of_pairs = self.terms[i].place, q, status, held, every[i].free
