@@ -91,8 +91,9 @@ class Equations:
     def measure(self, u: Array) -> None:
         """Find the bodies' stiffness at this rank's u, once for what they are now; collective."""
         if self.measured != self.bodies.version:
-            K = self.bodies.tangent(u)
-            self.scale, self.measured = mean_diagonal(K), self.bodies.version
+            K, dofs = self.bodies.tangent(u), self.bodies.dofs
+            self.scale = mean_diagonal(K, dofs.first + dofs.of_nodes)
+            self.measured = self.bodies.version
             K.destroy()
 
 

@@ -28,6 +28,7 @@ POSED = {
     "swapped": scenes.Variant(swap=True),
     "renumbered": scenes.Variant(renumber=2001),
     "units": scenes.Variant(length=1e2, modulus=1e-4),
+    "mixed": scenes.Variant(mixed=True),
     "saddle": scenes.Variant(solver="saddle"),
     "condensed": scenes.Variant(solver="condensed"),
 }
@@ -122,12 +123,21 @@ def test_conditions_in_time(seed):
     some_of(
         [(1005, "turned"), (1011, "mirrored"), (1007, "renumbered"), (1005, "units"),
          (1030, "saddle"), (1058, "condensed"), (1013, "units"), (1014, "condensed"),
-         (1018, "condensed"), (1020, "renumbered")], [(1005, "turned")]
+         (1018, "condensed"), (1020, "renumbered"), (2004, "mixed"), (2009, "mixed"),
+         (2016, "mixed")], [(1005, "turned"), (2009, "mixed")]
     ),
 )  # fmt: skip
 def test_poses_at_finite_deformation(seed, name):
+    """Friction of mixed bodies was told by other blocks' stiffness as well."""
     scene = random_finite.draw(seed)
     found = random_finite.solve(scene, POSED[name].of(scene))
+    agree(found, random_finite.solve(scene), scene)
+
+
+@pytest.mark.parametrize("seed", [2022, longer(2019)])
+def test_mixed_bodies_of_second_order_at_finite_deformation(seed):
+    scene = random_finite.draw(seed, second=True)
+    found = random_finite.solve(scene, POSED["mixed"].of(scene))
     agree(found, random_finite.solve(scene), scene)
 
 
@@ -154,6 +164,8 @@ DRAWN = some_of(CASES, set(CASES[::5]) | {(1041, "mirrored")})
 # one plane.
 CURVED = [(10264, "turned"), (10616, "turned"), (10264, "mirrored"), (10264, "swapped")]
 DRAWN += some_of(CURVED, CURVED[:2])
+MIXED = [(seed, "mixed") for seed in SEEDS[1::5]]
+DRAWN += some_of(MIXED, MIXED[:1])
 DRAWN += some_of(LEFT_OPEN, LEFT_OPEN[:1] + LEFT_OPEN[-1:])
 
 
@@ -162,6 +174,7 @@ DRAWN += some_of(LEFT_OPEN, LEFT_OPEN[:1] + LEFT_OPEN[-1:])
     [
         *(pytest.param(*p.values, False, marks=p.marks) for p in DRAWN),
         (1029, "mirrored", True),  # nodes beyond the frame's rim, between two of its cells
+        (1010, "mixed", True),
     ],
 )
 def test_poses(seed, name, second):

@@ -69,6 +69,7 @@ def one(seed, kind, second, variants):
         "swapped": scenes.Variant(swap=True),
         "renumbered": scenes.Variant(renumber=seed),
         "units": scenes.Variant(length=1e3, modulus=1e-5),
+        "mixed": scenes.Variant(mixed=True),
         "form": scenes.Variant(solver="saddle" if scene.solver == "condensed" else "condensed"),
     }
     if kind == "finite":  # "swapped" is another frame where cells are as large on both sides

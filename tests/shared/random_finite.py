@@ -33,23 +33,28 @@ def draw(seed, second=False):
     return scene
 
 
-def _residual(form, V, u, order):
-    """F of neo-Hookean bodies of an order with the moduli, springs and load of linear ones."""
+def _residual(form, U, order, mixed):
+    """F of neo-Hookean bodies of an order with the moduli, springs and load of linear ones, U being
+    their displacement or in a mixed space."""
     a, L = form
     E, k = a.coefficients()
-    w = ufl.TestFunction(V)
+    u, w, others = U, (dU := ufl.TestFunction(U.function_space)), []
+    if mixed:
+        (u, *q), (w, *r) = ufl.split(U), ufl.split(dU)
+        others = [-b * c / E * ufl.dx for b, c in zip(q, r, strict=True)]
     mu, lam = E / (2 * (1 + scenes.NU)), E * scenes.NU / (1 + scenes.NU) / (1 - 2 * scenes.NU)
     W = finite_patch.energy(u, mu, lam) * ufl.dx(degree=2 * order)
-    return ufl.derivative(W, u, w) + k * ufl.inner(u, w) * ufl.dx - L
+    return sum(others, ufl.derivative(W, U, dU) + k * ufl.inner(u, w) * ufl.dx - L)
 
 
 def pose(scene, variant=None, **kwargs):
     """A posed scene whose ``problem`` is nonlinear."""
     posed = scenes.pose(scene, variant, **kwargs)
-    u = [fem.Function(V) for V in posed.spaces]
+    u = [fem.Function(L.arguments()[0].ufl_function_space()) for _, L in posed.forms]
     orders = [b.order for b in scene.bodies][: len(u)]  # those on one mesh have one
-    F = [_residual(*given) for given in zip(posed.forms, posed.spaces, u, orders, strict=True)]
-    solver = posed.variant.solver or scene.solver
+    given, mixed = zip(posed.forms, u, orders, strict=True), posed.variant.mixed
+    F = [_residual(*of, mixed) for of in given]
+    solver = posed.variant.solver or ("saddle" if mixed else scene.solver)
     one = len(F) == 1
     posed.problem = llm.NonlinearContactProblem(
         F[0] if one else F,

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
+from mixed import mixed_space
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
@@ -103,6 +104,7 @@ class Variant:
     length: float = 1.0  # units, on top of the scene's own
     modulus: float = 1.0
     solver: str = ""
+    mixed: bool = False  # in mixed spaces, of which another block stands by itself
 
     def of(self, scene):
         """With the matrix that ``turn`` names, for this scene."""
@@ -420,6 +422,7 @@ class Posed:
     faces: dict = field(default_factory=dict)  # (body, face): the scene's nodes on it
     residuals: list = field(default_factory=list)  # compiled, at finite deformation
     held: object = None  # (all nodes, gdim) whether the scene's components are prescribed
+    within: list = field(default_factory=list)  # per mesh, of a mixed space: the dofs of ``spaces``
 
     def vector(self, v):
         """Vector of the scene, posed."""
@@ -428,6 +431,8 @@ class Posed:
     def make(self):
         """The ContactProblem; it may raise."""
         solver = self.variant.solver or self.scene.solver
+        if self.variant.mixed and solver == "condensed":  # which mixed spaces are refused for
+            solver = "saddle"
         options = {}
         if solver == "sparse":
             solver = "saddle"
@@ -518,18 +523,24 @@ def pose(scene, variant=None, comm=MPI.COMM_SELF):
         if comm.rank:
             x, cells = x[:0], cells[:0]
         domain = compat.create_mesh(comm, cells, x, scene.bodies[group[0]].kind)
-        V = compat.function_space(domain, degree=scene.bodies[group[0]].order, shape=(gdim,))
+        order = scene.bodies[group[0]].order
+        if variant.mixed:
+            W = mixed_space(domain, ("Lagrange", order, True), ("DG", 0, False))
+            V, within = W.sub(0).collapse()
+            posed.within.append(np.asarray(within))
+        else:
+            W = V = compat.function_space(domain, degree=order, shape=(gdim,))
         given = number[np.asarray(domain.geometry.input_global_indices, dtype=np.int64)]
         of_dof = np.zeros(0, dtype=int)
         if len(points := V.tabulate_dof_coordinates()[:, :gdim]):
             distance, of_dof = cKDTree(reference).query(points)
             assert distance.max() < 1e-9, "a dof that is no node of the scene"
         tags.append(_tags(domain, scene, group, posed, len(tags)))
-        reached.append(_held(V, scene, group, posed.Q))
+        reached.append((W, _held(W, V, scene, group, posed.Q)))
         posed.spaces.append(V)
         posed.nodes.append(of_dof)
         domain.geometry.x[:, :gdim] = length * x_scene[given] @ Q.T
-        posed.forms.append(_forms(V, domain, scene, group, posed, tags[-1], given))
+        posed.forms.append(_forms(W, domain, scene, group, posed, tags[-1], given))
     _conditions(scene, posed, reached)
     _interfaces(scene, posed, tags)
     return posed
@@ -552,28 +563,34 @@ def _tags(domain, scene, group, posed, index):
     return mesh.meshtags(domain, gdim - 1, facets[order].astype(np.int32), values[order])
 
 
-def _held(V, scene, group, Q):
+def _held(W, V, scene, group, Q):
     """Dofs of the clamped base, of the top that is moved and of walls, found in the reference
-    positions."""
-    held = {}
+    positions; of a mixed space those of W's first block and of V."""
+    held, spaces = {}, V if W is V else (W.sub(0), V)
+
+    def at(height):
+        return fem.locate_dofs_geometrical(spaces, lambda p: np.isclose(p[scene.gdim - 1], height))
+
     if scene.base == "clamped" and 0 in group:
-        held["base"] = fem.locate_dofs_geometrical(V, lambda p: np.isclose(p[scene.gdim - 1], 0.0))
+        held["base"] = at(0.0)
     last = len(scene.bodies) - 1
     if scene.load == "motion" and last in group:
-        top = APART * last + 1.0
-        held["top"] = fem.locate_dofs_geometrical(V, lambda p: np.isclose(p[scene.gdim - 1], top))
+        held["top"] = at(APART * last + 1.0)
     domain = V.mesh
     for j in range(scene.gdim - 1) if scene.walls else ():
         c = int(np.abs(Q[:, j]).argmax())  # walls: Q permutes the axes
         dim = domain.topology.dim - (scene.walls == "faces")
         domain.topology.create_connectivity(dim, domain.topology.dim)
         if scene.walls == "faces":
-            at = mesh.locate_entities_boundary(
+            facets = mesh.locate_entities_boundary(
                 domain, dim, lambda p, j=j: np.isclose(np.abs(p[j]), 1.0)
             )
         else:
-            at = np.arange(domain.topology.index_map(dim).size_local, dtype=np.int32)
-        held[j, c] = fem.locate_dofs_topological(V.sub(c), dim, at)
+            facets = np.arange(domain.topology.index_map(dim).size_local, dtype=np.int32)
+        held[j, c] = [
+            fem.locate_dofs_topological(U.sub(c), dim, facets)
+            for U in ([V] if W is V else [W.sub(0), V])
+        ]
     return held
 
 
@@ -595,10 +612,14 @@ def _forms(V, domain, scene, group, posed, tags, given):
     E.x.array[column] = moduli
     k.x.array[column] = springs * posed.modulus / posed.length**2
     u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
+    others = []
+    if posed.variant.mixed:
+        (u, *q), (w, *r) = ufl.split(u), ufl.split(w)
+        others = [-b * c / E * ufl.dx for b, c in zip(q, r, strict=True)]
     eps = ufl.sym(ufl.grad(u))
     mu, lam = E / (2 * (1 + NU)), E * NU / (1 + NU) / (1 - 2 * NU)
     stress = 2 * mu * eps + lam * ufl.tr(eps) * ufl.Identity(scene.gdim)
-    a = ufl.inner(stress, ufl.grad(w)) * ufl.dx + k * ufl.inner(u, w) * ufl.dx
+    a = sum(others, ufl.inner(stress, ufl.grad(w)) * ufl.dx + k * ufl.inner(u, w) * ufl.dx)
     load = fem.Constant(domain, np.zeros(scene.gdim))
     last = len(scene.bodies) - 1
     ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)
@@ -613,15 +634,18 @@ def _forms(V, domain, scene, group, posed, tags, given):
 
 def _conditions(scene, posed, reached):
     posed.held = np.zeros(posed.x.shape, dtype=bool)
-    for V, nodes, held in zip(posed.spaces, posed.nodes, reached, strict=True):
+    for V, nodes, (W, held) in zip(posed.spaces, posed.nodes, reached, strict=True):
+        whole = W is V
+        block, bs = V if whole else W.sub(0), 1 if whole else scene.gdim
         for name, dofs in held.items():
             if isinstance(name, tuple):
-                posed.bcs.append(fem.dirichletbc(0.0, dofs, V.sub(name[1])))
-                posed.held[nodes[dofs // scene.gdim], name[0]] = True
+                posed.bcs.append(fem.dirichletbc(0.0, dofs[0], block.sub(name[1])))
+                posed.held[nodes[dofs[-1] // scene.gdim], name[0]] = True
                 continue
             value = fem.Function(V)
-            posed.bcs.append(fem.dirichletbc(value, dofs))
-            posed.held[nodes[dofs]] = True
+            given = (value, dofs) if whole else (value, dofs, block)
+            posed.bcs.append(fem.dirichletbc(*given))
+            posed.held[nodes[(dofs if whole else dofs[1]) // bs]] = True
             if name == "top":
                 posed.motion = value
 
@@ -675,9 +699,10 @@ def collect(posed, result=None):
     gdim = scene.gdim
     functions = problem.u if isinstance(problem.u, list) else [problem.u]
     u = np.zeros((len(posed.x), gdim))
-    for f, V, nodes in zip(functions, posed.spaces, posed.nodes, strict=True):
+    within = posed.within or [slice(None)] * len(functions)
+    for f, V, nodes, own in zip(functions, posed.spaces, posed.nodes, within, strict=True):
         n = V.dofmap.index_map.size_local
-        rows = np.column_stack([nodes[:n], f.x.array[: n * gdim].reshape(n, gdim)])
+        rows = np.column_stack([nodes[:n], f.x.array[own][: n * gdim].reshape(n, gdim)])
         rows = np.concatenate(comm.allgather(rows))
         u[rows[:, 0].astype(int)] = rows[:, 1:]
     u = u @ posed.Q / posed.length
