@@ -111,6 +111,9 @@ def _no_multigrid(operators: ContactOperators) -> str:
         return "a mean couples all nodes of its surface"
     if operators.tied:
         return ""
+    if any(law.follows for law in laws):
+        # Ten times the work of the factorised form: GMRES takes hundreds of iterations.
+        return "contact along curved surfaces of second order goes back and forth"
     most = ONE_BODY if any(law.slips or law.gives for law in laws) else MOTIONS
     motions = operators.floating.rigid.modes.shape[1]
     return f"contact alone holds {motions} motions of bodies" if motions > most else ""
