@@ -80,17 +80,21 @@ def displacement_block(W: Any) -> tuple[Any, Array]:
     _check_mesh(W.mesh, 2)
     degree = compat.geometry_degree(W.mesh)
     nodes = CELLS[compat.cell_kinds(W.mesh)[0]][degree - 1 :]
-    blocks = [W.sub(i).collapse() for i in range(W.num_sub_spaces)]
-    found = [i for i, (V, _) in enumerate(blocks) if _has_nodes(V, nodes, (W.mesh.geometry.dim,))]
+    gdim, count = W.mesh.geometry.dim, W.num_sub_spaces
+    # Only these: collapse() of a discontinuous scalar crashes on a rank without cells in 0.5.2.
+    vectors = [V for V in map(W.sub, range(count)) if V.num_sub_spaces == gdim]
+    found = [
+        (V, dofs) for V, dofs in (V.collapse() for V in vectors) if _has_nodes(V, nodes, (gdim,))
+    ]
     check(
         W.mesh.comm,
         len(found) != 1,
-        f"{len(found)} of the {len(blocks)} blocks of the mixed space can be the displacement: one "
+        f"{len(found)} of the {count} blocks of the mixed space can be the displacement: one "
         f"must be a vector space of Lagrange elements with {' or '.join(map(str, nodes))} nodes "
         "per cell, and no other",
         ContactInputError,
     )
-    V, dofs = blocks[found[0]]
+    V, dofs = found[0]
     return V, np.ravel(np.asarray(dofs, dtype=np.int64))  # or a list of such arrays
 
 

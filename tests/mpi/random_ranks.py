@@ -1,4 +1,5 @@
-"""Random scenes on several ranks: displacement and forces of every load step as JSON."""
+"""Random scenes on several ranks, after "mixed" in mixed spaces: displacement and forces of every
+load step as JSON."""
 
 import json
 import logging
@@ -10,12 +11,13 @@ from mpi4py import MPI
 import dolfinx_llm as llm
 
 logging.disable(logging.CRITICAL)
-comm = MPI.COMM_WORLD
+comm, seeds = MPI.COMM_WORLD, sys.argv[1:]
+variant = scenes.Variant(mixed=seeds[0] == "mixed")
 out = {}
-for seed in map(int, sys.argv[1:]):
+for seed in map(int, seeds[variant.mixed :]):
     scene = scenes.draw(seed)
     try:
-        answers = scenes.solve(scene, comm=comm)
+        answers = scenes.solve(scene, variant, comm)
         out[seed] = [{"u": a.u.tolist(), "force": [f.tolist() for f in a.force]} for a in answers]
     except llm.ContactError as error:
         out[seed] = str(error)

@@ -527,7 +527,7 @@ def pose(scene, variant=None, comm=MPI.COMM_SELF):
         if variant.mixed:
             W = mixed_space(domain, ("Lagrange", order, True), ("DG", 0, False))
             V, within = W.sub(0).collapse()
-            posed.within.append(np.asarray(within))
+            posed.within.append(np.ravel(np.asarray(within, dtype=np.int64)))
         else:
             W = V = compat.function_space(domain, degree=order, shape=(gdim,))
         given = number[np.asarray(domain.geometry.input_global_indices, dtype=np.int64)]
