@@ -9,7 +9,7 @@ it is necessary alone, as in limit analysis, whose mechanism the programme's mul
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from scipy.linalg import qr
 from scipy.sparse import csr_matrix, hstack, identity, vstack
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.contact.equations import Equations
 from dolfinx_llm.contact.state import InterfaceState
@@ -57,10 +58,8 @@ def unbalanced(
         size = max(sizes.max(), np.abs(loads).max(initial=0.0))
         if not size > 0.0:
             return None
-        found = None
-        if floating.comm.rank == 0:
-            found = _left(equations, floating, along / size, loads / size, may_open, L_t)
-        share, motion = floating.comm.bcast(found)
+        left = partial(_left, equations, floating, along / size, loads / size, may_open, L_t)
+        share, motion = chosen(floating.comm, left)
         if share <= LEFT:
             return None
         return FinalError(out_of_balance(floating, share, motion, along))

@@ -255,9 +255,9 @@ def _follow(
     """Take over what sticks and slips on an interface; the number of changes that matter."""
     stake = s.law.at_stake(s.at(found.multiplier, found.w, equations.scale))
     felt = stake > equations.felt * largest
-    told = equations.law_rows(s, found.multiplier, found.w, calmed)
-    differs = ((told.status != s.own.status) & felt) | (told.holds != s.own.holds)
-    s.take(told)
+    now = equations.law_rows(s, found.multiplier, found.w, calmed)
+    differs = ((now.status != s.own.status) & felt) | (now.holds != s.own.holds)
+    s.take(now)
     return int(differs.sum())
 
 

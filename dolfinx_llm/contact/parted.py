@@ -12,6 +12,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix, hstack
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.contact.equations import Equations
 from dolfinx_llm.contact.state import InterfaceState
 
@@ -62,8 +63,7 @@ class Parted:
         rows = s.nodes.rows[:, -1]
         L = self._equations.whole[rows][:, s.nodes.v]
         at = np.unique(L.indices)
-        found = _farthest(L[:, at], position[rows], motion) if self._comm.rank == 0 else None
-        found = self._comm.bcast(found)
+        found = chosen(self._comm, lambda: _farthest(L[:, at], position[rows], motion))
         return None if found is None else (s.nodes.v[at], found)
 
 

@@ -5,6 +5,7 @@ answer to every multiplier costs more than a few factorisations. They are asked 
 sign is wrong, and for those that get it wrong in turn.
 """
 
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -131,19 +132,6 @@ class WholeSteps(StepForm):
         pairs, new = np.empty(0, dtype=np.int64), np.flatnonzero(found.wrong)
         answers: list[Array] = []
         change, forces = np.zeros(0, dtype=bool), np.zeros(0)
-
-        def exchanged() -> tuple[Array, ...] | None:
-            at, columns = place[pairs], np.column_stack(answers)
-            M, q, forces = columns[at], now[at], np.zeros(len(pairs))
-            try:
-                change = complementarity(M, q, q < 0.0)
-                forces[change] = np.linalg.solve(M[np.ix_(change, change)], -q[change])
-            except np.linalg.LinAlgError:
-                return None
-            after = now + columns @ forces
-            after[at] = 0.0
-            return change, forces, rows[after < -band]
-
         while len(new) and len(pairs) + len(new) <= 2 * self.most:
             for p in new:
                 load = self._loads(step, np.array([p]), np.ones(1))
@@ -152,15 +140,36 @@ class WholeSteps(StepForm):
                 column[place[p]] += 0.0 if on[place[p]] else self.scale * step.compliance[p]
                 answers.append(column)
             pairs = np.concatenate([pairs, new])
-            told = chosen(self.operators.comm, exchanged)
-            if told is None:  # forces that nothing determines: all wrong ones change
+            exchanged = partial(_exchanged, np.column_stack(answers), now, place[pairs])
+            try:
+                change, forces, after = chosen(self.operators.comm, exchanged)
+            except np.linalg.LinAlgError:  # forces that nothing determines: all wrong ones change
                 return pairs[:0], forces[:0]
-            change, forces, new = told
+            new = rows[after < -band]
         return pairs[change], forces[change]
 
     def destroy(self) -> None:
         """See ``StepForm``."""
         self.release()
+
+
+def _exchanged(columns: Array, now: Array, at: Array) -> tuple[Array, Array, Array]:
+    """Which pairs change, (k,), with what forces (k,), and what must not be negative then, (n,).
+
+    Args:
+        columns: (n, k) by which it changes with the pairs' forces.
+        now: (n,) as it is.
+        at: (k,) places of the pairs.
+
+    Raises:
+        numpy.linalg.LinAlgError: nothing determines the forces.
+    """
+    M, q, forces = columns[at], now[at], np.zeros(len(at))
+    change = complementarity(M, q, q < 0.0)
+    forces[change] = np.linalg.solve(M[np.ix_(change, change)], -q[change])
+    after = now + columns @ forces
+    after[at] = 0.0
+    return change, forces, after
 
 
 def row_stiffness(operators: ContactOperators, diagonal: Array) -> Array:

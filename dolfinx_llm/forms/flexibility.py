@@ -6,6 +6,7 @@ bodies that supports alone do not hold), and to iterate on that.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +17,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.log import progress
+from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, singular, wrong_signs
@@ -120,21 +122,23 @@ class Flexibility(StepForm):
         solved."""
         if f is not self.f:
             self._load(f)
-        result, error = None, ""
-        if self.comm.rank == 0:
-            try:
-                result = self._judged(step, step.active)
-                if result[-1].any():
-                    equations = self._equations(step, np.arange(len(step.active)))
-                    result = self._judged(step, _choose(step, *equations))
-            except (np.linalg.LinAlgError, ValueError) as failed:
-                error = str(failed)
-        result, error = self.comm.bcast((result, error))
-        if result is None:
-            raise singular(error)
-        multiplier, y, w, self._alpha, active, wrong = result
+        try:
+            found = chosen(self.comm, lambda: self._settled(step))
+        except (np.linalg.LinAlgError, ValueError) as failed:
+            raise singular(failed) from None
+        multiplier, y, w, self._alpha, active, wrong = found
         free = self._alpha[: self.floating.count]
         return StepResult(np.zeros(0), multiplier, y, w, free, active, wrong)
+
+    def _settled(self, step: LinearStep) -> tuple[Array, ...]:
+        """What ``_judged`` finds, on rank 0, for the rows that come to be in contact; where nothing
+        determines which these are, for those of the step."""
+        result = self._judged(step, step.active)
+        if result[-1].any():
+            equations = self._equations(step, np.arange(len(step.active)))
+            with suppress(np.linalg.LinAlgError, ValueError):
+                result = self._judged(step, _choose(step, *equations))
+        return result
 
     def _judged(self, step: LinearStep, active: Array) -> tuple[Array, ...]:
         """λ, y, w and α with these rows in contact, the rows, and those with a wrong sign."""

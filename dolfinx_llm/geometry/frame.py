@@ -19,7 +19,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.base.parallel import collective
+from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.geometry.cells import cell_sizes, corner_jacobians, points_of
 from dolfinx_llm.geometry.element import Element, element_of
 from dolfinx_llm.geometry.gmsh_group import read_gmsh
@@ -125,11 +125,7 @@ class Frame:
             return cls(*read_gmsh(model, physical_group, gdim))
         if not isinstance(comm, MPI.Comm):
             checks.refuse("comm", comm, "give an MPI communicator of mpi4py, or None")
-        frame = None
-        with collective(comm):
-            if comm.rank == 0:
-                frame = cls(*read_gmsh(model, physical_group, gdim))
-        return comm.bcast(frame, root=0)
+        return chosen(comm, lambda: cls(*read_gmsh(model, physical_group, gdim)))
 
     @property
     def gdim(self) -> int:

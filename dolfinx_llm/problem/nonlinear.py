@@ -151,8 +151,8 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
             checks.integer("increments", increments, "give an integer of at least 1", low=1)
             pressures = np.array([load.value() for load in self.loads])
             poses = tuple(pose_of(c) for c in self._newton.equations.interfaces)
-        told = increments, pressures.tolist(), [pose.tolist() for pose in poses]
-        agree(self.comm, "increments, pressures and obstacles", told)
+        given = increments, pressures.tolist(), [pose.tolist() for pose in poses]
+        agree(self.comm, "increments, pressures and obstacles", given)
         values = self.bulk.values()
         start, results = self._state, self.results
         memory.begins(INSTANT)

@@ -118,26 +118,26 @@ def test_conditions_in_time(seed):
     assert violations(found) == [{}] * len(found)
 
 
-@pytest.mark.parametrize(
-    ("seed", "name"),
-    some_of(
-        [(1005, "turned"), (1011, "mirrored"), (1007, "renumbered"), (1005, "units"),
-         (1030, "saddle"), (1058, "condensed"), (1013, "units"), (1014, "condensed"),
-         (1018, "condensed"), (1020, "renumbered"), (2004, "mixed"), (2009, "mixed"),
-         (2016, "mixed")], [(1005, "turned"), (2009, "mixed")]
-    ),
+FINITE_POSES = some_of(
+    [(1005, "turned"), (1011, "mirrored"), (1007, "renumbered"), (1005, "units"),
+     (1030, "saddle"), (1058, "condensed"), (1013, "units"), (1014, "condensed"),
+     (1018, "condensed"), (1020, "renumbered"), (2004, "mixed"), (2009, "mixed"),
+     (2016, "mixed")], [(1005, "turned"), (2009, "mixed")]
 )  # fmt: skip
-def test_poses_at_finite_deformation(seed, name):
+
+
+@pytest.mark.parametrize(
+    ("seed", "name", "second"),
+    [
+        *(pytest.param(*p.values, False, marks=p.marks) for p in FINITE_POSES),
+        (2022, "mixed", True),
+        longer(2019, "mixed", True),
+    ],
+)
+def test_poses_at_finite_deformation(seed, name, second):
     """Friction of mixed bodies was told by other blocks' stiffness as well."""
-    scene = random_finite.draw(seed)
+    scene = random_finite.draw(seed, second)
     found = random_finite.solve(scene, POSED[name].of(scene))
-    agree(found, random_finite.solve(scene), scene)
-
-
-@pytest.mark.parametrize("seed", [2022, longer(2019)])
-def test_mixed_bodies_of_second_order_at_finite_deformation(seed):
-    scene = random_finite.draw(seed, second=True)
-    found = random_finite.solve(scene, POSED["mixed"].of(scene))
     agree(found, random_finite.solve(scene), scene)
 
 
@@ -205,9 +205,7 @@ def test_the_same_again(seed):
 def test_ranks(n, seeds):
     """Mixed bodies crashed where a rank has no cell."""
     ranks = run_mpi_json("random_ranks.py", n, *seeds)
-    for seed in seeds:
-        if seed == "mixed":
-            continue
+    for seed in (seed for seed in seeds if seed != "mixed"):
         scene = scenes.draw(seed)
         found = [
             scenes.Answer(np.array(a["u"]), [np.array(f) for f in a["force"]], [], [])

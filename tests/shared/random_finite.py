@@ -33,15 +33,13 @@ def draw(seed, second=False):
     return scene
 
 
-def _residual(form, U, order, mixed):
+def _residual(posed, form, U, order):
     """F of neo-Hookean bodies of an order with the moduli, springs and load of linear ones, U being
     their displacement or in a mixed space."""
     a, L = form
     E, k = a.coefficients()
-    u, w, others = U, (dU := ufl.TestFunction(U.function_space)), []
-    if mixed:
-        (u, *q), (w, *r) = ufl.split(U), ufl.split(dU)
-        others = [-b * c / E * ufl.dx for b, c in zip(q, r, strict=True)]
+    dU = ufl.TestFunction(U.function_space)
+    u, w, others = scenes.parted(posed, U, dU, E)
     mu, lam = E / (2 * (1 + scenes.NU)), E * scenes.NU / (1 + scenes.NU) / (1 - 2 * scenes.NU)
     W = finite_patch.energy(u, mu, lam) * ufl.dx(degree=2 * order)
     return sum(others, ufl.derivative(W, U, dU) + k * ufl.inner(u, w) * ufl.dx - L)
@@ -52,16 +50,14 @@ def pose(scene, variant=None, **kwargs):
     posed = scenes.pose(scene, variant, **kwargs)
     u = [fem.Function(L.arguments()[0].ufl_function_space()) for _, L in posed.forms]
     orders = [b.order for b in scene.bodies][: len(u)]  # those on one mesh have one
-    given, mixed = zip(posed.forms, u, orders, strict=True), posed.variant.mixed
-    F = [_residual(*of, mixed) for of in given]
-    solver = posed.variant.solver or ("saddle" if mixed else scene.solver)
+    F = [_residual(posed, *of) for of in zip(posed.forms, u, orders, strict=True)]
     one = len(F) == 1
     posed.problem = llm.NonlinearContactProblem(
         F[0] if one else F,
         u[0] if one else u,
         bcs=posed.bcs,
         interfaces=posed.interfaces,
-        solver=solver,
+        solver=posed.solver,
     )
     posed.residuals = [fem.form(f) for f in F]
     return posed

@@ -428,12 +428,15 @@ class Posed:
         """Vector of the scene, posed."""
         return self.Q @ np.asarray(v)
 
+    @property
+    def solver(self):
+        """That is asked for; "condensed" is refused for mixed spaces."""
+        solver = self.variant.solver or self.scene.solver
+        return "saddle" if self.variant.mixed and solver == "condensed" else solver
+
     def make(self):
         """The ContactProblem; it may raise."""
-        solver = self.variant.solver or self.scene.solver
-        if self.variant.mixed and solver == "condensed":  # which mixed spaces are refused for
-            solver = "saddle"
-        options = {}
+        solver, options = self.solver, {}
         if solver == "sparse":
             solver = "saddle"
         several = len(self.forms) > 1
@@ -446,7 +449,7 @@ class Posed:
             solver=solver,
             **options,
         )
-        if (self.variant.solver or self.scene.solver) == "sparse":
+        if self.solver == "sparse":
             if self.problem.form == "flexibility":
                 self.problem.form = "saddle"
         return self.problem
@@ -600,6 +603,15 @@ def _cell_body(domain, posed, given):
     return posed.body[given[nodes[:, 0]]]
 
 
+def parted(posed, u, w, E):
+    """Displacements of u and w, and forms of what else there is in mixed spaces, which stands by
+    itself."""
+    if not posed.variant.mixed:
+        return u, w, []
+    (u, *q), (w, *r) = ufl.split(u), ufl.split(w)
+    return u, w, [-b * c / E * ufl.dx for b, c in zip(q, r, strict=True)]
+
+
 def _forms(V, domain, scene, group, posed, tags, given):
     """Linear elasticity with volume springs; constants are coefficients, so that one kind of cell
     is compiled once."""
@@ -611,11 +623,7 @@ def _forms(V, domain, scene, group, posed, tags, given):
     springs = np.array([b.E * b.spring for b in scene.bodies])[bodies]
     E.x.array[column] = moduli
     k.x.array[column] = springs * posed.modulus / posed.length**2
-    u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
-    others = []
-    if posed.variant.mixed:
-        (u, *q), (w, *r) = ufl.split(u), ufl.split(w)
-        others = [-b * c / E * ufl.dx for b, c in zip(q, r, strict=True)]
+    u, w, others = parted(posed, ufl.TrialFunction(V), ufl.TestFunction(V), E)
     eps = ufl.sym(ufl.grad(u))
     mu, lam = E / (2 * (1 + NU)), E * NU / (1 + NU) / (1 - 2 * NU)
     stress = 2 * mu * eps + lam * ufl.tr(eps) * ufl.Identity(scene.gdim)

@@ -18,7 +18,7 @@ from scipy.sparse import coo_matrix, csr_matrix, diags, hstack
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.parallel import chosen
+from dolfinx_llm.base.parallel import chosen, told
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.prescribed import RANK, REPEATED, pieces
 
@@ -152,8 +152,8 @@ class FrameElimination:
         D.eliminate_zeros()
         joint = D if soft is None else hstack([D, soft], format="csr")
         size = np.sqrt(D.multiply(D).sum(axis=0).max()) if D.nnz else 1.0
-        parts = chosen(comm, lambda: _triangles(D, joint, size, soft is None))
-        self._parts = [_bound(D, soft, *part) for part in parts]
+        found = chosen(comm, lambda: _touching(D, joint))
+        self._parts = [_bound(comm, D, *part, size, soft) for part in found]
         ends = np.cumsum([0, *(len(part.dependent) for part in self._parts)])
         self._own = [slice(*pair) for pair in itertools.pairwise(ends)]
         self.dependent = np.zeros(ends[-1], dtype=np.int64)
@@ -204,33 +204,27 @@ def _gathered(D: csr_matrix) -> list[Array]:
     return np.split(np.concatenate(found), cuts) if found else []
 
 
-def _triangles(D: csr_matrix, joint: csr_matrix, size: float, squares: bool) -> list[Any]:
-    """Of rows of D that hang together by ``joint`` their numbers, the columns that they touch, and
-    Q, R and pivots; these are None where ``squares`` tell what rows determine. D's largest column
-    has this size."""
-    found = []
-    for rows in _gathered(joint):
-        A = D[rows]
-        touched = np.unique(A.indices)
-        if not len(touched):
-            continue
-        A, triangle = A[:, touched], None
-        if not (squares and len(touched) > SMALL and _factor_of_squares(A, size) is not None):
-            Q, R, order = qr(A.toarray(), mode="economic", pivoting=True)
-            r = int((np.abs(np.diag(R)) > RANK * size).sum())
-            triangle = Q[:, :r], R[:r], order
-        found.append((rows, touched, triangle))
-    return found
+def _touching(D: csr_matrix, joint: csr_matrix) -> list[tuple[Array, Array]]:
+    """Rows of D that hang together by ``joint``, and the columns that they touch, if any."""
+    found = [(rows, np.unique(D[rows].indices)) for rows in _gathered(joint)]
+    return [(rows, touched) for rows, touched in found if len(touched)]
 
 
 def _bound(
-    D: csr_matrix, soft: csr_matrix | None, rows: Array, touched: Array, triangle: Any
+    comm: MPI.Comm,
+    D: csr_matrix,
+    rows: Array,
+    touched: Array,
+    size: float,
+    soft: csr_matrix | None,
 ) -> BoundUnknowns:
-    """What some rows of D determine, of ``_triangles``."""
-    if triangle is None:
-        A = D[rows][:, touched]
-        return _determined(A, rows, touched, _squares(A))
-    Q, R, order = triangle
+    """What some rows of D determine that touch some columns; its largest column has this size."""
+    A = D[rows][:, touched]
+    if soft is None and len(touched) > SMALL:
+        factor, clear = _factor_of_squares(A, size)
+        if told(comm, clear):
+            return _determined(A, rows, touched, factor)
+    Q, R, order = chosen(comm, lambda: _triangle(A, size))
     r = R.shape[0]
     R, rest = R[:, :r], R[:, r:]
     X = -solve_triangular(R, rest) if r else rest
@@ -244,6 +238,13 @@ def _bound(
         lambda g: solve_triangular(R, Q.T @ g),
         lambda b: Q @ solve_triangular(R, b, trans="T"),
     )  # fmt: skip
+
+
+def _triangle(A: csr_matrix, size: float) -> tuple[Array, Array, Array]:
+    """Q, R and pivots of A, as many rows as its rank, for a largest column of this size."""
+    Q, R, order = qr(A.toarray(), mode="economic", pivoting=True)
+    r = int((np.abs(np.diag(R)) > RANK * size).sum())
+    return Q[:, :r], R[:r], order
 
 
 def _determined(A: csr_matrix, rows: Array, columns: Array, factor: Any) -> BoundUnknowns:
@@ -262,21 +263,16 @@ def _determined(A: csr_matrix, rows: Array, columns: Array, factor: Any) -> Boun
     return BoundUnknowns(rows, columns, columns[:0], none, none, solve, forces)
 
 
-def _squares(A: csr_matrix) -> Any:
-    """Factors of AᵀA."""
-    return splu(
-        (A.T @ A).tocsc(),
-        permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
-    )  # fmt: skip
-
-
-def _factor_of_squares(A: csr_matrix, size: float) -> Any:
-    """Factors of AᵀA; None where A's smallest singular value is not clearly above zero."""
+def _factor_of_squares(A: csr_matrix, size: float) -> tuple[Any, bool]:
+    """Factors of AᵀA, and whether A's smallest singular value is clearly above zero."""
     v = np.random.default_rng(2001).normal(size=A.shape[1])
     try:
-        factor = _squares(A)
+        factor = splu(
+            (A.T @ A).tocsc(),
+            permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True},
+        )  # fmt: skip
     except RuntimeError:  # exactly singular
-        return None
+        return None, False
     for _ in range(TURNS):
         v = factor.solve(v / np.linalg.norm(v))
-    return factor if np.linalg.norm(v) * (CLEAR * size) ** 2 < 1.0 else None
+    return factor, bool(np.linalg.norm(v) * (CLEAR * size) ** 2 < 1.0)

@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.base.parallel import agree, collective, gather_rows
+from dolfinx_llm.base.parallel import agree, chosen, collective, gather_rows
 from dolfinx_llm.operators.petsc import create_aij, times
 from dolfinx_llm.operators.reactions import with_reactions
 from dolfinx_llm.problem.arguments import check_petsc_options
@@ -65,14 +65,12 @@ class Elimination(ClassicalForm):
             )
         self._base = np.concatenate([p.base for p in problem.operators.pairs])
         nodal = problem.operators.at_free_dofs(np.arange(n))
-        # Ranks must not differ in the last bit of a basis: it is made on one.
-        factors = None
-        with collective(problem.comm):
-            if problem.comm.rank == 0:
-                basis, R = np.linalg.qr(problem.operators.L.toarray(), mode="complete")
-                Phi = _acting(basis[:, m:], nodal)
-                factors = basis[:, :m], R[:m], Phi
-        self._range, self._R, self.Phi = problem.comm.bcast(factors)
+
+        def factors() -> tuple[Array, Array, Array]:
+            basis, R = np.linalg.qr(problem.operators.L.toarray(), mode="complete")
+            return basis[:, :m], R[:m], _acting(basis[:, m:], nodal)
+
+        self._range, self._R, self.Phi = chosen(problem.comm, factors)
         self.P = np.eye(n) - self._range @ self._range.T
         self._basis = self.P @ self.Phi
         super().__init__(problem, self._operator(problem), petsc_options)
