@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from petsc4py import PETSc
@@ -23,17 +22,15 @@ from dolfinx_llm.operators.motions import (
 )
 from dolfinx_llm.operators.prescribed import independent_rows
 
-if TYPE_CHECKING:
-    from dolfinx_llm.operators.system import ContactOperators
+# Per interface L_b, None without a frame, and Bᵀ R (rows, rigid motions of all bodies)
+Constraints = Sequence[tuple[csr_matrix | None, csr_matrix]]
 
 FIT_DIRECTLY = 5000  # frame unknowns up to which a factorisation is the quickest least-squares fit
 NAMED = 8  # bodies that a message names, of many
 UNHELD = 1e-11  # singular values below, of the largest, are motions that nothing holds
 
 
-def check_support(
-    rigid: RigidMotions, interfaces: Sequence[tuple[csr_matrix | None, csr_matrix]]
-) -> None:
+def check_support(rigid: RigidMotions, interfaces: Constraints) -> None:
     """Require that supports and interfaces hold all bodies.
 
     Args:
@@ -58,17 +55,25 @@ def check_support(
     )
 
 
-def floating_motions(operators: ContactOperators, K: PETSc.Mat) -> tuple[RigidMotions, Loose, bool]:
+def floating_motions(
+    bodies: Bodies, K: PETSc.Mat, fixed: Array, constraints: Callable[[], Constraints], tied: bool
+) -> tuple[RigidMotions, Loose, bool]:
     """The motions that contact has to hold; those combinations of the free ones that no contact
     holds, on which loads must not do work; and whether supports and ties hold all bodies: only
     where they do not the stiffness K is looked at for springs.
 
+    Args:
+        bodies: that move.
+        K: their stiffness.
+        fixed: (n_local,) prescribed dofs.
+        constraints: gives the interfaces, as of ``unheld``; supports that hold all ask for none.
+        tied: whether ties are all there is: they hold all bodies, or it is an error.
+
     Raises:
         ContactError: there are ties alone, or it is a scalar field, and something is not held.
     """
-    bodies, fixed, tied = operators.bodies, operators.dofs.fixed, operators.tied
     left = left_by_supports(bodies, fixed)
-    interfaces = _constraints(operators) if len(left[0]) else []
+    interfaces = constraints() if len(left[0]) else []
     if tied and not unheld(bodies, left, interfaces).count:
         return no_motions(bodies, len(fixed)), Loose(csr_matrix((0, 0))), True
     rigid = rigid_motions(bodies, K, fixed)
@@ -78,23 +83,6 @@ def floating_motions(operators: ContactOperators, K: PETSc.Mat) -> tuple[RigidMo
     check_support(rigid, interfaces)
     rigid = no_motions(bodies, len(fixed)) if tied else rigid
     return rigid, Loose(identity(rigid.free, format="csr")), False
-
-
-def _constraints(operators: ContactOperators) -> list[tuple[csr_matrix | None, csr_matrix]]:
-    """Per interface L_b, None without a frame, and Bᵀ of the bodies' rigid motions."""
-    bodies, moves, labels = operators.bodies, [], operators.dofs.spread(operators.bodies.label)
-    for side, dofs in zip(operators.pairs, operators.side_dofs, strict=True):
-        label = operators.dofs.values(dofs[:, 0], labels)
-        modes = bodies.own_modes(label.astype(np.int64), side.places)
-        move = np.einsum("nci,nim->ncm", side.base, modes)
-        n, c, m = move.shape
-        first = np.broadcast_to(m * label.astype(np.int64)[:, None, None], move.shape)
-        columns = (first + np.arange(m)).ravel(), m * np.arange(n * c + 1)
-        moves.append(csr_matrix((move.ravel(), *columns), (n * c, m * bodies.count)))
-    return [
-        (L if L.shape[1] else None, vstack(moves[place.sides], format="csr"))
-        for place, L in zip(operators.places, operators.blocks, strict=True)
-    ]
 
 
 def movers(rigid: RigidMotions, loose: Loose) -> str:
@@ -116,7 +104,7 @@ def _moved(rigid: RigidMotions, loose: Loose) -> list[tuple[str, int]]:
 def unheld(
     bodies: Bodies,
     motions: tuple[Array, Array],
-    interfaces: Sequence[tuple[csr_matrix | None, csr_matrix]],
+    interfaces: Constraints,
 ) -> Loose:
     """Combinations of motions that no interface holds both ways.
 
@@ -127,7 +115,7 @@ def unheld(
         bodies: that move.
         motions: that nothing else is to hold, body (k,) and parts (k, 3 or 6) of each, as of
             ``RigidMotions``.
-        interfaces: of each L_b, None without a frame, and Bᵀ R (rows, modes of all bodies).
+        interfaces: what they hold.
     """
     body, parts = motions
     free, ways = parts.shape

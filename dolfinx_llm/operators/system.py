@@ -33,7 +33,7 @@ from dolfinx_llm.operators.numbering import (
 from dolfinx_llm.operators.petsc import diagonal_of
 from dolfinx_llm.operators.prescribed import NEARLY_FIXED, free_parts, in_loops, repeated
 from dolfinx_llm.operators.stiffness import side_stiffness, surface_stiffness
-from dolfinx_llm.operators.support import NAMED, floating_motions, movers
+from dolfinx_llm.operators.support import NAMED, Constraints, floating_motions, movers
 
 CONTRADICTED = (
     "Tied(gap=...) where both sides are prescribed along the normal, or where several interfaces "
@@ -163,7 +163,8 @@ class ContactOperators:
 
     def _check_support(self, K: PETSc.Mat) -> None:
         """Require that supports and ties hold every body, if these are all there is."""
-        rigid, loose, self.firm = floating_motions(self, K)
+        of = self.bodies, K, self.dofs.fixed, lambda: _constraints(self), self.tied
+        rigid, loose, self.firm = floating_motions(*of)
         self.floating = Floating(rigid, self.B, self.rows.numbering, loose)
 
     @property
@@ -280,3 +281,20 @@ def anatomy(operators: ContactOperators) -> list[str]:
         ]
     lines = [line for geometry in operators.geometries for line in describe(geometry)]
     return [text] * bool(repeated) + [shared] * bool(names) + loose + lines
+
+
+def _constraints(operators: ContactOperators) -> Constraints:
+    """Per interface L_b, None without a frame, and Bᵀ of the bodies' rigid motions."""
+    bodies, moves, labels = operators.bodies, [], operators.dofs.spread(operators.bodies.label)
+    for side, dofs in zip(operators.pairs, operators.side_dofs, strict=True):
+        label = operators.dofs.values(dofs[:, 0], labels)
+        modes = bodies.own_modes(label.astype(np.int64), side.places)
+        move = np.einsum("nci,nim->ncm", side.base, modes)
+        n, c, m = move.shape
+        first = np.broadcast_to(m * label.astype(np.int64)[:, None, None], move.shape)
+        columns = (first + np.arange(m)).ravel(), m * np.arange(n * c + 1)
+        moves.append(csr_matrix((move.ravel(), *columns), (n * c, m * bodies.count)))
+    return [
+        (L if L.shape[1] else None, scipy.sparse.vstack(moves[place.sides], format="csr"))
+        for place, L in zip(operators.places, operators.blocks, strict=True)
+    ]
