@@ -186,7 +186,7 @@ class Rows:
 
 
 def frame_numbering(geometries: Sequence[InterfaceGeometry], comm: MPI.Comm) -> Numbering:
-    """Numbers of the frame unknowns, d per node; they live with the nearest surface node."""
+    """Numbers of the frame unknowns, d per node; they live with surface nodes next to them."""
     owners = [np.empty(0, dtype=np.int64)]
     for geometry in geometries:
         owners.append(np.repeat(_owners(geometry, geometry.places), geometry.directions.shape[1]))
@@ -203,7 +203,16 @@ def slip_numbering(geometries: Sequence[InterfaceGeometry], frames: Numbering) -
 
 
 def _owners(geometry: InterfaceGeometry, x: Array) -> Array:
-    """(k,) ranks that own the surface nodes next to some positions (k, gdim)."""
-    owner = np.concatenate([side.owner for side in geometry.pairs])
-    nodes = np.concatenate([side.x for side in geometry.pairs])
-    return owner[cKDTree(nodes).query(x)[1]]
+    """(k,) ranks for what stands at positions (k, gdim): those that own the sides' nodes next to
+    them. Where these are two, each takes half of the positions, in one piece, so that both have
+    work with them."""
+    near = [side.owner[cKDTree(side.x).query(x)[1]] for side in geometry.pairs]
+    owner, other = near[0].copy(), near[-1]
+    apart = np.flatnonzero(owner != other)
+    pairs, number = np.unique(np.stack([owner, other])[:, apart], axis=1, return_inverse=True)
+    for k, (_, second) in enumerate(pairs.T):
+        at = apart[number.ravel() == k]
+        along = np.argmax(np.ptp(x[at], axis=0))
+        order = np.argsort(x[at, along], kind="stable")
+        owner[at[order[len(at) // 2 :]]] = second
+    return owner
