@@ -25,14 +25,14 @@ class Correction:
     Args:
         form: the step's places.
         at: (k,) this rank's, local numbers.
-        A: blocks of ``Transformation.blocks``.
+        test, corner: T_S of the matrix's rows, and its last block.
     """
 
-    def __init__(self, form: Transformation, at: Array, A: Any) -> None:
+    def __init__(self, form: Transformation, at: Array, test: Any, corner: Any) -> None:
         self._at, n = at, len(form.fixed)
-        right, below, corner = A
+        above, left = form.split.beside(form.T, test)
         comm, first = corner.comm, form.tail.first
-        indptr, columns, _ = right.getValuesCSR()
+        indptr, columns, _ = above.getValuesCSR()
         every = np.concatenate(form.comm.allgather(at + first))
         row = np.repeat(np.arange(n), np.diff(indptr))
         self._near = np.unique(row[np.isin(columns, every)])
@@ -41,10 +41,10 @@ class Correction:
             return PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm)
 
         near, chosen = places(self._near + form.split.first), places(at + first)
-        body, tail = (places(np.arange(*M.getOwnershipRangeColumn())) for M in (below, corner))
+        body, tail = (places(np.arange(*M.getOwnershipRangeColumn())) for M in (left, corner))
         parts = [
-            [form.split.inside_rows(self._near), right.createSubMatrix(near, tail)],
-            [below.createSubMatrix(chosen, body), corner.createSubMatrix(chosen, tail)],
+            [form.split.inside_rows(self._near), above.createSubMatrix(near, tail)],
+            [left.createSubMatrix(chosen, body), corner.createSubMatrix(chosen, tail)],
         ]
         self._rows, _ = join_blocks(parts)
         begin = self._rows.getOwnershipRangeColumn()[0]
@@ -53,7 +53,9 @@ class Correction:
         matrix = self._rows.createSubMatrix(rows, columns)
         self._factor = set_up_ksp(matrix, "llm_changed_", LU)
         self._b, self._c = matrix.createVecs()
-        for item in (near, chosen, body, tail, *parts[0], *parts[1], rows, columns, matrix):
+        for item in (
+            near, chosen, body, tail, above, left, *parts[0], *parts[1], rows, columns, matrix
+        ):  # fmt: skip
             item.destroy()
 
     def add(self, residual: tuple[Array, Array], found: tuple[Array, Array]) -> None:

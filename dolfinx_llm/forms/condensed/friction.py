@@ -58,10 +58,10 @@ class FrictionStep:
         if self._reduced is None:
             self._factorise()
         else:
-            self._by = Measure(of, self._form, self._blocks)
+            self._by = Measure(of, self._form, self._corner)
 
     def _assemble(self) -> None:
-        """Blocks of the matrix, of the step as it is or reduced."""
+        """What the matrix is made of, of the step as it is or reduced."""
         law = self._step if self._reduced is None else self._reduced
         soft = self._scale * self._step.compliance[self._on]
         everywhere = np.ones(self._step.L.shape[1])
@@ -71,12 +71,12 @@ class FrictionStep:
         self._E, self._D = law.E[:, self._on], law.D
         self._test = self._form.columns_of(self._E.T.tocsr()[self._rows.multipliers.mine])
         laws = self._form.frame_law(self._E, self._D, self._scale)
-        self._blocks: tuple[Any, ...] = self._form.blocks(-laws, self._scale, self._test)
+        self._corner: Any = self._form.corner(-laws, self._scale, self._test)
 
     def _factorise(self) -> None:
         prefix, own = self._of.own_options(("ksp_type", "pc_type"))
-        matrix = self._split.joined(self._blocks)
-        self._blocks = ()
+        beside = self._split.beside(self._form.T, self._test)
+        matrix, self._corner = self._split.joined((*beside, self._corner)), None
         matrix.setBlockSize(self._form.gdim)
         self._solver = DirectSolver(matrix, prefix, own | {"pc_type": "lu"}, own=True)
 
@@ -134,9 +134,10 @@ class FrictionStep:
         return b, u_0, v_0
 
     def _times(self, q: Array) -> Array:
-        n, (right, below, corner) = len(self._fixed), self._blocks
-        body = self._split.inside_times(q[:n]) + times(right, q[n:])
-        return np.concatenate([body, times(below, q[:n]) + times(corner, q[n:])])
+        split, (body, tail) = self._split, np.split(q, [len(self._fixed)])
+        above = times(split.K_SI, times(self._form.T, tail), transposed=True)
+        left = times(self._test, times(split.K_SI, body), transposed=True)
+        return np.concatenate([split.inside_times(body) + above, left + times(self._corner, tail)])
 
     def _iterate(self, b: Array, q: Array, load: float, around: Any, main: bool) -> Any:
         """q by GMRES; None where it does not get there, and ``_solver`` has taken over."""
@@ -167,7 +168,7 @@ class FrictionStep:
             ContactError: GMRES does not get there with a multigrid of this very step.
         """
         of, left = self._of, self._left(b, q)
-        served = self._form, self._rows, self._reduced, self._blocks
+        served = self._form, self._rows, self._reduced, self._test, self._corner
         size = start = self._by.norm(left)
         same = not main or abs(size - of.left) < 1e-6 * of.left  # nothing has changed since
         of.watch(start, main)
@@ -227,6 +228,6 @@ class FrictionStep:
         """Free the PETSc objects; collective."""
         if self._of.kept is not None:
             self._of.kept.release()
-        for item in (self._solver, self._test, self._form.T, *self._blocks):
+        for item in (self._solver, self._test, self._form.T, self._corner):
             if item is not None:
                 item.destroy()

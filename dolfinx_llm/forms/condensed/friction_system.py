@@ -152,7 +152,8 @@ class FrictionSystem:
         form: Transformation,
         rows: EliminatedRows,
         reduced: Reduced,
-        blocks: Any,
+        test: Any,
+        corner: Any,
         anew: bool,
     ) -> bool:
         """Fit the multigrid to a step, once it is renewed; whether it knows the step as well as it
@@ -161,7 +162,7 @@ class FrictionSystem:
         began = time.perf_counter()
         if not self.kept.serves(form):
             self.kept.meet(form, rows, reduced)
-            self.kept.fit(form, reduced, blocks)
+            self.kept.fit(form, reduced, test, corner)
         self.seconds += time.perf_counter() - began
         return bool(self.kept.knows(reduced))
 

@@ -147,8 +147,8 @@ class KeptMultigrid:
         self._at = np.unique(mine)
         self.changed = form.comm.allreduce(len(self._at))
 
-    def fit(self, form: Transformation, reduced: Reduced, A: Any) -> None:
-        """Take over the matrix of the step that was met, of blocks A of ``Transformation.blocks``,
+    def fit(self, form: Transformation, reduced: Reduced, test: Any, corner: Any) -> None:
+        """Take over the matrix of the step that was met, of the T_S of its rows and its last block,
         and factorise it where it differs."""
         tail, kept = form.tail, (~reduced.told).astype(float)
         kept[form.frame.dependent] = 0.0
@@ -160,7 +160,7 @@ class KeptMultigrid:
         local = csr_matrix((value, (row, col)), shape=tail.sizes)
         self._P = create_aij(form.comm, tail.sizes, tail.sizes, local)
         if self.changed:
-            self._correction = Correction(form, self._at, A)
+            self._correction = Correction(form, self._at, test, corner)
 
     def _changes(
         self, form: Transformation, rows: EliminatedRows, reduced: Reduced

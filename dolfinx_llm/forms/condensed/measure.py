@@ -32,15 +32,15 @@ class Measure:
     Args:
         of: what steps keep.
         form: the step's places.
-        blocks: of its matrix.
+        corner: last block of its matrix.
 
     Attributes:
         scaling: of each place.
     """
 
-    def __init__(self, of: FrictionSystem, form: Transformation, blocks: Any) -> None:
+    def __init__(self, of: FrictionSystem, form: Transformation, corner: Any) -> None:
         self._of, self._form, self._split = of, form, of.split
-        diagonal = of.split.inside_diagonal, diagonal_of(blocks[2])
+        diagonal = of.split.inside_diagonal, diagonal_of(corner)
         body, frame = of.shares
         tail, there = np.ones(form.tail.sizes[0]), form.tail.left >= 0
         tail[form.tail.left[there]] = body[of.split.surface[there]]

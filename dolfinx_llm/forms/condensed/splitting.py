@@ -70,23 +70,28 @@ class SplitStiffness:
         local = csr_matrix((values[kept], (row, columns[kept])), shape=shape)
         return create_aij(rows.comm, rows.getSizes()[0], self.sizes, local)
 
-    def blocks(self, T: Any, D: Any, test: Any = None) -> tuple[Any, Any, Any]:
-        """Of Tᵀ K T with D, which has a stored diagonal, added to its last block, all but
-        ``inside``: above on the right, below, and the last; with ``test`` the T_S of its rows."""
-        test_t = _transposed(T if test is None else test)
-        K_T = self.K_SS.matMult(T)
+    def corner(self, T: Any, D: Any, test: Any = None) -> Any:
+        """The last block of Tᵀ K T, with D, which has a stored diagonal, added to it; with ``test``
+        the T_S of its rows."""
+        test_t, K_T = _transposed(T if test is None else test), self.K_SS.matMult(T)
         corner = test_t.matMult(K_T)
         corner.axpy(1.0, D, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        below = test_t.matMult(self.K_SI)
-        if test is None:
-            right = _transposed(below)
-        else:  # turning what has all columns of the bodies, each time, is dear on several ranks
-            if self._K_IS is None:
-                self._K_IS = _transposed(self.K_SI)
-            right = self._K_IS.matMult(T)
         for M in (test_t, K_T):
             M.destroy()
-        return right, below, corner
+        return corner
+
+    def beside(self, T: Any, test: Any = None) -> tuple[Any, Any]:
+        """The blocks of Tᵀ K T above the last one and on its left; with ``test`` the T_S of its
+        rows."""
+        test_t = _transposed(T if test is None else test)
+        left = test_t.matMult(self.K_SI)
+        test_t.destroy()
+        if test is None:
+            return _transposed(left), left
+        # Turning what has all columns of the bodies, each time, is dear on several ranks.
+        if self._K_IS is None:
+            self._K_IS = _transposed(self.K_SI)
+        return self._K_IS.matMult(T), left
 
     @property
     def inside_diagonal(self) -> Array:
@@ -125,9 +130,9 @@ class SplitStiffness:
         return found
 
     def joined(self, blocks: tuple[Any, Any, Any]) -> Any:
-        """The matrix of these blocks, which are used up."""
-        right, below, corner = blocks
-        matrix, _ = join_blocks([[self.inside, right], [below, corner]])
+        """The matrix of these blocks, those of ``beside`` and the corner, which are used up."""
+        above, left, corner = blocks
+        matrix, _ = join_blocks([[self.inside, above], [left, corner]])
         for M in blocks:
             M.destroy()
         return matrix

@@ -88,10 +88,9 @@ class Transformation:
         local = csr_matrix((value, (row, col)), shape=(nodes.shape[0], tail.sizes[1]))
         return create_aij(self.comm, self.split.K_SS.getSizes()[0], tail.sizes, local)
 
-    def blocks(self, D: csr_matrix, idle: float, test: Any = None) -> tuple[Any, Any, Any]:
-        """Blocks, as of ``SplitStiffness.blocks``, of Tᵀ K T plus D (m, m) at the frames' unknowns,
-        and ``idle`` on the diagonal where the tail has a place without an unknown; with ``test``
-        the T_S of its rows."""
+    def corner(self, D: csr_matrix, idle: float, test: Any = None) -> Any:
+        """Tᵀ K T of the tail, plus D (m, m) at the frames' unknowns, and ``idle`` on the diagonal
+        where it has a place without an unknown; with ``test`` the T_S of its rows."""
         tail = self.tail
         D, diagonal = D[tail.mine_used].tocoo(), np.arange(tail.sizes[0])
         value = np.concatenate([D.data, idle * tail.idle])
@@ -99,13 +98,14 @@ class Transformation:
         col = np.concatenate([tail.columns[D.col], diagonal + tail.first])
         local = csr_matrix((value, (row, col)), shape=tail.sizes)
         added = create_aij(self.comm, tail.sizes, tail.sizes, local)
-        blocks = self.split.blocks(self.T, added, test)
+        corner = self.split.corner(self.T, added, test)
         added.destroy()
-        return blocks
+        return corner
 
     def reduce(self, D: csr_matrix, idle: float) -> tuple[Any, Any]:
-        """The matrix of ``blocks``, AIJ, as of ``SplitStiffness.scaled``, and its scaling."""
-        matrix, S = self.split.scaled(self.blocks(D, idle))
+        """The matrix with this ``corner``, as of ``SplitStiffness.scaled``, and its scaling."""
+        blocks = *self.split.beside(self.T), self.corner(D, idle)
+        matrix, S = self.split.scaled(blocks)
         matrix.setBlockSize(self.gdim)
         return matrix, S
 
