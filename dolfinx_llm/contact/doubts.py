@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.contact.loose import loose_share
+from dolfinx_llm.contact.iteration import ContactIteration
+from dolfinx_llm.contact.loose import lost
 from dolfinx_llm.contact.results import InterfaceResult
-from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.interface.control import of_control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry
-from dolfinx_llm.laws.rows import OPEN
+from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
 SPIN = 1e-9  # part of an obstacle's rotation along its normals, up to which it does not tilt
 TILT = 0.1  # [rad] angle by which an obstacle may turn: half its square of the motion is left out
@@ -20,6 +20,8 @@ LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their ow
 UNTIED_SHARE = 1e-2  # the same, on pairs that have none from the start of a load step, and of
 # friction on pairs that do not press
 IN_SUM = 1e-3  # of the largest force, of friction at a frame node with its neighbours alone
+UNEVEN = 2.0  # friction of a side's nodes over the frame's, where all slip
+CARRIES = 1e-10  # of the largest force so far: an interface with less carries none
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
 UNCERTAIN = 0.2  # part of the bodies' motion to which gaps must be known
 NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close
@@ -28,15 +30,17 @@ NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close
 def doubts(
     geometries: Sequence[InterfaceGeometry],
     results: Sequence[InterfaceResult],
-    states: Sequence[InterfaceState],
+    iteration: ContactIteration,
     in_time: bool,
 ) -> list[str]:
     """What in a solution lies outside of what the method allows for: contact at the rim of what may
     touch, sliding farther than a facet, pairs that lost their friction, bodies that come nearer and
     do not touch."""
     out = []
-    for state, result in zip(states, results, strict=True):
-        share = loose_share(state, np.concatenate([side.normal_force for side in result.sides]))
+    for state, result in zip(iteration.states, results, strict=True):
+        if max(np.abs(side.force).max() for side in result.sides) <= CARRIES * iteration.forces:
+            continue
+        share = lost(state, iteration.multiplier)
         if state.ties is not None and share > UNTIED_SHARE:
             out.append(
                 f"interface {state.nodes.geometry.interface.name}: pairs at the rim of contact "
@@ -57,6 +61,7 @@ def doubts(
             )
         if state.curved:
             out += _unbalanced(state.nodes.geometry, result)
+        out += _rough(state.nodes.geometry, result)
     for geometry, result in zip(geometries, results, strict=True):
         out += [] if in_time else _apart(geometry, result)
         out += _uncertain_gaps(geometry, result)
@@ -87,6 +92,27 @@ def doubts(
                     f"rad, which counts as small: its points are off by about "
                     f"{0.5 * tilted**2:.1%} of their distance from the pivot. Draw it turned"
                 )
+    return out
+
+
+def _rough(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
+    """Sides that slip whose friction node by node is far more than the frame's."""
+    status, law = result.frame_status, geometry.interface.law
+    out: list[str] = []
+    if geometry.rigid or not (law.shares and (status == SLIP).any()) or (status == STICK).any():
+        return out
+    frame = np.linalg.norm(result.frame_friction, axis=1).sum()
+    for pairs, side in zip(geometry.pairs, result.sides, strict=True):
+        force = of_control_values(pairs, side.force)
+        across = np.einsum("ni,ni->n", force, pairs.normal)[:, None] * pairs.normal
+        share = np.linalg.norm(force - across, axis=1).sum() / frame
+        if share > UNEVEN:
+            out.append(
+                f"interface {geometry.interface.name}: friction at the nodes of "
+                f"{pairs.surface.name} is {share:.1f} times that of the frame, where the law "
+                "holds, and cancels but for that: a side that slips keeps the shape of the coarser "
+                "one along the surface. Use cells of about the same size where bodies touch"
+            )
     return out
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.contact.state import BY_TURNS, GONE, InterfaceState
+from dolfinx_llm.laws.rows import SLIP, STICK
 
 FRICTIONLESS = 1e-2  # of the normal force that may be without friction: less than meshes cost
 ALONE = 4  # closings for which one counts where hardly any other pair changes
@@ -21,23 +22,20 @@ FEW = 0.02  # of the pairs: where no more change, those that close do so for rea
 HEAVIEST = 0.5  # of the largest friction of open pairs: those above lose their ties together
 TOUCHES = 1e-2  # of the interface's largest force: pairs touch that less than that would close
 UNTIED = 5e-2  # the same of pairs that ``ties`` left out, for which those next to them bear it
+AGAINST = 3.0  # times all forces that pass, of friction that cancels at the frame's nodes
+BEARS = 1e-6  # of the largest force: with less friction it does not matter whether a pair touches
 BORNE = 2e-2  # of the normal force, friction of open pairs that keep their ties
 
 
 def lost(s: InterfaceState, multiplier: Array) -> float:
-    """Share of an interface's normal force on such pairs.
+    """Share of an interface's normal force on pairs in contact that do not follow the frame
+    tangentially.
 
     Args:
         s: the interface.
         multiplier: λ (n,) of all [force].
     """
-    return loose_share(s, multiplier[s.nodes.rows[:, -1]])
-
-
-def loose_share(s: InterfaceState, force: Array) -> float:
-    """Share of normal forces (n,) [force] on pairs in contact that do not follow the frame
-    tangentially."""
-    loose = s.own.active & ~s.tied
+    force, loose = multiplier[s.nodes.rows[:, -1]], s.own.active & ~s.tied
     return float(np.abs(force[loose]).sum() / max(np.abs(force).sum(), 1e-300))
 
 
@@ -88,8 +86,8 @@ def keep(states: list[InterfaceState]) -> None:
 
 
 def lets_go(states: list[InterfaceState], multiplier: Array, gaps: Array, felt: float) -> bool:
-    """Change what is not as it should be of friction that has come to rest: open pairs that bear
-    it, and nodes that are pulled at; whether there are any.
+    """Change what is not as it should be of friction that has come to rest: pairs that bear it
+    without pressing, and nodes that are pulled at; whether there are any.
 
     Args:
         states: of all interfaces.
@@ -97,9 +95,23 @@ def lets_go(states: list[InterfaceState], multiplier: Array, gaps: Array, felt: 
         gaps: (n,) of the rows, times the surfaces' stiffness [force].
         felt: force that is more than rounding [force].
     """
-    parted = [_part(s, multiplier, gaps, felt) for s in states]
+    parted = [_open(s, multiplier, felt) | _part(s, multiplier, gaps, felt) for s in states]
     pulled = [_share_pulls(s, multiplier, felt) for s in states if s.second and s.nodes.kappa.size]
     return any(parted + pulled)
+
+
+def _open(s: InterfaceState, multiplier: Array, felt: float) -> bool:
+    """Open pairs that touch without pressing and bear friction, if they have not closed often;
+    whether there were any. Where bodies have parted the frame may be left with one of them: ties to
+    it bear forces that cancel at the frame's nodes."""
+    force, own = np.abs(multiplier[s.nodes.rows]), s.own
+    idle = own.active & s.tied & ~s.held & (force[:, -1] <= felt) & (own.closings < BY_TURNS)
+    idle &= (force[:, :-1] > BEARS * np.abs(multiplier).max(initial=0.0)).any(axis=1)
+    if not s.shares or not idle.any():
+        return False
+    own.closings[idle] += BY_TURNS // 2
+    s.touch(own.active & ~idle)
+    return True
 
 
 def _part(s: InterfaceState, multiplier: Array, gaps: Array, felt: float) -> bool:
@@ -163,7 +175,8 @@ def _allowed(s: InterfaceState) -> float:
 
 
 def require_friction(states: list[InterfaceState], multiplier: Array) -> None:
-    """Refuse a state in which more than the rim of contact has lost its friction.
+    """Refuse a state in which more than the rim of contact has lost its friction, or friction of
+    pairs that slip far exceeds what presses, and cancels where the law holds.
 
     Args:
         states: of all interfaces.
@@ -172,10 +185,31 @@ def require_friction(states: list[InterfaceState], multiplier: Array) -> None:
     Raises:
         ContactError: it has; smaller load steps may help.
     """
+    for s in states:
+        _require_even(s, multiplier)
     for s in too_loose(states, multiplier):
         raise ContactError(
             f"interface {s.nodes.geometry.interface.name}: pairs that opened and closed by "
             f"turns were left without friction, and carry {lost(s, multiplier):.1%} of the normal "
             f"force (allowed {_allowed(s):.0%}). Apply the load in smaller steps "
             "(solve(increments=...)), or use a finer mesh where contact ends"
+        )
+
+
+def _require_even(s: InterfaceState, multiplier: Array) -> None:
+    """Refuse friction of single pairs that has nothing to do with what passes, but where it is
+    small beside other interfaces; a warning is all then."""
+    status = s.own.status
+    if not (s.shares and (status == SLIP).any()) or (status == STICK).any():
+        return
+    force = multiplier[s.nodes.rows]
+    friction, pressed = np.linalg.norm(force[:, :-1], axis=1).sum(), np.abs(force[:, -1]).sum()
+    shared = (s.others.gather @ (s.nodes.tangential @ force.ravel())).reshape(s.nodes.kappa.shape)
+    passes = pressed + 2.0 * np.linalg.norm(shared, axis=1).sum()  # on both sides
+    if friction > max(AGAINST * passes, FRICTIONLESS * np.abs(multiplier).max()):
+        raise ContactError(
+            f"interface {s.nodes.geometry.interface.name}: friction of pairs is "
+            f"{friction / passes:.1f} times all forces between the bodies, and cancels at the "
+            "frame's nodes, where the law holds: what touches is small beside the frame's cells. "
+            "Use a finer mesh there on the coarser side, or give a frame of smaller cells"
         )

@@ -8,11 +8,12 @@ from scipy.sparse import csr_matrix, identity
 from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import symmetric_factors
+from dolfinx_llm.base.sparse import largest_entry, symmetric_factors
 
 REPEATED = 1e-6  # part of base vectors at free dofs that counts as none
 NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
 RANK = 1e-8  # of the largest: singular values below are none
+UNBOUND = 1e-12  # of the largest entry: rounding, which binds no rows together
 INCOMING = 64  # rows that come in together
 DAMPED = 1e-14  # added to squares of singular values, of the largest column's
 PROJECTIONS, GAIN = 30, 0.9  # of iteration against it, and what each must leave at most
@@ -36,7 +37,10 @@ def pieces(D: csr_matrix) -> list[Array]:
     """Rows of a matrix that hang together by its columns, piece by piece."""
     if not D.shape[0]:
         return []
-    _, piece = connected_components(D @ D.T, directed=False)
+    size = abs(D)
+    size.data[size.data <= UNBOUND * largest_entry(D)] = 0.0
+    size.eliminate_zeros()
+    _, piece = connected_components(size @ size.T, directed=False)
     ends = np.cumsum(np.bincount(piece))[:-1]
     return np.split(np.argsort(piece, kind="stable"), ends)
 

@@ -215,7 +215,8 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
             states = self.method.states
             self.results = collect_results(self.operators, u, multiplier, w, states)
         # On all ranks: it may raise.
-        self._doubts = doubts(self.geometries, self.results, states, self.method.in_time)
+        method = self.method
+        self._doubts = doubts(self.geometries, self.results, method.iteration, method.in_time)
         for warning in self._doubts:
             if self.comm.rank == 0:
                 log.warning(warning)

@@ -487,3 +487,23 @@ def test_doubts_are_logged(caplog):
     assert not caplog.records
     scene.move(down(0.8))
     assert any("reaches" in r.message for r in caplog.records)
+
+
+@pytest.mark.parametrize(("cells", "said"), [(5, True), (20, False)])
+def test_rough_friction_is_said(cells, said, caplog):
+    """A side that slips keeps the shape of a far coarser one: friction of its nodes is many times
+    what the law allows, in sums that of the frame."""
+    rng = np.random.default_rng(5)
+    low = rectangle(COMM, (cells, 3), (-1.0, 0.0), (1.0, 1.0), "triangle", 0.2, rng)
+    high = rectangle(COMM, (14, 3), (-0.6, 1.0), (0.6, 2.0), "triangle", 0.2, rng)
+    ends = (lambda p: p[1] > 2.0 - 1e-9, lambda p: p[1] < 1e-9)
+    scene = Pressed([low, high], llm.Coulomb(0.02), *ends)
+    for drag in (0.0, 0.1):
+        scene.move(down(0.05, drag=drag))
+    (result,) = scene.problem.results
+    assert (result.frame_status[result.frame_force > 0.0] == 2).all()
+    total, pressed = np.linalg.norm(result.frame_friction.sum(axis=0)), result.frame_force.sum()
+    assert total == pytest.approx(0.02 * pressed, rel=1e-9)
+    nodes = max(np.linalg.norm(side.tangential_force, axis=1).sum() for side in result.sides)
+    assert (nodes > 2.0 * total) == said
+    assert any("times that of the frame" in r.message for r in caplog.records) == said

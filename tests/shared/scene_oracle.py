@@ -17,6 +17,7 @@ from dolfinx_llm.interface.control import frame_control
 from dolfinx_llm.operators.petsc import local_csr
 
 EPS = np.finfo(float).eps
+GRAZES = 0.02  # of the normal force, friction of pairs that are about to part
 
 
 class Oracle:
@@ -206,6 +207,11 @@ class Oracle:
         first, limit = sides[0], mu * sides[0].pressing.sum()
         total = np.linalg.norm(first.tangential.sum(axis=0))
         self.note("friction in total", max(total - limit, 0.0) / self.F, noisy)
+        for side in sides:
+            idle = side.pressing <= np.maximum(side.noise, 1e-10) * self.F
+            borne = np.linalg.norm(side.tangential[idle], axis=1).sum()
+            borne -= GRAZES * np.maximum(side.pressing, 0.0).sum()
+            self.note("friction that nothing presses", max(borne, 0.0) / self.F, noisy)
         T = np.linalg.norm(result.frame_friction, axis=1) / self.unit
         limit = mu * np.maximum(result.frame_force, 0.0) / self.unit
         self.note("cone as reported", np.maximum(T - limit, 0.0) / self.F, noisy)
