@@ -211,5 +211,5 @@ def _require_even(s: InterfaceState, multiplier: Array) -> None:
             f"interface {s.nodes.geometry.interface.name}: friction of pairs is "
             f"{friction / passes:.1f} times all forces between the bodies, and cancels at the "
             "frame's nodes, where the law holds: what touches is small beside the frame's cells. "
-            "Use a finer mesh there on the coarser side, or give a frame of smaller cells"
+            "Use smaller cells there on the coarser side"
         )

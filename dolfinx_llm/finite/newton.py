@@ -72,7 +72,9 @@ class NewtonSteps:
                             f"Newton's iteration fails at {done:.4g} of the load step, also with "
                             f"increments of {2.0 * part:.2g} of it: {failed}. The state at "
                             f"{done:.4g} is kept, of bodies with a memory that of the start. Take "
-                            "smaller load steps, or check supports, loads and the mesh"
+                            "smaller load steps, or check supports, loads and the mesh; where "
+                            "bodies snap through or tip over no state is near: prescribe motions "
+                            "there, or take steps in time"
                         ) from None
                 else:
                     done, part = end, min(2.0 * part, 1.0 / increments)
