@@ -1,6 +1,7 @@
 """Where several interfaces of different laws stand in the vectors of all."""
 
 import operator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from mpi4py import MPI
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.operators.numbering import places
+from dolfinx_llm.operators.numbering import frame_numbering, places
 
 pytestmark = pytest.mark.quick
 
@@ -66,3 +67,22 @@ def test_places_belong_to_their_interface(problem):
         other = np.delete(np.arange(operators.L.shape[1]), np.r_[place.frame])
         assert abs(operators.L[place.rows][:, other]).nnz == 0
         assert L.shape == (len(base), place.frame.stop - place.frame.start)
+
+
+def test_frames_between_two_ranks(problem):
+    """Where bodies are on different ranks each takes half of the frame's nodes, in one piece: one
+    had all of them, and their work."""
+    geometry = problem.geometries[1]
+    ranks = [
+        replace(side, surface=replace(side.surface, owner=0 * side.surface.owner + rank))
+        for rank, side in enumerate(geometry.pairs)
+    ]
+    found = frame_numbering([replace(geometry, pairs=tuple(ranks))], MPI.COMM_SELF)
+    d, x = geometry.directions.shape[1], geometry.places
+    owner = found.owner.reshape(-1, d)
+    assert (owner == owner[:, :1]).all()
+    share = [x[owner[:, 0] == rank] for rank in (0, 1)]
+    assert abs(len(share[0]) - len(share[1])) <= 1
+    assert any(share[0][:, k].max() <= share[1][:, k].min() for k in range(3))
+    alone = frame_numbering([replace(geometry, pairs=(ranks[1], ranks[1]))], MPI.COMM_SELF)
+    assert (alone.owner == 1).all()

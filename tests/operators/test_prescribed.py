@@ -6,7 +6,7 @@ import scenes
 from scipy.sparse import csr_matrix, vstack
 
 import dolfinx_llm as llm
-from dolfinx_llm.operators.prescribed import ColumnSpace, independent_rows
+from dolfinx_llm.operators.prescribed import ColumnSpace, independent_rows, pieces
 
 
 def interpolation(n, m):
@@ -61,3 +61,11 @@ def test_nearly_dependent_rows_are_exchanged():
     size = np.linalg.svd(D.toarray(), compute_uv=False)
     kept = np.linalg.svd(D[independent_rows(D)].toarray(), compute_uv=False)
     assert len(kept) == D.shape[1] and kept[-1] >= 1e-2 * size[-1]
+
+
+def test_rounding_binds_no_pieces():
+    """Entries of rounding do not hold rows together that have nothing in common: what is chosen
+    for each piece depended on units."""
+    D = csr_matrix([[1.0, 0.0, 0.0], [1e-3, 1e-17, 0.0], [0.0, 1.0, 1e-6], [0.0, 0.0, 0.5]])
+    found = sorted(sorted(own.tolist()) for own in pieces(D))
+    assert found == [[0, 1], [2, 3]]
