@@ -54,6 +54,8 @@ def density_at_nodes(
     mass, E = pairs.loads.mass, pairs.control
     if mass is None:
         return None
+    if not mass.diagonal().any():  # none of it is covered: a body stands on its corner
+        return np.zeros_like(force) if mean is None else mean
     if E is None:
         E = identity(len(force), format="csr")
     whole = _whole(pairs)
