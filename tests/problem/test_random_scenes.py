@@ -201,16 +201,18 @@ def test_the_same_again(seed):
         (2, (1003,)),
         pytest.param(3, (1034,), id="one without a cell"),
         pytest.param(3, ("mixed", 2020), id="mixed, one without a cell"),
+        pytest.param(2, ("time", 3009), id="in time"),
         longer(2, (1001, 1008, 1077)),
     ],
 )
 def test_ranks(n, seeds):
-    """Mixed bodies crashed where a rank has no cell."""
+    """Mixed bodies crashed where a rank has no cell, several bodies in time on several ranks."""
     ranks = run_mpi_json("random_ranks.py", n, *seeds)
-    for seed in (seed for seed in seeds if seed != "mixed"):
-        scene = scenes.draw(seed)
+    of = random_time if seeds[0] == "time" else scenes
+    for seed in (seed for seed in seeds if isinstance(seed, int)):
+        scene = of.draw(seed)
         found = [
             scenes.Answer(np.array(a["u"]), [np.array(f) for f in a["force"]], [], [])
             for a in ranks[str(seed)]
         ]
-        agree(found, scenes.solve(scene), scene)
+        agree(found, of.solve(scene), scene)

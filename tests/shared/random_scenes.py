@@ -763,7 +763,7 @@ def differences(found, known, scene):
     """Largest relative differences of forces and u over all steps; of u also what of it exceeds
     the motion that rounding leaves to a body on weak springs."""
     size_u = max(np.abs(a.u).max() for a in known)
-    size_u = max(size_u, 1e-3 * max(abs(down) for down, *_ in scene.steps))  # nothing touches
+    size_u = max([size_u, *(1e-3 * abs(s[0]) for s in scene.steps if s)])  # nothing touches
     least = 1e-3 * size_u * min(b.E for b in scene.bodies)  # nothing touches: rounding
     size_f = max([np.abs(f).max() for a in known for f in a.force] + [least])
     steps = list(zip(found, known, strict=True))

@@ -102,6 +102,19 @@ class Flight:
         return block_diag(K).tocsr(), block_diag(M).tocsr()
 
 
+def solve(scene, variant=None, watch=None, **kwargs):
+    """Answers of all steps, as of ``random_scenes``; velocities follow from displacements."""
+    flight, answers = Flight.of(scene, variant, **kwargs), []
+    see = watch(flight.posed) if watch else lambda answer: None
+    flight.stepper.start()
+    for _ in scene.steps:
+        flight.stepper.step()
+        answers.append(scenes.collect(flight.posed))
+        see(answers[-1])
+    flight.stepper.problem.destroy()
+    return answers
+
+
 def check(scene, variant=None):
     """Nothing, and per step what is violated, {name: relative size}."""
     flight, found = Flight.of(scene, variant), []
