@@ -99,7 +99,7 @@ class Reduced:
             kappa = kappa[~self.told[kappa].all(axis=1)]
             unit = np.eye(kappa.shape[1])
             own, size = (at_blocks(M, kappa) for M in products)
-            least = 1e-12 * size.max(initial=1e-300) * unit
+            least = 1e-12 * (size.max(initial=0.0) or 1.0) * unit  # 0: nothing in contact moves
             self._support[kappa] = np.einsum("nii->ni", size)
             X = own @ np.linalg.inv(size + least)
             blocks.append(np.linalg.inv(X + REGULAR * unit))
