@@ -61,9 +61,8 @@ class ContactIteration:
         w: (m,) frame and slip unknowns [length].
         alpha: rigid motion of bodies that nothing else holds.
         f, g: load and gaps at the end of the last load step.
-        forces, pressed: largest so far, and largest on an obstacle [force].
-        verdict: of the last load step.
-        last: linear step of the last iteration; None: nothing has been solved.
+        forces, pressed, rounding: largest so far, largest on an obstacle, and rounding now [force].
+        verdict, last: of the last load step; linear step of the last iteration, None before it.
         history: see ``ContactProblem``; of the last load step.
         bar: progress line, while there is one.
     """
@@ -82,7 +81,8 @@ class ContactIteration:
             state.forget()
         nothing: Any = None
         self.multiplier = self.w = self.alpha = self.last = nothing
-        self.forces, self.pressed, self.verdict = 0.0, 0.0, Verdict(0.0, 0.0)
+        self.forces = self.pressed = self.rounding = 0.0
+        self.verdict = Verdict(0.0, 0.0)
         self.f, self.g = self._rest
         self.equations.loads = np.zeros(self.equations.n_v)
         self.history: list[dict[str, Any]] = []
@@ -101,7 +101,7 @@ class ContactIteration:
         _take_back(self.states, [s.own for s in other.states])
         self.multiplier, self.w = other.multiplier, other.w
         self.alpha = self.operators.floating.amounts(u)  # of other modes, perhaps
-        self.forces, self.pressed = other.forces, other.pressed
+        self.forces, self.pressed, self.rounding = other.forces, other.pressed, other.rounding
         self.f, self.g = f, g
         self.equations.loads = other.equations.loads
 
@@ -119,7 +119,7 @@ class ContactIteration:
         """End a load step: what has slipped is the reference of the next."""
         fitted = self.equations.middle(found.y + g, found.w)
         for s in self.states:
-            s.accept(found.multiplier, found.w, fitted, self.scale)
+            s.accept(found.multiplier, found.w, fitted, self.scale, self.rounding)
         self.pressed = max(self.pressed, np.abs(self.equations.loads).max(initial=0.0))
 
     def iterate(self, f: Array, g: Array, falls: Callable[[], Any]) -> StepResult:

@@ -14,6 +14,8 @@ from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.neutral import neutral
 from dolfinx_llm.forms.step import StepResult
 from dolfinx_llm.forms.verdict import (
+    EPS,
+    SEVERAL,
     FinalError,
     Verdict,
     beyond,
@@ -86,6 +88,8 @@ def advance(
         except ContactError:
             iteration.restore(first)
             raise
+        if before[1] is not None:  # where the iteration began
+            iteration.rounding = max(iteration.rounding, SEVERAL * EPS * size(before[1]))
         iteration.accept(found, g_t)
         done = reached
     iteration.f, iteration.g = f, g
@@ -132,7 +136,7 @@ def _judged(iteration: ContactIteration, found: StepResult, f: Array, g: Array) 
         free * f,
         free * pushed,
     )
-    iteration.forces = max(iteration.forces, *forces)
+    iteration.forces, iteration.rounding = max(iteration.forces, *forces), SEVERAL * EPS * terms
     follows = equations.L @ found.w + equations.compliance * multiplier
     # Of rows in contact: where it is open gaps of any size carry no force.
     y, follows, g = (found.active * a for a in (found.y, follows, g))

@@ -153,18 +153,21 @@ class InterfaceState:
             self.own.holds = holds
             self.touch(self.own.active)
 
-    def accept(self, multiplier: Array, w: Array, fitted: Array, c: float) -> None:
-        """End a load step; where contact is open, slips follow the bodies.
+    def accept(self, multiplier: Array, w: Array, fitted: Array, c: float, least: float) -> None:
+        """End a load step; where contact is open, or bears nothing, slips follow the bodies.
 
         Args:
             multiplier, w: λ (n,) and w (m,).
             fitted: (m,) frames and slips that fit the bodies best.
             c: stiffness of the surfaces [force / length].
+            least: rounding of forces [force].
         """
         if self.nodes.kappa.size:
-            self.own.history = self.law.end_step(self.at(multiplier, w, c))
-            kappa, opened = self.nodes.kappa, (self.own.status == OPEN)[:, None]
-            self.own.kappa_before = np.where(opened, fitted[kappa], w[kappa])
+            at, kappa, opened = self.at(multiplier, w, c), self.nodes.kappa, self.own.status == OPEN
+            self.own.history = self.law.end_step(at)
+            if self.law.opens and self.law.slips:
+                opened = opened | (self.law.strength(at) <= least)
+            self.own.kappa_before = np.where(opened[:, None], fitted[kappa], w[kappa])
 
     @property
     def tied(self) -> Array:

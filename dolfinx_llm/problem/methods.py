@@ -43,8 +43,8 @@ class ContactMethod:
         setting: what it works with.
         form: ``StepForm`` that solves the linear steps.
         iteration: ``ContactIteration``, which holds the state, once there is one.
-        in_time: load steps are steps in time: pairs that press at the start of one stay in contact
-            in it, and bodies may fly.
+        in_time: load steps are steps in time: pairs that press at the start of one, by more than
+            rounding, stay in contact in it, and bodies may fly.
         starts: the next one finds the forces at the start: none stays, since it may not have been
             there, as on the mesh that a stepper goes on from.
     """
@@ -125,7 +125,7 @@ class ContactMethod:
             for state in self.states:
                 if state.law.opens and (state.law.shares or not state.nodes.kappa.size):
                     force = self.iteration.multiplier[state.nodes.rows[:, -1]]
-                    state.stays = (force > 0.0) & (not self.starts)
+                    state.stays = (force > self.iteration.rounding) & (not self.starts)
         motions = operators.obstacle_motions()
         g = self._gaps(f, motions)
         stage = "solve" if operators.tied else "iteration of contact laws"
@@ -187,7 +187,7 @@ class ContactMethod:
         u, motions = self._last
         common = {
             "multiplier": i.multiplier, "w": i.w, "g": i.g, "loads": i.equations.loads,
-            "forces": np.array([i.forces, i.pressed]), "reported": self._reported,
+            "forces": np.array([i.forces, i.pressed, i.rounding]), "reported": self._reported,
         }  # fmt: skip
         return common | {f"motion {k}": m for k, m in enumerate(motions)}, {"u": u, "f": i.f}
 
@@ -197,7 +197,7 @@ class ContactMethod:
         i, u = self.iteration, local["u"]
         i.multiplier, i.w, i.g = (common[name] for name in ("multiplier", "w", "g"))
         i.f, i.equations.loads, self._reported = local["f"], common["loads"], common["reported"]
-        i.forces, i.pressed = map(float, common["forces"])
+        i.forces, i.pressed, i.rounding = map(float, common["forces"])
         i.alpha, i.last = self.setting.operators.floating.amounts(u), None
         count = len(self.setting.operators.geometries)
         self._last = u, [common[f"motion {k}"] for k in range(count)]

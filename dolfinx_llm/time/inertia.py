@@ -24,7 +24,7 @@ from dolfinx_llm.base.parallel import check
 from dolfinx_llm.operators.bodies import body_labels
 
 KEPT = 1e-10  # of a body's mass, to which moments are met
-SOME = 1e-6  # of a cell's mass: regular bodies 3 and 5 cells across have 0 to rounding
+SOME = 0.01  # of a cell's mass: in regular bodies 3 to 5 cells across 0 to rounding is left of it
 
 
 def moved_mass(V: Any, rho: Any, surfaces: Sequence[tuple[Any, int]]) -> fem.Function:
@@ -148,7 +148,7 @@ def _corrected(
 ) -> tuple[Array, bool]:
     """(n,) shares times polynomials of the bodies with which sums of share times moments are those
     of 1: of second degree, else of mass, centre and polar moment, else of mass and centre, where
-    all shares are positive then; and whether that can be."""
+    all shares are left then; and whether that can be."""
     comm, gdim, k = mesh.comm, mesh.geometry.dim, values.shape[1]
     products = (share[:, None] * moments)[:, :, None] * values[:, None, :]
     A = _by_body(comm, products, label, count)

@@ -119,6 +119,20 @@ def test_conditions_in_time(seed):
     assert violations(found) == [{}] * len(found)
 
 
+@pytest.mark.parametrize(
+    ("seed", "name"),
+    some_of(
+        [(3002, "saddle"), (3006, "renumbered"), (3007, "renumbered"), (3008, "turned")],
+        [(3007, "renumbered")],
+    ),
+)
+def test_poses_in_time(seed, name):
+    """Forces that are rounding neither hold pairs in a step nor what has slipped."""
+    scene = random_time.draw(seed)
+    found = random_time.solve(scene, POSED[name].of(scene))
+    agree(found, random_time.solve(scene), scene)
+
+
 FINITE_POSES = some_of(
     [(1005, "turned"), (1011, "mirrored"), (1007, "renumbered"), (1005, "units"),
      (1030, "saddle"), (1058, "condensed"), (1013, "units"), (1014, "condensed"),
