@@ -20,7 +20,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.base.parallel import told
 from dolfinx_llm.contact.equations import Equations, spread, unfelt
-from dolfinx_llm.contact.giving import CONSTANT, GivingWay
+from dolfinx_llm.contact.giving import CALM, CONSTANT, GivingWay
 from dolfinx_llm.contact.gliding import glide, slips
 from dolfinx_llm.contact.history import Circles, failure
 from dolfinx_llm.contact.loose import count, keep, lets_go, regain, require_friction
@@ -44,7 +44,6 @@ AGAIN = 0.05  # the same in later load steps, on curved frames, for which pairs 
 FLOATS = 1e-6  # of the forces, that springs carry where contact without friction holds no body
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
 FASTEST = 20  # doublings of how fast a frame node goes to where it touches
-CALM = 2  # iterations without a change after which a residual may have stopped falling
 
 
 class ContactIteration:
@@ -196,7 +195,7 @@ class ContactIteration:
             stalled = calm > CALM and miss > 0.5 * before
             enough = max(ENOUGH, spread(equations, self.form.noise) / largest)
             settled = miss <= self.form.accuracy or (stalled and miss <= enough)
-            settled &= giving.rest(multiplier, largest, calm > CALM)
+            settled &= giving.rest(multiplier, largest, calm)
             rests = settled and calm > corrections and pull.rests
             released = (rests or calm > 1) and equations.release(multiplier, ENOUGH * largest)
             released |= tie_more(self.states, borne, miss)
