@@ -15,6 +15,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.operators.bare import check_stiffness
 from dolfinx_llm.operators.control import Control
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.operators.petsc import block_diagonal
@@ -56,7 +57,7 @@ class LinearBulk:
         version: counts the changes.
 
     Raises:
-        ContactInputError: a form that cannot be compiled.
+        ContactInputError: a form that cannot be compiled, or one that leaves bodies out.
         ContactError: the stiffness is not finite.
     """
 
@@ -118,6 +119,7 @@ class LinearBulk:
         if self._K is None:
             with self.times.timed("assembly of K"):
                 self._K = self._assembled()
+            self._check_rows()
             if self.control is not None:
                 self._K = self.control.stiffness(self._K)
             if not np.isfinite(self._K.norm()):
@@ -133,6 +135,14 @@ class LinearBulk:
         return block_diagonal(
             [b.matrix(compat.assemble_matrix(a, bcs, 1.0), fixed) for b, a, bcs, fixed in parts]
         )
+
+    def _check_rows(self) -> None:
+        """Require that forms give all that is free some stiffness."""
+        try:
+            check_stiffness(self._K, self.dofs, "a")
+        except ContactError:
+            self.destroy()
+            raise
 
     def take_K(self) -> PETSc.Mat:
         """K, which the bulk no longer has then."""

@@ -106,6 +106,8 @@ def nonlinear_arguments(
                 raise ContactInputError(
                     "a form F has a test function of another space than u: " + RESIDUAL
                 )
+        if J is None:
+            _check_unknowns(forms, functions)
         derivatives = [ufl.derivative(f, w) for f, w in zip(forms, functions, strict=True)]
         derivatives = derivatives if J is None else list(listed(J))
         if len(derivatives) != len(forms):
@@ -140,6 +142,17 @@ def _belong(form: ufl.Form, V: Any) -> bool:
     """Whether all arguments of a form are of a space."""
     spaces = [argument.ufl_function_space() for argument in form.arguments()]
     return all(hasattr(W, "dofmap") and compat.same_space(W, V) for W in spaces)
+
+
+def _check_unknowns(forms: Sequence[ufl.Form], functions: Sequence[fem.Function]) -> None:
+    """Require that each form is written in the Function that is its unknown."""
+    for form, u in zip(forms, functions, strict=True):
+        if not any(c is u for c in form.coefficients()):
+            names = sorted(c.name for c in form.coefficients() if isinstance(c, fem.Function))
+            raise ContactInputError(
+                f"a form F does not depend on its u, the Function {u.name}; it has {names}: give "
+                "the very Function that F is written in"
+            )
 
 
 def pressures(loads: Any, spaces: Sequence[Any]) -> list[FreeSurfacePressure]:

@@ -1010,6 +1010,21 @@ add(
     lambda s: s.nonlinear(J=s.bent[3]),
     lambda s: s.nonlinear(J=s.a),
 )
+add(
+    r"a form F does not depend on its u, the Function \w+; it has \[",
+    lambda s: s.nonlinear(u=fem.Function(s.bent[2].function_space)),
+)
+
+
+@lambda f: add(r"\d+ of \d+ free displacements have no stiffness", f)
+def bodies_without_stiffness(s):
+    domain, _, u, _ = s.bent
+    none = fem.Constant(domain, 0.0)
+    energy = finite_patch.energy(u, none, none)
+    F = ufl.derivative(energy * ufl.dx, u, ufl.TestFunction(u.function_space))
+    s.nonlinear(F).solve()
+
+
 add("forms J", lambda s: s.nonlinear(J=[]))
 add("solver=", lambda s: s.nonlinear(solver="magic"))
 add("petsc_options", lambda s: s.nonlinear(petsc_options=3))
