@@ -31,6 +31,7 @@ from dolfinx_llm.geometry.surface import Surface, extract_surface
 from dolfinx_llm.interface.against import check_tied_to_mean, checked_clearance, loaded
 from dolfinx_llm.interface.choices import Interface, SelfContact
 from dolfinx_llm.interface.obstacles import MeanDisplacement
+from dolfinx_llm.interface.shared import check_once
 from dolfinx_llm.interface.site import Site, find_site, space_of
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
@@ -159,6 +160,18 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
         friction = [bears["mu"], bears["cohesive"]]
     kind = AGAINST[law.slips, pressed]
     return _placed(kind.of(surface, obstacle, *friction), site.whole, site.spaces, dofs)
+
+
+def check_contacts(interfaces: Sequence[Interface], contacts: Sequence[Placed]) -> None:
+    """Require that nothing is given twice, see ``check_once``."""
+    facets = []
+    for interface, placed in zip(interfaces, contacts, strict=True):
+        surfaces = placed.what.sides.surfaces
+        ends = np.cumsum([surface.x.size for surface in surfaces])
+        parts = [part.reshape(-1, s.x.shape[1])[:, 0][s.facets]
+                 for part, s in zip(np.split(placed.numbers, ends), surfaces)]  # fmt: skip
+        facets.append(parts[:1] if isinstance(interface, SelfContact) else parts)
+    check_once(interfaces, facets)
 
 
 def pose_of(placed: Placed, moved: bool = True) -> Array:

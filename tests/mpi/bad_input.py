@@ -132,6 +132,15 @@ def one_surface_in_two_interfaces(comm):
     llm.ContactProblem(a, L, bcs=scenes.hold(V, scenes.SYMMETRY), interfaces=both)
 
 
+@case(r"RigidPlane and 3 . RigidPlane are of the same obstacle and have 9 facets in common", INPUT)
+def one_obstacle_twice(comm):
+    V, tags = scenes.two_blocks(comm)
+    a, L = scenes.forms(V)
+    plane = llm.RigidPlane((0.0, 0.0, 1.0), (0.0, 0.0, 1.0))
+    both = [llm.Interface(tags, (3, plane), law=law) for law in (llm.Frictionless(), llm.Tied())]
+    llm.ContactProblem(a, L, bcs=scenes.hold(V, scenes.SYMMETRY), interfaces=both)
+
+
 # Frames
 
 

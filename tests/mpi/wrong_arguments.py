@@ -1025,6 +1025,29 @@ def bodies_without_stiffness(s):
     s.nonlinear(F).solve()
 
 
+def several(s, *pairs):
+    """Interfaces at finite deformation, each of two sides."""
+    law = llm.Frictionless()
+    return s.nonlinear(interfaces=[llm.Interface(s.bent[1], sides, law=law) for sides in pairs])
+
+
+TOP, UNDER = patch2d.FOUNDATION_TOP, patch2d.PUNCH_BOTTOM
+BELOW = llm.RigidPlane((0.0, -9.0), (0.0, 1.0))
+add(
+    "facets of both sides in common: give each pair of surfaces once",
+    lambda s: several(s, (TOP, UNDER), (UNDER, TOP)),
+    lambda s: several(s, (TOP, UNDER), (TOP, UNDER)),
+)
+add(
+    "are of the same obstacle and have .* facets in common",
+    lambda s: several(s, (UNDER, BELOW), (BELOW, UNDER)),
+)
+add(
+    "are of a surface that meets itself and have .* facets in common",
+    lambda s: s.nonlinear(
+        interfaces=[llm.SelfContact(s.bent[1], TOP, law=llm.Frictionless()) for _ in range(2)]
+    ),
+)
 add("forms J", lambda s: s.nonlinear(J=[]))
 add("solver=", lambda s: s.nonlinear(solver="magic"))
 add("petsc_options", lambda s: s.nonlinear(petsc_options=3))
