@@ -107,7 +107,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         dofs = self.bulk.dofs
         with self.times.timed("interfaces"):
             contacts = [contact_of(interface, dofs) for interface in self.interfaces]
-            check_contacts(self.interfaces, contacts)
+            check_contacts(self.interfaces, contacts, dofs, self.bulk.now())
             followers = [follower_of(load, dofs) for load in self.loads]
         system, self.method, self._why = numbered(contacts, dofs, solver, options)
         surfaces = [s for c in contacts for s in c.what.sides.surfaces]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ import numpy as np
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.parallel import chosen
+from dolfinx_llm.finite.at_first import check_start
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction_contact import FrictionContact
 from dolfinx_llm.finite.law_contact import LawOnFrame, LawOnObstacle, LawOnPressed
@@ -162,8 +165,11 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     return _placed(kind.of(surface, obstacle, *friction), site.whole, site.spaces, dofs)
 
 
-def check_contacts(interfaces: Sequence[Interface], contacts: Sequence[Placed]) -> None:
-    """Require that nothing is given twice, see ``check_once``."""
+def check_contacts(
+    interfaces: Sequence[Interface], contacts: Sequence[Placed], dofs: BodyDofs, u: Array
+) -> None:
+    """Require that nothing is given twice, see ``check_once``, and a start that can be meant, see
+    ``check_start``, at this rank's u (n_local,); collective."""
     facets = []
     for interface, placed in zip(interfaces, contacts, strict=True):
         surfaces = placed.what.sides.surfaces
@@ -172,6 +178,9 @@ def check_contacts(interfaces: Sequence[Interface], contacts: Sequence[Placed]) 
                  for part, s in zip(np.split(placed.numbers, ends), surfaces)]  # fmt: skip
         facets.append(parts[:1] if isinstance(interface, SelfContact) else parts)
     check_once(interfaces, facets)
+    for interface, placed in zip(interfaces, contacts, strict=True):
+        z = placed.at(dofs, u)
+        chosen(dofs.comm, partial(check_start, interface, placed, z))
 
 
 def pose_of(placed: Placed, moved: bool = True) -> Array:

@@ -1048,6 +1048,37 @@ add(
         interfaces=[llm.SelfContact(s.bent[1], TOP, law=llm.Frictionless()) for _ in range(2)]
     ),
 )
+CROWN = patch2d.PUNCH_TOP
+add("point the same way", lambda s: several(s, (TOP, CROWN)), kind=ERROR)
+add(
+    "all of tag 3 lies on the RigidPlane or inside of it and faces away",
+    lambda s: several(s, (TOP, UNDER), (CROWN, llm.RigidPlane((0.0, 2.0), (0.0, 1.0)))),
+    lambda s: several(s, (CROWN, llm.RigidPlane((0.0, 2.5), (0.0, 1.0)))),
+    kind=ERROR,
+)
+add(
+    "lie inside of the RigidPlane at the start, the deepest .* by 1.5: the body lies inside",
+    lambda s: several(s, (CROWN, llm.RigidPlane((0.0, 0.5), (0.0, -1.0)))),
+    kind=ERROR,
+)
+
+
+@lambda f: add(
+    "lie inside of the body of tag [12] at the start, .* by 0.7.* so deep", f, kind=ERROR
+)
+def bodies_inside_of_each_other(s):
+    domain, _, right, _ = s.bent
+    u, one = fem.Function(right.function_space), fem.Constant(domain, 1.0)
+    x = u.function_space.tabulate_dof_coordinates()
+    of = compat.cell_dofs(u.function_space)
+    for cell in of[x[of].mean(axis=1)[:, 1] > 1.0]:
+        u.x.array[2 * cell + 1] = -0.7
+    F = ufl.derivative(
+        finite_patch.energy(u, one, one) * ufl.dx, u, ufl.TestFunction(u.function_space)
+    )
+    s.nonlinear(F, u)
+
+
 add("forms J", lambda s: s.nonlinear(J=[]))
 add("solver=", lambda s: s.nonlinear(solver="magic"))
 add("petsc_options", lambda s: s.nonlinear(petsc_options=3))
