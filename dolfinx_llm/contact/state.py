@@ -8,6 +8,7 @@ import numpy as np
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.contact.followers import ADRIFT, Followers, LastFollowers
 from dolfinx_llm.contact.friction_nodes import FLOOR, FrictionNodes
 from dolfinx_llm.interface.update import Transfer
@@ -120,7 +121,8 @@ class InterfaceState:
         self.begin()
         if k:
             rest = self._at_rest()
-            self.own.history = self.law.start(rest)
+            with collective(self.nodes.comm):
+                self.own.history = self.law.start(rest)
             self.take(self.rows_at(replace(rest, history=self.own.history)))
             self.own.status = np.full(k, STICK)
 
@@ -162,7 +164,8 @@ class InterfaceState:
             c: stiffness of the surfaces [force / length].
         """
         if self.nodes.kappa.size:
-            self.own.history = self.law.end_step(self.at(multiplier, w, c))
+            with collective(self.nodes.comm):
+                self.own.history = self.law.end_step(self.at(multiplier, w, c))
             kappa, opened = self.nodes.kappa, (self.own.status == OPEN)[:, None]
             self.own.kappa_before = np.where(opened, fitted[kappa], w[kappa])
 
@@ -229,12 +232,13 @@ class InterfaceState:
         )
 
     def rows_at(self, nodes: LawNodes) -> LawRows:
-        """Rows of the law about an iterate.
+        """Rows of the law about an iterate; collective.
 
         Raises:
             ContactInputError: a law returns what fits no node.
         """
-        return checked(checks.shown(self.law), self.law.rows(nodes), *nodes.jump.shape)
+        with collective(self.nodes.comm):
+            return checked(checks.shown(self.law), self.law.rows(nodes), *nodes.jump.shape)
 
     def share_out(self, friction: Array, normal: Array) -> Array:
         """Forces of friction (k, gdim) of those that speak for others, divided among them by their

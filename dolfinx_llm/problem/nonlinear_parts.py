@@ -11,7 +11,7 @@ import numpy as np
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.base.parallel import chosen
+from dolfinx_llm.base.parallel import chosen, collective
 from dolfinx_llm.finite.at_first import check_start
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction_contact import FrictionContact
@@ -109,16 +109,17 @@ def _on_frame(interface: Interface, sides: Sides, site: Site, dofs: BodyDofs) ->
     design = Design.of(frame.x, frame.cells, interface.design is not None)
     drawn = np.concatenate([s.x.ravel() for s in site.whole])
     contact: MovingContact
-    if _is_asked(interface.law):
-        nodes = _nodes(interface, sides, site, drawn, dofs)
-        contact = LawOnFrame.under(interface.law, nodes, sides, design, drawn)
-    elif isinstance(interface.law, Tied):
-        contact = TiedContact.of(sides, drawn, design, interface.law.close_gap)
-    elif interface.law.slips:
-        law = interface.law.start(_nodes(interface, sides, site, drawn, dofs))
-        contact = FrictionContact(sides, design, law["mu"], law["cohesive"])
-    else:
-        contact = NormalContact(sides, design)
+    with collective(dofs.comm):
+        if _is_asked(interface.law):
+            nodes = _nodes(interface, sides, site, drawn, dofs)
+            contact = LawOnFrame.under(interface.law, nodes, sides, design, drawn)
+        elif isinstance(interface.law, Tied):
+            contact = TiedContact.of(sides, drawn, design, interface.law.close_gap)
+        elif interface.law.slips:
+            law = interface.law.start(_nodes(interface, sides, site, drawn, dofs))
+            contact = FrictionContact(sides, design, law["mu"], law["cohesive"])
+        else:
+            contact = NormalContact(sides, design)
     return _placed(contact, site.whole, site.spaces, dofs)
 
 
@@ -147,7 +148,8 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     check_tied_to_mean(interface.name, obstacle, law)
     if isinstance(obstacle, MeanDisplacement):
         return _placed(MovingMean.over(surface, obstacle), site.whole, site.spaces, dofs)
-    checked_clearance(obstacle, surface.x)
+    with collective(dofs.comm):
+        checked_clearance(obstacle, surface.x)
     if isinstance(law, Tied):
         tie = TiedObstacle.between(surface, obstacle, interface.name, law.close_gap)
         return _placed(tie, site.whole, site.spaces, dofs)
@@ -156,10 +158,12 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     pressed = any(loaded(obstacle, surface.x.shape[1]))
     if own:
         of_law = LawOnPressed if pressed else LawOnObstacle
-        contact = of_law.under(law, nodes, surface, obstacle)
+        with collective(dofs.comm):
+            contact = of_law.under(law, nodes, surface, obstacle)
         return _placed(contact, site.whole, site.spaces, dofs)
     if law.slips:
-        bears = law.start(nodes)
+        with collective(dofs.comm):
+            bears = law.start(nodes)
         friction = [bears["mu"], bears["cohesive"]]
     kind = AGAINST[law.slips, pressed]
     return _placed(kind.of(surface, obstacle, *friction), site.whole, site.spaces, dofs)

@@ -1150,6 +1150,67 @@ one("increments=", lambda s: s.nonlinear().solve(pick(s, 1, 0)))
 
 # Different on the last rank, though right by itself.
 
+
+def failing(s, value=0.1):
+    """A function of positions that fails on the last rank only."""
+
+    def rough(x):
+        return np.full(len(x), value / pick(s, 1.0, 0))
+
+    return rough
+
+
+class Broken(llm.Law):
+    """A law that fails on the last rank when it is asked for what is named."""
+
+    components, gives = "normal", True
+
+    def __init__(self, s, where):
+        self.s, self.where = s, where
+
+    def _asked(self, where):
+        return 1.0 / (where != self.where or pick(self.s, True, False))
+
+    def start(self, nodes):
+        return {"one": np.full(len(nodes.x), self._asked("start"))}
+
+    def force(self, nodes):
+        k = self._asked("force") * nodes.area[:, None]
+        return k * nodes.jump, k
+
+    def end_step(self, nodes):
+        self._asked("end_step")
+        return nodes.history
+
+
+def broken(s, where, make):
+    """A problem with such a law, solved."""
+    law = Broken(s, where)
+    if make == "linear":
+        return s.law(law).solve()
+    sides = patch2d.FOUNDATION_TOP, patch2d.PUNCH_BOTTOM
+    return s.nonlinear(interfaces=llm.Interface(s.bent[1], sides, law=law)).solve()
+
+
+def rough(s, law):
+    sides = patch2d.FOUNDATION_TOP, patch2d.PUNCH_BOTTOM
+    return s.nonlinear(interfaces=llm.Interface(s.bent[1], sides, law=law))
+
+
+one(
+    "division by zero",
+    lambda s: s.law(llm.Coulomb(failing(s))).solve(),
+    lambda s: s.law(llm.Coulomb(0.1, cohesion=failing(s))).solve(),
+    lambda s: rough(s, llm.Coulomb(failing(s))),
+    lambda s: s.law(llm.Tied()).solve(accepted=lambda problem: 1.0 / pick(s, 1.0, 0)),
+    *(lambda s, x=x: broken(s, *x) for x in (
+        ("start", "linear"), ("force", "linear"), ("end_step", "linear"), ("start", "bent"),
+        ("force", "bent"),
+    )),
+    kind=ZeroDivisionError,
+)  # fmt: skip
+
+
 DIFFERENT = []
 
 
