@@ -244,6 +244,28 @@ add(
     lambda s: llm.Coulomb(0.1, dynamic="0.05"),
 )
 add(
+    "Coulomb: (mu|cohesion|dynamic).*at least 0; interpolate a UFL expression into a Function",
+    lambda s: llm.Coulomb(2.0 * fem.Constant(s.mesh, 0.3)),
+    lambda s: llm.Coulomb(fem.Constant(s.mesh, (0.3, 0.3))),
+    lambda s: llm.Coulomb(0.3, cohesion=ufl.SpatialCoordinate(s.mesh)[0]),
+    lambda s: llm.Coulomb(0.3, dynamic=ufl.TrialFunction(s.scalar)),
+)
+add("Coulomb: mu=.*at least 0", lambda s: llm.Coulomb(fem.Constant(s.mesh, -0.3)))
+add("Conductance: h.*interpolate", lambda s: llm.Conductance(ufl.SpatialCoordinate(s.mesh)[0]))
+add(
+    "a law's value at .* positions is .*give real numbers",
+    lambda s: s.law(llm.Coulomb(lambda x: "rough")).solve(),
+    lambda s: s.law(llm.Coulomb(lambda x: 0.3j * np.ones(len(x)))).solve(),
+    lambda s: s.law(llm.Coulomb(0.3, cohesion=lambda x: None)).solve(),
+)
+add(
+    "Tied: gap=.*give a finite number",
+    lambda s: llm.Tied(gap=None),
+    lambda s: llm.Tied(gap=1j),
+    lambda s: llm.Tied(gap=ufl.SpatialCoordinate(s.mesh)[0]),
+    lambda s: llm.Tied(gap=fem.Constant(s.mesh, (0.0, 0.0))),
+)
+add(
     "close_gap=.*give True or False",
     lambda s: llm.Tied(close_gap="no"),
     lambda s: llm.Tied(close_gap=1),
