@@ -1101,6 +1101,40 @@ def bodies_inside_of_each_other(s):
     s.nonlinear(F, u)
 
 
+def stepper(s, rho=1.0, dt=0.1, scheme="newmark", **other):
+    """Steps in time of the two blocks."""
+    law = llm.Tied() if scheme == "newmark" else llm.Frictionless()
+    chosen = {"bcs": s.bcs, "interfaces": llm.Interface(s.tags, (2, 3), law=law)} | other
+    return llm.TimeStepper(rho, s.a, s.L, dt=dt, scheme=scheme, **chosen)
+
+
+def dense(s, value):
+    """A density that varies from 1 to a value."""
+    rho = fem.Function(s.scalar)
+    rho.interpolate(lambda x: 1.0 + (value - 1.0) * x[0])
+    return rho
+
+
+add(
+    "rho=.*give a positive number",
+    *(lambda s, x=x: stepper(s, x) for x in (0.0, -1.0, NAN, "steel", None, 1j, [1.0, 2.0])),
+    *(lambda s, x=x: stepper(s, fem.Constant(s.mesh, x)) for x in (0.0, -1.0, NAN)),
+    lambda s: stepper(s, ufl.TrialFunction(s.scalar)),
+    lambda s: stepper(s, s.solved.u),
+)
+add(
+    "rho: .* of the masses are negative or NaN",
+    lambda s: stepper(s, dense(s, -3.0)),
+    lambda s: stepper(s, dense(s, NAN)),
+    lambda s: stepper(s, dense(s, -3.0), scheme="massless"),
+)
+add("rho: all masses are 0", lambda s: stepper(s, fem.Function(s.scalar), scheme="massless"))
+add(
+    "rho: the Function .* is of another mesh",
+    lambda s: stepper(s, fem.Function(compat.function_space(s.other[0].mesh))),
+)
+add("accepted=.*give a function of the stepper", lambda s: stepper(s, accepted=1))
+add("dt=.*give a positive number", *(lambda s, x=x: stepper(s, dt=x) for x in (1e-300, 1e300, -1)))
 add("forms J", lambda s: s.nonlinear(J=[]))
 add("solver=", lambda s: s.nonlinear(solver="magic"))
 add("petsc_options", lambda s: s.nonlinear(petsc_options=3))
@@ -1250,6 +1284,7 @@ differ(
     lambda s: s.law(pick(s, llm.Coulomb(0.3), llm.Coulomb(0.4))),
     lambda s: s.law(llm.Tied(), sides=pick(s, (2, 3), (3, 2))),
 )
+differ("rho must be the same", lambda s: stepper(s, pick(s, 1.0, 2.0)))
 differ("increments must be the same", lambda s: s.pressed.solve(pick(s, 1, 2)))
 
 
