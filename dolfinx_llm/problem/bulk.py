@@ -20,6 +20,7 @@ from dolfinx_llm.operators.control import Control
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.operators.petsc import block_diagonal
 from dolfinx_llm.problem.arguments import Arguments, by_mesh, nodal_by_mesh
+from dolfinx_llm.problem.form_arguments import check_positions
 
 
 class Fingerprint:
@@ -97,6 +98,10 @@ class LinearBulk:
         solve."""
         self._sort_conditions()
         found = self._fingerprint.changes(self.fixed)
+        if "positions" in found:
+            with collective(self.comm):
+                for V in self.spaces:
+                    check_positions(V.mesh)
         self._pending |= found
         if found:
             self.version += 1

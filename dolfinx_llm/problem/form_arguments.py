@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
@@ -91,6 +92,8 @@ def check_meshes(spaces: Sequence[Any]) -> None:
             "two of the forms a live on one mesh: give one form per mesh, the sum of what lives on "
             "it"
         )
+    for V in spaces:
+        check_positions(V.mesh)
     first = spaces[0].mesh
     for V in spaces[1:]:
         if MPI.Comm.Compare(first.comm, V.mesh.comm) not in (MPI.IDENT, MPI.CONGRUENT):
@@ -98,6 +101,16 @@ def check_meshes(spaces: Sequence[Any]) -> None:
         if V.mesh.geometry.dim != first.geometry.dim:
             dims = [V.mesh.geometry.dim for V in spaces]
             raise ContactInputError(f"the meshes of the forms a lie in {dims} dimensions: mix none")
+
+
+def check_positions(mesh: Any) -> None:
+    """Require nodes of this rank that are at finite positions."""
+    bad = int((~np.isfinite(mesh.geometry.x)).any(axis=1).sum())
+    if bad:
+        raise ContactInputError(
+            f"positions of {bad} node(s) of a mesh are NaN or infinite: check how it was made and "
+            "moved"
+        )
 
 
 def in_order(a: list[ufl.Form], spaces: Sequence[Any], L: list[ufl.Form]) -> list[ufl.Form]:

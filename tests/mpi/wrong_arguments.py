@@ -1047,6 +1047,43 @@ def bodies_without_stiffness(s):
     s.nonlinear(F).solve()
 
 
+def lost_node(s, solves, where=NAN):
+    """A node of a rank is nowhere, before or after a solve."""
+    V, tags = scenes.two_blocks(s.comm)
+    problem = scenes.block_problem(V, tags) if solves else None
+    if solves:
+        problem.solve()
+    V.mesh.geometry.x[pick(s, [], [0])] = where
+    return problem.solve() if solves else scenes.block_problem(V, tags)
+
+
+def lost_bent_node(s):
+    domain, tags, *_ = s.bent
+    V = compat.function_space(patch2d.bodies(s.comm)[0][0], shape=(2,))
+    u = fem.Function(V)
+    V.mesh.geometry.x[pick(s, [], [0])] = INF
+    F = ufl.inner(ufl.grad(u), ufl.grad(ufl.TestFunction(V))) * ufl.dx
+    return llm.NonlinearContactProblem(F, u)
+
+
+add(
+    r"positions of 1 node.s. of a mesh are NaN or infinite",
+    lambda s: lost_node(s, False),
+    lambda s: lost_node(s, True),
+    lost_bent_node,
+)
+add(
+    "a Dirichlet condition has complex values",
+    lambda s: s.problem(
+        bcs=[fem.dirichletbc(np.zeros(3, complex), np.zeros(1, np.int32), s.V), *s.bcs]
+    ),
+)
+add(
+    "nodal load .*: complex values",
+    lambda s: s.problem(nodal_loads=fem.Function(s.V, dtype=np.complex128)),
+)
+
+
 def several(s, *pairs):
     """Interfaces at finite deformation, each of two sides."""
     law = llm.Frictionless()
