@@ -19,6 +19,7 @@ from dolfinx_llm.finite.parts import Part
 from dolfinx_llm.finite.settling import EXCHANGES, Exchanges, foreseen, lands
 from dolfinx_llm.finite.terms import Held, MovingContact
 from dolfinx_llm.finite.turning import prescribed, turned
+from dolfinx_llm.forms.options import NoOption
 from dolfinx_llm.laws.rows import OPEN
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
@@ -45,6 +46,8 @@ def failing() -> Iterator[None]:
     """What cannot be evaluated or solved ends the iteration, not the load step."""
     try:
         yield
+    except NoOption:  # smaller increments are of no help
+        raise
     except (np.linalg.LinAlgError, ContactError) as error:
         raise StepFailed(str(error)) from None
 

@@ -38,6 +38,8 @@ def given_forms(count: int, value: Any, entity_maps: Any = None) -> list[ufl.For
         arguments = form.arguments()
         if len(arguments) != count:
             hint = ", or is zero as a whole" if not arguments else ""
+            if len(arguments) > 2:
+                hint = ": of a ufl.MixedFunctionSpace? Take a function space of a mixed element"
             raise ContactInputError(
                 f"the form {name} {kind}, has {len(arguments)} argument(s){hint}: {accepted}"
             )

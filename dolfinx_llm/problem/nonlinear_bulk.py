@@ -195,16 +195,20 @@ class NonlinearBulk:
         self._given = given.bcs
         self._nodal = nodal_by_mesh(given.nodal_loads, self.spaces)
         self._bcs = by_mesh(self.comm, self._given, self._W)
-        found = zip(self.blocks, self._W, self._bcs, strict=True)
-        fixed = [b.ours(compat.prescribed(W, bcs)[0][: len(b.scale)]) for b, W, bcs in found]
         mixed = any(b.mixed for b in self.blocks)
         others = tuple(b.others for b in self.blocks) if mixed else ()
-        self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(fixed), others)
+        self.dofs = BodyDofs(self.comm, tuple(self.spaces), self._prescribed(), others)
         if mixed:  # units are those of the first tangent
             self._tangent().destroy()
         places = [V.tabulate_dof_coordinates()[compat.cell_dofs(V)] for V in self.spaces]
         mine = max(float(np.ptp(x, axis=1).max(initial=0.0)) for x in places)
         self.size = self.comm.allreduce(mine, op=MPI.MAX)
+
+    def _prescribed(self) -> Array:
+        """(n_local,) which dofs the conditions prescribe."""
+        found = zip(self.blocks, self._W, self._bcs, strict=True)
+        fixed = [b.ours(compat.prescribed(W, bcs)[0][: len(b.scale)]) for b, W, bcs in found]
+        return np.concatenate(fixed)
 
     def values(self) -> Array:
         """(n_local,) prescribed displacements, 0 where a dof is free.
@@ -219,10 +223,16 @@ class NonlinearBulk:
             for b, bcs, n in zip(self.blocks, self._bcs, self.dofs.counts)
         ]
         values = np.concatenate(parts)
+        wrong = ~np.isfinite(values) & self._prescribed()
+        count = self.comm.allreduce(int(wrong.sum()))
+        if count:
+            raise ContactInputError(
+                f"{count} values that the Dirichlet conditions prescribe are NaN or infinite"
+            )
         if self.comm.allreduce(int((np.isfinite(values) != self.dofs.fixed).sum())):
             raise ContactInputError(
-                "the Dirichlet conditions prescribe other dofs than when the problem was made, or "
-                "values that are not finite: make the problem anew"
+                "the Dirichlet conditions prescribe other dofs than when the problem was made: "
+                "make the problem anew"
             )
         return np.where(self.dofs.fixed, values, 0.0)
 

@@ -1084,6 +1084,38 @@ add(
 )
 
 
+add(
+    "petsc_options: 'foo' is no option that this solver",
+    lambda s: s.nonlinear(solver="saddle", petsc_options={"foo": 1}).solve(),
+)
+
+
+@lambda f: add(r"has 4 argument.s.: of a ufl.MixedFunctionSpace. Take .* mixed element", f)
+def form_of_parts(s):
+    v, u = ([ufl.Argument(s.V, k, part) for part in (0, 1)] for k in (0, 1))
+    s.problem(a=sum(ufl.inner(u[i], v[i]) * ufl.dx for i in (0, 1)))
+
+
+@lambda f: add(r"^\d+ values that the Dirichlet conditions prescribe are NaN or infinite", f)
+def nan_in_a_bent_support(s):
+    V = s.bent[2].function_space
+    held, dofs = fem.Function(V), fem.locate_dofs_geometrical(V, scenes.on(1, 0.0))
+    held.x.array[:] = NAN
+    s.nonlinear(bcs=[fem.dirichletbc(held, dofs)]).solve()
+
+
+@lambda f: add(r"ksp_rtol=0.00[0-9]+: steps solved so loosely", f, kind=ERROR)
+def loosely_solved(s):
+    held = ((2, scenes.on(2, 0.0)), *((k, scenes.on(2, z)) for k in (0, 1) for z in (0.0, 2.0)))
+    load = llm.free_surface_load(s.V, s.tags, 4, 1.0)
+    interface = llm.Interface(s.tags, (2, 3), law=llm.Frictionless())
+    options = {"ksp_type": "cg", "pc_type": "jacobi", "ksp_rtol": 1e-4}
+    s.problem(
+        bcs=scenes.hold(s.V, held), interfaces=interface, nodal_loads=load, solver="condensed",
+        petsc_options=options,
+    ).solve()  # fmt: skip
+
+
 def several(s, *pairs):
     """Interfaces at finite deformation, each of two sides."""
     law = llm.Frictionless()
