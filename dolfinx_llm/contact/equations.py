@@ -17,6 +17,7 @@ from scipy.sparse import csr_matrix, hstack, identity
 from scipy.sparse import vstack as stack
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.sparse import beside, diagonal, per_item, picking, symmetric_factors
 from dolfinx_llm.contact.friction_nodes import friction_nodes
 from dolfinx_llm.contact.led import rows_of, told
@@ -263,7 +264,8 @@ def _law_miss(equations: Equations, multiplier: Array, w: Array) -> float:
     for s in equations.states:
         if s.nodes.kappa.size:
             rests, _ = told(s, multiplier, equations.start, w, c)
-            miss = s.law.miss(replace(s.at(multiplier, w, c), jump=rests.jump))
+            with collective(s.nodes.comm):
+                miss = s.law.miss(replace(s.at(multiplier, w, c), jump=rests.jump))
             worst = max(worst, float(miss.max(initial=0.0)))
     return worst
 

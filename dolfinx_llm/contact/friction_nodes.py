@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from scipy.sparse import csr_matrix, hstack, vstack
 
 from dolfinx_llm.base.arrays import Array
@@ -57,6 +58,11 @@ class FrictionNodes:
     def law(self) -> Law:
         """Of the interface."""
         return self.geometry.interface.law
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """Of the bodies."""
+        return self.operators.dofs.comm
 
     @property
     def tangents(self) -> Array:

@@ -34,11 +34,14 @@ class Circles:
         return self._lags
 
 
+UNSETTLED = "the contact law did not converge"
+
+
 def failure(history: list[dict[str, Any]]) -> str:
     """Words for a load step that came to no rest, with its last iterations."""
     last = history[-5:]
     return (
-        f"the contact law did not converge in {len(history)} iterations; the last changed "
+        f"{UNSETTLED} in {len(history)} iterations; the last changed "
         f"{[h['changes'] for h in last]} states, with residuals "
         f"{', '.join(format(h['residual'], '.1e') for h in last)}. Apply the load in smaller "
         "steps (solve(increments=...)), and check that supports hold the bodies when they slip"

@@ -8,6 +8,7 @@ import numpy as np
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.contact.followers import ADRIFT, Followers, LastFollowers
 from dolfinx_llm.contact.friction_nodes import FLOOR, FrictionNodes
 from dolfinx_llm.interface.update import Transfer
@@ -120,7 +121,8 @@ class InterfaceState:
         self.begin()
         if k:
             rest = self._at_rest()
-            self.own.history = self.law.start(rest)
+            with collective(self.nodes.comm):
+                self.own.history = self.law.start(rest)
             self.take(self.rows_at(replace(rest, history=self.own.history)))
             self.own.status = np.full(k, STICK)
 
@@ -164,9 +166,10 @@ class InterfaceState:
         """
         if self.nodes.kappa.size:
             at, kappa, opened = self.at(multiplier, w, c), self.nodes.kappa, self.own.status == OPEN
-            self.own.history = self.law.end_step(at)
-            if self.law.opens and self.law.slips:
-                opened = opened | (self.law.strength(at) <= least)
+            with collective(self.nodes.comm):
+                self.own.history = self.law.end_step(at)
+                if self.law.opens and self.law.slips:
+                    opened = opened | (self.law.strength(at) <= least)
             self.own.kappa_before = np.where(opened[:, None], fitted[kappa], w[kappa])
 
     @property
@@ -232,12 +235,13 @@ class InterfaceState:
         )
 
     def rows_at(self, nodes: LawNodes) -> LawRows:
-        """Rows of the law about an iterate.
+        """Rows of the law about an iterate; collective.
 
         Raises:
             ContactInputError: a law returns what fits no node.
         """
-        return checked(checks.shown(self.law), self.law.rows(nodes), *nodes.jump.shape)
+        with collective(self.nodes.comm):
+            return checked(checks.shown(self.law), self.law.rows(nodes), *nodes.jump.shape)
 
     def share_out(self, friction: Array, normal: Array) -> Array:
         """Forces of friction (k, gdim) of those that speak for others, divided among them by their

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -19,6 +19,7 @@ from dolfinx_llm.finite.parts import Part
 from dolfinx_llm.finite.settling import EXCHANGES, Exchanges, foreseen, lands
 from dolfinx_llm.finite.terms import Held, MovingContact
 from dolfinx_llm.finite.turning import prescribed, turned
+from dolfinx_llm.forms.options import NoOption
 from dolfinx_llm.laws.rows import OPEN
 
 CONVERGED = 1e-11  # residual over the largest force, and gap over the size of facets
@@ -45,6 +46,8 @@ def failing() -> Iterator[None]:
     """What cannot be evaluated or solved ends the iteration, not the load step."""
     try:
         yield
+    except NoOption:  # smaller increments are of no help
+        raise
     except (np.linalg.LinAlgError, ContactError) as error:
         raise StepFailed(str(error)) from None
 
@@ -57,6 +60,12 @@ def _inside_out(comm: MPI.Comm, body: Array, du: Array) -> StepFailed:
         f"elements turn inside out: {every[:, 0].sum():.0f} entries of the residual are no finite "
         f"numbers after a change of u by up to {every[:, 1].max():.3g}"
     )
+
+
+def _kept(comm: MPI.Comm, terms: Sequence[Any]) -> tuple[Any, ...]:
+    """What interfaces' own laws keep; collective, as these may fail."""
+    with collective(comm):
+        return tuple(t.kept() if t.kept else None for t in terms)
 
 
 def _check_solution(comm: MPI.Comm, du: Array, dq: Array, size: float) -> None:
@@ -124,8 +133,7 @@ class Increment:
         given = prescribed(self.dofs, self.target, self.steps.interfaces, self.poses)
         if given and (found := turned(self.dofs, self.u, *given)):
             self.u, R = found
-            every = zip(self.steps.interfaces, self.own, strict=True)
-            self.own = [placed.what.carried(q, R) for placed, q in every]
+            self.own = [i.what.carried(q, R) for i, q in zip(self.steps.interfaces, self.own)]
             self._body, self.error, self.doubt = self._residual(self.u), np.inf, 0.0
             self.evaluate()
 
@@ -250,7 +258,8 @@ class Increment:
         for i, status in found.items():
             q, held = self.own[i], replace(self.held[i], about=(dz[i], self.own[i] + changes[i]))
             of_pairs = self.terms[i].place, q, status, held, every[i].free
-            self.status[i], self.terms[i] = status, every[i].what.terms(*of_pairs)
+            with collective(self.dofs.comm):
+                self.status[i], self.terms[i] = status, every[i].what.terms(*of_pairs)
         return bool(found)
 
     def converged(self) -> bool:
@@ -273,6 +282,6 @@ class Increment:
 
     def state(self) -> NewtonState:
         """The state as it is."""
-        kept = tuple(t.kept() if t.kept else None for t in self.terms)
+        kept = _kept(self.dofs.comm, self.terms)
         of_each = tuple(self.own), tuple(self.status), self.pressures, tuple(self.poses), kept
         return NewtonState(self.u, *of_each, self.pushed)

@@ -13,6 +13,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.system import NewtonSystem, mean_diagonal
 from dolfinx_llm.finite.terms import ContactTerms, slide
+from dolfinx_llm.operators.bare import check_stiffness
 from dolfinx_llm.operators.numbering import BodyDofs
 
 ROUNDED_FORCE = 1e-12  # over stiffness and facets, by inertia that holds bodies at the start
@@ -89,9 +90,14 @@ class Equations:
     measured: int = -1  # version of the bodies that this is of
 
     def measure(self, u: Array) -> None:
-        """Find the bodies' stiffness at this rank's u, once for what they are now; collective."""
+        """Find the bodies' stiffness at this rank's u, once for what they are now; collective.
+
+        Raises:
+            ContactInputError: F gives some displacements none.
+        """
         if self.measured != self.bodies.version:
             K, dofs = self.bodies.tangent(u), self.bodies.dofs
+            check_stiffness(K, dofs, "F")
             self.scale = mean_diagonal(K, dofs.first + dofs.of_nodes)
             self.measured = self.bodies.version
             K.destroy()

@@ -43,6 +43,10 @@ def check_values(options: dict[str, Any]) -> None:
             checks.number(f"petsc_options: {key}", options[key], "give a number above 0", above=0.0)
 
 
+class NoOption(ContactInputError):
+    """An option that no solver in use asks for."""
+
+
 @cache
 def _library() -> Any:
     """PETSc's own functions: not every petsc4py has the one that is needed."""
@@ -97,7 +101,7 @@ def check_read(ksp: PETSc.KSP, prefix: str, given: Iterable[str], known: Collect
     near = _nearest(wrong[0], [*COMMON, *known])
     hint = f"; did you mean {near!r}?" if near else ""
     pc = ksp.getPC().getType()
-    raise ContactInputError(
+    raise NoOption(
         f"petsc_options: {', '.join(map(repr, wrong))} is no option that this solver (ksp_type "
         f"{ksp.getType()!r}, pc_type {pc!r}) asks for{hint}. See its options by "
         f"PETSC_OPTIONS=-help; leave out what other solvers are for"

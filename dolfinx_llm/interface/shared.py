@@ -8,40 +8,71 @@ from scipy.sparse import csr_matrix, triu
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.pieces import Piece
+from dolfinx_llm.interface.choices import Interface, SelfContact
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.site import Site
 
+MESH = 2**40  # more nodes than a mesh has: numbers of those of several meshes stay apart
+
 
 def check_pairs(geometries: Sequence[InterfaceGeometry]) -> None:
-    """Require that no two interfaces have the same facets on both of their sides."""
-    pairs = [(i, k) for i, g in enumerate(geometries) if len(g.pairs) == 2 for k in (0, 1)]
-    if len(pairs) < 4:
-        return
-    facets = []
-    for i, k in pairs:
-        surface = geometries[i].pairs[k].surface
-        nodes = np.sort(surface.dofs[surface.facets], axis=1)
-        known = np.full((len(nodes), 7), -1)
-        known[:, 0], known[:, 1] = i, k
-        known[:, 2], known[:, 3 : 3 + nodes.shape[1]] = geometries[i].spaces[k], nodes
-        facets.append(known)
-    rows = np.concatenate(facets)
-    _, number = np.unique(rows[:, 2:], axis=0, return_inverse=True)
-    shape, number = (len(geometries), len(rows)), number.ravel()
-    own = [
-        csr_matrix((np.ones(side.sum()), (rows[side, 0], number[side])), shape)
-        for side in (rows[:, 1] == 0, rows[:, 1] == 1)
+    """Require that no two interfaces are of the same facets on both of their sides."""
+    facets = [
+        [p.surface.dofs[p.surface.facets] + MESH * k for p, k in zip(g.pairs, g.spaces)]
+        for g in geometries
     ]
-    common = [triu(M @ (own[0] + own[1]).T, 1, format="csr") for M in own]
-    twice = common[0].multiply(common[1]).tocoo()
-    if twice.nnz:
-        i, j = int(twice.row[0]), int(twice.col[0])
-        counts = [int(M[i, j]) for M in common]
-        names = " and ".join(geometries[k].interface.name for k in (i, j))
-        raise ContactInputError(
-            f"the interfaces {names} have {counts[0]} and {counts[1]} facets of both sides in "
-            "common: give each pair of surfaces once"
-        )
+    check_once([g.interface for g in geometries], facets)
+
+
+def check_once(interfaces: Sequence[Interface], facets: Sequence[Sequence[Array]]) -> None:
+    """Require that no two interfaces are of the same facets on both of their sides, of the same
+    facets and obstacle, or of the same facets that meet themselves.
+
+    Args:
+        interfaces: the user's choices.
+        facets: per interface and side that is a body (f, k) numbers of each facet's corners; of a
+            surface that meets itself once.
+
+    Raises:
+        ContactInputError: what touches is given twice.
+    """
+    known = [np.full((len(f), 6), -1) for sides in facets for f in sides]
+    places = [(i, k) for i, sides in enumerate(facets) for k in range(len(sides))]
+    if len(interfaces) < 2:
+        return
+    for rows, (i, k) in zip(known, places, strict=True):
+        nodes = np.sort(facets[i][k], axis=1)
+        rows[:, 0], rows[:, 1], rows[:, 2 : 2 + nodes.shape[1]] = i, k, nodes
+    every = np.concatenate(known)
+    _, number = np.unique(every[:, 2:], axis=0, return_inverse=True)
+    shape, number = (len(interfaces), len(every)), number.ravel()
+    own = [
+        csr_matrix((np.ones(side.sum()), (every[side, 0], number[side])), shape)
+        for side in (every[:, 1] == 0, every[:, 1] == 1)
+    ]
+    for first, second in ((0, 1), (1, 0)):  # the other one's sides may come in the other order
+        common = [triu(own[k] @ own[j].T, 1, format="csr") for k, j in ((0, first), (1, second))]
+        twice = common[0].multiply(common[1]).tocoo()
+        if twice.nnz:
+            i, j = int(twice.row[0]), int(twice.col[0])
+            counts = [int(M[i, j]) for M in common]
+            raise ContactInputError(
+                f"the interfaces {interfaces[i].name} and {interfaces[j].name} have {counts[0]} "
+                f"and {counts[1]} facets of both sides in common: give each pair of surfaces once"
+            )
+    alike = triu(own[0] @ own[0].T, 1).tocoo()
+    for i, j, n in zip(alike.row, alike.col, alike.data, strict=True):
+        one, other = interfaces[i], interfaces[j]
+        if one.obstacle is not other.obstacle:
+            continue
+        if one.obstacle is not None or {type(one), type(other)} == {SelfContact}:
+            what = (
+                "the same obstacle" if one.obstacle is not None else "a surface that meets itself"
+            )
+            raise ContactInputError(
+                f"the interfaces {one.name} and {other.name} are of {what} and have {int(n)} "
+                "facets in common: give them once"
+            )
 
 
 def shared_nodes(geometries: Sequence[InterfaceGeometry]) -> list[tuple[Array, ...]]:

@@ -11,7 +11,7 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.laws.coulomb import Varying
 from dolfinx_llm.laws.law import Law
-from dolfinx_llm.laws.rows import CLOSED, LawNodes, LawRows
+from dolfinx_llm.laws.rows import CLOSED, LawNodes, LawRows, value_now
 
 CONDUCTS = "give a finite number of at least 0; Tied() is perfect conductance"
 
@@ -45,8 +45,7 @@ class Conductance(Law):
     @property
     def _now(self) -> Any:
         """h, of a Constant its value."""
-        value = getattr(self.h, "value", self.h)
-        return float(value) if isinstance(value, np.ndarray) and value.ndim == 0 else value
+        return value_now("Conductance: h", self.h, CONDUCTS)
 
     def __repr__(self) -> str:
         return f"Conductance(h={checks.shown(self.h)})"

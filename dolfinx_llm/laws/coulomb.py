@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -21,8 +22,9 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.laws.law import Law
-from dolfinx_llm.laws.rows import OPEN, SLIP, STICK, LawNodes, LawRows
+from dolfinx_llm.laws.rows import OPEN, SLIP, STICK, LawNodes, LawRows, value_now
 
+AT_LEAST_0 = "give a finite number of at least 0"
 METHODS = ("newton", "switch")
 AT_LIMIT = 1e-10  # relative: so near to the limit what has slipped slips, what has stuck sticks
 Varying = float | Array | Callable[[Array], Array]  # or a dolfinx Function
@@ -34,9 +36,9 @@ class Coulomb(Law):
 
     Args:
         mu: coefficient of friction, at least 0; 0 leaves out all that friction needs. A number, a
-            function of positions (n, gdim) that returns (n,), a scalar dolfinx Function of one of
-            the bodies' meshes, or an array with a value per node of ``result.x``: the frame's, or
-            the surface's own against a rigid obstacle.
+            function of positions (n, gdim) that returns (n,), a scalar dolfinx Constant, a scalar
+            Function of one of the bodies' meshes, or an array with a value per node of
+            ``result.x``: the frame's, or the surface's own against a rigid obstacle.
         cohesion: tangential traction that the surfaces bear besides, where they are in contact,
             |T| <= μ N + cohesion area; given in the same ways [force / area].
         method: "newton": semismooth Newton on the projection form; "switch": the paper's own
@@ -65,19 +67,21 @@ class Coulomb(Law):
 
     @property
     def _bounds(self) -> dict[str, Varying]:
-        given: dict[str, Varying] = {"mu": self.mu, "cohesion": self.cohesion}
-        return given if self.dynamic is None else given | {"dynamic": self.dynamic}
+        """What is given, of Constants the values now."""
+        given: dict[str, Any] = {"mu": self.mu, "cohesion": self.cohesion}
+        if self.dynamic is not None:
+            given["dynamic"] = self.dynamic
+        return {k: value_now(f"Coulomb: {k}", value, AT_LEAST_0) for k, value in given.items()}
 
     def __post_init__(self) -> None:
         for name, value in self._bounds.items():
             if isinstance(value, np.ndarray) and value.ndim:
                 _at_least_0(name, value, len(value))
             elif not callable(value):
-                checks.number(
-                    f"Coulomb: {name}", value, "give a finite number of at least 0", low=0.0
-                )
+                checks.number(f"Coulomb: {name}", value, AT_LEAST_0, low=0.0)
         checks.one_of("Coulomb: method", self.method, METHODS)
-        bears = any(callable(a) or bool(np.any(np.asarray(a) > 0.0)) for a in self._bounds.values())
+        given = self.mu, self.cohesion, 0.0 if self.dynamic is None else self.dynamic
+        bears = any(callable(a) or bool(np.any(np.asarray(a) > 0.0)) for a in given)
         object.__setattr__(self, "slips", bears)
         object.__setattr__(self, "components", "local" if bears else "normal")
 
@@ -114,7 +118,8 @@ class Coulomb(Law):
         if self.dynamic is None:
             return nodes.history
         slips = nodes.status == SLIP
-        mu = np.where(slips, nodes.values(self.dynamic), nodes.values(self.mu))
+        given = self._bounds
+        mu = np.where(slips, nodes.values(given["dynamic"]), nodes.values(given["mu"]))
         return nodes.history | {"mu": mu}
 
     def _bound(self, nodes: LawNodes) -> Array:

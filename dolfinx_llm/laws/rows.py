@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 
@@ -22,10 +23,37 @@ CLOSED = 3  # in contact, without friction
 LARGE = 1e3  # times the bodies' stiffness: rows with larger coefficients of jumps are divided
 
 
+def value_now(name: str, value: Any, accepted: str) -> Any:
+    """What a user gives for a law: a number, an array, a function of positions or a dolfinx
+    Function; of a Constant its value now.
+
+    Args:
+        name, value, accepted: for the message.
+
+    Raises:
+        ContactInputError: a UFL expression, which is none of these, though it can be called.
+    """
+    if not hasattr(value, "ufl_shape") or hasattr(value, "function_space"):
+        return value
+    if np.ndim(getattr(value, "value", ())):
+        checks.refuse(name, value, f"{accepted}; interpolate a UFL expression into a Function")
+    return value.value
+
+
 def at_positions(value: Any, x: Array) -> Array:
-    """(k,) of a number, an array or a function of positions."""
-    found = np.asarray(value(x) if callable(value) else value, dtype=np.float64)
-    return np.full(len(x), float(found)) if not found.ndim else found
+    """(k,) of a number, a Constant, an array or a function of positions.
+
+    Raises:
+        ContactInputError: what is given, or returned, are no real numbers.
+    """
+    value = value_now("a value at positions", value, "give a number, an array or a function")
+    found = np.asarray(value(x) if callable(value) else value)
+    if found.dtype.kind not in "iuf":
+        raise ContactInputError(
+            f"a law's value at {len(x)} positions is {checks.shown(found)}, of type {found.dtype}: "
+            "give real numbers"
+        )
+    return np.full(len(x), float(found)) if not found.ndim else found.astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False)

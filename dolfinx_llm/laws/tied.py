@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from dolfinx_llm.base import checks
 from dolfinx_llm.laws.law import Law
 
@@ -51,5 +49,4 @@ class Tied(Law):
             ContactInputError: it is no finite number.
         """
         value = getattr(self.gap, "value", self.gap)
-        value = float(value) if np.ndim(value) == 0 and not np.isscalar(value) else value
         return checks.number("Tied: gap", value, "give a finite number, or a scalar Constant")

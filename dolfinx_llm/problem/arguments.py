@@ -172,6 +172,9 @@ def conditions(bcs: Any, spaces: Sequence[Any]) -> list[Any]:
     for bc in found:
         if not _is_condition(bc):
             checks.refuse("bcs: item", bc, BCS)
+        values = getattr(bc.g, "x", None)  # of a Function; a Constant has a value
+        if np.iscomplexobj(getattr(bc.g, "value", bc.g) if values is None else values.array):
+            raise ContactInputError("a Dirichlet condition has complex values: give real ones")
         if not any(compat.in_space(bc, V) for V in spaces):
             raise ContactInputError("a Dirichlet condition belongs to none of the forms' spaces")
     return found
@@ -203,6 +206,8 @@ def nodal_list(loads: Any, spaces: Sequence[Any]) -> list[fem.Function]:
         V = load.function_space
         if not any(V.mesh is W.mesh for W in spaces):
             raise ContactInputError("a nodal load lives on none of the forms' meshes")
+        if np.iscomplexobj(load.x.array):
+            raise ContactInputError(f"nodal load {load.name}: complex values: give real ones")
         if not any(same_space(V, W) for W in spaces):
             raise ContactInputError(
                 f"nodal load {load.name}: must be a Function of the space of the form"

@@ -15,10 +15,12 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.operators.bare import check_stiffness
 from dolfinx_llm.operators.control import Control
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.operators.petsc import block_diagonal
 from dolfinx_llm.problem.arguments import Arguments, by_mesh, nodal_by_mesh
+from dolfinx_llm.problem.form_arguments import check_positions
 
 
 class Fingerprint:
@@ -56,7 +58,7 @@ class LinearBulk:
         version: counts the changes.
 
     Raises:
-        ContactInputError: a form that cannot be compiled.
+        ContactInputError: a form that cannot be compiled, or one that leaves bodies out.
         ContactError: the stiffness is not finite.
     """
 
@@ -96,6 +98,10 @@ class LinearBulk:
         solve."""
         self._sort_conditions()
         found = self._fingerprint.changes(self.fixed)
+        if "positions" in found:
+            with collective(self.comm):
+                for V in self.spaces:
+                    check_positions(V.mesh)
         self._pending |= found
         if found:
             self.version += 1
@@ -118,6 +124,7 @@ class LinearBulk:
         if self._K is None:
             with self.times.timed("assembly of K"):
                 self._K = self._assembled()
+            self._check_rows()
             if self.control is not None:
                 self._K = self.control.stiffness(self._K)
             if not np.isfinite(self._K.norm()):
@@ -133,6 +140,14 @@ class LinearBulk:
         return block_diagonal(
             [b.matrix(compat.assemble_matrix(a, bcs, 1.0), fixed) for b, a, bcs, fixed in parts]
         )
+
+    def _check_rows(self) -> None:
+        """Require that forms give all that is free some stiffness."""
+        try:
+            check_stiffness(self._K, self.dofs, "a")
+        except ContactError:
+            self.destroy()
+            raise
 
     def take_K(self) -> PETSc.Mat:
         """K, which the bulk no longer has then."""

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
@@ -37,6 +38,8 @@ def given_forms(count: int, value: Any, entity_maps: Any = None) -> list[ufl.For
         arguments = form.arguments()
         if len(arguments) != count:
             hint = ", or is zero as a whole" if not arguments else ""
+            if len(arguments) > 2:
+                hint = ": of a ufl.MixedFunctionSpace? Take a function space of a mixed element"
             raise ContactInputError(
                 f"the form {name} {kind}, has {len(arguments)} argument(s){hint}: {accepted}"
             )
@@ -91,6 +94,8 @@ def check_meshes(spaces: Sequence[Any]) -> None:
             "two of the forms a live on one mesh: give one form per mesh, the sum of what lives on "
             "it"
         )
+    for V in spaces:
+        check_positions(V.mesh)
     first = spaces[0].mesh
     for V in spaces[1:]:
         if MPI.Comm.Compare(first.comm, V.mesh.comm) not in (MPI.IDENT, MPI.CONGRUENT):
@@ -98,6 +103,16 @@ def check_meshes(spaces: Sequence[Any]) -> None:
         if V.mesh.geometry.dim != first.geometry.dim:
             dims = [V.mesh.geometry.dim for V in spaces]
             raise ContactInputError(f"the meshes of the forms a lie in {dims} dimensions: mix none")
+
+
+def check_positions(mesh: Any) -> None:
+    """Require nodes of this rank that are at finite positions."""
+    bad = int((~np.isfinite(mesh.geometry.x)).any(axis=1).sum())
+    if bad:
+        raise ContactInputError(
+            f"positions of {bad} node(s) of a mesh are NaN or infinite: check how it was made and "
+            "moved"
+        )
 
 
 def in_order(a: list[ufl.Form], spaces: Sequence[Any], L: list[ufl.Form]) -> list[ufl.Form]:

@@ -144,7 +144,8 @@ class Memory:
     def found(self) -> None:
         """A part has been found: the user's call."""
         if self._accepted is not None:
-            self._accepted(self._problem)
+            with collective(self._problem.comm):
+                self._accepted(self._problem)
 
     def ends(self, given_up: bool) -> None:
         """The load step is over; where it is given up, the state is as before."""

@@ -1,6 +1,7 @@
 """How a problem is solved: in load steps, each by linear steps in a form of (31)."""
 
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress
 from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.contact.history import UNSETTLED
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.load_steps import advance
 from dolfinx_llm.contact.past import from_the_past
@@ -20,6 +22,8 @@ from dolfinx_llm.operators.petsc import is_symmetric, times
 from dolfinx_llm.operators.reactions import with_reactions
 from dolfinx_llm.operators.system import ContactOperators
 from dolfinx_llm.problem.bulk import LinearBulk
+
+TIGHT = 1e-9  # relative tolerance of linear steps by which laws still come to rest
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,21 @@ class Setting:
     options: dict[str, Any] | None  # PETSc options
     times: StageTimes
     why: str  # this form
+
+
+@contextmanager
+def _naming_tolerance(options: dict[str, Any] | None) -> Iterator[None]:
+    """Of a law that does not come to rest where steps are solved loosely, that they are."""
+    try:
+        yield
+    except ContactError as failed:
+        given = (options or {}).get("ksp_rtol")
+        if given is None or UNSETTLED not in str(failed) or float(given) <= TIGHT:
+            raise
+        raise ContactError(
+            f"{failed}. petsc_options ksp_rtol={given}: steps solved so loosely do not tell "
+            f"contact from none: give at most {TIGHT:g}, or leave it out"
+        ) from failed
 
 
 class ContactMethod:
@@ -132,7 +151,8 @@ class ContactMethod:
         with self.setting.times.timed(stage):
             with nullcontext() if operators.tied else progress(None, stage) as self.iteration.bar:
                 self._began = None
-                u, multiplier, v, began = advance(self.iteration, f, g, increments)
+                with _naming_tolerance(self.setting.options):
+                    u, multiplier, v, began = advance(self.iteration, f, g, increments)
         self._last, self._began = (u, motions), began
         if operators.held.any() or (operators.interfaces_at > 1).any():
             friction = [(s.bearing_rows(), s.nodes.felt) for s in self.states]

@@ -23,7 +23,13 @@ from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.output.pictured import Pictured
 from dolfinx_llm.problem.memory import INSTANT, Memory, Remembering
 from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_arguments
-from dolfinx_llm.problem.nonlinear_parts import contact_of, follower_of, numbered, pose_of
+from dolfinx_llm.problem.nonlinear_parts import (
+    check_contacts,
+    contact_of,
+    follower_of,
+    numbered,
+    pose_of,
+)
 from dolfinx_llm.problem.saving import SavedNonlinear
 
 
@@ -101,6 +107,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         dofs = self.bulk.dofs
         with self.times.timed("interfaces"):
             contacts = [contact_of(interface, dofs) for interface in self.interfaces]
+            check_contacts(self.interfaces, contacts, dofs, self.bulk.now())
             followers = [follower_of(load, dofs) for load in self.loads]
         system, self.method, self._why = numbered(contacts, dofs, solver, options)
         surfaces = [s for c in contacts for s in c.what.sides.surfaces]

@@ -106,6 +106,8 @@ def nonlinear_arguments(
                 raise ContactInputError(
                     "a form F has a test function of another space than u: " + RESIDUAL
                 )
+        if J is None:
+            _check_unknowns(forms, functions)
         derivatives = [ufl.derivative(f, w) for f, w in zip(forms, functions, strict=True)]
         derivatives = derivatives if J is None else list(listed(J))
         if len(derivatives) != len(forms):
@@ -140,6 +142,17 @@ def _belong(form: ufl.Form, V: Any) -> bool:
     """Whether all arguments of a form are of a space."""
     spaces = [argument.ufl_function_space() for argument in form.arguments()]
     return all(hasattr(W, "dofmap") and compat.same_space(W, V) for W in spaces)
+
+
+def _check_unknowns(forms: Sequence[ufl.Form], functions: Sequence[fem.Function]) -> None:
+    """Require that each form is written in the Function that is its unknown."""
+    for form, u in zip(forms, functions, strict=True):
+        if not any(c is u for c in form.coefficients()):
+            names = sorted(c.name for c in form.coefficients() if isinstance(c, fem.Function))
+            raise ContactInputError(
+                f"a form F does not depend on its u, the Function {u.name}; it has {names}: give "
+                "the very Function that F is written in"
+            )
 
 
 def pressures(loads: Any, spaces: Sequence[Any]) -> list[FreeSurfacePressure]:
@@ -182,16 +195,20 @@ class NonlinearBulk:
         self._given = given.bcs
         self._nodal = nodal_by_mesh(given.nodal_loads, self.spaces)
         self._bcs = by_mesh(self.comm, self._given, self._W)
-        found = zip(self.blocks, self._W, self._bcs, strict=True)
-        fixed = [b.ours(compat.prescribed(W, bcs)[0][: len(b.scale)]) for b, W, bcs in found]
         mixed = any(b.mixed for b in self.blocks)
         others = tuple(b.others for b in self.blocks) if mixed else ()
-        self.dofs = BodyDofs(self.comm, tuple(self.spaces), np.concatenate(fixed), others)
+        self.dofs = BodyDofs(self.comm, tuple(self.spaces), self._prescribed(), others)
         if mixed:  # units are those of the first tangent
             self._tangent().destroy()
         places = [V.tabulate_dof_coordinates()[compat.cell_dofs(V)] for V in self.spaces]
         mine = max(float(np.ptp(x, axis=1).max(initial=0.0)) for x in places)
         self.size = self.comm.allreduce(mine, op=MPI.MAX)
+
+    def _prescribed(self) -> Array:
+        """(n_local,) which dofs the conditions prescribe."""
+        found = zip(self.blocks, self._W, self._bcs, strict=True)
+        fixed = [b.ours(compat.prescribed(W, bcs)[0][: len(b.scale)]) for b, W, bcs in found]
+        return np.concatenate(fixed)
 
     def values(self) -> Array:
         """(n_local,) prescribed displacements, 0 where a dof is free.
@@ -206,10 +223,16 @@ class NonlinearBulk:
             for b, bcs, n in zip(self.blocks, self._bcs, self.dofs.counts)
         ]
         values = np.concatenate(parts)
+        wrong = ~np.isfinite(values) & self._prescribed()
+        count = self.comm.allreduce(int(wrong.sum()))
+        if count:
+            raise ContactInputError(
+                f"{count} values that the Dirichlet conditions prescribe are NaN or infinite"
+            )
         if self.comm.allreduce(int((np.isfinite(values) != self.dofs.fixed).sum())):
             raise ContactInputError(
-                "the Dirichlet conditions prescribe other dofs than when the problem was made, or "
-                "values that are not finite: make the problem anew"
+                "the Dirichlet conditions prescribe other dofs than when the problem was made: "
+                "make the problem anew"
             )
         return np.where(self.dofs.fixed, values, 0.0)
 

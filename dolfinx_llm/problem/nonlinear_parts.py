@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,8 @@ import numpy as np
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.parallel import chosen, collective
+from dolfinx_llm.finite.at_first import check_start
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction_contact import FrictionContact
 from dolfinx_llm.finite.law_contact import LawOnFrame, LawOnObstacle, LawOnPressed
@@ -31,6 +34,7 @@ from dolfinx_llm.geometry.surface import Surface, extract_surface
 from dolfinx_llm.interface.against import check_tied_to_mean, checked_clearance, loaded
 from dolfinx_llm.interface.choices import Interface, SelfContact
 from dolfinx_llm.interface.obstacles import MeanDisplacement
+from dolfinx_llm.interface.shared import check_once
 from dolfinx_llm.interface.site import Site, find_site, space_of
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
@@ -105,16 +109,17 @@ def _on_frame(interface: Interface, sides: Sides, site: Site, dofs: BodyDofs) ->
     design = Design.of(frame.x, frame.cells, interface.design is not None)
     drawn = np.concatenate([s.x.ravel() for s in site.whole])
     contact: MovingContact
-    if _is_asked(interface.law):
-        nodes = _nodes(interface, sides, site, drawn, dofs)
-        contact = LawOnFrame.under(interface.law, nodes, sides, design, drawn)
-    elif isinstance(interface.law, Tied):
-        contact = TiedContact.of(sides, drawn, design, interface.law.close_gap)
-    elif interface.law.slips:
-        law = interface.law.start(_nodes(interface, sides, site, drawn, dofs))
-        contact = FrictionContact(sides, design, law["mu"], law["cohesive"])
-    else:
-        contact = NormalContact(sides, design)
+    with collective(dofs.comm):
+        if _is_asked(interface.law):
+            nodes = _nodes(interface, sides, site, drawn, dofs)
+            contact = LawOnFrame.under(interface.law, nodes, sides, design, drawn)
+        elif isinstance(interface.law, Tied):
+            contact = TiedContact.of(sides, drawn, design, interface.law.close_gap)
+        elif interface.law.slips:
+            law = interface.law.start(_nodes(interface, sides, site, drawn, dofs))
+            contact = FrictionContact(sides, design, law["mu"], law["cohesive"])
+        else:
+            contact = NormalContact(sides, design)
     return _placed(contact, site.whole, site.spaces, dofs)
 
 
@@ -143,7 +148,8 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     check_tied_to_mean(interface.name, obstacle, law)
     if isinstance(obstacle, MeanDisplacement):
         return _placed(MovingMean.over(surface, obstacle), site.whole, site.spaces, dofs)
-    checked_clearance(obstacle, surface.x)
+    with collective(dofs.comm):
+        checked_clearance(obstacle, surface.x)
     if isinstance(law, Tied):
         tie = TiedObstacle.between(surface, obstacle, interface.name, law.close_gap)
         return _placed(tie, site.whole, site.spaces, dofs)
@@ -152,13 +158,33 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     pressed = any(loaded(obstacle, surface.x.shape[1]))
     if own:
         of_law = LawOnPressed if pressed else LawOnObstacle
-        contact = of_law.under(law, nodes, surface, obstacle)
+        with collective(dofs.comm):
+            contact = of_law.under(law, nodes, surface, obstacle)
         return _placed(contact, site.whole, site.spaces, dofs)
     if law.slips:
-        bears = law.start(nodes)
+        with collective(dofs.comm):
+            bears = law.start(nodes)
         friction = [bears["mu"], bears["cohesive"]]
     kind = AGAINST[law.slips, pressed]
     return _placed(kind.of(surface, obstacle, *friction), site.whole, site.spaces, dofs)
+
+
+def check_contacts(
+    interfaces: Sequence[Interface], contacts: Sequence[Placed], dofs: BodyDofs, u: Array
+) -> None:
+    """Require that nothing is given twice, see ``check_once``, and a start that can be meant, see
+    ``check_start``, at this rank's u (n_local,); collective."""
+    facets = []
+    for interface, placed in zip(interfaces, contacts, strict=True):
+        surfaces = placed.what.sides.surfaces
+        ends = np.cumsum([surface.x.size for surface in surfaces])
+        parts = [part.reshape(-1, s.x.shape[1])[:, 0][s.facets]
+                 for part, s in zip(np.split(placed.numbers, ends), surfaces)]  # fmt: skip
+        facets.append(parts[:1] if isinstance(interface, SelfContact) else parts)
+    check_once(interfaces, facets)
+    for interface, placed in zip(interfaces, contacts, strict=True):
+        z = placed.at(dofs, u)
+        chosen(dofs.comm, partial(check_start, interface, placed, z))
 
 
 def pose_of(placed: Placed, moved: bool = True) -> Array:

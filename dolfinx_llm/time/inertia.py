@@ -22,6 +22,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import check
 from dolfinx_llm.operators.bodies import body_labels
+from dolfinx_llm.time.given import check_mass
 
 KEPT = 1e-10  # of a body's mass, to which moments are met
 SOME = 0.01  # of a cell's mass: in regular bodies 3 to 5 cells across 0 to rounding is left of it
@@ -45,6 +46,7 @@ def moved_mass(V: Any, rho: Any, surfaces: Sequence[tuple[Any, int]]) -> fem.Fun
     label, count = body_labels(V)
     label, x = label[cells[:n, 0]], _centres(V, cells[:n])
     mass = _integrals(V.mesh, rho, [1.0])[:, 0]
+    check_mass(V.mesh.comm, mass)
     share = np.where(bare, 0.0, 1.0 + _received(V, cells[:n], bare, mass))
     terms, values = _polynomials(V.mesh, own, x, mass, label, count)
     moments = _integrals(V.mesh, rho, terms)

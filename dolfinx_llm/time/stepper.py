@@ -18,6 +18,7 @@ from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.form_arguments import form_space, given_forms, listed
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
+from dolfinx_llm.time.given import check_mass, given_densities, step_length
 from dolfinx_llm.time.inertia import moved_mass
 from dolfinx_llm.time.mean import MeanForces
 from dolfinx_llm.time.momenta import End, Momenta
@@ -26,7 +27,6 @@ from dolfinx_llm.time.steps import Steps, Touch
 SCHEMES = "massless", "newmark"
 PARTED = 6  # of a step that fails
 UP_TO_ONE = "give a number from 0 to 1"
-DENSITY = "give a positive number, a UFL expression or a list of them, one per mesh"
 
 
 class StepProblem(ContactProblem):
@@ -106,14 +106,17 @@ class TimeStepper(Steps):
         with collective(self.comm):
             spaces = _spaces(a, L, nonlinear, options.get("entity_maps"))
             maps = compat.entity_maps_of(options.get("entity_maps"), len(spaces))
-            self.dt = dt = _positive("dt", dt)
+            self.dt = dt = step_length(dt)
             checks.one_of("scheme", scheme, SCHEMES)
+            if accepted is not None and not callable(accepted):
+                checks.refuse("accepted", accepted, "give a function of the stepper, or None")
             _check_choices(adaptive, damping)
             chosen = interface_list(interfaces, spaces)
-            densities = _densities(rho, spaces)
+            densities = given_densities(rho, spaces)
         for V in spaces:
             check_space(V, highest=2)
         agree(self.comm, "dt, scheme, adaptive and damping", (dt, scheme, adaptive, damping))
+        agree(self.comm, "rho", [float(d.value) for d in densities if isinstance(d, fem.Constant)])
         self._end = 0.5 * (1.0 + damping)  # weight of what there is at the end of a step
         self._rates = [fem.Constant(V.mesh, self._rate(dt)) for V in spaces]
         forms, masses, self.density = list(listed(a)), [], []
@@ -127,6 +130,7 @@ class TimeStepper(Steps):
             self.density.append(density)
             masses.append(compat.assemble_matrix(compat.form("rho", mass), [], 1.0))
         self._M = block_diagonal(masses)
+        check_mass(self.comm, diagonal_of(self._M))
         self._pushes = [fem.Function(V, name="inertia") for V in spaces]
         given = [nodal_loads] if isinstance(nodal_loads, fem.Function) else list(nodal_loads)
         kind: Any = NonlinearContactProblem if nonlinear else StepProblem
@@ -168,7 +172,7 @@ class TimeStepper(Steps):
             ContactError: it fails in small parts, too; the last that was found is kept.
         """
         with collective(self.comm):
-            _positive("dt", self.dt)
+            step_length(self.dt)
         agree(self.comm, "dt", self.dt)
         if not len(self._left):
             self.start()
@@ -240,30 +244,11 @@ def _inertia(density: Any, V: Any, form: ufl.Form, u: Any) -> tuple[ufl.Form, uf
     return mass, mass if u is None else density * ufl.inner(u, w) * dx
 
 
-def _positive(name: str, value: Any) -> float:
-    return checks.number(name, value, "give a positive number", above=0.0)
-
-
 def _check_choices(adaptive: Any, damping: Any) -> None:
     if adaptive is not None:
-        _positive("adaptive", adaptive)
+        checks.number("adaptive", adaptive, "give a positive number", above=0.0)
     if checks.number("damping", damping, UP_TO_ONE, low=0.0) > 1.0:
         checks.refuse("damping", damping, UP_TO_ONE)
-
-
-def _densities(rho: Any, spaces: Sequence[Any]) -> list[Any]:
-    """One density per mesh."""
-    given = list(rho) if isinstance(rho, (list, tuple)) else [rho] * len(spaces)
-    if len(given) != len(spaces):
-        checks.refuse("rho", rho, DENSITY)
-    found = []
-    for density, V in zip(given, spaces, strict=True):
-        if not isinstance(density, ufl.core.expr.Expr):
-            density = fem.Constant(V.mesh, checks.number("rho", density, DENSITY, above=0.0))
-        if density.ufl_shape:
-            checks.refuse("rho", density, DENSITY)
-        found.append(density)
-    return found
 
 
 def _surfaces(V: Any, interfaces: Sequence[Any]) -> list[tuple[Any, int]]:

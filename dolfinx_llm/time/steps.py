@@ -18,6 +18,7 @@ from dolfinx import fem
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.log import log
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.operators.petsc import diagonal_of, times
 from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.form_arguments import listed
@@ -184,7 +185,8 @@ class Steps(Saving):
                 self._touch = touch
                 self.t += dt
                 if self._accepted is not None:
-                    self._accepted(self)
+                    with collective(self.comm):
+                        self._accepted(self)
                 return
             self.take_back(*kept)
             log.info("a step of %.3g in which bodies meet or part is divided", dt)

@@ -101,6 +101,15 @@ def test_friction_as_a_function(side):
     assert np.ptp(known.frame_friction[:, 0] / known.frame_force) > 0.03
 
 
+def test_friction_as_a_constant():
+    """A Constant counts as its value."""
+    result = sliding(
+        lambda m: llm.Coulomb(fem.Constant(m[0], 0.25), cohesion=fem.Constant(m[1], 2.0))
+    )
+    known = sliding(lambda _: llm.Coulomb(0.25, cohesion=2.0))
+    np.testing.assert_array_equal(result.frame_friction, known.frame_friction)
+
+
 def test_a_function_of_no_side_is_refused():
     def law_of(_):
         return llm.Coulomb(fem.Function(compat.function_space(blocks()[0][0])))

@@ -1,10 +1,13 @@
 """Interfaces where their bodies have moved to: relocated, rebuilt, and what is carried over."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from moved_scenes import at_rest, curved, flat, geometry_of, obstacle
 
 import dolfinx_llm as llm
+from dolfinx_llm.interface.shared import check_once
 from dolfinx_llm.interface.update import rebuilt, relocated, transfer
 from dolfinx_llm.operators.assemble import interface_operator
 
@@ -116,3 +119,14 @@ def test_a_body_that_has_left_is_refused():
         rebuilt(geometry, sides, v)
     with pytest.raises(llm.ContactError):
         relocated(geometry, sides, v)
+
+
+def test_surfaces_that_several_interfaces_have():
+    """A pair of surfaces is given once; two that meet each other may both meet a third one."""
+    ties = [SimpleNamespace(name=name, obstacle=None) for name in ("a", "b")]
+    a, b, c = (np.array([[k, k + 1], [k + 1, k + 2]]) for k in (0, 10, 20))
+    check_once(ties, [[a, b], [np.concatenate([a, b]), c]])
+    check_once(ties, [[a], [b]])
+    for other in ([b, a], [a, b], [np.concatenate([c, b])[:, ::-1], a[:1]]):
+        with pytest.raises(llm.ContactInputError, match="facets of both sides in common"):
+            check_once(ties, [[a, b], other])

@@ -132,6 +132,15 @@ def one_surface_in_two_interfaces(comm):
     llm.ContactProblem(a, L, bcs=scenes.hold(V, scenes.SYMMETRY), interfaces=both)
 
 
+@case(r"RigidPlane and 3 . RigidPlane are of the same obstacle and have 9 facets in common", INPUT)
+def one_obstacle_twice(comm):
+    V, tags = scenes.two_blocks(comm)
+    a, L = scenes.forms(V)
+    plane = llm.RigidPlane((0.0, 0.0, 1.0), (0.0, 0.0, 1.0))
+    both = [llm.Interface(tags, (3, plane), law=law) for law in (llm.Frictionless(), llm.Tied())]
+    llm.ContactProblem(a, L, bcs=scenes.hold(V, scenes.SYMMETRY), interfaces=both)
+
+
 # Frames
 
 
@@ -251,6 +260,43 @@ def nan_in_a_support(comm):
 def nan_in_the_stiffness(comm):
     V, tags = scenes.two_blocks(comm)
     scenes.block_problem(V, tags, scale=fem.Constant(V.mesh, np.nan)).solve()
+
+
+def one_block_alone(comm, law, **options):
+    """Two blocks, of which the form leaves the upper one out."""
+    V, tags = scenes.two_blocks(comm)
+    dofs = compat.cell_dofs(V.mesh.geometry)
+    above = (V.mesh.geometry.x[dofs].mean(axis=1)[:, 2] > 1.0).astype(np.int32)
+    cells = np.arange(len(above), dtype=np.int32)
+    dx = ufl.Measure("dx", V.mesh, subdomain_data=mesh.meshtags(V.mesh, 3, cells, above))
+    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    a, (_, L) = ufl.inner(scenes.stress(u), ufl.grad(v)) * dx(0), scenes.forms(V)
+    bcs = scenes.hold(V, [(k, scenes.on(2, z)) for k in range(3) for z in (0.0, 2.0)])
+    interfaces = llm.Interface(tags, (2, 3), law=law)
+    return llm.ContactProblem(a, L, bcs=bcs, interfaces=interfaces, **options)
+
+
+BARE = r"of \d+ free displacements have no stiffness, at nodes from \[0.0, 0.0, 1.0\] to \[1.0, "
+
+
+@case(BARE + ".*dx.* leave a body out", INPUT)
+def a_body_without_a_form(comm):
+    one_block_alone(comm, llm.Tied())
+
+
+@case(BARE + ".*dx.* leave a body out", INPUT)
+def a_body_without_a_form_condensed(comm):
+    one_block_alone(comm, llm.Frictionless(), solver="condensed")
+
+
+@case(r"\d+ of \d+ free displacements have no stiffness", INPUT)
+def stiffness_that_became_zero(comm):
+    V, tags = scenes.two_blocks(comm)
+    E = fem.Constant(V.mesh, 1.0)
+    problem = scenes.block_problem(V, tags, scale=E)
+    problem.solve()
+    E.value = 0.0
+    problem.solve()
 
 
 @case(r"vector space of first or second order .* 64 nodes per cell .* all that is left", INPUT)

@@ -244,6 +244,28 @@ add(
     lambda s: llm.Coulomb(0.1, dynamic="0.05"),
 )
 add(
+    "Coulomb: (mu|cohesion|dynamic).*at least 0; interpolate a UFL expression into a Function",
+    lambda s: llm.Coulomb(2.0 * fem.Constant(s.mesh, 0.3)),
+    lambda s: llm.Coulomb(fem.Constant(s.mesh, (0.3, 0.3))),
+    lambda s: llm.Coulomb(0.3, cohesion=ufl.SpatialCoordinate(s.mesh)[0]),
+    lambda s: llm.Coulomb(0.3, dynamic=ufl.TrialFunction(s.scalar)),
+)
+add("Coulomb: mu=.*at least 0", lambda s: llm.Coulomb(fem.Constant(s.mesh, -0.3)))
+add("Conductance: h.*interpolate", lambda s: llm.Conductance(ufl.SpatialCoordinate(s.mesh)[0]))
+add(
+    "a law's value at .* positions is .*give real numbers",
+    lambda s: s.law(llm.Coulomb(lambda x: "rough")).solve(),
+    lambda s: s.law(llm.Coulomb(lambda x: 0.3j * np.ones(len(x)))).solve(),
+    lambda s: s.law(llm.Coulomb(0.3, cohesion=lambda x: None)).solve(),
+)
+add(
+    "Tied: gap=.*give a finite number",
+    lambda s: llm.Tied(gap=None),
+    lambda s: llm.Tied(gap=1j),
+    lambda s: llm.Tied(gap=ufl.SpatialCoordinate(s.mesh)[0]),
+    lambda s: llm.Tied(gap=fem.Constant(s.mesh, (0.0, 0.0))),
+)
+add(
     "close_gap=.*give True or False",
     lambda s: llm.Tied(close_gap="no"),
     lambda s: llm.Tied(close_gap=1),
@@ -1010,6 +1032,178 @@ add(
     lambda s: s.nonlinear(J=s.bent[3]),
     lambda s: s.nonlinear(J=s.a),
 )
+add(
+    r"a form F does not depend on its u, the Function \w+; it has \[",
+    lambda s: s.nonlinear(u=fem.Function(s.bent[2].function_space)),
+)
+
+
+@lambda f: add(r"\d+ of \d+ free displacements have no stiffness", f)
+def bodies_without_stiffness(s):
+    domain, _, u, _ = s.bent
+    none = fem.Constant(domain, 0.0)
+    energy = finite_patch.energy(u, none, none)
+    F = ufl.derivative(energy * ufl.dx, u, ufl.TestFunction(u.function_space))
+    s.nonlinear(F).solve()
+
+
+def lost_node(s, solves, where=NAN):
+    """A node of a rank is nowhere, before or after a solve."""
+    V, tags = scenes.two_blocks(s.comm)
+    problem = scenes.block_problem(V, tags) if solves else None
+    if solves:
+        problem.solve()
+    V.mesh.geometry.x[pick(s, [], [0])] = where
+    return problem.solve() if solves else scenes.block_problem(V, tags)
+
+
+def lost_bent_node(s):
+    domain, tags, *_ = s.bent
+    V = compat.function_space(patch2d.bodies(s.comm)[0][0], shape=(2,))
+    u = fem.Function(V)
+    V.mesh.geometry.x[pick(s, [], [0])] = INF
+    F = ufl.inner(ufl.grad(u), ufl.grad(ufl.TestFunction(V))) * ufl.dx
+    return llm.NonlinearContactProblem(F, u)
+
+
+add(
+    r"positions of 1 node.s. of a mesh are NaN or infinite",
+    lambda s: lost_node(s, False),
+    lambda s: lost_node(s, True),
+    lost_bent_node,
+)
+add(
+    "a Dirichlet condition has complex values",
+    lambda s: s.problem(
+        bcs=[fem.dirichletbc(np.zeros(3, complex), np.zeros(1, np.int32), s.V), *s.bcs]
+    ),
+)
+add(
+    "nodal load .*: complex values",
+    lambda s: s.problem(nodal_loads=fem.Function(s.V, dtype=np.complex128)),
+)
+
+
+add(
+    "petsc_options: 'foo' is no option that this solver",
+    lambda s: s.nonlinear(solver="saddle", petsc_options={"foo": 1}).solve(),
+)
+
+
+@lambda f: add(r"has 4 argument.s.: of a ufl.MixedFunctionSpace. Take .* mixed element", f)
+def form_of_parts(s):
+    v, u = ([ufl.Argument(s.V, k, part) for part in (0, 1)] for k in (0, 1))
+    s.problem(a=sum(ufl.inner(u[i], v[i]) * ufl.dx for i in (0, 1)))
+
+
+@lambda f: add(r"^\d+ values that the Dirichlet conditions prescribe are NaN or infinite", f)
+def nan_in_a_bent_support(s):
+    V = s.bent[2].function_space
+    held, dofs = fem.Function(V), fem.locate_dofs_geometrical(V, scenes.on(1, 0.0))
+    held.x.array[:] = NAN
+    s.nonlinear(bcs=[fem.dirichletbc(held, dofs)]).solve()
+
+
+@lambda f: add(r"ksp_rtol=0.00[0-9]+: steps solved so loosely", f, kind=ERROR)
+def loosely_solved(s):
+    held = ((2, scenes.on(2, 0.0)), *((k, scenes.on(2, z)) for k in (0, 1) for z in (0.0, 2.0)))
+    load = llm.free_surface_load(s.V, s.tags, 4, 1.0)
+    interface = llm.Interface(s.tags, (2, 3), law=llm.Frictionless())
+    options = {"ksp_type": "cg", "pc_type": "jacobi", "ksp_rtol": 1e-4}
+    s.problem(
+        bcs=scenes.hold(s.V, held), interfaces=interface, nodal_loads=load, solver="condensed",
+        petsc_options=options,
+    ).solve()  # fmt: skip
+
+
+def several(s, *pairs):
+    """Interfaces at finite deformation, each of two sides."""
+    law = llm.Frictionless()
+    return s.nonlinear(interfaces=[llm.Interface(s.bent[1], sides, law=law) for sides in pairs])
+
+
+TOP, UNDER = patch2d.FOUNDATION_TOP, patch2d.PUNCH_BOTTOM
+BELOW = llm.RigidPlane((0.0, -9.0), (0.0, 1.0))
+add(
+    "facets of both sides in common: give each pair of surfaces once",
+    lambda s: several(s, (TOP, UNDER), (UNDER, TOP)),
+    lambda s: several(s, (TOP, UNDER), (TOP, UNDER)),
+)
+add(
+    "are of the same obstacle and have .* facets in common",
+    lambda s: several(s, (UNDER, BELOW), (BELOW, UNDER)),
+)
+add(
+    "are of a surface that meets itself and have .* facets in common",
+    lambda s: s.nonlinear(
+        interfaces=[llm.SelfContact(s.bent[1], TOP, law=llm.Frictionless()) for _ in range(2)]
+    ),
+)
+CROWN = patch2d.PUNCH_TOP
+add("point the same way", lambda s: several(s, (TOP, CROWN)), kind=ERROR)
+add(
+    "all of tag 3 lies on the RigidPlane or inside of it and faces away",
+    lambda s: several(s, (TOP, UNDER), (CROWN, llm.RigidPlane((0.0, 2.0), (0.0, 1.0)))),
+    lambda s: several(s, (CROWN, llm.RigidPlane((0.0, 2.5), (0.0, 1.0)))),
+    kind=ERROR,
+)
+add(
+    "lie inside of the RigidPlane at the start, the deepest .* by 1.5: the body lies inside",
+    lambda s: several(s, (CROWN, llm.RigidPlane((0.0, 0.5), (0.0, -1.0)))),
+    kind=ERROR,
+)
+
+
+@lambda f: add(
+    "lie inside of the body of tag [12] at the start, .* by 0.7.* so deep", f, kind=ERROR
+)
+def bodies_inside_of_each_other(s):
+    domain, _, right, _ = s.bent
+    u, one = fem.Function(right.function_space), fem.Constant(domain, 1.0)
+    x = u.function_space.tabulate_dof_coordinates()
+    of = compat.cell_dofs(u.function_space)
+    for cell in of[x[of].mean(axis=1)[:, 1] > 1.0]:
+        u.x.array[2 * cell + 1] = -0.7
+    F = ufl.derivative(
+        finite_patch.energy(u, one, one) * ufl.dx, u, ufl.TestFunction(u.function_space)
+    )
+    s.nonlinear(F, u)
+
+
+def stepper(s, rho=1.0, dt=0.1, scheme="newmark", **other):
+    """Steps in time of the two blocks."""
+    law = llm.Tied() if scheme == "newmark" else llm.Frictionless()
+    chosen = {"bcs": s.bcs, "interfaces": llm.Interface(s.tags, (2, 3), law=law)} | other
+    return llm.TimeStepper(rho, s.a, s.L, dt=dt, scheme=scheme, **chosen)
+
+
+def dense(s, value):
+    """A density that varies from 1 to a value."""
+    rho = fem.Function(s.scalar)
+    rho.interpolate(lambda x: 1.0 + (value - 1.0) * x[0])
+    return rho
+
+
+add(
+    "rho=.*give a positive number",
+    *(lambda s, x=x: stepper(s, x) for x in (0.0, -1.0, NAN, "steel", None, 1j, [1.0, 2.0])),
+    *(lambda s, x=x: stepper(s, fem.Constant(s.mesh, x)) for x in (0.0, -1.0, NAN)),
+    lambda s: stepper(s, ufl.TrialFunction(s.scalar)),
+    lambda s: stepper(s, s.solved.u),
+)
+add(
+    "rho: .* of the masses are negative or NaN",
+    lambda s: stepper(s, dense(s, -3.0)),
+    lambda s: stepper(s, dense(s, NAN)),
+    lambda s: stepper(s, dense(s, -3.0), scheme="massless"),
+)
+add("rho: all masses are 0", lambda s: stepper(s, fem.Function(s.scalar), scheme="massless"))
+add(
+    "rho: the Function .* is of another mesh",
+    lambda s: stepper(s, fem.Function(compat.function_space(s.other[0].mesh))),
+)
+add("accepted=.*give a function of the stepper", lambda s: stepper(s, accepted=1))
+add("dt=.*give a positive number", *(lambda s, x=x: stepper(s, dt=x) for x in (1e-300, 1e300, -1)))
 add("forms J", lambda s: s.nonlinear(J=[]))
 add("solver=", lambda s: s.nonlinear(solver="magic"))
 add("petsc_options", lambda s: s.nonlinear(petsc_options=3))
@@ -1081,6 +1275,67 @@ one("increments=", lambda s: s.nonlinear().solve(pick(s, 1, 0)))
 
 # Different on the last rank, though right by itself.
 
+
+def failing(s, value=0.1):
+    """A function of positions that fails on the last rank only."""
+
+    def rough(x):
+        return np.full(len(x), value / pick(s, 1.0, 0))
+
+    return rough
+
+
+class Broken(llm.Law):
+    """A law that fails on the last rank when it is asked for what is named."""
+
+    components, gives = "normal", True
+
+    def __init__(self, s, where):
+        self.s, self.where = s, where
+
+    def _asked(self, where):
+        return 1.0 / (where != self.where or pick(self.s, True, False))
+
+    def start(self, nodes):
+        return {"one": np.full(len(nodes.x), self._asked("start"))}
+
+    def force(self, nodes):
+        k = self._asked("force") * nodes.area[:, None]
+        return k * nodes.jump, k
+
+    def end_step(self, nodes):
+        self._asked("end_step")
+        return nodes.history
+
+
+def broken(s, where, make):
+    """A problem with such a law, solved."""
+    law = Broken(s, where)
+    if make == "linear":
+        return s.law(law).solve()
+    sides = patch2d.FOUNDATION_TOP, patch2d.PUNCH_BOTTOM
+    return s.nonlinear(interfaces=llm.Interface(s.bent[1], sides, law=law)).solve()
+
+
+def rough(s, law):
+    sides = patch2d.FOUNDATION_TOP, patch2d.PUNCH_BOTTOM
+    return s.nonlinear(interfaces=llm.Interface(s.bent[1], sides, law=law))
+
+
+one(
+    "division by zero",
+    lambda s: s.law(llm.Coulomb(failing(s))).solve(),
+    lambda s: s.law(llm.Coulomb(0.1, cohesion=failing(s))).solve(),
+    lambda s: rough(s, llm.Coulomb(failing(s))),
+    lambda s: s.law(llm.Tied()).solve(accepted=lambda problem: 1.0 / pick(s, 1.0, 0)),
+    *(lambda s, x=x: broken(s, *x) for x in (
+        ("start", "linear"), ("force", "linear"), ("end_step", "linear"), ("start", "bent"),
+        ("force", "bent"),
+    )),
+    kind=ZeroDivisionError,
+)  # fmt: skip
+
+
 DIFFERENT = []
 
 
@@ -1098,6 +1353,7 @@ differ(
     lambda s: s.law(pick(s, llm.Coulomb(0.3), llm.Coulomb(0.4))),
     lambda s: s.law(llm.Tied(), sides=pick(s, (2, 3), (3, 2))),
 )
+differ("rho must be the same", lambda s: stepper(s, pick(s, 1.0, 2.0)))
 differ("increments must be the same", lambda s: s.pressed.solve(pick(s, 1, 2)))
 
 
