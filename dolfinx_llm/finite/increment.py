@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -14,9 +14,16 @@ from petsc4py import PETSc
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import collective, told
+from dolfinx_llm.finite.doubled import Doubled
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState, slid, stays
 from dolfinx_llm.finite.parts import Part
-from dolfinx_llm.finite.settling import EXCHANGES, Exchanges, foreseen, lands
+from dolfinx_llm.finite.settling import (
+    EXCHANGES,
+    Exchanges,
+    foreseen,
+    lands,
+    opened_or_closed,
+)
 from dolfinx_llm.finite.terms import Held, MovingContact
 from dolfinx_llm.finite.turning import prescribed, turned
 from dolfinx_llm.forms.options import NoOption
@@ -60,12 +67,6 @@ def _inside_out(comm: MPI.Comm, body: Array, du: Array) -> StepFailed:
         f"elements turn inside out: {every[:, 0].sum():.0f} entries of the residual are no finite "
         f"numbers after a change of u by up to {every[:, 1].max():.3g}"
     )
-
-
-def _kept(comm: MPI.Comm, terms: Sequence[Any]) -> tuple[Any, ...]:
-    """What interfaces' own laws keep; collective, as these may fail."""
-    with collective(comm):
-        return tuple(t.kept() if t.kept else None for t in terms)
 
 
 def _check_solution(comm: MPI.Comm, du: Array, dq: Array, size: float) -> None:
@@ -120,6 +121,7 @@ class Increment:
             self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
         self.status: list[Any] = list(good.status)
         self.stays = stays(steps, start)
+        self.doubled = Doubled(self.dofs.comm, steps.interfaces, NO_GAP * steps.size)
         self.changes, self.doubt, self.stuck, self.error = 0, 0.0, False, np.inf
         self.drawn = [False] * len(self.held)
         self._body = self._residual(self.u)
@@ -179,7 +181,7 @@ class Increment:
 
     def _contact(self) -> None:
         """Terms of the interfaces, with the status that their pairs have now."""
-        self.terms, self.changes = [], 0
+        places, starts = list[Any](), list[Array]()
         size, comm, in_time = self.steps.size, self.dofs.comm, self.steps.bodies.in_time
         reaches = max(NO_GAP * size, self.doubt / self.steps.scale), NO_GAP * size  # closed, open
         for i, placed in enumerate(self.steps.interfaces):
@@ -197,12 +199,14 @@ class Increment:
                     self.drawn[i] = before is not None
                     reach = np.full(len(start), place.gap.min() + NEARLY * size)
                     now, found = contact.touching(place, q, start, held, reach)
-                now = contact.staying(self.stays[i] & place.pairs, now)
-            now = self.status[i] = told(comm, now)
-            self.changes += int(((now != OPEN) != (start != OPEN)).sum())
+                self.status[i] = contact.staying(self.stays[i] & place.pairs, now)
+            places, starts = [*places, place], [*starts, start]
             self.held[i] = replace(found, pairs=place.pairs)
-            with collective(comm):
-                self.terms.append(contact.terms(place, q, now, self.held[i], placed.free))
+        self.status = self.doubled.once(self.status, starts, places)
+        self.changes = opened_or_closed(self.status, starts)
+        every = zip(self.steps.interfaces, places, self.own, self.status, self.held, strict=True)
+        with collective(comm):
+            self.terms = [placed.what.terms(*of, placed.free) for placed, *of in every]
 
     def iterate(self) -> None:
         """Solve for changes, and apply them as far as elements do not turn inside out."""
@@ -249,12 +253,14 @@ class Increment:
         body that comes down on a few nodes alone would bear all of its load on them."""
         every, now = self.steps.interfaces, list(self.status)
         dz = [self.dofs.values(placed.numbers, du) for placed in every]
+        places = [t.place for t in self.terms]
         for i, (t, q, held) in enumerate(zip(self.terms, self.own, self.held, strict=True)):
             if every[i].what.settles:
                 of = every[i].what, t.place, q, (dz[i], changes[i]), held
-                there = foreseen(*of, NO_GAP * self.steps.size)
+                there, places[i] = foreseen(*of, NO_GAP * self.steps.size)
                 now[i] = every[i].what.staying(self.stays[i] & t.place.pairs, there)
-        found = exchanges.take(told(self.dofs.comm, now), self.status, self.held)
+        now = self.doubled.once(now, self.status, places)
+        found = exchanges.take(now, self.status, self.held)
         for i, status in found.items():
             q, held = self.own[i], replace(self.held[i], about=(dz[i], self.own[i] + changes[i]))
             of_pairs = self.terms[i].place, q, status, held, every[i].free
@@ -279,9 +285,3 @@ class Increment:
         if found := any(now):
             self.evaluate()
         return found
-
-    def state(self) -> NewtonState:
-        """The state as it is."""
-        kept = _kept(self.dofs.comm, self.terms)
-        of_each = tuple(self.own), tuple(self.status), self.pressures, tuple(self.poses), kept
-        return NewtonState(self.u, *of_each, self.pushed)

@@ -11,6 +11,7 @@ import numpy as np
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress, tell_iteration
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.finite.increment import Increment, StepFailed, failing
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.passage import check_passage, left_over_edge, say_left
@@ -102,7 +103,7 @@ class NewtonSteps:
                 self._check(run, before, start)
                 self._measure(run, step, start)
                 self.terms = run.terms
-                return run.state()
+                return _state(run)
         raise StepFailed(
             f"no convergence in {NEWTON_ITERATIONS} iterations, residual {run.error:.1e}"
         )
@@ -156,6 +157,14 @@ class NewtonSteps:
         for placed, left, t in of:
             if left.any() and self.equations.bodies.dofs.comm.rank == 0:
                 log.warning(say_left(placed.what.sides, left, t.place))
+
+
+def _state(run: Increment) -> NewtonState:
+    """Where an increment has come to."""
+    with collective(run.dofs.comm):  # users' laws may fail
+        kept = tuple(t.kept() if t.kept else None for t in run.terms)
+    of_each = tuple(run.own), tuple(run.status), run.pressures, tuple(run.poses), kept
+    return NewtonState(run.u, *of_each, run.pushed)
 
 
 def _entry(run: Increment, iteration: int) -> dict[str, Any]:

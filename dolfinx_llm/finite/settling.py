@@ -59,8 +59,8 @@ class Exchanges:
 
 def foreseen(
     contact: Any, place: Place, q: Array, changes: tuple[Array, Array], held: Held, reach: float
-) -> Array:
-    """(n,) status of the pairs in the linear model.
+) -> tuple[Array, Place]:
+    """(n,) status of the pairs in the linear model, and how they stand there.
 
     Args:
         contact: an interface whose pairs settle by themselves.
@@ -73,7 +73,7 @@ def foreseen(
     dz, dq = changes
     every = np.where(place.pairs, contact.pressed[0], OPEN)
     then = replace(moved(place, contact.nearing(place, dz, dq)), z=place.z + dz)
-    return contact.touching(then, q + dq, every, held, reach)[0]
+    return contact.touching(then, q + dq, every, held, reach)[0], then
 
 
 def differ(now: Array, before: Array, origin: Origin | None) -> bool:
@@ -91,3 +91,9 @@ def lands(held: list[Held]) -> bool:
     that iterate, and must not depend on how well it was solved for."""
     origins = [h.origin for h in held if h.origin is not None]
     return any(bool(((o.gap > 0.0) & ~o.touched).any()) for o in origins)
+
+
+def opened_or_closed(now: Sequence[Array], before: Sequence[Array]) -> int:
+    """How many pairs of status (n,) per interface touch in one of two states alone."""
+    both = zip(now, before, strict=True)
+    return sum(int(((a != OPEN) != (b != OPEN)).sum()) for a, b in both)

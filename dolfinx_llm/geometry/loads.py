@@ -36,8 +36,6 @@ from dolfinx_llm.geometry.overlap_curved import (
 from dolfinx_llm.geometry.overlap_flat import covered_points, nodal_forces
 from dolfinx_llm.geometry.surface import Surface
 
-UNTOLD = 0.3  # part of a facet in contact, up to which it tells little of its far nodes
-
 
 @dataclass(frozen=True, eq=False)
 class NodalLoads:
@@ -49,7 +47,8 @@ class NodalLoads:
     # N_p (x - x_p); (n, 0) at first order
     touched: Array  # (n,) whether a facet of the node is in contact
     mass: csr_matrix | None = None  # (n, n) integrals of N_p N_q of second-order facets [area]
-    sound: Array | None = None  # (n,) whether one of them is by more than ``UNTOLD`` of it
+    cover: Array | None = None  # (n,) part in contact of that second-order facet of the node of
+    # which most is
     second: Array | None = None  # (n, 3) integrals of N_p (s - s_p)_i (s - s_p)_j, i >= j, of flat
     # 9-node facets
 
@@ -74,7 +73,7 @@ class NodalLoads:
             return cls.of_forces(nodal_forces(side, s, area))
         s = side.straightened(s)
         forces, shares, touched = np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool)
-        moments, products, sound = np.zeros((n, s.shape[1])), [], np.zeros(n, dtype=bool)
+        moments, products = np.zeros((n, s.shape[1])), []
         second = np.zeros((n, 3)) if order > 1 and element.nodes == 9 else None
         whole = np.ptp(s[side.facets][..., 0], axis=1)
         if s.shape[1] > 1:
@@ -96,9 +95,9 @@ class NodalLoads:
             touched[nodes] = True
             np.add.at(covered, facet, weight.sum(axis=1))
             products.append(assembled(np.einsum("egk,egl->ekl", wN, N), nodes, n))
-        sound[cells[covered > UNTOLD * whole]] = True
+        cover = _most(covered / whole, cells, n)
         moments = moments if order > 1 else moments[:, :0]
-        return cls(forces, shares, moments, touched, sum(products), sound, second)
+        return cls(forces, shares, moments, touched, sum(products), cover, second)
 
     @classmethod
     def whole(cls, side: Surface, facets: Array) -> NodalLoads:
@@ -113,14 +112,15 @@ class NodalLoads:
         mass = assembled(blocks, cells, n)
         area = np.repeat(blocks.sum(axis=(1, 2)) / side.element.nodes, side.element.nodes)
         shares = np.bincount(cells.ravel(), area, n)
-        return cls(mass @ np.ones(n), shares, np.zeros((n, 0)), touched, mass, touched)
+        forces, cover = mass @ np.ones(n), touched.astype(float)
+        return cls(forces, shares, np.zeros((n, 0)), touched, mass, cover)
 
     def of(self, nodes: Array) -> NodalLoads:
         """Those of some nodes."""
         mass = None if self.mass is None else self.mass[nodes][:, nodes].tocsr()
-        sound = None if self.sound is None else self.sound[nodes]
+        cover = None if self.cover is None else self.cover[nodes]
         own = self.forces[nodes], self.shares[nodes], self.moments[nodes], self.touched[nodes]
-        return NodalLoads(*own, mass, sound, None if self.second is None else self.second[nodes])
+        return NodalLoads(*own, mass, cover, None if self.second is None else self.second[nodes])
 
     def linear(self) -> NodalLoads:
         """The same without those of degree 2."""
@@ -135,10 +135,10 @@ class NodalLoads:
         )
         blocks = [load.mass for load in loads]
         whole = None if blocks[0] is None else csr_matrix(block_diag(blocks, format="csr"))
-        sound = None if whole is None else np.concatenate([load.sound for load in loads])
+        cover = None if whole is None else np.concatenate([load.cover for load in loads])
         squared = [load.second for load in loads if load.second is not None]
         second = np.concatenate(squared) if len(squared) == len(loads) else None
-        return NodalLoads(forces, shares, moments, touched, whole, sound, second)
+        return NodalLoads(forces, shares, moments, touched, whole, cover, second)
 
 
 def squares(x: Array) -> list[Array]:
@@ -197,16 +197,23 @@ def covered_loads(
     np.add.at(vectors, nodes, np.einsum("egi,egk->eki", normal, N))
     if element.order == 1:
         return NodalLoads.of_forces(np.linalg.norm(vectors, axis=1)), vectors
-    forces, shares, sound = np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool)
+    forces, shares = np.zeros(n), np.zeros(n)
     moments, touched = np.zeros((n, gdim)), np.zeros(n, dtype=bool)
     np.add.at(forces, nodes, np.einsum("eg,egk->ek", area, N))
     np.add.at(moments, nodes, np.einsum("eg,egk,egki->eki", area, N, arm))
     np.add.at(shares, nodes, area.sum(axis=1)[:, None] / element.nodes)
     touched[nodes] = True
-    sound[nodes[part > UNTOLD]] = True
+    cover = _most(np.bincount(facet, part, len(cells)), cells, n)
     mass = assembled(np.einsum("eg,egk,egl->ekl", area, N, N), nodes, n)
     moments = moments if order > 1 else moments[:, :0]
-    return NodalLoads(forces, shares, moments, touched, mass, sound), vectors
+    return NodalLoads(forces, shares, moments, touched, mass, cover), vectors
+
+
+def _most(part: Array, cells: Array, n: int) -> Array:
+    """(n,) largest part in contact (m,) of the facets (m, k) of each node."""
+    most = np.zeros(n)
+    np.maximum.at(most, cells, np.clip(part, 0.0, 1.0)[:, None])
+    return most
 
 
 def _points(

@@ -31,7 +31,7 @@ def check_space(V: Any, highest: int = 1, scalar: bool = False) -> None:
         V.mesh.comm,
         is_mixed(V),
         "the function space is mixed, of several blocks: give that of the displacement, "
-        "V.sub(i).collapse()[0]; ContactProblem alone takes the mixed one",
+        "V.sub(i).collapse()[0]; problems of contact alone take the mixed one",
         ContactInputError,
     )
     layout, gdim, bs = V.dofmap.dof_layout, V.mesh.geometry.dim, V.dofmap.index_map_bs

@@ -2,8 +2,10 @@
 as few jumps of its slopes as next to no part of the integrals asks for (``kinks``).
 
 Where a facet is in contact by next to nothing, its far nodes carry nothing that could tell their
-values: these follow from the nearest facet that is. Where bodies can only press, control values of
-the pressure (``Element.bernstein``) are none negative, as those of the forces are.
+values: these follow from the nearest facet that is. So do those of a facet that is covered in part
+and says far more there than the nearest one that is covered: that is its quadratic, carried on
+beyond an edge at which tractions rise steeply. Where bodies can only press, control values of the
+pressure (``Element.bernstein``) are none negative, as those of the forces are.
 
 Forces of bodies are as exact as their stresses, but what they say of the difference between nodes
 at corners and in the middle of edges, which carries no resultant, is small and is found with errors
@@ -27,6 +29,10 @@ from dolfinx_llm.geometry.element import CORNERS, Element
 from dolfinx_llm.geometry.loads import assembled
 from dolfinx_llm.geometry.pairs import ContactPairs
 
+UNTOLD = 0.3  # part of a facet in contact, up to which it tells little of its far nodes
+SURE = 0.9  # part from which on it tells all of them
+OVERSHOT = 1.5  # of the traction on the nearest covered facet: what one covered in part may say
+REMOVALS = 10  # in which those that say more are taken out
 SMOOTH = 0.01  # part of the jumps' squares: nodes of Hertz's ellipse are off least from .003 to .03
 OMISSIONS = 20  # in which nodes whose pressure would be negative are left out
 OPEN_FORCE = 1e-8  # of the largest force: what an iteration may leave open
@@ -51,14 +57,31 @@ def density_at_nodes(
         mean: (n, gdim) traction that is taken where forces agree with it but for what an iteration
             leaves open, which next to the rim of contact is a larger part of tractions.
     """
-    mass, E = pairs.loads.mass, pairs.control
-    if mass is None:
+    mass, cover = pairs.loads.mass, pairs.loads.cover
+    if mass is None or cover is None:
         return None
     if not mass.diagonal().any():  # none of it is covered: a body stands on its corner
         return np.zeros_like(force) if mean is None else mean
+    told = cover[pairs.cells].min(axis=1, initial=1.0)
+    whole = told > UNTOLD
+    if not whole.any():
+        whole[:] = True
+    for _ in range(REMOVALS):
+        value = _from_whole(pairs, force, presses, mean, pairs.cells[whole])
+        wild = whole & _steep(pairs, told, value)
+        if not wild.any():
+            break
+        whole &= ~wild
+    return value
+
+
+def _from_whole(
+    pairs: ContactPairs, force: Array, presses: bool, mean: Array | None, whole: Array
+) -> Array:
+    """The same, of what facets (m, k) tell; others follow them."""
+    mass, E = pairs.loads.mass, pairs.control
     if E is None:
         E = identity(len(force), format="csr")
-    whole = _whole(pairs)
     T = _extension(pairs, whole, linear=not presses)
     mass = mass + SMOOTH * kinks(pairs.x, whole, pairs.surface.element)
     mass, felt = (T.T @ E.T @ mass @ E @ T).tocsr(), T.T @ force
@@ -91,11 +114,16 @@ def _solved(mass: csr_matrix, force: Array) -> Array:
     return np.asarray(root[:, None] * splu(scaled).solve(root[:, None] * force))
 
 
-def _whole(pairs: ContactPairs) -> Array:
-    """(m, k) facets that are in contact by enough; all where none is."""
-    assert pairs.loads.sound is not None
-    whole = pairs.loads.sound[pairs.cells].all(axis=1)
-    return pairs.cells[whole if whole.any() else slice(None)]
+def _steep(pairs: ContactPairs, told: Array, value: Array) -> Array:
+    """(m,) facets, of which a part (m,) is covered, whose tractions (n, gdim) are far beyond those
+    of the nearest facet that is covered."""
+    size = np.linalg.norm(value, axis=1)[pairs.cells].max(axis=1, initial=0.0)
+    covered = told > SURE
+    if covered.all() or not covered.any():
+        return np.zeros(len(told), dtype=bool)
+    centre = pairs.x[pairs.cells].mean(axis=1)
+    nearest = np.flatnonzero(covered)[cKDTree(centre[covered]).query(centre)[1]]
+    return np.asarray(~covered & (size > OVERSHOT * size[nearest] + NONE * size.max()))
 
 
 def _extension(pairs: ContactPairs, whole: Array, linear: bool) -> csr_matrix:

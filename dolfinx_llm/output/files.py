@@ -23,6 +23,7 @@ from dolfinx_llm.output.values import (
     check_fields,
     check_problem,
     check_result,
+    displacements,
     of_scalar,
 )
 from dolfinx_llm.output.writing import (
@@ -51,7 +52,8 @@ def write_bodies(
         path: file that ends on .pvd: the index of VTU files beside it, one per step and rank, which
             hold all fields in one grid; or on .bp (VTX, where dolfinx has ADIOS2) or .vtkhdf (from
             dolfinx 0.10 on; at corners alone, as "u"). Its folder is made.
-        u: displacement Function; of several meshes, in VTU only, a list of them.
+        u: displacement Function, or one of a mixed space, of which the displacement is written; of
+            several meshes, in VTU only, a list of them.
         cell_fields: name to scalar UFL expression; in VTU only. Of several meshes a list of these.
 
     Raises:
@@ -59,7 +61,7 @@ def write_bodies(
             path that cannot be written; other types. On all ranks.
     """
     several = isinstance(u, (list, tuple))
-    motions: Any = u if several else [u]
+    motions: Any = displacements(u)
     fields: Any = [{}] * len(motions) if cell_fields is None else cell_fields
     file = _BodyFile(path, motions, fields if several or cell_fields is None else [fields])
     file.write(0.0)
@@ -262,9 +264,7 @@ class LoadSteps:
             n = len(self._times)
             time = float(n) if time is None else checks.number("time", time, accepted)
         self._times.append(time)
-        u = self._problem.u
-        solved = u if isinstance(u, list) else [u]
-        for own, u, file in zip(self._u, solved, self._files, strict=True):
+        for own, u, file in zip(self._u, displacements(self._problem.u), self._files, strict=True):
             own.x.array[:] = u.x.array
             file.write(time)
         with collective(comm):

@@ -13,7 +13,7 @@ from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.geometry.spaces import check_space, displacement_block, is_mixed
+from dolfinx_llm.geometry.spaces import check_space, displacement_block, is_function, is_mixed
 from dolfinx_llm.interface.forces import InterfaceForces
 
 EXPRESSION = "give a scalar UFL expression without test and trial functions"
@@ -116,12 +116,11 @@ def of_scalar(parts: dict[str, Any]) -> dict[str, Any]:
 
 def displacements(u: Any) -> list[dolfinx.fem.Function]:
     """The displacement of every mesh of a solution, or of a list of them; of a mixed space a
-    Function of its block."""
+    Function of its block. What is no Function is left as it is."""
     found = []
-    for function in u if isinstance(u, list) else [u]:
-        W = function.function_space
-        if is_mixed(W):
-            V, dofs = displacement_block(W)
+    for function in u if isinstance(u, (list, tuple)) else [u]:
+        if is_function(function) and is_mixed(function.function_space):
+            V, dofs = displacement_block(function.function_space)
             block = dolfinx.fem.Function(V, name=function.name)
             block.x.array[:] = function.x.array[dofs]
             function = block

@@ -1,7 +1,8 @@
 """Mixed spaces on all ranks, tied and opening; rank 0 prints the errors, of the latter against the
-plain problem that it is."""
+plain problem that it is. Displacements are written."""
 
 import json
+from tempfile import TemporaryDirectory
 
 import mixed
 import numpy as np
@@ -20,6 +21,12 @@ for make in (llm.ContactProblem, mixed.nonlinear):
         problem = mixed.pressed(llm.Frictionless(), blocks, comm, "saddle", make)
         problem.solve()
         forces.append([side.force for side in problem.results[0].sides])
+        with TemporaryDirectory() as own:
+            folder = comm.bcast(own)
+            with llm.post.LoadSteps(problem, folder) as files:
+                files.write()
+            llm.post.write_bodies(f"{folder}/bodies.pvd", problem.u)
+            comm.barrier()
         problem.destroy()
     for side, values in enumerate(zip(*forces, strict=True)):
         error = np.abs(np.subtract(*values)).max() / np.abs(values[0]).max()

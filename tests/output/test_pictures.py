@@ -8,6 +8,7 @@ from base64 import b64decode
 from dataclasses import replace
 
 import finite_patch
+import mixed
 import numpy as np
 import pairs
 import patch3d
@@ -404,6 +405,24 @@ def test_finite_deformation(obstacle, tmp_path):
     assert (post.interface_fields(afar)["side_0"][2]["gap"] == 1e3).all()
     problem.plot(tmp_path / "pictures")
     assert (tmp_path / "pictures" / "interface_0.png").exists()
+
+
+@pytest.mark.parametrize("make", [llm.ContactProblem, mixed.nonlinear], ids=["linear", "finite"])
+def test_mixed_spaces(make, tmp_path):
+    """Of (p, u) the displacement is written, by steps and alone."""
+    blocks = ("DG", 1, False), ("Lagrange", 2, True)
+    problem = mixed.pressed(llm.Frictionless(), blocks, COMM, "saddle", make)
+    w = problem.solve()
+    with post.LoadSteps(problem, tmp_path) as files:
+        files.write()
+    post.write_bodies(tmp_path / "alone.pvd", w)
+    post.write_bodies(tmp_path / "listed.pvd", [w])
+    u = np.sort(w.sub(1).collapse().x.array)
+    for name in ("bodies_0", "alone", "listed"):
+        ((file,),) = series(tmp_path / f"{name}.pvd").values()
+        *_, at_nodes, _ = grid(file)
+        found = np.sort(at_nodes["displacement"][:, :2].ravel())
+        np.testing.assert_allclose(found, u, atol=1e-15)
 
 
 def test_pyvista_and_meshio_read_the_series(tmp_path):

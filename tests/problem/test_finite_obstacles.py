@@ -8,7 +8,7 @@ import hertz2d
 import numpy as np
 import pytest
 import ufl
-from dolfinx import fem
+from dolfinx import fem, mesh
 from mpi4py import MPI
 from own_law import Glue, Soft
 from sampling import longer, some_of
@@ -135,6 +135,40 @@ def test_slope(kind, mu):
             1.0 - max([h["part"] for h in problem.history if h["part"] < 1.0], default=0.0)
         )
         assert np.abs(side.slip - last * along).max() < 1e-2
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.2)], ids=str)
+def test_two_that_touch_a_node(law, degree):
+    """A plane and the lowest point of a ball, both on a node at first, pushed in by unlike amounts:
+    the deeper one bears it, as where the plane starts a little off."""
+    found = []
+    for off in (0.0, 0.01):
+        domain = mesh.create_rectangle(
+            COMM, [[0.0, 0.0], [4.0, 1.0]], [8, 3], mesh.CellType.quadrilateral
+        )
+        V = compat.function_space(domain, degree=degree, shape=(2,))
+        u, w = fem.Function(V), ufl.TestFunction(V)
+        F = ufl.derivative(finite_patch.energy(u, 4.0, 6.0) * ufl.dx(degree=4), u, w)
+        low, high = (
+            mesh.locate_entities_boundary(domain, 1, lambda x, y=y: np.isclose(x[1], y))
+            for y in (0.0, 1.0)
+        )
+        tags = mesh.meshtags(domain, 1, np.sort(high), np.full(len(high), 1, dtype=np.int32))
+        held = fem.dirichletbc(fem.Function(V), fem.locate_dofs_topological(V, 1, low))
+        plane = llm.RigidPlane((0.0, 1.0 + off), (0.0, -1.0))
+        ball = llm.RigidSphere((2.0, 1.5), 0.5)
+        interfaces = [llm.Interface(tags, (1, one), law=law) for one in (plane, ball)]
+        problem = llm.NonlinearContactProblem(F, u, bcs=[held], interfaces=interfaces)
+        plane.displacement, ball.displacement = (0.0, -0.03 - off), (0.0, -0.1)
+        problem.solve()
+        assert len(problem.history) <= 8
+        (flat,), (round_,) = (result.sides for result in problem.results)
+        middle = np.argmin(np.abs(flat.X[:, 0] - 2.0))
+        assert flat.status[middle] == 0 and round_.status[middle] != 0
+        assert flat.gap[middle] == pytest.approx(0.07, abs=1e-3 * (degree > 1) + 1e-9)
+        found.append([result.resultant for result in problem.results])
+    assert np.abs(np.subtract(*found)).max() <= 1e-8 * np.abs(found).max()
 
 
 def test_carried():

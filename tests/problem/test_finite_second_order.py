@@ -161,6 +161,16 @@ def test_hertz(disc, monkeypatch):
         assert hertz2d.fit(x[inner], p[inner])[0] == pytest.approx(1.0, abs=1.5e-3)
 
 
+@pytest.mark.parametrize(("kind", "n"), [(TRI, (10, 13)), (HEX, (4, 5))])
+@pytest.mark.parametrize("law", [llm.Coulomb(0.3), llm.Tied(), llm.Frictionless()], ids=str)
+def test_tractions_of_facets_that_overhang(kind, n, law):
+    """As of linear problems, which tell seven to ten times as much no more either."""
+    problem = so.overhanging(kind, n, law, nonlinear)
+    problem.solve()
+    finer, coarser, told = so.largest_pressures(problem.results[0])
+    assert max(coarser, told) <= 1.05 * finer
+
+
 @pytest.mark.parametrize(("kind", "law"), [(TRI, llm.Frictionless()), (HEX, llm.Coulomb(0.3))])
 def test_linear_pressure_on_a_rigid_plane(kind, law, monkeypatch):
     monkeypatch.setattr(llm, "ContactProblem", nonlinear)

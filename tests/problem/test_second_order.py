@@ -166,6 +166,17 @@ def test_tractions_between_regular_hexahedra():
     assert (found(4, 6) <= [1.2, 2.4] * found(4, 4)).all()
 
 
+@pytest.mark.parametrize(("kind", "n"), [(QUAD, (12, 13)), (HEX, (4, 5))])
+@pytest.mark.parametrize("law", [llm.Coulomb(0.3), llm.Tied(), llm.Frictionless()], ids=str)
+def test_tractions_of_facets_that_overhang(kind, n, law):
+    """Coarser facets that the finer side covers in part, where tractions rise steeply towards its
+    end: they tell no multiple of its own; ten times as much was told."""
+    problem = so.overhanging(kind, n, law)
+    problem.solve()
+    finer, coarser, told = so.largest_pressures(problem.results[0])
+    assert max(coarser, told) <= 1.05 * finer
+
+
 @pytest.mark.parametrize("kind", ELEMENTS)
 def test_shape_functions(kind):
     """One at their own node, of sum one, with linear and quadratic fields, and their slopes."""

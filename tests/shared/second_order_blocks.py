@@ -3,6 +3,7 @@
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
+from mpi4py import MPI
 from scenes import bodies_mesh, displacement_error, on, squares, tags_from
 from scipy.sparse.linalg import spsolve
 
@@ -271,3 +272,37 @@ def traction_errors(result, field, geometry=None):
         error, size = (weight @ (v**2).sum(axis=1) for v in (density - exact, exact))
         out.append(float(np.sqrt(error / size)))
     return out
+
+
+def overhanging(kind, n, law, make=llm.ContactProblem):
+    """A block pressed by one that is coarser, far stiffer and longer at both ends.
+
+    Args:
+        kind: of the cells.
+        n: of them along each.
+        law: between the blocks.
+        make: of forms and what else a problem takes, the problem.
+    """
+    gdim = 2 if kind in ("triangle", "quadrilateral") else 3
+    low, high = [[0.0, 0.0, 0.0], [-0.5, -0.4, 0.5]], [[3.0, 1.0, 0.5], [3.5, 1.4, 0.9]]
+    if gdim == 2:
+        low, high = np.delete(low, 1, axis=1), np.delete(high, 1, axis=1)
+    (V,), (tags,) = blocks(MPI.COMM_SELF, (kind, kind), n, low, high, jitter=0.0)
+    u, w, x = ufl.TrialFunction(V), ufl.TestFunction(V), ufl.SpatialCoordinate(V.mesh)
+    stiff = ufl.conditional(ufl.lt(x[gdim - 1], 0.5), 0.02, 0.8)
+    a = stiff * ufl.inner(stress(u), ufl.grad(w)) * ufl.dx
+    L = ufl.dot(fem.Constant(V.mesh, np.zeros(gdim)), w) * ufl.dx
+
+    def down(x):
+        found = np.zeros((gdim, x.shape[1]))
+        found[-1] = -0.03 * x[gdim - 1] / 0.9
+        return found
+
+    interfaces = [llm.Interface(tags, (2, 3), law=law)]
+    return make(a, L, bcs=[held_ends(V, tags, down)], interfaces=interfaces)
+
+
+def largest_pressures(result):
+    """(3,) of the sides' own tractions, and at the frame's nodes; the finer side is the first."""
+    own = [np.einsum("ni,ni->n", s.density, s.normal).max() for s in result.sides]
+    return np.array([*own, result.pressure.max()])
