@@ -1,6 +1,7 @@
 """Facets and nodes that several interfaces, or pieces of one, have."""
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 from scipy.sparse import csr_matrix, triu
@@ -10,6 +11,7 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.pieces import Piece
 from dolfinx_llm.interface.choices import Interface, SelfContact
 from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.interface.obstacle import Obstacle
 from dolfinx_llm.interface.site import Site
 
 MESH = 2**40  # more nodes than a mesh has: numbers of those of several meshes stay apart
@@ -26,7 +28,7 @@ def check_pairs(geometries: Sequence[InterfaceGeometry]) -> None:
 
 def check_once(interfaces: Sequence[Interface], facets: Sequence[Sequence[Array]]) -> None:
     """Require that no two interfaces are of the same facets on both of their sides, of the same
-    facets and obstacle, or of the same facets that meet themselves.
+    facets and obstacle, of an obstacle under a force, or of the same facets that meet themselves.
 
     Args:
         interfaces: the user's choices.
@@ -40,6 +42,14 @@ def check_once(interfaces: Sequence[Interface], facets: Sequence[Sequence[Array]
     places = [(i, k) for i, sides in enumerate(facets) for k in range(len(sides))]
     if len(interfaces) < 2:
         return
+    pushed = [i for i in interfaces if i.obstacle is not None and _pushed(i.obstacle)]
+    for one, other in combinations(pushed, 2):
+        if one.obstacle is other.obstacle:
+            raise ContactInputError(
+                f"the interfaces {one.name} and {other.name} are of the same obstacle, which is "
+                "under a force: each would bear all of it. Give the surfaces that it touches one "
+                "tag, and one interface"
+            )
     for rows, (i, k) in zip(known, places, strict=True):
         nodes = np.sort(facets[i][k], axis=1)
         rows[:, 0], rows[:, 1], rows[:, 2 : 2 + nodes.shape[1]] = i, k, nodes
@@ -73,6 +83,11 @@ def check_once(interfaces: Sequence[Interface], facets: Sequence[Sequence[Array]
                 f"the interfaces {one.name} and {other.name} are of {what} and have {int(n)} "
                 "facets in common: give them once"
             )
+
+
+def _pushed(obstacle: Obstacle) -> bool:
+    """Whether a force or a moment acts on it."""
+    return obstacle.force is not None or obstacle.moment is not None
 
 
 def shared_nodes(geometries: Sequence[InterfaceGeometry]) -> list[tuple[Array, ...]]:

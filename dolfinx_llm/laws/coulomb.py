@@ -160,9 +160,10 @@ class Coulomb(Law):
 
 def _at_least_0(name: str, values: Array, n: int) -> Array:
     if values.shape != (n,) or not (np.isfinite(values) & (values >= 0.0)).all():
+        least = f" and the least value {values.min():g}" if values.size else ""
         raise ContactInputError(
-            f"Coulomb: {name} has the shape {values.shape} and the least value "
-            f"{values.min(initial=0.0):g}: give a finite number of at least 0 for each of {n} nodes"
+            f"Coulomb: {name} has the shape {values.shape}{least}: give a finite number of at "
+            f"least 0 for each of {n} nodes"
         )
     return values
 

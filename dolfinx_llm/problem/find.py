@@ -93,6 +93,7 @@ def find_interfaces(
         n = space.dofmap.index_map.size_local
         found.append(_outside(space, own, cells, bodies.label[first : first + n]))
         first += n
+    _check_keys(chosen, found)
     polygons = [Polygons.of(f.surface) for f in found]
     i, j = facing_pairs(polygons, _ids(found), near, turn, seen=True)
     if not len(i):
@@ -142,6 +143,15 @@ def _laws(law: Any, laws: Any, cell_tags: Any) -> dict[Any, Law]:
         pair = sorted(checks.integer("laws: cell tag", tag, LAWS) for tag in pair)
         chosen[tuple(pair)] = checks.instance(f"laws: {key}", one, Law, accepted)
     return chosen
+
+
+def _check_keys(laws: dict[Any, Law], found: Sequence[_Found]) -> None:
+    """Require that bodies have the cell tags by which there are laws."""
+    known = np.unique(np.concatenate([np.zeros(0), *(v for f in found for v in f.tags.values())]))
+    if missing := sorted({tag for key in laws if key is not None for tag in key} - set(known)):
+        raise ContactInputError(
+            f"laws: no body has the cell tags {missing}; there are {known.astype(int).tolist()}"
+        )
 
 
 def _reach(distance: Any, angle: Any) -> tuple[float | None, float]:

@@ -387,6 +387,10 @@ add(
     lambda s: llm.find_interfaces(None, s.V, laws={(1, 2): llm.Tied()}, cell_tags=s.cells),
 )
 add(
+    "laws: no body has the cell tags .77.; there are .1, 2",
+    lambda s: llm.find_interfaces(None, s.V, laws={(1, 77): llm.Tied()}, cell_tags=s.cells),
+)
+add(
     "(distance|angle)=.*give (a positive length|an angle)",
     lambda s: llm.find_interfaces(None, s.V, distance=0.0),
     lambda s: llm.find_interfaces(None, s.V, distance=NAN),
@@ -1132,6 +1136,11 @@ add(
 add(
     "are of the same obstacle and have .* facets in common",
     lambda s: several(s, (UNDER, BELOW), (BELOW, UNDER)),
+)
+PUSHED = llm.RigidPlane((0.0, -9.0), (0.0, 1.0), force=(None, 1.0))
+add(
+    "are of the same obstacle, which is under a force: each would bear all of it",
+    lambda s: several(s, (UNDER, PUSHED), (TOP, PUSHED)),
 )
 add(
     "are of a surface that meets itself and have .* facets in common",
