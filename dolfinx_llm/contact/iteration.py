@@ -60,7 +60,8 @@ class ContactIteration:
         w: (m,) frame and slip unknowns [length].
         alpha: rigid motion of bodies that nothing else holds.
         f, g: load and gaps at the end of the last load step.
-        forces, pressed, rounding: largest so far, largest on an obstacle, and rounding now [force].
+        forces, pressed: largest so far, largest on an obstacle [force].
+        rounding, rounded: of forces that were found from the last ones, by themselves [force].
         verdict, last: of the last load step; linear step of the last iteration, None before it.
         history: see ``ContactProblem``; of the last load step.
         bar: progress line, while there is one.
@@ -80,7 +81,7 @@ class ContactIteration:
             state.forget()
         nothing: Any = None
         self.multiplier = self.w = self.alpha = self.last = nothing
-        self.forces = self.pressed = self.rounding = 0.0
+        self.forces = self.pressed = self.rounding = self.rounded = 0.0
         self.verdict = Verdict(0.0, 0.0)
         self.f, self.g = self._rest
         self.equations.loads = np.zeros(self.equations.n_v)

@@ -88,8 +88,6 @@ def advance(
         except ContactError:
             iteration.restore(first)
             raise
-        if before[1] is not None:  # where the iteration began
-            iteration.rounding = max(iteration.rounding, SEVERAL * EPS * size(before[1]))
         iteration.accept(found, g_t)
         done = reached
     iteration.f, iteration.g = f, g
@@ -136,7 +134,9 @@ def _judged(iteration: ContactIteration, found: StepResult, f: Array, g: Array) 
         free * f,
         free * pushed,
     )
-    iteration.forces, iteration.rounding = max(iteration.forces, *forces), SEVERAL * EPS * terms
+    iteration.forces, before = max(iteration.forces, *forces), iteration.rounded
+    iteration.rounded = SEVERAL * EPS * max(terms, size(multiplier))
+    iteration.rounding = max(before, iteration.rounded)
     follows = equations.L @ found.w + equations.compliance * multiplier
     # Of rows in contact: where it is open gaps of any size carry no force.
     y, follows, g = (found.active * a for a in (found.y, follows, g))

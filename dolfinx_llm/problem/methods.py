@@ -207,7 +207,8 @@ class ContactMethod:
         u, motions = self._last
         common = {
             "multiplier": i.multiplier, "w": i.w, "g": i.g, "loads": i.equations.loads,
-            "forces": np.array([i.forces, i.pressed, i.rounding]), "reported": self._reported,
+            "forces": np.array([i.forces, i.pressed, i.rounding, i.rounded]),
+            "reported": self._reported,
         }  # fmt: skip
         return common | {f"motion {k}": m for k, m in enumerate(motions)}, {"u": u, "f": i.f}
 
@@ -217,7 +218,7 @@ class ContactMethod:
         i, u = self.iteration, local["u"]
         i.multiplier, i.w, i.g = (common[name] for name in ("multiplier", "w", "g"))
         i.f, i.equations.loads, self._reported = local["f"], common["loads"], common["reported"]
-        i.forces, i.pressed, i.rounding = map(float, common["forces"])
+        i.forces, i.pressed, i.rounding, i.rounded = map(float, common["forces"])
         i.alpha, i.last = self.setting.operators.floating.amounts(u), None
         count = len(self.setting.operators.geometries)
         self._last = u, [common[f"motion {k}"] for k in range(count)]
