@@ -8,16 +8,19 @@ from dolfinx_llm.contact.equations import Equations
 CONSTANT = 1e-8  # part of the largest force by which those at supports may still change
 ROUGH = 1e-5  # the same where that falls no more: by ``SOFT`` less than 1e-11 of what bodies give
 CALM = 2  # iterations without a change after which a residual may have stopped falling
-LATE = 24  # iterations in which most scenes come to rest
+LONG = 12  # the same, after which all last changes are combined
 MIXED = 8  # changes of which the best combination is looked for
 NEWS = 1e-6  # of the largest: differences of changes that say nothing new
+LATE = 24  # iterations in which most scenes come to rest
+EVEN, SLOW = 0.02, 0.98  # difference of two ratios that is none; the largest that comes to an end
 
 
 class GivingWay:
     """Where supports, or other rows, leave forces open, rows give way by ``SOFT`` to what changes
     of λ, and the next iteration starts from there. Combinations of rows that nearly follow from
-    others then change by the same part of the last change each time, each by its own: the next
-    start is where the combination of the last changes is least (Anderson 1965), which sums them up.
+    others then change by the same part of the last change each time: these are summed up at once.
+    Where there are many, each with a part of its own, the next start is where the combination of
+    the last changes is least (Anderson 1965).
 
     While pairs still change rows give way about the start of the load step, so that λ does not
     depend on the way there. Where it is one and then the other of two pairs that share a force,
@@ -29,7 +32,7 @@ class GivingWay:
 
     def __init__(self, equations: Equations) -> None:
         self._equations, self._ahead, self._last = equations, equations.start, equations.start
-        self._given = np.inf
+        self._given, self._ratio = np.inf, 0.0
         self._changes: list[Array] = []
         self._found: list[Array] = []
 
@@ -56,20 +59,20 @@ class GivingWay:
         soft = equations.soft & equations.closed_rows()
         change = np.where(soft, multiplier - equations.about, 0.0)
         last, self._given = self._given, float(np.abs(change).max(initial=0.0))
+        before, ratio = self._ratio, self._given / max(last, 1e-300)
+        steady = abs(ratio - before) <= EVEN * before and ratio <= SLOW
+        self._ratio = 0.0 if steady else ratio
         self._last = multiplier
-        if not calm:  # another map
-            self._changes, self._found = [], []
-        self._changes = [*self._changes[-MIXED:], change]
-        self._found = [*self._found[-MIXED:], multiplier]
-        self._ahead = self._best()
+        self._ahead = multiplier + (ratio / (1.0 - ratio) * change if steady else 0.0)
+        self._changes = [*self._changes[-MIXED:], change] if calm else []
+        self._found = [*self._found[-MIXED:], multiplier] if calm else []
+        if calm > LONG:
+            self._ahead = self._best()
         falls = calm <= CALM or self._given <= 0.5 * last
         return self._given <= (CONSTANT if falls else ROUGH) * largest
 
     def _best(self) -> Array:
         """(n,) the combination of what was found whose change is least."""
-        change, found = self._changes[-1], self._found[-1]
-        if len(self._changes) == 1:
-            return found
         steps = np.diff(self._changes, axis=0).T
-        part = np.linalg.lstsq(steps, change, rcond=NEWS)[0]
-        return np.asarray(found - np.diff(self._found, axis=0).T @ part)
+        part = np.linalg.lstsq(steps, self._changes[-1], rcond=NEWS)[0]
+        return np.asarray(self._found[-1] - np.diff(self._found, axis=0).T @ part)

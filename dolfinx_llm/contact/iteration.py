@@ -28,6 +28,7 @@ from dolfinx_llm.contact.parted import Parted
 from dolfinx_llm.contact.sliding import slide
 from dolfinx_llm.contact.state import ContactState, InterfaceState
 from dolfinx_llm.contact.ties import ask, ask_again, choose, tie_more, unsettled
+from dolfinx_llm.contact.unseen import of_the_bodies
 from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import GRAZING, SIGN, StepForm, StepResult, unless_none
 from dolfinx_llm.forms.verdict import FinalError, Verdict
@@ -56,15 +57,13 @@ class ContactIteration:
 
     Attributes:
         operators, equations, states: as given; of the laws; per interface ``InterfaceState``.
-        multiplier: (n,) λ [force]; None: nothing has been solved.
-        w: (m,) frame and slip unknowns [length].
+        multiplier, w: (n,) λ [force], None before a solve; (m,) frame and slip unknowns [length].
         alpha: rigid motion of bodies that nothing else holds.
         f, g: load and gaps at the end of the last load step.
         forces, pressed: largest so far, largest on an obstacle [force].
         rounding, rounded: of forces that were found from the last ones, by themselves [force].
         verdict, last: of the last load step; linear step of the last iteration, None before it.
-        history: see ``ContactProblem``; of the last load step.
-        bar: progress line, while there is one.
+        history, bar: of the last load step, see ``ContactProblem``; progress line, if there is one.
     """
 
     def __init__(self, operators: ContactOperators, form: StepForm, f: Array, g: Array) -> None:
@@ -118,8 +117,9 @@ class ContactIteration:
     def accept(self, found: StepResult, g: Array) -> None:
         """End a load step: what has slipped is the reference of the next."""
         fitted = self.equations.middle(found.y + g, found.w)
+        self.w = told(self.operators.floating.comm, of_the_bodies(self.states, found.w, fitted))
         for s in self.states:
-            s.accept(found.multiplier, found.w, fitted, self.scale, self.rounding)
+            s.accept(found.multiplier, self.w, fitted, self.scale, self.rounding)
         self.pressed = max(self.pressed, np.abs(self.equations.loads).max(initial=0.0))
 
     def iterate(self, f: Array, g: Array, falls: Callable[[], Any]) -> StepResult:

@@ -1,0 +1,48 @@
+"""Frames and slips that no pair in contact sees, at the end of a load step.
+
+Where few pairs are in contact they leave open how far single nodes of a frame have slipped: one
+node between two of the frame's tells a mean of both. Whatever the iteration came by there, friction
+would remember when other pairs close. What is left open is therefore that of the bodies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.sparse import hstack, identity
+
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.sparse import symmetric_factors
+from dolfinx_llm.contact.state import InterfaceState
+
+UNSEEN = 1e-6  # of the largest square of what pairs see: less of it is not seen
+TIMES = 3  # each makes what pairs see of a change less by that
+
+
+def of_the_bodies(states: Sequence[InterfaceState], w: Array, fitted: Array) -> Array:
+    """(m,) frames and slips w, but for the part of slips that no pair in contact sees, of them and
+    the frame's motion together: that is what fits all pairs best. The frame stays, from which open
+    pairs have their gaps. Where all are in contact nothing changes.
+
+    Args:
+        states: of the interfaces.
+        w: (m,) at the end of a load step [length].
+        fitted: (m,) frames and slips that fit the bodies best.
+    """
+    w = w.copy()
+    for s in states:
+        closed, nodes = s.closed_rows(), s.nodes
+        slips = nodes.kappa.size and s.law.opens and s.law.slips
+        if not slips or closed[nodes.kept].all():
+            continue
+        at = np.concatenate([nodes.v, nodes.kappa.ravel()])
+        L = hstack([nodes.L, nodes.L_kappa], format="csr")[closed]
+        squares = L.T @ L
+        least = UNSEEN * (squares.diagonal().max(initial=0.0) or 1.0)
+        factors = symmetric_factors(squares + least * identity(len(at)))
+        change = fitted[at] - w[at]
+        for _ in range(TIMES):
+            change = factors.solve(least * change)
+        w[nodes.kappa.ravel()] += change[len(nodes.v) :]
+    return w
