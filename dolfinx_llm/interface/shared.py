@@ -38,8 +38,6 @@ def check_once(interfaces: Sequence[Interface], facets: Sequence[Sequence[Array]
     Raises:
         ContactInputError: what touches is given twice.
     """
-    known = [np.full((len(f), 6), -1) for sides in facets for f in sides]
-    places = [(i, k) for i, sides in enumerate(facets) for k in range(len(sides))]
     if len(interfaces) < 2:
         return
     pushed = [i for i in interfaces if i.obstacle is not None and _pushed(i.obstacle)]
@@ -50,6 +48,8 @@ def check_once(interfaces: Sequence[Interface], facets: Sequence[Sequence[Array]
                 "under a force: each would bear all of it. Give the surfaces that it touches one "
                 "tag, and one interface"
             )
+    known = [np.full((len(f), 6), -1) for sides in facets for f in sides]
+    places = [(i, k) for i, sides in enumerate(facets) for k in range(len(sides))]
     for rows, (i, k) in zip(known, places, strict=True):
         nodes = np.sort(facets[i][k], axis=1)
         rows[:, 0], rows[:, 1], rows[:, 2 : 2 + nodes.shape[1]] = i, k, nodes
@@ -75,10 +75,9 @@ def check_once(interfaces: Sequence[Interface], facets: Sequence[Sequence[Array]
         one, other = interfaces[i], interfaces[j]
         if one.obstacle is not other.obstacle:
             continue
-        if one.obstacle is not None or {type(one), type(other)} == {SelfContact}:
-            what = (
-                "the same obstacle" if one.obstacle is not None else "a surface that meets itself"
-            )
+        rigid = one.obstacle is not None
+        if rigid or {type(one), type(other)} == {SelfContact}:
+            what = "the same obstacle" if rigid else "a surface that meets itself"
             raise ContactInputError(
                 f"the interfaces {one.name} and {other.name} are of {what} and have {int(n)} "
                 "facets in common: give them once"
