@@ -75,20 +75,24 @@ def speakers(
 
 
 def unheld(sides: list[csr_matrix], speaker: Array) -> Array:
-    """(k,) nodes for which one speaks that pairs of one side alone hold, or of none.
+    """(k,) nodes that pairs of one side alone hold, or of none, as all that have their speaker.
 
     No force passes there, so that equilibrium leaves the law nothing to say, and the slip would be
-    free: these nodes stick.
+    free: these nodes stick. One that speaks may itself be held by next to nothing, where those that
+    are pulled at do not.
 
     Args:
         sides: as in ``speakers``.
         speaker: (k,) what it returned.
 
-    >>> unheld([csr_matrix([[1.0, 0.0]]), csr_matrix([[0.99, 0.01]])], np.arange(2)).tolist()
-    [False, True]
+    >>> sides = [csr_matrix([[1.0, 0.0]]), csr_matrix([[0.99, 0.01]])]
+    >>> unheld(sides, np.arange(2)).tolist(), unheld(sides, np.array([1, 1])).tolist()
+    ([False, True], [False, False])
     """
     support = np.min([np.asarray(N.power(2).sum(axis=0)).ravel() for N in sides], axis=0)
-    return support[speaker] < CROSSES
+    most = np.zeros(len(speaker))
+    np.maximum.at(most, speaker, support)
+    return most[speaker] < CROSSES
 
 
 def sums(speaker: Array) -> csr_matrix:

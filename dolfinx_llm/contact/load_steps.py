@@ -19,7 +19,7 @@ from dolfinx_llm.forms.verdict import (
     FinalError,
     Verdict,
     beyond,
-    check_rounding,
+    check_lost,
     judge,
     largest,
     size,
@@ -148,7 +148,7 @@ def _judged(iteration: ContactIteration, found: StepResult, f: Array, g: Array) 
     positions = 0.0 if operators.tied else max(size(bodies.low), size(bodies.high))
     if beyond(max(left, iteration.forces), stiffness * max(moved, size(g), positions)):
         verdict = judge(left, terms, iteration.forces, form.describe(), form.tolerance)
-    check_rounding(verdict.rounding)
+    check_lost(verdict)
     drift = operators.floating.drift(equations.L, equations.n_v, equations.closed_rows())
     left_open = neutral(equations, operators.floating, multiplier)
     iteration.verdict = replace(verdict, drift=drift, neutral=left_open)

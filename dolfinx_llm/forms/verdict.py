@@ -15,7 +15,7 @@ UNBALANCED = (
 SEVERAL = 64.0  # rounding errors of stiffness times displacement that a residual may consist of
 NOTABLE = 1e-9  # of the forces, that rounding may change without a word
 DRIFTED = 1e-8  # of the displacements, the same
-LOST = 1e-4  # of the forces, that rounding may change before they are refused
+LOST = 1e-4  # of the forces, that rounding or a loose solver may change before they are refused
 
 
 class FinalError(ContactError):
@@ -32,9 +32,19 @@ class Verdict:
     neutral: str = ""  # words for a motion that contact leaves open
 
     @property
+    def loose(self) -> bool:
+        """Whether more is left than the package's own options leave, or rounding explains."""
+        return self.residual > max(UNBALANCED, SEVERAL * self.rounding)
+
+    @property
     def lost(self) -> list[str]:
         """What is not unique, and what may have been lost to rounding, if more than usual."""
         words = [self.neutral] if self.neutral else []
+        if self.loose:
+            words.append(
+                f"forces may be off by {self.residual:.0e} of their size, as petsc_options let the "
+                "solver stop there: leave ksp_rtol out, or give less"
+            )
         if self.rounding > NOTABLE:
             words.append(
                 f"forces may be off by {self.rounding:.0e}, by rounding alone: stiffness times "
@@ -89,8 +99,14 @@ def judge(left: float, terms: float, forces: float, what: str, tolerance: float 
     )
 
 
-def check_rounding(rounding: float) -> None:
-    """Refuse forces of which rounding, of a ``Verdict``, leaves too little."""
+def check_lost(verdict: Verdict) -> None:
+    """Refuse forces of which rounding or a solver that stops early leaves too little."""
+    residual, rounding = verdict.residual, verdict.rounding
+    if verdict.loose and residual > LOST:
+        raise FinalError(
+            f"{residual:.1e} of the forces' size is left (allowed {LOST:.0e}), as petsc_options "
+            "let the solver stop there: leave ksp_rtol out, or give less"
+        )
     if rounding > LOST:
         raise FinalError(
             f"rounding alone may change the forces by {rounding:.0e} of their size (allowed "

@@ -1120,6 +1120,11 @@ def loosely_solved(s):
     ).solve()  # fmt: skip
 
 
+@lambda f: add(r"[0-9.]+e-0[0-3] of the forces' size is left .*let the solver stop", f, kind=ERROR)
+def stopped_at_once(s):
+    s.problem(solver="condensed", petsc_options={"ksp_rtol": 0.5}).solve()
+
+
 def several(s, *pairs):
     """Interfaces at finite deformation, each of two sides."""
     law = llm.Frictionless()

@@ -15,7 +15,7 @@ from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import gather_rows
 from dolfinx_llm.forms.saddle import FactorisedStep
 from dolfinx_llm.forms.step import LinearStep
-from dolfinx_llm.forms.verdict import beyond, check_rounding, judge, largest
+from dolfinx_llm.forms.verdict import beyond, check_lost, judge, largest
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.problem.problem import ContactProblem
@@ -150,7 +150,7 @@ class ClassicalForm:
         verdict = judge(
             max(left, beyond(apart, moved)), terms, max(forces), "(6) factorised by MUMPS"
         )
-        check_rounding(verdict.rounding)
+        check_lost(verdict)
         self.residual = verdict.residual
 
     def _functions(self, u: Array) -> fem.Function | list[fem.Function]:
