@@ -143,6 +143,7 @@ class TimeStepper(Steps):
         )
         self._u = list(listed(L)) if nonlinear else [fem.Function(V, name="u") for V in spaces]
         self._v, self._left = [fem.Function(V, name="v") for V in spaces], np.zeros(0)
+        self._started = False
         (self.problem.bulk if nonlinear else self.problem.method).in_time = True
         self._bare = diagonal_of(self._M) == 0.0
         fixed = self.problem.bulk.dofs.fixed
@@ -174,7 +175,7 @@ class TimeStepper(Steps):
         with collective(self.comm):
             step_length(self.dt)
         agree(self.comm, "dt", self.dt)
-        if not len(self._left):
+        if not self._started:  # not told by _left, which is empty where a rank has no dofs
             self.start()
         self._advance(self.dt, PARTED)
         return self.u
@@ -191,7 +192,7 @@ class TimeStepper(Steps):
             pushed = self.problem.pushed
             start = End(u, v, self._left + pushed, pushed)
             self._mean.begin(u, counts, 0.5 / self._end)
-        self.problem.solve()
+        self.problem.solve(state=self._u)  # all of it or nothing
         now = self._values(listed(self.problem.u))
         self._left = push - c * times(self._M, now)
         rate = (now - u) / dt

@@ -94,6 +94,7 @@ class Steps(Saving):
     _bare: Array
     _pushes: list[Any]
     _left: Array
+    _started: bool  # whether it is known
     _touch: Touch
     _adaptive: float | None
     _accepted: Callable[[Any], None] | None
@@ -135,6 +136,7 @@ class Steps(Saving):
         self._left = np.where(self._bare | fixed, 0.0, left)
         fill(self._u, u, counts)
         self._touch, _ = self._met()
+        self._started = True
 
     def _slides(self) -> bool:
         """Whether bodies move, and slip on what they touch."""
@@ -167,14 +169,12 @@ class Steps(Saving):
 
     def _advance(self, dt: float, divisions: int) -> None:
         """Go on by dt, in parts where that fails, or where bodies meet or part in it."""
-        before = self._values(self._u)
         kept = self.state_arrays() if self._adaptive and divisions else None
         try:
             self._once(dt)
         except ContactInputError:
             raise
         except ContactError as failed:
-            fill(self._u, before, self.problem.bulk.dofs.counts)
             if not divisions:
                 raise
             log.info("a step of %.3g fails: %s; halved", dt, failed)
@@ -250,7 +250,7 @@ class Steps(Saving):
         counts = self.problem.bulk.dofs.counts
         fill(self._u, local["displacement"], counts)
         fill(self._v, local["velocity"], counts)
-        self._left = local["inertia"]
+        self._left, self._started = local["inertia"], True
 
     def _values(self, functions: Sequence[fem.Function]) -> Array:
         """(n_local,) of this rank."""
