@@ -13,23 +13,20 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.disposable import free_garbage
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import agree, check, collective, told
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
+from dolfinx_llm.finite.load_step import LoadStep, NewtonState
 from dolfinx_llm.finite.newton import NewtonSteps
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.finite.results import MovingInterfaceResult, moving_results
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.output.pictured import Pictured
+from dolfinx_llm.problem.bulk import Fingerprint
 from dolfinx_llm.problem.memory import INSTANT, Memory, Remembering
 from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_arguments
-from dolfinx_llm.problem.nonlinear_parts import (
-    check_contacts,
-    contact_of,
-    follower_of,
-    numbered,
-    pose_of,
-)
+from dolfinx_llm.problem.nonlinear_parts import anatomy, pose_of
+from dolfinx_llm.problem.nonlinear_system import posed
 from dolfinx_llm.problem.saving import SavedNonlinear
 
 
@@ -101,23 +98,37 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         free_garbage(given.spaces[0].mesh.comm)
         self.interfaces, self.loads = given.interfaces, given.loads
         self.times, self._several = StageTimes(), given.several
+        self._solver, self._petsc = solver, options
         with self.times.timed("form compilation"):
             self.bulk = NonlinearBulk(given)
         self.spaces, self.comm = self.bulk.spaces, self.bulk.comm
-        dofs = self.bulk.dofs
-        with self.times.timed("interfaces"):
-            contacts = [contact_of(interface, dofs) for interface in self.interfaces]
-            check_contacts(self.interfaces, contacts, dofs, self.bulk.now())
-            followers = [follower_of(load, dofs) for load in self.loads]
-        system, self.method, self._why = numbered(contacts, dofs, solver, options)
-        surfaces = [s for c in contacts for s in c.what.sides.surfaces]
-        size = max([s.facet_size for s in surfaces] or [1.0])
-        self._newton = NewtonSteps(
-            Equations(self.bulk, contacts, followers, system, size, self.times)
-        )
-        self.unknowns = {"u": dofs.sizes[1], "interfaces": sum(system.sizes)}
         self.results: list[MovingInterfaceResult] = []
+        self._drawn = Fingerprint((), self.spaces)
+        self._drawn.changes(())
+        self._build()
+
+    def _build(self) -> None:
+        """Interfaces and unknowns, from positions as they are now."""
+        given = self.interfaces, self.loads, self._solver, self._petsc, self.times
+        equations, self.method, self._why = posed(self.bulk, self.bulk.now(), *given)
+        self._newton, self._moved = NewtonSteps(equations), False
+        own = sum(equations.system.sizes)
+        self.unknowns = {"u": self.bulk.dofs.sizes[1], "interfaces": own}
         self.reset()
+
+    def update(self) -> None:
+        """Notice that a mesh was moved; ``solve`` does so by itself. The state is forgotten then:
+        contact is that of a problem made now, from the displacement as it stands in u. Collective.
+
+        Raises:
+            ContactError, ContactInputError: as when the problem was made.
+        """
+        self._moved = bool(self._drawn.changes(())) or self._moved
+        if self._moved:
+            log.info("a mesh was moved since the last solve")
+            self.destroy()
+            self.bulk.measure()
+            self._build()
 
     @property
     def u(self) -> fem.Function | list[fem.Function]:
@@ -154,6 +165,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
 
     def _take(self, increments: int, memory: Memory) -> fem.Function | list[fem.Function]:
         """A load step from the last state."""
+        self.update()
         with collective(self.comm):
             checks.integer("increments", increments, "give an integer of at least 1", low=1)
             pressures = np.array([load.value() for load in self.loads])
@@ -210,16 +222,6 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
             f"  unknowns: {n_u + n_q} = {n_u} u + {n_q} of the interfaces",
             f"  solver: {self.method} ({self._why})",
         ]
-        for interface, placed in zip(
-            self.interfaces, self._newton.equations.interfaces, strict=True
-        ):
-            sides = placed.what.sides
-            moving, where = sides.surfaces[sides.moving], "no frame"
-            if sides.frame is not None:
-                frame = sides.surfaces[sides.frame]
-                where = f"frame on {frame.name}, {len(frame.x)} nodes"
-            lines.append(
-                f"  interface {interface.name}, {interface.law}: {where}; {len(moving.x)} nodes of "
-                f"{moving.name} on it"
-            )
+        of = zip(self.interfaces, self._newton.equations.interfaces, strict=True)
+        lines += [anatomy(interface, placed) for interface, placed in of]
         return "\n".join(lines)

@@ -35,7 +35,7 @@ from dolfinx_llm.problem.arguments import (
     nodal_list,
 )
 from dolfinx_llm.problem.blocks import Blocks
-from dolfinx_llm.problem.form_arguments import check_meshes, listed
+from dolfinx_llm.problem.form_arguments import check_meshes, check_positions, listed
 
 RESIDUAL = "give a residual form in u and a test function, or a list of them, one per mesh"
 DERIVATIVE = "give the derivative of F, bilinear in the space of u, or a list of them, or None"
@@ -195,11 +195,17 @@ class NonlinearBulk:
         self._given = given.bcs
         self._nodal = nodal_by_mesh(given.nodal_loads, self.spaces)
         self._bcs = by_mesh(self.comm, self._given, self._W)
-        mixed = any(b.mixed for b in self.blocks)
-        others = tuple(b.others for b in self.blocks) if mixed else ()
-        self.dofs = BodyDofs(self.comm, tuple(self.spaces), self._prescribed(), others)
-        if mixed:  # units are those of the first tangent
+        self.measure()
+        if self.dofs.mixed:  # units are those of the first tangent
             self._tangent().destroy()
+
+    def measure(self) -> None:
+        """Places of the dofs, and the size of cells, as meshes are now; collective."""
+        with collective(self.comm):
+            for V in self.spaces:
+                check_positions(V.mesh)
+        others = tuple(b.others for b in self.blocks) if any(b.mixed for b in self.blocks) else ()
+        self.dofs = BodyDofs(self.comm, tuple(self.spaces), self._prescribed(), others)
         places = [V.tabulate_dof_coordinates()[compat.cell_dofs(V)] for V in self.spaces]
         mine = max(float(np.ptp(x, axis=1).max(initial=0.0)) for x in places)
         self.size = self.comm.allreduce(mine, op=MPI.MAX)

@@ -25,7 +25,6 @@ from dolfinx_llm.finite.pressed_obstacle import Pressed, PressedFriction
 from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure
 from dolfinx_llm.finite.self_sides import SelfSides
 from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.system import NewtonSystem
 from dolfinx_llm.finite.terms import MovingContact
 from dolfinx_llm.finite.tied_contact import TiedContact
 from dolfinx_llm.finite.tied_obstacle import TiedObstacle
@@ -41,7 +40,7 @@ from dolfinx_llm.laws.frictionless import Frictionless
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import LawNodes, at_positions
 from dolfinx_llm.laws.tied import Tied
-from dolfinx_llm.operators.numbering import BodyDofs, Numbering
+from dolfinx_llm.operators.numbering import BodyDofs
 
 BUILT_IN = (Tied, Frictionless, Coulomb)
 AGAINST: dict[tuple[bool, bool], type[ObstacleContact]] = {  # with friction; under a force
@@ -50,8 +49,6 @@ AGAINST: dict[tuple[bool, bool], type[ObstacleContact]] = {  # with friction; un
     (False, True): Pressed,
     (True, True): PressedFriction,
 }
-# Unknowns from which on GMRES + GAMG solves Newton's systems faster than a factorisation.
-FROM_UNKNOWNS = {2: 500_000, 3: 20_000}
 
 
 def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
@@ -195,6 +192,19 @@ def pose_of(placed: Placed, moved: bool = True) -> Array:
     return pose if moved else np.where(np.arange(len(pose)) < gdim, pose, 0.0)
 
 
+def anatomy(interface: Interface, placed: Placed) -> str:
+    """For ``print``: which side of an interface carries the frame."""
+    sides = placed.what.sides
+    moving, where = sides.surfaces[sides.moving], "no frame"
+    if sides.frame is not None:
+        frame = sides.surfaces[sides.frame]
+        where = f"frame on {frame.name}, {len(frame.x)} nodes"
+    return (
+        f"  interface {interface.name}, {interface.law}: {where}; {len(moving.x)} nodes of "
+        f"{moving.name} on it"
+    )
+
+
 def _nodes(
     interface: Interface, sides: Sides | OneSide, site: Site, drawn: Array, dofs: BodyDofs
 ) -> LawNodes:
@@ -255,46 +265,3 @@ def _placed(
     at = np.concatenate(numbers)
     drawn = np.concatenate([s.x.ravel() for s in surfaces])
     return Placed(what, at, drawn, dofs.values(at, dofs.fixed.astype(float)) == 0.0)
-
-
-def numbered(
-    contacts: Sequence[Placed],
-    dofs: BodyDofs,
-    solver: str,
-    options: tuple[str, dict[str, Any] | None],
-) -> tuple[NewtonSystem, str, str]:
-    """The unknowns of bodies and interfaces; how Newton's systems are solved, and why.
-
-    Args:
-        contacts: the interfaces.
-        dofs: of the bodies.
-        solver, options: as the user asks; prefix, and PETSc options.
-    """
-    owners = [np.empty(0, dtype=np.int64), *(c.what.owner for c in contacts)]
-    own = Numbering(np.concatenate(owners), dofs.comm.rank)
-    limit, why = FROM_UNKNOWNS[dofs.gdim], "as asked"
-    if dofs.mixed:
-        if solver == "condensed":
-            raise ContactInputError(
-                "solver='condensed' needs a positive definite tangent, which that of a mixed "
-                "function space is not in general: use solver='saddle'"
-            )
-        solver, why = "saddle", "chosen: the function space is mixed"
-    elif solver == "auto":
-        large = dofs.sizes[1] + own.sizes[1] >= limit
-        solver = "condensed" if large else "saddle"
-        why = "chosen: " + (
-            f"from {limit} unknowns on GMRES + GAMG is quicker"
-            if large
-            else f"fewer than {limit} unknowns, where factorising is quickest"
-        )
-    system = NewtonSystem(
-        dofs,
-        [c.numbers for c in contacts],
-        own,
-        [c.what.size for c in contacts],
-        options=(options[0], options[1] or {}),
-        sides=[c.what.sides for c in contacts],
-        iterates=solver == "condensed",
-    )
-    return system, solver, why

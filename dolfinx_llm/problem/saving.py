@@ -211,6 +211,7 @@ class SavedNonlinear(Saving):
         return common, {"u": state.u, "pushed": state.pushed}
 
     def take_arrays(self, common: Arrays, local: Arrays) -> None:
+        self.update()
         count = range(len(self._state.own))
         self._state = replace(
             self._state,
@@ -223,3 +224,7 @@ class SavedNonlinear(Saving):
             kept=common.get("kept", self._state.kept),
         )
         self.bulk.put(local["u"])
+
+    def update(self) -> None:
+        """See ``NonlinearContactProblem``."""
+        raise NotImplementedError

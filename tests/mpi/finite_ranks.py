@@ -10,10 +10,10 @@ from mpi4py import MPI
 from pressed_scenes import Punch
 
 import dolfinx_llm as llm
-from dolfinx_llm.problem import nonlinear_parts
+from dolfinx_llm.problem import nonlinear_system
 
 if "condensed" in sys.argv:
-    nonlinear_parts.FROM_UNKNOWNS = {2: 0, 3: 0}
+    nonlinear_system.FROM_UNKNOWNS = {2: 0, 3: 0}
 comm = MPI.COMM_WORLD
 kind = sys.argv[1] if len(sys.argv) > 1 else "quad"
 degree = 2 if "second" in sys.argv else 1

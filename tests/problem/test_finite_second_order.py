@@ -22,7 +22,7 @@ import dolfinx_llm as llm
 from dolfinx_llm.geometry.cells import unit
 from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.surface import extract_surface
-from dolfinx_llm.problem import nonlinear_parts
+from dolfinx_llm.problem import nonlinear_system
 
 COMM = MPI.COMM_SELF
 
@@ -127,7 +127,7 @@ def test_forms(kind, monkeypatch):
     equilibrium; no pair pulls, and pressures are none either."""
     found = []
     for limit in (10**9, 0):
-        monkeypatch.setattr(nonlinear_parts, "FROM_UNKNOWNS", {2: limit, 3: limit})
+        monkeypatch.setattr(nonlinear_system, "FROM_UNKNOWNS", {2: limit, 3: limit})
         punch = Punch(kind, llm.Coulomb(0.3), degree=2)
         found.append((punch.to(down=0.05, along=0.01), punch.problem))
         assert all((h["linear"] > 0) == (limit == 0) for h in punch.problem.history)

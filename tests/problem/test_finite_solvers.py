@@ -12,7 +12,7 @@ from turned_strips import Strips
 
 import dolfinx_llm as llm
 from dolfinx_llm.finite import multigrid
-from dolfinx_llm.problem import nonlinear_parts
+from dolfinx_llm.problem import nonlinear_system
 
 COMM = MPI.COMM_SELF
 
@@ -52,7 +52,7 @@ def test_same_answers(name, monkeypatch, caplog):
     """Both ways, displacements and forces are the same; so are Newton's iterations."""
     found = []
     for method, limit in (("saddle", 10**9), ("condensed", 0)):
-        monkeypatch.setattr(nonlinear_parts, "FROM_UNKNOWNS", {2: limit, 3: limit})
+        monkeypatch.setattr(nonlinear_system, "FROM_UNKNOWNS", {2: limit, 3: limit})
         problem = SCENES[name]()
         assert problem.method == method and f"solver: {method} (chosen" in str(problem)
         assert all((h["linear"] > 0) == (method == "condensed") for h in problem.history)
@@ -73,7 +73,7 @@ def test_iterations_do_not_grow(monkeypatch, law):
     solves, to residuals that Newton's iteration asks for, stay below 1.5 times one body's 15, with
     supports at the interface as well: ties took 27 where rows of held nodes were condensed as if
     each stood alone."""
-    monkeypatch.setattr(nonlinear_parts, "FROM_UNKNOWNS", {3: 0})
+    monkeypatch.setattr(nonlinear_system, "FROM_UNKNOWNS", {3: 0})
     coarse, fine = (patch("hex", law, refine, 3.0) for refine in (3, 5))
     assert fine.unknowns["u"] > 4.0 * coarse.unknowns["u"]
     one, other = (problem.history[0]["linear"] for problem in (coarse, fine))
@@ -83,7 +83,7 @@ def test_iterations_do_not_grow(monkeypatch, law):
 
 def test_mumps_takes_over(monkeypatch, caplog):
     """Where GMRES gives no answer a factorisation does, and a warning says so."""
-    monkeypatch.setattr(nonlinear_parts, "FROM_UNKNOWNS", {2: 0})
+    monkeypatch.setattr(nonlinear_system, "FROM_UNKNOWNS", {2: 0})
     monkeypatch.setitem(multigrid.GMRES, "ksp_max_it", 2)
     bodies = patch2d.bodies(COMM, "quad", separate=True)
     problem = finite_patch.problem(bodies)

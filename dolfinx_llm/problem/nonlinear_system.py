@@ -1,0 +1,98 @@
+"""Equations at finite deformation, posed on bodies as they are drawn, and how they are solved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.finite.load_step import Bodies, Equations, Placed
+from dolfinx_llm.finite.pressure import FreeSurfacePressure
+from dolfinx_llm.finite.system import NewtonSystem
+from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.operators.numbering import BodyDofs, Numbering
+from dolfinx_llm.problem.nonlinear_parts import check_contacts, contact_of, follower_of
+
+Options = tuple[str, dict[str, Any] | None]  # prefix, and PETSc options
+
+# Unknowns from which on GMRES + GAMG solves Newton's systems faster than a factorisation.
+FROM_UNKNOWNS = {2: 500_000, 3: 20_000}
+
+
+def posed(
+    bodies: Bodies,
+    u: Array,
+    interfaces: Sequence[Interface],
+    loads: Sequence[FreeSurfacePressure],
+    solver: str,
+    options: Options,
+    times: StageTimes,
+) -> tuple[Equations, str, str]:
+    """What load steps are solved of, for positions as they are now; how Newton's systems are
+    solved, and why; collective.
+
+    Args:
+        bodies: without their contact.
+        u: (n_local,) where this rank's dofs stand at first.
+        interfaces, loads, solver, options: as the user asks.
+        times: to which seconds are added.
+
+    Raises:
+        ContactInputError, ContactError: interfaces that cannot be made.
+    """
+    dofs = bodies.dofs
+    with times.timed("interfaces"):
+        contacts = [contact_of(interface, dofs) for interface in interfaces]
+        check_contacts(interfaces, contacts, dofs, u)
+        followers = [follower_of(load, dofs) for load in loads]
+    system, method, why = _numbered(contacts, dofs, solver, options)
+    surfaces = [s for c in contacts for s in c.what.sides.surfaces]
+    size = max([s.facet_size for s in surfaces] or [1.0])
+    return Equations(bodies, contacts, followers, system, size, times), method, why
+
+
+def _numbered(
+    contacts: Sequence[Placed],
+    dofs: BodyDofs,
+    solver: str,
+    options: Options,
+) -> tuple[NewtonSystem, str, str]:
+    """The unknowns of bodies and interfaces; how Newton's systems are solved, and why.
+
+    Args:
+        contacts: the interfaces.
+        dofs: of the bodies.
+        solver, options: as the user asks.
+    """
+    owners = [np.empty(0, dtype=np.int64), *(c.what.owner for c in contacts)]
+    own = Numbering(np.concatenate(owners), dofs.comm.rank)
+    limit, why = FROM_UNKNOWNS[dofs.gdim], "as asked"
+    if dofs.mixed:
+        if solver == "condensed":
+            raise ContactInputError(
+                "solver='condensed' needs a positive definite tangent, which that of a mixed "
+                "function space is not in general: use solver='saddle'"
+            )
+        solver, why = "saddle", "chosen: the function space is mixed"
+    elif solver == "auto":
+        large = dofs.sizes[1] + own.sizes[1] >= limit
+        solver = "condensed" if large else "saddle"
+        why = "chosen: " + (
+            f"from {limit} unknowns on GMRES + GAMG is quicker"
+            if large
+            else f"fewer than {limit} unknowns, where factorising is quickest"
+        )
+    system = NewtonSystem(
+        dofs,
+        [c.numbers for c in contacts],
+        own,
+        [c.what.size for c in contacts],
+        options=(options[0], options[1] or {}),
+        sides=[c.what.sides for c in contacts],
+        iterates=solver == "condensed",
+    )
+    return system, solver, why
