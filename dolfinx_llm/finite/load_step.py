@@ -24,7 +24,6 @@ class Bodies(Protocol):
 
     dofs: BodyDofs
     size: float  # of the largest cell [length]
-    version: int  # counts the changes of what they are made of
     in_time: bool  # load steps are steps in time: bodies may fly, and pairs that press at the start
     # of one stay in contact in it
 
@@ -86,20 +85,21 @@ class Equations:
     system: NewtonSystem  # of the unknowns
     size: float  # of the facets in contact [length]
     times: StageTimes  # to which seconds are added
-    scale: float = 0.0  # stiffness of the bodies, known with the first tangent [force / length]
-    measured: int = -1  # version of the bodies that this is of
+    scale: float = 0.0  # stiffness of the bodies [force / length], see ``measure``
 
     def measure(self, u: Array) -> None:
-        """Find the bodies' stiffness at this rank's u, once for what they are now; collective.
+        """Find the bodies' stiffness at this rank's u: moduli may have changed, or a step in time
+        is part of it; collective.
 
         Raises:
             ContactInputError: F gives some displacements none.
         """
-        if self.measured != self.bodies.version:
+        with self.times.timed("assembly of J"):
             K, dofs = self.bodies.tangent(u), self.bodies.dofs
+        try:
             check_stiffness(K, dofs, "F")
             self.scale = mean_diagonal(K, dofs.first + dofs.of_nodes)
-            self.measured = self.bodies.version
+        finally:
             K.destroy()
 
 

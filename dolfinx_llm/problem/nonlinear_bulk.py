@@ -183,7 +183,7 @@ class NonlinearBulk:
         ContactInputError: a form that cannot be compiled.
     """
 
-    in_time, version = False, 0  # see ``Bodies``
+    in_time = False  # see ``Bodies``
 
     def __init__(self, given: NonlinearArguments) -> None:
         self.u, self.blocks, self._W = given.u, given.blocks, given.spaces

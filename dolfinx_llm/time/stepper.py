@@ -215,8 +215,6 @@ class TimeStepper(Steps):
     def _use(self, c: float, starts: bool = False) -> None:
         if not self._mean:
             self.problem.method.starts = starts
-        elif c != self._rates[0].value:
-            self.problem.bulk.version += 1
         for rate in self._rates:
             rate.value = c
 

@@ -1,10 +1,36 @@
 """What is changed between two load steps at finite deformation counts in the second."""
 
+import finite_patch
 import numpy as np
 import pytest
 from pressed_scenes import Punch
+from sampling import longer
 
 import dolfinx_llm as llm
+
+
+@pytest.mark.parametrize("factor", [longer(1e-6), 1e-9, 1e9])
+def test_moduli(factor):
+    """Where motions are prescribed forces are as many times as large, with as many iterations: it
+    took hundreds, or failed."""
+    moduli = []
+
+    def energy(u, *lame):
+        moduli.extend(lame)
+        return finite_patch.energy(u, *lame)
+
+    forces, iterations = [], []
+    for times in (1.0, factor):
+        moduli.clear()
+        punch = Punch(law=llm.Coulomb(0.3), energy=energy)
+        punch.to(1e-6)
+        for modulus in moduli:
+            modulus.value *= times
+        punch.problem.reset()  # without the forces that there were
+        forces.append(punch.to(0.03, 0.01).resultant / times)
+        iterations.append(len(punch.problem.history))
+    assert np.allclose(*forces, rtol=1e-9)
+    assert iterations[1] <= iterations[0] + 1
 
 
 def test_a_mesh_that_was_moved():
