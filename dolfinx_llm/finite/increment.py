@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,9 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.base.parallel import collective, told
+from dolfinx_llm.base.parallel import chosen, collective, told
 from dolfinx_llm.finite.doubled import Doubled
-from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState, slid, stays
+from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState, chosen_at, slid, stays
 from dolfinx_llm.finite.parts import Part
 from dolfinx_llm.finite.settling import (
     EXCHANGES,
@@ -24,7 +25,7 @@ from dolfinx_llm.finite.settling import (
     lands,
     opened_or_closed,
 )
-from dolfinx_llm.finite.terms import Held, MovingContact
+from dolfinx_llm.finite.terms import MovingContact
 from dolfinx_llm.finite.turning import prescribed, turned
 from dolfinx_llm.forms.options import NoOption
 from dolfinx_llm.laws.rows import OPEN
@@ -110,15 +111,8 @@ class Increment:
         self.poses = [a + end * (b - a) for a, b in zip(start.poses, step.poses, strict=True)]
         self.lagged, self.trusted = True, TRUSTED
         steps.measure(self.u)
-        z = [i.at(self.dofs, self.u) for i in steps.interfaces]
-        faces = [f.at(self.dofs, self.u) for f in steps.followers]
-        starts = zip(steps.interfaces, z, self.poses, good.poses, good.kept)
         with failing():
-            self.held: list[Held] = [
-                replace(i.what.hold(z_i), pose=now, pose_before=old, kept=kept, scale=steps.scale)
-                for i, z_i, now, old, kept in starts
-            ]
-            self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
+            self.held, self.faces = chosen_at(steps, good, self.poses)
         self.status: list[Any] = list(good.status)
         self.stays = stays(steps, start)
         self.doubled = Doubled(self.dofs.comm, steps.interfaces, NO_GAP * steps.size)
@@ -159,7 +153,7 @@ class Increment:
         self.pushed = np.zeros_like(r)
         for placed, p, faces in zip(steps.followers, self.pressures, self.faces, strict=True):
             z = placed.at(self.dofs, self.u)
-            with failing():
+            with failing(), collective(comm):
                 force, K = placed.what.terms(z, p, faces, self.lagged)
             self.loads.append(Part(K, placed.numbers, placed.numbers))
             _push(self.pushed, placed.numbers - self.dofs.first, force)
@@ -279,9 +273,15 @@ class Increment:
     def _missed(self) -> bool:
         """Take in facets that were far at the start and have passed the frame, and leave out nodes
         that have left it."""
-        of = zip(self.steps.interfaces, self.terms, self.held, strict=True)
-        now = [placed.what.missed(t.place, held) for placed, t, held in of]
-        self.held = [new or held for new, held in zip(now, self.held, strict=True)]
-        if found := any(now):
+        found = False
+        for i, (t, held) in enumerate(zip(self.terms, self.held, strict=True)):
+            missed = partial(
+                self.steps.interfaces[i].what.missed, t.place, replace(held, kept=None)
+            )
+            with failing():
+                now = chosen(self.dofs.comm, missed)
+            if now is not None:
+                found, self.held[i] = True, replace(now, kept=held.kept)
+        if found:
             self.evaluate()
         return found

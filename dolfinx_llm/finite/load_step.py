@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import chosen, told
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.system import NewtonSystem, mean_diagonal
-from dolfinx_llm.finite.terms import ContactTerms, slide
+from dolfinx_llm.finite.terms import ContactTerms, Held, slide
 from dolfinx_llm.operators.bare import check_stiffness
 from dolfinx_llm.operators.numbering import BodyDofs
 
@@ -98,9 +100,25 @@ class Equations:
             K, dofs = self.bodies.tangent(u), self.bodies.dofs
         try:
             check_stiffness(K, dofs, "F")
-            self.scale = mean_diagonal(K, dofs.first + dofs.of_nodes)
+            self.scale = told(dofs.comm, mean_diagonal(K, dofs.first + dofs.of_nodes))
         finally:
             K.destroy()
+
+
+def chosen_at(
+    steps: Equations, good: NewtonState, poses: Sequence[Array]
+) -> tuple[list[Held], list[Any]]:
+    """What interfaces, and follower loads, hold in an increment from a state to poses of obstacles.
+    It is found on rank 0: what is covered by rounding alone is so on all, or on none. Collective.
+    """
+    every, dofs = [*steps.interfaces, *steps.followers], steps.bodies.dofs
+    now = [placed.at(dofs, good.u) for placed in every]
+    found = [chosen(dofs.comm, partial(i.what.hold, z)) for i, z in zip(every, now, strict=True)]
+    held = [
+        replace(own, pose=pose, pose_before=before, kept=kept, scale=steps.scale)
+        for own, pose, before, kept in zip(found, poses, good.poses, good.kept)
+    ]
+    return held, found[len(held) :]
 
 
 def stays(steps: Equations, start: NewtonState) -> list[Any]:

@@ -119,7 +119,7 @@ class NewtonSteps:
             raise StepFailed(f"elements turn inside out: {count}, the first drawn at {first}")
         of = zip(self.equations.interfaces, before, start.own, run.terms, strict=True)
         for i, (placed, place, q, t) in enumerate(of):
-            with failing():
+            with failing(), collective(run.dofs.comm):
                 check_passage(placed.what, place, t.place)
             self._left[i] = self._left[i] | left_over_edge(place, q, t.place)
 

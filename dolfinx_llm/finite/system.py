@@ -14,7 +14,7 @@ from petsc4py import PETSc
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.log import log
-from dolfinx_llm.base.parallel import gather_rows
+from dolfinx_llm.base.parallel import gather_rows, told
 from dolfinx_llm.finite.condensed import CondensedSystem, tolerance
 from dolfinx_llm.finite.coupling import Coupling
 from dolfinx_llm.finite.multigrid import Multigrid
@@ -84,7 +84,8 @@ class NewtonSystem(Parts):
             ContactError: MUMPS could not factorise.
         """
         if self.iterates:
-            found = self._iterate(K, terms, followers, r, u, tolerance(error, exact))
+            tolerances = told(self.dofs.comm, tolerance(error, exact))  # all end together
+            found = self._iterate(K, terms, followers, r, u, tolerances)
             if found is not None:
                 return found
         K = K.copy()

@@ -10,7 +10,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_llm.base import checks, compat
-from dolfinx_llm.base.parallel import agree, collective
+from dolfinx_llm.base.parallel import agree, collective, told
 from dolfinx_llm.geometry.spaces import check_space
 from dolfinx_llm.operators.petsc import block_diagonal, diagonal_of, times
 from dolfinx_llm.problem.arguments import communicator, interface_list
@@ -177,7 +177,7 @@ class TimeStepper(Steps):
         agree(self.comm, "dt", self.dt)
         if not self._started:  # not told by _left, which is empty where a rank has no dofs
             self.start()
-        self._advance(self.dt, PARTED)
+        self._advance(told(self.comm, self.dt), PARTED)
         return self.u
 
     def _once(self, dt: float) -> None:

@@ -18,7 +18,7 @@ from dolfinx import fem
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.log import log
-from dolfinx_llm.base.parallel import collective
+from dolfinx_llm.base.parallel import collective, told
 from dolfinx_llm.operators.petsc import diagonal_of, times
 from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.form_arguments import listed
@@ -199,12 +199,13 @@ class Steps(Saving):
             return self._touch, 0.0
         v = self._values(self._v)
         momentum = times(self._M, v)
-        told = self.comm.allgather((float(v @ momentum), float(np.abs(momentum).max(initial=0.0))))
-        kinetic, fastest = 0.5 * sum(e for e, _ in told), max(p for _, p in told)
+        found = self.comm.allgather((float(v @ momentum), float(np.abs(momentum).max(initial=0.0))))
+        kinetic, fastest = 0.5 * sum(e for e, _ in found), max(p for _, p in found)
         of = zip(self.problem.interfaces, self.problem.results, strict=True)
         results = [result for i, result in of if i.law.opens and not i.law.gives]
         touch = Touch.of(results, kinetic, self._touch)
-        return touch, touch.divides(self._touch, self._adaptive, NO_PULL * fastest / self.dt)
+        at = touch.divides(self._touch, self._adaptive, NO_PULL * fastest / self.dt)
+        return touch, told(self.comm, at)
 
     @property
     def interfaces(self) -> Any:

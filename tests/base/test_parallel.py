@@ -1,7 +1,9 @@
 """What is the same on all ranks, whatever each of them rounds."""
 
+import numpy as np
 import pytest
 from conftest import run_mpi_json
+from pressed_scenes import Punch
 
 
 @pytest.mark.parametrize("ranks", [2, 3])
@@ -16,3 +18,14 @@ def test_ranks_that_round_otherwise(ranks):
     assert found["error"] == "on rank 0"
     refused = {name for name, is_so in found.items() if is_so is True}
     assert refused == {name for name in found if name.startswith("another")}
+
+
+def test_what_is_covered_by_rounding_alone():
+    """On one of two ranks: at finite deformation nodes leave the frame's edge on both together, and
+    forces are those on one rank. One of them waited for the other."""
+    found = run_mpi_json("slivers.py", 2, seconds=100)
+    assert found["same"]
+    punch = Punch()
+    for along in (0.35, 0.62):
+        known = punch.to(0.02, along).resultant
+    assert np.allclose(found["force"], known, rtol=1e-9)
