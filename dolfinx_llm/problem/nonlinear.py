@@ -48,8 +48,8 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         interfaces: ``Interface`` objects with the law ``Tied()``, ``Frictionless()``,
             ``Coulomb(...)`` or one of your own, which hold at the nodes of the finer side; an array
             of mu has a value for each of these, areas are those covered now. Rigid obstacles, which
-            move and turn by any amount or are pressed by forces, take ``Frictionless()`` and
-            ``Coulomb(...)``.
+            move and turn by any amount or are pressed by forces, take these laws, too; with
+            ``Tied()`` they are rigid ends, and ``MeanDisplacement`` holds a surface in the mean.
         loads: ``FreeSurfacePressure`` objects.
         nodal_loads: Functions of nodal forces.
         solver: "saddle": Newton's systems factorised by MUMPS; "condensed": by GMRES, with GAMG on

@@ -61,7 +61,7 @@ class Reduced:
         self._rows = (kept @ self._scaled).tocsr()
         self.E = (self._rows @ step.E).tocsr()
         self.D = (self._rows @ step.D @ self.C + idle).tocsr()
-        self._part(self.L[on])
+        self._part()
         self.jumps, self.alike = np.zeros((2, m), dtype=bool)
         for place, of in zip(operators.places, operators.stiffness, strict=True):
             self.jumps[place.slips] = True
@@ -106,7 +106,7 @@ class Reduced:
             at.append(kappa)
         return _with_blocks(m, blocks, at, at)
 
-    def _part(self, L: csr_matrix) -> None:
+    def _part(self) -> None:
         """Stiffness of the symmetric part, and coordinates for it."""
         m, hold = len(self.told), self._scale * self.told - np.minimum(self.D.diagonal(), 0.0)
         hold = np.where(self.told, self._scale, hold)
