@@ -49,23 +49,19 @@ class ContactState:
 
         Args:
             transfer: from this geometry to that one.
-            fresh: a state of that one at rest, for pairs that are new in contact.
+            fresh: a state of that one.
         """
         old, state = transfer.old_pairs, fresh.copy()
-        known = old >= 0
-        state.active[known] = self.active[old[known]]
-        state.closings[known] = self.closings[old[known]]
+        state.active, state.closings = self.active[old], self.closings[old]
         if not len(fresh.status):
             return state
-        N, turned = transfer.nodes, transfer.turned(self.kappa_before)
+        N = transfer.nodes
         nearest = np.asarray(abs(N).argmax(axis=1)).ravel()
-        stays = np.diff(N.indptr) > 0  # the others are new
-        state.status[stays] = self.status[nearest[stays]]
-        state.holds[stays] = self.holds[nearest[stays]]
-        state.kappa_before[stays] = turned[stays]
+        state.status, state.holds = self.status[nearest], self.holds[nearest]
+        state.kappa_before = transfer.turned(self.kappa_before)
         for name, value in self.history.items():
-            shape = (-1, *value.shape[1:])
-            state.history[name][stays] = (N @ value.reshape(len(value), -1)).reshape(shape)[stays]
+            now = N @ value.reshape(len(value), -1)
+            state.history[name] = now.reshape(-1, *value.shape[1:])
         return state
 
 

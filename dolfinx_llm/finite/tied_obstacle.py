@@ -66,7 +66,7 @@ class TiedObstacle(Pressed):
                 tied cannot bear forces and moments on the obstacle.
             ContactInputError: there are gaps that are not to be closed.
         """
-        pairs, _ = against_obstacle(obstacle, surface, name, [], None)
+        pairs, _ = against_obstacle(obstacle, surface, name, [])
         size = surface.facet_size
         tied = np.isin(np.arange(len(surface.x)), pairs.nodes)
         gap, into = checked_clearance(obstacle, surface.x)

@@ -146,7 +146,6 @@ def locate_pairs(
     sign: float,
     reach: float,
     plane: Plane | None = None,
-    nodes: Array | None = None,
 ) -> ContactPairs:
     """Pairs of a side, in the Cartesian base, with the frame, which must cover them.
 
@@ -158,9 +157,8 @@ def locate_pairs(
         reach: how far, in cells, a node may lie beyond the frame's outline.
         plane: contact plane, along whose normal nodes meet a flat frame; None: they meet the
             closest point of the frame.
-        nodes: (n,) those that take part; None: those of facets in contact.
     """
-    nodes = np.flatnonzero(loads.touched) if nodes is None else nodes
+    nodes = np.flatnonzero(loads.touched)
     x = surface.x[nodes]
     points = x
     if plane is not None:

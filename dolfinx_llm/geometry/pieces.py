@@ -49,19 +49,6 @@ class Piece:
             weights = weights[0][chosen[0]], weights[1][chosen[1]]
         return replace(self, facets=(first, second), weights=weights)
 
-    def moved(self, sides: Sequence[Surface]) -> Piece:
-        """The same facets with their plane where the tagged surfaces are now; curved where none
-        does."""
-        if self.plane is None:
-            return self
-        parts = self.parts(sides)
-        if self.weights is None:
-            plane = tied_plane(parts)
-        else:
-            normal = mean_normal([vector_areas(s.x, s.facets) for s in parts], self.weights)
-            plane = None if normal is None else plane_with(normal, *parts)
-        return replace(self, plane=plane)
-
 
 def touching_pieces(
     sides: Sequence[Surface], separations: Sequence[Separation], unilateral: bool

@@ -28,10 +28,10 @@ REST = 1e-9  # part of a force that rounding may put across what contact resists
 
 
 def against_obstacle(
-    obstacle: Obstacle, side: Surface, name: str, notes: list[str], nodes: Array | None
+    obstacle: Obstacle, side: Surface, name: str, notes: list[str]
 ) -> tuple[ContactPairs, Array]:
-    """The pairs of a body against a rigid obstacle, and (n,) nodes at a rim that is too steep;
-    ``nodes`` take part, or those of facets that face the obstacle.
+    """The pairs of a body against a rigid obstacle, nodes of facets that face it, and (n,) nodes at
+    a rim that is too steep.
 
     Raises:
         ContactError: no facet faces the obstacle, or the body lies inside of it.
@@ -54,10 +54,9 @@ def against_obstacle(
             "positions"
         )
     loads = NodalLoads.whole(side, facets)
-    if nodes is None:
-        facing = np.zeros(len(side.x), dtype=bool)
-        facing[side.cells[facets]] = True
-        nodes = np.flatnonzero(facing & np.isfinite(distance))
+    facing = np.zeros(len(side.x), dtype=bool)
+    facing[side.cells[facets]] = True
+    nodes = np.flatnonzero(facing & np.isfinite(distance))
     pairs = ContactPairs(
         surface=side,
         nodes=nodes,

@@ -27,7 +27,7 @@ from dolfinx_llm.interface.against import (
 )
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.control import in_control_values, with_control
-from dolfinx_llm.interface.frames import REACH, choose_frame, common_order, move_nodes
+from dolfinx_llm.interface.frames import choose_frame, common_order, move_nodes
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.interface.join import Part, joined, whole_piece
 from dolfinx_llm.interface.rows import balanced, bent_pairs, designed, kept_nodes
@@ -98,15 +98,13 @@ def _find_parts(site: Site, notes: list[str], clock: Clock) -> tuple[Any, ...]:
     return parts, rims, site.shared, notes, clock
 
 
-def build_against(
-    site: Site, notes: list[str], clock: Clock, nodes: Array | None = None
-) -> InterfaceGeometry:
-    """A body against a rigid obstacle; ``nodes`` take part, or those that face it."""
+def build_against(site: Site, notes: list[str], clock: Clock) -> InterfaceGeometry:
+    """A body against a rigid obstacle."""
     obstacle, name = site.interface.obstacle, site.interface.name
     assert obstacle is not None
 
     def found() -> tuple[Any, ...]:
-        return *against_obstacle(obstacle, site.whole[0], name, notes, nodes), notes
+        return *against_obstacle(obstacle, site.whole[0], name, notes), notes
 
     pairs, rim, notes = chosen(site.comm, found)
     clock.stop("surfaces")
@@ -200,11 +198,9 @@ def build_piece(
     notes: list[str],
     clock: Clock,
     corners: int | None = None,
-    last: Part | None = None,
 ) -> Part:
     """Common area, frame, design and pairs of one piece of two surfaces. A predicted frame has
-    cells of so many corners, or those of the coarser side; of what was built of it before
-    (``last``) the frame, where it has moved to, and nodes stay."""
+    cells of so many corners, or those of the coarser side."""
     interface, law, plane = site.interface, site.interface.law, piece.plane
     sides = piece.parts(site.whole)
     area: Any = None
@@ -219,21 +215,17 @@ def build_piece(
         area = common_area(sides[0], sides[1], plane)
         loads = [NodalLoads.on(side, plane.project(side.x), area, order) for side in sides]
     clock.stop("patch forces")
-    if last is None:
-        touched = [load.touched for load in loads]
-        frame, note, reach = choose_frame(interface, sides, touched, plane, area, corners)
-    else:
-        frame, note, reach = last.frame, "frame: moved with the bodies", REACH
+    touched = [load.touched for load in loads]
+    frame, note, reach = choose_frame(interface, sides, touched, plane, area, corners)
     notes.append(note)
     clock.stop("frame")
-    if interface.design == "positions" and frame.gdim == 3 and last is None:
+    if interface.design == "positions" and frame.gdim == 3:
         frame = move_nodes(frame, sides, [load.forces for load in loads])
         notes.append("design: frame nodes moved (positions)")
         clock.stop("design")
-    nodes = [None, None] if last is None else [p.nodes for p in last.pairs]
     pairs = [
-        locate_pairs(side, load, frame, sign, reach, plane, nodes=taking_part)
-        for side, load, sign, taking_part in zip(sides, loads, (1.0, -1.0), nodes, strict=True)
+        locate_pairs(side, load, frame, sign, reach, plane)
+        for side, load, sign in zip(sides, loads, (1.0, -1.0), strict=True)
     ]
     clock.stop("location")
     if plane is None and order > 1:

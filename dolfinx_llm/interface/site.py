@@ -35,12 +35,6 @@ class Site:
     shared: tuple[Array, ...] = ()  # per side (n,) nodes that other interfaces have, too
     scalar: bool = False  # a temperature or the like goes across, no displacement
 
-    def moved(self, motions: Sequence[Array]) -> Site:
-        """The same with the surfaces at x = X + u, (n, gdim) per side since the drawing; nothing is
-        gathered."""
-        sides = [side.moved(u) for side, u in zip(self.whole, motions, strict=True)]
-        return replace(self, whole=tuple(sides))
-
 
 def find_site(
     interface: Interface, spaces: Sequence[Any], fixed: Sequence[Array] | None = None

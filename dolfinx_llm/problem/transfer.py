@@ -97,7 +97,7 @@ def _contact(old: ContactProblem, new: ContactProblem) -> Arrays:
         place, there = new.operators.places[i], old.operators.places[i]
         v = kept["w"][there.frame].reshape(before.directions.shape[:2])
         if now.frame is not None:
-            moved = change.frame @ np.einsum("md,mdg->mg", v, before.directions)
+            moved = change.nodes @ np.einsum("md,mdg->mg", v, before.directions)
             v = np.einsum("mg,mdg->md", moved, now.directions)
         found["w"][place.frame] = v.ravel()
         jumps = kept["w"][state.nodes.kappa]
