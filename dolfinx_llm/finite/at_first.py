@@ -70,7 +70,7 @@ def _check_sides(one: Surface, other: Surface, within: float) -> None:
             worst = int(np.where(deep, s.depth, 0.0).argmax())
             raise ContactError(
                 f"{int(deep.sum())} node(s) of {side.name} lie inside of the body of {hit.name} at "
-                f"the start, the deepest at {side.x[worst].round(6).tolist()} by "
+                f"the start, the deepest at {(side.x[worst] + side.origin).round(6).tolist()} by "
                 f"{s.depth[worst]:.3g}, where facets have the size {s.size[worst]:.3g}: contact is "
                 "not looked for so deep. Draw the bodies nearer to where they touch, or check tags "
                 "and units"

@@ -107,10 +107,11 @@ def check_passage(contact: MovingContact, before: Place, after: Place) -> None:
     behind = at.met & (at.beyond <= INSIDE) & (at.gap < -THROUGH * size) & _ahead(sides, before)
     if behind.any():
         worst = int(np.where(behind, at.gap / size, 0.0).argmin())
-        x, moving = sides.split(after.z)[0], sides.surfaces[sides.moving].name
+        moving, frame = sides.surfaces[sides.moving], sides.surfaces[sides.frame]
+        x = sides.split(after.z)[0][worst] + moving.origin
         raise ContactError(
-            f"bodies pass through each other: {behind.sum()} node(s) of {moving} have gone through "
-            f"{sides.surfaces[sides.frame].name}, the deepest, at {x[worst].round(6).tolist()}, by "
+            f"bodies pass through each other: {behind.sum()} node(s) of {moving.name} have gone "
+            f"through {frame.name}, the deepest, at {x.round(6).tolist()}, by "
             f"{-at.gap[worst]:.3g} where facets have the size {size[worst]:.3g}"
         )
     if isinstance(sides, SelfSides):
@@ -128,10 +129,11 @@ def _check_outlines(sides: Sides, before: Place, after: Place) -> None:
         deep, size = deepest(x, y, sides.facets(k == 1))
         if deep.max(initial=0.0) > THROUGH * size:
             worst, other = int(deep.argmax()), sides.surfaces[1 - surface].name
+            place = end[k][worst] + sides.surfaces[surface].origin
             raise ContactError(
                 f"bodies pass through each other: {(deep > THROUGH * size).sum()} node(s) of "
                 f"{other} go through {sides.surfaces[surface].name} on their way, whose outline is "
-                f"closed; the deepest, on its way to {end[k][worst].round(6).tolist()}, by "
+                f"closed; the deepest, on its way to {place.round(6).tolist()}, by "
                 f"{deep[worst]:.3g} where facets have the size {size:.3g}"
             )
 
@@ -169,7 +171,8 @@ def left_over_edge(before: Place, force: Array, after: Place) -> Array:
 def say_left(sides: Sides, left: Array, after: Place) -> str:
     """What to say of nodes (n,) that have left the frame over its edge."""
     moving, frame = sides.surfaces[sides.moving].name, sides.surfaces[sides.frame].name
-    first = sides.split(after.z)[0][np.flatnonzero(left)[0]].round(6).tolist()
+    place = sides.split(after.z)[0][np.flatnonzero(left)[0]] + sides.surfaces[0].origin
+    first = place.round(6).tolist()
     return (
         f"{left.sum()} node(s) of {moving} that carried force have left {frame} over its edge in "
         f"this load step, the first is at {first}: nothing presses on them there. If the body goes "

@@ -154,12 +154,12 @@ def moving_results(contact: MovingContact, z: Array, terms: ContactTerms) -> Mov
         own_pressed = along_normals(of_moving, moving.normal)[:, 0]
         both = along_normals(of_frame, outward)
         pressed, traction = both[:, 0], sign * both[:, 1:]
-    drawn = sides.surfaces[sides.frame].x
+    drawn, origin = sides.surfaces[sides.frame].x, sides.surfaces[sides.frame].origin
     if isinstance(sides, SelfSides):  # both are the frame's surface
         pressed[active] = own_pressed[active]
         at_frame = np.where(active, status, at_frame)
     return MovingInterfaceResult(
-        frame=Frame(y, cells if sides.frame == 0 else cells[:, ::-1], v=y - drawn),
+        frame=Frame(y + origin, cells if sides.frame == 0 else cells[:, ::-1], v=y - drawn),
         sides=(first, second),
         frame_force=force,
         frame_area=place.areas[1],
@@ -222,7 +222,8 @@ def _side(
     pressed = np.einsum("ni,ni->n", force, normal)
     pressing, facets = control_matrices(surface)[0].T @ pressed, surface.skin
     own = pressed, gap, slip, status, area, pressing, facets, density
-    return MovingSideResult(surface.x, x, force, normal, *own)
+    drawn, now = surface.x + surface.origin, x + surface.origin
+    return MovingSideResult(drawn, now, force, normal, *own)
 
 
 def _at_nodes(sides: Any, gap: Array) -> Array:

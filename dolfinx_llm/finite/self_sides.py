@@ -50,6 +50,10 @@ class SelfSides(Sides):
         sides = Sides.of((surface, surface))
         return cls(sides.surfaces, 0, sides.chains, sides.rounded, sides.around)
 
+    def drawn_at(self, place: Array) -> list[float]:
+        """A place (gdim,) for messages."""
+        return list((place + self.surfaces[0].origin).round(6).tolist())
+
     def candidates(self, z: Array) -> Array:
         """(f,) facets that move, face the frame and lie near; held during a step."""
         x, y = self.split(z)
@@ -120,7 +124,7 @@ class SelfSides(Sides):
         if odd.any():
             raise ContactError(
                 f"{self.surfaces[0].name} meets itself where it has no two sides: {odd.sum()} "
-                f"facets, the first at {centre[odd][0].round(6).tolist()}, lie across from what "
+                f"facets, the first at {self.drawn_at(centre[odd][0])}, lie across from what "
                 "hangs together with them. Take smaller load steps, or tag the sides apart and "
                 "give an Interface"
             )
@@ -144,7 +148,7 @@ class SelfSides(Sides):
             worst = int(np.where(through, depth, 0.0).argmax())
             raise ContactError(
                 f"{self.surfaces[0].name} goes through itself: {through.sum()} pair(s) of facets "
-                f"cross, the deepest at {centre[i[worst]].round(6).tolist()} by "
+                f"cross, the deepest at {self.drawn_at(centre[i[worst]])} by "
                 f"{depth[worst]:.3g}, where facets have the size {size[i[worst]]:.3g}"
             )
 

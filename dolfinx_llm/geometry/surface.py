@@ -33,6 +33,7 @@ class Surface:
     drawn: Array | None = None  # (n, gdim) node positions as drawn; None: x [length]
     elements: Array | None = None  # (m, k) all nodes of each facet, corners first, see
     # ``Element``; None: there are no others
+    origin: Array | float = 0.0  # (gdim,) from which positions count, see ``about`` [length]
 
     @property
     def cells(self) -> Array:
@@ -88,6 +89,11 @@ class Surface:
     def moved(self, u: Array) -> Surface:
         """The surface at x = X + u, u (n, gdim) since the drawing; nothing is gathered anew."""
         return replace(self, x=self.X + u, drawn=self.X)
+
+    def about(self, centre: Array) -> Surface:
+        """The surface as drawn with positions that count from a centre (gdim,) near it, by which
+        they are rounded less than from far away."""
+        return replace(self, x=self.x - centre, origin=self.origin + centre)
 
     def straightened(self, x: Array) -> Array:
         """Positions x (n, ...) of its nodes, those in the middle of bent edges moved onto the

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -49,6 +50,7 @@ AGAINST: dict[tuple[bool, bool], type[ObstacleContact]] = {  # with friction; un
     (False, True): Pressed,
     (True, True): PressedFriction,
 }
+FAR_OFF = 1e3  # of their size, from which on surfaces lie far from the origin
 
 
 def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
@@ -91,6 +93,7 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
             'design="positions": the frame moves with the bodies, choose "auto", "weights" or None'
         )
     site = find_site(interface, dofs.spaces)
+    site = replace(site, whole=_near(site.whole))
     return _on_frame(interface, Sides.of(site.whole), site, dofs)
 
 
@@ -124,7 +127,7 @@ def _on_itself(interface: SelfContact, dofs: BodyDofs) -> Placed:
     """A surface that meets itself; as of ``contact_of``."""
     [(tags, tag)] = interface.tagged_sides()
     space = space_of(tags, dofs.spaces)
-    surface = extract_surface(dofs.spaces[space], tags, tag)
+    [surface] = _near([extract_surface(dofs.spaces[space], tags, tag)])
     sides = SelfSides.of_one(surface)
     site = Site(interface, sides.surfaces, (space, space), None, dofs.comm)
     return _on_frame(interface, sides, site, dofs)
@@ -210,11 +213,12 @@ def _nodes(
 ) -> LawNodes:
     """The moving side's nodes as a law is told of them, with unit areas."""
     x = sides.surfaces[sides.moving].x
+    places = x + sides.surfaces[sides.moving].origin
     n, q = len(x), sides.gdim - 1
 
     def sampled(value: Any) -> Array:
         if not is_function(value):
-            return at_positions(value, x)
+            return at_positions(value, places)
         for side in (sides.moving, sides.frame):
             if side is None:  # rigid
                 continue
@@ -237,7 +241,7 @@ def _nodes(
 
     zeros = np.zeros((n, q))
     return LawNodes(
-        x, np.ones(n), zeros, np.zeros(n), zeros, zeros, np.ones(n), np.zeros(n, dtype=int),
+        places, np.ones(n), zeros, np.zeros(n), zeros, zeros, np.ones(n), np.zeros(n, dtype=int),
         sample=sampled,
     )  # fmt: skip
 
@@ -254,7 +258,18 @@ def follower_of(load: FreeSurfacePressure, dofs: BodyDofs) -> Placed:
     surfaces = [
         extract_surface(dofs.spaces[i], tags, tag) for i, (tags, tag) in zip(spaces, tagged)
     ]
-    return _placed(Follower.of(load, surfaces), surfaces, spaces, dofs)
+    near = _near(surfaces)
+    return _placed(Follower.of(load, near), near, spaces, dofs)
+
+
+def _near(surfaces: Sequence[Surface]) -> tuple[Surface, ...]:
+    """Surfaces as drawn; those that lie far from the origin about their middle: rounding of places
+    is then that of their size."""
+    x = np.concatenate([s.x for s in surfaces])
+    low, high = x.min(axis=0), x.max(axis=0)
+    if np.abs(x).max() <= FAR_OFF * (high - low).max():
+        return tuple(surfaces)
+    return tuple(s.about(0.5 * (low + high)) for s in surfaces)
 
 
 def _placed(

@@ -178,7 +178,8 @@ class SavedNonlinear(Saving):
 
     def places(self) -> Array:
         """Places of the interfaces, which tell this scene from others."""
-        drawn = [placed.drawn for placed in self._newton.equations.interfaces]
+        every = [placed.what.sides.surfaces for placed in self._newton.equations.interfaces]
+        drawn = [(s.x + s.origin).ravel() for surfaces in every for s in surfaces]
         return np.concatenate([np.zeros(0), *drawn])
 
     @property

@@ -33,11 +33,11 @@ def clamped(V, tags, tag, component=None, value=None):
 class Pushed:
     """A block under its weight 1 on a slope, pushed along x by its left side."""
 
-    def __init__(self, law, cells=(3, 2), slope=SLOPE, order=(0, 1), gap=0.0):
+    def __init__(self, law, cells=(3, 2), slope=SLOPE, order=(0, 1), gap=0.0, far=0.0):
         scene = [body(COMM, *slope), body(COMM, (0.2, 0.5 + gap), (0.6, 0.6), cells)]
         Q = np.array([[1.0, -TAN], [TAN, 1.0]]) / np.hypot(1.0, TAN)
         for domain, _ in scene:
-            domain.geometry.x[:, :2] = domain.geometry.x[:, :2] @ Q.T
+            domain.geometry.x[:, :2] = domain.geometry.x[:, :2] @ Q.T + far
         (V0, u0, F0), (V1, u1, F1) = (bodies_of(domain, 1e4, 0.3) for domain, _ in scene)
         ds = ufl.Measure("ds", domain=V1.mesh, subdomain_data=scene[1][1])
         weight = fem.Constant(V1.mesh, (0.0, 1.0 / 0.6))
@@ -58,6 +58,21 @@ class Pushed:
         side = self.problem.results[0].sides[self.block]
         force = side.force.sum(axis=0)
         return -force[0] / force[1], side
+
+
+def test_a_block_far_from_the_origin():
+    """A million times its size: forces and places are those near it, up to the rounding of places
+    as drawn. It found no convergence from a hundred thousand on."""
+    found = [Pushed(llm.Coulomb(0.3), far=far) for far in (0.0, 1e6)]
+    for x in (0.3, 0.5):
+        (near, side), (far, there) = (pushed.to(x) for pushed in found)
+        assert abs(near / far - 1.0) < 1e-7
+        assert abs(near / ((TAN + 0.3) / (1.0 - 0.3 * TAN)) - 1.0) < 1e-4
+        size = np.abs(side.u).max()
+        assert np.abs(there.u - side.u).max() < 1e-8 * size
+        assert np.abs(there.x - 1e6 - side.x).max() < 1e-8 * size
+    iterations = [len(pushed.problem.history) for pushed in found]
+    assert iterations[0] == iterations[1]
 
 
 @pytest.mark.parametrize(
