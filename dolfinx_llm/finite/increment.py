@@ -111,6 +111,8 @@ class Increment:
         self.poses = [a + end * (b - a) for a, b in zip(start.poses, step.poses, strict=True)]
         self.lagged, self.trusted = True, TRUSTED
         steps.measure(self.u)
+        if not np.isfinite(steps.scale):
+            raise StepFailed("the derivative of F has entries that are NaN or infinite")
         with failing():
             self.held, self.faces = chosen_at(steps, good, self.poses)
         self.status: list[Any] = list(good.status)
