@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.loose import lost
@@ -173,7 +174,7 @@ def _apart(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
     return [
         f"interface {geometry.interface.name}: nothing touches: the load brings both sides nearer "
         f"to each other, from {before:.2g} as drawn to about {side.gap[near]:.2g} at "
-        f"{side.x[near].round(6).tolist()}, and no contact force arises. Check positions, units "
+        f"{checks.place(side.x[near])}, and no contact force arises. Check positions, units "
         "and the load, or draw the bodies nearer"
     ]
 

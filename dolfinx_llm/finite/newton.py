@@ -14,7 +14,7 @@ from dolfinx_llm.base.log import progress, tell_iteration
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.finite.increment import Increment, StepFailed, failing
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
-from dolfinx_llm.finite.passage import check_passage, left_over_edge, say_left
+from dolfinx_llm.finite.passage import check_obstacle, check_passage, left_over_edge, say_left
 from dolfinx_llm.finite.terms import ContactTerms, Place
 from dolfinx_llm.laws.rows import SLIP, STICK
 
@@ -117,10 +117,13 @@ class NewtonSteps:
         count, first = self.equations.bodies.inside_out(run.u)
         if count:
             raise StepFailed(f"elements turn inside out: {count}, the first drawn at {first}")
-        of = zip(self.equations.interfaces, before, start.own, run.terms, strict=True)
-        for i, (placed, place, q, t) in enumerate(of):
+        interfaces = self.equations.interfaces
+        of = zip(interfaces, before, start.own, start.poses, run.own, run.poses, run.terms)
+        for i, (placed, place, q, pose, own, posed, t) in enumerate(of):
+            began, reached = (placed.at(run.dofs, start.u), q, pose), (t.place.z, own, posed)
             with failing():
                 check_passage(placed.what, place, t.place)
+                check_obstacle(placed.what, (began, reached), t.place)
             self._left[i] = self._left[i] | left_over_edge(place, q, t.place)
 
     def _measure(self, run: Increment, step: LoadStep, start: NewtonState) -> None:

@@ -21,7 +21,6 @@ from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_matrix
-from scipy.spatial.transform import Rotation
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_component, per_item
@@ -29,6 +28,7 @@ from dolfinx_llm.design.rises import rises
 from dolfinx_llm.finite.areas import everything, surface_integrals
 from dolfinx_llm.finite.friction import MET_AT, Friction
 from dolfinx_llm.finite.jacobians import coordinates, jacobian
+from dolfinx_llm.finite.pose import Pose
 from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Origin, Place, held_fast
 from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.pairs import control_matrices
@@ -78,32 +78,6 @@ class OneSide:
     @cached_property
     def _jumps(self) -> csr_matrix:
         return per_component(self.control, self.gdim)
-
-
-@dataclass(frozen=True, eq=False)
-class Pose:
-    """Where an obstacle is: what was drawn at X is at pivot + shift + R (X - pivot)."""
-
-    pivot: Array  # (gdim,) as drawn [length]
-    shift: Array  # (gdim,) [length]
-    turn: Array  # (1,), (3,) rotation vector [rad]
-    R: Array  # (gdim, gdim)
-
-    @classmethod
-    def of(cls, numbers: Array, gdim: int) -> Pose:
-        """Of pivot, displacement, rotation, and what forces and moments are."""
-        ends = np.cumsum([gdim, gdim, 1 if gdim == 2 else 3])
-        pivot, shift, turn, _ = np.split(numbers, ends)
-        vector = [0.0, 0.0, turn[0]] if gdim == 2 else turn
-        return cls(pivot, shift, turn, Rotation.from_rotvec(vector).as_matrix()[:gdim, :gdim])
-
-    def back(self, x: Array) -> Array:
-        """(n, gdim) where points x were drawn."""
-        return (x - self.pivot - self.shift) @ self.R + self.pivot
-
-    def on(self, X: Array) -> Array:
-        """(n, gdim) where points drawn at X are."""
-        return (X - self.pivot) @ self.R.T + self.pivot + self.shift
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +174,7 @@ class ObstacleContact(MovingContact):
         h = DIFFERENCE * surface.diameter
         steps = h * np.concatenate([np.zeros((1, gdim)), np.eye(gdim), -np.eye(gdim)])
         points = (x + steps[:, None]).reshape(-1, gdim)
-        pose = self.posed(held.pose)
+        pose = self.posed(self.placing(held.pose, q))
         gaps, into = checked_clearance(self.obstacle, pose.back(points))
         normals = -into @ pose.R.T
         gaps, normals = gaps.reshape(-1, len(x)) - self.rise, normals.reshape(-1, len(x), gdim)
@@ -229,6 +203,10 @@ class ObstacleContact(MovingContact):
     def _clearance(self, X: Array) -> Array:
         """(n,) of the surface with its nodes at X (n, gdim), as the obstacle was drawn [length]."""
         return checked_clearance(self.obstacle, X)[0] - self.rise
+
+    def placing(self, pose: Array | None, q: Array) -> Array:
+        """A pose that is held, or as it is now, with what own unknowns say of it."""
+        return self.pose() if pose is None else pose
 
     def posed(self, pose: Array | None) -> Pose:
         """A pose that is held; None: as it is now."""

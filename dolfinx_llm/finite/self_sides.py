@@ -18,6 +18,7 @@ from scipy.sparse import bmat, csr_matrix, identity
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.jacobians import NodalNormals, nodal_normals
@@ -120,7 +121,7 @@ class SelfSides(Sides):
         if odd.any():
             raise ContactError(
                 f"{self.surfaces[0].name} meets itself where it has no two sides: {odd.sum()} "
-                f"facets, the first at {centre[odd][0].round(6).tolist()}, lie across from what "
+                f"facets, the first at {checks.place(centre[odd][0])}, lie across from what "
                 "hangs together with them. Take smaller load steps, or tag the sides apart and "
                 "give an Interface"
             )
@@ -144,7 +145,7 @@ class SelfSides(Sides):
             worst = int(np.where(through, depth, 0.0).argmax())
             raise ContactError(
                 f"{self.surfaces[0].name} goes through itself: {through.sum()} pair(s) of facets "
-                f"cross, the deepest at {centre[i[worst]].round(6).tolist()} by "
+                f"cross, the deepest at {checks.place(centre[i[worst]])} by "
                 f"{depth[worst]:.3g}, where facets have the size {size[i[worst]]:.3g}"
             )
 

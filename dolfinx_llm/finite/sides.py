@@ -57,6 +57,16 @@ class Meeting:
     # side's facets covers [length], and (f, width) its derivative; None: in space
 
 
+def _sense(surface: Surface) -> tuple[float, ...]:
+    """Which way a surface looks, and what it encloses: numbers that two which touch do not share,
+    in any units."""
+    area, size = vector_areas(surface.x, surface.facets), surface.diameter
+    middle = surface.x[surface.facets].mean(axis=1) - surface.x.mean(axis=0)
+    gdim = area.shape[1]
+    told = np.append(area.sum(axis=0) / size ** (gdim - 1), np.sum(middle * area) / size**gdim)
+    return tuple((told.round(6) + 0.0).tolist())
+
+
 @dataclass(frozen=True, eq=False)
 class Sides:
     """Both surfaces; all coordinates: those of surface 0, then those of surface 1."""
@@ -81,9 +91,8 @@ class Sides:
         size = [cell_sizes(s.x, s.skin).mean() * PER_NODE[s.skin.shape[1]] for s in surfaces]
         if abs(size[0] - size[1]) > AS_COARSE * max(size):
             frame = int(size[1] > size[0])
-        else:  # alike: the one whose normal comes first
-            normals = [tuple((s.normal / s.diameter).round(6) + 0.0) for s in surfaces]
-            frame = int(normals[1] > normals[0])
+        else:  # alike: the one whose normal comes first, of closed ones the one in the other
+            frame = int(_sense(surfaces[1]) > _sense(surfaces[0]))
         flat = surfaces[0].x.shape[1] == 2
         chains = Chains.of(surfaces[frame].facets) if flat else None
         around, rounded = drawn_curved(surfaces[frame].x, surfaces[frame].skin)

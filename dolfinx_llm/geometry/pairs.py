@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, identity, vstack
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.geometry.cells import bases
@@ -174,7 +175,7 @@ def locate_pairs(
         raise ContactInputError(
             f"the frame does not cover the contact area: {len(beyond)} of {len(nodes)} nodes of "
             f"{surface.name} in contact lie outside it, the farthest at "
-            f"{x[worst].round(6).tolist()} by {at.outside[worst]:.3g} cells. Extend the frame over "
+            f"{checks.place(x[worst])} by {at.outside[worst]:.3g} cells. Extend the frame over "
             "all facets that the contact area touches, or use frame=None for a predicted one"
         )
     gdim = frame.gdim

@@ -9,6 +9,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import chosen
@@ -49,7 +50,7 @@ def against_obstacle(
         near = int(distance.argmin())
         raise ContactError(
             f"no node of {side.name} faces the {kind}: seen from the body it must lie on the outer "
-            f"side of the surface. The nearest node, {side.x[near].round(6).tolist()}, has the "
+            f"side of the surface. The nearest node, {checks.place(side.x[near])}, has the "
             f"clearance {distance[near]:.3g}. Check the obstacle's normal, `inside`, the tag and "
             "positions"
         )
@@ -146,7 +147,7 @@ def _say_place(
         near = nodes[distance[nodes].argmin()]
         if distance[near] > 1e-9 * side.diameter:
             notes.append(
-                f"not touching as drawn: nearest at {side.x[near].round(6).tolist()}, "
+                f"not touching as drawn: nearest at {checks.place(side.x[near])}, "
                 f"{distance[near]:.3g} from the {kind}"
             )
         return

@@ -283,6 +283,6 @@ class NonlinearBulk:
             X = V.tabulate_dof_coordinates()[:, : self.dofs.gdim]
             x = X + v.x.array.reshape(X.shape)
             turned = middle_jacobians(X, cells) * middle_jacobians(x, cells) <= 0.0
-            found += X[cells[turned]].mean(axis=1).round(6).tolist()
+            found += checks.place(X[cells[turned]].mean(axis=1))
         every = [place for places in self.comm.allgather(found) for place in places]
         return len(every), sorted(every)[0] if every else []

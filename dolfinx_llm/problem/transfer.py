@@ -205,7 +205,7 @@ class Elsewhere:
         out = far > OUTLYING * self._size
         each = self._comm.allgather((int(out.sum()), far.max(initial=0.0), self._x[out][:1]))
         if count := sum(part[0] for part in each):
-            first = np.concatenate([part[2] for part in each])[0].round(6).tolist()
+            first = checks.place(np.concatenate([part[2] for part in each])[0])
             raise ContactInputError(
                 f"{count} nodes of the new mesh lie outside of the old one, by up to "
                 f"{max(part[1] for part in each):.3g}, the first at {first}; up to "
