@@ -176,7 +176,7 @@ def check_obstacle(contact: MovingContact, ends: tuple[Reached, Reached], after:
         for z, q, pose in ends
     )
     size = np.zeros(len(start))
-    np.maximum.at(size, surface.cells, cell_sizes(start, surface.skin)[:, None])
+    np.maximum.at(size, surface.skin, cell_sizes(start, surface.skin)[:, None])
     far = np.linalg.norm(end - start, axis=1)
     beyond = np.flatnonzero(np.isinf(after.gap) & (far > 0.0))
     if not len(beyond):
