@@ -12,6 +12,7 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 from own_law import Glue, Soft
 from sampling import longer, some_of
+from scipy.spatial.transform import Rotation
 from tangents import tangent_errors
 from upright_blocks import FOOT, KINDS, TOP, block
 
@@ -92,7 +93,7 @@ def test_moved_and_turned_in_3d(law):
         problem.solve()
         x = V.tabulate_dof_coordinates()
         for angle in np.deg2rad(turn):
-            R = obstacle_contact.Rotation.from_rotvec([angle, 0.0, 0.0]).as_matrix()
+            R = Rotation.from_rotvec([angle, 0.0, 0.0]).as_matrix()
             g.x.array[:] = ((x - [0.5, 0.5, 1.0]) @ (R.T - np.eye(3))).ravel()
             plane.rotation, plane.displacement = (angle, 0.0, 0.0), R @ (0.0, 0.0, 0.3)
             problem.solve()
@@ -187,7 +188,7 @@ def test_carried():
     plane.rotation, plane.displacement = 1.2, (0.4, 0.2)
     problem.solve(increments=6)
     after = problem.results[0].sides[0]
-    Q = obstacle_contact.Rotation.from_rotvec([0.0, 0.0, 1.2]).as_matrix()[:2, :2]
+    Q = Rotation.from_rotvec([0.0, 0.0, 1.2]).as_matrix()[:2, :2]
     assert (
         np.abs(after.x - ((before.x - plane.pivot) @ Q.T + plane.pivot + (0.4, 0.2))).max() < 1e-9
     )
