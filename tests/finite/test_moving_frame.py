@@ -280,7 +280,7 @@ def test_free_pressure_follows(name):
         surfaces = [sides.surfaces[i] for i in order]
         z = np.concatenate([s.x.ravel() for s in surfaces])
         follower = Follower(None, surfaces, Sides.of(surfaces))
-        force = partial(follower.terms, p=3.0, candidates=follower.hold(z))
+        force = partial(follower.terms, p=3.0, held=follower.hold(z))
         E, found = differences(lambda z, force=force: -force(z)[0], z)
         assert np.abs(force(z)[1] @ E - found).max() < 1e-9 * 3.0
 
