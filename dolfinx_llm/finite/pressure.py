@@ -27,7 +27,9 @@ class FreeSurfacePressure:
     """Pressure that follows a surface, on what another surface leaves free now.
 
     Covered is what lies across where bodies come to rest, within the size of a facet of the coarser
-    surface, found along averaged normals; clipped facets are integrated exactly.
+    surface, found along averaged normals. Integrals are exact, also over clipped facets and over
+    whole ones of second order that bend; over a part of such a one they miss a force along the
+    surface, of at most p on the facet's height over its chord.
 
     Args:
         facet_tags: dolfinx mesh tags of facets.
@@ -137,7 +139,7 @@ class Follower:
             if lagged:
                 covered = Covered(covered.share, csr_matrix(covered.derivative.shape))
             free = free.without(covered)
-        vectors, derivative = surface_integrals(x, loaded, free, 0)
+        vectors, derivative = surface_integrals(x, loaded, free, 0, bent=True)
         C = control_matrices(loaded)[1]
         vectors, derivative = C.T @ vectors, per_component(C, x.shape[1]).T @ derivative
         force = np.zeros(len(z))

@@ -1,11 +1,16 @@
-"""A pressure that follows a surface: what covers it comes and goes."""
+"""A pressure that follows a surface: what covers it comes and goes; facets that bend."""
 
+import bent_rings
+import finite_patch
 import numpy as np
 import pytest
 import test_finite_deformation as fd
+import ufl
 from dolfinx import fem
+from sampling import longer
 
 import dolfinx_llm as llm
+from dolfinx_llm import compat
 
 P = 50.0
 
@@ -66,3 +71,25 @@ def test_surface_that_is_pulled_to_its_cover(gap):
     problem.solve()
     assert len({h["part"] for h in problem.history}) == 1
     assert np.abs(u.x.array - found).max() < 1e-10
+
+
+@pytest.mark.parametrize("gdim", [2, longer(3)])
+def test_bore_of_second_order(gdim):
+    """Under pressure it is in equilibrium with UFL's own load on the boundary as it bends."""
+    domain, tags = bent_rings.ring(8, 0.5, 1.0, 0.0, layers=gdim - 2)
+    V, p = compat.function_space(domain, degree=2, shape=(gdim,)), 60.0
+    u, v, dx = fem.Function(V), ufl.TestFunction(V), ufl.dx(degree=4)
+    mu, lam = (fem.Constant(domain, c) for c in finite_patch.lame(100.0, 0.3))
+    F = ufl.derivative(finite_patch.energy(u, mu, lam) * dx, u, v)
+    outer = fem.locate_dofs_topological(V, gdim - 1, tags.indices[tags.values == 2])
+    zero = fem.Function(V)
+    bcs = [fem.dirichletbc(zero, outer)]
+    loads = [llm.FreeSurfacePressure(tags, 1, p)]
+    llm.NonlinearContactProblem(F, u, bcs=bcs, loads=loads).solve(increments=2)
+    grown, n = ufl.Identity(gdim) + ufl.grad(u), ufl.FacetNormal(domain)
+    ds = ufl.Measure("ds", domain=domain, subdomain_data=tags, metadata={"quadrature_degree": 8})
+    push = p * ufl.inner(ufl.det(grown) * ufl.inv(grown).T * n, v) * ds(1)
+    left, whole = (fem.petsc.assemble_vector(fem.form(form)).array for form in (F + push, push))
+    left.reshape(-1, gdim)[outer] = 0.0
+    assert np.abs(u.x.array).max() > 0.05
+    assert np.abs(left).max() < 1e-9 * np.abs(whole).max()
