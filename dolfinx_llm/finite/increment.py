@@ -111,14 +111,13 @@ class Increment:
         self.lagged, self.trusted = True, TRUSTED
         steps.measure(self.u)
         z = [i.at(self.dofs, self.u) for i in steps.interfaces]
-        faces = [f.at(self.dofs, self.u) for f in steps.followers]
         starts = zip(steps.interfaces, z, self.poses, good.poses, good.kept)
         with failing():
             self.held: list[Held] = [
                 replace(i.what.hold(z_i), pose=now, pose_before=old, kept=kept, scale=steps.scale)
                 for i, z_i, now, old, kept in starts
             ]
-            self.faces = [f.what.hold(z_f) for f, z_f in zip(steps.followers, faces)]
+            self.faces = [f.what.hold(f.at(self.dofs, self.u)) for f in steps.followers]
         self.status: list[Any] = list(good.status)
         self.stays = stays(steps, start)
         self.doubled = Doubled(self.dofs.comm, steps.interfaces, NO_GAP * steps.size)
@@ -277,11 +276,13 @@ class Increment:
         return rests and not self.changes and not self._missed()
 
     def _missed(self) -> bool:
-        """Take in facets that were far at the start and have passed the frame, and leave out nodes
-        that have left it."""
+        """Take in facets that have passed the frame, leave out nodes off it, and cover as now."""
         of = zip(self.steps.interfaces, self.terms, self.held, strict=True)
         now = [placed.what.missed(t.place, held) for placed, t, held in of]
+        loads = zip(self.steps.followers, self.faces, strict=True)
+        over = [f.what.missed(f.at(self.dofs, self.u), faces) for f, faces in loads]
         self.held = [new or held for new, held in zip(now, self.held, strict=True)]
-        if found := any(now):
+        self.faces = [new or faces for new, faces in zip(over, self.faces, strict=True)]
+        if found := any([*now, *over]):
             self.evaluate()
         return found
