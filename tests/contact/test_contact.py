@@ -44,6 +44,14 @@ def hold_exactly(V, points, exact):
     return bcs
 
 
+def check_one_motion(result, exact):
+    """Bodies and frame move as one, by a linear field: nothing slips, however the nodes of the
+    frame are held."""
+    largest = max(np.abs(side.u).max() for side in result.sides)
+    assert max(np.abs(side.slip).max() for side in result.sides) < 1e-11 * largest
+    assert np.abs(result.frame.v - exact(result.frame.x)).max() < 1e-11 * largest
+
+
 @pytest.mark.parametrize("law", LAWS, ids=str)
 @pytest.mark.parametrize("refine", [1, 2])
 def test_patch_2d(law, refine):
@@ -80,6 +88,7 @@ def test_patch_2d(law, refine):
     u, result = problem.solve(), problem.results[0]
     found = patch2d.errors(u, *zip(*((s.normal_force, s.area) for s in result.sides), strict=True))
     assert max(found.values()) < 1e-11
+    check_one_motion(result, patch2d.exact)
     assert all((s.status > 0).all() for s in result.sides)
     assert len(problem.history) <= 5
     assert result.resultant == pytest.approx([0.0, 2.0 * q], abs=1e-10 * q)
@@ -106,6 +115,7 @@ def test_patch_3d(law):
     )
     u = problem.solve()
     assert patch3d.stress_error(u) < 1e-11
+    check_one_motion(problem.results[0], lambda x: x * strain)
     for side in problem.results[0].sides:
         exact = paper.PRESSURE * side.area
         assert np.abs(side.normal_force - exact).max() < 1e-11 * exact.max()
