@@ -146,9 +146,15 @@ def _interface_result(
     area = geometry.law_nodes[1]
     if geometry.normals_alone:
         force = pairs.N.T @ (side.normal_force / np.linalg.norm(pairs.N @ normal, axis=1))
+    weights = [N.maximum(0.0) for N in geometry.law_shapes]
+    about = np.mean([W.T @ p.forces for W, p in zip(weights, geometry.pairs)], axis=0)
+    # At the rim of what is covered corrected rows have entries of both signs, and may leave a node
+    # next to nothing of either force or area. What acts there is the mean of the pairs about it.
+    thin = area < CANCELLED * about
+    near, drag = _at_frame(geometry, sides, normal, weights)
     status = np.full(len(force), STICK)
     if not cartesian:
-        pressed = force > FELT * np.abs(force).max(initial=0.0)
+        pressed = np.where(thin, near, force) > FELT * np.abs(force).max(initial=0.0)
         if law.gives or law.slips:
             pressed = pressed | state.own.holds | (not law.opens)
         status = np.where(pressed, CLOSED, OPEN)
@@ -156,11 +162,14 @@ def _interface_result(
             known = pressed & (state.own.status != OPEN)
             status = np.where(known, state.own.status, status)
             friction = state.share_out(friction, force)
+            if not law.gives:
+                drag = _in_proportion(near, drag, force, friction)
         elif law.components == "normal":
-            friction = np.zeros_like(friction)
+            friction, drag = np.zeros((2, *friction.shape))
     density = _frame_density(geometry, sides, normal)
     if density is None:
-        density = _per_area(geometry, sides, normal, np.column_stack([force, friction]), area)
+        acts, mean = np.column_stack([force, friction]), np.column_stack([near, drag])
+        density = per_area(np.where(thin[:, None], mean, acts), np.where(thin, about, area))
     frame, own = displaced(frame, nodal_values(geometry, v)), (force, area, friction, status)
     return InterfaceResult(frame, nodal, geometry.certificate, *own, density, presses)
 
@@ -185,31 +194,20 @@ def _at_frame(
     return along_normals(press, normal)[:, 0], along_normals(drag, normal)[:, 1:]
 
 
-def _per_area(
-    geometry: InterfaceGeometry,
-    sides: Sequence[SideResult],
-    normal: Array,
-    force: Array,
-    area: Array,
-) -> Array:
-    """``InterfaceResult.frame_density`` at first order: forces (m, 1 + gdim) over areas (m,).
-
-    At the rim of what is covered corrected rows have entries of both signs, and may leave a node
-    next to nothing of either. There it is the mean of the pairs about it, by positive entries.
-    """
-    weights = [N.maximum(0.0) for N in geometry.law_shapes]
-    about = np.mean([W.T @ p.forces for W, p in zip(weights, geometry.pairs)], axis=0)
-    press, drag = _at_frame(geometry, sides, normal, weights)
-    drag *= geometry.interface.law.components != "normal"
-    mean = per_area(np.column_stack([press, drag]), about)
-    return np.where((area < CANCELLED * about)[:, None], mean, per_area(force, area))
+def _in_proportion(near: Array, drag: Array, force: Array, friction: Array) -> Array:
+    """(m, gdim) friction that goes with the normal force (m,) about a frame node as the node's own
+    (m, gdim) does with its (m,), and is no larger than what drags there (m, gdim)."""
+    own = near[:, None] * per_area(friction, force)
+    size, most = (np.linalg.norm(a, axis=1) for a in (own, drag))
+    return own * np.minimum(1.0, most / np.where(size > 0.0, size, 1.0))[:, None]
 
 
 def _frame_density(
     geometry: InterfaceGeometry, sides: Sequence[SideResult], normal: Array
 ) -> Array | None:
-    """The same between second-order bodies, where the frame's nodes have normals (m, gdim): of the
-    side with fewer nodes, the mean of both where they have as many; None: not of second order."""
+    """``InterfaceResult.frame_density`` between second-order bodies, where the frame's nodes have
+    normals (m, gdim): of the side with fewer nodes, the mean of both where they have as many; None:
+    not of second order."""
     assert geometry.frame is not None
     found, least = [], min(len(side.x) for side in sides)
     for sign, p, side in zip((1.0, -1.0), geometry.pairs, sides, strict=True):

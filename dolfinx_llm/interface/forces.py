@@ -98,7 +98,8 @@ class InterfaceForces:
 
     @property
     def traction(self) -> Array:
-        """(m, gdim) tangential traction of side 0 on the frame at its nodes [force / area]."""
+        """(m, gdim) tangential traction of side 0 on the frame at its nodes, where pressure is that
+        of pairs theirs, as much as the node's own friction allows [force / area]."""
         return self.frame_density[:, 1:]
 
     @property

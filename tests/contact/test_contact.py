@@ -330,6 +330,24 @@ def test_gross_slip_in_3d(kind):
     assert (T[:, 0] * result.resultant[0] >= 0.0).all()
 
 
+@pytest.mark.parametrize("seed", [1, 10])
+def test_slip_where_rows_cancel(seed):
+    """Corrected rows leave a frame node less area than none, in the midst of what slips: it slips
+    and is pressed, too, and traction is within μ times the pressure there as well."""
+    rng, mu = np.random.default_rng(seed), 0.3
+    low = pairs.block(COMM, (4, 4, 1), (-1, -1, 0), (1, 1, 1), "hexahedron", jitter=0.2, rng=rng)
+    high = (-0.55, -0.45, 1), (0.4, 0.5, 2), "hexahedron"
+    high = pairs.block(COMM, (4, 4, 1), *high, jitter=0.2, rng=rng)
+    scene = Pressed([low, high], llm.Coulomb(mu), lambda p: p[2] > 2 - 1e-9, lambda p: p[2] < 1e-9)
+    scene.move(lambda p: np.stack([0.05 + 0 * p[0], 0.02 + 0 * p[0], -0.02 + 0 * p[0]]))
+    assert max(violations(scene.problem).values()) < 1e-10
+    result = scene.problem.results[0]
+    assert result.frame_area.min() < 0.0 < result.pressure.min()
+    assert (result.frame_status == 2).all()
+    traction = np.linalg.norm(result.traction, axis=1)
+    assert (traction <= (1.0 + 1e-9) * mu * result.pressure).all()
+
+
 def test_switch_in_3d(monkeypatch):
     """The paper's switch finds full stick and gross slip, in more iterations; in the partial slip
     between them the direction of slip, lagged, turns to and fro, and an error says so."""
