@@ -20,7 +20,7 @@ from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.surface import Surface
 
 BOUND = 1e-3  # of the singular values' ratio
-DRAW = 1e-3  # of a frame node's mean support: what draws its motion to the mean
+DRAW = 1e-3  # of a frame node's mean support: what draws its motion to 0
 
 
 def control_matrices(surface: Surface) -> tuple[csr_matrix, csr_matrix]:
@@ -96,8 +96,8 @@ class ContactPairs:
 
     @cached_property
     def fit(self) -> Any:
-        """Factorised NᵀN, by which motions of the nodes are fitted to those of the frame's; frame
-        nodes that hardly any pair reaches move as the mean of them does."""
+        """Factorised NᵀN, by which motions of the nodes are fitted to those of the frame's; those
+        of frame nodes that hardly any pair reaches are drawn to 0."""
         A = self.N.T @ self.N
         return splu((A + DRAW * A.diagonal().mean() * identity(A.shape[0])).tocsc())
 

@@ -83,10 +83,11 @@ class InterfaceGeometry:
     @cached_property
     def law_nodes(self) -> tuple[Array, Array]:
         """Positions (k, gdim) and tributary areas (k,) of the nodes at which the law holds: the
-        frame's, or the pairs' own against a rigid obstacle."""
-        pairs = self.pairs[0]
-        x = pairs.x if self.frame is None else self.frame.x
-        return x, self.law_shapes[0].T @ pairs.forces
+        frame's, or the pairs' own against a rigid obstacle. Areas are the mean of both sides',
+        which agree where surfaces are flat: neither is preferred."""
+        x = self.pairs[0].x if self.frame is None else self.frame.x
+        areas = [N.T @ p.forces for N, p in zip(self.law_shapes, self.pairs, strict=True)]
+        return x, np.mean(areas, axis=0)
 
     @cached_property
     def law_shapes(self) -> tuple[csr_matrix, ...]:

@@ -144,8 +144,9 @@ def steep_rim(whole: Surface, facets: Array, over: Array) -> Array:
     return rim
 
 
-def check_flat(sides: Sequence[Surface], plane: Plane) -> None:
-    """Require flat sides parallel to each other, closer than a facet's size."""
+def check_flat(sides: Sequence[Surface], plane: Plane, rule: str) -> None:
+    """Require flat sides parallel to each other, closer than a facet's size; the rule is said where
+    they are not."""
     size = max(side.diameter for side in sides)
     heights = [plane.height(side.x) for side in sides]
     for side, height in zip(sides, heights):
@@ -155,12 +156,12 @@ def check_flat(sides: Sequence[Surface], plane: Plane) -> None:
                 f"{np.ptp(height):.3g} along the normal {checks.place(plane.normal)} (allowed "
                 f"{1e-6 * size:.3g}). Check the geometry"
             )
-    gap = heights[1].mean() - heights[0].mean()
+    gap = abs(heights[1].mean() - heights[0].mean())
     areas = [np.linalg.norm(vector_areas(side.x, side.facets), axis=1).max() for side in sides]
     facet = max(areas) ** (1.0 / (len(plane.origin) - 1))
-    if abs(gap) > facet:
+    if gap > facet:
         raise ContactError(
             f"the surfaces {sides[0].name} and {sides[1].name} lie {gap:.3g} apart along the "
-            f"normal, more than the largest facet's size, {facet:.3g}; Tied() is for surfaces that "
-            "touch. Check tags, positions and units"
+            f"normal, more than the largest facet's size, {facet:.3g}; {rule}. Check tags, "
+            "positions and units"
         )

@@ -93,7 +93,8 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
         times: seconds per stage, summed over all calls.
         geometries: an ``InterfaceGeometry`` per interface: surfaces, frame, pairs and certificate.
         spaces: function space of the displacement on each mesh.
-        K, B, L_b: PETSc matrices of (31).
+        K, B, L_b: PETSc matrices of (31) with conditions applied: at prescribed dofs K has identity
+            rows and columns, and rows of B are zero.
         steps_expected: load steps, by which "auto" weighs what is done once against the rest.
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
         bulk, operators, method: ``LinearBulk``, ``ContactOperators``, ``ContactMethod``.
