@@ -21,8 +21,8 @@ from dolfinx_llm.output.render import Scene
 from dolfinx_llm.output.values import check_problem, displacements
 from dolfinx_llm.output.writing import writable_file, writing
 
-LONGEST = 600.0  # [s] that a step is shown: a GIF counts in hundredths, up to 65535
-SHOWN = f"give seconds, from 0.01 to {LONGEST:g}"
+LONGEST_SHOWN = 600.0  # [s] that a step is shown: a GIF counts in hundredths, up to 65535
+SHOWN = f"give seconds, from 0.01 to {LONGEST_SHOWN:g}"
 # A page that shows one of several pages, each in base64, as a slider says.
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>%(title)s</title><style>
@@ -88,7 +88,7 @@ class Film:
             if self._path.suffix == ".html":
                 _check_page(gdim)
             self._seconds = checks.number("seconds", seconds, SHOWN, low=0.01)
-            if self._seconds > LONGEST:
+            if self._seconds > LONGEST_SHOWN:
                 checks.refuse("seconds", seconds, SHOWN)
         self._problem = problem
         self._seen: list[Seen | None] = []
