@@ -54,7 +54,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
             move and turn by any amount or are pressed by forces, take ``Frictionless()`` and
             ``Coulomb(...)``.
         loads: ``FreeSurfacePressure`` objects.
-        nodal_loads: Functions of nodal forces.
+        nodal_loads: Functions of nodal forces; a list may change between load steps.
         solver: "saddle": Newton's systems factorised by MUMPS; "condensed": by GMRES, with GAMG on
             the bodies, onto which contact is condensed, else by MUMPS, of which a warning tells;
             "auto": by size.
