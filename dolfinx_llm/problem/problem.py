@@ -75,7 +75,7 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
             scalar.
         L: linear UFL form, or a sequence of them.
         bcs: Dirichlet conditions.
-        interfaces: the ``Interface`` objects.
+        interfaces: the ``Interface`` objects, at least one.
         nodal_loads: Functions of nodal forces, added to the assembled L; a list may change between
             load steps.
         solver: "saddle": (31) with MUMPS; "condensed": the surfaces' displacements written in the

@@ -62,7 +62,7 @@ class TimeStepper(Steps):
         dt: length of a step [time]; may be set anew between steps, which factorises again.
         scheme: "massless"; or "newmark": all mass where it is, for bodies that are tied or stay
             in contact: energy grows where bodies meet.
-        interfaces: as of the problem.
+        interfaces: as of the problem; at least one.
         nodal_loads: as of the problem.
         accepted: called with the stepper after each step that has been found, also after parts of
             one that was divided: update what bodies remember in it.
