@@ -82,12 +82,15 @@ class Pull:
         return self.share <= NOTHING or (self.share <= self._least and not falls)
 
 
-def out_of_balance(floating: Floating, share: float, motion: Array, force: Array) -> str:
+def out_of_balance(
+    floating: Floating, share: float, motion: Array, force: Array, pushed: float = 0.0
+) -> str:
     """Words for a share of the forces that nothing balances, and for the motion (count,) of the
-    bodies that they drive, forces (count,) along their motions."""
+    bodies that they drive, forces (count,) along their motions and the work ``pushed`` that those
+    on obstacles do besides."""
     return (
         f"contact and supports do not balance the load: {share:.1e} of the forces is left. A body "
         "that only contact holds is pulled off, or slides or turns away without end: "
-        f"{floating.rigid.describe(motion, force)}. Add supports or springs that hold it, "
+        f"{floating.rigid.describe(motion, force, pushed)}. Add supports or springs that hold it, "
         "prescribe its motion, or change the load"
     )

@@ -69,7 +69,10 @@ def against_obstacle(
         base=np.broadcast_to(np.eye(gdim), (len(nodes), gdim, gdim)).copy(),
         gap=-distance[nodes, None] * normal[nodes],
     )
-    notes.append(f"rigid {kind}: {len(nodes)} nodes face it")
+    if isinstance(obstacle, MeanDisplacement):
+        notes.append(f"{kind}: of {len(nodes)} nodes, under a uniform traction")
+    else:
+        notes.append(f"rigid {kind}: {len(nodes)} nodes face it")
     if len(facets) < len(side.facets):
         notes.append(
             f"{len(side.facets) - len(facets)} of {len(side.facets)} facets of {side.name} left "

@@ -119,13 +119,15 @@ class InterfaceForces:
             side: whose forces on the frame: 0 or 1; 0 against an obstacle.
 
         Raises:
-            ContactInputError: no such side.
+            ContactInputError: no such side, or no point.
         """
         accepted = "give the number of a side, 0 or 1; 0 against an obstacle"
         if checks.integer("side", side, accepted, low=0) >= len(self.sides):
             checks.refuse("side", side, accepted)
         of = self.sides[side]
-        arm = of.x - (0.0 if about is None else np.asarray(about, dtype=float))
-        if arm.shape[1] == 2:
+        gdim = of.x.shape[1]
+        point = np.zeros(gdim) if about is None else about
+        arm = of.x - checks.array("about", point, (gdim,), f"give a point, {gdim} numbers")
+        if gdim == 2:
             return np.array([cross_plane(arm, of.force).sum()])
         return np.cross(arm, of.force).sum(axis=0)

@@ -14,6 +14,7 @@ from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.join import Certificate, Part
 from dolfinx_llm.interface.obstacle import Swings
+from dolfinx_llm.interface.obstacles import MeanDisplacement
 from dolfinx_llm.interface.site import Site
 
 
@@ -147,7 +148,9 @@ def describe(geometry: InterfaceGeometry) -> list[str]:
         )
     out = []
     if geometry.frame is None:
-        out.append("frame, second side and proximal term (rigid obstacle)")
+        mean = isinstance(geometry.interface.obstacle, MeanDisplacement)
+        why = "prescribed mean" if mean else "rigid obstacle"
+        out.append(f"frame, second side and proximal term ({why})")
     if law.ties:
         out.append("active set and local bases (tied)")
     elif law.components == "normal":

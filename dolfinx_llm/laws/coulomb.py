@@ -37,8 +37,9 @@ class Coulomb(Law):
     Args:
         mu: coefficient of friction, at least 0; 0 leaves out all that friction needs. A number, a
             function of positions (n, gdim) that returns (n,), a scalar dolfinx Constant, a scalar
-            Function of one of the bodies' meshes, or an array with a value per node of
-            ``result.x``: the frame's, or the surface's own against a rigid obstacle.
+            Function of one of the bodies' meshes, at nodes the mean of the cells with a facet
+            there where it jumps, or an array with a value per node of ``result.x``: the frame's,
+            or the surface's own against a rigid obstacle.
         cohesion: tangential traction that the surfaces bear besides, where they are in contact,
             |T| <= μ N + cohesion area; given in the same ways [force / area].
         method: "newton": semismooth Newton on the projection form; "switch": the paper's own

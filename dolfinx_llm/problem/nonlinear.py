@@ -48,13 +48,13 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
             what it holds at first is where the first step starts.
         J: derivative of F, or a sequence; None: ``ufl.derivative(F, u)``.
         bcs: Dirichlet conditions on the displacement; values may change between steps.
-        interfaces: ``Interface`` objects with the law ``Tied()``, ``Frictionless()``,
+        interfaces: ``Interface`` objects, or none, with the law ``Tied()``, ``Frictionless()``,
             ``Coulomb(...)`` or one of your own, which hold at the nodes of the finer side; an array
             of mu has a value for each of these, areas are those covered now. Rigid obstacles, which
             move and turn by any amount or are pressed by forces, take ``Frictionless()`` and
             ``Coulomb(...)``.
         loads: ``FreeSurfacePressure`` objects.
-        nodal_loads: Functions of nodal forces.
+        nodal_loads: Functions of nodal forces; a list may change between load steps.
         solver: "saddle": Newton's systems factorised by MUMPS; "condensed": by GMRES, with GAMG on
             the bodies, onto which contact is condensed, else by MUMPS, of which a warning tells;
             "auto": by size.

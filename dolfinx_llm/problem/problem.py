@@ -60,7 +60,9 @@ class Differentiable:
                 symmetric; the state depends on load steps, or parts of the last one, before.
         """
         with collective(self.bulk.comm):
-            forms = in_order(self.bulk.forms, self.bulk.spaces, given_forms(1, dJ))
+            forms = in_order(
+                self.bulk.forms, self.bulk.spaces, given_forms(1, dJ, self.bulk.entity_maps[0])
+            )
         found = self.bulk.functions(self.method.adjoint(self.bulk.gradient(forms)))
         return found if self.bulk.several else found[0]
 
@@ -73,8 +75,9 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
             scalar.
         L: linear UFL form, or a sequence of them.
         bcs: Dirichlet conditions.
-        interfaces: the ``Interface`` objects.
-        nodal_loads: Functions of nodal forces, added to the assembled L.
+        interfaces: the ``Interface`` objects, at least one.
+        nodal_loads: Functions of nodal forces, added to the assembled L; a list may change between
+            load steps.
         solver: "saddle": (31) with MUMPS; "condensed": the surfaces' displacements written in the
             frame's, by conjugate gradients with GAMG, or by Cholesky with petsc_options
             {"ksp_type": "preonly", "pc_type": "cholesky"}; "auto": by size; or your ``StepForm``.

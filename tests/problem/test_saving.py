@@ -8,6 +8,7 @@ from dolfinx import fem, mesh
 from friction_block import Dragged
 from mpi4py import MPI
 from saved import figures
+from submeshes import Halves
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -94,6 +95,19 @@ def test_finite_deformation_goes_on(tmp_path):
         problem.solve()
         found.append(problem.u.x.array.copy())
     np.testing.assert_allclose(*found, atol=1e-13)
+
+
+@pytest.mark.parametrize("nonlinear", [False, True])
+def test_bodies_on_submeshes(nonlinear, tmp_path):
+    """Cells of a submesh have no numbers of their own from a file: those of their nodes serve."""
+    first, second = (Halves("own", nonlinear) for _ in range(2))
+    problem, other = first.problem(), second.problem()
+    u = problem.solve()
+    problem.save(tmp_path / "state.npz")
+    other.load(tmp_path / "state.npz")
+    for a, b in zip(u, second.u if nonlinear else other.u, strict=True):
+        np.testing.assert_array_equal(a.x.array, b.x.array)
+    assert np.abs(u[0].x.array).max() > 1e-3
 
 
 def test_laws_and_problems_of_other_kinds(tmp_path):
