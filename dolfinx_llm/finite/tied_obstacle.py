@@ -18,7 +18,8 @@ from scipy.sparse import bmat, csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.sparse import diagonal
-from dolfinx_llm.finite.obstacle_contact import ObstaclePlace, OneSide, Pose
+from dolfinx_llm.finite.obstacle_contact import ObstaclePlace, OneSide
+from dolfinx_llm.finite.pose import Pose
 from dolfinx_llm.finite.pressed_obstacle import Pressed
 from dolfinx_llm.finite.terms import ContactTerms, Held
 from dolfinx_llm.finite.tied_contact import DRAWN, LITTLE_AREA, determined
@@ -204,7 +205,6 @@ class TiedObstacle(Pressed):
             delta=0.0,
             status=status,
             friction=None,
-            slip=np.zeros_like(place.normal),
             miss=float(np.abs(balance).max(initial=0.0)) * c,
         )
 

@@ -17,7 +17,7 @@ from upright_blocks import FOOT, KINDS, TOP, block
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.finite import obstacle_contact
+from dolfinx_llm.finite import obstacle_contact, pose
 from dolfinx_llm.finite.friction_law import in_plane
 from dolfinx_llm.finite.law_contact import LawOnObstacle, LawOnPressed
 from dolfinx_llm.finite.terms import Origin
@@ -92,7 +92,7 @@ def test_moved_and_turned_in_3d(law):
         problem.solve()
         x = V.tabulate_dof_coordinates()
         for angle in np.deg2rad(turn):
-            R = obstacle_contact.Rotation.from_rotvec([angle, 0.0, 0.0]).as_matrix()
+            R = pose.Rotation.from_rotvec([angle, 0.0, 0.0]).as_matrix()
             g.x.array[:] = ((x - [0.5, 0.5, 1.0]) @ (R.T - np.eye(3))).ravel()
             plane.rotation, plane.displacement = (angle, 0.0, 0.0), R @ (0.0, 0.0, 0.3)
             problem.solve()
@@ -187,7 +187,7 @@ def test_carried():
     plane.rotation, plane.displacement = 1.2, (0.4, 0.2)
     problem.solve(increments=6)
     after = problem.results[0].sides[0]
-    Q = obstacle_contact.Rotation.from_rotvec([0.0, 0.0, 1.2]).as_matrix()[:2, :2]
+    Q = pose.Rotation.from_rotvec([0.0, 0.0, 1.2]).as_matrix()[:2, :2]
     assert (
         np.abs(after.x - ((before.x - plane.pivot) @ Q.T + plane.pivot + (0.4, 0.2))).max() < 1e-9
     )
