@@ -16,17 +16,19 @@ from dolfinx_llm.finite.friction_law import in_plane
 from dolfinx_llm.finite.location import INSIDE, OnFrame, find_on_frame
 from dolfinx_llm.finite.self_sides import SelfSides
 from dolfinx_llm.finite.sides import HARDLY, Sides
-from dolfinx_llm.geometry.cells import areas_around, unit
+from dolfinx_llm.geometry.cells import areas_around, cell_sizes, unit
 
 ON_A_LINE = 1e-6  # of the largest variance of places: pairs that tell nothing across
+TELLING = 1e-3  # of a facet's size, squared: the variance that tells how slip changes
+WIDER = 2  # times that facets around those of a node are taken in where its own tell too little
 
 
 def shapes_on_frame(sides: Sides, at: OnFrame) -> csr_matrix:
-    """(n, m) shape functions of the frame's control values at places of n nodes that are on them,
-    also beyond its rim; none negative."""
+    """(n, m) shape functions of the frame's control values at places of n nodes; none negative,
+    also beyond its rim."""
     surface = sides.surfaces[sides.frame]
     N = at.N @ surface.element.bernstein
-    N = np.where(at.met[:, None] & (N > HARDLY), N, 0.0)
+    N = np.where(at.met[:, None] & (N > INSIDE), N, 0.0)
     index = np.repeat(np.arange(len(N)), N.shape[1]), surface.cells[at.facet].ravel()
     found = csr_matrix((N.ravel(), index), (len(N), len(surface.x)))
     found.eliminate_zeros()
@@ -34,9 +36,9 @@ def shapes_on_frame(sides: Sides, at: OnFrame) -> csr_matrix:
 
 
 def status_of_frame(shapes: csr_matrix, status: Array) -> Array:
-    """(m,) status of the frame's nodes, where their shape functions (n, m) reach pairs with status
-    (n,): slip where one slips."""
-    reached = (shapes > 0.0).T @ diagonal(status)
+    """(m,) status of the frame's nodes, of pairs with status (n,) on which their shape functions
+    (n, m) are: slip where one slips."""
+    reached = (shapes > HARDLY).T @ diagonal(status)
     return np.asarray(reached.max(axis=1).todense()).ravel().astype(status.dtype)
 
 
@@ -55,33 +57,51 @@ def gap_of_frame(sides: Sides, z: Array, pairs: Array) -> Array:
     return gap
 
 
-def slip_of_frame(shapes: csr_matrix, x: Array, y: Array, normal: Array, slip: Array) -> Array:
-    """(m, gdim) slip of the frame's nodes at y (m, gdim) on the other body, by linear functions of
-    the place, s(x), which are fitted about each node to the slip of pairs; the mean where pairs lie
-    in one place, 0 where there are none. What a node faced at first has gone on to y - s_J, so that
-    s_J = -s(y - s_J).
+def slip_of_frame(sides: Sides, shapes: csr_matrix, z: Array, normal: Array, slip: Array) -> Array:
+    """(m, gdim) slip of the frame's nodes on the other body, by linear functions of the place,
+    s(x), which are fitted about each node to the slip of pairs; 0 where there are none. What node
+    J, now at y_J, faced at first has gone on to y_J - s_J, so that s_J = -s(y_J - s_J).
 
     Args:
+        sides: the surfaces.
         shapes: (n, m) weights of the pairs in contact, at least 0.
-        x, slip: (n, gdim) of the pairs.
-        y, normal: (m, gdim) of the frame's nodes.
+        z: all coordinates [length].
+        normal: (m, gdim) of the frame's nodes.
+        slip: (n, gdim) of the pairs [length].
     """
-    of = shapes.tocoo()
-    p, J, w, m = of.row, of.col, of.data, len(y)
-    total = np.bincount(J, w, m)
-    w = w / total[J]
-
-    def sums(values: Array) -> Array:
-        """(m, ...) weighted, of values per entry (e, ...)."""
-        found = np.zeros((m, *values.shape[1:]))
-        np.add.at(found, J, w.reshape(-1, *(1,) * (values.ndim - 1)) * values)
-        return found
-
-    arm, mean = in_plane(normal[J], x[p] - y[J]), sums(slip[p])
-    middle = sums(arm)
-    arm = arm - middle[J]
-    spread = np.linalg.pinv(sums(arm[:, :, None] * arm[:, None]), ON_A_LINE, hermitian=True)
-    slope = spread @ sums(arm[:, :, None] * (slip[p] - mean[J])[:, None])
+    x, y = sides.split(z)
+    x, m, cells = sides.control[0] @ x, len(y), sides.cells(False)
+    least = TELLING * float(np.square(cell_sizes(y, sides.facets(False))).mean())
+    index = cells.ravel(), np.repeat(np.arange(len(cells)), cells.shape[1])
+    beside = csr_matrix((np.ones(cells.size), index), (m, len(cells)))
+    for _ in range(WIDER):
+        middle, spread = _about(shapes, x, y, normal)[2:]
+        few = (np.linalg.eigvalsh(spread)[:, 1] < least) & (shapes.getnnz(axis=0) > 0)
+        shapes = shapes + shapes @ beside @ beside.T @ diagonal(few)
+    w, arm, middle, spread = _about(shapes, x, y, normal)
+    p, J = shapes.tocoo().row, shapes.tocoo().col
+    mean = _sums(w[:, None] * slip[p], J, m)
+    moment = _sums(arm[:, :, None] * (w[:, None] * (slip[p] - mean[J]))[:, None], J, m)
+    slope = np.linalg.pinv(spread, ON_A_LINE, hermitian=True) @ moment
     found = np.einsum("mi,mij->mj", middle, slope) - mean
     turns = np.linalg.pinv(np.eye(y.shape[1]) - np.swapaxes(slope, 1, 2))
     return in_plane(normal, np.einsum("mij,mj->mi", turns, found))
+
+
+def _about(shapes: csr_matrix, x: Array, y: Array, normal: Array) -> tuple[Array, ...]:
+    """Of the pairs about each node: parts of its weights (e,), ways from their middle in its
+    tangent plane (e, gdim), by entries; that middle (m, gdim) from the node, and the mean of the
+    ways' squares (m, gdim, gdim)."""
+    of, m = shapes.tocoo(), len(y)
+    w = of.data / np.bincount(of.col, of.data, m)[of.col]
+    arm = in_plane(normal[of.col], x[of.row] - y[of.col])
+    middle = _sums(w[:, None] * arm, of.col, m)
+    arm = arm - middle[of.col]
+    return w, arm, middle, _sums(w[:, None, None] * arm[:, :, None] * arm[:, None], of.col, m)
+
+
+def _sums(values: Array, at: Array, m: int) -> Array:
+    """(m, ...) sums of values (e, ...) at their places."""
+    found = np.zeros((m, *values.shape[1:]))
+    np.add.at(found, at, values)
+    return found

@@ -134,9 +134,9 @@ def moving_results(
     normals = sides.in_order(-place.normal, outward)
     shapes = diagonal(active) @ shapes_on_frame(sides, contact.located(place))
     at_frame = status_of_frame(shapes, status)
-    loaded, x = at_frame != OPEN, sides.control[0] @ sides.split(z)[0]
+    loaded = at_frame != OPEN
     own_slip = np.where(active[:, None], sides.nodal @ slip, 0.0)
-    slips = sides.in_order(own_slip, slip_of_frame(shapes, x, y, outward, slip))
+    slips = sides.in_order(own_slip, slip_of_frame(sides, shapes, z, outward, slip))
     shut, closes = active & (not contact.overlaps), loaded & (not contact.overlaps)
     own_gap = _at_nodes(sides, np.where(shut, 0.0, place.gap))
     frame_gap = np.where(closes, 0.0, gap_of_frame(sides, z, place.pairs))
@@ -146,7 +146,7 @@ def moving_results(
     statuses, areas = sides.in_order(status, at_frame), sides.in_order(*own_area)
     borne = sides.nodal.T @ forces[sides.moving]
     pressing = np.einsum("ni,ni->n", borne, normals[sides.moving])
-    weights = diagonal(loaded) @ place.N.maximum(0.0).T
+    weights = diagonal(shapes.getnnz(axis=0) > 0) @ place.N.maximum(0.0).T
     about = per_area(weights @ borne, weights @ place.areas[0])
     mean = sides.in_order(per_area(borne, place.areas[0]), -about)
     presses = contact.parts and _presses(pressing)
