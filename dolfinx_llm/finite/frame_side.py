@@ -19,7 +19,7 @@ from dolfinx_llm.finite.sides import HARDLY, Sides
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes, unit
 
 ON_A_LINE = 1e-6  # of the largest variance of places: pairs that tell nothing across
-TELLING = 1e-3  # of a facet's size, squared: the variance that tells how slip changes
+SPREAD = 1e-3  # of a facet's size, squared: the variance that tells how slip changes
 WIDER = 2  # times that facets around those of a node are taken in where its own tell too little
 
 
@@ -71,7 +71,7 @@ def slip_of_frame(sides: Sides, shapes: csr_matrix, z: Array, normal: Array, sli
     """
     x, y = sides.split(z)
     x, m, cells = sides.control[0] @ x, len(y), sides.cells(False)
-    least = TELLING * float(np.square(cell_sizes(y, sides.facets(False))).mean())
+    least = SPREAD * float(np.square(cell_sizes(y, sides.facets(False))).mean())
     index = cells.ravel(), np.repeat(np.arange(len(cells)), cells.shape[1])
     beside = csr_matrix((np.ones(cells.size), index), (m, len(cells)))
     for _ in range(WIDER):

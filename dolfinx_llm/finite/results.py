@@ -97,8 +97,9 @@ class MovingInterfaceResult(InterfaceForces):
         That of the pairs about a node, force over covered area, weighted by the positive entries
         of their rows. ``frame_force`` over ``frame_area`` is the same where pressure is constant,
         but at the rim of contact, where little of a node's surroundings is covered, it says
-        nothing. Between second-order bodies it is that of ``MovingSideResult.density`` of the
-        frame's surface.
+        nothing. Pressures times ``frame_area`` do not add up to the force, which ``frame_force``
+        and ``resultant`` tell. Between second-order bodies it is that of
+        ``MovingSideResult.density`` of the frame's surface.
         """
         return self.frame_pressure
 
