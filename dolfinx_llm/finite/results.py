@@ -138,9 +138,10 @@ def moving_results(
     loaded = at_frame != OPEN
     own_slip = np.where(active[:, None], sides.nodal @ slip, 0.0)
     slips = sides.in_order(own_slip, slip_of_frame(sides, shapes, z, outward, slip))
-    shut, closes = active & (not contact.overlaps), loaded & (not contact.overlaps)
+    shut, frame_gap = active & (not contact.overlaps), gap_of_frame(sides, z, place.pairs)
+    if not contact.overlaps:
+        frame_gap = np.where(loaded, 0.0, np.maximum(frame_gap, 0.0))
     own_gap = _at_nodes(sides, np.where(shut, 0.0, place.gap))
-    frame_gap = np.where(closes, 0.0, gap_of_frame(sides, z, place.pairs))
     gaps = sides.in_order(own_gap, frame_gap)
     to_frame = sides.in_order(_at_nodes(sides, place.gap), np.zeros(len(y)))
     own_area = (sides.control[0].T @ place.areas[0], place.areas[1])
