@@ -25,7 +25,7 @@ from dolfinx_llm.base.sparse import diagonal, per_item, summing
 from dolfinx_llm.finite.friction_law import FrictionRows, friction_rows, sticks
 from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.slides import Slides
-from dolfinx_llm.finite.terms import FAST, ContactTerms, Held, yields
+from dolfinx_llm.finite.terms import FAST, ContactTerms, Held, Origin, yields
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
 
@@ -54,6 +54,9 @@ class Friction(Slides):
     def carried(self, q: Array, R: Array) -> Array:
         tau = self.sides.surfaces[self.sides.moving].x.size
         return np.concatenate([q[:-tau], (q[-tau:].reshape(-1, len(R)) @ R.T).ravel()])
+
+    def started(self, place: Any, held: Held, closed: Array) -> Origin:
+        return replace(super().started(place, held, closed), drags=True)
 
     def turned(self, place: Any, nodes: Array) -> csr_matrix:
         """(k gdim, width) derivatives of the normals of nodes (k,) in contact [1 / length]."""

@@ -22,6 +22,7 @@ class Origin:
     points: Any  # (n, ...) what nodes touched then: rows on a frame, points of an obstacle as drawn
     gap: Array  # (n,) at the start of the increment; inf where there was none [length]
     touched: Array  # (n,) pairs that have been in contact since
+    drags: bool = False  # forces depend on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ class Held:
     lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
     near: bool = False  # whether the last iterate was near the solution
     exact: bool = False  # whether slip has its exact derivative: see ``friction_law``
-    origin: Origin | None = None  # of slip, where there is friction
+    origin: Origin | None = None  # of slip; None: tied
     kept: Any = None  # what an own law has kept from the last increment
     pose: Array | None = None  # what places and presses a rigid obstacle: see ``Pose``
     pose_before: Array | None = None  # the same at the start of the increment
