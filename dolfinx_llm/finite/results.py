@@ -82,7 +82,9 @@ class MovingInterfaceResult(InterfaceForces):
     frame_force: Array  # (m,) normal force at the frame's nodes [force]
     frame_area: Array  # (m,) tributary area of what both surfaces cover [area]
     frame_friction: Array  # (m, gdim) tangential force of side 0 there [force]
-    frame_status: Array  # (m,) 0 open, 1 stick, 2 slip, 3 closed without friction
+    # (m,) 0 open, 1 stick, 2 slip, 3 closed without friction; open where its shape function is
+    # below 0.01 at all pairs in contact, though what is covered there has a pressure
+    frame_status: Array
     correction: float  # largest change of a row by the design
     frame_pressure: Array  # (m,) mean pressure of the pairs about each node [force / area]
     frame_traction: Array  # (m, gdim) the same of the tangential force of side 0
