@@ -42,6 +42,7 @@ Item = TypeVar("Item")
 
 AS_COARSE = 1e-6  # difference of mean facet sizes that is none
 PER_NODE = {2: 1.0, 3: np.sqrt(2.0), 4: 1.0}  # distance of nodes over the size of facets
+HARDLY = 1e-2  # shape function of a node below which a place is not on it
 WITHIN = 1.0  # gap over the frame's facet up to which facets can touch in a step
 
 

@@ -205,7 +205,6 @@ class TiedObstacle(Pressed):
             delta=0.0,
             status=status,
             friction=None,
-            slip=np.zeros_like(place.normal),
             miss=float(np.abs(balance).max(initial=0.0)) * c,
         )
 

@@ -191,8 +191,8 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         self._state, placed = state, self._newton.equations.interfaces
         with self.times.timed("results"):
             results = [
-                moving_results(c.what, c.at(self.bulk.dofs, state.u), t)
-                for c, t in zip(placed, self._newton.terms, strict=True)
+                moving_results(c.what, c.at(self.bulk.dofs, state.u), t, slip)
+                for c, t, slip in zip(placed, self._newton.terms, self._newton.slips, strict=True)
             ]
             self.results = told(self.comm, results)
 

@@ -19,7 +19,9 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.contact.results import collect_results
 from dolfinx_llm.contact.state import ContactState
+from dolfinx_llm.finite.results import MovingInterfaceResult
 from dolfinx_llm.output.writing import writable_file
+from dolfinx_llm.problem.saved_results import arrays_of, result_of
 from dolfinx_llm.problem.state_file import (
     FORMAT,
     Arrays,
@@ -171,8 +173,9 @@ class SavedContact(Saving):
 
 
 class SavedNonlinear(Saving):
-    """Saving of ``NonlinearContactProblem``; results are known again after the next ``solve``."""
+    """Saving of ``NonlinearContactProblem``."""
 
+    results: list[MovingInterfaceResult]
     _state: Any
     _newton: Any
 
@@ -208,6 +211,9 @@ class SavedNonlinear(Saving):
             common |= {f"interface {i} own": own, f"interface {i} pose": pose}
             if state.status[i] is not None:
                 common[f"interface {i} status"] = state.status[i]
+        for i, result in enumerate(self.results):
+            own = arrays_of(result)
+            common |= {f"interface {i} result {name}": value for name, value in own.items()}
         return common, {"u": state.u, "pushed": state.pushed}
 
     def take_arrays(self, common: Arrays, local: Arrays) -> None:
@@ -222,4 +228,8 @@ class SavedNonlinear(Saving):
             pushed=local["pushed"],
             kept=common.get("kept", self._state.kept),
         )
+        self.results = []
+        for start in (f"interface {i} result " for i in count):
+            own = {key[len(start) :]: a for key, a in common.items() if key.startswith(start)}
+            self.results += [result_of(own)] if own else []
         self.bulk.put(local["u"])

@@ -228,6 +228,27 @@ def test_tangent_is_the_derivative(name, law):
     assert t.delta > (0.01 if "second" in name else 0.03)
 
 
+@pytest.mark.parametrize("name", some_of(list(SCENES), list(SCENES)[::3]))
+def test_slip_of_increments_before_turns_and_stretches(name):
+    """What pairs have slipped is carried on as vectors on the frame's facets are: it turns with
+    them, and where facets stretch it stretches."""
+    sides, z, _ = scene(name)
+    frame, gdim = sides.surfaces[sides.frame], sides.gdim
+    contact = NormalContact(sides, Design.of(frame.x, frame.cells))
+    q, held, rng = np.zeros(contact.size), contact.hold(z), np.random.default_rng(5)
+    start = contact.place(z, q, held)
+    slip = in_plane(start.normal, rng.standard_normal(start.normal.shape))
+    slip[~start.pairs] = 0.0
+    written = contact.written(start, slip)
+    R = np.linalg.qr(rng.standard_normal((gdim, gdim)))[0]
+    R[:, 0] *= np.linalg.det(R)
+    for size in (1.0, 1.7):
+        turned = (size * z.reshape(-1, gdim) @ R.T).ravel()
+        there = contact.place(turned, q, contact.hold(turned))
+        carried = in_plane(there.normal, contact.read(there, written))
+        assert np.abs(carried - size * slip @ R.T).max() < 1e-9
+
+
 def test_one_facet_at_a_frame_node():
     """What lies over a frame node but for rounding stays on one of its facets: couples of friction
     act on a facet's own corners, and Newton's iteration went from one to the other for ever."""

@@ -1,5 +1,7 @@
 """States saved and read again: the next step is the one that would have been."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 import ufl
@@ -7,6 +9,7 @@ from conftest import run_mpi_json
 from dolfinx import fem, mesh
 from friction_block import Dragged
 from mpi4py import MPI
+from sampling import longer
 from saved import figures
 from submeshes import Halves
 
@@ -77,6 +80,31 @@ def pressed(n=3, law=None):
     plane = llm.RigidPlane((0.0, 0.0), (0.0, 1.0))
     interface = llm.Interface(tags, (1, plane), law=law or llm.Coulomb(0.3))
     return llm.NonlinearContactProblem(F, u, bcs=[bc], interfaces=[interface]), top
+
+
+@pytest.mark.parametrize("law", [llm.Coulomb(0.3), longer(llm.Tied())], ids=str)
+def test_results_at_finite_deformation(law, tmp_path):
+    """After ``load`` they are those of the step that was saved, with a frame and without one."""
+    from turned_strips import Strips
+
+    strips, (other, _), (block, _) = Strips(law, MPI.COMM_SELF), pressed(), pressed()
+    for _ in range(2):
+        strips.step(0.03)
+    block.solve()
+    for problem, new in ((strips.problem, Strips(law, MPI.COMM_SELF).problem), (block, other)):
+        problem.save(tmp_path / "state.npz")
+        new.load(tmp_path / "state.npz")
+        (known,), (found,) = problem.results, new.results
+        parts = [(known, found), *zip(known.sides, found.sides, strict=True)]
+        parts += [(known.frame, found.frame)] * (known.frame is not None)
+        assert len(parts) == (4 if known.frame else 2) and type(found) is type(known)
+        for one, two in parts:
+            for f in fields(one):
+                a, b = getattr(one, f.name), getattr(two, f.name)
+                assert isinstance(a, (np.ndarray, float)) == isinstance(b, (np.ndarray, float))
+                if isinstance(a, (np.ndarray, float)):
+                    np.testing.assert_array_equal(a, b)
+        assert (known.resultant == found.resultant).all() and np.abs(found.pressure).max() > 0.0
 
 
 @pytest.mark.long
