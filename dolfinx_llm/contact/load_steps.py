@@ -55,6 +55,8 @@ def advance(
     end = f, g, equations.frame_loads()
     tied = iteration.operators.tied  # a part is as hard as the whole
     done, part = 0.0, 1.0 if tied else 1.0 / increments
+    for state in iteration.states:
+        state.read()
     iteration.history = []
     first = iteration.snapshot()
     while done < 1.0 - 1e-9:

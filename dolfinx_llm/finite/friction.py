@@ -47,6 +47,12 @@ class Friction(MovingContact):
     mu: Array  # (n,) coefficient of friction at the moving side's nodes
     cohesion: Array  # (n,) [force / area]
 
+    def reading(self, given: dict[str, Array]) -> MovingContact:
+        now = given["mu"], given["cohesive"]
+        if all(map(np.array_equal, now, (self.mu, self.cohesion))):
+            return self
+        return replace(self, mu=now[0], cohesion=now[1])
+
     @property
     def size(self) -> int:
         """Number of unknowns."""

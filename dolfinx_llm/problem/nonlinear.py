@@ -157,7 +157,9 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         with collective(self.comm):
             checks.integer("increments", increments, "give an integer of at least 1", low=1)
             pressures = np.array([load.value() for load in self.loads])
-            poses = tuple(pose_of(c) for c in self._newton.equations.interfaces)
+            equations = self._newton.equations
+            equations.interfaces = [placed.begun() for placed in equations.interfaces]
+            poses = tuple(pose_of(c) for c in equations.interfaces)
         given = increments, pressures.tolist(), [pose.tolist() for pose in poses]
         agree(self.comm, "increments, pressures and obstacles", given)
         values = self.bulk.values()

@@ -156,7 +156,8 @@ class SavedContact(Saving):
             names = [f.name for f in fields(ContactState) if f.name != "history"]
             own = {name: common[start + name] for name in names}
             kept = {key[len(law) :]: v for key, v in common.items() if key.startswith(law)}
-            state.restore(ContactState(**own, history=kept))
+            state.forget()
+            state.restore(ContactState(**own, history=state.own.history | kept))
         self.method.iteration.history = json.loads(str(common["history"]))
         self.history = self.method.history
         multiplier, v = common["reported"], common["w"][: len(common["loads"])]
