@@ -41,13 +41,13 @@ def doubts(
         if max(np.abs(side.force).max() for side in result.sides) <= CARRIES * iteration.forces:
             continue
         share = lost(state, iteration.multiplier)
-        if state.ties is not None and share > UNTIED_SHARE:
+        if state.own.ties is not None and share > UNTIED_SHARE:
             out.append(
                 f"interface {state.nodes.geometry.interface.name}: pairs at the rim of contact "
                 f"carry {share:.1%} of the normal force, and those next to them the friction that "
                 "belongs to it. Use a finer mesh where contact ends"
             )
-        elif state.ties is None and share > LOOSE_SHARE:
+        elif state.own.ties is None and share > LOOSE_SHARE:
             out.append(
                 f"interface {state.nodes.geometry.interface.name}: pairs that opened and closed by "
                 f"turns have been left without friction of their own, and carry {share:.1%} of the "

@@ -29,6 +29,7 @@ class ContactState:
     kappa_before: Array  # (k, q) jump unknowns at the end of the last load step [length]
     holds: Array  # (k,) nodes whose pairs may pull, too
     history: dict[str, Array]  # (k, ...) what the law keeps
+    ties: Array | None = None  # (n,) pairs that follow a frame along it; None: those in contact
 
     @classmethod
     def at_first(cls, n: int, jumps: tuple[int, ...]) -> ContactState:
@@ -52,6 +53,7 @@ class ContactState:
             kappa_before=self.kappa_before.copy(),
             holds=self.holds.copy(),
             history={name: value.copy() for name, value in self.history.items()},
+            ties=None if self.ties is None else self.ties.copy(),
         )
 
     def carried(self, transfer: Transfer, fresh: ContactState) -> ContactState:
@@ -100,7 +102,7 @@ class InterfaceState:
         shares, curved: nodes at the rim of contact slip as others do; so on a curved frame.
         second, keeps: of second order, whose pairs that do not come to rest may keep their ties;
             whether they do, see ``loose``.
-        ties, asked: (n,) pairs that follow a frame along it, None: those in contact; see ``ties``.
+        asked: whether ties have been chosen in this load step, see ``ties``.
         grazes: friction of open pairs, over the normal force.
         pulled: (k,) nodes that corrected rows pull at: they slip as another does.
     """
@@ -126,7 +128,6 @@ class InterfaceState:
         """All in contact, no jump, as drawn."""
         k = len(self.nodes.kappa)
         self.own = ContactState.at_first(len(self.nodes.rows), self.nodes.kappa.shape)
-        self.ties: Array | None = None
         self.begin()
         if k:
             with collective(self.nodes.comm):
@@ -149,14 +150,14 @@ class InterfaceState:
 
     def restore(self, state: ContactState) -> None:
         """Take over another state."""
-        self.own, self.ties = state.copy(), None
+        self.own = state.copy()
         self.touch(self.own.active)
 
     def touch(self, active: Array) -> None:
         """Take over the pairs (n,) in contact, and who speaks for whom."""
         self.held = self.nodes.reach(self.own.holds) | self.stays
         self.own.active = active = active | self.held
-        told = self.tied, active, self.pulled, self._adrift, self.ties is not None
+        told = self.tied, active, self.pulled, self._adrift, self.own.ties is not None
         if not np.array_equal(np.hstack(told), self._touching):
             self._touching, self.touched = np.hstack(told), self.touched + 1
             if self.shares:
@@ -198,7 +199,7 @@ class InterfaceState:
         settling = active & (closings < BY_TURNS)
         if self.keeps:
             settling = (active | (closings >= BY_TURNS)) & (closings < GONE)
-        return (settling if self.ties is None else self.ties) & (not self.glides)
+        return (settling if self.own.ties is None else self.own.ties) & (not self.glides)
 
     def closed_rows(self) -> Array:
         """(n c,) rows in contact."""

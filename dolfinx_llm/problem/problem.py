@@ -128,6 +128,7 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
         self.history: list[dict[str, Any]] = []
         self.results: list[InterfaceResult] = []
         self._doubts: list[str] = []
+        self._u: list[fem.Function] = []
         self._petsc = petsc_options_prefix, petsc_options
         self.bulk = LinearBulk(given, self.times)
         self.spaces, self.comm = self.bulk.spaces, self.bulk.comm
@@ -209,19 +210,27 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
         self.update()
         with self.times.timed("assembly of f"):
             f = self.bulk.load()
-        u, multiplier, w = self.method.solve(f, increments)
-        self.history = self.method.history
-        with self.times.timed("results"):
-            states = self.method.states
-            self.results = collect_results(self.operators, u, multiplier, w, states)
-        # On all ranks: it may raise.
-        method = self.method
-        self._doubts = doubts(self.geometries, self.results, method.iteration, method.in_time)
-        for warning in self._doubts:
-            if self.comm.rank == 0:
-                log.warning(warning)
-        self._u = self.bulk.functions(u)
-        memory.found()
+        method, goes_back = self.method, True
+        method.prepare()
+        before = method.snapshot(), (self.history, self.results, self._doubts, self._u)
+        try:
+            u, multiplier, w = method.solve(f, increments)
+            self.history = method.history
+            with self.times.timed("results"):
+                self.results = collect_results(self.operators, u, multiplier, w, method.states)
+            # On all ranks: it may raise.
+            self._doubts = doubts(self.geometries, self.results, method.iteration, method.in_time)
+            for warning in self._doubts:
+                if self.comm.rank == 0:
+                    log.warning(warning)
+            self._u = self.bulk.functions(u)
+            goes_back = bool(memory.state)
+            memory.found()
+            goes_back = False
+        finally:
+            if goes_back:
+                method.restore(before[0])
+                self.history, self.results, self._doubts, self._u = before[1]
         return self.u
 
     def reset(self) -> None:
