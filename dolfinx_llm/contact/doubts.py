@@ -21,7 +21,7 @@ UNTIED_SHARE = 1e-2  # the same, on pairs that have none from the start of a loa
 # friction on pairs that do not press
 IN_SUM = 1e-3  # of the largest force, of friction at a frame node with its neighbours alone
 UNEVEN = 2.0  # friction of a side's nodes over the frame's, where all slip
-CARRIES = 1e-10  # of the largest force so far: an interface with less carries none
+CARRIES = 1e-10  # of the largest force in the load step: an interface with less carries none
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
 UNCERTAIN = 0.2  # part of the bodies' motion to which gaps must be known
 NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close

@@ -59,6 +59,7 @@ class ContactIteration:
     Attributes:
         operators, equations, states: as given; of the laws; per interface ``InterfaceState``.
         multiplier, w, ...: all but the first two of ``Reached``.
+        pressed: largest force on an obstacle at the start of this load step [force].
         bar: progress line, if there is one.
     """
 
@@ -76,7 +77,7 @@ class ContactIteration:
             state.forget()
         nothing: Any = None
         self.multiplier = self.w = self.alpha = self.last = nothing
-        self.forces = self.pressed = self.rounding = self.rounded = 0.0
+        self.forces = self.ended = self.pressed = self.rounding = self.rounded = 0.0
         self.verdict = Verdict(0.0, 0.0)
         self.f, self.g = self._rest
         self.equations.loads = np.zeros(self.equations.n_v)
@@ -112,7 +113,6 @@ class ContactIteration:
         self.w = told(self.operators.floating.comm, of_the_bodies(self.states, found.w, fitted))
         for s in self.states:
             s.accept(found.multiplier, self.w, fitted, self.scale, self.rounding)
-        self.pressed = max(self.pressed, np.abs(self.equations.loads).max(initial=0.0))
 
     def iterate(self, f: Array, g: Array, falls: Callable[[], Any]) -> StepResult:
         """To a state that meets all conditions, for this rank's f and gaps g; soon, or else given
@@ -135,7 +135,7 @@ class ContactIteration:
         giving, circles = GivingWay(equations), Circles(self.history)
         parted = Parted(equations, floating.comm)
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
-        pull = Pull(floating, spring, f, self.forces, alpha)
+        pull = Pull(floating, spring, f, self.rounding, alpha)
         for s in self.states:
             s.begin()
         glides, rest = glide(equations, False), untied(self.states)

@@ -59,6 +59,8 @@ def advance(
     done, part = 0.0, 1.0 if tied else 1.0 / increments
     for state in iteration.states:
         state.read()
+    # Loads that go back to zero leave rounding of those at the start.
+    iteration.forces, iteration.pressed = iteration.ended, size(equations.loads)
     iteration.history = []
     while done < 1.0 - 1e-9:
         reached = min(done + part, 1.0)
@@ -131,7 +133,8 @@ def _judged(iteration: ContactIteration, found: StepResult, f: Array, g: Array) 
         free * f,
         free * pushed,
     )
-    iteration.forces, before = max(iteration.forces, *forces), iteration.rounded
+    iteration.ended, before = max(forces), iteration.rounded
+    iteration.forces = max(iteration.forces, iteration.ended)
     iteration.rounded = SEVERAL * EPS * max(terms, size(multiplier))
     iteration.rounding = max(before, iteration.rounded)
     follows = equations.L @ found.w + equations.compliance * multiplier

@@ -23,10 +23,10 @@ class Reached:
     alpha: Any  # (count,) rigid motion of bodies that nothing else holds
     f: Array  # (n_local,) load of this rank
     g: Array  # (n,) gaps [length]
-    forces: float  # largest so far
-    pressed: float  # largest on an obstacle
-    rounding: float  # of forces that were found from the last ones
-    rounded: float  # of these by themselves
+    forces: float  # largest at the start and the end, by which it was judged [force]
+    ended: float  # largest at its end [force]
+    rounding: float  # of forces that were found from the last ones [force]
+    rounded: float  # of these by themselves [force]
     verdict: Verdict  # of the last load step
     last: LinearStep | None  # of the last iteration
     history: list[dict[str, Any]]  # of the last load step

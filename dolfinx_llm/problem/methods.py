@@ -166,6 +166,8 @@ class ContactMethod:
                 with _naming_tolerance(self.setting.options):
                     u, multiplier, v, began = advance(self.iteration, f, g, increments)
         self._last, self._began = (u, motions), began
+        if self.starts:  # inertia held the bodies: no step is judged by its forces and rounding
+            self.iteration.ended = self.iteration.rounded = 0.0
         if operators.held.any() or (operators.interfaces_at > 1).any():
             friction = [(s.bearing_rows(), s.nodes.felt) for s in self.states]
             force = self.setting.bulk.force(u)
@@ -219,7 +221,7 @@ class ContactMethod:
         u, motions = self._last
         common = {
             "multiplier": i.multiplier, "w": i.w, "g": i.g, "loads": i.equations.loads,
-            "forces": np.array([i.forces, i.pressed, i.rounding, i.rounded]),
+            "forces": np.array([i.ended, i.rounding, i.rounded]),
             "reported": self._reported,
         }  # fmt: skip
         return common | {f"motion {k}": m for k, m in enumerate(motions)}, {"u": u, "f": i.f}
@@ -230,7 +232,7 @@ class ContactMethod:
         i, u = self.iteration, local["u"]
         i.multiplier, i.w, i.g = (common[name] for name in ("multiplier", "w", "g"))
         i.f, i.equations.loads, self._reported = local["f"], common["loads"], common["reported"]
-        i.forces, i.pressed, i.rounding, i.rounded = map(float, common["forces"])
+        i.ended, *_, i.rounding, i.rounded = map(float, common["forces"])  # files have had four
         i.alpha, i.last, self._began = self.setting.operators.floating.amounts(u), None, None
         count = len(self.setting.operators.geometries)
         self._last = u, [common[f"motion {k}"] for k in range(count)]
