@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -196,7 +197,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
                 moving_results(c.what, c.at(self.bulk.dofs, state.u), t)
                 for c, t in zip(placed, self._newton.terms, strict=True)
             ]
-            self.results = told(self.comm, results)
+            self.results = told(self.comm, deepcopy(results))  # their arrays are the user's
 
     def destroy(self) -> None:
         """Free the factorisation, which the next ``solve`` makes anew; collective. On one rank the
