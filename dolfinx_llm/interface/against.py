@@ -81,6 +81,16 @@ def against_obstacle(
     return pairs, steep_rim(side, facets, np.isfinite(distance))
 
 
+def as_drawn(geometry: InterfaceGeometry) -> list[Array]:
+    """What an interface takes a rigid obstacle to be: clearance of the surface's nodes (n,), its
+    directions (n, gdim), of an end that turns under a moment its pivot; nothing without one."""
+    obstacle, x = geometry.interface.obstacle, geometry.sides[0].x
+    if obstacle is None:
+        return []
+    pivot = [] if geometry.swings is None else [np.array(obstacle.pose(x.shape[1])[2])]
+    return [*checked_clearance(obstacle, x), *pivot]
+
+
 def checked_clearance(obstacle: Obstacle, x: Array) -> tuple[Array, Array]:
     """What the obstacle says of points, checked: own obstacles may say anything."""
     gdim, kind = x.shape[1], type(obstacle).__name__

@@ -177,6 +177,8 @@ class ContactMethod:
 
     def pushed(self) -> Array:
         """(n_local,) -B λ of the last solve [force]."""
+        if self.iteration is None or self.iteration.multiplier is None:
+            raise ContactError("there are no contact forces yet: call solve() first")
         operators = self.setting.operators
         own = self.iteration.multiplier[operators.rows.numbering.mine]
         return -times(operators.B, own)

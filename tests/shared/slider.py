@@ -24,7 +24,7 @@ class Slider:
         self.law = law(body[0]) if callable(law) else law
         self.top, self.along = fem.Function(spaces[0]), 0.0
         held = [(spaces[0], self.top, 1.0), *((V, fem.Function(V), -1.0) for V in spaces[1:])]
-        bcs = [
+        self.bcs = [
             fem.dirichletbc(
                 value, fem.locate_dofs_geometrical(V, lambda x, y=y: np.isclose(x[1], y))
             )
@@ -39,13 +39,13 @@ class Slider:
         u = [fem.Function(V) if finite else ufl.TrialFunction(V) for V in spaces]
         a = [ufl.inner(stress(v), ufl.grad(w)) * ufl.dx for v, w in zip(u, tests, strict=True)]
         if finite:
-            self.problem = llm.NonlinearContactProblem(a, u, bcs=bcs, interfaces=[interface])
+            self.problem = llm.NonlinearContactProblem(a, u, bcs=self.bcs, interfaces=[interface])
         else:
             zero = [
                 ufl.inner(fem.Constant(V.mesh, np.zeros(2)), w) * ufl.dx
                 for V, w in zip(spaces, tests, strict=True)
             ]
-            self.problem = llm.ContactProblem(a, zero, bcs=bcs, interfaces=[interface])
+            self.problem = llm.ContactProblem(a, zero, bcs=self.bcs, interfaces=[interface])
 
     def move(self, along, down=PRESSED, *increments, **memory):
         """Solve with the top there."""
