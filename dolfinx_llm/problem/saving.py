@@ -19,6 +19,7 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.contact.results import collect_results
 from dolfinx_llm.contact.state import ContactState
+from dolfinx_llm.laws.rows import SLIP
 from dolfinx_llm.output.writing import writable_file
 from dolfinx_llm.problem.state_file import (
     FORMAT,
@@ -158,6 +159,8 @@ class SavedContact(Saving):
             own: dict[str, Any] = {name: common.get(start + name) for name in names}
             kept = {key[len(law) :]: v for key, v in common.items() if key.startswith(law)}
             state.forget()
+            if "slides" in state.own.history and "slides" not in kept:  # in files of older versions
+                kept["slides"] = (own["status"] == SLIP).astype(float)
             state.restore(ContactState(**own, history=state.own.history | kept))
         self.method.iteration.history = json.loads(str(common["history"]))
         self.history = self.method.history

@@ -92,6 +92,24 @@ def test_dynamic_friction_that_changes():
     assert abs(slider.dragged() - 0.2) < 1e-9
 
 
+def test_what_slides_in_a_file_of_an_older_version(tmp_path):
+    """It told the coefficients in the place of what slides, which the status tells."""
+    slider = Slider(llm.Coulomb(0.4, dynamic=0.3), rigid=True)
+    slider.dragged()
+    slider.problem.save(tmp_path / "state.npz")
+    with np.load(tmp_path / "state.npz") as stored:
+        kept = dict(stored)
+    slides = kept.pop("interface 0 law slides")
+    kept |= {"interface 0 law mu": 0.4 - 0.1 * slides, "interface 0 law cohesive": 0.0 * slides}
+    ended, rounding, rounded = kept["forces"]
+    kept["forces"] = np.array([ended, 0.0, rounding, rounded])
+    np.savez(tmp_path / "older.npz", **kept)
+    after = Slider(llm.Coulomb(0.4, dynamic=0.3), rigid=True)
+    after.problem.load(tmp_path / "older.npz")
+    after.along = slider.along
+    assert abs(after.dragged() - 0.3) < 1e-9
+
+
 def test_steps_in_time():
     """A block that slides along a plane: friction is that of the moment."""
     domain, tags = rectangle(MPI.COMM_SELF, (4, 5), (0.0, 0.0), (1.0, 1.0), "quadrilateral")
