@@ -45,7 +45,13 @@ class Hill(llm.Obstacle):
         return away / length, into / length[:, None]
 
 
+def ground(height):
+    """Out of two segments, as wide as the block and more."""
+    return llm.Frame([[-2.0, height], [0.0, 1.5 * height], [2.0, height]], [[0, 1], [1, 2]])
+
+
 CASES = {
+    "mesh": (lambda: llm.RigidSurface(ground(0.001)), ground(0.002), BELOW),
     "point": (lambda: llm.RigidPlane((0.0, 0.001), (0.0, 1.0)), np.array([0.0, 0.002]), BELOW),
     "radius": (lambda: llm.RigidSphere((0.0, -2.0), 2.001), 2.002, BELOW),
     "height": (Hill, 0.002, BELOW),
