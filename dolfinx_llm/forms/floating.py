@@ -51,7 +51,7 @@ class Pull:
         force = self._spring * (self._floating.square @ moved)
         self.most = max(self.most, float(np.abs(force).sum()))
         size = (self._loads + np.abs(multiplier) @ self._floating.grip).max()
-        size = max(size, self._rounding / UNBALANCED)
+        size = max(size, self._rounding / UNBALANCED)  # where pulls are rounding, they are none
         self._rest = self.share if calm > 1 else np.inf
         self.share = float(np.abs(force).max() / size) if size > 0.0 else 0.0
         self._least = max(UNBALANCED, noise / size) if size > 0.0 else UNBALANCED
