@@ -134,11 +134,13 @@ def _plain(rigid: RigidMotions) -> csr_matrix:
 def _friction(s: InterfaceState, n: int) -> tuple[csr_matrix, csr_matrix, Array]:
     """Friction at the nodes of an interface along some directions, |T| <= μ N + cohesion area: rows
     (j, n) of T and μ N, and what cohesion bears (j,)."""
-    nodes, known = s.nodes, s.own.history
+    assert isinstance(s.law, Coulomb)
+    nodes, at = s.nodes, s.at_rest()
     T = nodes.operator(nodes.tangential, n)
-    bears, q = diagonal(known["mu"]) @ nodes.operator(nodes.L_normal, n), nodes.kappa.shape[1]
+    mu, q = diagonal(s.law.coefficient(at)), nodes.kappa.shape[1]
+    bears = mu @ nodes.operator(nodes.L_normal, n)
     angles = np.pi * np.arange(2) if q == 1 else 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     along = zip(*[np.cos(angles), np.sin(angles)][:q], strict=True)
     rows = [sum(a * T[i::q] for i, a in enumerate(by)) for by in along]
-    count = len(angles)
-    return vstack(rows).tocsr(), vstack([bears] * count).tocsr(), np.tile(known["cohesive"], count)
+    count, cohesive = len(angles), at.given["cohesive"]
+    return vstack(rows).tocsr(), vstack([bears] * count).tocsr(), np.tile(cohesive, count)

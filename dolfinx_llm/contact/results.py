@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -99,7 +100,7 @@ def collect_results(
         nodal = nodal_sides(geometry, sides)
         found = _interface_result(geometry, sides, nodal, v, state)
         results.append(replace(found, rotation=geometry.rotation(w[place.frame])))
-    return told(operators.comm, results)
+    return told(operators.comm, deepcopy(results))  # their arrays are the user's
 
 
 def _tangential_average(geometry: InterfaceGeometry, moved: Sequence[Array]) -> Array:

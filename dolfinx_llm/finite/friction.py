@@ -25,7 +25,7 @@ from dolfinx_llm.base.sparse import diagonal, per_item, summing
 from dolfinx_llm.finite.friction_law import FrictionRows, friction_rows, sticks
 from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.slides import Slides
-from dolfinx_llm.finite.terms import FAST, ContactTerms, Held, Origin, yields
+from dolfinx_llm.finite.terms import FAST, ContactTerms, Held, MovingContact, Origin, yields
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
 
@@ -40,6 +40,12 @@ class Friction(Slides):
 
     mu: Array  # (n,) coefficient of friction at the moving side's nodes
     cohesion: Array  # (n,) [force / area]
+
+    def reading(self, given: dict[str, Array]) -> MovingContact:
+        now = given["mu"], given["cohesive"]
+        if all(map(np.array_equal, now, (self.mu, self.cohesion))):
+            return self
+        return replace(self, mu=now[0], cohesion=now[1])
 
     @property
     def size(self) -> int:

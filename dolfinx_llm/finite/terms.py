@@ -106,6 +106,14 @@ class MovingContact:
         """Whether surfaces may overlap under its forces."""
         return False
 
+    def reading(self, given: dict[str, Array]) -> MovingContact:
+        """The same with what its law has read at the start of a load step, see ``Law.begin_step``.
+
+        Args:
+            given: (n, ...) at the moving side's nodes.
+        """
+        return self
+
     def staying(self, stays: Array, now: Array) -> Array:
         """(n,) status of pairs, with those (n,) that stay in contact."""
         return np.where(stays & (now == OPEN), self.pressed[-1], now)

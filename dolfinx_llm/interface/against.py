@@ -20,7 +20,7 @@ from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.obstacle import Obstacle, Swings
-from dolfinx_llm.interface.obstacles import MeanDisplacement, about_the_mean
+from dolfinx_llm.interface.obstacles import MeanDisplacement, RigidSurface, about_the_mean
 from dolfinx_llm.interface.touching import BURIED, say_depth, steep_rim
 from dolfinx_llm.laws.law import Law
 
@@ -83,6 +83,19 @@ def against_obstacle(
     moved[nodes] += np.maximum(np.einsum("ni,ni->n", pairs.normal, obstacle.motion(pairs.met)), 0.0)
     _say_place(obstacle, side, nodes, moved, name, notes)
     return pairs, steep_rim(side, facets, np.isfinite(distance))
+
+
+def as_drawn(geometry: InterfaceGeometry) -> list[Array]:
+    """What an interface takes a rigid obstacle to be: clearance of the surface's nodes (n,) and its
+    directions (n, gdim), or the mesh by which these take long to find; of an end that turns under a
+    moment its pivot; nothing without one."""
+    obstacle, x = geometry.interface.obstacle, geometry.sides[0].x
+    if obstacle is None:
+        return []
+    pivot = [] if geometry.swings is None else [np.array(obstacle.pose(x.shape[1])[2])]
+    if type(obstacle) is RigidSurface:
+        return [obstacle.mesh.x.copy(), obstacle.mesh.cells.copy(), *pivot]
+    return [*checked_clearance(obstacle, x), *pivot]
 
 
 def checked_clearance(obstacle: Obstacle, x: Array) -> tuple[Array, Array]:

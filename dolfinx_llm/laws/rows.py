@@ -79,6 +79,7 @@ class LawNodes:
     history: dict[str, Array] = field(default_factory=dict)  # (k, ...) what the law keeps
     speaker: Array | None = None  # (k,) node whose law holds for each; None: each its own
     sample: Callable[[Any], Array] | None = None  # (k,) of what users give
+    given: dict[str, Array] = field(default_factory=dict)  # (k, ...) what ``begin_step`` has read
 
     @property
     def slip(self) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -157,7 +158,9 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         with collective(self.comm):
             checks.integer("increments", increments, "give an integer of at least 1", low=1)
             pressures = np.array([load.value() for load in self.loads])
-            poses = tuple(pose_of(c) for c in self._newton.equations.interfaces)
+            equations = self._newton.equations
+            equations.interfaces = [placed.begun() for placed in equations.interfaces]
+            poses = tuple(pose_of(c) for c in equations.interfaces)
         given = increments, pressures.tolist(), [pose.tolist() for pose in poses]
         agree(self.comm, "increments, pressures and obstacles", given)
         values = self.bulk.values()
@@ -194,7 +197,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
                 moving_results(c.what, c.at(self.bulk.dofs, state.u), t, slip)
                 for c, t, slip in zip(placed, self._newton.terms, self._newton.slips, strict=True)
             ]
-            self.results = told(self.comm, results)
+            self.results = told(self.comm, deepcopy(results))  # their arrays are the user's
 
     def destroy(self) -> None:
         """Free the factorisation, which the next ``solve`` makes anew; collective. On one rank the

@@ -144,9 +144,10 @@ class SavedContact(Saving):
         common, local = self.method.kept()
         common |= {"places": self.places(), "history": np.array(json.dumps(self.method.history))}
         for i, state in enumerate(self.method.states):
-            own = {f.name: getattr(state.own, f.name) for f in fields(ContactState)}
+            own = vars(state.own.copy())
             kept = own.pop("history")
-            common |= {f"interface {i} {name}": value for name, value in own.items()}
+            told = {name: value for name, value in own.items() if value is not None}
+            common |= {f"interface {i} {name}": value for name, value in told.items()}
             common |= {f"interface {i} law {name}": value for name, value in kept.items()}
         return common, local
 
@@ -156,9 +157,10 @@ class SavedContact(Saving):
         for i, state in enumerate(self.method.states):
             start, law = f"interface {i} ", f"interface {i} law "
             names = [f.name for f in fields(ContactState) if f.name != "history"]
-            own = {name: common[start + name] for name in names}
+            own: dict[str, Any] = {name: common.get(start + name) for name in names}
             kept = {key[len(law) :]: v for key, v in common.items() if key.startswith(law)}
-            state.restore(ContactState(**own, history=kept))
+            state.forget()
+            state.restore(ContactState(**own, history=state.own.history | kept))
         self.method.iteration.history = json.loads(str(common["history"]))
         self.history = self.method.history
         multiplier, v = common["reported"], common["w"][: len(common["loads"])]
