@@ -76,15 +76,17 @@ def problem(
     scene, law=None, order=(0, 1), pressure=PRESSURE, young=E, poisson=NU, design="auto", **more
 ):
     """The problem, for bodies on one mesh or on two; ``order`` of the interface's sides; ``boxes``
-    if they are others, ``beyond`` if the punch's bottom is pressed as well where it is free."""
+    if they are others, ``beyond`` if the punch's bottom is pressed as well where it is free; two
+    numbers of ``young`` and ``poisson`` for two bodies on two meshes."""
     dim = scene[0][0].geometry.dim
     degree = more.get("degree", 1)
     spaces = [compat.function_space(domain, degree=degree, shape=(dim,)) for domain, _ in scene]
     functions, forms = [fem.Function(V, name="u") for V in spaces], []
     low_tags, high_tags = scene[0][1], scene[-1][1]
     bcs = supports([spaces[0], spaces[-1]], more.get("boxes", BOXES[dim]))
-    for V, u in zip(spaces, functions, strict=True):
-        mu, lam = (fem.Constant(V.mesh, value) for value in lame(young, poisson))
+    materials = [np.broadcast_to(value, len(spaces)).tolist() for value in (young, poisson)]
+    for V, u, *material in zip(spaces, functions, *materials, strict=True):
+        mu, lam = (fem.Constant(V.mesh, value) for value in lame(*material))
         density = energy(u, mu, lam) * ufl.dx(degree=4)
         forms.append(ufl.derivative(density, u, ufl.TestFunction(V)))
     p = fem.Constant(spaces[0].mesh, float(pressure))

@@ -41,6 +41,17 @@ def shown(value: Any) -> str:
     return text if len(text) <= LONGEST else text[: LONGEST - 4] + " ..."
 
 
+def place(x: Array) -> list[Any]:
+    """Coordinates for messages: six decimals, of small parts as many more as these need.
+
+    >>> place(np.array([1.0, 1 / 3])), place(np.array([-1e-20, 1e-5 / 3]))
+    ([1.0, 0.333333], [0.0, 3.333333e-06])
+    """
+    largest = float(np.abs(x).max(initial=0.0))
+    digits = 6 if not largest > 0.0 else max(6, 6 - int(np.floor(np.log10(largest))))
+    return list((np.round(x, min(digits, 300)) + 0.0).tolist())
+
+
 def refuse(name: str, value: Any, accepted: str) -> NoReturn:
     """Raise ``ContactInputError`` for an argument; ``accepted`` goes on after "name=value: "."""
     raise ContactInputError(f"{name}={shown(value)}: {accepted}")

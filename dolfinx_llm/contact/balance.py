@@ -59,10 +59,10 @@ def unbalanced(
         if not size > 0.0:
             return None
         left = partial(_left, equations, floating, along / size, loads / size, may_open, L_t)
-        share, motion = chosen(floating.comm, left)
+        share, motion, pushed = chosen(floating.comm, left)
         if share <= LEFT:
             return None
-        return FinalError(out_of_balance(floating, share, motion, along))
+        return FinalError(out_of_balance(floating, share, motion, along, pushed * size))
 
     return told
 
@@ -70,9 +70,10 @@ def unbalanced(
 def _left(
     equations: Equations, floating: Floating, along: Array, loads: Array,
     may_open: Array, L_t: csr_matrix,
-) -> tuple[float, Array]:  # fmt: skip
+) -> tuple[float, Array, float]:  # fmt: skip
     """The least force that must be left along some motion, and the mechanism (count,): of all with
-    a sum of motions of 1 the one on which loads do most work."""
+    a sum of motions of 1 the one on which loads do most work, and what of that those on the frame
+    unknowns do, forces on obstacles."""
     n, n_v, k = equations.n, equations.n_v, floating.count
     low, high = np.where(may_open, 0.0, -np.inf), np.full(n, np.inf)
     drags, bears, limits = [csr_matrix((0, n))], [csr_matrix((0, n))], [np.zeros(0)]
@@ -110,11 +111,12 @@ def _left(
 
     found = solved(drag - bear, limit)
     if found.status or found.fun <= LEFT:  # where it fails the iteration will tell
-        return 0.0, np.zeros(k)
+        return 0.0, np.zeros(k), 0.0
     # What slips does not part: friction as the normal forces found bear it, and no more with more.
     slips = solved(drag, limit + np.maximum(bear @ found.x[:n], 0.0)) if len(limit) else found
     motion = found if slips.status else slips
-    return float(found.fun), basis.T @ motion.eqlin.marginals[:k]
+    moved, pushed = np.split(motion.eqlin.marginals, [k])
+    return float(found.fun), basis.T @ moved, float(pushed @ loads)
 
 
 def _plain(rigid: RigidMotions) -> csr_matrix:
@@ -132,11 +134,13 @@ def _plain(rigid: RigidMotions) -> csr_matrix:
 def _friction(s: InterfaceState, n: int) -> tuple[csr_matrix, csr_matrix, Array]:
     """Friction at the nodes of an interface along some directions, |T| <= μ N + cohesion area: rows
     (j, n) of T and μ N, and what cohesion bears (j,)."""
-    nodes, known = s.nodes, s.own.history
+    assert isinstance(s.law, Coulomb)
+    nodes, at = s.nodes, s.at_rest()
     T = nodes.operator(nodes.tangential, n)
-    bears, q = diagonal(known["mu"]) @ nodes.operator(nodes.L_normal, n), nodes.kappa.shape[1]
+    mu, q = diagonal(s.law.coefficient(at)), nodes.kappa.shape[1]
+    bears = mu @ nodes.operator(nodes.L_normal, n)
     angles = np.pi * np.arange(2) if q == 1 else 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     along = zip(*[np.cos(angles), np.sin(angles)][:q], strict=True)
     rows = [sum(a * T[i::q] for i, a in enumerate(by)) for by in along]
-    count = len(angles)
-    return vstack(rows).tocsr(), vstack([bears] * count).tocsr(), np.tile(known["cohesive"], count)
+    count, cohesive = len(angles), at.given["cohesive"]
+    return vstack(rows).tocsr(), vstack([bears] * count).tocsr(), np.tile(cohesive, count)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.loose import lost
@@ -21,7 +22,7 @@ UNTIED_SHARE = 1e-2  # the same, on pairs that have none from the start of a loa
 # friction on pairs that do not press
 IN_SUM = 1e-3  # of the largest force, of friction at a frame node with its neighbours alone
 UNEVEN = 2.0  # friction of a side's nodes over the frame's, where all slip
-CARRIES = 1e-10  # of the largest force so far: an interface with less carries none
+CARRIES = 1e-10  # of the largest force in the load step: an interface with less carries none
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
 UNCERTAIN = 0.2  # part of the bodies' motion to which gaps must be known
 NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close
@@ -41,13 +42,13 @@ def doubts(
         if max(np.abs(side.force).max() for side in result.sides) <= CARRIES * iteration.forces:
             continue
         share = lost(state, iteration.multiplier)
-        if state.ties is not None and share > UNTIED_SHARE:
+        if state.own.ties is not None and share > UNTIED_SHARE:
             out.append(
                 f"interface {state.nodes.geometry.interface.name}: pairs at the rim of contact "
                 f"carry {share:.1%} of the normal force, and those next to them the friction that "
                 "belongs to it. Use a finer mesh where contact ends"
             )
-        elif state.ties is None and share > LOOSE_SHARE:
+        elif state.own.ties is None and share > LOOSE_SHARE:
             out.append(
                 f"interface {state.nodes.geometry.interface.name}: pairs that opened and closed by "
                 f"turns have been left without friction of their own, and carry {share:.1%} of the "
@@ -173,7 +174,7 @@ def _apart(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
     return [
         f"interface {geometry.interface.name}: nothing touches: the load brings both sides nearer "
         f"to each other, from {before:.2g} as drawn to about {side.gap[near]:.2g} at "
-        f"{side.x[near].round(6).tolist()}, and no contact force arises. Check positions, units "
+        f"{checks.place(side.x[near])}, and no contact force arises. Check positions, units "
         "and the load, or draw the bodies nearer"
     ]
 

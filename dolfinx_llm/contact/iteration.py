@@ -25,8 +25,9 @@ from dolfinx_llm.contact.gliding import glide, slips
 from dolfinx_llm.contact.history import Circles, failure
 from dolfinx_llm.contact.loose import count, keep, lets_go, regain, require_friction
 from dolfinx_llm.contact.parted import Parted
+from dolfinx_llm.contact.reached import ATTRIBUTES, Reached, take_back, untied
 from dolfinx_llm.contact.sliding import slide
-from dolfinx_llm.contact.state import ContactState, InterfaceState
+from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.contact.ties import ask, ask_again, choose, tie_more, unsettled
 from dolfinx_llm.contact.unseen import of_the_bodies
 from dolfinx_llm.forms.floating import Pull
@@ -57,13 +58,9 @@ class ContactIteration:
 
     Attributes:
         operators, equations, states: as given; of the laws; per interface ``InterfaceState``.
-        multiplier, w: (n,) λ [force], None before a solve; (m,) frame and slip unknowns [length].
-        alpha: rigid motion of bodies that nothing else holds.
-        f, g: load and gaps at the end of the last load step.
-        forces, pressed: largest so far, largest on an obstacle [force].
-        rounding, rounded: of forces that were found from the last ones, by themselves [force].
-        verdict, last: of the last load step; linear step of the last iteration, None before it.
-        history, bar: of the last load step, see ``ContactProblem``; progress line, if there is one.
+        multiplier, w, ...: all but the first two of ``Reached``.
+        pressed: largest force on an obstacle at the start of this load step [force].
+        bar: progress line, if there is one.
     """
 
     def __init__(self, operators: ContactOperators, form: StepForm, f: Array, g: Array) -> None:
@@ -80,7 +77,7 @@ class ContactIteration:
             state.forget()
         nothing: Any = None
         self.multiplier = self.w = self.alpha = self.last = nothing
-        self.forces = self.pressed = self.rounding = self.rounded = 0.0
+        self.forces = self.ended = self.pressed = self.rounding = self.rounded = 0.0
         self.verdict = Verdict(0.0, 0.0)
         self.f, self.g = self._rest
         self.equations.loads = np.zeros(self.equations.n_v)
@@ -95,24 +92,20 @@ class ContactIteration:
                 balance there.
             u: this rank's displacement there.
         """
-        if other.multiplier is None:
-            return
-        _take_back(self.states, [s.own for s in other.states])
-        self.multiplier, self.w = other.multiplier, other.w
-        self.alpha = self.operators.floating.amounts(u)  # of other modes, perhaps
-        self.forces, self.pressed, self.rounding = other.forces, other.pressed, other.rounding
-        self.f, self.g = f, g
-        self.equations.loads = other.equations.loads
+        alpha = self.operators.floating.amounts(u)  # of other modes, perhaps
+        self.restore(replace(other.snapshot(), f=f, g=g, alpha=alpha, last=None))
 
-    def snapshot(self) -> tuple[Any, ...]:
-        """What a load step may have to be taken back to."""
-        states = [s.own.copy() for s in self.states]
-        return states, self.multiplier, self.w, self.alpha, self.equations.loads
+    def snapshot(self) -> Reached:
+        """Where it stands."""
+        plain = {name: getattr(self, name) for name in ATTRIBUTES}
+        return Reached([s.own.copy() for s in self.states], self.equations.loads, **plain)
 
-    def restore(self, snapshot: tuple[Any, ...]) -> None:
-        """Back to what ``snapshot`` returned."""
-        states, self.multiplier, self.w, self.alpha, self.equations.loads = snapshot
-        _take_back(self.states, states)
+    def restore(self, reached: Reached) -> None:
+        """Go on from there, or back to it."""
+        for name in ATTRIBUTES:
+            setattr(self, name, getattr(reached, name))
+        self.equations.loads = reached.loads
+        take_back(self.states, reached.states)
 
     def accept(self, found: StepResult, g: Array) -> None:
         """End a load step: what has slipped is the reference of the next."""
@@ -120,7 +113,6 @@ class ContactIteration:
         self.w = told(self.operators.floating.comm, of_the_bodies(self.states, found.w, fitted))
         for s in self.states:
             s.accept(found.multiplier, self.w, fitted, self.scale, self.rounding)
-        self.pressed = max(self.pressed, np.abs(self.equations.loads).max(initial=0.0))
 
     def iterate(self, f: Array, g: Array, falls: Callable[[], Any]) -> StepResult:
         """To a state that meets all conditions, for this rank's f and gaps g; soon, or else given
@@ -143,10 +135,10 @@ class ContactIteration:
         giving, circles = GivingWay(equations), Circles(self.history)
         parted = Parted(equations, floating.comm)
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
-        pull = Pull(floating, spring, f, self.forces, alpha)
+        pull = Pull(floating, spring, f, self.rounding, alpha)
         for s in self.states:
             s.begin()
-        glides, rest = glide(equations, False), self.snapshot()[0]
+        glides, rest = glide(equations, False), untied(self.states)
         while iteration < last and (iteration < FALLING or not falls()):
             iteration += 1
             equations.lags = changes > many and not known
@@ -179,8 +171,8 @@ class ContactIteration:
             anew = not self._vital and unsettled(self.states, changes, iteration)
             if (anew or iteration == 1) and glide(equations, anew or changes > many):
                 glides = True  # contact is sought anew, without friction
-                stuck = self.snapshot()[0], (multiplier, w), equations.middle(y + g, w)
-                _take_back(self.states, rest)
+                stuck = untied(self.states), (multiplier, w), equations.middle(y + g, w)
+                take_back(self.states, rest)
                 continue
             # That all stick or glide at first is a state that changes.
             supposed = glides or (not known and iteration == 1 and miss > self.form.accuracy)
@@ -189,7 +181,7 @@ class ContactIteration:
             equations.idle = pull.most if iteration < LED else 0.0
             if glides and pull.share > FLOATS:  # friction alone holds bodies: on from what stuck
                 glides, many, self._vital, (_, about, centre) = False, np.inf, True, stuck
-                _take_back(self.states, stuck[0])
+                take_back(self.states, stuck[0])
                 keep(self.states)
                 ask_again(self.states)
                 continue
@@ -259,11 +251,6 @@ def _follow(
     differs = ((now.status != s.own.status) & felt) | (now.holds != s.own.holds)
     s.take(now)
     return int(differs.sum())
-
-
-def _take_back(states: list[InterfaceState], to: list[ContactState]) -> None:
-    for state, kept in zip(states, to, strict=True):
-        state.restore(kept)
 
 
 def _many(states: list[InterfaceState], known: bool) -> float:

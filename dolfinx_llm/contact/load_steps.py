@@ -12,6 +12,7 @@ from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.contact.balance import unbalanced
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.neutral import neutral
+from dolfinx_llm.contact.reached import Reached, take_back, untied
 from dolfinx_llm.forms.step import StepResult
 from dolfinx_llm.forms.verdict import (
     EPS,
@@ -34,7 +35,7 @@ SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
 
 def advance(
     iteration: ContactIteration, f: Array, g: Array, increments: int
-) -> tuple[Array, Array, Array, tuple[Any, ...]]:
+) -> tuple[Array, Array, Array, Reached]:
     """One load step to this rank's load f and gaps g, in parts; halved where one fails.
 
     Args:
@@ -48,15 +49,19 @@ def advance(
         part began.
 
     Raises:
-        ContactError: no convergence even in small parts; the iteration is then where it was.
+        ContactError: no convergence even in small parts. The iteration is somewhere on the way
+            then, as after any other error: the caller takes it back.
     """
     equations = iteration.equations
     start = iteration.f, iteration.g, equations.loads
     end = f, g, equations.frame_loads()
     tied = iteration.operators.tied  # a part is as hard as the whole
     done, part = 0.0, 1.0 if tied else 1.0 / increments
+    for state in iteration.states:
+        state.read()
+    # Loads that go back to zero leave rounding of those at the start.
+    iteration.forces, iteration.pressed = iteration.ended, size(equations.loads)
     iteration.history = []
-    first = iteration.snapshot()
     while done < 1.0 - 1e-9:
         reached = min(done + part, 1.0)
         now = [a + reached * (b - a) for a, b in zip(start, end, strict=True)]
@@ -66,28 +71,22 @@ def advance(
         try:
             found = _iterated(iteration, f_t, g_t, falls, reached)
         except (FinalError, ContactInputError):  # smaller parts are of no help
-            iteration.restore(first)
             raise
         except ContactError as failed:
-            iteration.restore(before)
             if tied:
                 raise
             if told := falls():
-                iteration.restore(first)
                 raise told from failed
             if part <= SMALLEST / increments:
-                iteration.restore(first)
                 raise ContactError(
                     f"{failed}. Parts down to {part:.3g} of the step did not help"
                 ) from failed
+            iteration.restore(before)
+            take_back(iteration.states, untied(iteration.states))
             part /= 2.0
             log.info("no convergence: the load is applied in parts of %.3g", part)
             continue
-        try:
-            u = _judged(iteration, found, f_t, g_t)
-        except ContactError:
-            iteration.restore(first)
-            raise
+        u = _judged(iteration, found, f_t, g_t)
         iteration.accept(found, g_t)
         done = reached
     iteration.f, iteration.g = f, g
@@ -134,7 +133,8 @@ def _judged(iteration: ContactIteration, found: StepResult, f: Array, g: Array) 
         free * f,
         free * pushed,
     )
-    iteration.forces, before = max(iteration.forces, *forces), iteration.rounded
+    iteration.ended, before = max(forces), iteration.rounded
+    iteration.forces = max(iteration.forces, iteration.ended)
     iteration.rounded = SEVERAL * EPS * max(terms, size(multiplier))
     iteration.rounding = max(before, iteration.rounded)
     follows = equations.L @ found.w + equations.compliance * multiplier

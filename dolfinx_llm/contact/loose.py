@@ -117,7 +117,7 @@ def _open(s: InterfaceState, multiplier: Array, felt: float) -> bool:
 def _part(s: InterfaceState, multiplier: Array, gaps: Array, felt: float) -> bool:
     """Take their ties from the strongest of those pairs that are open by more than next to nothing
     and bear friction, where they bear too much; whether there were any."""
-    if not s.keeps and s.ties is None:
+    if not s.keeps and s.own.ties is None:
         return False
     rows = s.nodes.rows
     open_, pressed = s.tied & ~s.own.active, np.abs(multiplier[rows[:, -1]]).sum()
@@ -128,7 +128,7 @@ def _part(s: InterfaceState, multiplier: Array, gaps: Array, felt: float) -> boo
         return False
     gone = bears >= HEAVIEST * bears.max()
     s.own.closings[gone] = GONE
-    s.ties = None if s.ties is None else s.ties & ~gone
+    s.own.ties = None if s.own.ties is None else s.own.ties & ~gone
     s.touch(s.own.active)
     return True
 
@@ -153,7 +153,7 @@ def regain(states: list[InterfaceState], multiplier: Array) -> bool:
         states: of all interfaces.
         multiplier: λ (n,) of all [force].
     """
-    some = [s for s in states if s.ties is None and lost(s, multiplier) > FRICTIONLESS]
+    some = [s for s in states if s.own.ties is None and lost(s, multiplier) > FRICTIONLESS]
     for s in some:
         s.begin(keeps=s.keeps)
     return bool(some)
@@ -171,7 +171,7 @@ def too_loose(states: list[InterfaceState], multiplier: Array) -> list[Interface
 
 def _allowed(s: InterfaceState) -> float:
     """Share of the normal force."""
-    return FRICTIONLESS if s.ties is None else UNTIED
+    return FRICTIONLESS if s.own.ties is None else UNTIED
 
 
 def require_friction(states: list[InterfaceState], multiplier: Array) -> None:

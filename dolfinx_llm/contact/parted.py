@@ -47,7 +47,7 @@ class Parted:
         for s in list(self._rest) if iteration > UNPARTED else ():
             rows = s.nodes.rows
             forces, motion = (np.abs(a[rows]).max(initial=0.0) for a in (multiplier, position))
-            if forces > FORCELESS * self._equations.scale * motion:
+            if not motion > 0.0 or forces > FORCELESS * self._equations.scale * motion:
                 continue
             if between := self._between(s, position, motion):
                 found, (at, place) = found.copy(), between
@@ -73,12 +73,12 @@ def _farthest(L: csr_matrix, position: Array, motion: float) -> Array | None:
 
     n, k = L.shape
     gap = csr_matrix(-np.ones((n, 1)))
-    best = linprog(
+    best = linprog(  # in the motion's units: tolerances there are numbers
         np.append(np.zeros(k), -1.0),
         A_ub=-hstack([L, gap]).tocsr(),
-        b_ub=-position,
-        bounds=[(None, None)] * k + [(None, motion)],
+        b_ub=-position / motion,
+        bounds=[(None, None)] * k + [(None, 1.0)],
         method="highs",
     )
-    clear = best.status == 0 and best.x[-1] > WELL_CLEAR * motion
-    return np.asarray(best.x[:-1]) if clear else None
+    clear = best.status == 0 and best.x[-1] > WELL_CLEAR
+    return motion * np.asarray(best.x[:-1]) if clear else None

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import told
@@ -14,11 +16,14 @@ from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.geometry.frame import Frame, displaced
 from dolfinx_llm.interface.control import nodal_values
 from dolfinx_llm.interface.density import along_normals
-from dolfinx_llm.interface.forces import InterfaceForces
+from dolfinx_llm.interface.forces import InterfaceForces, per_area
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.join import Certificate
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 from dolfinx_llm.operators.system import ContactOperators
+
+THIN = 1e-6  # of a surface's extent: what is as thin has no slopes across it
+CANCELLED = 0.5  # of the area about a frame node what rows leave, below which its quotient is noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,15 +41,17 @@ class InterfaceResult(InterfaceForces):
     sides: tuple[SideResult, ...]  # two, in the interface's order; one against an obstacle
     certificate: Certificate | None  # of the frame; None against an obstacle
     frame_force: Array  # (m,) normal force at the frame's nodes [force]
-    frame_area: Array  # (m,) tributary area of the frame's nodes, L_bᵀ of the sides' [area]
+    frame_area: Array  # (m,) tributary area of the frame's nodes, the mean of L_bᵀ of both
+    # sides' [area]
     frame_friction: Array  # (m, gdim) tangential force of side 0 at the frame's nodes, where
     # friction acts the mean of both sides' [force]
     frame_status: Array  # (m,) of its nodes: 0 open, 1 stick, 2 slip, 3 closed, no friction
+    # (m, 1 + gdim) pressure and tangential traction of side 0 there [force / area]
+    frame_density: Array
     presses: bool = True  # the law lets bodies part: no force pulls
     # (gdim,) of an obstacle, prescribed or where a force brings it [length]; None with a frame
     displacement: Array | None = None
     rotation: Array | None = None  # (1,), (3,) of an obstacle, likewise [rad]
-    frame_density: Array | None = None  # (m, 1 + gdim) see ``InterfaceForces``
 
 
 def collect_results(
@@ -93,15 +100,21 @@ def collect_results(
         nodal = nodal_sides(geometry, sides)
         found = _interface_result(geometry, sides, nodal, v, state)
         results.append(replace(found, rotation=geometry.rotation(w[place.frame])))
-    return told(operators.comm, results)
+    return told(operators.comm, deepcopy(results))  # their arrays are the user's
 
 
 def _tangential_average(geometry: InterfaceGeometry, moved: Sequence[Array]) -> Array:
-    """(m, gdim) mean of the tangential motions of both sides, fitted to the frame's nodes."""
-    total = np.zeros((len(geometry.directions), moved[0].shape[1]))
+    """(m, gdim) mean of the tangential motions of both sides, fitted to the frame's nodes; those
+    that hardly any pair reaches follow the motion's affine part, as of bodies that turn or expand.
+    """
+    assert geometry.frame is not None
+    x, total = geometry.frame.x, np.zeros((len(geometry.directions), moved[0].shape[1]))
     for p, motion in zip(geometry.pairs, moved, strict=True):
-        mean = motion.mean(axis=0)
-        total += 0.5 * (mean + p.fit.solve(p.N.T @ (motion - mean)))
+        met = p.N @ x
+        centre, mean = met.mean(axis=0), motion.mean(axis=0)
+        slopes = np.linalg.lstsq(met - centre, motion - mean, rcond=THIN)[0]
+        affine = mean + (x - centre) @ slopes
+        total += 0.5 * (affine + p.fit.solve(p.N.T @ (motion - p.N @ affine)))
     normal = geometry.directions[:, -1]
     return total - np.einsum("mi,mi->m", total, normal)[:, None] * normal
 
@@ -123,43 +136,57 @@ def _interface_result(
             shift = side.area @ side.u / side.area.sum()
         else:
             shift = np.array(obstacle.pose(v.shape[1])[0]) + v.sum(axis=0)
-        density = None if side.density is None else along_normals(side.density, side.normal)
+        acts = per_area(side.force, side.area) if side.density is None else side.density
         own = side.normal_force, side.area, side.tangential_force, side.status
-        return InterfaceResult(None, nodal, None, *own, presses, shift, frame_density=density)
+        return InterfaceResult(
+            None, nodal, None, *own, along_normals(acts, side.normal), presses, shift
+        )
     assert frame is not None
     cartesian, normal = law.components == "cartesian", geometry.normals
-    force, friction = _at_frame(geometry, sides, normal)
-    area = pairs.N.T @ side.area
+    force, friction = _at_frame(geometry, sides, normal, geometry.law_shapes)
+    area = geometry.law_nodes[1]
     if geometry.normals_alone:
         force = pairs.N.T @ (side.normal_force / np.linalg.norm(pairs.N @ normal, axis=1))
+    weights = [N.maximum(0.0) for N in geometry.law_shapes]
+    about = np.mean([W.T @ p.forces for W, p in zip(weights, geometry.pairs)], axis=0)
+    # At the rim of what is covered corrected rows have entries of both signs, and may leave a node
+    # next to nothing of either force or area. What acts there is the mean of the pairs about it.
+    thin = area < CANCELLED * about
+    near, drag = _at_frame(geometry, sides, normal, weights)
     status = np.full(len(force), STICK)
     if not cartesian:
-        pressed = force > FELT * np.abs(force).max(initial=0.0)
+        pressed = np.where(thin, near, force) > FELT * np.abs(force).max(initial=0.0)
         if law.gives or law.slips:
             pressed = pressed | state.own.holds | (not law.opens)
         status = np.where(pressed, CLOSED, OPEN)
         if law.slips:
-            told = pressed & (state.own.status != OPEN)
-            status = np.where(told, state.own.status, status)
+            known = pressed & (state.own.status != OPEN)
+            status = np.where(known, state.own.status, status)
             friction = state.share_out(friction, force)
+            if not law.gives:
+                drag = _in_proportion(near, drag, force, friction)
         elif law.components == "normal":
-            friction = np.zeros_like(friction)
-    frame, known = displaced(frame, nodal_values(geometry, v)), geometry.certificate
+            friction, drag = np.zeros((2, *friction.shape))
     density = _frame_density(geometry, sides, normal)
-    return InterfaceResult(
-        frame, nodal, known, force, area, friction, status, presses, frame_density=density
-    )
+    if density is None:
+        acts, mean = np.column_stack([force, friction]), np.column_stack([near, drag])
+        density = per_area(np.where(thin[:, None], mean, acts), np.where(thin, about, area))
+    frame, own = displaced(frame, nodal_values(geometry, v)), (force, area, friction, status)
+    return InterfaceResult(frame, nodal, geometry.certificate, *own, density, presses)
 
 
 def _at_frame(
-    geometry: InterfaceGeometry, sides: Sequence[SideResult], normal: Array
+    geometry: InterfaceGeometry,
+    sides: Sequence[SideResult],
+    normal: Array,
+    shapes: Sequence[csr_matrix],
 ) -> tuple[Array, Array]:
-    """Force along the normals (m, gdim) of the frame's nodes (m,) and the rest (m, gdim)."""
-    law, shapes = geometry.interface.law, [p.N.T for p in geometry.pairs]
+    """Force along the normals (m, gdim) of the frame's nodes (m,) and the rest (m, gdim), the mean
+    of both sides', by weights (n, m) of the nodes of each."""
+    law = geometry.interface.law
 
     def total(forces: list[Array]) -> Array:
-        own = shapes[0] @ forces[0]
-        return 0.5 * (own - shapes[1] @ forces[1]) if law.slips else own  # friction holds for both
+        return 0.5 * (shapes[0].T @ forces[0] - shapes[1].T @ forces[1])
 
     press = drag = total([s.force for s in sides])
     if law.slips and not law.gives:
@@ -168,14 +195,25 @@ def _at_frame(
     return along_normals(press, normal)[:, 0], along_normals(drag, normal)[:, 1:]
 
 
+def _in_proportion(near: Array, drag: Array, force: Array, friction: Array) -> Array:
+    """(m, gdim) friction that goes with the normal force (m,) about a frame node as the node's own
+    (m, gdim) does with its (m,), and is no larger than what drags there (m, gdim)."""
+    own = near[:, None] * per_area(friction, force)
+    size, most = (np.linalg.norm(a, axis=1) for a in (own, drag))
+    return own * np.minimum(1.0, most / np.where(size > 0.0, size, 1.0))[:, None]
+
+
 def _frame_density(
     geometry: InterfaceGeometry, sides: Sequence[SideResult], normal: Array
 ) -> Array | None:
-    """``InterfaceResult.frame_density``, where the frame's nodes have normals (m, gdim)."""
-    k = int(len(sides[1].x) < len(sides[0].x))
-    density = sides[k].density
-    if density is None or sides[1 - k].density is None:
-        return None
+    """``InterfaceResult.frame_density`` between second-order bodies, where the frame's nodes have
+    normals (m, gdim): of the side with fewer nodes, the mean of both where they have as many; None:
+    not of second order."""
     assert geometry.frame is not None
-    vector = (1.0 - 2.0 * k) * (geometry.pairs[k].interpolation(geometry.frame.x) @ density)
-    return along_normals(vector, normal)
+    found, least = [], min(len(side.x) for side in sides)
+    for sign, p, side in zip((1.0, -1.0), geometry.pairs, sides, strict=True):
+        if side.density is None:
+            return None
+        if len(side.x) == least:
+            found.append(sign * (p.interpolation(geometry.frame.x) @ side.density))
+    return along_normals(np.mean(found, axis=0), normal)

@@ -45,6 +45,11 @@ class SideResult:
     # ``density_at_nodes``; None at first order, where the frame's are [force / area]
 
     @property
+    def X(self) -> Array:
+        """(n, gdim) as drawn: x [length]."""
+        return self.x
+
+    @property
     def drawn(self) -> Array:
         """(n, gdim) x [length]."""
         return self.x

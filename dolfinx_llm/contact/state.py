@@ -29,6 +29,20 @@ class ContactState:
     kappa_before: Array  # (k, q) jump unknowns at the end of the last load step [length]
     holds: Array  # (k,) nodes whose pairs may pull, too
     history: dict[str, Array]  # (k, ...) what the law keeps
+    ties: Array | None = None  # (n,) pairs that follow a frame along it; None: those in contact
+
+    @classmethod
+    def at_first(cls, n: int, jumps: tuple[int, ...]) -> ContactState:
+        """All n pairs in contact, no jump at k nodes, (k, q); as drawn."""
+        k = jumps[0]
+        return cls(
+            active=np.ones(n, dtype=bool),
+            closings=np.zeros(n, dtype=np.int64),
+            status=np.full(k, STICK),
+            kappa_before=np.zeros(jumps),
+            holds=np.zeros(k, dtype=bool),
+            history={},
+        )
 
     def copy(self) -> ContactState:
         """With arrays of its own."""
@@ -39,6 +53,7 @@ class ContactState:
             kappa_before=self.kappa_before.copy(),
             holds=self.holds.copy(),
             history={name: value.copy() for name, value in self.history.items()},
+            ties=None if self.ties is None else self.ties.copy(),
         )
 
     def carried(self, transfer: Transfer, fresh: ContactState) -> ContactState:
@@ -59,7 +74,8 @@ class ContactState:
         nearest = np.asarray(abs(N).argmax(axis=1)).ravel()
         state.status, state.holds = self.status[nearest], self.holds[nearest]
         state.kappa_before = transfer.turned(self.kappa_before)
-        for name, value in self.history.items():
+        for name in self.history.keys() & state.history.keys():
+            value = self.history[name]
             now = N @ value.reshape(len(value), -1)
             state.history[name] = now.reshape(-1, *value.shape[1:])
         return state
@@ -76,12 +92,13 @@ class InterfaceState:
 
     Attributes:
         nodes, own: as given; the state.
+        given: what the law has read at the start of this load step, (k, ...) by name.
         others, touched: who speaks for whom; counts the changes of what is in contact.
         held: (n,) pairs that may pull, too.
         shares, curved: nodes at the rim of contact slip as others do; so on a curved frame.
         second, keeps: of second order, whose pairs that do not come to rest may keep their ties;
             whether they do, see ``loose``.
-        ties, asked: (n,) pairs that follow a frame along it, None: those in contact; see ``ties``.
+        asked: whether ties have been chosen in this load step, see ``ties``.
         grazes: friction of open pairs, over the normal force.
         pulled: (k,) nodes that corrected rows pull at: they slip as another does.
     """
@@ -95,6 +112,7 @@ class InterfaceState:
         self.glides, self.touched, self._touching = False, 0, np.empty(0)  # all follow the frame
         self.stays = np.zeros(len(nodes.rows), dtype=bool)  # pairs that cannot part
         self.others, self._followers = Followers.none(nodes), LastFollowers(nodes)
+        self.given: dict[str, Array] = {}
         self.forget()
 
     @property
@@ -104,23 +122,21 @@ class InterfaceState:
 
     def forget(self) -> None:
         """All in contact, no jump, as drawn."""
-        n, k = len(self.nodes.rows), len(self.nodes.kappa)
-        self.own = ContactState(
-            active=np.ones(n, dtype=bool),
-            closings=np.zeros(n, dtype=np.int64),
-            status=np.full(k, STICK),
-            kappa_before=np.zeros(self.nodes.kappa.shape),
-            holds=np.zeros(k, dtype=bool),
-            history={},
-        )
-        self.ties: Array | None = None
+        k = len(self.nodes.kappa)
+        self.own = ContactState.at_first(len(self.nodes.rows), self.nodes.kappa.shape)
         self.begin()
         if k:
-            rest = self._at_rest()
             with collective(self.nodes.comm):
-                self.own.history = self.law.start(rest)
-            self.take(self.rows_at(replace(rest, history=self.own.history)))
+                self.own.history = self.law.start(self.at_rest())
+            self.read()
+            self.take(self.rows_at(self.at_rest()))
             self.own.status = np.full(k, STICK)
+
+    def read(self) -> None:
+        """At the start of a load step: what users give and may have changed; collective."""
+        if self.nodes.kappa.size:
+            with collective(self.nodes.comm):
+                self.given = self.law.begin_step(self.at_rest())
 
     def begin(self, adrift: float = ADRIFT, keeps: bool = False) -> None:
         """Start a load step: pairs that opened and closed by turns get another chance."""
@@ -130,14 +146,14 @@ class InterfaceState:
 
     def restore(self, state: ContactState) -> None:
         """Take over another state."""
-        self.own, self.ties = state.copy(), None
+        self.own = state.copy()
         self.touch(self.own.active)
 
     def touch(self, active: Array) -> None:
         """Take over the pairs (n,) in contact, and who speaks for whom."""
         self.held = self.nodes.reach(self.own.holds) | self.stays
         self.own.active = active = active | self.held
-        told = self.tied, active, self.pulled, self._adrift, self.ties is not None
+        told = self.tied, active, self.pulled, self._adrift, self.own.ties is not None
         if not np.array_equal(np.hstack(told), self._touching):
             self._touching, self.touched = np.hstack(told), self.touched + 1
             if self.shares:
@@ -179,7 +195,7 @@ class InterfaceState:
         settling = active & (closings < BY_TURNS)
         if self.keeps:
             settling = (active | (closings >= BY_TURNS)) & (closings < GONE)
-        return (settling if self.ties is None else self.ties) & (not self.glides)
+        return (settling if self.own.ties is None else self.own.ties) & (not self.glides)
 
     def closed_rows(self) -> Array:
         """(n c,) rows in contact."""
@@ -194,13 +210,14 @@ class InterfaceState:
         every = np.ones(len(self.nodes.rows))
         return self.nodes.support(np.where(self.tied, 1.0, FLOOR) if tied else every)
 
-    def _at_rest(self) -> LawNodes:
+    def at_rest(self) -> LawNodes:
+        """What the law is told where nothing moves and presses."""
         nodes = self.nodes
         size, k = nodes.kappa.shape, len(nodes.kappa)
         return LawNodes(
             nodes.x, nodes.area, force=np.zeros(size), N=np.zeros(k), jump=np.zeros(size),
             before=np.zeros(size), c=np.ones(k), status=self.own.status,
-            history=self.own.history, sample=nodes.sample,
+            history=self.own.history, sample=nodes.sample, given=self.given,
         )  # fmt: skip
 
     def at(self, multiplier: Array, w: Array, c: float) -> LawNodes:
@@ -216,18 +233,14 @@ class InterfaceState:
         if self.law.opens and self.law.gives:
             pulls = nodes.reached(self.held)
             jump[:, -1] = np.where(pulls, jump[:, -1], np.maximum(jump[:, -1], 0.0))
-        return LawNodes(
-            nodes.x,
-            nodes.area,
+        return replace(
+            self.at_rest(),
             force=T.reshape(nodes.kappa.shape),
             N=nodes.L_normal @ own,
             jump=jump,
             before=self.own.kappa_before / nodes.theta,
             c=c * nodes.softer * nodes.theta * np.sum(self.support(tied=True), axis=0),
-            status=self.own.status,
-            history=self.own.history,
             speaker=self.others.speaker if self.shares else None,
-            sample=nodes.sample,
         )
 
     def rows_at(self, nodes: LawNodes) -> LawRows:
@@ -244,7 +257,7 @@ class InterfaceState:
         strength for normal forces (k,): what the law says of the sum then holds for each."""
         if not self.shares:
             return friction
-        at = replace(self._at_rest(), N=normal)
+        at = replace(self.at_rest(), N=normal)
         bears = np.maximum(self.law.strength(at), 0.0)
         return self.others.share(friction, bears, self.nodes.tangents)
 

@@ -78,7 +78,7 @@ def ask_again(states: list[InterfaceState]) -> None:
         states: of all interfaces.
     """
     for s in _of(states, DONE):
-        s.asked = NEVER if s.ties is None else DONE
+        s.asked = NEVER if s.own.ties is None else DONE
 
 
 def tie_more(states: list[InterfaceState], multiplier: Array, miss: float) -> bool:
@@ -90,11 +90,11 @@ def tie_more(states: list[InterfaceState], multiplier: Array, miss: float) -> bo
         multiplier: λ (n,) [force].
         miss: by how much laws are missed, of the largest force.
     """
-    chosen = [s for s in _of(states, DONE) if s.ties is not None and miss < SETTLING]
+    chosen = [s for s in _of(states, DONE) if s.own.ties is not None and miss < SETTLING]
     some = too_loose(chosen, multiplier)
     for s in some:
         s.asked = MORE
-        _tie(s, multiplier, s.ties)
+        _tie(s, multiplier, s.own.ties)
         s.touch(s.own.active)
     return bool(some)
 
@@ -123,5 +123,5 @@ def _tie(s: InterfaceState, multiplier: Array, kept: Array | None = None) -> Non
     force = np.maximum(multiplier[s.nodes.rows[:, -1]], 0.0)
     order = np.argsort(force)
     carried = np.cumsum(force[order])
-    s.ties = s.stays.copy() if kept is None else kept.copy()
-    s.ties[order] |= carried > TIELESS * carried[-1]
+    s.own.ties = s.stays.copy() if kept is None else kept.copy()
+    s.own.ties[order] |= carried > TIELESS * carried[-1]

@@ -14,6 +14,7 @@ from operator import matmul
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.sparse import largest_entry
@@ -130,7 +131,7 @@ def balanced_rows(
         raise ContactError(
             f"design by weights leaves a patch residual of {residual.max():.1e} of the largest "
             f"nodal force, above {allowed:.0e}, at the frame nodes {worst.tolist()} "
-            f"(positions {frame.x[worst].round(6).tolist()}): the frame leaves too little freedom "
+            f"(positions {checks.place(frame.x[worst])}): the frame leaves too little freedom "
             "there. Give a coarser frame, or frame=None for a predicted one"
         )
     return best

@@ -3,7 +3,9 @@
 Integrated are the shape functions of control values, ``Element.positive``, on facets that are
 straight between their corners: at first order those of the nodes; at second order they are at least
 0 as well, and forces at nodes follow from them. A warped quad is seen along its mean normal: the
-component along it of int N n dA is exact, and what lies across adds up to zero over its nodes.
+component along it of int N n dA is exact, and what lies across adds up to zero over its nodes. So
+does what vector areas of second-order facets that bend have beyond those of straight ones; where
+they are asked for with it, whole facets are integrated exactly as they are.
 """
 
 from __future__ import annotations
@@ -15,8 +17,14 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import per_item, summing
-from dolfinx_llm.finite.jacobians import area_derivatives, coordinates, cross_matrix, jacobian
-from dolfinx_llm.geometry.cells import CORNERS, facet_vectors, shape_functions, vector_areas
+from dolfinx_llm.finite.jacobians import (
+    QUARTER,
+    area_derivatives,
+    coordinates,
+    cross_matrix,
+    jacobian,
+)
+from dolfinx_llm.geometry.cells import CORNERS, facet_vectors, vector_areas
 from dolfinx_llm.geometry.element import Element, element_of
 from dolfinx_llm.geometry.overlap_flat import local_bases
 from dolfinx_llm.geometry.surface import Surface
@@ -179,7 +187,12 @@ def everything(x: Array, surface: Surface, first: int, width: int) -> Covered:
 
 
 def surface_integrals(
-    x: Array, surface: Surface, covered: Covered, first: int, sizes: bool = False
+    x: Array,
+    surface: Surface,
+    covered: Covered,
+    first: int,
+    sizes: bool = False,
+    bent: bool = False,
 ) -> tuple[Array, csr_matrix]:
     """(n, gdim) integrals of the shape functions over parts of a surface, as vector areas; (n, 1)
     as areas.
@@ -190,12 +203,13 @@ def surface_integrals(
         covered: parts of them.
         first: number of the first of the nodes' coordinates.
         sizes: areas, not vector areas.
+        bent: vector areas of facets as they are, not straight between their corners.
 
     Returns:
         Values [area], and their derivatives (n r, width) by all coordinates [area / length].
     """
     facets = surface.facets
-    (n, gdim), (f, k), j = x.shape, facets.shape, surface.cells.shape[1]
+    (n, gdim), (f, j) = x.shape, surface.cells.shape
     width = covered.derivative.shape[1]
     area, by_x = vector_areas(x, facets), area_derivatives(x, facets)
     if sizes:
@@ -207,36 +221,52 @@ def surface_integrals(
     stretched = covered.share[:, :, None, None] * by_x[:, None]  # (f, j, r, gdim k)
     weights = np.broadcast_to(area[:, None, :, None], (f, j, r, 1)).reshape(f * j, r, 1)
     change = per_item(weights) @ covered.derivative
-    if k == 4 and not sizes:
+    change = change + _by_nodes(stretched, facets, first, width)
+    nodes = surface.cells if bent else facets
+    if not sizes and nodes.shape[1] > gdim:
         part = covered.share.sum(axis=1)
-        across, by_nodes = (np.pad(a, [(0, 0), (0, j - k)] + [(0, 0)] * (a.ndim - 2))
-                            for a in _across_warped(x, facets))  # at corners  # fmt: skip
-        value = value + part[:, None, None] * across
-        stretched = stretched + part[:, None, None, None] * by_nodes
+        beyond, by_beyond = (np.pad(a, [(0, 0), (0, j - nodes.shape[1])] + [(0, 0)] * (a.ndim - 2))
+                             for a in _beyond_plane(x, facets, nodes))  # fmt: skip
+        value = value + part[:, None, None] * beyond
+        change = change + _by_nodes(part[:, None, None, None] * by_beyond, nodes, first, width)
         total = summing(np.repeat(np.arange(f), j), f) @ covered.derivative
-        change = change + per_item(across.reshape(f, j * r, 1)) @ total
-    places = coordinates(facets, gdim, first)
-    change = change + jacobian(stretched.reshape(f, j * r, -1), places, width)
+        change = change + per_item(beyond.reshape(f, j * r, 1)) @ total
     rows = coordinates(surface.cells, r).ravel()
     gather = summing(rows, n * r)
     return (gather @ value.ravel()).reshape(n, r), gather @ change
 
 
-def _across_warped(x: Array, facets: Array) -> tuple[Array, Array]:
-    """(f, 4, 3) what int N_J n dA over a warped quad has across its mean normal, and (f, 4, 3, 12)
-    derivatives; over a part of it the part of this is taken. It adds up to zero over the nodes, and
+def _by_nodes(blocks: Array, nodes: Array, first: int, width: int) -> csr_matrix:
+    """(f j r, width) matrix of derivatives (f, j, r, gdim k) by the positions of nodes (f, k)."""
+    f, j, r, c = blocks.shape
+    places = coordinates(nodes, c // nodes.shape[1], first)
+    return jacobian(blocks.reshape(f, j * r, c), places, width)
+
+
+def _beyond_plane(x: Array, facets: Array, nodes: Array) -> tuple[Array, Array]:
+    """(f, j, gdim) what int N_J n dA over whole facets with nodes (f, j), warped or bent, has
+    beyond that over straight ones in the mean plane of the corners (f, k), and (f, j, gdim, gdim j)
+    derivatives; of a part of one the part of this is taken. It adds up to zero over the nodes, and
     makes the moment of a pressure around a body zero."""
-    xi, _ = WHOLE[4]
-    N, dN = shape_functions(4, xi)
-    t = np.einsum("gkd,fki->fgdi", dN, x[facets])
-    # d(t_1 x t_2) = dx_K x (dN_K,1 t_2 - dN_K,2 t_1)
-    w = np.einsum("gk,fgi->fgki", dN[..., 0], t[:, :, 1])
-    w -= np.einsum("gk,fgi->fgki", dN[..., 1], t[:, :, 0])
-    by_x = cross_matrix(np.einsum("gj,fgki->fjki", N, w))  # (f, j, k, i, i)
-    by_x = np.moveaxis(by_x, 2, 3).reshape(len(facets), 4, 3, 12)
-    area, share = vector_areas(x, facets), FacetPlanes.of(x, facets).whole()
-    exact = facet_vectors(x, facets)
-    mean = share[0][:, :, None] * area[:, None]
-    by_mean = np.einsum("fjc,fi->fjic", share[1], area)
-    by_mean += share[0][:, :, None, None] * area_derivatives(x, facets)[:, None]
-    return exact - mean, by_x - by_mean
+    (f, k), (_, j), gdim = facets.shape, nodes.shape, x.shape[1]
+    element = element_of(gdim - 1, j)
+    xi, weight = WHOLE[4] if element.order == 1 else element.quadrature
+    dN = element.shape(xi)[1]
+    N = weight[:, None] * element.positive(xi)
+    if gdim == 2:  # n is QUARTER t
+        across = np.broadcast_to(QUARTER, (f, 1, 2, 2))
+        by_x = np.einsum("gj,gk,fgil->fjikl", N, dN[..., 0], across)
+    else:  # d(t_1 x t_2) = dx_K x (dN_K,1 t_2 - dN_K,2 t_1)
+        t = np.einsum("gkd,fki->fgdi", dN, x[nodes])
+        w = np.einsum("gj,gk,fgi->fjki", N, dN[..., 0], t[:, :, 1])
+        w -= np.einsum("gj,gk,fgi->fjki", N, dN[..., 1], t[:, :, 0])
+        by_x = np.moveaxis(cross_matrix(w), 2, 3)
+    by_x = by_x.reshape(f, j, gdim, gdim * j)
+    exact = np.einsum("fki,kj->fji", facet_vectors(x, nodes), element.bernstein)
+    area, by_corners = vector_areas(x, facets), area_derivatives(x, facets)
+    share, by_share = np.full((f, j), 1.0 / j), np.zeros((f, j, gdim * k))
+    if gdim == 3:
+        share, by_share = FacetPlanes.of(x, facets, element).whole()
+    by_x[..., : gdim * k] -= np.einsum("fjc,fi->fjic", by_share, area)
+    by_x[..., : gdim * k] -= share[:, :, None, None] * by_corners[:, None]
+    return exact - share[:, :, None] * area[:, None], by_x

@@ -11,10 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.load_step import Placed
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact, Pose
+from dolfinx_llm.finite.obstacle_contact import ObstacleContact
+from dolfinx_llm.finite.pose import Pose
 from dolfinx_llm.finite.self_sides import SelfSides
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.geometry.cells import vector_areas
@@ -70,7 +72,7 @@ def _check_sides(one: Surface, other: Surface, within: float) -> None:
             worst = int(np.where(deep, s.depth, 0.0).argmax())
             raise ContactError(
                 f"{int(deep.sum())} node(s) of {side.name} lie inside of the body of {hit.name} at "
-                f"the start, the deepest at {(side.x[worst] + side.origin).round(6).tolist()} by "
+                f"the start, the deepest at {checks.place(side.x[worst] + side.origin)} by "
                 f"{s.depth[worst]:.3g}, where facets have the size {s.size[worst]:.3g}: contact is "
                 "not looked for so deep. Draw the bodies nearer to where they touch, or check tags "
                 "and units"
@@ -110,7 +112,7 @@ def _check_outside(contact: ObstacleContact, side: Surface) -> None:
     if depth[worst] > max(BURIED * Facets.of(side).reach, facet_sizes(side)[worst]):
         raise ContactError(
             f"{int((depth > 0.0).sum())} node(s) of {side.name} lie inside of the {kind} at the "
-            f"start, the deepest at {side.x[worst].round(6).tolist()} by {depth[worst]:.3g}: the "
+            f"start, the deepest at {checks.place(side.x[worst])} by {depth[worst]:.3g}: the "
             "body lies inside of the obstacle. Check positions, units, the obstacle's normal, "
             "`inside` and displacement"
         )

@@ -21,11 +21,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.sparse import diagonal, per_component, per_item
 from dolfinx_llm.finite.terms import FAST, ContactTerms
 from dolfinx_llm.forms.condensed.krylov import WIDEST
@@ -225,7 +225,7 @@ class Coupling:
         d: float,
         fitted: Callable[[Sequence[Condensed]], list[csr_matrix]],
     ) -> None:
-        self.comm: MPI.Comm = dofs.comm
+        self.comm = dofs.comm
         numbers = np.concatenate([np.zeros(0, dtype=np.int64), *places])
         free = dofs.values(numbers, dofs.fixed.astype(float)) == 0.0
         ends = np.cumsum([0, *map(len, places)])
@@ -233,7 +233,7 @@ class Coupling:
             Condensed.of(t, s, free[a:b], d)
             for t, s, a, b in zip(terms, sides, ends[:-1], ends[1:], strict=False)
         ]
-        self.stiffness = fitted(parts)
+        self.stiffness, self.wrong, self._yielded = fitted(parts), "", np.asarray
         self.scaling = _joined([part.scaling for part in parts])
         size = len(numbers), self.scaling.shape[0]
         self._all_left = self.scaling @ _joined([t.left for t in terms], size[::-1])
@@ -246,9 +246,9 @@ class Coupling:
         self.own = self.scaling @ _joined([t.own for t in terms])
         self._rows = _joined([part.rows for part in parts], size[::-1])
         own = self.own + _joined([part.yielding for part in parts])
-        self.wrong, self._yielded = "", np.asarray
         try:
-            self._yielded = splu(own.tocsc()).solve if size[1] else np.asarray
+            with collective(self.comm):
+                self._yielded = splu(own.tocsc()).solve if size[1] else np.asarray
         except RuntimeError as error:  # SuperLU's "exactly singular"
             self.wrong = f"SuperLU: {error}"
         width = max([int(np.diff(C.indptr).max(initial=0)) for C in self.stiffness], default=0)

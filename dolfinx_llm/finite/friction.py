@@ -4,16 +4,12 @@ Beside lambda_p n, node p exerts the tangential force tau_p on what it touches,
 
     force on p: -tau_p,   |tau_p| <= mu lambda_p + k f_p,
 
-k a cohesion and f_p its area now. Slip is objective: sigma_p = x_p - c_p, with c_p the point that p
-touched at the start of the increment, carried with what it belongs to, and what counts of it lies
-in the tangent plane of p now. A chord it is, not a way along the surface: the law asks for its
+k a cohesion and f_p its area now. Slip is that of ``slides``, a chord: the law asks for its
 direction, and whether there is any, so that this matters no more than the increment's length does.
 
 A pair that was open at the start, and is closed by an iterate for the first time, sticks in that
-iterate, since lambda is not known there but where the linear model has closed it before; its slip
-counts from where the straight way from the start to that iterate meets the surface,
-c⁰ + theta (c - c⁰) with theta = gap⁰ / (gap⁰ - gap). A pair that is drawn together before it has
-met anything, so that no body falls, sticks until it has.
+iterate, since lambda is not known there but where the linear model has closed it before. A pair
+that is drawn together before it has met anything, so that no body falls, sticks until it has.
 """
 
 from __future__ import annotations
@@ -26,17 +22,15 @@ from scipy.sparse import bmat, csr_matrix, hstack, vstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item, summing
-from dolfinx_llm.finite.friction_law import FrictionRows, friction_rows, in_plane, sticks
+from dolfinx_llm.finite.friction_law import FrictionRows, friction_rows, sticks
 from dolfinx_llm.finite.jacobians import coordinates
+from dolfinx_llm.finite.slides import Slides
 from dolfinx_llm.finite.terms import FAST, ContactTerms, Held, MovingContact, Origin, yields
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
-MET_AT = 1e-9  # gap over facet size at the start that is none
-ALMOST = 1e-3  # part of the gap at the start at which a pair has met
-
 
 @dataclass(frozen=True, eq=False)
-class Friction(MovingContact):
+class Friction(Slides):
     """Unknowns: those without friction, then a force tau of gdim components per node.
 
     Put before the contact without friction in the list of bases.
@@ -46,6 +40,12 @@ class Friction(MovingContact):
 
     mu: Array  # (n,) coefficient of friction at the moving side's nodes
     cohesion: Array  # (n,) [force / area]
+
+    def reading(self, given: dict[str, Array]) -> MovingContact:
+        now = given["mu"], given["cohesive"]
+        if all(map(np.array_equal, now, (self.mu, self.cohesion))):
+            return self
+        return replace(self, mu=now[0], cohesion=now[1])
 
     @property
     def size(self) -> int:
@@ -62,22 +62,7 @@ class Friction(MovingContact):
         return np.concatenate([q[:-tau], (q[-tau:].reshape(-1, len(R)) @ R.T).ravel()])
 
     def started(self, place: Any, held: Held, closed: Array) -> Origin:
-        """Where slip counts from, at the start of an increment.
-
-        Args:
-            place: of the pairs then.
-            held: from the start.
-            closed: (n,) pairs that are in contact.
-        """
-        raise NotImplementedError
-
-    def here(self, place: Any) -> Any:
-        """(n, ...) the points that nodes touch now, as ``Origin.points`` are written."""
-        raise NotImplementedError
-
-    def way(self, place: Any, origin: Origin) -> tuple[Array, csr_matrix]:
-        """(n, gdim) sigma, and its derivative (n gdim, width) [length]."""
-        raise NotImplementedError
+        return replace(super().started(place, held, closed), drags=True)
 
     def turned(self, place: Any, nodes: Array) -> csr_matrix:
         """(k gdim, width) derivatives of the normals of nodes (k,) in contact [1 / length]."""
@@ -97,32 +82,16 @@ class Friction(MovingContact):
         self, place: Any, q: Array, before: Array, held: Held, reach: Array
     ) -> tuple[Array, Held]:
         """(n,) status, open, stick or slip, and what is held; arguments as without friction."""
-        origin = held.origin or self.started(place, held, before != OPEN)
+        touched = before != OPEN if held.origin is None else held.origin.touched
         status, held = super().touching(place, q, before, held, reach)
-        first = (status == CLOSED) & ~origin.touched
-        origin = self._begun(origin, place, first) if first.any() else origin
-        closed = np.flatnonzero(status == CLOSED)
+        assert held.origin is not None
+        first, closed = (status == CLOSED) & ~touched, np.flatnonzero(status == CLOSED)
         tau, bound = (values[closed] for values in self._forces(place, q))
-        sigma = self.way(place, origin)[0][closed]
+        sigma = self.way(place, held.origin)[0][closed]
         stick = sticks(place.normal[closed], tau, sigma, bound, held.scale, before[closed] == SLIP)
         stick |= (first & (before == OPEN))[closed]
         status[closed] = np.where(stick, STICK, SLIP)
-        return status, replace(held, origin=origin, exact=held.near and (status == before).all())
-
-    def _begun(self, origin: Origin, place: Any, first: Array) -> Origin:
-        """The same with pairs that are closed for the first time; those that have not met yet, and
-        are drawn together, stick until they do."""
-        nowhere = ~np.isfinite(origin.gap)
-        before = np.where(nowhere, 0.0, origin.gap)
-        left = np.where(first, place.gap, 0.0)
-        closing = before - left
-        theta = np.where(closing > 0.0, before / np.where(closing > 0.0, closing, 1.0), 1.0)
-        theta = np.where(before > 0.0, np.minimum(theta, 1.0), 0.0)
-        theta = np.where(first, np.where(nowhere, 1.0, theta), 0.0)
-        points = diagonal(1.0 - theta) @ origin.points + diagonal(theta) @ self.here(place)
-        met = left <= ALMOST * before
-        met |= before == 0.0
-        return replace(origin, points=points, touched=origin.touched | (first & met))
+        return status, replace(held, exact=held.near and (status == before).all())
 
     def _forces(self, place: Any, q: Array) -> tuple[Array, Array]:
         """(n, gdim) tau, and (n,) what it may reach; nothing where nothing presses [force]."""
@@ -146,7 +115,7 @@ class Friction(MovingContact):
         n, gdim = place.normal.shape
         tau = np.where((status != OPEN)[:, None], tangential(q, n, gdim), 0.0)
         t = self.dragged(super().terms(place, q, status, held, free), place, tau)
-        law, by_z, by_lambda, slip = self._equations(place, q, status, held, free)
+        law, by_z, by_lambda = self._equations(place, q, status, held, free)
         size, none = t.own.shape[1], csr_matrix((t.own.shape[0], n * gdim))
         by_q = hstack([by_lambda, csr_matrix((n * gdim, size - n))], format="csr")
         by_tau = np.broadcast_to(np.eye(gdim) / held.scale, (n, gdim, gdim)).copy()
@@ -157,15 +126,14 @@ class Friction(MovingContact):
             left=vstack([t.left, by_z], format="csr"),
             own=bmat([[t.own, none], [by_q, per_item(by_tau)]], format="csr"),
             rest=np.concatenate([t.rest, rest.ravel()]),
-            slip=slip,
             miss=float(np.abs(rest[status == SLIP]).max(initial=0.0) * held.scale),
         )
 
     def _equations(
         self, place: Any, q: Array, status: Array, held: Held, free: Array
-    ) -> tuple[FrictionRows, csr_matrix, csr_matrix, Array]:
+    ) -> tuple[FrictionRows, csr_matrix, csr_matrix]:
         """The law at closed pairs, its derivatives (n gdim, width) and (n gdim, n) by coordinates
-        and lambda, and the slip (n, gdim)."""
+        and lambda."""
         n, gdim = place.normal.shape
         assert held.origin is not None
         closed = np.flatnonzero(status != OPEN)
@@ -190,9 +158,7 @@ class Friction(MovingContact):
         if self.cohesion.any():
             by_z = by_z + by_bound @ (diagonal(self.cohesion[closed]) @ self.growth(place, closed))
         by_lambda = by_bound @ diagonal(self.mu[closed]) @ summing(closed, n).T
-        slip = np.zeros((n, gdim))
-        slip[closed] = in_plane(normal, sigma)
-        return law, pick @ by_z, pick @ by_lambda, slip
+        return law, pick @ by_z, pick @ by_lambda
 
 
 def tangential(q: Array, n: int, gdim: int) -> Array:

@@ -25,15 +25,13 @@ from scipy.sparse import csr_matrix, hstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_component, per_item, summing
-from dolfinx_llm.finite.friction import MET_AT, Friction, tangential
+from dolfinx_llm.finite.friction import Friction, tangential
 from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.normal_contact import NormalContact, NormalPlace
-from dolfinx_llm.finite.terms import ContactTerms, Held, Origin
+from dolfinx_llm.finite.sides import HARDLY
+from dolfinx_llm.finite.terms import ContactTerms
 from dolfinx_llm.laws.rows import OPEN
 
-CONTINUED = 1e-2  # gap over facet size to the frame's continuation that is none
-HARDLY = 1e-2  # shape function of a node below which a place is not on it
-COMES_IN = 3.0  # facets beyond the rim from where nodes may come in within an increment
 _I, _J, _K = np.indices((3, 3, 3))
 ALTERNATING = {  # a x b, a number in the plane
     2: np.array([[[0.0, 1.0], [-1.0, 0.0]]]),
@@ -89,34 +87,7 @@ def couples(tau: Array, height: Array, normal: Array, y: Array) -> Couples:
 
 @dataclass(frozen=True, eq=False)
 class FrictionContact(Friction, NormalContact):
-    """Points of the frame are written as rows (n, m)."""
-
-    def started(self, place: NormalPlace, held: Held, closed: Array) -> Origin:
-        """Where slip counts from, at the start of an increment; nodes beyond the frame's rim lie on
-        its continuation, so that one that comes in knows from where."""
-        at, (n, m, _), C = place.at, self.counts, self.sides.control[0]
-        near = at.met & (at.beyond < COMES_IN)
-        near[place.on] = False
-        nodes = np.flatnonzero(near)
-        cells = self.sides.cells(False)[at.facet[nodes]]
-        index = np.repeat(nodes, cells.shape[1]), cells.ravel()
-        rows = summing(place.on, n) @ place.rows.matrix(m)
-        rows = rows + csr_matrix((at.N[nodes].ravel(), index), (n, m))
-        near[place.on] = True
-        outside = (abs(C) @ ~near == 0.0) & ~place.pairs
-        gap = np.where(outside, C @ at.gap, place.gap)
-        gap[gap < np.where(outside, CONTINUED, MET_AT) * self.design.size] = 0.0
-        points = place.N + diagonal(outside) @ C @ rows
-        return Origin(points.tocsr(), gap, closed)
-
-    def here(self, place: NormalPlace) -> csr_matrix:
-        """(n, m) rows now."""
-        return place.N
-
-    def way(self, place: NormalPlace, origin: Origin) -> tuple[Array, csr_matrix]:
-        x, y = self.sides.split(place.z)
-        way = self.sides.control[0] @ x - origin.points @ y
-        return way, self.sides.jumps(origin.points)
+    """With friction at the nodes of the moving side."""
 
     def supported(self, place: NormalPlace, closed: Array, way: csr_matrix, free: Array) -> Array:
         """Also those at supports of both sides: rows reach to nodes beside these, from where they

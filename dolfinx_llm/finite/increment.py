@@ -273,17 +273,18 @@ class Increment:
         return rests and not self.changes and not self._missed()
 
     def _missed(self) -> bool:
-        """Take in facets that were far at the start and have passed the frame, and leave out nodes
-        that have left it."""
-        found = False
+        """Take in facets that have passed the frame, leave out nodes off it, and cover as now."""
+        found, comm = False, self.dofs.comm
         for i, (t, held) in enumerate(zip(self.terms, self.held, strict=True)):
-            missed = partial(
-                self.steps.interfaces[i].what.missed, t.place, replace(held, kept=None)
-            )
+            own = replace(held, kept=None)
             with failing():
-                now = chosen(self.dofs.comm, missed)
+                now = chosen(comm, partial(self.steps.interfaces[i].what.missed, t.place, own))
             if now is not None:
                 found, self.held[i] = True, replace(now, kept=held.kept)
+        for i, (f, faces) in enumerate(zip(self.steps.followers, self.faces, strict=True)):
+            covering = partial(f.what.missed, f.at(self.dofs, self.u), faces)
+            if (over := chosen(comm, covering)) is not None:
+                found, self.faces[i] = True, over
         if found:
             self.evaluate()
         return found

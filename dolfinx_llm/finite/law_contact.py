@@ -14,7 +14,6 @@ from dolfinx_llm.base.sparse import diagonal, summing
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction import Friction, tangential
 from dolfinx_llm.finite.friction_contact import FrictionContact
-from dolfinx_llm.finite.friction_law import in_plane
 from dolfinx_llm.finite.jacobians import coordinates
 from dolfinx_llm.finite.law_rows import LawSystem
 from dolfinx_llm.finite.law_told import ToldContact
@@ -41,13 +40,14 @@ class LawContact(ToldContact):
         self, place: Any, q: Array, before: Array, held: Held, reach: Array
     ) -> tuple[Array, Held]:
         """(n,) status as the law says, and what is held; arguments as without a law."""
+        starts = held.origin is None
         origin = held.origin or self.started(place, held, before != OPEN)
-        apart = moved(place, -self.gap_drawn)
+        apart, held = moved(place, -self.gap_drawn), replace(held, origin=origin)
         status, held = super(Friction, self).touching(apart, q, before, held, reach)
         bare = place.areas[0] <= BARE * place.areas[0].max(initial=0.0)
         asked = np.flatnonzero(place.pairs & ~bare)
         status[bare] = OPEN
-        if held.origin is None:
+        if starts:
             self.check_reach(held, asked)
         begun = replace(held, origin=origin)
         if not len(asked):
@@ -57,7 +57,7 @@ class LawContact(ToldContact):
         status[pulls] = CLOSED
         first = (status != OPEN) & ~origin.touched
         if first.any():
-            begun = replace(begun, origin=self._begun(origin, place, first))
+            begun = replace(begun, origin=self.begun(origin, place, first))
         closed = status[asked] != OPEN
         status[asked[closed]] = np.where(said.status == OPEN, CLOSED, said.status)[closed]
         return status, begun
@@ -72,7 +72,7 @@ class LawContact(ToldContact):
         if self.law.slips:
             every = bmat([[every, csr_matrix((size, n * gdim))]], format="csr")
         said, tangents = self.said(place, q, status, held, at)
-        pull, slip = np.zeros((n, gdim)), np.zeros((n, gdim))
+        pull = np.zeros((n, gdim))
         turned, sigma, way = self.turned(place, at), np.zeros((0, gdim)), csr_matrix((0, len(free)))
         if tangents is not None:
             assert held.origin is not None
@@ -80,7 +80,6 @@ class LawContact(ToldContact):
             t = self.dragged(t, place, pull)
             sigma, way = self.way(place, held.origin)
             sigma, way = sigma[at], way[coordinates(at[:, None], gdim).ravel()]
-            slip[at] = in_plane(place.normal[at], sigma)
         normal = place.normal[at]
         system = LawSystem(
             every.shape[1], len(free), n, at, said, tangents, normal, turned, pull[at]
@@ -108,7 +107,6 @@ class LawContact(ToldContact):
             left=found[:, : len(free)],
             own=found[:, len(free) :],
             rest=np.concatenate(rest),
-            slip=slip,
             miss=miss,
             kept=self.keeps(place, q, status, held),
         )

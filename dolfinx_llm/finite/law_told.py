@@ -43,7 +43,7 @@ class ToldContact(Friction):
     pressed: ClassVar[tuple[int, ...]] = (CLOSED,)
 
     law: Law
-    nodes: LawNodes  # all n as drawn, with the law's history at the start
+    nodes: LawNodes  # all n as drawn, with the law's history at the start, and what it has read
     gap_drawn: Array  # (n,) that does not count [length]
     neighbours: Array  # (n,) of each node, on the surface
 
@@ -75,9 +75,12 @@ class ToldContact(Friction):
         n = len(nodes.x)
         zero, nothing = np.zeros(n), np.zeros((n, law.jumps(sides.gdim)))
         nodes = replace(nodes, force=nothing, jump=nothing, before=nothing, status=np.full(n, OPEN))
-        nodes = replace(nodes, history=law.start(nodes))
+        nodes = replace(nodes, history=law.start(nodes), given=law.begin_step(nodes))
         cells = sides.surfaces[sides.moving].cells
         return zero, zero, law, nodes, zero if law.closes_gap else gap, neighbours(cells, n)
+
+    def reading(self, given: dict[str, Array]) -> ToldContact:
+        return replace(self, nodes=replace(self.nodes, given=given))
 
     @property
     def overlaps(self) -> bool:
@@ -170,6 +173,7 @@ class ToldContact(Friction):
             status=status[at],
             history={name: value[at] for name, value in kept.history.items()},
             sample=None if sample is None else lambda value: sample(value)[at],
+            given={name: value[at] for name, value in self.nodes.given.items()},
         ), tangents
 
     def said(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol
@@ -47,6 +47,13 @@ class Placed:
     numbers: Array  # (width,) dofs in the vector of all bodies
     drawn: Array  # (width,) coordinates as drawn [length]
     free: Array  # (width,) not prescribed
+    reads: Callable[[], dict[str, Array]] | None = None  # ``Law.begin_step``; None: nothing
+
+    def begun(self) -> Placed:
+        """The same at the start of a load step, with what its law reads then; collective."""
+        if self.reads is None:
+            return self
+        return replace(self, what=self.what.reading(self.reads()))
 
     def at(self, dofs: BodyDofs, u: Array) -> Array:
         """(width,) coordinates at this rank's u; collective."""

@@ -106,5 +106,4 @@ class MovingMean(ObstacleContact):
             delta=0.0,
             status=status,
             friction=None,
-            slip=np.zeros_like(place.normal),
         )

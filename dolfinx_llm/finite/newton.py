@@ -14,9 +14,9 @@ from dolfinx_llm.base.log import progress, tell_iteration
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.finite.increment import Increment, StepFailed, failing
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
-from dolfinx_llm.finite.passage import check_passage, left_over_edge, say_left
+from dolfinx_llm.finite.passage import check_obstacle, check_passage, left_over_edge, say_left
 from dolfinx_llm.finite.terms import ContactTerms, Place
-from dolfinx_llm.laws.rows import SLIP, STICK
+from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
 log = logging.getLogger("dolfinx_llm")
 
@@ -35,12 +35,14 @@ class NewtonSteps:
     Attributes:
         history: of the last step, a dict per iteration.
         terms: of the interfaces there.
+        slips: (n, gdim) of each one's pairs, in all of the last load step [length].
     """
 
     def __init__(self, equations: Equations) -> None:
         self.equations = equations
         self.history: list[dict[str, Any]] = []
         self.terms: list[ContactTerms] = []
+        self.slips: list[Array] = []
         self._reached: NewtonState
 
     def step(
@@ -58,6 +60,7 @@ class NewtonSteps:
         """
         self.history, self._reached, self._leapt = [], step.start, (0.0, 0.0)
         self._left = [np.zeros(1, dtype=bool)] * len(self.equations.interfaces)
+        self._slid: list[Any] = [None] * len(self.equations.interfaces)
         done, part, smallest = 0.0, 1.0 / increments, 2.0**-HALVINGS / increments
         with progress(None, "load step") as bar:
             while done < 1.0 - 1e-12:
@@ -103,6 +106,7 @@ class NewtonSteps:
                 self._check(run, before, start)
                 self._measure(run, step, start)
                 self.terms = run.terms
+                self.slips = [self._slip(i, run, start.status[i]) for i in range(len(run.terms))]
                 return _state(run)
         raise StepFailed(
             f"no convergence in {NEWTON_ITERATIONS} iterations, residual {run.error:.1e}"
@@ -117,11 +121,24 @@ class NewtonSteps:
         count, first = self.equations.bodies.inside_out(run.u)
         if count:
             raise StepFailed(f"elements turn inside out: {count}, the first drawn at {first}")
-        of = zip(self.equations.interfaces, before, start.own, run.terms, strict=True)
-        for i, (placed, place, q, t) in enumerate(of):
+        interfaces = self.equations.interfaces
+        of = zip(interfaces, before, start.own, start.poses, run.own, run.poses, run.terms)
+        for i, (placed, place, q, pose, own, posed, t) in enumerate(of):
+            began, reached = (placed.at(run.dofs, start.u), q, pose), (t.place.z, own, posed)
             with failing(), collective(run.dofs.comm):
                 check_passage(placed.what, place, t.place)
+                check_obstacle(placed.what, (began, reached), t.place)
             self._left[i] = self._left[i] | left_over_edge(place, q, t.place)
+
+    def _slip(self, i: int, run: Increment, before: Array | None) -> Array:
+        """(n, gdim) of an interface's pairs since the start of the load step, of pairs that have
+        parted since then from where they touched again; (n,) ``before``: their status at the start
+        of this increment."""
+        contact, t = self.equations.interfaces[i].what, run.terms[i]
+        since = (t.status == OPEN) | (False if before is None else before != OPEN)
+        slip = contact.slip(t.place, run.held[i], since, self._slid[i])
+        self._slid[i] = contact.written(t.place, slip)
+        return np.asarray(slip)
 
     def _measure(self, run: Increment, step: LoadStep, start: NewtonState) -> None:
         """How far bodies have gone in an increment, and what moved them: where supports and

@@ -34,7 +34,8 @@ from dolfinx_llm.finite.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.location import OnFrame
 from dolfinx_llm.finite.roundness import raised, rounded_gap
 from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place, held_fast, yields
+from dolfinx_llm.finite.slides import SlidesOnFrame
+from dolfinx_llm.finite.terms import ContactTerms, Held, Place, held_fast, yields
 from dolfinx_llm.laws.rows import OPEN
 
 OVER = 0.05  # of a facet beyond the frame's edge, at which a node has left it
@@ -98,7 +99,7 @@ class NormalPlace(Place):
 
 
 @dataclass(frozen=True, eq=False)
-class NormalContact(MovingContact):
+class NormalContact(SlidesOnFrame):
     """Unknowns: a force per node of the moving side, mu per frame node, kappa."""
 
     sides: Sides
@@ -256,7 +257,7 @@ class NormalContact(MovingContact):
         on, rows, normal, active = place.on, place.rows, place.normal[place.on], status != OPEN
         (by_place, by_mu), (df, dfy), f = place.entries, place.loads_by, place.loads[0]
         k, s = rows.nodes.shape
-        gdim, width, force, control = self.sides.gdim, self.sides.width, q[:n], self.design.control
+        width, force, control = self.sides.width, q[:n], self.design.control
         A, (gap_z, gap_mu) = place.C @ place.distance[0], place.gap_by  # A: the force row
         # Forces, and how they change.
         borne = np.where(active[on], force[on], 0.0)
@@ -296,5 +297,4 @@ class NormalContact(MovingContact):
             delta=float(np.abs(rows.delta).max(initial=0.0)),
             status=status,
             friction=np.zeros(width),
-            slip=np.zeros((n, gdim)),
         )

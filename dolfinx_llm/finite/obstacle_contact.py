@@ -21,15 +21,16 @@ from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_matrix
-from scipy.spatial.transform import Rotation
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_component, per_item
 from dolfinx_llm.design.rises import rises
 from dolfinx_llm.finite.areas import everything, surface_integrals
-from dolfinx_llm.finite.friction import MET_AT, Friction
+from dolfinx_llm.finite.friction import Friction
 from dolfinx_llm.finite.jacobians import coordinates, jacobian
-from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Origin, Place, held_fast
+from dolfinx_llm.finite.pose import Pose
+from dolfinx_llm.finite.slides import MET_AT, Slides
+from dolfinx_llm.finite.terms import ContactTerms, Held, Origin, Place, held_fast
 from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface
@@ -81,32 +82,6 @@ class OneSide:
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
-    """Where an obstacle is: what was drawn at X is at pivot + shift + R (X - pivot)."""
-
-    pivot: Array  # (gdim,) as drawn [length]
-    shift: Array  # (gdim,) [length]
-    turn: Array  # (1,), (3,) rotation vector [rad]
-    R: Array  # (gdim, gdim)
-
-    @classmethod
-    def of(cls, numbers: Array, gdim: int) -> Pose:
-        """Of pivot, displacement, rotation, and what forces and moments are."""
-        ends = np.cumsum([gdim, gdim, 1 if gdim == 2 else 3])
-        pivot, shift, turn, _ = np.split(numbers, ends)
-        vector = [0.0, 0.0, turn[0]] if gdim == 2 else turn
-        return cls(pivot, shift, turn, Rotation.from_rotvec(vector).as_matrix()[:gdim, :gdim])
-
-    def back(self, x: Array) -> Array:
-        """(n, gdim) where points x were drawn."""
-        return (x - self.pivot - self.shift) @ self.R + self.pivot
-
-    def on(self, X: Array) -> Array:
-        """(n, gdim) where points drawn at X are."""
-        return (X - self.pivot) @ self.R.T + self.pivot + self.shift
-
-
-@dataclass(frozen=True, eq=False)
 class ObstaclePlace(Place):
     """Nodes beside an obstacle, with derivatives by their own positions."""
 
@@ -116,8 +91,8 @@ class ObstaclePlace(Place):
 
 
 @dataclass(frozen=True, eq=False)
-class ObstacleContact(MovingContact):
-    """Unknowns: a force per node."""
+class ObstacleContact(Slides):
+    """Unknowns: a force per node. Points of the obstacle are written as drawn, (n, gdim)."""
 
     sides: OneSide
     obstacle: Obstacle
@@ -181,10 +156,11 @@ class ObstacleContact(MovingContact):
         """(n,) status of the pairs, and what is held; at first those touch as well that did so
         before the obstacle moved: nodes have not followed it yet."""
         if held.pose_before is not None:
+            origin = held.origin or self.started(place, held, before != OPEN)
             X = self.posed(held.pose_before).back(self.sides.split(place.z)[0])
             came = self.sides.control @ self._clearance(X)
             gap = np.where(place.pairs, np.minimum(came, place.gap), np.inf)
-            place, held = replace(place, gap=gap), replace(held, pose_before=None)
+            place, held = replace(place, gap=gap), replace(held, pose_before=None, origin=origin)
         return super().touching(place, q, before, held, reach)
 
     def place(self, z: Array, q: Array, held: Held) -> ObstaclePlace:
@@ -200,7 +176,7 @@ class ObstacleContact(MovingContact):
         h = DIFFERENCE * surface.diameter
         steps = h * np.concatenate([np.zeros((1, gdim)), np.eye(gdim), -np.eye(gdim)])
         points = (x + steps[:, None]).reshape(-1, gdim)
-        pose = self.posed(held.pose)
+        pose = self.posed(self.placing(held.pose, q))
         gaps, into = checked_clearance(self.obstacle, pose.back(points))
         normals = -into @ pose.R.T
         gaps, normals = gaps.reshape(-1, len(x)) - self.rise, normals.reshape(-1, len(x), gdim)
@@ -230,9 +206,37 @@ class ObstacleContact(MovingContact):
         """(n,) of the surface with its nodes at X (n, gdim), as the obstacle was drawn [length]."""
         return checked_clearance(self.obstacle, X)[0] - self.rise
 
+    def placing(self, pose: Array | None, q: Array) -> Array:
+        """A pose that is held, or as it is now, with what own unknowns say of it."""
+        return self.pose() if pose is None else pose
+
     def posed(self, pose: Array | None) -> Pose:
         """A pose that is held; None: as it is now."""
         return Pose.of(self.pose() if pose is None else pose, self.sides.gdim)
+
+    def started(self, place: ObstaclePlace, held: Held, closed: Array) -> Origin:
+        """Where slip counts from: the obstacle stands where the increment starts."""
+        surface = self.sides.surfaces[0]
+        X = self.posed(held.pose_before).back(self.sides.split(place.z)[0])
+        gap = self.sides.control @ self._clearance(X)
+        gap[gap < MET_AT * surface.facet_size] = 0.0
+        return Origin(self.sides.control @ X, gap, closed)
+
+    def here(self, place: ObstaclePlace) -> Array:
+        """(n, gdim) where the nodes' places were drawn [length]."""
+        return self.sides.control @ place.pose.back(self.sides.split(place.z)[0])
+
+    def way(self, place: ObstaclePlace, origin: Origin) -> tuple[Array, csr_matrix]:
+        x = self.sides.control @ self.sides.split(place.z)[0]
+        way = x - place.pose.on(origin.points)
+        return way, self.sides.jumps(place.N)
+
+    def written(self, place: ObstaclePlace, slip: Array) -> Array:
+        """(n, gdim) as the obstacle was drawn."""
+        return slip @ place.pose.R
+
+    def read(self, place: ObstaclePlace, written: Array) -> Array:
+        return written @ place.pose.R.T
 
     def nearing(self, place: ObstaclePlace, dz: Array, dq: Array) -> Array:
         return np.asarray(self._gap_by(place) @ dz)
@@ -264,30 +268,12 @@ class ObstacleContact(MovingContact):
             delta=0.0,
             status=status,
             friction=np.zeros(width),
-            slip=np.zeros((n, gdim)),
         )
 
 
 @dataclass(frozen=True, eq=False)
 class ObstacleFriction(Friction, ObstacleContact):
-    """Points of the obstacle are written as drawn, (n, gdim)."""
-
-    def started(self, place: ObstaclePlace, held: Held, closed: Array) -> Origin:
-        """Where slip counts from: the obstacle stands where the increment starts."""
-        surface = self.sides.surfaces[0]
-        X = self.posed(held.pose_before).back(self.sides.split(place.z)[0])
-        gap = self.sides.control @ self._clearance(X)
-        gap[gap < MET_AT * surface.facet_size] = 0.0
-        return Origin(self.sides.control @ X, gap, closed)
-
-    def here(self, place: ObstaclePlace) -> Array:
-        """(n, gdim) where the nodes' places were drawn [length]."""
-        return self.sides.control @ place.pose.back(self.sides.split(place.z)[0])
-
-    def way(self, place: ObstaclePlace, origin: Origin) -> tuple[Array, csr_matrix]:
-        x = self.sides.control @ self.sides.split(place.z)[0]
-        way = x - place.pose.on(origin.points)
-        return way, self.sides.jumps(place.N)
+    """With friction."""
 
     def turned(self, place: ObstaclePlace, nodes: Array) -> csr_matrix:
         own = coordinates(nodes[:, None], self.sides.gdim)

@@ -1,5 +1,5 @@
-"""Where nodes have gone in an increment: through the frame, through another body, or over the
-frame's edge.
+"""Where nodes have gone in an increment: through the frame, through another body or an obstacle,
+or over the frame's edge.
 
 An increment that carries a body wholly through another leaves no node behind a facet: what tells of
 it are the states between, with all nodes on straight ways, and how deep they go into closed
@@ -11,15 +11,18 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.location import INSIDE
 from dolfinx_llm.finite.normal_contact import OVER, NormalPlace
+from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
 from dolfinx_llm.finite.self_sides import CROSSED, SelfSides
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import MovingContact, Place
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes, outline_edges
 from dolfinx_llm.geometry.facing import TURN
+from dolfinx_llm.interface.against import checked_clearance
 
 AHEAD = 0.5  # of a facet: no deeper lies what is in front of the frame at first
 THROUGH = 1.0  # of a facet: deeper lies what has gone through it
@@ -27,6 +30,8 @@ BORE = 1e-9  # of the largest force, below which there is none
 STRIDE = 0.5  # of a facet, at most, by which nodes move between the states looked at
 LOOKED_AT = 100  # states, at most: bodies that go farther are looked at more seldom
 ANGLES = 1_000_000  # pairs of points and facets that are looked at together
+
+Reached = tuple[Array, Array, Array]  # coordinates, own unknowns, what places an obstacle
 
 
 def winding(x: Array, y: Array, facets: Array) -> Array:
@@ -111,7 +116,7 @@ def check_passage(contact: MovingContact, before: Place, after: Place) -> None:
         x = sides.split(after.z)[0][worst] + moving.origin
         raise ContactError(
             f"bodies pass through each other: {behind.sum()} node(s) of {moving.name} have gone "
-            f"through {frame.name}, the deepest, at {x.round(6).tolist()}, by "
+            f"through {frame.name}, the deepest, at {checks.place(x)}, by "
             f"{-at.gap[worst]:.3g} where facets have the size {size[worst]:.3g}"
         )
     if isinstance(sides, SelfSides):
@@ -133,7 +138,7 @@ def _check_outlines(sides: Sides, before: Place, after: Place) -> None:
             raise ContactError(
                 f"bodies pass through each other: {(deep > THROUGH * size).sum()} node(s) of "
                 f"{other} go through {sides.surfaces[surface].name} on their way, whose outline is "
-                f"closed; the deepest, on its way to {place.round(6).tolist()}, by "
+                f"closed; the deepest, on its way to {checks.place(place)}, by "
                 f"{deep[worst]:.3g} where facets have the size {size:.3g}"
             )
 
@@ -150,6 +155,53 @@ def _ahead(sides: Sides, place: NormalPlace) -> Array:
     cosine = np.einsum("ni,ni->n", vectors, at.normal) / np.linalg.norm(vectors, axis=1)
     there = at.met & (at.beyond <= INSIDE) & (cosine < -np.cos(TURN))
     return there & (at.gap > -AHEAD * _sizes(sides, place))
+
+
+def check_obstacle(contact: MovingContact, ends: tuple[Reached, Reached], after: Place) -> None:
+    """Require that what has turned its back on an obstacle, or lies beyond it, has not gone through
+    it, on straight ways as the obstacle sees them.
+
+    Args:
+        contact: an interface.
+        ends: coordinates, own unknowns and what places the obstacle, at the start and at the end of
+            an increment.
+        after: how its pairs stand at the end.
+
+    Raises:
+        ContactError: nodes have gone through it; the same on every rank.
+    """
+    if not isinstance(contact, ObstacleContact) or not isinstance(after, ObstaclePlace):
+        return
+    surface = contact.sides.surfaces[0]
+    start, end = (
+        contact.posed(contact.placing(pose, q)).back(contact.sides.split(z)[0])
+        for z, q, pose in ends
+    )
+    size = np.zeros(len(start))
+    np.maximum.at(size, surface.skin, cell_sizes(start, surface.skin)[:, None])
+    far = np.linalg.norm(end - start, axis=1)
+    beyond = np.flatnonzero(np.isinf(after.gap) & (far > 0.0))
+    if not len(beyond):
+        return
+
+    def deep(X: Array) -> Array:
+        """How deep nodes are in the obstacle at X, over the size of their facets."""
+        clearance = checked_clearance(contact.obstacle, X)[0] - contact.rise[beyond]
+        return np.asarray(-clearance / size[beyond])
+
+    start, end = start[beyond], end[beyond]
+    outside = deep(start) < AHEAD
+    found, states = np.full(len(beyond), -np.inf), far[beyond].max() / (STRIDE * size[beyond].min())
+    for t in np.linspace(0.0, 1.0, min(LOOKED_AT, int(states)) + 2)[1:]:
+        found = np.maximum(found, np.where(outside, deep(start + t * (end - start)), -np.inf))
+    if found.max() > AHEAD:
+        worst = int(found.argmax())
+        x = contact.sides.split(after.z)[0][beyond[worst]]
+        raise ContactError(
+            f"bodies pass through each other: {(found > AHEAD).sum()} node(s) of {surface.name} "
+            f"have gone through the {type(contact.obstacle).__name__}, the deepest, now at "
+            f"{checks.place(x)}, by {found[worst]:.2g} of its facet"
+        )
 
 
 def left_over_edge(before: Place, force: Array, after: Place) -> Array:
@@ -172,7 +224,7 @@ def say_left(sides: Sides, left: Array, after: Place) -> str:
     """What to say of nodes (n,) that have left the frame over its edge."""
     moving, frame = sides.surfaces[sides.moving].name, sides.surfaces[sides.frame].name
     place = sides.split(after.z)[0][np.flatnonzero(left)[0]] + sides.surfaces[0].origin
-    first = place.round(6).tolist()
+    first = checks.place(place)
     return (
         f"{left.sum()} node(s) of {moving} that carried force have left {frame} over its edge in "
         f"this load step, the first is at {first}: nothing presses on them there. If the body goes "

@@ -51,25 +51,21 @@ class Pressed(ObstacleContact):
     def owner(self) -> Array:
         return np.concatenate([super().owner, 0 * self.axes])
 
-    def _pose(self, pose: Array | None, q: Array) -> Array:
+    def placing(self, pose: Array | None, q: Array) -> Array:
         """A pose that is held, with the displacement found."""
         found = (self.pose() if pose is None else pose).copy()
         found[self.sides.gdim + self.axes] += self.units * q[len(q) - len(self.axes) :]
         return found
 
-    def place(self, z: Array, q: Array, held: Held) -> ObstaclePlace:
-        """Gaps and directions with their derivatives."""
-        return super().place(z, q, replace(held, pose=self._pose(held.pose, q)))
-
     def touching(
         self, place: ObstaclePlace, q: Array, before: Array, held: Held, reach: Array
     ) -> tuple[Array, Held]:
         """(n,) status of the pairs, and what is held; q may have moved on from the place."""
-        pose = self.posed(self._pose(held.pose, q))
+        pose = self.posed(self.placing(held.pose, q))
         nearer = self.sides.control @ (place.by_x @ (pose.shift - place.pose.shift))
         place = replace(place, gap=place.gap - nearer, pose=pose)
         if held.pose_before is not None:
-            held = replace(held, pose_before=self._pose(held.pose_before, q))
+            held = replace(held, pose_before=self.placing(held.pose_before, q))
         return super().touching(place, q[: super().size], before, held, reach)
 
     def terms(

@@ -26,8 +26,10 @@ COVER = "give (facet tags, tag), or None"
 class FreeSurfacePressure:
     """Pressure that follows a surface, on what another surface leaves free now.
 
-    Covered is what lies across, within the size of a facet of the coarser surface, found along
-    averaged normals at the start of a load step; clipped facets are integrated exactly.
+    Covered is what lies across where bodies come to rest, within the size of a facet of the coarser
+    surface, found along averaged normals. Integrals are exact, also over clipped facets and over
+    whole ones of second order that bend; over a part of such a one they miss a force along the
+    surface, of at most p on the facet's height over its chord.
 
     Args:
         facet_tags: dolfinx mesh tags of facets.
@@ -76,6 +78,18 @@ class FreeSurfacePressure:
 
 
 @dataclass(frozen=True, eq=False)
+class Covering:
+    """Facets of the moving side that count as touching, of an increment.
+
+    They leave once each: where a pressure that pulls, or a lever, parts what it covers and brings
+    together what it frees, they would go in and out for ever.
+    """
+
+    facets: Array  # (f,)
+    left: Array  # (f,) that have left since the start
+
+
+@dataclass(frozen=True, eq=False)
 class Follower:
     """The same on its surfaces; all coordinates: those of the loaded one, then of the other."""
 
@@ -89,30 +103,43 @@ class Follower:
         sides = Sides.of(surfaces) if len(surfaces) > 1 else None
         return cls(load, surfaces, sides)
 
-    def hold(self, z: Array) -> Array | None:
-        """Facets that may touch in a load step that starts at coordinates z."""
-        return None if self.sides is None else self.sides.candidates(z)
+    def hold(self, z: Array) -> Covering | None:
+        """Facets that touch in an increment that starts at coordinates z; None: it has none."""
+        if self.sides is None:
+            return None
+        found = self.sides.candidates(z)
+        return Covering(found, np.zeros_like(found))
+
+    def missed(self, z: Array, held: Covering | None) -> Covering | None:
+        """Those that touch at an equilibrium z, where they are others than held; None: they are
+        the same."""
+        if self.sides is None or held is None:
+            return None
+        now = self.sides.candidates(z) | (held.facets & held.left)
+        if np.array_equal(now, held.facets):
+            return None
+        return Covering(now, held.left | (held.facets & ~now))
 
     def terms(
-        self, z: Array, p: float, candidates: Array | None, lagged: bool = False
+        self, z: Array, p: float, held: Covering | None, lagged: bool = False
     ) -> tuple[Array, csr_matrix]:
         """Forces (width,) on all coordinates, and minus their derivative by them.
 
         Args:
             z: coordinates [length].
             p: pressure [force / area].
-            candidates: of ``hold``.
+            held: of ``hold``.
             lagged: the derivative is that of parts which stay as they are.
         """
         loaded = self.surfaces[0]
         x = z[: loaded.x.size].reshape(loaded.x.shape)
         free = everything(x, loaded, 0, len(z))
-        if self.sides is not None and candidates is not None:
-            covered = self.sides.covered(z, candidates, self.sides.moving == 0)
+        if self.sides is not None and held is not None:
+            covered = self.sides.covered(z, held.facets, self.sides.moving == 0)
             if lagged:
                 covered = Covered(covered.share, csr_matrix(covered.derivative.shape))
             free = free.without(covered)
-        vectors, derivative = surface_integrals(x, loaded, free, 0)
+        vectors, derivative = surface_integrals(x, loaded, free, 0, bent=True)
         C = control_matrices(loaded)[1]
         vectors, derivative = C.T @ vectors, per_component(C, x.shape[1]).T @ derivative
         force = np.zeros(len(z))

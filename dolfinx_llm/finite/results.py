@@ -6,11 +6,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.finite.densities import densities
+from dolfinx_llm.finite.frame_side import (
+    gap_of_frame,
+    shapes_on_frame,
+    slip_of_frame,
+    status_of_frame,
+)
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
 from dolfinx_llm.finite.self_sides import SelfSides
 from dolfinx_llm.finite.terms import ContactTerms, MovingContact
@@ -19,24 +24,32 @@ from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.density import along_normals
 from dolfinx_llm.interface.forces import InterfaceForces, per_area
-from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
+from dolfinx_llm.laws.rows import OPEN
 
 TENSILE = 1e-6  # of the largest normal force: a pull below it is none
 
 
 @dataclass(frozen=True, eq=False)
 class MovingSideResult:
-    """One side of an interface; n nodes of its surface, sorted by position as drawn."""
+    """One side of an interface; n nodes of its surface, sorted by position as drawn.
+
+    ``slip`` is the whole relative motion along the surface in the last load step, in however many
+    increments, with friction or without: where a node is against where the point is now that it
+    faced at the start, or touched first. Nodes that carry the frame have what linear functions say
+    that fit the slip of the other side's nodes about them.
+    """
 
     X: Array  # (n, gdim) as drawn [length]
     x: Array  # (n, gdim) now [length]
     force: Array  # (n, gdim) forces that the body exerts on the frame [force]
     normal: Array  # (n, gdim) frame normal, out of this side; 0 where it has no place
     normal_force: Array  # (n,) positive in compression [force]
-    # (n,) to the other body along the normal; inf where there is none, and at nodes that carry the
-    # frame where nothing presses [length]
+    # (n,) to the other body along the normal, 0 where closed; inf where nothing lies opposite
+    # within the size of a facet [length]
     gap: Array
-    slip: Array  # (n, gdim) tangential motion on the other body in the last increment [length]
+    # (n,) to the frame along the normal: 0 of the side that carries it [length]
+    frame_gap: Array
+    slip: Array  # (n, gdim) on the other body in the last load step, 0 where open [length]
     status: Array  # (n,) 0 open, 1 stick, 2 slip, 3 closed without friction
     area: Array  # (n,) tributary area of what both surfaces cover [area]
     pressing: Array  # (n,) normal_force, of second order of its control values: see ``SideResult``
@@ -69,7 +82,9 @@ class MovingInterfaceResult(InterfaceForces):
     frame_force: Array  # (m,) normal force at the frame's nodes [force]
     frame_area: Array  # (m,) tributary area of what both surfaces cover [area]
     frame_friction: Array  # (m, gdim) tangential force of side 0 there [force]
-    frame_status: Array  # (m,) 0 open, 1 stick, 2 slip, 3 closed without friction
+    # (m,) 0 open, 1 stick, 2 slip, 3 closed without friction; open where its shape function is
+    # below 0.01 at all pairs in contact, though what is covered there has a pressure
+    frame_status: Array
     correction: float  # largest change of a row by the design
     frame_pressure: Array  # (m,) mean pressure of the pairs about each node [force / area]
     frame_traction: Array  # (m, gdim) the same of the tangential force of side 0
@@ -84,8 +99,9 @@ class MovingInterfaceResult(InterfaceForces):
         That of the pairs about a node, force over covered area, weighted by the positive entries
         of their rows. ``frame_force`` over ``frame_area`` is the same where pressure is constant,
         but at the rim of contact, where little of a node's surroundings is covered, it says
-        nothing. Between second-order bodies it is that of ``MovingSideResult.density`` of the
-        frame's surface.
+        nothing. Pressures times ``frame_area`` do not add up to the force, which ``frame_force``
+        and ``resultant`` tell. Between second-order bodies it is that of
+        ``MovingSideResult.density`` of the frame's surface.
         """
         return self.frame_pressure
 
@@ -99,16 +115,19 @@ class MovingInterfaceResult(InterfaceForces):
         return self.frame.x - self.frame.v
 
 
-def moving_results(contact: MovingContact, z: Array, terms: ContactTerms) -> MovingInterfaceResult:
+def moving_results(
+    contact: MovingContact, z: Array, terms: ContactTerms, slip: Array
+) -> MovingInterfaceResult:
     """The result of one interface; the same on every rank.
 
     Args:
         contact: the interface.
         z: all its coordinates [length].
         terms: in this configuration.
+        slip: (n, gdim) of the pairs in the load step [length].
     """
     if isinstance(contact, ObstacleContact):
-        return _against_obstacle(contact, z, terms)
+        return _against_obstacle(contact, z, terms, slip)
     sides, place, status = contact.sides, terms.place, terms.status
     active = status != OPEN
     forces = sides.in_order(*sides.split(-terms.force))
@@ -116,26 +135,30 @@ def moving_results(contact: MovingContact, z: Array, terms: ContactTerms) -> Mov
     y = sides.split(z)[1]
     outward = sides.outward(z)
     normals = sides.in_order(-place.normal, outward)
-    loaded = np.asarray(abs(place.N).T @ active.astype(float)).ravel() > 0.0
-    at_frame = np.full(len(loaded), OPEN)
-    for kind in (STICK, SLIP, CLOSED):
-        at_frame[np.asarray(abs(place.N).T @ (status == kind)).ravel() > 0.0] = kind
-    slips = sides.in_order(sides.nodal @ terms.slip, _at_frame(place.N, terms.slip, active))
-    shut = active & (not contact.overlaps)
+    shapes = diagonal(active) @ shapes_on_frame(sides, contact.located(place))
+    at_frame = status_of_frame(shapes, status)
+    loaded = at_frame != OPEN
+    own_slip = np.where(active[:, None], sides.nodal @ slip, 0.0)
+    slips = sides.in_order(own_slip, slip_of_frame(sides, shapes, z, outward, slip))
+    shut, frame_gap = active & (not contact.overlaps), gap_of_frame(sides, z, place.pairs)
+    if not contact.overlaps:
+        frame_gap = np.where(loaded, 0.0, np.maximum(frame_gap, 0.0))
     own_gap = _at_nodes(sides, np.where(shut, 0.0, place.gap))
-    gaps = sides.in_order(own_gap, np.where(loaded, 0.0, np.inf))
+    gaps = sides.in_order(own_gap, frame_gap)
+    to_frame = sides.in_order(_at_nodes(sides, place.gap), np.zeros(len(y)))
     own_area = (sides.control[0].T @ place.areas[0], place.areas[1])
     statuses, areas = sides.in_order(status, at_frame), sides.in_order(*own_area)
     borne = sides.nodal.T @ forces[sides.moving]
     pressing = np.einsum("ni,ni->n", borne, normals[sides.moving])
-    weights = place.N.maximum(0.0).T
+    weights = diagonal(shapes.getnnz(axis=0) > 0) @ place.N.maximum(0.0).T
     about = per_area(weights @ borne, weights @ place.areas[0])
     mean = sides.in_order(per_area(borne, place.areas[0]), -about)
     presses = contact.parts and _presses(pressing)
     density = densities(sides.surfaces, places, areas, forces, normals, mean, presses)
     of = zip(
-        sides.surfaces, places, forces, normals, gaps, slips, statuses, areas, density, strict=True
-    )
+        sides.surfaces, places, forces, normals, gaps, to_frame, slips, statuses, areas, density,
+        strict=True,
+    )  # fmt: skip
     first, second = (_side(*own) for own in of)
     sign = 1.0 if sides.frame == 0 else -1.0
     total, normal = sign * forces[sides.frame], sign * outward
@@ -172,7 +195,7 @@ def moving_results(contact: MovingContact, z: Array, terms: ContactTerms) -> Mov
 
 
 def _against_obstacle(
-    contact: ObstacleContact, z: Array, terms: ContactTerms
+    contact: ObstacleContact, z: Array, terms: ContactTerms, slip: Array
 ) -> MovingInterfaceResult:
     """The result of a body on a rigid obstacle."""
     surface, place, status = contact.sides.surfaces[0], terms.place, terms.status
@@ -185,7 +208,8 @@ def _against_obstacle(
     pressing = np.einsum("ni,ni->n", borne, normal)
     mean, presses = per_area(borne, area), contact.parts and _presses(pressing)
     (density,) = densities([surface], [x], [nodal], [force], [normal], [mean], presses)
-    side = _side(surface, x, force, normal, gap, E @ terms.slip, status, nodal, density)
+    gaps, slip = (gap, _at_nodes(contact.sides, place.gap)), (status != OPEN)[:, None] * (E @ slip)
+    side = _side(surface, x, force, normal, *gaps, slip, status, nodal, density)
     along = along_normals(mean if density is None else density, normal)
     return MovingInterfaceResult(
         frame=None,
@@ -213,6 +237,7 @@ def _side(
     force: Array,
     normal: Array,
     gap: Array,
+    frame_gap: Array,
     slip: Array,
     status: Array,
     area: Array,
@@ -221,7 +246,7 @@ def _side(
     """Of a surface; what else is given as of ``MovingSideResult``."""
     pressed = np.einsum("ni,ni->n", force, normal)
     pressing, facets = control_matrices(surface)[0].T @ pressed, surface.skin
-    own = pressed, gap, slip, status, area, pressing, facets, density
+    own = pressed, gap, frame_gap, slip, status, area, pressing, facets, density
     drawn, now = surface.x + surface.origin, x + surface.origin
     return MovingSideResult(drawn, now, force, normal, *own)
 
@@ -232,11 +257,3 @@ def _at_nodes(sides: Any, gap: Array) -> Array:
     return np.where(
         abs(sides.nodal) @ ~there > 0.0, np.inf, sides.nodal @ np.where(there, gap, 0.0)
     )
-
-
-def _at_frame(N: csr_matrix, slip: Array, active: Array) -> Array:
-    """(m, gdim) slip of the frame's nodes on the other body: minus the mean of what pairs there
-    slip."""
-    weights = abs(N).T @ diagonal(active)
-    total = np.asarray(weights.sum(axis=1)).ravel()
-    return -(weights @ slip) / np.where(total > 0.0, total, 1.0)[:, None]

@@ -18,6 +18,7 @@ from scipy.sparse import bmat, csr_matrix, identity
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.jacobians import NodalNormals, nodal_normals
@@ -52,7 +53,7 @@ class SelfSides(Sides):
 
     def drawn_at(self, place: Array) -> list[float]:
         """A place (gdim,) for messages."""
-        return list((place + self.surfaces[0].origin).round(6).tolist())
+        return checks.place(place + self.surfaces[0].origin)
 
     def candidates(self, z: Array) -> Array:
         """(f,) facets that move, face the frame and lie near; held during a step."""

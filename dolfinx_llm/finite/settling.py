@@ -80,7 +80,7 @@ def differ(now: Array, before: Array, origin: Origin | None) -> bool:
     """Whether pairs of status (n,) in the linear model are to be solved for again: others touch, or
     all slip. Where some of the same stick it says little of which, and iterates tell where nodes
     land that had a gap (``origin``, with friction): Newton's iteration finds them sooner alone."""
-    lands = origin is not None and (origin.gap > 0.0) & ~origin.touched & (now != OPEN)
+    lands = origin is not None and _to_meet(origin) & (now != OPEN)
     touch = ((now != OPEN) != (before != OPEN)).any()
     again = (now != before).any() and (touch or STICK not in now)
     return bool(again and not np.any(lands))
@@ -89,8 +89,12 @@ def differ(now: Array, before: Array, origin: Origin | None) -> bool:
 def lands(held: list[Held]) -> bool:
     """Whether pairs with friction may yet meet for the first time: what counts as slip is kept of
     that iterate, and must not depend on how well it was solved for."""
-    origins = [h.origin for h in held if h.origin is not None]
-    return any(bool(((o.gap > 0.0) & ~o.touched).any()) for o in origins)
+    return any(bool(_to_meet(h.origin).any()) for h in held if h.origin is not None)
+
+
+def _to_meet(origin: Origin) -> Array:
+    """(n,) pairs with friction that have not met yet."""
+    return origin.drags & (origin.gap > 0.0) & ~origin.touched
 
 
 def opened_or_closed(now: Sequence[Array], before: Sequence[Array]) -> int:

@@ -42,6 +42,7 @@ Item = TypeVar("Item")
 
 AS_COARSE = 1e-6  # difference of mean facet sizes that is none
 PER_NODE = {2: 1.0, 3: np.sqrt(2.0), 4: 1.0}  # distance of nodes over the size of facets
+HARDLY = 1e-2  # shape function of a node below which a place is not on it
 WITHIN = 1.0  # gap over the frame's facet up to which facets can touch in a step
 
 
@@ -55,6 +56,16 @@ class Meeting:
     covered: tuple[Covered, Covered]  # facets of the moving side, of the frame
     along: tuple[Array, csr_matrix] | None  # (f,) length of the frame that each of the moving
     # side's facets covers [length], and (f, width) its derivative; None: in space
+
+
+def _sense(surface: Surface) -> tuple[float, ...]:
+    """Which way a surface looks, and what it encloses: numbers that two which touch do not share,
+    in any units."""
+    area, size = vector_areas(surface.x, surface.facets), surface.diameter
+    middle = surface.x[surface.facets].mean(axis=1) - surface.x.mean(axis=0)
+    gdim = area.shape[1]
+    told = np.append(area.sum(axis=0) / size ** (gdim - 1), np.sum(middle * area) / size**gdim)
+    return tuple((told.round(6) + 0.0).tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,9 +92,8 @@ class Sides:
         size = [cell_sizes(s.x, s.skin).mean() * PER_NODE[s.skin.shape[1]] for s in surfaces]
         if abs(size[0] - size[1]) > AS_COARSE * max(size):
             frame = int(size[1] > size[0])
-        else:  # alike: the one whose normal comes first
-            normals = [tuple((s.normal / s.diameter).round(6) + 0.0) for s in surfaces]
-            frame = int(normals[1] > normals[0])
+        else:  # alike: the one whose normal comes first, of closed ones the one in the other
+            frame = int(_sense(surfaces[1]) > _sense(surfaces[0]))
         flat = surfaces[0].x.shape[1] == 2
         chains = Chains.of(surfaces[frame].facets) if flat else None
         around, rounded = drawn_curved(surfaces[frame].x, surfaces[frame].skin)

@@ -29,7 +29,6 @@ from dolfinx_llm.operators.petsc import (
     times,
 )
 
-ONCE = {"ksp_max_it": 1}  # Newton's next iteration is the refinement
 IN_VAIN = 3  # failures of GMRES in a row, after which it is not tried any more
 
 
@@ -188,7 +187,8 @@ class NewtonSystem(Parts):
                 return
             old.destroy()
         chosen = {} if self.failures else self.options[1]  # they were GMRES's
-        self.solver = DirectSolver(matrix, self.options[0], ONCE | chosen, own=True)
+        # Newton's next iteration is the refinement.
+        self.solver = DirectSolver(matrix, self.options[0], chosen, own=True, once=True)
 
     def taken(self) -> int:
         """Iterations of GMRES since this was asked last."""

@@ -22,6 +22,7 @@ class Origin:
     points: Any  # (n, ...) what nodes touched then: rows on a frame, points of an obstacle as drawn
     gap: Array  # (n,) at the start of the increment; inf where there was none [length]
     touched: Array  # (n,) pairs that have been in contact since
+    drags: bool = False  # forces depend on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ class Held:
     lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
     near: bool = False  # whether the last iterate was near the solution
     exact: bool = False  # whether slip has its exact derivative: see ``friction_law``
-    origin: Origin | None = None  # of slip, where there is friction
+    origin: Origin | None = None  # of slip; None: tied
     kept: Any = None  # what an own law has kept from the last increment
     pose: Array | None = None  # what places and presses a rigid obstacle: see ``Pose``
     pose_before: Array | None = None  # the same at the start of the increment
@@ -82,7 +83,6 @@ class ContactTerms:
     delta: float  # largest correction of a row
     status: Array  # (n,) of the pairs: 0 open, 1 stick, 2 slip, 3 closed without friction
     friction: Array | None  # (width,) part of the force; None: all that is not normal
-    slip: Array  # (n, gdim) tangential motion on the frame in the increment [length]
     kept: Any = None  # () -> what an own law keeps if this is the end of the increment
     miss: float = 0.0  # largest distance of forces from the law where pairs slip [force]
 
@@ -105,6 +105,14 @@ class MovingContact:
     def overlaps(self) -> bool:
         """Whether surfaces may overlap under its forces."""
         return False
+
+    def reading(self, given: dict[str, Array]) -> MovingContact:
+        """The same with what its law has read at the start of a load step, see ``Law.begin_step``.
+
+        Args:
+            given: (n, ...) at the moving side's nodes.
+        """
+        return self
 
     def staying(self, stays: Array, now: Array) -> Array:
         """(n,) status of pairs, with those (n,) that stay in contact."""
@@ -160,6 +168,18 @@ class MovingContact:
     def terms(self, place: Any, q: Array, status: Array, held: Held, free: Array) -> ContactTerms:
         """All that Newton's iteration asks for."""
         raise NotImplementedError
+
+    def located(self, place: Any) -> Any:
+        """Where all n nodes of the moving side lie on the frame: an ``OnFrame``."""
+        raise NotImplementedError
+
+    def slip(self, place: Any, held: Held, since: Array, earlier: Any) -> Array:
+        """(n, gdim) how far pairs slide: see ``Slides``; those of ties do not [length]."""
+        return np.zeros_like(place.normal)
+
+    def written(self, place: Any, slip: Array) -> Any:
+        """What keeps that for the increments to come."""
+        return None
 
 
 def moved(place: Place, change: Array) -> Place:

@@ -19,6 +19,7 @@ from dolfinx_llm.base.sparse import diagonal, summing
 from dolfinx_llm.finite.areas import Covered
 from dolfinx_llm.finite.chart import chart_of
 from dolfinx_llm.finite.design import Design
+from dolfinx_llm.finite.location import OnFrame
 from dolfinx_llm.finite.sides import Meeting, Sides
 from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place
 from dolfinx_llm.geometry.cells import unit
@@ -128,6 +129,9 @@ class TiedContact(MovingContact):
         areas = own, sides.control[1].T @ frame
         return Place(z, np.where(self.pairs, 0.0, np.inf), normal, self.N, areas)
 
+    def located(self, place: Place) -> OnFrame:
+        return self.drawn.at
+
     def terms(self, place: Place, q: Array, status: Array, held: Held, free: Array) -> ContactTerms:
         """See ``NormalContact.terms``; q (n gdim,) are the forces on the moving side [force]."""
         width = self.sides.width
@@ -144,7 +148,6 @@ class TiedContact(MovingContact):
             delta=self.delta,
             status=status,
             friction=None,
-            slip=np.zeros_like(place.normal),
         )
 
     def _determined(self, free: Array) -> tuple[csr_matrix, csr_matrix]:

@@ -18,7 +18,8 @@ from scipy.sparse import bmat, csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.sparse import diagonal
-from dolfinx_llm.finite.obstacle_contact import ObstaclePlace, OneSide, Pose
+from dolfinx_llm.finite.obstacle_contact import ObstaclePlace, OneSide
+from dolfinx_llm.finite.pose import Pose
 from dolfinx_llm.finite.pressed_obstacle import Pressed
 from dolfinx_llm.finite.terms import ContactTerms, Held
 from dolfinx_llm.finite.tied_contact import DRAWN, LITTLE_AREA, determined
@@ -146,7 +147,7 @@ class TiedObstacle(Pressed):
         """The pairs where the obstacle is; normals are its own, areas those of the body now."""
         surface = self.sides.surfaces[0]
         n, gdim = self.points.shape
-        pose = self.posed(self._pose(held.pose, q))
+        pose = self.posed(self.placing(held.pose, q))
         vectors, x = np.zeros((n, gdim)), surface.straightened(z.reshape(n, gdim))
         facets = surface.cells[self.tied[surface.cells].all(axis=1)]
         np.add.at(vectors, facets, facet_vectors(x, facets))
@@ -204,7 +205,6 @@ class TiedObstacle(Pressed):
             delta=0.0,
             status=status,
             friction=None,
-            slip=np.zeros_like(place.normal),
             miss=float(np.abs(balance).max(initial=0.0)) * c,
         )
 

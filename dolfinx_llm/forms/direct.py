@@ -28,8 +28,8 @@ KRYLOV_OPTIONS = {"ksp_max_it": 30, "ksp_rtol": 1e-12}
 
 
 class DirectSolver:
-    """A matrix factorised by MUMPS; solves are refined. With ``own`` the matrix goes with the
-    solver.
+    """A matrix factorised by MUMPS; solves are refined, or stop ``once`` it has served. With
+    ``own`` the matrix goes with the solver.
 
     Raises:
         ContactInputError: options with names that are not known, or values that PETSc refuses.
@@ -37,9 +37,15 @@ class DirectSolver:
     """
 
     def __init__(
-        self, matrix: Any, prefix: str, options: dict[str, Any] | None = None, own: bool = False
+        self,
+        matrix: Any,
+        prefix: str,
+        options: dict[str, Any] | None = None,
+        own: bool = False,
+        once: bool = False,
     ) -> None:
         self.matrix, self._own = matrix, own
+        self._usual = SADDLE_OPTIONS | ({"ksp_max_it": 1} if once else {})
         self.symmetric = is_symmetric(matrix)
         self.solution, self.rhs = matrix.createVecs()
         self._given = prefix, options or {}
@@ -50,7 +56,7 @@ class DirectSolver:
         if self.symmetric:
             self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         options = self._options = self._fitting(options)
-        usual: dict[str, Any] = dict(SADDLE_OPTIONS)
+        usual: dict[str, Any] = dict(self._usual)
         if options.get("ksp_type", "richardson") not in ("richardson", "preonly"):
             del usual["ksp_norm_type"]
             usual |= KRYLOV_OPTIONS

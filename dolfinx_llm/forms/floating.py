@@ -23,7 +23,7 @@ class Pull:
         floating: the motions.
         spring: stiffness of the springs [force / length].
         f: this rank's loads.
-        forces: size of the forces in earlier load steps.
+        rounding: of forces, that the last load steps have left [force].
         start: (count,) where the springs hold the motions.
 
     Attributes:
@@ -33,10 +33,10 @@ class Pull:
     """
 
     def __init__(
-        self, floating: Floating, spring: float, f: Array, forces: float, start: Array
+        self, floating: Floating, spring: float, f: Array, rounding: float, start: Array
     ) -> None:
         self._floating, self._spring, self._loads = floating, spring, floating.sizes(f)
-        self._forces, self.anchor, self.share, self.most = forces, start, 0.0, 0.0
+        self._rounding, self.anchor, self.share, self.most = rounding, start, 0.0, 0.0
         self._last, self._pulls = np.zeros(floating.count), 0
         self._moved = np.zeros(floating.count)
         self._least = UNBALANCED  # share that may be rounding
@@ -51,7 +51,7 @@ class Pull:
         force = self._spring * (self._floating.square @ moved)
         self.most = max(self.most, float(np.abs(force).sum()))
         size = (self._loads + np.abs(multiplier) @ self._floating.grip).max()
-        size = max(size, self._forces)
+        size = max(size, self._rounding / UNBALANCED)  # where pulls are rounding, they are none
         self._rest = self.share if calm > 1 else np.inf
         self.share = float(np.abs(force).max() / size) if size > 0.0 else 0.0
         self._least = max(UNBALANCED, noise / size) if size > 0.0 else UNBALANCED
@@ -82,12 +82,15 @@ class Pull:
         return self.share <= NOTHING or (self.share <= self._least and not falls)
 
 
-def out_of_balance(floating: Floating, share: float, motion: Array, force: Array) -> str:
+def out_of_balance(
+    floating: Floating, share: float, motion: Array, force: Array, pushed: float = 0.0
+) -> str:
     """Words for a share of the forces that nothing balances, and for the motion (count,) of the
-    bodies that they drive, forces (count,) along their motions."""
+    bodies that they drive, forces (count,) along their motions and the work ``pushed`` that those
+    on obstacles do besides."""
     return (
         f"contact and supports do not balance the load: {share:.1e} of the forces is left. A body "
         "that only contact holds is pulled off, or slides or turns away without end: "
-        f"{floating.rigid.describe(motion, force)}. Add supports or springs that hold it, "
+        f"{floating.rigid.describe(motion, force, pushed)}. Add supports or springs that hold it, "
         "prescribe its motion, or change the load"
     )

@@ -44,7 +44,7 @@ def check_values(options: dict[str, Any]) -> None:
 
 
 class NoOption(ContactInputError):
-    """An option that no solver in use asks for."""
+    """An option that no solver in use asks for, or a method that does not suit it."""
 
 
 @cache

@@ -212,10 +212,11 @@ class Frame:
             A ``Location`` with one row per point.
         """
         accepted = f"give (n, {self.gdim}) positions"
-        return self._places.locate(checks.array("points", points, (None, self.gdim), accepted))
+        return self.places.locate(checks.array("points", points, (None, self.gdim), accepted))
 
     @cached_property
-    def _places(self) -> ClosestPoints:
+    def places(self) -> ClosestPoints:
+        """Finds where points lie on the cells."""
         return ClosestPoints(self.x, self.corners)
 
     def interpolation(self, location: Location) -> csr_matrix:
@@ -226,7 +227,7 @@ class Frame:
         Args:
             location: of n points, as ``locate`` gives it.
         """
-        return self._places.interpolation(location, self.cells, self.element)
+        return self.places.interpolation(location, self.cells, self.element)
 
 
 def bent(frame: Frame, x: Array) -> Frame:

@@ -8,11 +8,14 @@ from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.sparse import summing
 from dolfinx_llm.geometry.cells import (
     CORNERS,
     cell_sizes,
     closest_on_sides,
+    facets_around,
     joined_lists,
+    outline_edges,
     points_of,
     repeated_for,
     shape_functions,
@@ -89,6 +92,21 @@ class ClosestPoints:
         apart = np.linalg.norm(foot - foot[best][point], axis=1) > 10.0 * rounding[point]
         also = np.flatnonzero(((outside > 0.0) == (outside[best][point] > 0.0)) & apart)
         return cell[best], xi[best], (point[also], cell[also], xi[also])
+
+    def around(self, cell: Array, xi: Array) -> tuple[Array, Array]:
+        """Of points xi (n, d) on the sides of cells (n,): (n,) whether they lie on the rim, and
+        (n, gdim) the sum of the unit normals of all cells that share them."""
+        on = shape_functions(self.cells.shape[1], xi)[0] > EDGE
+        count, (row, corner) = on.sum(axis=1), np.nonzero(on)
+        node = self.cells[cell[row], corner]
+        nodes = csr_matrix((np.ones(len(row)), (row, node)), (len(on), len(self.x)))
+        found = (nodes @ facets_around(self.cells, len(self.x))).tocoo()
+        shared = found.data == count[found.row]
+        point, other = found.row[shared], found.col[shared]
+        ends = np.isin(node[np.searchsorted(row, np.arange(len(on)))], outline_edges(self.cells))
+        alone = np.bincount(point, minlength=len(on)) == 1
+        normals = unit_normals(self.x, self.cells)[other]
+        return np.where(count == 1, ends, alone), summing(point, len(on)) @ normals
 
     def _outside(self, offset: Array, cell: Array) -> Array:
         """Tangential distance from cells in units of their size, 0 inside."""

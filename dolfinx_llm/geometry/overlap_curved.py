@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.geometry.cells import bases, facet_vectors, outline_edges, unit_normals
@@ -50,8 +51,7 @@ def require_overlap(sides: Sequence[Surface], vectors: Sequence[Array]) -> None:
         return
     side, other = sides
     boxes = [
-        f"{s.x.min(axis=0).round(6).tolist()} to {s.x.max(axis=0).round(6).tolist()}"
-        for s in (side, other)
+        f"{checks.place(s.x.min(axis=0))} to {checks.place(s.x.max(axis=0))}" for s in (side, other)
     ]
     raise ContactError(
         f"the surfaces {side.name} and {other.name} do not overlap: no facet of one projects onto "
@@ -146,7 +146,7 @@ def _check(
 def _worst(side: Surface, value: Array) -> tuple[int, list[float]]:
     """The facet with the largest value (m,), and its centre."""
     worst = int(value.argmax())
-    return worst, side.x[side.facets[worst]].mean(axis=0).round(6).tolist()
+    return worst, checks.place(side.x[side.facets[worst]].mean(axis=0))
 
 
 def _near_outline(other: Surface, centre: Array, radius: Array) -> Array:

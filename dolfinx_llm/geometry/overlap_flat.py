@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.geometry.cells import cross_plane, facet_vectors, gauss, outline_edges, unit
@@ -253,12 +254,10 @@ def common_area(side0: Surface, side1: Surface, plane: Plane) -> Any:
         area = shapely.intersection(*(outline(q, f) for q, f in zip(s, facets)))
         empty = not area.area > 1e-12 * min(side0.diameter, side1.diameter) ** 2
     if empty:
-        boxes = [
-            f"{q.min(axis=0).round(6).tolist()} to {q.max(axis=0).round(6).tolist()}" for q in s
-        ]
+        boxes = [f"{checks.place(q.min(axis=0))} to {checks.place(q.max(axis=0))}" for q in s]
         raise ContactError(
             f"the surfaces {side0.name} and {side1.name} do not overlap: seen along the normal "
-            f"{plane.normal.round(6).tolist()} they span {boxes[0]} and {boxes[1]} in the "
+            f"{checks.place(plane.normal)} they span {boxes[0]} and {boxes[1]} in the "
             "contact plane. Check tags, positions and units"
         )
     return area

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, identity, vstack
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.geometry.cells import bases
@@ -19,7 +20,7 @@ from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.surface import Surface
 
 BOUND = 1e-3  # of the singular values' ratio
-DRAW = 1e-3  # of a frame node's mean support: what draws its motion to the mean
+DRAW = 1e-3  # of a frame node's mean support: what draws its motion to 0
 
 
 def control_matrices(surface: Surface) -> tuple[csr_matrix, csr_matrix]:
@@ -95,8 +96,8 @@ class ContactPairs:
 
     @cached_property
     def fit(self) -> Any:
-        """Factorised NᵀN, by which motions of the nodes are fitted to those of the frame's; frame
-        nodes that hardly any pair reaches move as the mean of them does."""
+        """Factorised NᵀN, by which motions of the nodes are fitted to those of the frame's; those
+        of frame nodes that hardly any pair reaches are drawn to 0."""
         A = self.N.T @ self.N
         return splu((A + DRAW * A.diagonal().mean() * identity(A.shape[0])).tocsc())
 
@@ -172,7 +173,7 @@ def locate_pairs(
         raise ContactInputError(
             f"the frame does not cover the contact area: {len(beyond)} of {len(nodes)} nodes of "
             f"{surface.name} in contact lie outside it, the farthest at "
-            f"{x[worst].round(6).tolist()} by {at.outside[worst]:.3g} cells. Extend the frame over "
+            f"{checks.place(x[worst])} by {at.outside[worst]:.3g} cells. Extend the frame over "
             "all facets that the contact area touches, or use frame=None for a predicted one"
         )
     gdim = frame.gdim

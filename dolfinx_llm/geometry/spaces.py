@@ -115,20 +115,6 @@ def is_function(value: Any) -> bool:
     return isinstance(value, fem.Function)
 
 
-def scalar_at_nodes(function: Any, V: Any) -> Array:
-    """(n,) values of a scalar Function at the nodes that this rank owns of V, a vector space of its
-    mesh; collective."""
-    if len(function.ufl_shape):
-        raise ContactInputError(
-            f"Function {function.name} has the shape {function.ufl_shape}: give a scalar one"
-        )
-    own = fem.Function(compat.function_space(V.mesh, degree=order_of(V)))
-    own.interpolate(function)
-    values = np.zeros(V.dofmap.index_map.size_local + V.dofmap.index_map.num_ghosts)
-    values[compat.cell_dofs(V)] = own.x.array[compat.cell_dofs(own.function_space)]
-    return values[: V.dofmap.index_map.size_local]
-
-
 def _check_mesh(mesh: Any, highest: int) -> None:
     """Require bodies that fill the space, of cells of one kind up to an order."""
     kinds = compat.cell_kinds(mesh)

@@ -9,6 +9,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.parallel import chosen
@@ -19,7 +20,7 @@ from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.obstacle import Obstacle, Swings
-from dolfinx_llm.interface.obstacles import MeanDisplacement, about_the_mean
+from dolfinx_llm.interface.obstacles import MeanDisplacement, RigidSurface, about_the_mean
 from dolfinx_llm.interface.touching import BURIED, say_depth, steep_rim
 from dolfinx_llm.laws.law import Law
 
@@ -49,7 +50,7 @@ def against_obstacle(
         near = int(distance.argmin())
         raise ContactError(
             f"no node of {side.name} faces the {kind}: seen from the body it must lie on the outer "
-            f"side of the surface. The nearest node, {side.x[near].round(6).tolist()}, has the "
+            f"side of the surface. The nearest node, {checks.place(side.x[near])}, has the "
             f"clearance {distance[near]:.3g}. Check the obstacle's normal, `inside`, the tag and "
             "positions"
         )
@@ -67,7 +68,10 @@ def against_obstacle(
         base=np.broadcast_to(np.eye(gdim), (len(nodes), gdim, gdim)).copy(),
         gap=-distance[nodes, None] * normal[nodes],
     )
-    notes.append(f"rigid {kind}: {len(nodes)} nodes face it")
+    if isinstance(obstacle, MeanDisplacement):
+        notes.append(f"{kind}: of {len(nodes)} nodes, under a uniform traction")
+    else:
+        notes.append(f"rigid {kind}: {len(nodes)} nodes face it")
     if len(facets) < len(side.facets):
         notes.append(
             f"{len(side.facets) - len(facets)} of {len(side.facets)} facets of {side.name} left "
@@ -78,6 +82,19 @@ def against_obstacle(
     moved[nodes] += np.maximum(np.einsum("ni,ni->n", pairs.normal, obstacle.motion(pairs.met)), 0.0)
     _say_place(obstacle, side, nodes, moved, name, notes)
     return pairs, steep_rim(side, facets, np.isfinite(distance))
+
+
+def as_drawn(geometry: InterfaceGeometry) -> list[Array]:
+    """What an interface takes a rigid obstacle to be: clearance of the surface's nodes (n,) and its
+    directions (n, gdim), or the mesh by which these take long to find; of an end that turns under a
+    moment its pivot; nothing without one."""
+    obstacle, x = geometry.interface.obstacle, geometry.sides[0].x
+    if obstacle is None:
+        return []
+    pivot = [] if geometry.swings is None else [np.array(obstacle.pose(x.shape[1])[2])]
+    if type(obstacle) is RigidSurface:
+        return [obstacle.mesh.x.copy(), obstacle.mesh.cells.copy(), *pivot]
+    return [*checked_clearance(obstacle, x), *pivot]
 
 
 def checked_clearance(obstacle: Obstacle, x: Array) -> tuple[Array, Array]:
@@ -145,7 +162,7 @@ def _say_place(
         near = nodes[distance[nodes].argmin()]
         if distance[near] > 1e-9 * side.diameter:
             notes.append(
-                f"not touching as drawn: nearest at {side.x[near].round(6).tolist()}, "
+                f"not touching as drawn: nearest at {checks.place(side.x[near])}, "
                 f"{distance[near]:.3g} from the {kind}"
             )
         return

@@ -211,7 +211,7 @@ def build_piece(
         loads, vectors = loads_in_contact(sides, law.opens, order)
     else:
         if not law.opens:
-            check_flat(sides, plane)
+            check_flat(sides, plane, "Tied() is for surfaces that touch")
         area = common_area(sides[0], sides[1], plane)
         loads = [NodalLoads.on(side, plane.project(side.x), area, order) for side in sides]
     clock.stop("patch forces")

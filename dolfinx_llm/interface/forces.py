@@ -29,11 +29,8 @@ class InterfaceForces:
         frame_area: Array
         frame_friction: Array
         frame_status: Array
+        frame_density: Array
         presses: bool
-
-    # (m, 1 + gdim) pressure and tangential traction of side 0 there between second-order bodies, of
-    # the coarser side's density; None: force per area [force / area]
-    frame_density: Array | None = None
 
     @property
     def x(self) -> Array:
@@ -62,13 +59,12 @@ class InterfaceForces:
         Nodal force over tributary area misleads on the finer side; on the frame both sides carry
         the same force. Where bodies may part it is at least 0: at the rim of contact a corrected
         row may leave a frame node a slightly negative share of forces that all press, which
-        ``frame_force`` shows and the pressure does not. Between second-order bodies, whose nodal
-        forces per area say nothing, it is that of ``SideResult.density`` of the coarser side.
+        ``frame_force`` shows and the pressure does not. Where corrected rows leave a node less than
+        half of the area about it, or less than none, it is the mean pressure of the pairs there.
+        Between second-order bodies, whose nodal forces per area say nothing, it is that of
+        ``SideResult.density`` of the side with fewer nodes.
         """
-        if self.frame_density is not None:
-            pressure = self.frame_density[:, 0]
-        else:
-            pressure = per_area(self.frame_force[:, None], self.frame_area)[:, 0]
+        pressure = self.frame_density[:, 0]
         return np.maximum(pressure, 0.0) if self.presses else pressure
 
     @property
@@ -102,10 +98,9 @@ class InterfaceForces:
 
     @property
     def traction(self) -> Array:
-        """(m, gdim) tangential traction of side 0 on the frame at its nodes [force / area]."""
-        if self.frame_density is not None:
-            return self.frame_density[:, 1:]
-        return per_area(self.frame_friction, self.frame_area)
+        """(m, gdim) tangential traction of side 0 on the frame at its nodes, where pressure is that
+        of pairs theirs, as much as the node's own friction allows [force / area]."""
+        return self.frame_density[:, 1:]
 
     @property
     def resultant(self) -> Array:
@@ -124,13 +119,15 @@ class InterfaceForces:
             side: whose forces on the frame: 0 or 1; 0 against an obstacle.
 
         Raises:
-            ContactInputError: no such side.
+            ContactInputError: no such side, or no point.
         """
         accepted = "give the number of a side, 0 or 1; 0 against an obstacle"
         if checks.integer("side", side, accepted, low=0) >= len(self.sides):
             checks.refuse("side", side, accepted)
         of = self.sides[side]
-        arm = of.x - (0.0 if about is None else np.asarray(about, dtype=float))
-        if arm.shape[1] == 2:
+        gdim = of.x.shape[1]
+        point = np.zeros(gdim) if about is None else about
+        arm = of.x - checks.array("about", point, (gdim,), f"give a point, {gdim} numbers")
+        if gdim == 2:
             return np.array([cross_plane(arm, of.force).sum()])
         return np.cross(arm, of.force).sum(axis=0)

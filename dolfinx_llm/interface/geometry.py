@@ -14,6 +14,7 @@ from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.join import Certificate, Part
 from dolfinx_llm.interface.obstacle import Swings
+from dolfinx_llm.interface.obstacles import MeanDisplacement
 from dolfinx_llm.interface.site import Site
 
 
@@ -83,10 +84,11 @@ class InterfaceGeometry:
     @cached_property
     def law_nodes(self) -> tuple[Array, Array]:
         """Positions (k, gdim) and tributary areas (k,) of the nodes at which the law holds: the
-        frame's, or the pairs' own against a rigid obstacle."""
-        pairs = self.pairs[0]
-        x = pairs.x if self.frame is None else self.frame.x
-        return x, self.law_shapes[0].T @ pairs.forces
+        frame's, or the pairs' own against a rigid obstacle. Areas are the mean of both sides',
+        which agree where surfaces are flat: neither is preferred."""
+        x = self.pairs[0].x if self.frame is None else self.frame.x
+        areas = [N.T @ p.forces for N, p in zip(self.law_shapes, self.pairs, strict=True)]
+        return x, np.mean(areas, axis=0)
 
     @cached_property
     def law_shapes(self) -> tuple[csr_matrix, ...]:
@@ -146,7 +148,9 @@ def describe(geometry: InterfaceGeometry) -> list[str]:
         )
     out = []
     if geometry.frame is None:
-        out.append("frame, second side and proximal term (rigid obstacle)")
+        mean = isinstance(geometry.interface.obstacle, MeanDisplacement)
+        why = "prescribed mean" if mean else "rigid obstacle"
+        out.append(f"frame, second side and proximal term ({why})")
     if law.ties:
         out.append("active set and local bases (tied)")
     elif law.components == "normal":

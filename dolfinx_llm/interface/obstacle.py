@@ -26,7 +26,10 @@ def vector(name: str, value: ArrayLike, size: int | None = None) -> Array:
 class Obstacle:
     """What all obstacles share, and the base of your own: write ``clearance``.
 
-    All of the arguments may be set anew before every solve. Motions are small: directions in which
+    All of the arguments may be set anew before every solve, those of its shape and place, too. At
+    small deformation the latter, and the pivot of a rigid end under a moment, draw it anew: contact
+    is found from there, and its state before is forgotten, as where a mesh was moved; what moves
+    between load steps has a displacement and a rotation. Motions are small: directions in which
     contact forces act stay those of the drawing, and a point x of the obstacle moves by
     displacement + rotation × (x - pivot). About its own axis a sphere or cylinder may turn by any
     angle, which drags with friction what it touches. At finite deformation all motions are finite.
@@ -70,8 +73,9 @@ class Obstacle:
     def clearance(self, x: Array) -> tuple[Array, Array]:
         """Distance of points to the surface, and the direction into the obstacle.
 
-        It is asked once, for the surface's nodes as drawn; a linear estimate of the distance along
-        the direction is enough where nodes are near. At finite deformation it is asked in every
+        It is asked in every solve, for the surface's nodes as drawn: contact is found anew where
+        that has changed. A linear estimate of the distance along the direction is enough where
+        nodes are near. At finite deformation it is asked in every
         iteration, and for its derivatives at points beside the nodes.
 
         Args:

@@ -151,7 +151,8 @@ class RigidCylinder(Obstacle):
 
 @dataclass(eq=False)
 class RigidSurface(Obstacle):
-    """A surface mesh: the closest point counts, with the normal of its cell.
+    """A surface mesh: the closest point counts, with the normal of its cell; above an edge or a
+    corner of the mesh with the way from there, but beyond its rim, where there is no obstacle.
 
     Args:
         mesh: a ``Frame`` whose normals point out of the obstacle, towards the body.
@@ -166,6 +167,9 @@ class RigidSurface(Obstacle):
     (2.0, [[0.6, -0.8]])
     >>> ramp.clearance(np.array([[-1.0, 0.0]]))[0]  # beyond its rim
     array([inf])
+    >>> roof = RigidSurface(Frame([[1.0, -1.0], [0.0, 0.0], [-1.0, -1.0]], [[1, 0], [2, 1]]))
+    >>> roof.clearance(np.array([[0.0, 0.5], [0.3, 0.4]]))[0]
+    array([0.5, 0.5])
     """
 
     mesh: Frame
@@ -183,8 +187,15 @@ class RigidSurface(Obstacle):
         _, y, tangents = self.mesh.evaluate(at.cell, at.xi)
         normal = bases(tangents)[:, -1]
         distance = np.einsum("ni,ni->n", x - y, normal)
-        # Beyond its rim a surface stops nobody.
-        return np.where(at.outside > 1e-9, np.inf, distance), -normal
+        beside = np.flatnonzero(at.outside > 1e-9)
+        rim, out = self.mesh.places.around(at.cell[beside], at.xi[beside])
+        distance[beside[rim]] = np.inf  # beyond its rim a surface stops nobody
+        within = beside[~rim]
+        arm = x[within] - y[within]
+        size = np.linalg.norm(arm, axis=1)
+        size[np.einsum("ni,ni->n", arm, out[~rim]) < 0.0] *= -1.0  # inside
+        distance[within], normal[within] = size, arm / size[:, None]
+        return distance, -normal
 
 
 def _round(d: Array, radius: float, inside: bool) -> tuple[Array, Array]:

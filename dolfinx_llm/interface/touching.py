@@ -5,6 +5,7 @@ from typing import NoReturn
 
 import numpy as np
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import log
@@ -96,7 +97,7 @@ def say_depth(
     worst = int(depth.argmax())
     text = (
         f"{int((depth > 0.0).sum())} node(s) of {side.name} lie inside of {what} as drawn, the "
-        f"deepest at {side.x[worst].round(6).tolist()} by {depth[worst]:.3g}"
+        f"deepest at {checks.place(side.x[worst])} by {depth[worst]:.3g}"
     )
     if depth[worst] > max(most, size[worst]):
         raise ContactError(f"{text}, where facets have the size {size[worst]:.3g}: {wrong}")
@@ -123,7 +124,7 @@ def _refuse(sides: Sequence[Surface], separations: Sequence[Separation]) -> NoRe
     near = int(separations[0].distance.argmin())
     raise ContactError(
         f"no facet of {sides[0].name} faces one of {sides[1].name}: they are nearest at "
-        f"{sides[0].x[near].round(6).tolist()}, {separations[0].distance[near]:.3g} apart, and "
+        f"{checks.place(sides[0].x[near])}, {separations[0].distance[near]:.3g} apart, and "
         "nowhere lie in front of each other with opposite normals. Check tags, positions and units"
     )
 
@@ -143,23 +144,24 @@ def steep_rim(whole: Surface, facets: Array, over: Array) -> Array:
     return rim
 
 
-def check_flat(sides: Sequence[Surface], plane: Plane) -> None:
-    """Require flat sides parallel to each other, closer than a facet's size."""
+def check_flat(sides: Sequence[Surface], plane: Plane, rule: str) -> None:
+    """Require flat sides parallel to each other, closer than a facet's size; the rule is said where
+    they are not."""
     size = max(side.diameter for side in sides)
     heights = [plane.height(side.x) for side in sides]
     for side, height in zip(sides, heights):
         if np.ptp(height) > 1e-6 * size:
             raise ContactError(
                 f"{side.name} is flat, but not parallel to the other side: its nodes lie within "
-                f"{np.ptp(height):.3g} along the normal {plane.normal.round(6).tolist()} (allowed "
+                f"{np.ptp(height):.3g} along the normal {checks.place(plane.normal)} (allowed "
                 f"{1e-6 * size:.3g}). Check the geometry"
             )
-    gap = heights[1].mean() - heights[0].mean()
+    gap = abs(heights[1].mean() - heights[0].mean())
     areas = [np.linalg.norm(vector_areas(side.x, side.facets), axis=1).max() for side in sides]
     facet = max(areas) ** (1.0 / (len(plane.origin) - 1))
-    if abs(gap) > facet:
+    if gap > facet:
         raise ContactError(
             f"the surfaces {sides[0].name} and {sides[1].name} lie {gap:.3g} apart along the "
-            f"normal, more than the largest facet's size, {facet:.3g}; Tied() is for surfaces that "
-            "touch. Check tags, positions and units"
+            f"normal, more than the largest facet's size, {facet:.3g}; {rule}. Check tags, "
+            "positions and units"
         )

@@ -61,7 +61,8 @@ class Conductance(Law):
         """
         h = np.asarray(nodes.values(self._now), dtype=float)
         if h.shape != (len(nodes.x),) or not ((h >= 0.0) & (h < np.inf)).all():  # NaN as well
-            told = f"shape {h.shape}" if h.ndim != 1 or not len(h) else f"{h.min()} to {h.max()}"
+            fits = h.shape == (len(nodes.x),)
+            told = f"{h.min()} to {h.max()}" if fits else f"shape {h.shape}"
             raise ContactInputError(
                 f"Conductance: h at {len(nodes.x)} positions is of {told}: {CONDUCTS} for each"
             )

@@ -37,8 +37,10 @@ class Coulomb(Law):
     Args:
         mu: coefficient of friction, at least 0; 0 leaves out all that friction needs. A number, a
             function of positions (n, gdim) that returns (n,), a scalar dolfinx Constant, a scalar
-            Function of one of the bodies' meshes, or an array with a value per node of
-            ``result.x``: the frame's, or the surface's own against a rigid obstacle.
+            Function of one of the bodies' meshes, at nodes the mean of the cells with a facet
+            there where it jumps, or an array with a value per node of ``result.x``: the frame's,
+            or the surface's own against a rigid obstacle. All but numbers may change, and are
+            read anew at the start of every load step.
         cohesion: tangential traction that the surfaces bear besides, where they are in contact,
             |T| <= μ N + cohesion area; given in the same ways [force / area].
         method: "newton": semismooth Newton on the projection form; "switch": the paper's own
@@ -81,7 +83,8 @@ class Coulomb(Law):
                 checks.number(f"Coulomb: {name}", value, AT_LEAST_0, low=0.0)
         checks.one_of("Coulomb: method", self.method, METHODS)
         given = self.mu, self.cohesion, 0.0 if self.dynamic is None else self.dynamic
-        bears = any(callable(a) or bool(np.any(np.asarray(a) > 0.0)) for a in given)
+        # What may change from one load step to the next bears, whatever it is now.
+        bears = any(callable(a) or np.ndim(a) or a > 0.0 for a in given)
         object.__setattr__(self, "slips", bears)
         object.__setattr__(self, "components", "local" if bears else "normal")
 
@@ -94,10 +97,18 @@ class Coulomb(Law):
         return f"Coulomb({', '.join(shown)})"
 
     def start(self, nodes: LawNodes) -> dict[str, Array]:
-        """μ and the forces of cohesion [force] at nodes.
+        """Which nodes slide: 1, and 0 at rest.
 
         Args:
             nodes: at rest.
+        """
+        return {"slides": np.zeros(len(nodes.x))}
+
+    def begin_step(self, nodes: LawNodes) -> dict[str, Array]:
+        """μ at rest and where nodes slide, and the forces of cohesion [force].
+
+        Args:
+            nodes: see ``Law``.
 
         Raises:
             ContactInputError: not a value of at least 0 for each, dynamic above mu.
@@ -106,32 +117,39 @@ class Coulomb(Law):
         found = {
             name: _at_least_0(name, nodes.values(value), n) for name, value in self._bounds.items()
         }
-        above = found.get("dynamic", found["mu"]) - found["mu"]
+        dynamic = found.get("dynamic", found["mu"])
+        above = dynamic - found["mu"]
         if (above > 0.0).any():
             raise ContactInputError(
                 f"Coulomb: dynamic is above mu, by {above.max():g}: what slips would be at rest at "
                 "once. Give a coefficient of at most mu"
             )
-        return {"mu": found["mu"], "cohesive": nodes.area * found["cohesion"]}
+        return {"mu": found["mu"], "dynamic": dynamic, "cohesive": nodes.area * found["cohesion"]}
 
     def end_step(self, nodes: LawNodes) -> dict[str, Array]:
-        if self.dynamic is None:
-            return nodes.history
-        slips = nodes.status == SLIP
-        given = self._bounds
-        mu = np.where(slips, nodes.values(given["dynamic"]), nodes.values(given["mu"]))
-        return nodes.history | {"mu": mu}
+        return nodes.history | {"slides": (nodes.status == SLIP).astype(float)}
+
+    @staticmethod
+    def coefficient(nodes: LawNodes) -> Array:
+        """(k,) of friction in this load step; between that at rest and the dynamic one where some
+        of the nodes have slid from which a state was carried over.
+
+        Args:
+            nodes: with what has been read, and what the law keeps.
+        """
+        mu, dynamic = nodes.given["mu"], nodes.given["dynamic"]
+        return mu + nodes.history["slides"] * (dynamic - mu)
 
     def _bound(self, nodes: LawNodes) -> Array:
         """(k,) what tangential forces may reach, node by node [force]. One that is pulled at, by a
         corrected row, bears nothing, and is missing where others are pressed by more for it: it
         takes from those that share with it, so that friction in all is at most μ N in all."""
-        return nodes.history["mu"] * nodes.N + self._cohesive(nodes)
+        return self.coefficient(nodes) * nodes.N + self._cohesive(nodes)
 
     @staticmethod
     def _cohesive(nodes: LawNodes) -> Array:
         """(k,) what nodes that press bear without any normal force [force]."""
-        return np.where(nodes.N > 0.0, nodes.history["cohesive"], 0.0)
+        return np.where(nodes.N > 0.0, nodes.given["cohesive"], 0.0)
 
     def rows(self, nodes: LawNodes) -> LawRows:
         T, s, delta = nodes.force, nodes.sums(self._bound(nodes)), nodes.slip
@@ -142,7 +160,7 @@ class Coulomb(Law):
         # N of the next iterate stands in the rows, cohesion does not depend on it.
         cohesion = nodes.sums(self._cohesive(nodes))
         rhs = rows.rhs - rows.C_N * cohesion[:, None]
-        return replace(rows, rhs=rhs, weight=nodes.history["mu"])
+        return replace(rows, rhs=rhs, weight=self.coefficient(nodes))
 
     def miss(self, nodes: LawNodes) -> Array:
         s = nodes.sums(self._bound(nodes))

@@ -17,8 +17,9 @@ class Law:
     forces for jumps of the surfaces, and their derivative. One that is better written the other way
     round, jumps for forces, or in parts (stick and slip), gives ``rows`` instead. What it has to
     remember stands in ``history``: arrays of an entry per node, made by ``start`` and brought on by
-    ``end_step``. The iteration is Newton's; forces should grow with jumps, or fall more slowly than
-    the bodies' stiffness.
+    ``end_step``; what users may change between load steps in ``given``, of ``begin_step``. The
+    iteration is Newton's; forces should grow with jumps, or fall more slowly than the bodies'
+    stiffness.
 
     Attributes:
         components: of the multipliers: "local", tangents and normal, "normal", or "cartesian".
@@ -106,6 +107,16 @@ class Law:
 
         Args:
             nodes: at rest.
+        """
+        return {}
+
+    def begin_step(self, nodes: LawNodes) -> dict[str, Array]:
+        """What users give and may change between load steps, read anew at the start of each: arrays
+        (k, ...), told as ``nodes.given``, which are no history; nothing by default.
+
+        Args:
+            nodes: their positions and areas, as drawn, and ``values`` of what users give; of forces
+                and jumps nothing.
         """
         return {}
 

@@ -31,8 +31,11 @@ def value_now(name: str, value: Any, accepted: str) -> Any:
         name, value, accepted: for the message.
 
     Raises:
-        ContactInputError: a UFL expression, which is none of these, though it can be called.
+        ContactInputError: a UFL expression, which is none of these, though it can be called, or a
+            Function of complex values.
     """
+    if np.iscomplexobj(getattr(getattr(value, "x", None), "array", 0.0)):
+        checks.refuse(name, value, f"{accepted}; the Function has complex values: give real ones")
     if not hasattr(value, "ufl_shape") or hasattr(value, "function_space"):
         return value
     if np.ndim(getattr(value, "value", ())):
@@ -76,6 +79,7 @@ class LawNodes:
     history: dict[str, Array] = field(default_factory=dict)  # (k, ...) what the law keeps
     speaker: Array | None = None  # (k,) node whose law holds for each; None: each its own
     sample: Callable[[Any], Array] | None = None  # (k,) of what users give
+    given: dict[str, Array] = field(default_factory=dict)  # (k, ...) what ``begin_step`` has read
 
     @property
     def slip(self) -> Array:

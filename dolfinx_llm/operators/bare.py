@@ -3,6 +3,7 @@
 import numpy as np
 from petsc4py import PETSc
 
+from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.operators.numbering import BodyDofs
 from dolfinx_llm.operators.petsc import diagonal_of, local_csr
@@ -31,7 +32,7 @@ def check_stiffness(K: PETSc.Mat, dofs: BodyDofs, form: str) -> None:
     if not count:
         return
     box = np.array([end for part in found for end in part[2]])
-    low, high = ((of(box, axis=0).round(6) + 0.0).tolist() for of in (np.min, np.max))
+    low, high = (checks.place(of(box, axis=0)) for of in (np.min, np.max))
     kind = "displacements" if dofs.components > 1 else "unknowns"
     raise ContactInputError(
         f"{count} of {every} free {kind} have no stiffness, at nodes from {low} to {high}: "

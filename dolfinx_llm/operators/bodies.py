@@ -8,7 +8,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from dolfinx_llm.base import compat
+from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.pairs import control_points
 from dolfinx_llm.geometry.surface import Surface
@@ -161,7 +161,7 @@ class Bodies:
         return modes
 
     def name(self, body: int) -> str:
-        low, high = ((x[body].round(6) + 0.0).tolist() for x in (self.low, self.high))
+        low, high = (checks.place(x[body]) for x in (self.low, self.high))
         return f"body {body} (from {low} to {high})"
 
     def motion(self, body: int, amounts: Array, work: float) -> str:

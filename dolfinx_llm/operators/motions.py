@@ -89,15 +89,21 @@ class RigidMotions:
             rest -= np.einsum("nk,nk->n", rest, along)[:, None] * along
         return chosen
 
-    def describe(self, amounts: Array, forces: Array) -> str:
-        """Words for (free,) amounts of the free motions, and the forces (free,) along them."""
-        words, size = [], np.abs(amounts).max(initial=0.0)
-        for b in np.unique(self.body[: self.free]):
-            own = np.flatnonzero(self.body[: self.free] == b)
-            if np.abs(amounts[own]).max() < 1e-3 * size:
-                continue
-            work = float(amounts[own] @ forces[own])
-            words.append(self.bodies.motion(b, amounts[own] @ self.parts[own], work))
+    def describe(self, amounts: Array, forces: Array, pushed: float = 0.0) -> str:
+        """Words for (free,) amounts of the free motions, the forces (free,) along them and the work
+        ``pushed`` that forces on obstacles do besides, which a body that moves alone is told of."""
+        size, body = np.abs(amounts).max(initial=0.0), self.body[: self.free]
+        moving = [own for own in (np.flatnonzero(body == b) for b in np.unique(body))
+                  if np.abs(amounts[own]).max() >= 1e-3 * size]  # fmt: skip
+        works = [float(amounts[own] @ forces[own]) for own in moving]
+        total = sum(works) + pushed
+        works = [total] if len(works) == 1 else works
+        words = [
+            self.bodies.motion(body[own[0]], amounts[own] @ self.parts[own], work)
+            for own, work in zip(moving, works, strict=True)
+        ]
+        if abs(pushed) > 1e-3 * abs(total):
+            words.append(f"forces on obstacles do {pushed / total:.0%} of the work")
         return "; ".join(words)
 
 

@@ -12,8 +12,9 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.geometry.at_nodes import values_at_surfaces
 from dolfinx_llm.geometry.pairs import ContactPairs
-from dolfinx_llm.geometry.spaces import order_of, scalar_at_nodes
+from dolfinx_llm.geometry.spaces import order_of
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 
@@ -69,15 +70,13 @@ class BodyDofs:
         return values
 
     def sampled(self, function: Any, space: int, at: Array) -> Array:
-        """(n,) values of a scalar Function at nodes of a space on its mesh; collective.
+        """(n,) values of a scalar Function at surface nodes of a space on its mesh; collective.
 
         Args:
             at: (n,) one dof of each node.
         """
-        nodal = [
-            scalar_at_nodes(function, V) if i == space else np.zeros(V.dofmap.index_map.size_local)
-            for i, V in enumerate(self.spaces)
-        ]
+        nodal = [np.zeros(V.dofmap.index_map.size_local) for V in self.spaces]
+        nodal[space] = values_at_surfaces(function, self.spaces[space])
         return self.values(at, self.spread(np.concatenate(nodal)))
 
     @cached_property

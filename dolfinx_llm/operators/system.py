@@ -55,7 +55,7 @@ class ContactOperators:
         rows: the multipliers: base vectors, dofs and numbers.
         frames, unknowns: ``Numbering`` of the frame unknowns v, and of w: v and the slips κ.
         blocks: per interface its L_b as csr (rows, frame unknowns).
-        B, L_b, L: PETSc AIJ of (31); L_b as csr of all.
+        B, L_b, L: PETSc AIJ of (31), rows of B at prescribed dofs zero; L_b as csr of all.
         soft: (n,) rows at dofs that are prescribed, or nearly so.
         loops: (n,) rows of laws that open or slip, of nodes of several interfaces, of which some
             follow from the others as long as all stick. All of them give way to changes alone, so

@@ -153,15 +153,14 @@ def interface_fields(
         fields = {"displacement": frame.v, **own, "status": result.frame_status.astype(float)}
         parts["frame"] = result.frame_drawn, frame.corners, fields
     for k, side in enumerate(result.sides):
-        own_gap = {"frame_gap": side.frame_gap} if hasattr(side, "frame_gap") else {}
-        there = np.isfinite(side.gap)  # inf cannot be written
-        far = side.gap[there].max(initial=np.ptp(side.x, axis=0).sum())
+        far = side.gap[np.isfinite(side.gap)].max(initial=np.ptp(side.x, axis=0).sum())
+        gaps = {"gap": side.gap, "frame_gap": side.frame_gap}  # inf cannot be written
+        gaps = {name: np.where(np.isfinite(gap), gap, far) for name, gap in gaps.items()}
         parts[f"side_{k}"] = side.drawn, side.facets, {
             "displacement": side.u,
             "force": side.force,
             "normal_force": side.normal_force,
-            "gap": np.where(there, side.gap, far),
-            **own_gap,
+            **gaps,
             "slip": side.slip,
             "status": side.status.astype(float),
             "area": side.area,

@@ -21,6 +21,8 @@ from dolfinx_llm.output.render import Scene
 from dolfinx_llm.output.values import check_problem, displacements
 from dolfinx_llm.output.writing import writable_file, writing
 
+LONGEST_SHOWN = 600.0  # [s] that a step is shown: a GIF counts in hundredths, up to 65535
+SHOWN = f"give seconds, from 0.01 to {LONGEST_SHOWN:g}"
 # A page that shows one of several pages, each in base64, as a slider says.
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>%(title)s</title><style>
@@ -53,7 +55,7 @@ class Film:
         path: .gif to write; or .html, in 3D: a page for browsers, in which each step can be turned,
             by PyVista's HTML export (``pip install "pyvista[jupyter]"``).
         colour, scale, section: as of ``ContactProblem.plot``.
-        seconds: for which a step is shown [s].
+        seconds: for which a step is shown, 0.01 to 600 [s].
 
     Raises:
         ContactInputError: arguments of other types, or a path that cannot be written; a page in 2D,
@@ -85,7 +87,9 @@ class Film:
             self._path = writable_file("path", path, (".gif", ".html"))
             if self._path.suffix == ".html":
                 _check_page(gdim)
-            self._seconds = checks.number("seconds", seconds, "give a number of seconds")
+            self._seconds = checks.number("seconds", seconds, SHOWN, low=0.01)
+            if self._seconds > LONGEST_SHOWN:
+                checks.refuse("seconds", seconds, SHOWN)
         self._problem = problem
         self._seen: list[Seen | None] = []
 

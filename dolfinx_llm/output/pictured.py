@@ -47,9 +47,9 @@ class Pictured:
         Args:
             folder: where the pictures go; it is made.
             field: "pressure", "status" or "traction".
-            colour: of bodies.png: "pressure" of the surfaces in contact, in translucent bodies,
-                "displacement", its length, or a function of a mesh's displacement that returns a
-                scalar UFL expression.
+            colour: of bodies.png: "pressure" or "status" of the surfaces in contact, in translucent
+                bodies, "displacement", its length, or a function of a mesh's displacement that
+                returns a scalar UFL expression.
             scale: factor on the displacement; None: such that it can be seen, 1 at finite
                 deformation.
             section: (point, normal) of a plane in 3D: cells in front of it are left out.

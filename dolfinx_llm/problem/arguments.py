@@ -43,7 +43,7 @@ class Arguments:
     blocks: list[Blocks]  # function space of each, and that of its displacement
     bcs: Sequence[Any]  # Dirichlet conditions; the user's own list, which may change
     interfaces: list[Interface]
-    nodal_loads: list[fem.Function]
+    nodal_loads: list[fem.Function]  # the user's own list, too
     entity_maps: list[Any]  # of dolfinx, per form a, or None
 
 
@@ -76,9 +76,9 @@ def problem_arguments(
             forms,
             loads,
             blocks,
-            kept_list(bcs, spaces),
+            kept_list(bcs, conditions(bcs, spaces)),
             interface_list(interfaces, spaces),
-            nodal_list(nodal_loads, [*spaces, *(b.V for b in blocks if b.mixed)]),
+            kept_list(nodal_loads, nodal_list(nodal_loads, blocks)),
             compat.entity_maps_of(entity_maps, len(forms)),
         )
         for interface in given.interfaces:
@@ -180,10 +180,9 @@ def conditions(bcs: Any, spaces: Sequence[Any]) -> list[Any]:
     return found
 
 
-def kept_list(bcs: Any, spaces: Sequence[Any]) -> Any:
-    """The conditions, checked: the user's own list where it is one, which may change."""
-    found = conditions(bcs, spaces)
-    return bcs if isinstance(bcs, list) else found
+def kept_list(given: Any, found: list[Any]) -> list[Any]:
+    """The user's own list where it is one, which may change; else what was found in it."""
+    return given if isinstance(given, list) else found
 
 
 def by_mesh(comm: MPI.Comm, bcs: Any, spaces: Sequence[Any]) -> list[list[Any]]:
@@ -193,12 +192,16 @@ def by_mesh(comm: MPI.Comm, bcs: Any, spaces: Sequence[Any]) -> list[list[Any]]:
     return [[bc for bc in found if compat.in_space(bc, V)] for V in spaces]
 
 
-def nodal_by_mesh(loads: Sequence[fem.Function], spaces: Sequence[Any]) -> list[list[fem.Function]]:
-    """The nodal loads of each function space."""
-    return [[load for load in loads if load.function_space.mesh is V.mesh] for V in spaces]
+def nodal_by_mesh(comm: MPI.Comm, loads: Any, blocks: Sequence[Blocks]) -> list[list[fem.Function]]:
+    """The nodal loads of each mesh; collective."""
+    with collective(comm):
+        found = nodal_list(loads, blocks)
+    return [[load for load in found if load.function_space.mesh is b.W.mesh] for b in blocks]
 
 
-def nodal_list(loads: Any, spaces: Sequence[Any]) -> list[fem.Function]:
+def nodal_list(loads: Any, blocks: Sequence[Blocks]) -> list[fem.Function]:
+    """The nodal loads of the forms' spaces, or of their displacements', as a list."""
+    spaces = [V for b in blocks for V in (b.W, b.V)]
     one = isinstance(loads, fem.Function)
     found = [loads] if one else checks.items("nodal_loads", loads, LOADS)
     for load in found:

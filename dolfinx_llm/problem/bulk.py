@@ -55,6 +55,7 @@ class LinearBulk:
         blocks: per mesh the dofs of its form's function space.
         fixed: per mesh (n,) which of this rank's dofs are prescribed, in ``blocks``' order.
         dofs, spaces, comm: numbers of the dofs, function spaces of the displacements, communicator.
+        forms, entity_maps: a, and of each dolfinx's entity maps, or None.
         version: counts the changes.
 
     Raises:
@@ -70,19 +71,19 @@ class LinearBulk:
         with times.timed("form compilation"), collective(comm):
             self._a = compat.forms("a", given.a, given.entity_maps)
             self._L = compat.forms("L", given.L, given.entity_maps)
-        self._nodal = nodal_by_mesh(given.nodal_loads, self.spaces)
-        self._given, self._entity_maps = given.bcs, given.entity_maps
+        self._given, self._loads = given.bcs, given.nodal_loads
         self._K: Any = None  # see K
-        self.forms = given.a
-        self._sort_conditions()
+        self.forms, self.entity_maps = given.a, given.entity_maps
+        self._look()
         self._fingerprint = Fingerprint(given.a, self.spaces)
         self._fingerprint.changes(self.fixed)
         self._pending: set[str] = set()
         self.version = 0
         self.control: Control | None = None  # of second-order surfaces that may part
 
-    def _sort_conditions(self) -> None:
-        """Conditions by mesh, and which dofs they prescribe."""
+    def _look(self) -> None:
+        """Nodal loads and conditions by mesh, and which dofs these prescribe."""
+        self._nodal = nodal_by_mesh(self.comm, self._loads, self.blocks)
         self._bcs = by_mesh(self.comm, self._given, self._W)
         self._prescribed = [compat.prescribed(W, bcs) for W, bcs in zip(self._W, self._bcs)]
         found = zip(self.blocks, self._prescribed, strict=True)
@@ -96,7 +97,7 @@ class LinearBulk:
         Functions in the forms a, which dofs the conditions prescribe, and positions of the meshes
         are looked at; K is then assembled anew. Loads and prescribed values are assembled for every
         solve."""
-        self._sort_conditions()
+        self._look()
         found = self._fingerprint.changes(self.fixed)
         if "positions" in found:
             with collective(self.comm):
@@ -177,7 +178,7 @@ class LinearBulk:
         """This rank's derivative (n_local,) of a functional, of linear forms in the order of the
         spaces, by what is free to move."""
         with collective(self.comm):
-            compiled = compat.forms("dJ", forms, self._entity_maps)
+            compiled = compat.forms("dJ", forms, self.entity_maps)
         parts = [compat.assemble_force((c,), (1.0,), V) for c, V in zip(compiled, self.spaces)]
         found = np.concatenate(parts)
         found = found if self.control is None else self.control.forces(found)

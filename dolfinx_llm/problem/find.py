@@ -43,9 +43,9 @@ def find_interfaces(
     V: Any,
     law: Law | None = None,
     laws: Mapping[tuple[int, int], Law] | None = None,
-    cell_tags: Any = None,
     distance: float | None = None,
     angle: float | None = None,
+    cell_tags: Any = None,
 ) -> list[Interface]:
     """Interfaces between all bodies whose surfaces touch or lie near; collective.
 
@@ -60,10 +60,11 @@ def find_interfaces(
         V: function space of the bodies, or a list of those of several meshes.
         law: of the interfaces that ``laws`` does not name; None: ``Tied()``, or where ``laws`` is
             given none: these pairs are left out.
-        laws: law by pair of cell tags, in any order; needs ``cell_tags``.
-        cell_tags: dolfinx mesh tags of cells, or one for each space: each body has one value.
+        laws: law by pair of values of ``cell_tags``, in any order, as {(1, 2): Coulomb(0.3)}: of
+            all bodies with the one value that touch any with the other.
         distance: largest distance of what may touch [length]; None: a tenth of the facets' size.
         angle: by which normals of what may touch are not opposite [rad]; None: 0.5.
+        cell_tags: dolfinx mesh tags of cells, or one for each space: each body has one value.
 
     Returns:
         One ``Interface`` per pair of bodies, in the order of their numbers; of another law by

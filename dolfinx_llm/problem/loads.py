@@ -13,6 +13,7 @@ from dolfinx_llm.geometry.overlap_flat import common_area, common_plane
 from dolfinx_llm.geometry.pieces import Piece, separated
 from dolfinx_llm.geometry.spaces import check_space
 from dolfinx_llm.geometry.surface import check_facet_tags, extract_surface
+from dolfinx_llm.interface.touching import check_flat
 
 
 def free_surface_load(
@@ -40,7 +41,8 @@ def free_surface_load(
 
     Raises:
         ContactInputError: no such tag, a pressure that is not finite, arguments of other types.
-        ContactError: the surfaces do not face each other or do not overlap.
+        ContactError: the surfaces do not face each other or do not overlap, lie farther apart than
+            the size of their largest facet, or are not flat.
     """
     check_space(V, highest=2)
     with collective(V.mesh.comm):
@@ -56,6 +58,7 @@ def free_surface_load(
             check_space(other_side[0], highest=2)
         other = extract_surface(*other_side)
         plane = common_plane(side, other)
+        check_flat((side, other), plane, "what covers a surface lies across from it")
         whole = Piece((np.arange(len(side.facets)), np.arange(len(other.facets))), plane, 0)
         by_dof = np.argsort(side.dofs)
         for piece in separated(whole, (side, other)):

@@ -9,7 +9,7 @@ from typing import Any
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-from ufl.algorithms import extract_coefficients
+from ufl.algorithms import extract_arguments, extract_coefficients
 
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.arrays import Array
@@ -51,6 +51,11 @@ class Evolution:
                 raise ContactInputError(
                     f"rules: the Function {function.name} has the shape {function.ufl_shape}, and "
                     f"what it becomes {new.ufl_shape}: {RULES}"
+                )
+            if extract_arguments(new):
+                raise ContactInputError(
+                    f"rules: what the Function {function.name} becomes has a test or trial "
+                    f"function, which has no values: {RULES}"
                 )
             parts = (p for p in extract_coefficients(new) if isinstance(p, fem.Function))
             mesh = function.function_space.mesh

@@ -72,8 +72,9 @@ class ContactMethod:
 
     def __init__(self, setting: Setting) -> None:
         self.iteration: Any = None
-        self._last: tuple[Array, list[Array]]  # u of this rank, motions of obstacles
-        self._reported: Array  # λ of the last step, with forces at supports
+        nothing: Any = None
+        self._last: tuple[Array, list[Array]] = nothing  # u of this rank, motions of obstacles
+        self._reported: Array = nothing  # λ of the last step, with forces at supports
         self._began: Any = None  # snapshot where its last part began; None: it has failed
         self._use(setting)
 
@@ -131,8 +132,19 @@ class ContactMethod:
         own = multiplier[operators.rows.numbering.mine]
         return times(bulk.K, self._last[0]) + times(operators.B, own)
 
+    def snapshot(self) -> tuple[Any, ...]:
+        """Where the last load step has ended; ``prepare`` comes first."""
+        return self.iteration.snapshot(), self._last, self._reported
+
+    def restore(self, snapshot: tuple[Any, ...]) -> None:
+        """Go on from there again, once a step has failed, and what came of it."""
+        reached, self._last, self._reported = snapshot
+        self.iteration.restore(reached)
+        self._began = None
+
     def solve(self, f: Array, increments: int) -> tuple[Array, Array, Array]:
-        """This rank's u, and all of λ and v, at the end of the step to a load f (n_local,)."""
+        """This rank's u, and all of λ and v, at the end of the step to a load f (n_local,); where
+        that fails the caller takes back what there was."""
         self.prepare()
         operators = self.setting.operators
         if getattr(self.form, "operators", operators) is not operators:
@@ -154,6 +166,8 @@ class ContactMethod:
                 with _naming_tolerance(self.setting.options):
                     u, multiplier, v, began = advance(self.iteration, f, g, increments)
         self._last, self._began = (u, motions), began
+        if self.starts:  # inertia held the bodies: no step is judged by its forces and rounding
+            self.iteration.ended = self.iteration.rounded = 0.0
         if operators.held.any() or (operators.interfaces_at > 1).any():
             friction = [(s.bearing_rows(), s.nodes.felt) for s in self.states]
             force = self.setting.bulk.force(u)
@@ -163,6 +177,8 @@ class ContactMethod:
 
     def pushed(self) -> Array:
         """(n_local,) -B λ of the last solve [force]."""
+        if self.iteration is None or self.iteration.multiplier is None:
+            raise ContactError("there are no contact forces yet: call solve() first")
         operators = self.setting.operators
         own = self.iteration.multiplier[operators.rows.numbering.mine]
         return -times(operators.B, own)
@@ -178,7 +194,7 @@ class ContactMethod:
         step = None if i is None else i.last
         if step is None or self._began is None or not self._ready:
             raise ContactError("there is no state to linearise about: call solve() first")
-        states, before = self._began[:2]
+        states, before = self._began.states, self._began.multiplier
         if self.in_time:
             raise ContactError(
                 "the adjoint of steps in time is not there: each depends on the last"
@@ -207,7 +223,7 @@ class ContactMethod:
         u, motions = self._last
         common = {
             "multiplier": i.multiplier, "w": i.w, "g": i.g, "loads": i.equations.loads,
-            "forces": np.array([i.forces, i.pressed, i.rounding, i.rounded]),
+            "forces": np.array([i.ended, i.rounding, i.rounded]),
             "reported": self._reported,
         }  # fmt: skip
         return common | {f"motion {k}": m for k, m in enumerate(motions)}, {"u": u, "f": i.f}
@@ -218,8 +234,8 @@ class ContactMethod:
         i, u = self.iteration, local["u"]
         i.multiplier, i.w, i.g = (common[name] for name in ("multiplier", "w", "g"))
         i.f, i.equations.loads, self._reported = local["f"], common["loads"], common["reported"]
-        i.forces, i.pressed, i.rounding, i.rounded = map(float, common["forces"])
-        i.alpha, i.last = self.setting.operators.floating.amounts(u), None
+        i.ended, i.rounding, i.rounded = map(float, common["forces"])
+        i.alpha, i.last, self._began = self.setting.operators.floating.amounts(u), None, None
         count = len(self.setting.operators.geometries)
         self._last = u, [common[f"motion {k}"] for k in range(count)]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -45,13 +46,13 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
             what it holds at first is where the first step starts.
         J: derivative of F, or a sequence; None: ``ufl.derivative(F, u)``.
         bcs: Dirichlet conditions on the displacement; values may change between steps.
-        interfaces: ``Interface`` objects with the law ``Tied()``, ``Frictionless()``,
+        interfaces: ``Interface`` objects, or none, with the law ``Tied()``, ``Frictionless()``,
             ``Coulomb(...)`` or one of your own, which hold at the nodes of the finer side; an array
             of mu has a value for each of these, areas are those covered now. Rigid obstacles, which
             move and turn by any amount or are pressed by forces, take these laws, too; with
             ``Tied()`` they are rigid ends, and ``MeanDisplacement`` holds a surface in the mean.
         loads: ``FreeSurfacePressure`` objects.
-        nodal_loads: Functions of nodal forces.
+        nodal_loads: Functions of nodal forces; a list may change between load steps.
         solver: "saddle": Newton's systems factorised by MUMPS; "condensed": by GMRES, with GAMG on
             the bodies, onto which contact is condensed, else by MUMPS, of which a warning tells;
             "auto": by size.
@@ -169,7 +170,9 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         with collective(self.comm):
             checks.integer("increments", increments, "give an integer of at least 1", low=1)
             pressures = np.array([load.value() for load in self.loads])
-            poses = tuple(pose_of(c) for c in self._newton.equations.interfaces)
+            equations = self._newton.equations
+            equations.interfaces = [placed.begun() for placed in equations.interfaces]
+            poses = tuple(pose_of(c) for c in equations.interfaces)
         given = increments, pressures.tolist(), [pose.tolist() for pose in poses]
         agree(self.comm, "increments, pressures and obstacles", given)
         values = self.bulk.values()
@@ -203,10 +206,10 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         self._state, placed = state, self._newton.equations.interfaces
         with self.times.timed("results"):
             results = [
-                moving_results(c.what, c.at(self.bulk.dofs, state.u), t)
-                for c, t in zip(placed, self._newton.terms, strict=True)
+                moving_results(c.what, c.at(self.bulk.dofs, state.u), t, slip)
+                for c, t, slip in zip(placed, self._newton.terms, self._newton.slips, strict=True)
             ]
-            self.results = told(self.comm, results)
+            self.results = told(self.comm, deepcopy(results))  # their arrays are the user's
 
     def destroy(self) -> None:
         """Free the factorisation, which the next ``solve`` makes anew; collective. On one rank the

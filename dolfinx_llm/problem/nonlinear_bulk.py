@@ -29,6 +29,7 @@ from dolfinx_llm.problem.arguments import (
     check_petsc_options,
     check_tags_belong,
     communicator,
+    conditions,
     interface_list,
     kept_list,
     nodal_by_mesh,
@@ -54,7 +55,7 @@ class NonlinearArguments:
     bcs: Any  # the user's own list, which may change
     interfaces: list[Interface]
     loads: list[FreeSurfacePressure]
-    nodal_loads: list[fem.Function]
+    nodal_loads: list[fem.Function]  # the user's own list, too
     blocks: list[Blocks]  # function space of each mesh, and that of its displacement
     entity_maps: list[Any]  # of dolfinx, per form F, or None
 
@@ -126,10 +127,10 @@ def nonlinear_arguments(
             forms,
             derivatives,
             functions,
-            kept_list(bcs, spaces),
+            kept_list(bcs, conditions(bcs, spaces)),
             [] if none else interface_list(interfaces, spaces),
             pressures(loads, spaces),
-            nodal_list(nodal_loads, [*spaces, *(b.V for b in blocks if b.mixed)]),
+            kept_list(nodal_loads, nodal_list(nodal_loads, blocks)),
             blocks,
             compat.entity_maps_of(entity_maps, len(forms)),
         )
@@ -192,8 +193,8 @@ class NonlinearBulk:
         with collective(self.comm):
             self._F = compat.forms("F", given.F, given.entity_maps)
             self._J = compat.forms("J", given.J, given.entity_maps)
-        self._given = given.bcs
-        self._nodal = nodal_by_mesh(given.nodal_loads, self.spaces)
+        self._given, self._loads = given.bcs, given.nodal_loads
+        self._nodal = nodal_by_mesh(self.comm, self._loads, self.blocks)
         self._bcs = by_mesh(self.comm, self._given, self._W)
         self.measure()
         if self.dofs.mixed:  # units are those of the first tangent
@@ -217,12 +218,14 @@ class NonlinearBulk:
         return np.concatenate(fixed)
 
     def values(self) -> Array:
-        """(n_local,) prescribed displacements, 0 where a dof is free.
+        """(n_local,) prescribed displacements, 0 where a dof is free; nodal loads are looked at
+        anew, too.
 
         Raises:
             ContactInputError: other dofs are prescribed than when the problem was made, or values
-                are not finite.
+                are not finite, or a nodal load is none.
         """
+        self._nodal = nodal_by_mesh(self.comm, self._loads, self.blocks)
         self._bcs = by_mesh(self.comm, self._given, self._W)
         parts = [
             b.ours(compat.prescribed_values(b.W, bcs)[:n]) / b.scale
@@ -289,6 +292,6 @@ class NonlinearBulk:
             X = V.tabulate_dof_coordinates()[:, : self.dofs.gdim]
             x = X + v.x.array.reshape(X.shape)
             turned = middle_jacobians(X, cells) * middle_jacobians(x, cells) <= 0.0
-            found += X[cells[turned]].mean(axis=1).round(6).tolist()
+            found += checks.place(X[cells[turned]].mean(axis=1))
         every = [place for places in self.comm.allgather(found) for place in places]
         return len(every), sorted(every)[0] if every else []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -18,7 +18,6 @@ from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.friction_contact import FrictionContact
 from dolfinx_llm.finite.law_contact import LawOnFrame, LawOnObstacle, LawOnPressed
 from dolfinx_llm.finite.load_step import Placed
-from dolfinx_llm.finite.location import INSIDE, find_on_frame
 from dolfinx_llm.finite.mean_obstacle import MovingMean
 from dolfinx_llm.finite.normal_contact import NormalContact
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstacleFriction, OneSide
@@ -29,7 +28,6 @@ from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import MovingContact
 from dolfinx_llm.finite.tied_contact import TiedContact
 from dolfinx_llm.finite.tied_obstacle import TiedObstacle
-from dolfinx_llm.geometry.spaces import is_function
 from dolfinx_llm.geometry.surface import Surface, extract_surface
 from dolfinx_llm.interface.against import check_tied_to_mean, checked_clearance, loaded
 from dolfinx_llm.interface.choices import Interface, SelfContact
@@ -39,9 +37,9 @@ from dolfinx_llm.interface.site import Site, find_site, space_of
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
 from dolfinx_llm.laws.law import Law
-from dolfinx_llm.laws.rows import LawNodes, at_positions
 from dolfinx_llm.laws.tied import Tied
 from dolfinx_llm.operators.numbering import BodyDofs
+from dolfinx_llm.problem.law_nodes import nodes_of
 
 BUILT_IN = (Tied, Frictionless, Coulomb)
 AGAINST: dict[tuple[bool, bool], type[ObstacleContact]] = {  # with friction; under a force
@@ -109,18 +107,26 @@ def _on_frame(interface: Interface, sides: Sides, site: Site, dofs: BodyDofs) ->
     design = Design.of(frame.x, frame.cells, interface.design is not None)
     drawn = np.concatenate([s.x.ravel() for s in site.whole])
     contact: MovingContact
+    law, reads = interface.law, None
     with collective(dofs.comm):
-        if _is_asked(interface.law):
-            nodes = _nodes(interface, sides, site, drawn, dofs)
-            contact = LawOnFrame.under(interface.law, nodes, sides, design, drawn)
-        elif isinstance(interface.law, Tied):
-            contact = TiedContact.of(sides, drawn, design, interface.law.close_gap)
-        elif interface.law.slips:
-            law = interface.law.start(_nodes(interface, sides, site, drawn, dofs))
-            contact = FrictionContact(sides, design, law["mu"], law["cohesive"])
+        nodes = nodes_of(interface, sides, site, drawn, dofs)
+        if _is_asked(law):
+            contact = LawOnFrame.under(law, nodes, sides, design, drawn)
+            reads = partial(law.begin_step, contact.nodes)
+        elif isinstance(law, Tied):
+            contact = TiedContact.of(sides, drawn, design, law.close_gap)
+        elif law.slips:
+            reads = partial(law.begin_step, nodes)
+            contact = FrictionContact(sides, design, *_bounds(reads))
         else:
             contact = NormalContact(sides, design)
-    return _placed(contact, site.whole, site.spaces, dofs)
+    return _placed(contact, site.whole, site.spaces, dofs, reads)
+
+
+def _bounds(reads: Callable[[], dict[str, Array]]) -> list[Array]:
+    """Coefficients of friction and cohesion [force / area] at nodes of unit area."""
+    given = reads()
+    return [given["mu"], given["cohesive"]]
 
 
 def _on_itself(interface: SelfContact, dofs: BodyDofs) -> Placed:
@@ -153,20 +159,19 @@ def _against(interface: Interface, dofs: BodyDofs) -> Placed:
     if isinstance(law, Tied):
         tie = TiedObstacle.between(surface, obstacle, interface.name, law.close_gap)
         return _placed(tie, site.whole, site.spaces, dofs)
-    friction: list[Array] = []
-    nodes = _nodes(interface, OneSide((surface,)), site, surface.x.ravel(), dofs)
+    nodes = nodes_of(interface, OneSide((surface,)), site, surface.x.ravel(), dofs)
     pressed = any(loaded(obstacle, surface.x.shape[1]))
     if own:
         of_law = LawOnPressed if pressed else LawOnObstacle
         with collective(dofs.comm):
-            contact = of_law.under(law, nodes, surface, obstacle)
-        return _placed(contact, site.whole, site.spaces, dofs)
-    if law.slips:
-        with collective(dofs.comm):
-            bears = law.start(nodes)
-        friction = [bears["mu"], bears["cohesive"]]
-    kind = AGAINST[law.slips, pressed]
-    return _placed(kind.of(surface, obstacle, *friction), site.whole, site.spaces, dofs)
+            told = of_law.under(law, nodes, surface, obstacle)
+        again = partial(law.begin_step, told.nodes)
+        return _placed(told, site.whole, site.spaces, dofs, again)
+    reads = partial(law.begin_step, nodes) if law.slips else None
+    with collective(dofs.comm):
+        friction = _bounds(reads) if reads else []
+    contact = AGAINST[law.slips, pressed].of(surface, obstacle, *friction)
+    return _placed(contact, site.whole, site.spaces, dofs, reads)
 
 
 def check_contacts(
@@ -208,44 +213,6 @@ def anatomy(interface: Interface, placed: Placed) -> str:
     )
 
 
-def _nodes(
-    interface: Interface, sides: Sides | OneSide, site: Site, drawn: Array, dofs: BodyDofs
-) -> LawNodes:
-    """The moving side's nodes as a law is told of them, with unit areas."""
-    x = sides.surfaces[sides.moving].x
-    places = x + sides.surfaces[sides.moving].origin
-    n, q = len(x), sides.gdim - 1
-
-    def sampled(value: Any) -> Array:
-        if not is_function(value):
-            return at_positions(value, places)
-        for side in (sides.moving, sides.frame):
-            if side is None:  # rigid
-                continue
-            if value.function_space.mesh is not dofs.spaces[site.spaces[side]].mesh:
-                continue
-            space = site.spaces[side]
-            nodal = dofs.sampled(value, space, dofs.of(space, site.whole[side])[:, 0])
-            if side == sides.moving:
-                return nodal
-            assert isinstance(sides, Sides)
-            frame = sides.surfaces[side]
-            found = find_on_frame(x, frame.x, frame.cells, sides.outward(drawn))
-            inside = found.beyond[:, None] <= INSIDE
-            N = np.where(inside, found.N, np.maximum(found.N, 0.0))
-            return np.einsum("nk,nk->n", N, nodal[frame.cells[found.facet]]) / N.sum(axis=1)
-        raise ContactInputError(
-            f"interface {interface.name}: a Function that a law varies by lives on the mesh of "
-            "neither side. Give one of a side's mesh, or a function of positions"
-        )
-
-    zeros = np.zeros((n, q))
-    return LawNodes(
-        places, np.ones(n), zeros, np.zeros(n), zeros, zeros, np.ones(n), np.zeros(n, dtype=int),
-        sample=sampled,
-    )  # fmt: skip
-
-
 def follower_of(load: FreeSurfacePressure, dofs: BodyDofs) -> Placed:
     """A follower pressure on its surfaces as drawn; collective.
 
@@ -273,10 +240,15 @@ def _near(surfaces: Sequence[Surface]) -> tuple[Surface, ...]:
 
 
 def _placed(
-    what: Any, surfaces: Sequence[Surface], spaces: Sequence[int], dofs: BodyDofs
+    what: Any,
+    surfaces: Sequence[Surface],
+    spaces: Sequence[int],
+    dofs: BodyDofs,
+    reads: Callable[[], dict[str, Array]] | None = None,
 ) -> Placed:
-    """Where the coordinates of some surfaces stand."""
+    """Where the coordinates of some surfaces stand, and what the law between them reads."""
     numbers = [dofs.of(i, s).ravel() for i, s in zip(spaces, surfaces, strict=True)]
     at = np.concatenate(numbers)
     drawn = np.concatenate([s.x.ravel() for s in surfaces])
-    return Placed(what, at, drawn, dofs.values(at, dofs.fixed.astype(float)) == 0.0)
+    free = dofs.values(at, dofs.fixed.astype(float)) == 0.0
+    return Placed(what, at, drawn, free, reads)

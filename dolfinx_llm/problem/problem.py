@@ -17,19 +17,17 @@ from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.contact.doubts import doubts
 from dolfinx_llm.contact.results import InterfaceResult, collect_results
-from dolfinx_llm.forms.choice import choose_solver
 from dolfinx_llm.forms.cost import LOAD_STEPS
 from dolfinx_llm.forms.step import StepForm
-from dolfinx_llm.interface.build import build_interfaces
 from dolfinx_llm.interface.choices import Interface
-from dolfinx_llm.interface.control import controlled
-from dolfinx_llm.operators.system import ContactOperators, anatomy
+from dolfinx_llm.operators.system import anatomy
 from dolfinx_llm.output.pictured import Pictured
 from dolfinx_llm.problem.arguments import problem_arguments, step_arguments
 from dolfinx_llm.problem.bulk import LinearBulk
+from dolfinx_llm.problem.following import Following
 from dolfinx_llm.problem.form_arguments import given_forms, in_order
 from dolfinx_llm.problem.memory import Memory, Remembering
-from dolfinx_llm.problem.methods import ContactMethod, Setting
+from dolfinx_llm.problem.methods import ContactMethod
 from dolfinx_llm.problem.saving import SavedContact
 
 
@@ -60,12 +58,14 @@ class Differentiable:
                 symmetric; the state depends on load steps, or parts of the last one, before.
         """
         with collective(self.bulk.comm):
-            forms = in_order(self.bulk.forms, self.bulk.spaces, given_forms(1, dJ))
+            forms = in_order(
+                self.bulk.forms, self.bulk.spaces, given_forms(1, dJ, self.bulk.entity_maps[0])
+            )
         found = self.bulk.functions(self.method.adjoint(self.bulk.gradient(forms)))
         return found if self.bulk.several else found[0]
 
 
-class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
+class ContactProblem(Remembering, Following, Differentiable, Pictured, SavedContact):
     """Bodies with stiffness a and load L that touch along interfaces, (31) of the paper.
 
     Args:
@@ -73,8 +73,9 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
             scalar.
         L: linear UFL form, or a sequence of them.
         bcs: Dirichlet conditions.
-        interfaces: the ``Interface`` objects.
-        nodal_loads: Functions of nodal forces, added to the assembled L.
+        interfaces: the ``Interface`` objects, at least one.
+        nodal_loads: Functions of nodal forces, added to the assembled L; a list may change between
+            load steps.
         solver: "saddle": (31) with MUMPS; "condensed": the surfaces' displacements written in the
             frame's, by conjugate gradients with GAMG, or by Cholesky with petsc_options
             {"ksp_type": "preonly", "pc_type": "cholesky"}; "auto": by size; or your ``StepForm``.
@@ -93,7 +94,8 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
         times: seconds per stage, summed over all calls.
         geometries: an ``InterfaceGeometry`` per interface: surfaces, frame, pairs and certificate.
         spaces: function space of the displacement on each mesh.
-        K, B, L_b: PETSc matrices of (31).
+        K, B, L_b: PETSc matrices of (31) with conditions applied: at prescribed dofs K has identity
+            rows and columns, and rows of B are zero.
         steps_expected: load steps, by which "auto" weighs what is done once against the rest.
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
         bulk, operators, method: ``LinearBulk``, ``ContactOperators``, ``ContactMethod``.
@@ -128,51 +130,14 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
         self.history: list[dict[str, Any]] = []
         self.results: list[InterfaceResult] = []
         self._doubts: list[str] = []
+        self._u: list[fem.Function] = []
         self._petsc = petsc_options_prefix, petsc_options
         self.bulk = LinearBulk(given, self.times)
         self.spaces, self.comm = self.bulk.spaces, self.bulk.comm
         self._build_operators()
         self.method = ContactMethod(self._setting())
+        self._settle()
         self._remains = Remains([V.mesh for V in self.spaces])
-
-    def _build_operators(self) -> None:
-        """Pairs, frames and operators, from positions and conditions as they are now."""
-        geometries = build_interfaces(self.interfaces, self.spaces, self.bulk.fixed)
-        self.bulk.use_control(controlled(geometries))
-        o = self.operators = ContactOperators(geometries, self.bulk.dofs, self.K, self.times)
-        self.geometries, self.bodies, self.B, self.L_b = o.geometries, o.bodies, o.B, o.L_b
-
-    def _setting(self) -> Setting:
-        """What the method works with, in the form that suits."""
-        self.scale, self.unknowns = self.operators.scale, self.operators.counts
-        form, why = choose_solver(self.solver, self.K, self.operators, self.steps_expected)
-        self.form = form if isinstance(form, str) else form.name
-        return Setting(form, self.bulk, self.operators, *self._petsc, self.times, why)
-
-    def update(self) -> None:
-        """Notice what has changed in forms, conditions and meshes; ``solve`` does so by itself.
-
-        Where values of Constants or Functions in the forms a have changed, or which dofs are
-        prescribed, K is assembled anew; laws that let bodies part or slip go on from the state of
-        contact and the displacement that there were. Where a mesh was moved, contact is found anew
-        for the new positions, from which displacements then count, and that state is forgotten.
-        Forms are not compiled anew; what does not depend on the change stays. Collective.
-
-        Raises:
-            ContactError, ContactInputError: as when the problem was made.
-        """
-        changes = self.bulk.changes()
-        if not changes:
-            return
-        log.info("changed since the last solve: %s", ", ".join(sorted(changes)))
-        self.method.destroy()
-        if changes == {"stiffness"}:
-            self.operators.renew(self.K, self.times)
-        else:
-            self.operators.destroy()
-            self._build_operators()
-        self.method.renew(self._setting(), keep="positions" not in changes)
-        self.bulk.settle()
 
     @property
     def u(self) -> fem.Function | list[fem.Function]:
@@ -187,7 +152,11 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
 
     @property
     def pushed(self) -> Array:
-        """(n_local,) -B λ, what interfaces push this rank's dofs with [force]."""
+        """(n_local,) -B λ, what interfaces push this rank's dofs with [force].
+
+        Raises:
+            ContactError: nothing has been solved.
+        """
         return self.method.pushed()
 
     @property
@@ -209,19 +178,27 @@ class ContactProblem(Remembering, Differentiable, Pictured, SavedContact):
         self.update()
         with self.times.timed("assembly of f"):
             f = self.bulk.load()
-        u, multiplier, w = self.method.solve(f, increments)
-        self.history = self.method.history
-        with self.times.timed("results"):
-            states = self.method.states
-            self.results = collect_results(self.operators, u, multiplier, w, states)
-        # On all ranks: it may raise.
-        method = self.method
-        self._doubts = doubts(self.geometries, self.results, method.iteration, method.in_time)
-        for warning in self._doubts:
-            if self.comm.rank == 0:
-                log.warning(warning)
-        self._u = self.bulk.functions(u)
-        memory.found()
+        method, goes_back = self.method, True
+        method.prepare()
+        before = method.snapshot(), (self.history, self.results, self._doubts, self._u)
+        try:
+            u, multiplier, w = method.solve(f, increments)
+            self.history = method.history
+            with self.times.timed("results"):
+                self.results = collect_results(self.operators, u, multiplier, w, method.states)
+            # On all ranks: it may raise.
+            self._doubts = doubts(self.geometries, self.results, method.iteration, method.in_time)
+            for warning in self._doubts:
+                if self.comm.rank == 0:
+                    log.warning(warning)
+            self._u = self.bulk.functions(u)
+            goes_back = bool(memory.state)
+            memory.found()
+            goes_back = False
+        finally:
+            if goes_back:
+                method.restore(before[0])
+                self.history, self.results, self._doubts, self._u = before[1]
         return self.u
 
     def reset(self) -> None:

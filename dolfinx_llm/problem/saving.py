@@ -19,7 +19,9 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.contact.results import collect_results
 from dolfinx_llm.contact.state import ContactState
+from dolfinx_llm.finite.results import MovingInterfaceResult
 from dolfinx_llm.output.writing import writable_file
+from dolfinx_llm.problem.saved_results import arrays_of, result_of
 from dolfinx_llm.problem.state_file import (
     FORMAT,
     Arrays,
@@ -142,9 +144,10 @@ class SavedContact(Saving):
         common, local = self.method.kept()
         common |= {"places": self.places(), "history": np.array(json.dumps(self.method.history))}
         for i, state in enumerate(self.method.states):
-            own = {f.name: getattr(state.own, f.name) for f in fields(ContactState)}
+            own = vars(state.own.copy())
             kept = own.pop("history")
-            common |= {f"interface {i} {name}": value for name, value in own.items()}
+            told = {name: value for name, value in own.items() if value is not None}
+            common |= {f"interface {i} {name}": value for name, value in told.items()}
             common |= {f"interface {i} law {name}": value for name, value in kept.items()}
         return common, local
 
@@ -154,9 +157,10 @@ class SavedContact(Saving):
         for i, state in enumerate(self.method.states):
             start, law = f"interface {i} ", f"interface {i} law "
             names = [f.name for f in fields(ContactState) if f.name != "history"]
-            own = {name: common[start + name] for name in names}
+            own: dict[str, Any] = {name: common.get(start + name) for name in names}
             kept = {key[len(law) :]: v for key, v in common.items() if key.startswith(law)}
-            state.restore(ContactState(**own, history=kept))
+            state.forget()
+            state.restore(ContactState(**own, history=state.own.history | kept))
         self.method.iteration.history = json.loads(str(common["history"]))
         self.history = self.method.history
         multiplier, v = common["reported"], common["w"][: len(common["loads"])]
@@ -171,8 +175,9 @@ class SavedContact(Saving):
 
 
 class SavedNonlinear(Saving):
-    """Saving of ``NonlinearContactProblem``; results are known again after the next ``solve``."""
+    """Saving of ``NonlinearContactProblem``."""
 
+    results: list[MovingInterfaceResult]
     _state: Any
     _newton: Any
 
@@ -209,6 +214,9 @@ class SavedNonlinear(Saving):
             common |= {f"interface {i} own": own, f"interface {i} pose": pose}
             if state.status[i] is not None:
                 common[f"interface {i} status"] = state.status[i]
+        for i, result in enumerate(self.results):
+            own = arrays_of(result)
+            common |= {f"interface {i} result {name}": value for name, value in own.items()}
         return common, {"u": state.u, "pushed": state.pushed}
 
     def take_arrays(self, common: Arrays, local: Arrays) -> None:
@@ -224,6 +232,10 @@ class SavedNonlinear(Saving):
             pushed=local["pushed"],
             kept=common.get("kept", self._state.kept),
         )
+        self.results = []
+        for start in (f"interface {i} result " for i in count):
+            own = {key[len(start) :]: a for key, a in common.items() if key.startswith(start)}
+            self.results += [result_of(own)] if own else []
         self.bulk.put(local["u"])
 
     def update(self) -> None:

@@ -1,5 +1,5 @@
-"""Files of states: arrays with names, values at the bodies' nodes by the mesh's own cells, which do
-not depend on the number of ranks."""
+"""Files of states: arrays with names, values at the bodies' nodes by the mesh's own cells, in an
+order that does not depend on the number of ranks."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from dolfinx_llm.base import compat
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
+from dolfinx_llm.geometry.spaces import CELLS
 from dolfinx_llm.output.writing import writing
 
-FORMAT = "dolfinx_llm state 2"
+FORMAT = "dolfinx_llm state 3"
 Arrays = dict[str, Array]
 
 
@@ -38,8 +39,8 @@ def by_cells(spaces: Sequence[Any], values: Array) -> list[Array]:
         if parts is None:
             found.append(np.zeros(0))
             continue
-        order = np.argsort(np.concatenate([part[0] for part in parts]))
-        found.append(np.concatenate([part[1] for part in parts])[order])
+        cells, table = (np.concatenate(part) for part in zip(*parts, strict=True))
+        found.append(table[np.unique(cells, axis=0, return_index=True)[1]])
     return found
 
 
@@ -54,7 +55,11 @@ def from_cells(spaces: Sequence[Any], tables: Sequence[Any], file: Any) -> Array
         with collective(comm):
             if parts is not None and (table is None or table.shape != shape):
                 raise other_scene(file, "meshes of other sizes")
-        own = comm.scatter(None if parts is None else [table[part] for part in parts])
+        rows = None
+        if parts is not None:
+            number = np.unique(np.concatenate(parts), axis=0, return_inverse=True)[1].ravel()
+            rows = np.split(table[number], np.cumsum([len(part) for part in parts])[:-1])
+        own = comm.scatter(rows)
         index_map = V.dofmap.index_map
         values = np.zeros((index_map.size_local + index_map.num_ghosts, V.dofmap.index_map_bs))
         values[dofs[: len(cells)]] = own
@@ -63,8 +68,11 @@ def from_cells(spaces: Sequence[Any], tables: Sequence[Any], file: Any) -> Array
 
 
 def _cells(V: Any) -> Array:
-    """Numbers that this rank's cells had when the mesh was read or made."""
-    return np.asarray(V.mesh.topology.original_cell_index)
+    """(n, nodes) numbers that the nodes of this rank's cells had when the mesh was read or made,
+    which tell cells from each other, on submeshes as well."""
+    geometry, degree = V.mesh.geometry, compat.geometry_degree(V.mesh)
+    nodes = compat.cell_dofs(geometry).reshape(-1, CELLS[compat.cell_kinds(V.mesh)[0]][degree - 1])
+    return np.asarray(geometry.input_global_indices)[nodes]
 
 
 def other_scene(file: Any, what: str) -> ContactInputError:

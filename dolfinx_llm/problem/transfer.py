@@ -18,14 +18,12 @@ from dolfinx_llm.geometry.spaces import order_of
 from dolfinx_llm.interface.against import loaded
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.update import remeshed
-from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.operators.bodies import body_labels
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
 from dolfinx_llm.problem.state_file import Arrays
 
-SAMPLED = "cohesive", "mu"  # of Coulomb's law: told by positions; mu is, where it is one
 OUTLYING = 0.1  # of the largest cell of the old mesh: by how much new nodes may lie outside of it
 
 
@@ -84,9 +82,6 @@ def _contact(old: ContactProblem, new: ContactProblem) -> Arrays:
         change, at = remeshed(before, now)
         state, fresh = (p.method.states[i] for p in (old, new))
         own = state.own.carried(change, fresh.own)
-        if isinstance(state.law, Coulomb):
-            names = SAMPLED if state.law.dynamic is None else SAMPLED[:1]
-            own.history |= {name: fresh.own.history[name] for name in names}
         told = {f.name: getattr(own, f.name) for f in fields(ContactState)}
         law = told.pop("history")
         found |= {f"interface {i} {name}": value for name, value in told.items()}
@@ -205,7 +200,7 @@ class Elsewhere:
         out = far > OUTLYING * self._size
         each = self._comm.allgather((int(out.sum()), far.max(initial=0.0), self._x[out][:1]))
         if count := sum(part[0] for part in each):
-            first = np.concatenate([part[2] for part in each])[0].round(6).tolist()
+            first = checks.place(np.concatenate([part[2] for part in each])[0])
             raise ContactInputError(
                 f"{count} nodes of the new mesh lie outside of the old one, by up to "
                 f"{max(part[1] for part in each):.3g}, the first at {first}; up to "

@@ -13,7 +13,7 @@ from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.parallel import agree, collective, told
 from dolfinx_llm.geometry.spaces import check_space
 from dolfinx_llm.operators.petsc import block_diagonal, diagonal_of, times
-from dolfinx_llm.problem.arguments import communicator, interface_list
+from dolfinx_llm.problem.arguments import LOADS, communicator, interface_list, kept_list
 from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.form_arguments import form_space, given_forms, listed
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
@@ -62,7 +62,7 @@ class TimeStepper(Steps):
         dt: length of a step [time]; may be set anew between steps, which factorises again.
         scheme: "massless"; or "newmark": all mass where it is, for bodies that are tied or stay
             in contact: energy grows where bodies meet.
-        interfaces: as of the problem.
+        interfaces: as of the problem; at least one.
         nodal_loads: as of the problem.
         accepted: called with the stepper after each step that has been found, also after parts of
             one that was divided: update what bodies remember in it.
@@ -113,6 +113,8 @@ class TimeStepper(Steps):
             _check_choices(adaptive, damping)
             chosen = interface_list(interfaces, spaces)
             densities = given_densities(rho, spaces)
+            one = [nodal_loads] if isinstance(nodal_loads, fem.Function) else nodal_loads
+            self._nodal = kept_list(one, checks.items("nodal_loads", one, LOADS))
         for V in spaces:
             check_space(V, highest=2)
         agree(self.comm, "dt, scheme, adaptive and damping", (dt, scheme, adaptive, damping))
@@ -132,13 +134,13 @@ class TimeStepper(Steps):
         self._M = block_diagonal(masses)
         check_mass(self.comm, diagonal_of(self._M))
         self._pushes = [fem.Function(V, name="inertia") for V in spaces]
-        given = [nodal_loads] if isinstance(nodal_loads, fem.Function) else list(nodal_loads)
+        self._loads = [*self._nodal, *self._pushes]
         kind: Any = NonlinearContactProblem if nonlinear else StepProblem
         self.problem = kind(
             forms if self._several else forms[0],
             L,
             interfaces=interfaces,
-            nodal_loads=[*given, *self._pushes],
+            nodal_loads=self._loads,
             **options,
         )
         self._u = list(listed(L)) if nonlinear else [fem.Function(V, name="u") for V in spaces]

@@ -93,6 +93,8 @@ class Steps(Saving):
     _mean: Any
     _bare: Array
     _pushes: list[Any]
+    _nodal: list[Any]  # the user's own
+    _loads: list[Any]  # both, the problem's
     _left: Array
     _started: bool  # whether it is known
     _touch: Touch
@@ -160,7 +162,8 @@ class Steps(Saving):
         self.problem.solve()
 
     def _push(self, force: Array) -> None:
-        """Take this rank's nodal forces (n_local,) of inertia."""
+        """Take this rank's nodal forces (n_local,) of inertia, beside the nodal loads of now."""
+        self._loads[:] = [*self._nodal, *self._pushes]
         fill(self._pushes, force, self.problem.bulk.dofs.counts)
 
     def _once(self, dt: float) -> None:

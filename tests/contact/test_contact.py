@@ -44,6 +44,14 @@ def hold_exactly(V, points, exact):
     return bcs
 
 
+def check_one_motion(result, exact):
+    """Bodies and frame move as one, by a linear field: nothing slips, however the nodes of the
+    frame are held."""
+    largest = max(np.abs(side.u).max() for side in result.sides)
+    assert max(np.abs(side.slip).max() for side in result.sides) < 1e-11 * largest
+    assert np.abs(result.frame.v - exact(result.frame.x)).max() < 1e-11 * largest
+
+
 @pytest.mark.parametrize("law", LAWS, ids=str)
 @pytest.mark.parametrize("refine", [1, 2])
 def test_patch_2d(law, refine):
@@ -80,6 +88,7 @@ def test_patch_2d(law, refine):
     u, result = problem.solve(), problem.results[0]
     found = patch2d.errors(u, *zip(*((s.normal_force, s.area) for s in result.sides), strict=True))
     assert max(found.values()) < 1e-11
+    check_one_motion(result, patch2d.exact)
     assert all((s.status > 0).all() for s in result.sides)
     assert len(problem.history) <= 5
     assert result.resultant == pytest.approx([0.0, 2.0 * q], abs=1e-10 * q)
@@ -106,6 +115,7 @@ def test_patch_3d(law):
     )
     u = problem.solve()
     assert patch3d.stress_error(u) < 1e-11
+    check_one_motion(problem.results[0], lambda x: x * strain)
     for side in problem.results[0].sides:
         exact = paper.PRESSURE * side.area
         assert np.abs(side.normal_force - exact).max() < 1e-11 * exact.max()
@@ -318,6 +328,24 @@ def test_gross_slip_in_3d(kind):
     assert (result.frame_status == 2).all()
     assert np.linalg.norm(T, axis=1) == pytest.approx(0.3 * N, abs=1e-10 * N.max())
     assert (T[:, 0] * result.resultant[0] >= 0.0).all()
+
+
+@pytest.mark.parametrize("seed", [1, 10])
+def test_slip_where_rows_cancel(seed):
+    """Corrected rows leave a frame node less area than none, in the midst of what slips: it slips
+    and is pressed, too, and traction is within μ times the pressure there as well."""
+    rng, mu = np.random.default_rng(seed), 0.3
+    low = pairs.block(COMM, (4, 4, 1), (-1, -1, 0), (1, 1, 1), "hexahedron", jitter=0.2, rng=rng)
+    high = (-0.55, -0.45, 1), (0.4, 0.5, 2), "hexahedron"
+    high = pairs.block(COMM, (4, 4, 1), *high, jitter=0.2, rng=rng)
+    scene = Pressed([low, high], llm.Coulomb(mu), lambda p: p[2] > 2 - 1e-9, lambda p: p[2] < 1e-9)
+    scene.move(lambda p: np.stack([0.05 + 0 * p[0], 0.02 + 0 * p[0], -0.02 + 0 * p[0]]))
+    assert max(violations(scene.problem).values()) < 1e-10
+    result = scene.problem.results[0]
+    assert result.frame_area.min() < 0.0 < result.pressure.min()
+    assert (result.frame_status == 2).all()
+    traction = np.linalg.norm(result.traction, axis=1)
+    assert (traction <= (1.0 + 1e-9) * mu * result.pressure).all()
 
 
 def test_switch_in_3d(monkeypatch):

@@ -228,6 +228,27 @@ def test_tangent_is_the_derivative(name, law):
     assert t.delta > (0.01 if "second" in name else 0.03)
 
 
+@pytest.mark.parametrize("name", some_of(list(SCENES), list(SCENES)[::3]))
+def test_slip_of_increments_before_turns_and_stretches(name):
+    """What pairs have slipped is carried on as vectors on the frame's facets are: it turns with
+    them, and where facets stretch it stretches."""
+    sides, z, _ = scene(name)
+    frame, gdim = sides.surfaces[sides.frame], sides.gdim
+    contact = NormalContact(sides, Design.of(frame.x, frame.cells))
+    q, held, rng = np.zeros(contact.size), contact.hold(z), np.random.default_rng(5)
+    start = contact.place(z, q, held)
+    slip = in_plane(start.normal, rng.standard_normal(start.normal.shape))
+    slip[~start.pairs] = 0.0
+    written = contact.written(start, slip)
+    R = np.linalg.qr(rng.standard_normal((gdim, gdim)))[0]
+    R[:, 0] *= np.linalg.det(R)
+    for size in (1.0, 1.7):
+        turned = (size * z.reshape(-1, gdim) @ R.T).ravel()
+        there = contact.place(turned, q, contact.hold(turned))
+        carried = in_plane(there.normal, contact.read(there, written))
+        assert np.abs(carried - size * slip @ R.T).max() < 1e-9
+
+
 def test_one_facet_at_a_frame_node():
     """What lies over a frame node but for rounding stays on one of its facets: couples of friction
     act on a facet's own corners, and Newton's iteration went from one to the other for ever."""
@@ -280,7 +301,7 @@ def test_free_pressure_follows(name):
         surfaces = [sides.surfaces[i] for i in order]
         z = np.concatenate([s.x.ravel() for s in surfaces])
         follower = Follower(None, surfaces, Sides.of(surfaces))
-        force = partial(follower.terms, p=3.0, candidates=follower.hold(z))
+        force = partial(follower.terms, p=3.0, held=follower.hold(z))
         E, found = differences(lambda z, force=force: -force(z)[0], z)
         assert np.abs(force(z)[1] @ E - found).max() < 1e-9 * 3.0
 
@@ -329,6 +350,63 @@ def test_pressure_around_a_body():
     assert (
         max(np.abs(force.sum(axis=0)).max(), np.abs(np.cross(x, force).sum(axis=0)).max()) < 1e-15
     )
+
+
+def closed(kind):
+    """A body whose second-order facets bend: a square, or a cube of 6 quads, of 12 triangles."""
+    rng = np.random.default_rng(6)
+    if kind == "square":
+        x = np.array([[0, 0], [0, 1], [0, 2], [1, 2], [2, 2], [2, 1], [2, 0], [1, 0]], dtype=float)
+        cells, c = np.array([[0, 2, 1], [2, 4, 3], [4, 6, 5], [6, 0, 7]]), 2
+    else:
+        x = np.stack(np.meshgrid(*3 * [np.arange(3.0)], indexing="ij"), axis=3).reshape(-1, 3)
+        at, c = np.arange(27).reshape(3, 3, 3), 4 if kind == "quads" else 3
+        faces = [np.take(at, i, axis) for axis in range(3) for i in (0, 2)]
+        faces = [face.T if i in (0, 3, 4) else face for i, face in enumerate(faces)]
+        places = [[0, 6, 8, 2, 3, 7, 5, 1, 4]]
+        if c == 3:
+            places = [[0, 6, 8, 3, 7, 4], [0, 8, 2, 4, 5, 1]]
+        cells = np.array([face.ravel()[place] for face in faces for place in places])
+    x += rng.uniform(-0.2, 0.2, x.shape)
+    nodes = np.arange(len(x))
+    return Surface(x, cells[:, :c], nodes, 0 * nodes, kind, elements=cells)
+
+
+def volume(surface, x):
+    """Of the body inside; Gauss points on the facets as they bend."""
+    d, cells, element = x.shape[1], surface.cells, surface.element
+    s, w = (a / 2.0 for a in np.polynomial.legendre.leggauss(6))
+    if element.corners == 3:  # from the square
+        s, t = (a.ravel() for a in np.meshgrid(s + 0.5, s + 0.5, indexing="ij"))
+        xi, w = np.column_stack([s, t * (1.0 - s)]), np.outer(w, w).ravel() * (1.0 - s)
+    elif d == 3:
+        xi = 2.0 * np.stack(np.meshgrid(s, s, indexing="ij"), axis=2).reshape(-1, 2)
+        w = 4.0 * np.outer(w, w).ravel()
+    else:
+        xi = s[:, None] + 0.5
+    N, dN = element.shape(xi)
+    y, t = np.einsum("gk,fki->fgi", N, x[cells]), np.einsum("gkd,fki->dfgi", dN, x[cells])
+    n = np.cross(*t) if d == 3 else t[0] @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    return np.einsum("g,fgi,fgi->", w, y, n) / d
+
+
+@pytest.mark.parametrize("kind", ["square", "quads", "triangles"])
+def test_pressure_on_bent_facets(kind):
+    """Around a body it works on its volume, whatever way the nodes go, and has neither a resultant
+    nor a moment; with its derivative, which is symmetric then."""
+    body = closed(kind)
+    z, d = body.x.ravel(), body.x.shape[1]
+    force = partial(Follower(None, [body], None).terms, p=1.0, held=None)
+    f, K = force(z)
+    E, found = differences(lambda z: -force(z)[0], z)
+    assert np.abs(K @ E - found).max() < 1e-8
+    assert abs(K - K.T).max() < 1e-14
+    assert volume(body, body.x) > 2.0
+    work = differences(lambda z: np.atleast_1d(volume(body, z.reshape(-1, d))), z)[1]
+    assert np.abs(f @ E + work).max() < 1e-7
+    x, f = (np.pad(a.reshape(-1, d), ((0, 0), (0, 3 - d))) for a in (z, f))
+    assert np.abs(f).max() > 0.2
+    assert max(np.abs(f.sum(axis=0)).max(), np.abs(np.cross(x, f).sum(axis=0)).max()) < 1e-14
 
 
 def test_on_an_edge():

@@ -243,6 +243,13 @@ def test_steps_reuse_a_factorisation(monkeypatch):
     problem.destroy()
 
 
+@pytest.mark.mpi
+def test_friction_where_a_rank_owns_clamped_nodes_alone():
+    """It hung where only one rank's last displacement was not zero."""
+    T, N = np.abs(run_mpi_json("clamped_rank.py", 2)["resultants"]).T
+    assert (T[:-1] < 0.5 * N[:-1]).all() and abs(T[-1] - 0.5 * N[-1]) <= 1e-12 * N[-1]
+
+
 HALF, OTHERS = (tuple(list(friction_bound.SCENES)[k::2]) for k in (0, 1))
 
 

@@ -1,8 +1,11 @@
-"""Meshes that bodies may have; a stand-in has several kinds of cells, which newer dolfinx reads."""
+"""Meshes that bodies may have, and Functions on them; a stand-in has several kinds of cells, which
+newer dolfinx reads."""
 
 from types import SimpleNamespace
 
 import pytest
+import sampled
+from conftest import run_mpi_json
 from mpi4py import MPI
 
 import dolfinx_llm as llm
@@ -27,3 +30,10 @@ def test_cells_of_several_kinds_are_refused(kinds, said):
     V = SimpleNamespace(mesh=mesh, dofmap=None, element=None)
     with pytest.raises(llm.ContactInputError, match=said):
         check_space(V)
+
+
+def test_functions_at_nodes_of_surfaces():
+    """Continuous ones are what they are; where a node's cells differ it is the mean of those that
+    have a facet there, whatever the order of cells and the number of ranks."""
+    for found in (sampled.errors(MPI.COMM_SELF), run_mpi_json("sampled.py", 3)):
+        assert max(found.values()) < 1e-12, found

@@ -20,6 +20,21 @@ def test_random_pairs(first):
         assert error <= 1e-11, (seed, error)
         smallest, largest = problem.results[0].certificate.singular_values
         assert smallest > 0.02 * largest, seed
+        assert np.abs(problem.results[0].pressure / pairs.PRESSURE - 1.0).max() < 1e-10, seed
+
+
+@pytest.mark.parametrize("seed", [112, 117, 127])
+def test_pressure_where_rows_cancel(seed):
+    """Corrected rows leave a frame node at the rim less area than none. A constant pressure is told
+    there, where 0 was, and one that varies as well as elsewhere, where the force there over that
+    area is off by its double."""
+    result = pairs.random_pair(COMM, seed)[0].results[0]
+    assert result.frame_area.min() < 0.0
+    assert np.abs(result.pressure / pairs.PRESSURE - 1.0).max() < 1e-10
+    for slope in ((0.3, 0.0), (0.0, 0.3), (-0.4, 0.2)):
+        result = pairs.random_pair(COMM, seed, slope)[0].results[0]
+        applied = pairs.PRESSURE * (1.0 + result.x[:, :2] @ slope)
+        assert np.abs(result.pressure / applied - 1.0).max() < 0.35
 
 
 OUTLINES = {

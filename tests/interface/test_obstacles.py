@@ -101,6 +101,52 @@ def test_own_obstacle(gdim, kind):
     assert fs.apart(*flat) < 1e-12
 
 
+def box(kind, n=2):
+    """The surface of a cube [-1, 1]³, of a square, of n cells along each edge."""
+    s = np.linspace(-1.0, 1.0, n + 1)
+    if kind == "square":
+        ring = [np.column_stack([-s[:-1], 0 * s[:-1] - 1.0])]
+        for _ in range(3):  # clockwise
+            ring.append(ring[-1] @ np.array([[0.0, -1.0], [1.0, 0.0]]))
+        x, k = np.concatenate(ring), np.arange(4 * n)
+        return llm.Frame(x, np.column_stack([k, np.roll(k, -1)]))
+    x = np.stack(np.meshgrid(s, s, s, indexing="ij"), axis=3).reshape(-1, 3)
+    at = np.arange(len(x)).reshape(n + 1, n + 1, n + 1)
+    faces = [np.take(at, i, axis) for axis in range(3) for i in (0, n)]
+    faces = [f.T if i in (0, 3, 4) else f for i, f in enumerate(faces)]
+    corners = ((slice(-1), slice(-1)), (slice(1, None), slice(-1)),
+               (slice(1, None), slice(1, None)), (slice(-1), slice(1, None)))  # fmt: skip
+    cells = np.concatenate([np.stack([f[c] for c in corners], axis=2) for f in faces])
+    nodes, cells = np.unique(cells.reshape(-1, 4), return_inverse=True)
+    cells = cells.reshape(-1, 4)
+    if kind == "triangles":
+        cells = np.concatenate([cells[:, :3], cells[:, [0, 2, 3]]])
+    return llm.Frame(x[nodes], cells)
+
+
+@pytest.mark.parametrize("kind", ["square", "quads", "triangles"])
+def test_meshes_with_edges(kind):
+    """Distance to a box of facets, outside and, with its normals turned, inside of them, is known;
+    the way there leads to it. Without one of its faces it stops nobody beyond their rim alone."""
+    mesh, rng = box(kind), np.random.default_rng(4)
+    x = rng.uniform(-2.0, 2.0, (400, mesh.gdim))
+    q = np.abs(x) - 1.0
+    known = np.linalg.norm(np.maximum(q, 0.0), axis=1) + np.minimum(q.max(axis=1), 0.0)
+    for frame, sign in ((mesh, 1.0), (mesh.flipped(), -1.0)):
+        distance, into = llm.RigidSurface(frame).clearance(x)
+        assert np.abs(distance - sign * known).max() < 1e-12
+        on = np.abs(x + distance[:, None] * into).max(axis=1)
+        assert np.abs(on - 1.0).max() < 1e-12
+    left = np.flatnonzero(mesh.x[mesh.cells][:, :, -1].min(axis=1) < 1.0)
+    nodes, cells = np.unique(mesh.cells[left], return_inverse=True)
+    open_box = llm.Frame(mesh.x[nodes], cells.reshape(len(left), -1))
+    distance = llm.RigidSurface(open_box).clearance(x)[0]
+    above = (x[:, -1] > 1.0) & (q[:, :-1].max(axis=1) > 0.0)
+    assert above.sum() > 20 and np.isinf(distance[above]).all()
+    below = (x[:, -1] < 0.0) & (known > 0.0)
+    assert below.sum() > 100 and np.abs(distance - known)[below].max() < 1e-12
+
+
 @pytest.mark.parametrize("law", LAWS, ids=str)
 def test_pressed_lifted_and_pressed_again(law, caplog):
     """A block that does not touch yet solves; nothing remains of being pressed once lifted."""

@@ -64,6 +64,26 @@ def test_force_or_motion(gdim, form):
     assert other.results[0].resultant == pytest.approx(result.resultant, abs=1e-10)
 
 
+@pytest.mark.parametrize(("aside", "said"), [(0.0, "2; .* 100%"), (3.0, "5; .* 40%")])
+def test_dragged_off(aside, said):
+    """A block that friction bears 0.9 of on a floor, its end dragged with 2, and itself with a load
+    besides: both are told, and whose the work is."""
+    domain, tags = rectangle(COMM, (3, 3), (0.0, 0.0), (1.0, 1.0), "quadrilateral")
+    V = compat.function_space(domain, shape=(2,))
+    u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
+    floor, end = llm.RigidPlane((0, 0), (0, 1)), llm.RigidPlane((0, 1), (0, -1), force=(2.0, -3.0))
+    problem = llm.ContactProblem(
+        E * ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(w)) * ufl.dx,
+        ufl.inner(fem.Constant(domain, (aside, 0.0)), w) * ufl.dx,
+        interfaces=[
+            llm.Interface(tags, (BELOW, floor), law=llm.Coulomb(0.3)),
+            llm.Interface(tags, (ABOVE, end), law=llm.Tied()),
+        ],
+    )
+    with pytest.raises(llm.ContactError, match=rf"along \[1.0, 0.0\], force along it {said}"):
+        problem.solve()
+
+
 def test_refused():
     """Nothing holds the body."""
     domain, tags = rectangle(COMM, (2, 2), (0.0, 0.0), (1.0, 1.0), "quadrilateral")

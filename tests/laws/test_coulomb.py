@@ -107,7 +107,8 @@ def test_a_node_that_is_pulled_at_takes_from_its_speaker():
     nodes = LawNodes(
         np.zeros((2, 2)), one, force=np.array([[4.5], [0.0]]), N=np.array([10.0, -1.0]),
         jump=none + 1.0, before=none, c=one, status=np.full(2, SLIP),
-        history={"mu": MU * one, "cohesive": 0.0 * one}, speaker=np.zeros(2, dtype=int),
+        history={"slides": 0.0 * one}, speaker=np.zeros(2, dtype=int),
+        given={"mu": MU * one, "dynamic": MU * one, "cohesive": 0.0 * one},
     )  # fmt: skip
     law = Coulomb(MU)
     assert law.miss(nodes)[0] <= 1e-15

@@ -53,6 +53,12 @@ def load_on_a_tag_without_facets(comm):
     llm.free_surface_load(V, tags, 77, 1.0)
 
 
+@case(r"lie 2 apart along the normal, .*; what covers a surface lies across from it")
+def cover_on_the_far_side_of_a_body(comm):
+    V, tags = scenes.two_blocks(comm)
+    llm.free_surface_load(V, tags, 4, 1.0, covered_by=(tags, 1))
+
+
 @case(r"tag 2 and tag 3 do not overlap: .* span .*Check tags")
 def surfaces_apart(comm):
     sections = (scenes.grid(4, 4), scenes.grid(3, 3, low=(5.0, 0.0), high=(6.0, 1.0)))

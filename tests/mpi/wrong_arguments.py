@@ -98,6 +98,24 @@ class Scene:
         return llm.FreeSurfacePressure(self.bent[1], tag, p)
 
     @cached_property
+    def warm(self):
+        """A problem of temperatures."""
+        u, v = ufl.TrialFunction(self.scalar), ufl.TestFunction(self.scalar)
+        a = (u * v + ufl.inner(ufl.grad(u), ufl.grad(v))) * ufl.dx
+        return self.problem(a, fem.Constant(self.mesh, 1.0) * v * ufl.dx, bcs=[])
+
+    @cached_property
+    def second_order(self):
+        V = compat.function_space(self.mesh, degree=2, shape=(3,))
+        return self.problem(*scenes.forms(V), bcs=scenes.hold(V, scenes.SYMMETRY))
+
+    @cached_property
+    def of_mean(self):
+        """A problem with a prescribed mean beside a tie."""
+        mean = llm.Interface(self.tags, (4, llm.MeanDisplacement((None, None, 0.1))))
+        return self.problem(interfaces=[self.interface, mean])
+
+    @cached_property
     def solved(self):
         problem = self.problem()
         problem.solve()
@@ -251,6 +269,15 @@ add(
     lambda s: llm.Coulomb(0.3, dynamic=ufl.TrialFunction(s.scalar)),
 )
 add("Coulomb: mu=.*at least 0", lambda s: llm.Coulomb(fem.Constant(s.mesh, -0.3)))
+add(
+    "(mu|h)=Function.*complex values: give real ones",
+    lambda s: llm.Coulomb(fem.Function(s.scalar, dtype=np.complex128)),
+    lambda s: llm.Conductance(fem.Function(s.scalar, dtype=np.complex128)),
+)
+add(
+    "values at points of a quadrature rule",
+    lambda s: s.law(llm.Coulomb(fem.Function(compat.quadrature_space(s.mesh, 2)))).solve(),
+)
 add("Conductance: h.*interpolate", lambda s: llm.Conductance(ufl.SpatialCoordinate(s.mesh)[0]))
 add(
     "a law's value at .* positions is .*give real numbers",
@@ -467,8 +494,9 @@ add(
     lambda s: llm.Evolution({fem.Function(s.V): ufl.SpatialCoordinate(s.mesh)[0]}),
 )
 add(
-    "rules: what the Function .* cannot be compiled",
+    "rules: what the Function .* has a test or trial function",
     lambda s: llm.Evolution({fem.Function(s.V): s.v * s.v[0] * s.u[0]}),
+    lambda s: llm.Evolution({fem.Function(s.V): s.v}),
 )
 
 add(
@@ -832,6 +860,12 @@ add(
     lambda s: classical.Elimination(s.solved, petsc_options=["cg"]),
 )
 add(
+    "for displacements of first order",
+    lambda s: classical.NodeToSegment(s.warm, slave=0),
+    lambda s: classical.NodeToSegment(s.second_order, slave=0),
+)
+add("prescribed mean has no frame", lambda s: classical.Elimination(s.of_mean))
+add(
     "Tied\\(\\) only",
     lambda s: classical.NodeToSegment(s.pressed, slave=0),
     lambda s: classical.Elimination(s.pressed),
@@ -900,6 +934,14 @@ add(
     "must end on .pvd or .bp or .vtkhdf",
     lambda s: post.write_bodies(s.path("u.vtk"), s.solved.u),
     lambda s: post.write_bodies(s.path("u"), s.solved.u),
+)
+add(
+    "seconds=.*give seconds, from 0.01 to 600",
+    *(lambda s, x=x: plot.Film(s.solved, s.path("f.gif"), seconds=x) for x in (-1, 0, 656, "1")),
+)
+add(
+    "about=.*give a point, 3 numbers",
+    *(lambda s, x=x: s.result.moment(x) for x in ("a", 2.0, (0.0, 0.0), (0.0, 0.0, NAN))),
 )
 add(
     "path=.*give a path",
@@ -1108,21 +1150,27 @@ def nan_in_a_bent_support(s):
     s.nonlinear(bcs=[fem.dirichletbc(held, dofs)]).solve()
 
 
-@lambda f: add(r"ksp_rtol=0.00[0-9]+: steps solved so loosely", f, kind=ERROR)
-def loosely_solved(s):
+def loosely_solved(s, law, rtol):
     held = ((2, scenes.on(2, 0.0)), *((k, scenes.on(2, z)) for k in (0, 1) for z in (0.0, 2.0)))
-    load = llm.free_surface_load(s.V, s.tags, 4, 1.0)
-    interface = llm.Interface(s.tags, (2, 3), law=llm.Frictionless())
-    options = {"ksp_type": "cg", "pc_type": "jacobi", "ksp_rtol": 1e-4}
     s.problem(
-        bcs=scenes.hold(s.V, held), interfaces=interface, nodal_loads=load, solver="condensed",
-        petsc_options=options,
-    ).solve()  # fmt: skip
+        bcs=scenes.hold(s.V, held),
+        interfaces=llm.Interface(s.tags, (2, 3), law=law),
+        nodal_loads=llm.free_surface_load(s.V, s.tags, 4, 1.0),
+        solver="condensed",
+        petsc_options={"ksp_type": "cg", "pc_type": "jacobi", "ksp_rtol": rtol},
+    ).solve()
 
 
-@lambda f: add(r"[0-9.]+e-0[0-3] of the forces' size is left .*let the solver stop", f, kind=ERROR)
-def stopped_at_once(s):
-    s.problem(solver="condensed", petsc_options={"ksp_rtol": 0.5}).solve()
+add(
+    r"ksp_rtol=0.00[0-9]+: steps solved so loosely",
+    lambda s: loosely_solved(s, llm.Frictionless(), 1e-4),
+    kind=ERROR,
+)
+add(
+    r"e-0[1-3] of the forces' size is left .*let the solver stop",
+    lambda s: loosely_solved(s, llm.Tied(), 0.1),
+    kind=ERROR,
+)
 
 
 def several(s, *pairs):

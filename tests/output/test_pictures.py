@@ -218,9 +218,8 @@ def test_curved_frame_by_matplotlib(tmp_path, monkeypatch):
     cells = np.column_stack([k, (k + 1) % 12, (k + 1) % 12 + 12, k + 12])
     frame = llm.Frame(x, cells, v=0.0 * x)
     zero = np.zeros(24)
-    result = InterfaceResult(
-        frame, (None,), None, zero + 1.0, zero + 1.0, 0.0 * x, zero.astype(int)
-    )
+    own = zero + 1.0, zero + 1.0, 0.0 * x, zero.astype(int), np.eye(4)[0] + np.zeros((24, 4))
+    result = InterfaceResult(frame, (None,), None, *own)
     plot.interface(result, tmp_path / "ring.png")
     assert np.ptp(image(tmp_path / "ring.png")) > 0.9
 

@@ -6,6 +6,7 @@ import pytest
 from conftest import run_mpi_json
 from mpi4py import MPI
 from sampling import longer, some_of
+from slider import Slider
 
 import dolfinx_llm as llm
 from dolfinx_llm.base import compat
@@ -142,6 +143,29 @@ def test_after_a_change_that_cannot_be_solved():
         problem.solve()
     data.E.value = 1.0
     assert np.abs(problem.solve().x.array - known).max() <= 1e-9 * np.abs(known).max()
+
+
+def test_what_there_was_where_a_change_cannot_be_solved():
+    """Matrices and forces of the last solve serve on; before one, and once forgotten, an error says
+    that there are none. They were freed, and using them crashed."""
+    slider = Slider(llm.Tied())
+    problem = slider.problem
+    with pytest.raises(llm.ContactError, match=r"call solve\(\) first"):
+        problem.pushed  # noqa: B018
+    slider.move(0.0)
+    pushed, norms = problem.pushed, (problem.B.norm(), problem.L_b.norm())
+    held = list(slider.bcs)
+    del slider.bcs[:]
+    with pytest.raises(llm.ContactError, match="rigid motion"):
+        problem.solve()
+    np.testing.assert_array_equal(problem.pushed, pushed)
+    assert (problem.B.norm(), problem.L_b.norm()) == norms and str(problem)
+    slider.bcs += held
+    problem.solve()
+    assert np.abs(problem.pushed - pushed).max() <= 1e-12 * np.abs(pushed).max()
+    problem.reset()
+    with pytest.raises(llm.ContactError, match=r"call solve\(\) first"):
+        problem.pushed  # noqa: B018
 
 
 def test_conditions_without_a_number_are_named():

@@ -87,7 +87,7 @@ def test_angle():
     x, turn = wall.domain.geometry.x, 0.2
     nodes = np.unique(walls.compat.cell_dofs(wall.domain.geometry)[wall.body == 1])
     x[nodes, 1] += np.tan(turn) * x[nodes, 0]
-    assert len(llm.find_interfaces(None, wall.V, angle=1.01 * turn)) == 1
+    assert len(llm.find_interfaces(None, wall.V, None, None, None, 1.01 * turn)) == 1
     with pytest.raises(llm.ContactError, match="no two of the 2 bodies"):
         llm.find_interfaces(None, wall.V, angle=0.99 * turn)
 

@@ -57,10 +57,11 @@ def about_skew_axis(degrees):
     return Rotation.from_rotvec(np.deg2rad(degrees) * np.array([2.0, 1.0, 2.0]) / 3.0).as_matrix()
 
 
-def turned(kind, law, degrees=0.0, swapped=False, held=False, cells=(3, 2)):
+def turned(kind, law, degrees=0.0, swapped=False, held=False, cells=(3, 2), **options):
     """A narrow block pressed and pushed along on a wide one, all turned from the start: the
     problem, its sides' forces in the turned base, and a function that turns all to other degrees by
-    a load step and returns these forces. The block's side in contact may be held as well."""
+    a load step and returns these forces. The block's side in contact may be held as well; options
+    are those of the problem."""
     R = about_skew_axis(degrees)
     ((domain, tags),) = patch2d.bodies(COMM, kind, boxes=boxes((3, 3), cells), rough=0.2)
     V = compat.function_space(domain, shape=(3,))
@@ -79,7 +80,7 @@ def turned(kind, law, degrees=0.0, swapped=False, held=False, cells=(3, 2)):
     order = (patch2d.FOUNDATION_TOP, patch2d.PUNCH_BOTTOM)
     interface = llm.Interface(tags, order[::-1] if swapped else order, law=law)
     F = ufl.derivative(energy, u, ufl.TestFunction(V))
-    problem = llm.NonlinearContactProblem(F, u, bcs=[bc], interfaces=[interface])
+    problem = llm.NonlinearContactProblem(F, u, bcs=[bc], interfaces=[interface], **options)
 
     def to(degrees):
         R = about_skew_axis(degrees)

@@ -100,3 +100,17 @@ def test_two_ranks():
     one.solve()
     force = np.concatenate([side.force.ravel() for side in one.results[0].sides])
     assert np.allclose(two["force"], force, rtol=1e-9, atol=1e-9 * 300.0)
+
+
+@pytest.mark.parametrize("given", [{"ksp_type": "preonly", "pc_type": "lu"}, {"ksp_type": "gmres"}])
+def test_options_of_a_factorisation(given):
+    """What dolfinx programs give for a direct solve, and a Krylov method on top of it."""
+    exact = turned("hex", llm.Frictionless())[0]
+    found = turned("hex", llm.Frictionless(), petsc_options=given)[0]
+    difference = found.u.x.array - exact.u.x.array
+    assert np.abs(difference).max() < 1e-10 * np.abs(exact.u.x.array).max()
+
+
+def test_methods_that_do_not_suit():
+    with pytest.raises(llm.ContactInputError, match="ksp_type='cg' .*give 'gmres'"):
+        turned("hex", llm.Frictionless(), solver="condensed", petsc_options={"ksp_type": "cg"})

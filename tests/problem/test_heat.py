@@ -235,5 +235,6 @@ def test_what_is_refused():
             heat.Conducting(bodies, law, heat.Linear(2))
     with pytest.raises(llm.ContactInputError, match="a finite number of at least 0"):
         llm.Conductance(-1.0)
-    with pytest.raises(llm.ContactInputError, match="of shape"):
-        heat.Conducting(bodies, llm.Conductance(lambda x: x[:3]), heat.Linear(2)).problem.solve()
+    for wrong in (lambda x: x[:3], lambda x: H + 0.0 * x[0]):  # of another number of positions
+        with pytest.raises(llm.ContactInputError, match=r"of shape \("):
+            heat.Conducting(bodies, llm.Conductance(wrong), heat.Linear(2)).problem.solve()

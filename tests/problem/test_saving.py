@@ -1,5 +1,7 @@
 """States saved and read again: the next step is the one that would have been."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 import ufl
@@ -7,7 +9,9 @@ from conftest import run_mpi_json
 from dolfinx import fem, mesh
 from friction_block import Dragged
 from mpi4py import MPI
+from sampling import longer
 from saved import figures
+from submeshes import Halves
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -78,6 +82,31 @@ def pressed(n=3, law=None):
     return llm.NonlinearContactProblem(F, u, bcs=[bc], interfaces=[interface]), top
 
 
+@pytest.mark.parametrize("law", [llm.Coulomb(0.3), longer(llm.Tied())], ids=str)
+def test_results_at_finite_deformation(law, tmp_path):
+    """After ``load`` they are those of the step that was saved, with a frame and without one."""
+    from turned_strips import Strips
+
+    strips, (other, _), (block, _) = Strips(law, MPI.COMM_SELF), pressed(), pressed()
+    for _ in range(2):
+        strips.step(0.03)
+    block.solve()
+    for problem, new in ((strips.problem, Strips(law, MPI.COMM_SELF).problem), (block, other)):
+        problem.save(tmp_path / "state.npz")
+        new.load(tmp_path / "state.npz")
+        (known,), (found,) = problem.results, new.results
+        parts = [(known, found), *zip(known.sides, found.sides, strict=True)]
+        parts += [(known.frame, found.frame)] * (known.frame is not None)
+        assert len(parts) == (4 if known.frame else 2) and type(found) is type(known)
+        for one, two in parts:
+            for f in fields(one):
+                a, b = getattr(one, f.name), getattr(two, f.name)
+                assert isinstance(a, (np.ndarray, float)) == isinstance(b, (np.ndarray, float))
+                if isinstance(a, (np.ndarray, float)):
+                    np.testing.assert_array_equal(a, b)
+        assert (known.resultant == found.resultant).all() and np.abs(found.pressure).max() > 0.0
+
+
 @pytest.mark.long
 def test_finite_deformation_goes_on(tmp_path):
     found = []
@@ -94,6 +123,19 @@ def test_finite_deformation_goes_on(tmp_path):
         problem.solve()
         found.append(problem.u.x.array.copy())
     np.testing.assert_allclose(*found, atol=1e-13)
+
+
+@pytest.mark.parametrize("nonlinear", [False, True])
+def test_bodies_on_submeshes(nonlinear, tmp_path):
+    """Cells of a submesh have no numbers of their own from a file: those of their nodes serve."""
+    first, second = (Halves("own", nonlinear) for _ in range(2))
+    problem, other = first.problem(), second.problem()
+    u = problem.solve()
+    problem.save(tmp_path / "state.npz")
+    other.load(tmp_path / "state.npz")
+    for a, b in zip(u, second.u if nonlinear else other.u, strict=True):
+        np.testing.assert_array_equal(a.x.array, b.x.array)
+    assert np.abs(u[0].x.array).max() > 1e-3
 
 
 def test_laws_and_problems_of_other_kinds(tmp_path):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import ufl
 from conftest import run_mpi_json
 from scenes import E
 from submeshes import MAPPED, Halves
@@ -35,6 +36,23 @@ def test_forms_of_two_meshes(nonlinear):
     for problem in problems:
         problem.reset()
         np.testing.assert_allclose(displacements(problem), softer, atol=1e-11)
+
+
+@pytest.mark.skipif(not MAPPED, reason="this dolfinx has no entity maps")
+def test_adjoint_of_two_meshes():
+    """Of a functional with the parent's modulus, as with one of the submesh."""
+    found = []
+    for where in ("own", "both"):
+        scene = Halves(where)
+        problem = scene.problem()
+        moduli = scene.moduli * (2 if where == "both" else 1)
+        dJ = [
+            ufl.derivative(m * (u[0] + u[1] ** 2) * ufl.dx(V.mesh), u, ufl.TestFunction(V))
+            for u, V, m in zip(problem.solve(), problem.spaces, moduli, strict=True)
+        ]
+        found.append(np.concatenate([p.x.array for p in problem.adjoint(dJ)]))
+    np.testing.assert_allclose(*found, rtol=0.0, atol=1e-10 * np.abs(found[0]).max())
+    assert np.abs(found[0]).max() > 0.0
 
 
 @pytest.mark.skipif(not MAPPED, reason="this dolfinx has no entity maps")

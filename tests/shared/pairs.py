@@ -94,7 +94,7 @@ def supports(V, low, high):
     return bcs
 
 
-def stack(blocks, low, high, frame=None, ties=None):
+def stack(blocks, low, high, frame=None, ties=None, slope=(0.0, 0.0)):
     """Blocks [(mesh, tags), ...] tied to each other, under pressure on their free faces.
 
     Args:
@@ -102,6 +102,7 @@ def stack(blocks, low, high, frame=None, ties=None):
         frame: for all interfaces, or None.
         ties: (block, tag, block, tag) of each interface; None: each block on the one before, with
             pressure on what they leave free of each other.
+        slope: of the pressure along x and y, in PRESSURE.
 
     Returns:
         The problem and the largest relative error of the von Mises stress.
@@ -119,6 +120,9 @@ def stack(blocks, low, high, frame=None, ties=None):
     else:
         tops = range(1, len(blocks))
     loads += [llm.free_surface_load(spaces[k], tags[k], ABOVE, PRESSURE) for k in tops]
+    for load in loads:
+        x = load.function_space.tabulate_dof_coordinates()[:, :2]
+        load.x.array[:] *= np.repeat(1.0 + x @ slope, 3)
     interfaces = [
         llm.Interface(None, ((tags[i], a), (tags[j], b)), frame=frame) for i, a, j, b in ties
     ]
@@ -142,8 +146,8 @@ def stack(blocks, low, high, frame=None, ties=None):
     return problem, error
 
 
-def random_pair(comm, seed):
-    """Two blocks of random kinds, meshes, sizes, rotation and overlap."""
+def random_pair(comm, seed, slope=(0.0, 0.0)):
+    """Two blocks of random kinds, meshes, sizes, rotation and overlap; slope: of ``stack``."""
     rng = np.random.default_rng(seed)
     kinds = [str(rng.choice(["hexahedron", "tetrahedron"])) for _ in range(2)]
     ratio = rng.uniform(1, 10) if rng.random() < 0.4 else rng.uniform(1, 2.5)
@@ -165,4 +169,4 @@ def random_pair(comm, seed):
     upper = block(
         comm, n[1], (*-half, 1.0), (*half, 2.0), kinds[1], jitter=0.25, rng=rng, move=move
     )
-    return stack([lower, upper], low, high)
+    return stack([lower, upper], low, high, slope=slope)

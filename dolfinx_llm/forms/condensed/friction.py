@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
@@ -124,7 +125,7 @@ class FrictionStep:
         """b of A q = b for what is added to u and z, and the offsets u_0 and v_0: about the last
         solution sums of large motions, as those of both sides of a slip, cost no digits."""
         form, split, fixed = self._form, self._split, self._fixed
-        if u.any() or z.any():
+        if self._split.comm.allreduce(bool(u.any() or z.any()), op=MPI.LOR):
             of_rows = form.vectors * np.where(fixed[form.dofs], 0.0, u[form.dofs])
             g = g - form.L @ z + of_rows.sum(axis=1)
             f = np.where(fixed, f - u, f - split.times(u))

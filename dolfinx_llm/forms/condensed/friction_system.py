@@ -14,6 +14,7 @@ from petsc4py import PETSc
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.log import log
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows
 from dolfinx_llm.forms.condensed.kept import KeptMultigrid
 from dolfinx_llm.forms.condensed.modes import rigid_modes_of, sides_of, soft_modes_of
@@ -105,7 +106,8 @@ class FrictionSystem:
         if self.direct:
             return rows, None
         try:
-            reduced = Reduced(step, self.operators)
+            with collective(self.operators.comm):  # factorised on each rank
+                reduced = Reduced(step, self.operators)
         except (np.linalg.LinAlgError, RuntimeError) as error:
             self.give_up(f"the law's rows cannot be taken apart ({error})")
             return rows, None

@@ -7,6 +7,7 @@ from typing import Any
 from petsc4py import PETSc
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.forms.options import NoOption, words_of
 
 Product = Callable[[Array], Array]  # of this rank's part of a vector; collective
 RESTART = 75  # vectors that GMRES keeps
@@ -41,6 +42,9 @@ def solve_right(
         b: this rank's part.
         method: "gmres", or another that PETSc knows.
         tolerances: relative, absolute, of divergence, and most iterations; of the residual.
+
+    Raises:
+        NoOption: a method that cannot be preconditioned from the right.
     """
     n = len(b), PETSc.DETERMINE
     A = PETSc.Mat().createPython((n, n), Shell(matrix), comm=comm)
@@ -57,6 +61,14 @@ def solve_right(
     ksp.getPC().setPythonContext(Shell(preconditioner))
     x, rhs = A.createVecs()
     rhs.array_w[:] = b
+    try:
+        ksp.setUp()
+    except PETSc.Error as error:
+        raise NoOption(
+            f"petsc_options: ksp_type={method!r} does not suit this system, which is not symmetric "
+            f"and preconditioned from the right ({words_of(error)}): give 'gmres', 'fgmres' or "
+            "'bcgs', or leave it out"
+        ) from None
     ksp.solve(rhs, x)
     found = x.array_r.copy(), ksp.getIterationNumber(), ksp.getConvergedReason()
     for item in (ksp, A, x, rhs):

@@ -12,6 +12,7 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.log import log
+from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.forms.direct import factorised, set_up_ksp
 
 # The unpreconditioned norm is that of the system scaled to unit diagonal.
@@ -42,12 +43,12 @@ def solver_of(matrix: Any, prefix: str, given: dict[str, Any]) -> Any:
     """
     database = PETSc.Options(prefix)
 
-    def chosen(key: Any, default: Any) -> Any:
+    def option(key: Any, default: Any) -> Any:
         return database.getString(key) if database.hasName(key) else given.get(key, default)
 
-    pc, krylov = chosen("pc_type", "gamg"), chosen("ksp_type", "cg")
+    pc, krylov = option("pc_type", "gamg"), option("ksp_type", "cg")
     factor = pc in ("cholesky", "lu")
-    default = krylov == "cg" and pc == "gamg" and chosen("ksp_max_it", None) is None
+    default = krylov == "cg" and pc == "gamg" and option("ksp_max_it", None) is None
     options = dict(ITERATIVE) if krylov == "cg" else {"ksp_rtol": ITERATIVE["ksp_rtol"]}
     options |= GAMG if pc == "gamg" else {}
     options |= {"ksp_max_it": PATIENCE} if default else {}
@@ -69,8 +70,10 @@ def solver_of(matrix: Any, prefix: str, given: dict[str, Any]) -> Any:
 def near_null_space(matrix: Any, S: Any, modes: Array) -> None:
     """Give a matrix scaled by S on both sides the near-null space S⁻¹ modes (n_local, k)."""
     values = modes / S.array_r[:, None]
-    # PETSc wants them orthonormal.
-    size, vectors = np.linalg.eigh(matrix.comm.tompi4py().allreduce(values.T @ values))
+    # PETSc wants them orthonormal; ranks that round otherwise would find other bases.
+    comm = matrix.comm.tompi4py()
+    products = comm.allreduce(values.T @ values)
+    size, vectors = chosen(comm, lambda: np.linalg.eigh(products))
     kept = size > 1e-12 * size[-1]
     if not kept.any():  # supports and obstacles hold every dof
         return

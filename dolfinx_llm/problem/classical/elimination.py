@@ -11,6 +11,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, chosen, collective, gather_rows
+from dolfinx_llm.interface.obstacles import MeanDisplacement
 from dolfinx_llm.operators.petsc import create_aij, times
 from dolfinx_llm.operators.reactions import with_reactions
 from dolfinx_llm.problem.arguments import check_petsc_options
@@ -45,7 +46,8 @@ class Elimination(ClassicalForm):
         residual: of (6) after ``solve``, relative.
 
     Raises:
-        ContactInputError: more than ``MAX_ROWS`` multipliers.
+        ContactInputError: more than ``MAX_ROWS`` multipliers, a law other than ``Tied``, or a
+            prescribed mean.
     """
 
     def __init__(
@@ -55,8 +57,15 @@ class Elimination(ClassicalForm):
             check_petsc_options(petsc_options)
         agree(problem.comm, "PETSc options", petsc_options)
         laws = [geometry.interface.law for geometry in problem.geometries]
-        if not all(law.ties and not law.given_gap for law in laws):
+        if not all(law.ties for law in laws):
             raise ContactInputError(f"laws {laws}: the classical form is there for Tied() only")
+        of = [g.interface for g in problem.geometries]
+        means = [i.name for i in of if isinstance(i.obstacle, MeanDisplacement)]
+        if means:
+            raise ContactInputError(
+                f"interfaces {means}: a prescribed mean has no frame to eliminate: solve (31), "
+                "problem.solve()"
+            )
         n, m = problem.L_b.getSize()
         if n > MAX_ROWS:
             raise ContactInputError(

@@ -34,6 +34,7 @@ class _Ties:
     owner: Array  # (n,) rank of each
     base: Array  # (n, c, gdim) directions a_i
     gap: Array  # (n, gdim) X_m - X_s [length]
+    normal: Array  # (n, gdim) of the master, outwards
     rows: csr_matrix  # (n c, k) Q on the dofs of both surfaces
     dofs: Array  # (k,) their numbers in the vector of all bodies
 
@@ -63,7 +64,8 @@ class NodeToSegment(ClassicalForm):
         residual: of (6) after ``solve``, relative.
 
     Raises:
-        ContactInputError: unknown slave or components, or a law other than ``Tied``.
+        ContactInputError: unknown slave or components, a law other than ``Tied``, a rigid obstacle,
+            a temperature, or bodies of second order.
         ContactError: no slave node lies on its master, or the constraints leave a body free.
     """
 
@@ -86,15 +88,20 @@ class NodeToSegment(ClassicalForm):
         rigid = [g.interface.name for g in problem.geometries if g.rigid]
         if rigid:
             raise ContactInputError(f"interfaces {rigid}: node-to-segment needs two bodies")
+        dofs = problem.bulk.dofs
+        if dofs.order > 1 or dofs.components == 1:
+            raise ContactInputError(
+                "node-to-segment is there for displacements of first order: take a vector space of "
+                "Lagrange elements of degree 1, or Elimination"
+            )
         laws = [geometry.interface.law for geometry in problem.geometries]
-        if not all(law.ties and not law.given_gap for law in laws):
+        if not all(law.ties for law in laws):
             raise ContactInputError(f"laws {laws}: node-to-segment is there for Tied() only")
         ties = [_tie(problem, geometry, slave, components) for geometry in problem.geometries]
         self.x = np.concatenate([t.x for t in ties])
         self._base = np.concatenate([t.base for t in ties])
         self._ties, self._surface_dofs = ties, np.concatenate([t.dofs for t in ties])
         rows = block_diag([t.rows for t in ties], format="csr")
-        dofs = problem.bulk.dofs
         fixed = dofs.values(self._surface_dofs, dofs.fixed) > 0.0
         self._prescribed = rows[:, fixed]
         self._fixed = fixed
@@ -132,12 +139,13 @@ class NodeToSegment(ClassicalForm):
         """
         problem = self.problem
         f = self._load()
+        laws = [geometry.interface.law for geometry in problem.geometries]
         gaps = [
-            np.einsum("nci,ni->nc", t.base, t.gap * geometry.interface.law.closes_gap).ravel()
-            for t, geometry in zip(self._ties, problem.geometries, strict=True)
+            np.einsum("nci,ni->nc", t.base, t.gap * law.closes_gap + t.normal * law.given_gap)
+            for t, law in zip(self._ties, laws, strict=True)
         ]
         prescribed = problem.bulk.dofs.values(self._surface_dofs[self._fixed], f)
-        g = (np.concatenate(gaps) + self._prescribed @ prescribed)[self._kept]
+        g = (np.concatenate(gaps, axis=None) + self._prescribed @ prescribed)[self._kept]
         u, multiplier = self._solve(f, g[self._numbering.mine])
         values = np.zeros(self._base.shape[0] * self._base.shape[1])
         values[self._kept] = problem.operators.gather(self._numbering, multiplier)
@@ -165,14 +173,15 @@ def _tie(
     weights.eliminate_zeros()
     _, y, tangents = frame.evaluate(at.cell[on], at.xi[on])
     gdim = frame.gdim
+    normal = bases(tangents)[:, -1]
     base = np.broadcast_to(np.eye(gdim), (len(on), gdim, gdim))
     if components == "normal":
-        base = bases(tangents)[:, -1:]
+        base = normal[:, None]
     dofs = [problem.bulk.dofs.of(*side) for side in zip(spaces, sides, strict=True)]
     shape = (len(on), base.shape[1], dofs[0].size + dofs[1].size)
     rows = _constraint_rows(weights, on, base, dofs[0].size, shape)
     x = sides[0].x[on]
-    return _Ties(x, sides[0].owner[on], base, y - x, rows, np.concatenate(dofs, axis=None))
+    return _Ties(x, sides[0].owner[on], base, y - x, normal, rows, np.concatenate(dofs, axis=None))
 
 
 def _constraint_rows(
