@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,17 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.base.parallel import chosen, collective, told
+from dolfinx_llm.base.parallel import collective, told
 from dolfinx_llm.finite.doubled import Doubled
-from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState, chosen_at, slid, stays
+from dolfinx_llm.finite.load_step import (
+    Equations,
+    LoadStep,
+    NewtonState,
+    chosen_at,
+    missed_at,
+    slid,
+    stays,
+)
 from dolfinx_llm.finite.parts import Part
 from dolfinx_llm.finite.settling import (
     EXCHANGES,
@@ -274,17 +281,9 @@ class Increment:
 
     def _missed(self) -> bool:
         """Take in facets that have passed the frame, leave out nodes off it, and cover as now."""
-        found, comm = False, self.dofs.comm
-        for i, (t, held) in enumerate(zip(self.terms, self.held, strict=True)):
-            own = replace(held, kept=None)
-            with failing():
-                now = chosen(comm, partial(self.steps.interfaces[i].what.missed, t.place, own))
-            if now is not None:
-                found, self.held[i] = True, replace(now, kept=held.kept)
-        for i, (f, faces) in enumerate(zip(self.steps.followers, self.faces, strict=True)):
-            covering = partial(f.what.missed, f.at(self.dofs, self.u), faces)
-            if (over := chosen(comm, covering)) is not None:
-                found, self.faces[i] = True, over
+        places = [t.place for t in self.terms]
+        with failing():
+            found = missed_at(self.steps, self.u, places, self.held, self.faces)
         if found:
             self.evaluate()
         return found

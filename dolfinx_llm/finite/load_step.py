@@ -14,7 +14,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import chosen, told
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.system import NewtonSystem, mean_diagonal
-from dolfinx_llm.finite.terms import ContactTerms, Held, slide
+from dolfinx_llm.finite.terms import ContactTerms, Held, Place, slide
 from dolfinx_llm.operators.bare import check_stiffness
 from dolfinx_llm.operators.numbering import BodyDofs
 
@@ -126,6 +126,23 @@ def chosen_at(
         for own, pose, before, kept in zip(found, poses, good.poses, good.kept)
     ]
     return held, found[len(held) :]
+
+
+def missed_at(
+    steps: Equations, u: Array, places: Sequence[Place], held: list[Held], faces: list[Any]
+) -> bool:
+    """Whether something else than what is held touches, or covers, at an equilibrium u (n_local,),
+    which is held from now on: ``held`` and ``faces`` are changed. As of ``chosen_at``."""
+    dofs, found = steps.bodies.dofs, False
+    for i, (placed, place) in enumerate(zip(steps.interfaces, places, strict=True)):
+        own = replace(held[i], kept=None)
+        if (now := chosen(dofs.comm, partial(placed.what.missed, place, own))) is not None:
+            found, held[i] = True, replace(now, kept=held[i].kept)
+    for i, load in enumerate(steps.followers):
+        covering = partial(load.what.missed, load.at(dofs, u), faces[i])
+        if (over := chosen(dofs.comm, covering)) is not None:
+            found, faces[i] = True, over
+    return found
 
 
 def stays(steps: Equations, start: NewtonState) -> list[Any]:
