@@ -106,10 +106,14 @@ class Increment:
         good: the state that it starts from.
         step: the load step.
         end: the part of it, in (0, 1].
+        draws: the nearest pairs touch where nothing does, and contact is not known yet: without
+            them bodies that nothing else holds would fall.
     """
 
-    def __init__(self, steps: Equations, good: NewtonState, step: LoadStep, end: float) -> None:
-        self.steps, self.end = steps, end
+    def __init__(
+        self, steps: Equations, good: NewtonState, step: LoadStep, end: float, draws: bool = True
+    ) -> None:
+        self.steps, self.end, self.draws = steps, end, draws
         self.dofs, self.fixed, start = steps.bodies.dofs, steps.bodies.dofs.fixed, step.start
         self.u, self.own = good.u.copy(), [q.copy() for q in good.own]
         self.target = start.u + end * (step.values - start.u)
@@ -126,7 +130,7 @@ class Increment:
         self.stays = stays(steps, start)
         self.doubled = Doubled(self.dofs.comm, steps.interfaces, NO_GAP * steps.size)
         self.changes, self.doubt, self.stuck, self.error = 0, 0.0, False, np.inf
-        self.drawn = [False] * len(self.held)
+        self.drawn, self.turned = [False] * len(self.held), False
         self._body = self._residual(self.u)
         self.evaluate()
         self._turn()
@@ -137,7 +141,7 @@ class Increment:
             return
         given = prescribed(self.dofs, self.target, self.steps.interfaces, self.poses)
         if given and (found := turned(self.dofs, self.u, *given)):
-            self.u, R = found
+            self.turned, (self.u, R) = True, found
             self.own = [i.what.carried(q, R) for i, q in zip(self.steps.interfaces, self.own)]
             self._body, self.error, self.doubt = self._residual(self.u), np.inf, 0.0
             self.evaluate()
@@ -196,7 +200,7 @@ class Increment:
                 place = contact.place(z, q, held)
                 start = np.full(len(place.gap), OPEN) if before is None else before
                 now, found = contact.touching(place, q, start, held, np.where(start, *reaches))
-                fallen = before is None or (self.stuck and not start.any())
+                fallen = (before is None and self.draws) or (self.stuck and not start.any())
                 if fallen and not (now.any() or in_time or self.drawn[i]) and place.pairs.any():
                     # The nearest touch; once, as they may pull: what springs hold has not fallen.
                     self.drawn[i] = before is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from dolfinx_llm.base.log import progress, tell_iteration
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.finite.increment import Increment, StepFailed, failing
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
+from dolfinx_llm.finite.obstacle_contact import ObstacleFriction
 from dolfinx_llm.finite.passage import check_obstacle, check_passage, left_over_edge, say_left
 from dolfinx_llm.finite.terms import ContactTerms, Place
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
@@ -22,6 +24,7 @@ log = logging.getLogger("dolfinx_llm")
 
 NEWTON_ITERATIONS = 25
 HALVINGS = 8  # of an increment
+CHORD = 0.8  # rad, by which obstacles with friction turn in an increment at most
 LEAPS = 10.0  # times as far as supports and obstacles have gone
 DRIVEN = 1e-6  # of what supports push with, that loads may change by where these alone move bodies
 
@@ -95,10 +98,16 @@ class NewtonSteps:
     def _increment(self, step: LoadStep, end: float, bar: Any) -> NewtonState:
         """Newton's iteration from the last state to the part ``end`` of a load step."""
         start = self._reached
-        run = Increment(self.equations, start, step, end)
+        unknown = any(status is None for status in start.status)
+        run = Increment(self.equations, start, step, end, draws=not unknown)
+        rests = unknown and run.converged()  # bodies apart, of which nothing is asked
+        if unknown and not rests:
+            run = Increment(self.equations, start, step, end)
+        self._check_turns(run, start)
         before = [t.place for t in run.terms]
         for iteration in range(1, NEWTON_ITERATIONS + 1):
-            run.iterate()
+            if not rests:
+                run.iterate()
             entry = _entry(run, iteration)
             self.history.append(entry)
             tell_iteration(entry, bar)
@@ -107,10 +116,23 @@ class NewtonSteps:
                 self._measure(run, step, start)
                 self.terms = run.terms
                 self.slips = [self._slip(i, run, start.status[i]) for i in range(len(run.terms))]
-                return _state(run)
+                return replace(_state(run), status=start.status) if rests else _state(run)
         raise StepFailed(
             f"no convergence in {NEWTON_ITERATIONS} iterations, residual {run.error:.1e}"
         )
+
+    def _check_turns(self, run: Increment, start: NewtonState) -> None:
+        """Require that obstacles with friction turn against bodies by little: slip is a chord."""
+        of = zip(self.equations.interfaces, run.poses, start.poses, strict=True)
+        for placed, now, before in of:
+            if isinstance(placed.what, ObstacleFriction) and not run.turned:
+                gdim = placed.what.sides.gdim
+                turn = (now - before)[2 * gdim : 2 * gdim + (1 if gdim == 2 else 3)]
+                if (angle := float(np.linalg.norm(turn))) > CHORD:
+                    raise StepFailed(
+                        f"an obstacle with friction turns by {angle:.3g} rad in an increment, "
+                        f"which are to turn it by at most {CHORD:g}"
+                    )
 
     def _check(self, run: Increment, before: list[Place], start: NewtonState) -> None:
         """Require an equilibrium that the bodies can have come to; collective.

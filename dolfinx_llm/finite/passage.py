@@ -27,6 +27,8 @@ from dolfinx_llm.interface.against import checked_clearance
 AHEAD = 0.5  # of a facet: no deeper lies what is in front of the frame at first
 THROUGH = 1.0  # of a facet: deeper lies what has gone through it
 BORE = 1e-9  # of the largest force, below which there is none
+INTO = 0.2  # of a facet: no deeper in an obstacle has been what has not gone through it
+FINE = 0.1  # of a facet, by which nodes move between the states looked at beside obstacles
 STRIDE = 0.5  # of a facet, at most, by which nodes move between the states looked at
 LOOKED_AT = 100  # states, at most: bodies that go farther are looked at more seldom
 ANGLES = 1_000_000  # pairs of points and facets that are looked at together
@@ -177,8 +179,8 @@ def check_obstacle(contact: MovingContact, ends: tuple[Reached, Reached], after:
         contact.posed(contact.placing(pose, q)).back(contact.sides.split(z)[0])
         for z, q, pose in ends
     )
-    size = np.zeros(len(start))
-    np.maximum.at(size, surface.skin, cell_sizes(start, surface.skin)[:, None])
+    size = np.zeros(len(start))  # as drawn: what is pressed in stretches facets
+    np.maximum.at(size, surface.skin, cell_sizes(surface.x, surface.skin)[:, None])
     far = np.linalg.norm(end - start, axis=1)
     beyond = np.flatnonzero(np.isinf(after.gap) & (far > 0.0))
     if not len(beyond):
@@ -190,15 +192,15 @@ def check_obstacle(contact: MovingContact, ends: tuple[Reached, Reached], after:
         return np.asarray(-clearance / size[beyond])
 
     start, end = start[beyond], end[beyond]
-    outside = deep(start) < AHEAD
-    found, states = np.full(len(beyond), -np.inf), far[beyond].max() / (STRIDE * size[beyond].min())
+    outside = deep(start) < INTO
+    found, states = np.full(len(beyond), -np.inf), far[beyond].max() / (FINE * size[beyond].min())
     for t in np.linspace(0.0, 1.0, min(LOOKED_AT, int(states)) + 2)[1:]:
         found = np.maximum(found, np.where(outside, deep(start + t * (end - start)), -np.inf))
-    if found.max() > AHEAD:
+    if found.max() > INTO:
         worst = int(found.argmax())
         x = contact.sides.split(after.z)[0][beyond[worst]]
         raise ContactError(
-            f"bodies pass through each other: {(found > AHEAD).sum()} node(s) of {surface.name} "
+            f"bodies pass through each other: {(found > INTO).sum()} node(s) of {surface.name} "
             f"have gone through the {type(contact.obstacle).__name__}, the deepest, now at "
             f"{checks.place(x)}, by {found[worst]:.2g} of its facet"
         )

@@ -80,6 +80,7 @@ class LinearBulk:
         self._pending: set[str] = set()
         self.version = 0
         self.control: Control | None = None  # of second-order surfaces that may part
+        self.held: Array | None = None  # u (n_local,), where prescribed dofs stay for now
 
     def _look(self) -> None:
         """Nodal loads and conditions by mesh, and which dofs these prescribe."""
@@ -156,7 +157,11 @@ class LinearBulk:
         return K
 
     def load(self) -> Array:
-        """This rank's f, with the values at prescribed dofs as ``changes`` last found them."""
+        """This rank's f, with the values at prescribed dofs as ``changes`` last found them, or as
+        they are ``held``."""
+        if self.held is not None:
+            values = np.where(self.dofs.fixed, self.held, 0.0)
+            return np.where(self.dofs.fixed, values, self.force(values))
         loads = []
         for i, (b, fixed) in enumerate(zip(self.blocks, self.fixed, strict=True)):
             nodal = [b.nodal(load) for load in self._nodal[i]]

@@ -205,6 +205,7 @@ class NonlinearBulk:
         with collective(self.comm):
             for V in self.spaces:
                 check_positions(V.mesh)
+        self.held: Array | None = None  # u (n_local,), where prescribed dofs stay for now
         others = tuple(b.others for b in self.blocks) if any(b.mixed for b in self.blocks) else ()
         self.dofs = BodyDofs(self.comm, tuple(self.spaces), self._prescribed(), others)
         places = [V.tabulate_dof_coordinates()[compat.cell_dofs(V)] for V in self.spaces]
@@ -243,7 +244,7 @@ class NonlinearBulk:
                 "the Dirichlet conditions prescribe other dofs than when the problem was made: "
                 "make the problem anew"
             )
-        return np.where(self.dofs.fixed, values, 0.0)
+        return np.where(self.dofs.fixed, values if self.held is None else self.held, 0.0)
 
     def now(self) -> Array:
         """(n_local,) what stands in the Functions u."""

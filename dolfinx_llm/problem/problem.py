@@ -152,7 +152,8 @@ class ContactProblem(Remembering, Following, Differentiable, Pictured, SavedCont
 
     @property
     def pushed(self) -> Array:
-        """(n_local,) -B λ, what interfaces push this rank's dofs with [force].
+        """(n_local,) -B λ, what interfaces push this rank's dofs with; as K and B, of second-order
+        surfaces that may part in control values, see ``method.md`` [force].
 
         Raises:
             ContactError: nothing has been solved.

@@ -24,6 +24,7 @@ from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.form_arguments import listed
 from dolfinx_llm.problem.saving import Saving
 from dolfinx_llm.problem.state_file import Arrays
+from dolfinx_llm.time.drawn import as_drawn
 
 NO_PULL = 1e-9  # of the force that stops a node in a step: pulls by less are rounding
 LATEST_PART = 0.95  # of a step: what comes after it is not worth a step of its own
@@ -105,9 +106,9 @@ class Steps(Saving):
         """Find the forces at the start, from u, v and the loads as they are; the first ``step``
         does so unless you have done it before. Surfaces without mass come to rest with what lies
         behind them; ties have the forces that hold them as bodies accelerate. Where bodies slide
-        with v on others, or on obstacles at rest, friction acts already. Before rigid ends of
-        bodies begin to move call it yourself: where they are elsewhere than the bodies they pull at
-        what inertia holds. Collective.
+        with v on others, or on obstacles at rest, friction acts already. Prescribed dofs are where
+        u has them, as are rigid ends where u is 0; where it is not call this yourself before they
+        move on, or they pull at what inertia holds. Collective.
 
         Raises:
             ContactError: contact does not balance what presses it.
@@ -150,16 +151,25 @@ class Steps(Saving):
         if not self._mean:
             self.problem.update()
         K = self.problem.bulk.tangent(u) if self._mean else self.problem.K
-        sums = np.array([np.abs(diagonal_of(A)).sum() for A in (K, self._M)])
+        free = ~self.problem.bulk.dofs.fixed  # K has ones elsewhere
+        sums = np.array([np.abs(diagonal_of(A)[free]).sum() for A in (K, self._M)])
         if self._mean:
             K.destroy()
         stiffness, mass = self.comm.allreduce(sums)
-        return float(stiffness / mass)
+        return float(stiffness / mass) if mass > 0.0 else 1.0
 
     def _hold(self, c: float, u: Array) -> None:
-        """Find contact of bodies that inertia of a rate c holds at u (n_local,)."""
+        """Find contact of bodies that inertia of a rate c holds at u (n_local,), and what leads
+        them: it may have moved on already, and ties would pull at what does not follow."""
         self._push(c * times(self._M, u))
-        self.problem.solve()
+        bulk, led = self.problem.bulk, [i for i in self.problem.interfaces if not i.law.opens]
+        at_rest = not self.comm.allreduce(bool(u.any()))
+        bulk.held = u
+        try:
+            with as_drawn([i.obstacle for i in led if i.obstacle is not None and at_rest]):
+                self.problem.solve()
+        finally:
+            bulk.held = None
 
     def _push(self, force: Array) -> None:
         """Take this rank's nodal forces (n_local,) of inertia, beside the nodal loads of now."""

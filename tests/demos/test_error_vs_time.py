@@ -40,7 +40,8 @@ def test_others_fail_the_patch_test_and_refinement_does_not_help(method):
 
 @pytest.mark.long  # of frames and the matching mesh: test_demos.test_convergence
 def test_rates_of_the_manufactured_field():
-    """Displacement of second order for all; pressure of first order with a designed frame alone."""
+    """Displacement of second order for all; pressure of first order with frames, of an undesigned
+    one in the mean of both sides' areas."""
     rows = {
         method: [solve("manufactured", method, solver, n) for n in (4, 8)]
         for method, solver in (
@@ -57,7 +58,7 @@ def test_rates_of_the_manufactured_field():
     for method in (plan.WEIGHTS, plan.MATCHING):
         assert rate(method, "l2") >= 1.9 and rate(method, "h1") >= 0.95
     assert rate(plan.WEIGHTS, "pressure") >= 1.0
-    for method in (plan.UNDESIGNED, *(f"{plan.NODE_TO_SEGMENT}, slave {k}" for k in (0, 1))):
+    for method in (f"{plan.NODE_TO_SEGMENT}, slave {k}" for k in (0, 1)):
         assert rate(method, "pressure") <= 0.7
     # The predicted frame is side 0's own surface: undesigned, it ties side 1 to that, no more.
     tied = rows[f"{plan.NODE_TO_SEGMENT}, slave 1"]
@@ -85,7 +86,8 @@ def test_hertz(solver):
     """A designed frame's pressure converges, an undesigned one's does not."""
     coarse, fine = (solve("Hertz", plan.POSITIONS, solver, n) for n in (8, 16))
     assert fine["pressure"] <= 0.5 * coarse["pressure"] and fine["peak"] <= 0.003
-    assert solve("Hertz", plan.UNDESIGNED, plan.SADDLE, 16)["pressure"] >= 0.03
+    coarse, fine = (solve("Hertz", plan.UNDESIGNED, plan.SADDLE, n) for n in (8, 16))
+    assert fine["pressure"] >= 0.9 * coarse["pressure"]
 
 
 @pytest.mark.parametrize(
