@@ -110,7 +110,9 @@ class ContactIteration:
     def accept(self, found: StepResult, g: Array) -> None:
         """End a load step: what has slipped is the reference of the next."""
         fitted = self.equations.middle(found.y + g, found.w)
-        self.w = told(self.operators.floating.comm, of_the_bodies(self.states, found.w, fitted))
+        ended = found.multiplier, found.w
+        w = of_the_bodies(self.states, *ended, fitted, self.scale)
+        self.w = told(self.operators.floating.comm, w)
         for s in self.states:
             s.accept(found.multiplier, self.w, fitted, self.scale, self.rounding)
 
