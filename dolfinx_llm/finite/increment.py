@@ -121,9 +121,6 @@ class Increment:
         self.unbalanced = (1.0 - end) * step.unbalanced
         self.poses = [a + end * (b - a) for a, b in zip(start.poses, step.poses, strict=True)]
         self.lagged, self.trusted = True, TRUSTED
-        steps.measure(self.u)
-        if not np.isfinite(steps.scale):
-            raise StepFailed("the derivative of F has entries that are NaN or infinite")
         with failing():
             self.held, self.faces = chosen_at(steps, good, self.poses)
         self.status: list[Any] = list(good.status)
@@ -215,11 +212,16 @@ class Increment:
         with collective(comm):
             self.terms = [placed.what.terms(*of, placed.free) for placed, *of in every]
 
-    def iterate(self) -> None:
-        """Solve for changes, and apply them as far as elements do not turn inside out."""
+    def iterate(self, K: PETSc.Mat | None) -> None:
+        """Solve for changes, and apply them as far as elements do not turn inside out.
+
+        Args:
+            K: the bodies' tangent where it is known, destroyed here.
+        """
         steps, comm = self.steps, self.dofs.comm
-        with steps.times.timed("assembly of J"):
-            K = steps.bodies.tangent(self.u)
+        if K is None:
+            with steps.times.timed("assembly of J"):
+                K = steps.bodies.tangent(self.u)
         try:
             du, changes = self._solve(K)
             exchanges = Exchanges()

@@ -11,6 +11,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import chosen, told
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.system import NewtonSystem, mean_diagonal
@@ -96,9 +97,9 @@ class Equations:
     times: StageTimes  # to which seconds are added
     scale: float = 0.0  # stiffness of the bodies [force / length], see ``measure``
 
-    def measure(self, u: Array) -> None:
+    def measure(self, u: Array) -> PETSc.Mat:
         """Find the bodies' stiffness at this rank's u: moduli may have changed, or a step in time
-        is part of it; collective.
+        is part of it; their tangent there, which the first iteration takes. Collective.
 
         Raises:
             ContactInputError: F gives some displacements none.
@@ -107,9 +108,11 @@ class Equations:
             K, dofs = self.bodies.tangent(u), self.bodies.dofs
         try:
             check_stiffness(K, dofs, "F")
-            self.scale = told(dofs.comm, mean_diagonal(K, dofs.first + dofs.of_nodes))
-        finally:
+        except ContactInputError:
             K.destroy()
+            raise
+        self.scale = told(dofs.comm, mean_diagonal(K, dofs.first + dofs.of_nodes))
+        return K
 
 
 def chosen_at(

@@ -15,7 +15,7 @@ from dolfinx_llm.base.log import progress, tell_iteration
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.finite.increment import Increment, StepFailed, failing
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
-from dolfinx_llm.finite.obstacle_contact import ObstacleFriction
+from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstacleFriction
 from dolfinx_llm.finite.passage import check_obstacle, check_passage, left_over_edge, say_left
 from dolfinx_llm.finite.terms import ContactTerms, Place
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
@@ -98,28 +98,44 @@ class NewtonSteps:
     def _increment(self, step: LoadStep, end: float, bar: Any) -> NewtonState:
         """Newton's iteration from the last state to the part ``end`` of a load step."""
         start = self._reached
-        unknown = any(status is None for status in start.status)
-        run = Increment(self.equations, start, step, end, draws=not unknown)
-        rests = unknown and run.converged()  # bodies apart, of which nothing is asked
-        if unknown and not rests:
-            run = Increment(self.equations, start, step, end)
-        self._check_turns(run, start)
-        before = [t.place for t in run.terms]
-        for iteration in range(1, NEWTON_ITERATIONS + 1):
-            if not rests:
-                run.iterate()
-            entry = _entry(run, iteration)
-            self.history.append(entry)
-            tell_iteration(entry, bar)
-            if run.converged():
-                self._check(run, before, start)
-                self._measure(run, step, start)
-                self.terms = run.terms
-                self.slips = [self._slip(i, run, start.status[i]) for i in range(len(run.terms))]
-                return replace(_state(run), status=start.status) if rests else _state(run)
+        K = self.equations.measure(start.u)
+        try:
+            if not np.isfinite(self.equations.scale):
+                raise StepFailed("the derivative of F has entries that are NaN or infinite")
+            run, rests = self._begun(step, end)
+            if run.turned:
+                K.destroy()
+            before = [t.place for t in run.terms]
+            for iteration in range(1, NEWTON_ITERATIONS + 1):
+                if not rests:
+                    run.iterate(None if run.turned or iteration > 1 else K)
+                entry = _entry(run, iteration)
+                self.history.append(entry)
+                tell_iteration(entry, bar)
+                if run.converged():
+                    self._check(run, before, start)
+                    self._measure(run, step, start)
+                    self.terms = run.terms
+                    slips = [self._slip(i, run, start.status[i]) for i in range(len(run.terms))]
+                    self.slips = slips
+                    return replace(_state(run), status=start.status) if rests else _state(run)
+        finally:
+            K.destroy()  # where no iteration has
         raise StepFailed(
             f"no convergence in {NEWTON_ITERATIONS} iterations, residual {run.error:.1e}"
         )
+
+    def _begun(self, step: LoadStep, end: float) -> tuple[Increment, bool]:
+        """An increment before its first iteration, and whether it needs none: bodies are apart, and
+        nothing is asked of them."""
+        start = self._reached
+        unknown = any(status is None for status in start.status)
+        run = Increment(self.equations, start, step, end, draws=not unknown)
+        rests = unknown and run.converged()
+        if unknown and not rests:
+            run = Increment(self.equations, start, step, end)
+        self._check_turns(run, start)
+        return run, rests
 
     def _check_turns(self, run: Increment, start: NewtonState) -> None:
         """Require that obstacles with friction turn against bodies by little: slip is a chord."""
@@ -146,10 +162,12 @@ class NewtonSteps:
         interfaces = self.equations.interfaces
         of = zip(interfaces, before, start.own, start.poses, run.own, run.poses, run.terms)
         for i, (placed, place, q, pose, own, posed, t) in enumerate(of):
-            began, reached = (placed.at(run.dofs, start.u), q, pose), (t.place.z, own, posed)
+            z = placed.at(run.dofs, start.u) if isinstance(placed.what, ObstacleContact) else None
             with failing(), collective(run.dofs.comm):
-                check_passage(placed.what, place, t.place)
-                check_obstacle(placed.what, (began, reached), t.place)
+                if z is None:
+                    check_passage(placed.what, place, t.place)
+                else:
+                    check_obstacle(placed.what, ((z, q, pose), (t.place.z, own, posed)), t.place)
             self._left[i] = self._left[i] | left_over_edge(place, q, t.place)
 
     def _slip(self, i: int, run: Increment, before: Array | None) -> Array:

@@ -16,7 +16,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.location import INSIDE
 from dolfinx_llm.finite.normal_contact import OVER, NormalPlace
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
+from dolfinx_llm.finite.obstacle_contact import ObstacleContact
 from dolfinx_llm.finite.self_sides import CROSSED, SelfSides
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.finite.terms import MovingContact, Place
@@ -159,7 +159,7 @@ def _ahead(sides: Sides, place: NormalPlace) -> Array:
     return there & (at.gap > -AHEAD * _sizes(sides, place))
 
 
-def check_obstacle(contact: MovingContact, ends: tuple[Reached, Reached], after: Place) -> None:
+def check_obstacle(contact: ObstacleContact, ends: tuple[Reached, Reached], after: Place) -> None:
     """Require that what has turned its back on an obstacle, or lies beyond it, has not gone through
     it, on straight ways as the obstacle sees them.
 
@@ -172,8 +172,6 @@ def check_obstacle(contact: MovingContact, ends: tuple[Reached, Reached], after:
     Raises:
         ContactError: nodes have gone through it; the same on every rank.
     """
-    if not isinstance(contact, ObstacleContact) or not isinstance(after, ObstaclePlace):
-        return
     surface = contact.sides.surfaces[0]
     start, end = (
         contact.posed(contact.placing(pose, q)).back(contact.sides.split(z)[0])

@@ -24,7 +24,7 @@ from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.form_arguments import listed
 from dolfinx_llm.problem.saving import Saving
 from dolfinx_llm.problem.state_file import Arrays
-from dolfinx_llm.time.drawn import as_drawn
+from dolfinx_llm.time.unmoved import unmoved
 
 NO_PULL = 1e-9  # of the force that stops a node in a step: pulls by less are rounding
 LATEST_PART = 0.95  # of a step: what comes after it is not worth a step of its own
@@ -166,7 +166,7 @@ class Steps(Saving):
         at_rest = not self.comm.allreduce(bool(u.any()))
         bulk.held = u
         try:
-            with as_drawn([i.obstacle for i in led if i.obstacle is not None and at_rest]):
+            with unmoved([i.obstacle for i in led if i.obstacle is not None and at_rest]):
                 self.problem.solve()
         finally:
             bulk.held = None

@@ -12,7 +12,7 @@ LED_BY = ("displacement", "rotation", "mean")  # of obstacles
 
 
 @contextmanager
-def as_drawn(obstacles: Sequence[Any]) -> Iterator[None]:
+def unmoved(obstacles: Sequence[Any]) -> Iterator[None]:
     """For a while, of obstacles: what is prescribed of their motion is none."""
     kept = [{k: v for k, v in vars(o).items() if k in LED_BY} for o in obstacles]
     try:
