@@ -50,6 +50,10 @@ class Placed:
     free: Array  # (width,) not prescribed
     reads: Callable[[], dict[str, Array]] | None = None  # ``Law.begin_step``; None: nothing
 
+    def under(self, dofs: BodyDofs) -> Placed:
+        """The same where other dofs are prescribed; collective."""
+        return replace(self, free=dofs.values(self.numbers, dofs.fixed.astype(float)) == 0.0)
+
     def begun(self) -> Placed:
         """The same at the start of a load step, with what its law reads then; collective."""
         if self.reads is None:

@@ -74,7 +74,7 @@ class LinearBulk:
         self._given, self._loads = given.bcs, given.nodal_loads
         self._K: Any = None  # see K
         self.forms, self.entity_maps = given.a, given.entity_maps
-        self._look()
+        self.look()
         self._fingerprint = Fingerprint(given.a, self.spaces)
         self._fingerprint.changes(self.fixed)
         self._pending: set[str] = set()
@@ -82,8 +82,9 @@ class LinearBulk:
         self.control: Control | None = None  # of second-order surfaces that may part
         self.held: Array | None = None  # u (n_local,), where prescribed dofs stay for now
 
-    def _look(self) -> None:
-        """Nodal loads and conditions by mesh, and which dofs these prescribe."""
+    def look(self) -> None:
+        """Nodal loads and conditions by mesh, and which dofs these prescribe, as they are now;
+        collective."""
         self._nodal = nodal_by_mesh(self.comm, self._loads, self.blocks)
         self._bcs = by_mesh(self.comm, self._given, self._W)
         self._prescribed = [compat.prescribed(W, bcs) for W, bcs in zip(self._W, self._bcs)]
@@ -98,7 +99,7 @@ class LinearBulk:
         Functions in the forms a, which dofs the conditions prescribe, and positions of the meshes
         are looked at; K is then assembled anew. Loads and prescribed values are assembled for every
         solve."""
-        self._look()
+        self.look()
         found = self._fingerprint.changes(self.fixed)
         if "positions" in found:
             with collective(self.comm):

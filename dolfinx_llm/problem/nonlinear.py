@@ -14,7 +14,6 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.disposable import free_garbage
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import agree, check, collective, told
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.load_step import LoadStep, NewtonState
@@ -27,7 +26,7 @@ from dolfinx_llm.problem.bulk import Fingerprint
 from dolfinx_llm.problem.memory import INSTANT, Memory, Remembering
 from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_arguments
 from dolfinx_llm.problem.nonlinear_parts import anatomy, pose_of
-from dolfinx_llm.problem.nonlinear_system import posed
+from dolfinx_llm.problem.nonlinear_system import hold, posed
 from dolfinx_llm.problem.saving import SavedNonlinear
 
 
@@ -45,7 +44,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
             space of which it is a block, or a sequence, in the order of F. It is updated in place;
             what it holds at first is where the first step starts.
         J: derivative of F, or a sequence; None: ``ufl.derivative(F, u)``.
-        bcs: Dirichlet conditions on the displacement; values may change between steps.
+        bcs: Dirichlet conditions on the displacement; a list and values may change between steps.
         interfaces: ``Interface`` objects, or none, with the law ``Tied()``, ``Frictionless()``,
             ``Coulomb(...)`` or one of your own, which hold at the nodes of the finer side; an array
             of mu has a value for each of these, areas are those covered now. Rigid obstacles, which
@@ -118,18 +117,21 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         self.reset()
 
     def update(self) -> None:
-        """Notice that a mesh was moved; ``solve`` does so by itself. The state is forgotten then:
-        contact is that of a problem made now, from the displacement as it stands in u. Collective.
+        """Notice what has changed in conditions and meshes, as ``solve`` does; collective. Where a
+        mesh was moved the state is forgotten: contact is that of a problem made now, from u as it
+        stands. Where other dofs are prescribed it stays; what supports bore goes in the next step.
 
         Raises:
             ContactError, ContactInputError: as when the problem was made.
         """
+        self.bulk.look()
         self._moved = bool(self._drawn.changes(())) or self._moved
         if self._moved:
-            log.info("a mesh was moved since the last solve")
             self.destroy()
             self.bulk.measure()
             self._build()
+        elif self._newton.equations.system.dofs is not self.bulk.dofs:
+            hold(self._newton.equations, self._solver, self._petsc)
 
     @property
     def u(self) -> fem.Function | list[fem.Function]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -212,6 +212,19 @@ class NonlinearBulk:
         mine = max(float(np.ptp(x, axis=1).max(initial=0.0)) for x in places)
         self.size = self.comm.allreduce(mine, op=MPI.MAX)
 
+    def look(self) -> None:
+        """Look at nodal loads and conditions anew; ``dofs`` is another object where these prescribe
+        other dofs; collective.
+
+        Raises:
+            ContactInputError: other conditions or loads than these.
+        """
+        self._nodal = nodal_by_mesh(self.comm, self._loads, self.blocks)
+        self._bcs = by_mesh(self.comm, self._given, self._W)
+        fixed = self._prescribed()
+        if self.comm.allreduce(int((fixed != self.dofs.fixed).sum())):
+            self.dofs = replace(self.dofs, fixed=fixed)
+
     def _prescribed(self) -> Array:
         """(n_local,) which dofs the conditions prescribe."""
         found = zip(self.blocks, self._W, self._bcs, strict=True)
@@ -219,30 +232,19 @@ class NonlinearBulk:
         return np.concatenate(fixed)
 
     def values(self) -> Array:
-        """(n_local,) prescribed displacements, 0 where a dof is free; nodal loads are looked at
-        anew, too.
+        """(n_local,) prescribed displacements, as ``look`` last found them; 0 where a dof is free.
 
         Raises:
-            ContactInputError: other dofs are prescribed than when the problem was made, or values
-                are not finite, or a nodal load is none.
+            ContactInputError: values that are not finite.
         """
-        self._nodal = nodal_by_mesh(self.comm, self._loads, self.blocks)
-        self._bcs = by_mesh(self.comm, self._given, self._W)
         parts = [
             b.ours(compat.prescribed_values(b.W, bcs)[:n]) / b.scale
             for b, bcs, n in zip(self.blocks, self._bcs, self.dofs.counts)
         ]
         values = np.concatenate(parts)
-        wrong = ~np.isfinite(values) & self._prescribed()
-        count = self.comm.allreduce(int(wrong.sum()))
-        if count:
+        if count := self.comm.allreduce(int((~np.isfinite(values) & self.dofs.fixed).sum())):
             raise ContactInputError(
                 f"{count} values that the Dirichlet conditions prescribe are NaN or infinite"
-            )
-        if self.comm.allreduce(int((np.isfinite(values) != self.dofs.fixed).sum())):
-            raise ContactInputError(
-                "the Dirichlet conditions prescribe other dofs than when the problem was made: "
-                "make the problem anew"
             )
         return np.where(self.dofs.fixed, values if self.held is None else self.held, 0.0)
 

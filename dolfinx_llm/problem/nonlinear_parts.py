@@ -250,5 +250,4 @@ def _placed(
     numbers = [dofs.of(i, s).ravel() for i, s in zip(spaces, surfaces, strict=True)]
     at = np.concatenate(numbers)
     drawn = np.concatenate([s.x.ravel() for s in surfaces])
-    free = dofs.values(at, dofs.fixed.astype(float)) == 0.0
-    return Placed(what, at, drawn, free, reads)
+    return Placed(what, at, drawn, np.ones(len(at), dtype=bool), reads).under(dofs)

@@ -9,6 +9,7 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.log import log
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.load_step import Bodies, Equations, Placed
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
@@ -53,6 +54,16 @@ def posed(
     surfaces = [s for c in contacts for s in c.what.sides.surfaces]
     size = max([s.facet_size for s in surfaces] or [1.0])
     return Equations(bodies, contacts, followers, system, size, times), method, why
+
+
+def hold(equations: Equations, solver: str, options: Options) -> None:
+    """Solve for what conditions leave free now; arguments as of ``posed``; collective."""
+    log.info("other dofs are prescribed than at the last solve")
+    equations.system.destroy()
+    dofs, contacts = equations.bodies.dofs, equations.interfaces
+    equations.interfaces = contacts = [placed.under(dofs) for placed in contacts]
+    equations.followers = [placed.under(dofs) for placed in equations.followers]
+    equations.system, *_ = _numbered(contacts, dofs, solver, options)
 
 
 def _numbered(

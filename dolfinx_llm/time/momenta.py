@@ -39,13 +39,10 @@ class Momenta:
     Args:
         spaces: of the displacements.
         interfaces: between the bodies, or with obstacles.
-        fixed: (n_local,) prescribed dofs.
         M: mass.
     """
 
-    def __init__(
-        self, spaces: Sequence[Any], interfaces: Sequence[Any], fixed: Array, M: Any
-    ) -> None:
+    def __init__(self, spaces: Sequence[Any], interfaces: Sequence[Any], M: Any) -> None:
         self._comm, self._M, self._gdim = spaces[0].mesh.comm, M, spaces[0].mesh.geometry.dim
         found = [body_labels(V) for V in spaces]
         first = np.cumsum([0, *(count for _, count in found)])
@@ -56,21 +53,21 @@ class Momenta:
         self._x = np.concatenate([x[:, : self._gdim] for x, _ in parts])
         self._body = np.repeat(np.concatenate([label for _, label in parts]), self._gdim)
         self._count = int(first[-1])
-        self._held = self._any(self._body[fixed])
         self._sides = [
             (self._any(_bodies(i, spaces, labels)), i.obstacle is not None, i.law.gives)
             for i in interfaces
         ]
 
-    def projected(self, start: End, end: End, mean: Array, impulse: Any) -> Array:
+    def projected(self, start: End, end: End, mean: Array, impulse: Any, fixed: Array) -> Array:
         """(n_local,) velocities at the end of a step; collective.
 
         Args:
             start, end: as they were found.
             mean: (n_local,) forces F on the way.
             impulse: of the forces at the start and at the end, over these: parts of the step.
+            fixed: (n_local,) prescribed dofs.
         """
-        group, free, limited = self._groups((start.pushed != 0.0) | (end.pushed != 0.0))
+        group, free, limited = self._groups((start.pushed != 0.0) | (end.pushed != 0.0), fixed)
         if not free.any():
             return end.v
         of, B, turns = group[self._body], self._motions(end.u), slice(self._gdim, None)
@@ -97,15 +94,15 @@ class Momenta:
             change[g] = new - shrunk[g] * old
         return shrunk[of] * end.v + np.einsum("nr,nr->n", B, change[of])
 
-    def _groups(self, pushed: Array) -> tuple[Array, Array, Array]:
+    def _groups(self, pushed: Array, fixed: Array) -> tuple[Array, Array, Array]:
         """(bodies,) number of the group that each belongs to; (groups,) whether supports and
         obstacles leave it alone, and whether its contact cannot store energy.
 
         Args:
-            pushed: (n_local,) where contact acts.
+            pushed, fixed: (n_local,) where contact acts, and which dofs are prescribed.
         """
         touched = self._any(self._body[pushed])
-        joined, held = np.eye(self._count, dtype=bool), self._held.copy()
+        joined, held = np.eye(self._count, dtype=bool), self._any(self._body[fixed])
         stores = np.zeros(self._count, dtype=bool)
         for bodies, rigid, gives in self._sides:
             both = bodies & touched

@@ -148,9 +148,8 @@ class TimeStepper(Steps):
         self._started = False
         (self.problem.bulk if nonlinear else self.problem.method).in_time = True
         self._bare = diagonal_of(self._M) == 0.0
-        fixed = self.problem.bulk.dofs.fixed
         alone = nonlinear and not options.get("loads")  # follower loads count as contact
-        self._momenta = Momenta(spaces, chosen, fixed, self._M) if alone else None
+        self._momenta = Momenta(spaces, chosen, self._M) if alone else None
         self._adaptive, self._touch = adaptive, Touch(*(np.zeros(0),) * 3, 0.0, 0.0)
 
     @property
@@ -200,14 +199,15 @@ class TimeStepper(Steps):
         rate = (now - u) / dt
         found = np.where(self._bare, rate, rate / self._end - before * v)
         if self._mean:
-            beyond = np.where(self.problem.bulk.dofs.fixed, 0.0, self._mean.values())
+            fixed = self.problem.bulk.dofs.fixed
+            beyond = np.where(fixed, 0.0, self._mean.values())
             self._left -= beyond
             pushed = self.problem.pushed
             end = End(now, found, self._left + pushed, pushed)
             if self._momenta:
                 mean = 0.5 * (start.F + end.F) + self._end * beyond
                 parts = (1.0 - self._end) * dt, self._end * dt
-                found = self._momenta.projected(start, end, mean, parts)
+                found = self._momenta.projected(start, end, mean, parts, fixed)
         fill(self._u, now, counts)
         fill(self._v, found, counts)
 

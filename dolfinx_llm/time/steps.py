@@ -1,5 +1,5 @@
-"""What a stepper does beside its steps: their start, their division where bodies meet or part in
-them, and files of where it stands.
+"""What a stepper does beside its steps: their division where bodies meet or part in them, and files
+of where it stands.
 
 Over a step energy changes by the mean force of a pair times the change of its gap. Where it closes
 that takes λ₁ gap₀ / 2; where it parts it has been held for a moment, and what it pulled with at the
@@ -13,23 +13,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from dolfinx import fem
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import collective, told
-from dolfinx_llm.operators.petsc import diagonal_of, times
+from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.problem.bulk import fill
-from dolfinx_llm.problem.form_arguments import listed
-from dolfinx_llm.problem.saving import Saving
 from dolfinx_llm.problem.state_file import Arrays
-from dolfinx_llm.time.unmoved import unmoved
+from dolfinx_llm.time.starting import Starting
 
 NO_PULL = 1e-9  # of the force that stops a node in a step: pulls by less are rounding
 LATEST_PART = 0.95  # of a step: what comes after it is not worth a step of its own
-INERT = 1e7, 1e5  # inertia over stiffness and that of a step, by which bodies stay where they are
-# at first: linear ones, and others, whose forces are known to rounding of theirs
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,99 +77,13 @@ class Touch:
         return at if at < LATEST_PART else 0.0
 
 
-class Steps(Saving):
-    """The start, the division and the saving of the steps of ``TimeStepper``."""
+class Steps(Starting):
+    """The division and the saving of the steps of ``TimeStepper``."""
 
-    problem: Any
     t: float
-    dt: float
-    _u: list[fem.Function]
-    _v: list[fem.Function]
-    _M: Any
-    _mean: Any
-    _bare: Array
-    _pushes: list[Any]
-    _nodal: list[Any]  # the user's own
-    _loads: list[Any]  # both, the problem's
-    _left: Array
-    _started: bool  # whether it is known
     _touch: Touch
     _adaptive: float | None
     _accepted: Callable[[Any], None] | None
-
-    def start(self) -> None:
-        """Find the forces at the start, from u, v and the loads as they are; the first ``step``
-        does so unless you have done it before. Surfaces without mass come to rest with what lies
-        behind them; ties have the forces that hold them as bodies accelerate. Where bodies slide
-        with v on others, or on obstacles at rest, friction acts already. Prescribed dofs are where
-        u has them, as are rigid ends where u is 0; where it is not call this yourself before they
-        move on, or they pull at what inertia holds. Collective.
-
-        Raises:
-            ContactError: contact does not balance what presses it.
-        """
-        u, c = self._values(self._u), self._rate(self.dt)
-        fixed, counts = self.problem.bulk.dofs.fixed, self.problem.bulk.dofs.counts
-        came = u - self.dt * self._values(self._v) if self._slides() else u
-        self._use(c)
-        if self._mean:
-            self._mean.begin(u, counts, 0.0)
-        held = INERT[bool(self._mean)] * self._stiffness(u)
-        self._use(held, starts=True)
-        try:
-            if self._mean:
-                self.problem.bulk.put(came)
-                self.problem.reset(moved=True)
-            elif came is not u:
-                self._hold(held, came)
-            self._hold(held, u)
-            rests = self._values(listed(self.problem.u))
-        finally:
-            fill(self._u, u, counts)
-        u = np.where(self._bare & ~fixed, rests, u)
-        self._use(c)
-        self._push(np.zeros(len(u)))
-        left = self.problem.bulk.residual(u) if self._mean else -self.problem.bulk.force(u)
-        left -= self.problem.pushed + c * times(self._M, u)
-        self._left = np.where(self._bare | fixed, 0.0, left)
-        fill(self._u, u, counts)
-        self._touch, _ = self._met()
-        self._started = True
-
-    def _slides(self) -> bool:
-        """Whether bodies move, and slip on what they touch."""
-        moves = self.comm.allreduce(bool(self._values(self._v).any()))
-        return bool(moves) and any(i.law.slips for i in self.problem.interfaces)
-
-    def _stiffness(self, u: Array) -> float:
-        """Of the bodies at u (n_local,) with the inertia of a step, over their mass [1 / time²]."""
-        if not self._mean:
-            self.problem.update()
-        K = self.problem.bulk.tangent(u) if self._mean else self.problem.K
-        free = ~self.problem.bulk.dofs.fixed  # K has ones elsewhere
-        sums = np.array([np.abs(diagonal_of(A)[free]).sum() for A in (K, self._M)])
-        if self._mean:
-            K.destroy()
-        stiffness, mass = self.comm.allreduce(sums)
-        return float(stiffness / mass) if mass > 0.0 else 1.0
-
-    def _hold(self, c: float, u: Array) -> None:
-        """Find contact of bodies that inertia of a rate c holds at u (n_local,), and what leads
-        them: it may have moved on already, and ties would pull at what does not follow."""
-        self._push(c * times(self._M, u))
-        bulk, led = self.problem.bulk, [i for i in self.problem.interfaces if not i.law.opens]
-        at_rest = not self.comm.allreduce(bool(u.any()))
-        bulk.held = u
-        try:
-            with unmoved([i.obstacle for i in led if i.obstacle is not None and at_rest]):
-                self.problem.solve()
-        finally:
-            bulk.held = None
-
-    def _push(self, force: Array) -> None:
-        """Take this rank's nodal forces (n_local,) of inertia, beside the nodal loads of now."""
-        self._loads[:] = [*self._nodal, *self._pushes]
-        fill(self._pushes, force, self.problem.bulk.dofs.counts)
 
     def _once(self, dt: float) -> None:
         """One step of dt."""
@@ -182,6 +91,7 @@ class Steps(Saving):
 
     def _advance(self, dt: float, divisions: int) -> None:
         """Go on by dt, in parts where that fails, or where bodies meet or part in it."""
+        self._let_go(self._rate(dt))
         kept = self.state_arrays() if self._adaptive and divisions else None
         try:
             self._once(dt)
@@ -265,16 +175,3 @@ class Steps(Saving):
         fill(self._u, local["displacement"], counts)
         fill(self._v, local["velocity"], counts)
         self._left, self._started = local["inertia"], True
-
-    def _values(self, functions: Sequence[fem.Function]) -> Array:
-        """(n_local,) of this rank."""
-        counts = self.problem.bulk.dofs.counts
-        return np.concatenate([w.x.array[:n] for w, n in zip(functions, counts, strict=True)])
-
-    def _rate(self, dt: float) -> float:
-        """Of inertia in steps of dt [1 / time²]."""
-        raise NotImplementedError
-
-    def _use(self, c: float, starts: bool = False) -> None:
-        """Take another rate of inertia [1 / time²]; ``starts``: for the forces at the start."""
-        raise NotImplementedError

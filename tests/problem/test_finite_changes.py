@@ -3,6 +3,7 @@
 import finite_patch
 import numpy as np
 import pytest
+from conftest import run_mpi_json
 from pressed_scenes import Punch
 from sampling import longer
 
@@ -50,3 +51,17 @@ def test_a_mesh_that_was_moved():
     for _ in range(2):
         with pytest.raises(llm.ContactInputError, match="positions of 1 node"):
             drawn.problem.solve()
+
+
+@pytest.mark.parametrize(
+    ("law", "solver", "ranks"),
+    [("tied", "saddle", 1), ("friction", "saddle", 1), ("friction", "condensed", 2),
+     longer("tied", "condensed", 2)],
+)  # fmt: skip
+def test_supports_that_go(law, solver, ranks):
+    """A punch is pressed and dragged, let go along the surface, and taken back: supports that have
+    gone bear nothing, and what does not slip knows no way. It was refused."""
+    found = run_mpi_json("held_anew.py", ranks, law, solver)
+    assert found["dragged"] > 0.05 and found["place"] < 0.01
+    assert max(found["free"], found["again"]) <= 1e-12, found
+    assert max(found["known"], found["back"]) <= (1e-12 if law == "tied" else 1e-6), found

@@ -21,6 +21,10 @@ class Punch:
         energy: of a displacement and the Lamé constants mu and lambda.
         closed: whether the bodies' whole outlines can touch.
         degree: of the elements.
+        solver: of Newton's systems.
+
+    Attributes:
+        bcs: the problem's own list, of the foundation and the punch.
     """
 
     def __init__(
@@ -32,13 +36,14 @@ class Punch:
         comm=MPI.COMM_SELF,
         closed=False,
         degree=1,
+        solver="auto",
     ):
         self.dim = dim = 2 if kind in ("quad", "tri") else 3
         low = (0.0,) * dim, (1.6, *(1.0,) * (dim - 1)), (6, 3) if dim == 2 else (4, 3, 2)
         corner, size = (0.4, 0.2)[: dim - 1], (0.8, 0.6)[: dim - 1]
         high = (*corner, 1.0), (*size, 0.5), (4, 2) if dim == 2 else (3, 3, 1)
         scene = patch2d.bodies(comm, kind, separate=True, boxes=(low, high), rough=0.2)
-        self.u, forms, bcs, self.ends = [], [], [], []
+        self.u, forms, self.bcs, self.ends = [], [], [], []
         for k, (domain, _) in enumerate(scene):
             V = compat.function_space(domain, degree=degree, shape=(dim,))
             u = fem.Function(V)
@@ -47,14 +52,16 @@ class Punch:
             forms.append(ufl.derivative(energy(u, *lame) * dx, u, ufl.TestFunction(V)))
             held = fem.locate_dofs_geometrical(V, lambda p, z=1.5 * k: np.isclose(p[dim - 1], z))
             self.ends.append(fem.Constant(domain, np.zeros(dim)))
-            bcs.append(fem.dirichletbc(self.ends[-1], held, V))
+            self.bcs.append(fem.dirichletbc(self.ends[-1], held, V))
             self.u.append(u)
         self.u[1].x.array[dim - 1 :: dim] = lift
         sides = (scene[0][1], patch2d.FOUNDATION_TOP), (scene[1][1], patch2d.PUNCH_BOTTOM)
         if closed:
             sides = tuple((outline(domain), 1) for domain, _ in scene)
         interface = llm.Interface(None, sides, law=law or llm.Frictionless())
-        self.problem = llm.NonlinearContactProblem(forms, self.u, bcs=bcs, interfaces=[interface])
+        self.problem = llm.NonlinearContactProblem(
+            forms, self.u, bcs=self.bcs, interfaces=[interface], solver=solver
+        )
 
     def to(self, down, along=0.0, increments=1):
         """Move the punch's top; the result."""

@@ -1,0 +1,145 @@
+"""The start of steps in time, and dofs that supports let go: forces without inertia."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.operators.petsc import diagonal_of, times
+from dolfinx_llm.problem.bulk import fill
+from dolfinx_llm.problem.form_arguments import listed
+from dolfinx_llm.problem.saving import Saving
+from dolfinx_llm.time.unmoved import unmoved
+
+INERT = 1e7, 1e5  # inertia over stiffness and that of a step, by which bodies stay where they are
+# at first: linear ones, and others, whose forces are known to rounding of theirs
+
+
+class Starting(Saving):
+    """What steps of ``TimeStepper`` start from."""
+
+    problem: Any
+    dt: float
+    _u: list[fem.Function]
+    _v: list[fem.Function]
+    _M: Any
+    _mean: Any
+    _bare: Array
+    _pushes: list[Any]
+    _nodal: list[Any]  # the user's own
+    _loads: list[Any]  # both, the problem's
+    _left: Array
+    _started: bool  # whether it is known
+    _touch: Any  # what bodies meet with now
+
+    def start(self) -> None:
+        """Find the forces at the start, from u, v and the loads as they are; the first ``step``
+        does so unless you have done it before. Surfaces without mass come to rest with what lies
+        behind them; ties have the forces that hold them as bodies accelerate. Where bodies slide
+        with v on others, or on obstacles at rest, friction acts already. Prescribed dofs are where
+        u has them, as are rigid ends where u is 0; where it is not call this yourself before they
+        move on, or they pull at what inertia holds. Collective.
+
+        Raises:
+            ContactError: contact does not balance what presses it.
+        """
+        u, c, counts = self._values(self._u), self._rate(self.dt), self.problem.bulk.dofs.counts
+        came = u - self.dt * self._values(self._v) if self._slides() else u
+        self._use(c)
+        if self._mean:
+            self._mean.begin(u, counts, 0.0)
+        held = INERT[bool(self._mean)] * self._stiffness(u)
+        self._use(held, starts=True)
+        try:
+            if self._mean:
+                self.problem.bulk.put(came)
+                self.problem.reset(moved=True)
+            elif came is not u:
+                self._hold(held, came)
+            self._hold(held, u)
+            rests = self._values(listed(self.problem.u))
+        finally:
+            fill(self._u, u, counts)
+        fixed = self.problem.bulk.dofs.fixed
+        u = np.where(self._bare & ~fixed, rests, u)
+        self._use(c)
+        self._left = np.where(self._bare | fixed, 0.0, self._unmoving(u, c))
+        fill(self._u, u, counts)
+        self._touch, _ = self._met()
+        self._started = True
+
+    def _unmoving(self, u: Array, c: float) -> Array:
+        """(n_local,) forces of the bodies less loads and contact, as these were last found at u
+        (n_local,), without inertia of the rate c; collective."""
+        self._push(np.zeros(len(u)))
+        own = self.problem.bulk.residual(u) if self._mean else -self.problem.bulk.force(u)
+        return np.asarray(own - self.problem.pushed - c * times(self._M, u))
+
+    def _let_go(self, c: float) -> None:
+        """Where supports have gone since the last step nothing holds dofs at the start of this one,
+        of a rate c; collective."""
+        before, bulk, u = self.problem.bulk.dofs.fixed, self.problem.bulk, self._values(self._u)
+        bulk.look()
+        freed = before & ~bulk.dofs.fixed & ~self._bare
+        if not self.comm.allreduce(bool(freed.any())):
+            return
+        self._use(c)
+        if self._mean:
+            self._mean.begin(u, bulk.dofs.counts, 0.0)
+        self._left = np.where(freed, self._unmoving(u, c), self._left)
+
+    def _slides(self) -> bool:
+        """Whether bodies move, and slip on what they touch."""
+        moves = self.comm.allreduce(bool(self._values(self._v).any()))
+        return bool(moves) and any(i.law.slips for i in self.problem.interfaces)
+
+    def _stiffness(self, u: Array) -> float:
+        """Of the bodies at u (n_local,) with the inertia of a step, over their mass [1 / time²]."""
+        if not self._mean:
+            self.problem.update()
+        K = self.problem.bulk.tangent(u) if self._mean else self.problem.K
+        free = ~self.problem.bulk.dofs.fixed  # K has ones elsewhere
+        sums = np.array([np.abs(diagonal_of(A)[free]).sum() for A in (K, self._M)])
+        if self._mean:
+            K.destroy()
+        stiffness, mass = self.comm.allreduce(sums)
+        return float(stiffness / mass) if mass > 0.0 else 1.0
+
+    def _hold(self, c: float, u: Array) -> None:
+        """Find contact of bodies that inertia of a rate c holds at u (n_local,), and what leads
+        them: it may have moved on already, and ties would pull at what does not follow."""
+        self._push(c * times(self._M, u))
+        bulk, led = self.problem.bulk, [i for i in self.problem.interfaces if not i.law.opens]
+        at_rest = not self.comm.allreduce(bool(u.any()))
+        bulk.held = u
+        try:
+            with unmoved([i.obstacle for i in led if i.obstacle is not None and at_rest]):
+                self.problem.solve()
+        finally:
+            bulk.held = None
+
+    def _push(self, force: Array) -> None:
+        """Take this rank's nodal forces (n_local,) of inertia, beside the nodal loads of now."""
+        self._loads[:] = [*self._nodal, *self._pushes]
+        fill(self._pushes, force, self.problem.bulk.dofs.counts)
+
+    def _met(self) -> tuple[Any, float]:
+        """See ``Steps``."""
+        raise NotImplementedError
+
+    def _values(self, functions: Sequence[fem.Function]) -> Array:
+        """(n_local,) of this rank."""
+        counts = self.problem.bulk.dofs.counts
+        return np.concatenate([w.x.array[:n] for w, n in zip(functions, counts, strict=True)])
+
+    def _rate(self, dt: float) -> float:
+        """Of inertia in steps of dt [1 / time²]."""
+        raise NotImplementedError
+
+    def _use(self, c: float, starts: bool = False) -> None:
+        """Take another rate of inertia [1 / time²]; ``starts``: for the forces at the start."""
+        raise NotImplementedError
