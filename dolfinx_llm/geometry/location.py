@@ -114,9 +114,14 @@ class ClosestPoints:
         outside[outside < 1e-11] = 0.0  # rounding of the coordinates
         return outside
 
-    def _step(self, x: Array, cell: Array, xi: Array, inside: bool = False) -> tuple[Array, Array]:
-        """Newton step towards the foot of points x, or the closest point inside the quad, and how
-        far it moves in space."""
+    def _step(self, x: Array, cell: Array, xi: Array) -> tuple[Array, Array]:
+        """Newton step towards the foot of points x, and how far it moves in space."""
+        step, t = self._newton(x, cell, xi)
+        return step, np.einsum("na,nai->ni", step, t)
+
+    def _newton(self, x: Array, cell: Array, xi: Array, inside: bool = False) -> tuple[Array, ...]:
+        """Newton step towards the foot of points x, or the closest point inside the quad, and
+        tangents."""
         _, y, t = points_of(self.x, self.cells[cell], xi)
         JJ = np.einsum("nai,nbi->nab", t, t)
         rhs = np.einsum("nai,ni->na", t, x - y)
@@ -130,7 +135,7 @@ class ClosestPoints:
                 [c * rhs[:, 0] - b * rhs[:, 1], a * rhs[:, 1] - b * rhs[:, 0]]
             )
             step = adjugate / np.maximum(a * c - b * b, 1e-300)[:, None]
-        return step, np.einsum("na,nai->ni", step, t)
+        return step, t
 
     @cached_property
     def _balls(self) -> tuple[Array, Array]:
@@ -168,7 +173,7 @@ class ClosestPoints:
         xi = np.full((len(x), 1 if k == 2 else 2), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
         active = np.arange(len(x))
         for _ in range(2 if k < 4 else 20):
-            step, _ = self._step(x[active], cell[active], xi[active], inside=k == 4)
+            step, _ = self._newton(x[active], cell[active], xi[active], inside=k == 4)
             new = xi[active] + step
             if k != 3:
                 new = np.clip(new, -1.0 if k == 4 else 0.0, 1.0)
@@ -193,12 +198,14 @@ class ClosestPoints:
         known, c, z = row[inside], cell[inside], xi[inside]
         N, dN = element.shape(z)
         N += np.einsum("nkd,nd->nk", dN, self._step(at.x[known], c, z)[0])
-        place, columns, values = self._continued(
-            cell[beyond], xi[beyond], at.x[row[beyond]], cells, element
-        )
-        rows = np.append(np.repeat(known, N.shape[1]), row[beyond][place])
-        values = np.append(N.ravel(), values) / np.bincount(row)[rows]  # those as close: the same
-        index = rows, np.append(cells[c].ravel(), columns)
+        rows, columns, values = np.repeat(known, N.shape[1]), cells[c].ravel(), N.ravel()
+        if len(beyond):
+            place, nodes, continued = self._continued(
+                cell[beyond], xi[beyond], at.x[row[beyond]], cells, element
+            )
+            rows = np.append(rows, row[beyond][place])
+            columns, values = np.append(columns, nodes), np.append(values, continued)
+        values, index = values / np.bincount(row)[rows], (rows, columns)  # those as close: the same
         matrix = csr_matrix((values, index), (len(at.x), len(self.x)))
         if element.order > 1:
             matrix.data[np.abs(matrix.data) < UNFELT] = 0.0
