@@ -12,6 +12,7 @@ import dolfinx_llm as llm
 from dolfinx_llm import compat
 from dolfinx_llm.finite import newton
 from dolfinx_llm.forms.condensed import reduced, system
+from dolfinx_llm.geometry.location import ClosestPoints
 
 COMM = MPI.COMM_SELF
 CHOLESKY = {"ksp_type": "preonly", "pc_type": "cholesky"}
@@ -24,16 +25,18 @@ def counted(monkeypatch, owner, name, said):
 
 
 def test_factorised_ties(monkeypatch):
-    """No rigid motions for multigrid, nor as a start; L_b is a PETSc matrix once it is asked for.
-    With multigrid the motions are there."""
+    """Both sides are located on the frame at once. No rigid motions for multigrid, nor as a start;
+    L_b is a PETSc matrix once it is asked for. With multigrid the motions are there."""
     found, said = [], []
     counted(monkeypatch, system, "near_null_space", said)
     counted(monkeypatch, reduced.ReducedMatrix, "take", said)
+    counted(monkeypatch, ClosestPoints, "locate", said)
     for options, expected in ((CHOLESKY, []), (None, ["near_null_space", "take"])):
         options = {"solver": "condensed", "petsc_options": options}
         problem = scenes.block_problem(*scenes.two_blocks(COMM), options=options)
         found.append(problem.solve().x.array.copy())
-        assert said == expected
+        assert said == ["locate", *expected]
+        said.clear()
         assert "L_b" not in vars(problem.operators)
         assert problem.L_b.getSize() == (problem.unknowns["lambda"], problem.unknowns["v"])
         assert problem.L_b is problem.operators.L_b
