@@ -55,10 +55,7 @@ def measure(n):
     stop("patch forces")
     frame, _ = predict_frame(sides, [load.touched for load in loads], plane)
     stop("frame")
-    pairs = [
-        locate_pairs(side, load, frame, sign, 3.0, plane)
-        for side, load, sign in zip(sides, loads, (1.0, -1.0), strict=True)
-    ]
+    pairs = locate_pairs(sides, loads, frame, 3.0, plane)
     stop("location")
     forces = [p.forces for p in pairs]
     N = design_weights(

@@ -242,7 +242,7 @@ def unfelt(equations: Equations, w: Array) -> float:
 
 def seen_by(L: csr_matrix, n_v: int) -> tuple[csr_matrix, csr_matrix]:
     """L (n, m) by which rows see motion, and (n_v, n) what their forces are to the frames."""
-    return L, L[:, :n_v].T.tocsr()
+    return L, (L if n_v == L.shape[1] else L[:, :n_v]).T.tocsr()
 
 
 def below(blocks: list[csr_matrix]) -> csr_matrix:

@@ -107,7 +107,7 @@ class Increment:
         step: the load step.
         end: the part of it, in (0, 1].
         draws: the nearest pairs touch where nothing does, and contact is not known yet: without
-            them bodies that nothing else holds would fall.
+            them bodies that nothing else holds would fall: ``undrawn`` tells of such ones.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class Increment:
         self.stays = stays(steps, start)
         self.doubled = Doubled(self.dofs.comm, steps.interfaces, NO_GAP * steps.size)
         self.changes, self.doubt, self.stuck, self.error = 0, 0.0, False, np.inf
-        self.drawn, self.turned = [False] * len(self.held), False
+        self.drawn, self.turned, self.undrawn = [False] * len(self.held), False, False
         self._body = self._residual(self.u)
         self.evaluate()
         self._turn()
@@ -197,8 +197,9 @@ class Increment:
                 place = contact.place(z, q, held)
                 start = np.full(len(place.gap), OPEN) if before is None else before
                 now, found = contact.touching(place, q, start, held, np.where(start, *reaches))
-                fallen = (before is None and self.draws) or (self.stuck and not start.any())
-                if fallen and not (now.any() or in_time or self.drawn[i]) and place.pairs.any():
+                apart = not (now.any() or in_time or self.drawn[i]) and place.pairs.any()
+                self.undrawn |= apart and before is None and not self.draws
+                if apart and ((before is None and self.draws) or (self.stuck and not start.any())):
                     # The nearest touch; once, as they may pull: what springs hold has not fallen.
                     self.drawn[i] = before is not None
                     reach = np.full(len(start), place.gap.min() + NEARLY * size)

@@ -132,7 +132,7 @@ class NewtonSteps:
         unknown = any(status is None for status in start.status)
         run = Increment(self.equations, start, step, end, draws=not unknown)
         rests = unknown and run.converged()
-        if unknown and not rests:
+        if run.undrawn and not rests:
             run = Increment(self.equations, start, step, end)
         self._check_turns(run, start)
         return run, rests

@@ -20,8 +20,8 @@ from dolfinx_llm.base.log import progress
 from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.direct import DirectSolver
-from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, singular, wrong_signs
-from dolfinx_llm.forms.verdict import largest
+from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult, wrong_signs
+from dolfinx_llm.forms.verdict import largest, singular
 from dolfinx_llm.laws.complementarity import complementarity
 from dolfinx_llm.operators.petsc import local_csr, with_springs
 from dolfinx_llm.operators.system import ContactOperators

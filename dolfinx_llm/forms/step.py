@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
 
@@ -75,6 +75,18 @@ class LinearStep:
             rhs=np.zeros(m),
             about=np.zeros(n),
         )
+
+    @cached_property
+    def holds(self) -> bool:
+        """Whether D does no more than hold each frame unknown by a spring of its own."""
+        row = np.repeat(np.arange(self.D.shape[0]), np.diff(self.D.indptr))
+        alone = not self.D.data[row != self.D.indices].any()
+        return alone and bool((self.D.diagonal() <= 0.0).all())
+
+    @cached_property
+    def symmetric(self) -> bool:
+        """Whether the frames are in equilibrium, E = Lᵀ, but for such springs."""
+        return self.holds and (self.E - self.L.T).count_nonzero() == 0
 
     def same_matrix(self, other: LinearStep) -> bool:
         """Whether another step differs in loads alone: what has been factorised serves it.
@@ -256,12 +268,7 @@ class StepForm(ABC):
 
 
 def wrong_signs(
-    step: LinearStep,
-    active: Array,
-    multiplier: Array,
-    y: Array,
-    w: Array,
-    scale: float,
+    step: LinearStep, active: Array, multiplier: Array, y: Array, w: Array, scale: float
 ) -> Array:
     """(n,) rows with tension in contact or overlap out of it, beyond what rounding can do."""
     position = y + step.g
@@ -276,15 +283,6 @@ def wrong_signs(
     overlaps = gap < -np.where(soft, np.maximum(band / scale, gives.sum()), band / scale)
     wrong = np.where(active, pulls, overlaps)
     return wrong & step.may_open
-
-
-def singular(reason: object) -> ContactError:
-    """The error of a step whose equations do not determine all forces."""
-    return ContactError(
-        f"a step of the contact law is singular ({reason}): the forces of some pairs in contact "
-        "are not determined. A body loses all contact: hold it by a weak spring or a support; or "
-        "supports hold both sides at the interface: leave the motion of one of them free there"
-    )
 
 
 def unless_none(level: float, least: float) -> float:

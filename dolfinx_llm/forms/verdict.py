@@ -114,3 +114,12 @@ def check_lost(verdict: Verdict) -> None:
             "A stiff body hangs on a soft one, or on weak springs: hold it by a support or a "
             "stiffer spring, or cells are slivers"
         )
+
+
+def singular(reason: object) -> ContactError:
+    """The error of a step whose equations do not determine all forces."""
+    return ContactError(
+        f"a step of the contact law is singular ({reason}): the forces of some pairs in contact "
+        "are not determined. A body loses all contact: hold it by a weak spring or a support; or "
+        "supports hold both sides at the interface: leave the motion of one of them free there"
+    )

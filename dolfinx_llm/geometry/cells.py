@@ -50,8 +50,15 @@ def vector_areas(x: Array, cells: Array) -> Array:
     if x.shape[1] == 2:
         p = np.concatenate([p, np.zeros_like(p[..., :1])], axis=2)
     if cells.shape[1] == 3:
-        return 0.5 * np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+        return 0.5 * cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    return 0.5 * cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+
+
+def cross(a: Array, b: Array) -> Array:
+    """(..., 3) a × b: NumPy's own takes three times as long for few vectors."""
+    turned, back = [1, 2, 0], [2, 0, 1]
+    found: Array = a[..., turned] * b[..., back] - a[..., back] * b[..., turned]
+    return found
 
 
 def unit(vectors: Array) -> Array:
@@ -125,7 +132,7 @@ def facet_normals(x: Array, facets: Array, dN: Array) -> Array:
     t = np.einsum("mgkd,mki->mgdi", dN, x[facets])
     if x.shape[1] == 2:
         return np.stack([-t[:, :, 0, 1], t[:, :, 0, 0]], axis=2)
-    return np.cross(t[:, :, 0], t[:, :, 1])
+    return cross(t[:, :, 0], t[:, :, 1])
 
 
 def cell_sizes(x: Array, cells: Array) -> Array:
@@ -146,7 +153,7 @@ def corner_jacobians(x: Array, cells: Array) -> Array:
     if cells.shape[1] == 3:
         side = np.linalg.norm(p - np.roll(p, -1, axis=1), axis=2).max(axis=1)
         return np.repeat((size / np.maximum(side, 1e-300) ** 2)[:, None], 3, axis=1)
-    corner = np.cross(np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p)
+    corner = cross(np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p)
     normal = area / np.maximum(size, 1e-300)[:, None]
     return np.einsum("cki,ci->ck", corner, normal) / np.maximum(size, 1e-300)[:, None]
 
@@ -165,9 +172,9 @@ def bases(tangents: Array) -> Array:
     t1 = tangents[:, 0] / np.linalg.norm(tangents[:, 0], axis=1, keepdims=True)
     if tangents.shape[2] == 2:
         return np.stack([t1, np.column_stack([-t1[:, 1], t1[:, 0]])], axis=1)
-    n = np.cross(tangents[:, 0], tangents[:, 1])
+    n = cross(tangents[:, 0], tangents[:, 1])
     n /= np.linalg.norm(n, axis=1, keepdims=True)
-    return np.stack([t1, np.cross(n, t1), n], axis=1)
+    return np.stack([t1, cross(n, t1), n], axis=1)
 
 
 def middle_jacobians(x: Array, cells: Array) -> Array:

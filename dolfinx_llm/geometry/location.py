@@ -114,23 +114,25 @@ class ClosestPoints:
         outside[outside < 1e-11] = 0.0  # rounding of the coordinates
         return outside
 
-    def _step(self, x: Array, cell: Array, xi: Array, inside: bool = False) -> tuple[Array, Array]:
-        """Newton step towards the foot of points x, or the closest point inside the quad, and how
-        far it moves in space."""
+    def _step(self, x: Array, cell: Array, xi: Array) -> tuple[Array, Array]:
+        """Newton step towards the foot of points x, and how far it moves in space."""
+        step, t, _ = self._newton(x, cell, xi)
+        return step, np.einsum("na,nai->ni", step, t)
+
+    def _newton(self, x: Array, cell: Array, xi: Array, inside: bool = False) -> tuple[Array, ...]:
+        """Newton step towards the foot of points x, or the closest point inside the quad; tangents
+        and position where it starts."""
         _, y, t = points_of(self.x, self.cells[cell], xi)
         JJ = np.einsum("nai,nbi->nab", t, t)
         rhs = np.einsum("nai,ni->na", t, x - y)
         if JJ.shape[1] == 1:
-            step = rhs / JJ[:, 0]
-        else:
-            a, b, c = JJ[:, 0, 0], JJ[:, 0, 1], JJ[:, 1, 1]
-            if inside:  # at a side that a point lies beyond, the other coordinate goes on alone
-                b = np.where(((np.abs(xi) >= 1.0) & (xi * rhs > 0.0)).any(axis=1), 0.0, b)
-            adjugate = np.column_stack(
-                [c * rhs[:, 0] - b * rhs[:, 1], a * rhs[:, 1] - b * rhs[:, 0]]
-            )
-            step = adjugate / np.maximum(a * c - b * b, 1e-300)[:, None]
-        return step, np.einsum("na,nai->ni", step, t)
+            return rhs / JJ[:, 0], t, y
+        a, b, c = JJ[:, 0, 0], JJ[:, 0, 1], JJ[:, 1, 1]
+        if inside:  # at a side that a point lies beyond, the other coordinate goes on alone
+            b = np.where(((np.abs(xi) >= 1.0) & (xi * rhs > 0.0)).any(axis=1), 0.0, b)
+        p, q = rhs.T
+        adjugate = np.column_stack([c * p - b * q, a * q - b * p])
+        return adjugate / np.maximum(a * c - b * b, 1e-300)[:, None], t, y
 
     @cached_property
     def _balls(self) -> tuple[Array, Array]:
@@ -146,6 +148,8 @@ class ClosestPoints:
         on = np.flatnonzero(bound <= rounding)
         found = cKDTree(x[on]).query_ball_point(centre, radius + 2.0 * rounding.max())
         points, cells = [on[joined_lists(found)]], [repeated_for(np.arange(len(centre)), found)]
+        if len(on) == len(x):
+            return points[0], cells[0]
         normal = unit_normals(self.x, self.cells)
         corners = self.x[self.cells] - centre[:, None]
         warp = np.abs(np.einsum("cki,ci->ck", corners, normal)).max(axis=1)
@@ -166,9 +170,9 @@ class ClosestPoints:
         """Reference coordinates of the closest point in a cell, and its distance [length]."""
         k = self.cells.shape[1]
         xi = np.full((len(x), 1 if k == 2 else 2), {2: 0.5, 3: 1.0 / 3.0, 4: 0.0}[k])
-        active = np.arange(len(x))
+        active, y = np.arange(len(x)), np.empty(x.shape)
         for _ in range(2 if k < 4 else 20):
-            step, _ = self._step(x[active], cell[active], xi[active], inside=k == 4)
+            step, _, y[active] = self._newton(x[active], cell[active], xi[active], inside=k == 4)
             new = xi[active] + step
             if k != 3:
                 new = np.clip(new, -1.0 if k == 4 else 0.0, 1.0)
@@ -180,7 +184,10 @@ class ClosestPoints:
         if k == 3:
             beyond = np.flatnonzero((xi < 0.0).any(axis=1) | (xi.sum(axis=1) > 1.0))
             xi[beyond] = closest_on_sides(self.x[self.cells[cell[beyond]]], x[beyond])
-        return xi, np.linalg.norm(x - points_of(self.x, self.cells[cell], xi)[1], axis=1)
+            active = np.append(active, beyond)
+        if len(active):  # what has moved since
+            y[active] = points_of(self.x, self.cells[cell[active]], xi[active])[1]
+        return xi, np.linalg.norm(x - y, axis=1)
 
     def interpolation(self, at: Location, cells: Array, element: Element) -> csr_matrix:
         """(n, m) matrix of an element's shape functions at located points, of cells (n_cells, k)
@@ -193,12 +200,14 @@ class ClosestPoints:
         known, c, z = row[inside], cell[inside], xi[inside]
         N, dN = element.shape(z)
         N += np.einsum("nkd,nd->nk", dN, self._step(at.x[known], c, z)[0])
-        place, columns, values = self._continued(
-            cell[beyond], xi[beyond], at.x[row[beyond]], cells, element
-        )
-        rows = np.append(np.repeat(known, N.shape[1]), row[beyond][place])
-        values = np.append(N.ravel(), values) / np.bincount(row)[rows]  # those as close: the same
-        index = rows, np.append(cells[c].ravel(), columns)
+        rows, columns, values = np.repeat(known, N.shape[1]), cells[c].ravel(), N.ravel()
+        if len(beyond):
+            place, nodes, continued = self._continued(
+                cell[beyond], xi[beyond], at.x[row[beyond]], cells, element
+            )
+            rows = np.append(rows, row[beyond][place])
+            columns, values = np.append(columns, nodes), np.append(values, continued)
+        values, index = values / np.bincount(row)[rows], (rows, columns)  # those as close: the same
         matrix = csr_matrix((values, index), (len(at.x), len(self.x)))
         if element.order > 1:
             matrix.data[np.abs(matrix.data) < UNFELT] = 0.0

@@ -12,7 +12,14 @@ import numpy as np
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.geometry.cells import cross_plane, facet_vectors, gauss, outline_edges, unit
+from dolfinx_llm.geometry.cells import (
+    cross,
+    cross_plane,
+    facet_vectors,
+    gauss,
+    outline_edges,
+    unit,
+)
 from dolfinx_llm.geometry.element import element_of, shape_functions
 from dolfinx_llm.geometry.surface import Surface
 
@@ -62,7 +69,7 @@ def local_bases(normals: Array) -> Array:
         return np.stack([np.column_stack([normals[:, 1], -normals[:, 0]]), normals], axis=1)
     axis = np.eye(3)[np.argmin(np.round(np.abs(normals), 12), axis=1)]
     t1 = unit(axis - np.einsum("ni,ni->n", axis, normals)[:, None] * normals)
-    return np.stack([t1, np.cross(normals, t1), normals], axis=1)
+    return np.stack([t1, cross(normals, t1), normals], axis=1)
 
 
 def common_plane(side0: Surface, side1: Surface) -> Plane:
@@ -101,7 +108,7 @@ def outline(s: Array, facets: Array) -> Any:
 
 def full_forces(s: Array, facets: Array) -> Array:
     """(m, k) integrals of each facet's shape functions over it [area]."""
-    x = np.pad(s, ((0, 0), (0, 1)))
+    x = np.column_stack([s, np.zeros(len(s))])
     return np.linalg.norm(facet_vectors(x, facets), axis=2)
 
 
@@ -160,7 +167,8 @@ def _covered_parts(s: Array, facets: Array, area: Any) -> tuple[Array, Array, An
     shapes = shapely.polygons(s[facets])
     shapely.prepare(area)
     inside = shapely.covers(area, shapes)
-    partial = np.flatnonzero(~inside & shapely.intersects(area, shapes))
+    partial = np.flatnonzero(~inside)
+    partial = partial[shapely.intersects(area, shapes[partial])]
     pieces = shapely.intersection(shapes[partial], area)
     # What rounding alone can cut off is no contact.
     thickness = 1e-13 * np.abs(s).max()

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -141,50 +142,63 @@ class ContactPairs:
 
 
 def locate_pairs(
-    surface: Surface,
-    loads: NodalLoads,
+    sides: Sequence[Surface],
+    loads: Sequence[NodalLoads],
     frame: Frame,
-    sign: float,
     reach: float,
     plane: Plane | None = None,
-) -> ContactPairs:
-    """Pairs of a side, in the Cartesian base, with the frame, which must cover them.
+) -> list[ContactPairs]:
+    """Pairs of both sides, in the Cartesian base, with the frame, which must cover them.
 
     Args:
-        surface: the side's surface.
-        loads: of the surface's nodes.
+        sides: their surfaces; the bases of side 1 change sign (paper, after (9)).
+        loads: of the surfaces' nodes.
         frame: the frame, its normal out of side 0.
-        sign: +1 for side 0, -1 for side 1, whose bases change sign (paper, after (9)).
         reach: how far, in cells, a node may lie beyond the frame's outline.
         plane: contact plane, along whose normal nodes meet a flat frame; None: they meet the
             closest point of the frame.
     """
-    nodes = np.flatnonzero(loads.touched)
-    x = surface.x[nodes]
-    points = x
-    if plane is not None:
-        points = surface.straightened(surface.x)[nodes]
-        off = plane.height(points) - plane.height(frame.x).mean()
-        points = points - np.outer(off, plane.normal)
-    at = frame.locate(points)
-    beyond = np.flatnonzero(at.outside > reach)
+    nodes = [np.flatnonzero(load.touched) for load in loads]
+    points = [_meeting(side, own, frame, plane) for side, own in zip(sides, nodes, strict=True)]
+    at = frame.locate(np.concatenate(points))  # at once: of few points each search costs the same
+    ends = np.cumsum([0, *map(len, nodes)])
+    parts = [slice(*pair) for pair in pairwise(ends)]
+    for side, own, part in zip(sides, nodes, parts, strict=True):
+        _require_cover(side, own, at.outside[part], reach)
+    if plane is None:
+        normals = bases(frame.evaluate(at.cell, at.xi)[2])[:, -1]
+    else:
+        normals = np.broadcast_to(plane.normal, at.x.shape)
+    found, every = [], frame.interpolation(at)
+    for side, load, own, part, sign in zip(sides, loads, nodes, parts, (1.0, -1.0), strict=True):
+        base = np.tile(sign * np.eye(frame.gdim), (len(own), 1, 1))
+        N, cell = every[part], at.cell[part]
+        gap = side.x[own] - N @ frame.x
+        pairs = ContactPairs(side, own, load.of(own), cell, N, sign * normals[part], base, gap)
+        found.append(pairs)
+    return found
+
+
+def _meeting(side: Surface, nodes: Array, frame: Frame, plane: Plane | None) -> Array:
+    """(n, gdim) positions whose closest points of the frame some nodes of a side meet [length]."""
+    if plane is None:
+        return side.x[nodes]
+    points = side.straightened(side.x)[nodes]
+    off = plane.height(points) - plane.height(frame.x).mean()
+    return points - np.outer(off, plane.normal)
+
+
+def _require_cover(side: Surface, nodes: Array, outside: Array, reach: float) -> None:
+    """Require that nodes lie by (n,) ``outside`` beyond the frame's outline, at most by a reach."""
+    beyond = np.flatnonzero(outside > reach)
     if len(beyond):
-        worst = beyond[at.outside[beyond].argmax()]
+        worst = beyond[outside[beyond].argmax()]
         raise ContactInputError(
             f"the frame does not cover the contact area: {len(beyond)} of {len(nodes)} nodes of "
-            f"{surface.name} in contact lie outside it, the farthest at "
-            f"{checks.place(x[worst])} by {at.outside[worst]:.3g} cells. Extend the frame over "
-            "all facets that the contact area touches, or use frame=None for a predicted one"
+            f"{side.name} in contact lie outside it, the farthest at "
+            f"{checks.place(side.x[nodes[worst]])} by {outside[worst]:.3g} cells. Extend the frame "
+            "over all facets that the contact area touches, or use frame=None for a predicted one"
         )
-    gdim = frame.gdim
-    if plane is None:
-        normal = sign * bases(frame.evaluate(at.cell, at.xi)[2])[:, -1]
-    else:
-        normal = np.broadcast_to(sign * plane.normal, x.shape).copy()
-    base = np.broadcast_to(sign * np.eye(gdim), (len(nodes), gdim, gdim)).copy()
-    N = frame.interpolation(at)
-    own = loads.of(nodes)
-    return ContactPairs(surface, nodes, own, at.cell, N, normal, base, x - N @ frame.x)
 
 
 def with_weights(pairs: ContactPairs, N: csr_matrix, frame: Frame) -> ContactPairs:

@@ -223,10 +223,7 @@ def build_piece(
         frame = move_nodes(frame, sides, [load.forces for load in loads])
         notes.append("design: frame nodes moved (positions)")
         clock.stop("design")
-    pairs = [
-        locate_pairs(side, load, frame, sign, reach, plane)
-        for side, load, sign in zip(sides, loads, (1.0, -1.0), strict=True)
-    ]
+    pairs = locate_pairs(sides, loads, frame, reach, plane)
     clock.stop("location")
     if plane is None and order > 1:
         pairs, certificate, normals = bent_pairs(

@@ -73,8 +73,5 @@ def _on_own_nodes(
     sides: Sequence[Surface], loads: Sequence[NodalLoads], frame: Frame, plane: Plane | None
 ) -> tuple[ContactPairs, ContactPairs]:
     """Pairs of both sides on a frame of the second one's nodes, whose rows are the identity."""
-    own, other = (
-        locate_pairs(side, load, frame, sign, REACH, plane)
-        for side, load, sign in zip(sides, loads, (1.0, -1.0), strict=True)
-    )
+    own, other = locate_pairs(sides, loads, frame, REACH, plane)
     return own, replace(other, N=identity(len(frame.x), format="csr")[other.nodes])

@@ -91,16 +91,17 @@ def _pushed(obstacle: Obstacle) -> bool:
 
 def shared_nodes(geometries: Sequence[InterfaceGeometry]) -> list[tuple[Array, ...]]:
     """Per interface and side (n,) nodes of the tagged surface that several interfaces have."""
+    every = 1 + max(max(geometry.spaces) for geometry in geometries)  # a number per node and space
     nodes = [
-        np.column_stack([np.full(len(pairs.dofs), space), pairs.dofs])
+        pairs.dofs * every + space
         for geometry in geometries
         for pairs, space in zip(geometry.pairs, geometry.spaces, strict=True)
     ]
-    known, count = np.unique(np.concatenate(nodes), axis=0, return_counts=True)
+    known, count = np.unique(np.concatenate(nodes), return_counts=True)
     several = known[count > 1]
     return [
         tuple(
-            np.isin(whole.dofs, several[several[:, 0] == space, 1])
+            np.isin(whole.dofs * every + space, several)
             for whole, space in zip(geometry.site.whole, geometry.spaces, strict=True)
         )
         for geometry in geometries

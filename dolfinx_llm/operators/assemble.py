@@ -1,4 +1,4 @@
-"""B and L_b of (31) as PETSc objects, preallocated and distributed.
+"""B and L_b of (31) as PETSc objects, preallocated and distributed, and what is in g.
 
 Rows of B and columns of the multipliers live with the rank that owns the body's node; the frame's
 unknowns with the owner of the surface node next to them.
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csr_matrix, vstack
+from scipy.sparse import bsr_matrix, csr_matrix, vstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import placed
@@ -47,20 +47,17 @@ def interface_operator(
     """
     blocks = []
     for side in pairs:
-        N = side.N.tocoo()
-        c, d = side.base.shape[1], directions.shape[1]
+        N, (c, d) = side.N, (side.base.shape[1], directions.shape[1])
+        row, col = np.repeat(np.arange(N.shape[0]), np.diff(N.indptr)), N.indices
         if normals:
             own = np.einsum("ni,ni->n", side.base[:, 0], side.N @ directions[:, 0])
-            value = np.broadcast_to(1.0 / own[N.row, None, None], (len(N.row), 1, 1))
+            value = 1.0 / own[row, None, None]
         else:
-            ways = (
-                directions[N.col] if swings is None else directions[N.col] + swings.motions[N.row]
-            )
-            value = np.einsum("nci,ndi->ncd", side.base[N.row], ways)
-        value = value * N.data[:, None, None]
-        row, col = N.row[:, None] * c + np.arange(c), N.col[:, None] * d + np.arange(d)
-        shape = (N.shape[0] * c, N.shape[1] * d)
-        blocks.append(placed(value, row[:, :, None], col[:, None, :], shape))
+            ways = directions[col] if swings is None else directions[col] + swings.motions[row]
+            value = np.einsum("nci,ndi->ncd", side.base[row], ways)
+        entries = value * N.data[:, None, None], col, N.indptr
+        blocks.append(bsr_matrix(entries, (N.shape[0] * c, N.shape[1] * d)).tocsr())
+        blocks[-1].eliminate_zeros()
     return vstack(blocks, format="csr")
 
 
@@ -77,3 +74,18 @@ def assemble_L_b(
     local = L[multipliers.mine].tocoo()
     local = csr_matrix((local.data, (local.row, frames.number[local.col])), shape=local.shape)
     return create_aij(comm, multipliers.sizes, frames.sizes, local)
+
+
+def in_rows(pairs: Sequence[ContactPairs], vectors: Sequence[Array]) -> Array:
+    """(n,) components of vectors (n, gdim) per side, along the rows' base."""
+    sides = zip(pairs, vectors, strict=True)
+    return np.concatenate([np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in sides])
+
+
+def given_gaps(geometries: Sequence[InterfaceGeometry]) -> list[Array]:
+    """Per side (n, gdim) its share of the gap that a law asks for."""
+    return [
+        geometry.interface.law.given_gap / len(geometry.pairs) * side.normal
+        for geometry in geometries
+        for side in geometry.pairs
+    ]

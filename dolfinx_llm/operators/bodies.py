@@ -30,8 +30,16 @@ def body_labels(V: Any) -> tuple[Array, int]:
     _, part = connected_components(graph, directed=False)
     number = index_map.local_to_global(np.arange(n, dtype=np.int32))
     label = _of_groups(np.maximum, number, part, part.max(initial=-1) + 1, -1)
+    if comm.size > 1:
+        label = _of_all_ranks(V, label, part)
+    found = np.unique(np.concatenate(comm.allgather(np.unique(label))))
+    return np.searchsorted(found, label[part]), len(found)
+
+
+def _of_all_ranks(V: Any, label: Array, part: Array) -> Array:
+    """Labels of this rank's parts, the same where they hang together by other ranks' nodes."""
     vector = compat.ghosted_vector(V, 1)
-    while comm.size > 1:  # as many rounds as ranks a body winds through
+    while True:  # as many rounds as ranks a body winds through
         with vector.localForm() as local:
             local.array_w[:] = label[part]
         vector.ghostUpdate(addv=PETSc.InsertMode.MAX_VALUES, mode=PETSc.ScatterMode.REVERSE)
@@ -40,11 +48,9 @@ def body_labels(V: Any) -> tuple[Array, int]:
             seen = local.array_r.astype(np.int64)
         before = label.copy()
         np.maximum.at(label, part, seen)
-        if not comm.allreduce(int((label != before).sum())):
-            break
-    vector.destroy()
-    found = np.unique(np.concatenate(comm.allgather(np.unique(label))))
-    return np.searchsorted(found, label[part]), len(found)
+        if not V.mesh.comm.allreduce(int((label != before).sum())):
+            vector.destroy()
+            return label
 
 
 def _of_groups(extreme: Any, values: Array, group: Array, count: int, none: float) -> Array:

@@ -124,4 +124,6 @@ class Floating:
 
     def sizes(self, f: Array) -> Array:
         """(count,) this rank's loads f along the motions, summed up over all without sign."""
+        if not self.count:
+            return np.zeros(0)
         return self.comm.allreduce(abs(self.modes).T @ np.abs(f))

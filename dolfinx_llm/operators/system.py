@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse
@@ -14,11 +15,16 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import chosen, gather_rows
 from dolfinx_llm.base.sparse import beside
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.against import prescribed_loads
 from dolfinx_llm.interface.control import control_values, controlled
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
-from dolfinx_llm.operators.assemble import assemble_B, assemble_L_b, frame_operator
+from dolfinx_llm.operators.assemble import (
+    assemble_B,
+    assemble_L_b,
+    frame_operator,
+    given_gaps,
+    in_rows,
+)
 from dolfinx_llm.operators.bodies import Bodies
 from dolfinx_llm.operators.both_sides import held_on_both_sides
 from dolfinx_llm.operators.floating import Floating
@@ -55,7 +61,7 @@ class ContactOperators:
         rows: the multipliers: base vectors, dofs and numbers.
         frames, unknowns: ``Numbering`` of the frame unknowns v, and of w: v and the slips κ.
         blocks: per interface its L_b as csr (rows, frame unknowns).
-        B, L_b, L: PETSc AIJ of (31), rows of B at prescribed dofs zero; L_b as csr of all.
+        B, L: of (31), PETSc AIJ, rows at prescribed dofs zero; L_b as csr of all.
         soft: (n,) rows at dofs that are prescribed, or nearly so.
         loops: (n,) rows of laws that open or slip, of nodes of several interfaces, of which some
             follow from the others as long as all stick. All of them give way to changes alone, so
@@ -92,7 +98,6 @@ class ContactOperators:
             self.B = assemble_B(self.rows, dofs)
             self.L = beside(self.blocks)
             self._find_repeated()
-            self.L_b = assemble_L_b(self.comm, self.L, self.rows.numbering, self.frames)
         with times.timed("support check"):
             self.bodies = Bodies(dofs.spaces, dofs.of_nodes, controlled(geometries))
         self.renew(K, times)
@@ -105,6 +110,12 @@ class ContactOperators:
         self.stiffness = [sides[place.sides] for place in self.places]
         with times.timed("support check"):
             self._check_support(K)
+
+    @cached_property
+    def L_b(self) -> PETSc.Mat:
+        """L_b of (31) as PETSc AIJ, collective where it is asked for first: what is solved needs
+        that of ``L``."""
+        return assemble_L_b(self.comm, self.L, self.rows.numbering, self.frames)
 
     def _number(self) -> None:
         """Places, rows, unknowns, and L_b of each interface."""
@@ -235,22 +246,8 @@ class ContactOperators:
     def destroy(self) -> None:
         """Free B and L_b; collective."""
         self.B.destroy()
-        self.L_b.destroy()
-
-
-def in_rows(pairs: Sequence[ContactPairs], vectors: Sequence[Array]) -> Array:
-    """(n,) components of vectors (n, gdim) per side, along the rows' base."""
-    sides = zip(pairs, vectors, strict=True)
-    return np.concatenate([np.einsum("nci,ni->nc", p.base, g).ravel() for p, g in sides])
-
-
-def given_gaps(geometries: Sequence[InterfaceGeometry]) -> list[Array]:
-    """Per side (n, gdim) its share of the gap that a law asks for."""
-    return [
-        geometry.interface.law.given_gap / len(geometry.pairs) * side.normal
-        for geometry in geometries
-        for side in geometry.pairs
-    ]
+        if "L_b" in self.__dict__:
+            self.L_b.destroy()
 
 
 def anatomy(operators: ContactOperators) -> list[str]:

@@ -46,12 +46,17 @@ class Following:
         """See ``ContactProblem``."""
         raise NotImplementedError
 
+    @property
+    def L_b(self) -> PETSc.Mat:
+        """See ``ContactProblem``; collective where it is asked for first."""
+        return self.operators.L_b
+
     def _build_operators(self) -> None:
         """Pairs, frames and operators, from positions, obstacles and conditions as they are now."""
         geometries = build_interfaces(self.interfaces, self.spaces, self.bulk.fixed)
         self.bulk.use_control(controlled(geometries))
         o = self.operators = ContactOperators(geometries, self.bulk.dofs, self.K, self.times)
-        self.geometries, self.bodies, self.B, self.L_b = o.geometries, o.bodies, o.B, o.L_b
+        self.geometries, self.bodies, self.B = o.geometries, o.bodies, o.B
 
     def _setting(self) -> Setting:
         """What the method works with, in the form that suits."""

@@ -232,4 +232,4 @@ class ContactProblem(Remembering, Following, Differentiable, Pictured, SavedCont
                 part.destroy()
         gone: Any = Destroyed("this ContactProblem")
         self._remains.destroyed = True
-        self.method = self.operators = self.bulk = self.results = self.B = self.L_b = gone
+        self.method = self.operators = self.bulk = self.results = self.B = gone

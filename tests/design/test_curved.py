@@ -75,10 +75,7 @@ def rows(sides, k=1, close_gap=False):
     facets = sides[k].facets[:, ::-1] if k else sides[k].facets
     frame = Frame(sides[k].x, facets)
     areas = [np.linalg.norm(a, axis=1) for a in vectors]
-    plain = [
-        locate_pairs(side, NodalLoads.of_forces(f), frame, sign, 3.0)
-        for side, f, sign in zip(sides, areas, (1.0, -1.0), strict=True)
-    ]
+    plain = locate_pairs(sides, [NodalLoads.of_forces(f) for f in areas], frame, 3.0)
     vectors = [a[p.nodes] for a, p in zip(vectors, plain, strict=True)]
     smooth = smooth_rows(frame, plain, close_gap)
     N = balance(smooth.rows(1.0), vectors, smooth.stencils)

@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 from scipy.linalg import qr, solve_triangular
-from scipy.sparse import coo_matrix, csr_matrix, diags, hstack
+from scipy.sparse import coo_matrix, csr_matrix, hstack
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import chosen, told
+from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.prescribed import RANK, REPEATED, pieces
 
@@ -64,17 +65,17 @@ def widest(L: csr_matrix, gdim: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class NodeElimination:
-    """u = A (L_b v - g) + N w at one rank's dofs, and the rows that bind the frame alone."""
+    """u = A (L_b v - g) + N w at some dofs of one rank, and the rows that bind the frame alone."""
 
-    A: csr_matrix  # (n_local, R)
-    N: csr_matrix  # (n_local, n_local) the identity away from the contact
+    A: csr_matrix  # (S, R)
+    N: csr_matrix  # (S, S) the identity away from the contact
     W: csr_matrix  # (k, R) orthonormal combinations of rows that move no free dof
 
 
 def eliminate_at_nodes(dofs: Array, vectors: Array, fixed: Array) -> NodeElimination:
     """Solve each node's rows S u_p = L_b v - g for its free dofs, with the pseudo-inverse of S;
-    rows have (R, gdim) local dofs and base vectors. The directions that they leave free get
-    unknowns w in the places of the node's free dofs."""
+    rows have (R, gdim) dofs and base vectors. The directions that they leave free get unknowns w in
+    the places of the node's free dofs. Dofs count among those whether they are ``fixed``, (S,)."""
     R, gdim = dofs.shape
     n = len(fixed)
     _, group = np.unique(dofs[:, 0], return_inverse=True)
@@ -102,7 +103,7 @@ def eliminate_at_nodes(dofs: Array, vectors: Array, fixed: Array) -> NodeElimina
     row = np.zeros(shape, dtype=np.int64)
     row[group, place] = np.arange(R)
     number = np.broadcast_to(np.arange(len(g))[:, None], vector.shape)
-    return NodeElimination(A, (N + diags(kept)).tocsr(), _csr(vector, number, row[g], (len(g), R)))
+    return NodeElimination(A, N + diagonal(kept), _csr(vector, number, row[g], (len(g), R)))
 
 
 def _unit_eigenvectors(P: Array) -> Any:
@@ -162,7 +163,7 @@ class FrameElimination:
         kept = np.ones(m)
         kept[self.dependent] = 0.0
         moved = [(part.dependent, part.others, part.motion) for part in self._parts]
-        self.Z = diags(kept).tocsr() + _scattered(moved, (m, m))
+        self.Z = diagonal(kept) + _scattered(moved, (m, m)) if moved else diagonal(kept)
 
     @cached_property
     def Q(self) -> csr_matrix:

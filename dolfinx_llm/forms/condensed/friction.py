@@ -108,8 +108,8 @@ class FrictionStep:
             q = self._iterate(b, start, load, around, main)
         if self._solver is not None:
             q = self._solver.solve(b)
-        u, force, S = u_b + (form.motion(q) + u_0), np.zeros(len(f)), split.surface
-        force[S] = np.where(self._fixed[S], 0.0, f[S] - split.rows(u))
+        u, S = u_b + (form.motion(q) + u_0), split.surface
+        force = np.where(self._fixed[S], 0.0, f[S] - split.rows(u))
         found = form.A.T @ force + form.frame_multipliers(q, self._scale)
         multiplier = np.zeros(len(g))
         multiplier[self._on] = gather_rows(split.comm, found)[numbering.number] + kept

@@ -14,6 +14,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.forms.direct import factorised, set_up_ksp
+from dolfinx_llm.forms.options import FACTORISED
 
 # The unpreconditioned norm is that of the system scaled to unit diagonal.
 RTOL = 1e-13
@@ -41,14 +42,10 @@ def solver_of(matrix: Any, prefix: str, given: dict[str, Any]) -> Any:
     Options of PETSc's database come first, then the given ones, then those of ``ITERATIVE`` and
     ``GAMG``; a factorisation is MUMPS's, with more spare memory where it needs it.
     """
-    database = PETSc.Options(prefix)
-
-    def option(key: Any, default: Any) -> Any:
-        return database.getString(key) if database.hasName(key) else given.get(key, default)
-
-    pc, krylov = option("pc_type", "gamg"), option("ksp_type", "cg")
+    pc, krylov = (option(prefix, given, *of) for of in (("pc_type", "gamg"), ("ksp_type", "cg")))
     factor = pc in ("cholesky", "lu")
-    default = krylov == "cg" and pc == "gamg" and option("ksp_max_it", None) is None
+    default = krylov == "cg" and pc == "gamg"
+    default = default and option(prefix, given, "ksp_max_it", None) is None
     options = dict(ITERATIVE) if krylov == "cg" else {"ksp_rtol": ITERATIVE["ksp_rtol"]}
     options |= GAMG if pc == "gamg" else {}
     options |= {"ksp_max_it": PATIENCE} if default else {}
@@ -65,6 +62,12 @@ def solver_of(matrix: Any, prefix: str, given: dict[str, Any]) -> Any:
     names = {"gamg": "GAMG", "cholesky": "Cholesky", "cg": "CG"}
     parts = [names.get(krylov, krylov)] * (krylov != "preonly") + [names.get(pc, pc)]
     return ksp, " + ".join(parts), default
+
+
+def option(prefix: str, given: dict[str, Any], key: str, default: Any) -> Any:
+    """An option of PETSc's database, else a given one, else the default."""
+    database = PETSc.Options(prefix)
+    return database.getString(key) if database.hasName(key) else given.get(key, default)
 
 
 def near_null_space(matrix: Any, S: Any, modes: Array) -> None:
@@ -137,6 +140,11 @@ class KeptSolver:
         if self.ksp is not None:
             self.ksp.destroy()
         self.ksp, self._kept, self._serves, self._outdated = None, False, False, 0
+
+    @property
+    def uses_modes(self) -> bool:
+        """Whether a near-null space makes it better."""
+        return option(self._prefix, self._options, "pc_type", "gamg") not in FACTORISED
 
     @property
     def direct(self) -> bool:

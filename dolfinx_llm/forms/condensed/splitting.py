@@ -65,9 +65,9 @@ class SplitStiffness:
     def _without_columns(self, rows: Any, dofs: Array) -> Any:
         indptr, columns, values = rows.getValuesCSR()
         kept = ~np.isin(columns, dofs)
-        row = np.repeat(np.arange(len(self.surface)), np.diff(indptr))[kept]
+        starts = np.append(0, np.cumsum(kept))[indptr]
         shape = len(self.surface), self.sizes[1]
-        local = csr_matrix((values[kept], (row, columns[kept])), shape=shape)
+        local = csr_matrix((values[kept], columns[kept], starts), shape=shape)
         return create_aij(rows.comm, rows.getSizes()[0], self.sizes, local)
 
     def corner(self, T: Any, D: Any, test: Any = None) -> Any:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.sparse import diags, hstack
+from scipy.sparse import hstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import gather_rows
@@ -72,26 +72,23 @@ class CondensedForm(WholeSteps):
                 "eliminated: use solver='saddle' in the place of 'condensed'"
             )
         step = replace(step, g=step.g - step.compliance * step.about)  # rows are eliminated as such
-        if not _holds(step):  # what the matrix alone does not tell
+        if not step.holds:  # what the matrix alone does not tell
             self.release()
         new = f is not self._f
         self._seen = [] if new else self._seen
         back = any(np.array_equal(step.active, one) for one in self._seen)
         self._seen.append(step.active)
-        if self._symmetric(step):
+        if step.symmetric:
             found = self._frictionless(f, step, back)
         else:
             found = self._with_friction(f, step, back, new)
         return found if back else self._foretold(f, step, found)
 
-    def _symmetric(self, step: LinearStep) -> bool:
-        return abs(step.E - step.L.T).nnz == 0 and _holds(step)
-
     def _by_cg(self, step: LinearStep) -> bool:
         """Whether CG solves it: of rows that stay, by options of the user's, and of bodies that may
         slide freely, where GMRES stalls; elsewhere GMRES's multigrid follows what changes."""
         stays = self.operators.floating.rigid.modes.shape[1] > 0 or not step.may_open.any()
-        return self._symmetric(step) and bool(stays or _chosen(self.options or {}))
+        return step.symmetric and bool(stays or _chosen(self.options or {}))
 
     def _frictionless(self, f: Array, step: LinearStep, back: bool) -> StepResult:
         """A step without friction. Where signs are wrong it need not be solved to the end: what
@@ -134,7 +131,7 @@ class CondensedForm(WholeSteps):
         if not found.wrong.any() or (self.friction is not None and self.friction.direct):
             return found
         # By the balance of frames and jumps.
-        told = self._symmetric(step) or _smooth(self.operators)
+        told = step.symmetric or _smooth(self.operators)
         bodies = self.operators.floating if told else None
         pressing = _pressing(step, self._stiffness, found, bodies, f)
         wrong = step.may_open & (pressing != step.active)
@@ -188,7 +185,7 @@ class CondensedForm(WholeSteps):
         if self.friction is None:
             options = self.prefix, dict(self.options or {})
             few = "pc_type" not in options[1] and self.split.sizes[1] < FEWEST
-            few = few and not self._symmetric(step)
+            few = few and not step.symmetric
             direct = few or options[1].get("pc_type") in FACTORISED
             self.friction = FrictionSystem(self.split, self.operators, options, direct)
         if self.operators.floating.rigid.modes.shape[1]:
@@ -287,10 +284,3 @@ def _chosen(options: dict[str, Any]) -> bool:
     """Whether options of PETSc say how a symmetric matrix is to be solved."""
     krylov = any(key.startswith("ksp_") for key in options)
     return krylov or options.get("pc_type") in FACTORISED
-
-
-def _holds(step: LinearStep) -> bool:
-    """Whether D does no more than hold each frame unknown by a spring of its own."""
-    own = step.D.diagonal()
-    alone = abs(step.D - diags(own)).max() == 0.0 if len(own) else True
-    return bool(alone and (own <= 0.0).all())

@@ -109,7 +109,7 @@ class CondensedSystem:
     def set_up(self) -> None:
         """Preconditioner or factorisation, if it is not there yet."""
         if self.solver.ksp is None:
-            if self._modes is not None:
+            if self._modes is not None and self.solver.uses_modes:
                 near_null_space(self.matrix, self.S, self.form.unknowns(*self._modes()))
             self.solver.set_up(self.matrix)
             self.matrix.setNearNullSpace(PETSc.NullSpace())  # it has served
@@ -126,10 +126,9 @@ class CondensedSystem:
         ready, form = time.perf_counter(), self.form
         u_0, v_0 = form.offsets(f, g)
         u, q = self._iterate(f, u_0, form.push(pull, v_0), self._guess(u_0, v_0))
-        force = self._forces(f, u)
         v = form.frame_motion(q, v_0)
         self._last = u, v
-        multiplier = form.multipliers(np.where(self.fixed, 0.0, force), v, pull)
+        multiplier = form.multipliers(self._forces(f, u)[self.split.surface], v, pull)
         if self.solver.reason < 0:
             self._require_answer(f, u, multiplier)
         seconds = {"set-up": ready - began, "solve": time.perf_counter() - ready}
@@ -158,7 +157,8 @@ class CondensedSystem:
         self.iterations, last = 0, np.inf
         for attempt in range(PASSES + 1):
             left = load - self.reduced.times(q) if attempt or start is not None else load.copy()
-            if not (attempt and self._firm):  # a better start, which saves an iteration or two
+            # A better start saves an iteration or two; where all is firm a factorisation has none.
+            if not (self._firm and (attempt or direct)):
                 left = self.reduced.take(load, q, left)
             b.array_w[:] = left * self.S.array_r
             x.array_w[:] = q / self.S.array_r

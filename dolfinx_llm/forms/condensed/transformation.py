@@ -11,6 +11,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.forms.condensed.elimination import (
     EliminatedRows,
     FrameElimination,
@@ -39,19 +40,18 @@ class Transformation:
         self.gdim, self.proximal = rows.dofs.shape[1], proximal
         dofs, self.vectors = rows.local  # (R, gdim) base vectors of this rank's rows
         self.dofs = dofs - split.first  # (R, gdim) local
-        node = eliminate_at_nodes(self.dofs, self.vectors, fixed)
-        self.A, self.W = node.A, node.W
+        on, at = fixed[split.surface], np.searchsorted(split.surface, self.dofs)
+        node = eliminate_at_nodes(at, self.vectors, on)
+        self.A, self.W = node.A, node.W  # (S, R) and (k, R)
         self.L = rows.L[rows.multipliers.mine]  # rows of this rank
         self.frame = FrameElimination(self.comm, *self._frame_rows(soft))
-        surface = split.surface
-        self._N_S = node.N[surface][:, surface].multiply(~fixed[surface]).tocsr()
-        self._N_S.eliminate_zeros()
-        motion = self.A @ (self.L @ self.frame.Z)
+        self._N_S = node.N @ diagonal(~on)
+        moved = self.L @ self.frame.Z
         held = None if proximal is None else abs(self.frame.Z).T @ proximal > 0.0
         if held is not None and soft is not None:
             held[self.frame.dependent] = True  # the places of forces
-        self.tail = Tail(self.comm, self.gdim, rows, self._N_S, motion, held, whole)
-        self.T = self.columns_of(self.L @ self.frame.Z)
+        self.tail = Tail(self.comm, self.gdim, rows, self._N_S, self.A @ moved, held, whole)
+        self.T = self.columns_of(moved)
 
     def _frame_rows(self, soft: Array | None) -> tuple[csr_matrix, csr_matrix | None]:
         """D, the rows of all ranks that bind the frame alone, and how they give way, the same on
@@ -81,7 +81,7 @@ class Transformation:
 
     def columns_of(self, L: csr_matrix) -> Any:
         """T_S, where the rows of this rank see the frames' motion as L (R, m)."""
-        nodes, frame = self._N_S.tocoo(), (self.A[self.split.surface] @ L).tocoo()
+        nodes, frame = self._N_S.tocoo(), (self.A @ L).tocoo()
         value, tail = np.concatenate([nodes.data, frame.data]), self.tail
         row = np.concatenate([nodes.row, frame.row])
         col = np.concatenate([tail.left[nodes.col] + tail.first, tail.columns[frame.col]])
@@ -150,7 +150,8 @@ class Transformation:
     def offsets(self, f: Array, g: Array) -> tuple[Array, Array]:
         """This rank's u_0 and all of v_0 for gaps g and the prescribed values in f."""
         v_0 = self.frame.particular(np.concatenate(self.comm.allgather(self.W @ g)))
-        u_0 = self.A @ (self.L @ v_0 - g)
+        u_0 = np.zeros(len(f))
+        u_0[self.split.surface] = self.A @ (self.L @ v_0 - g)
         u_0[self.fixed] = f[self.fixed]
         return u_0, v_0
 
@@ -180,8 +181,8 @@ class Transformation:
         return q
 
     def multipliers(self, force: Array, v: Array, pull: Array | None) -> Array:
-        """λ of this rank from the reactions f - K u, zero at fixed dofs. What a row does to the
-        frame alone follows from the frame's equilibrium."""
+        """λ of this rank from the reactions f - K u (S,), zero at fixed dofs. What a row does to
+        the frame alone follows from the frame's equilibrium."""
         found = self.A.T @ force
         if len(self.frame.dependent):
             missing = self.frame_forces(found, v, pull)[self.frame.dependent]
@@ -237,10 +238,11 @@ class Tail:
         whole: bool,
     ) -> None:
         self._comm, frames = comm, rows.frames
-        kept = (np.diff(N.tocsc().indptr) > 0).reshape(-1, gdim).any(axis=1) | whole
+        left = np.bincount(N.indices, minlength=N.shape[1]).reshape(-1, gdim)
+        kept = left.any(axis=1) | whole
         place = np.cumsum(kept) - 1
         self.left = np.where(kept[:, None], place[:, None] * gdim + np.arange(gdim), -1).ravel()
-        used = comm.allreduce((np.diff(motion.tocsc().indptr) > 0).astype(np.int64)) > 0
+        used = comm.allreduce(np.bincount(motion.indices, minlength=motion.shape[1])) > 0
         if held is not None:
             used |= held
         used |= whole
