@@ -134,8 +134,9 @@ class Steps(Saving):
         u = np.where(self._bare & ~fixed, rests, u)
         self._use(c)
         self._push(np.zeros(len(u)))
-        left = self.problem.bulk.residual(u) if self._mean else -self.problem.bulk.force(u)
-        left -= self.problem.pushed + c * times(self._M, u)
+        bulk, pushed = self.problem.bulk, self.problem.pushed
+        left = bulk.residual(u) - pushed if self._mean else bulk.unbalanced(u, pushed)
+        left -= c * times(self._M, u)
         self._left = np.where(self._bare | fixed, 0.0, left)
         fill(self._u, u, counts)
         self._touch, _ = self._met()
