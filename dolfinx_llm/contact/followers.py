@@ -66,7 +66,9 @@ def speakers(
         ask = np.flatnonzero(~known)
         near = (shared[ask] @ diags(known.astype(float))).tocsr()
         near.eliminate_zeros()
-        speaker[ask] = speaker[np.asarray(near.argmax(axis=1)).ravel()]
+        # Of neighbours alike but for rounding the first one, whichever side is named first.
+        nearest = near.astype(np.float32).argmax(axis=1)
+        speaker[ask] = speaker[np.asarray(nearest).ravel()]
         reached = np.diff(near.indptr) > 0
         if not reached.any():
             break

@@ -11,8 +11,10 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import told
+from dolfinx_llm.base.sparse import diagonal, picking
 from dolfinx_llm.contact.sides import FELT, SideResult, between_bodies, nodal_sides, side_result
 from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.frame import Frame, displaced
 from dolfinx_llm.interface.control import nodal_values
 from dolfinx_llm.interface.density import along_normals
@@ -24,6 +26,8 @@ from dolfinx_llm.operators.system import ContactOperators
 
 THIN = 1e-6  # of a surface's extent: what is as thin has no slopes across it
 CANCELLED = 0.5  # of the area about a frame node what rows leave, below which its quotient is noise
+SPARSE = 0.2  # of the cells about a frame node: where it is less an edge is near, and
+SPIKE = 2.0  # of the largest pressure told next to it, beyond which its force is that edge's
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +174,11 @@ def _interface_result(
     density = _frame_density(geometry, sides, normal)
     if density is None:
         acts, mean = np.column_stack([force, friction]), np.column_stack([near, drag])
-        density = per_area(np.where(thin[:, None], mean, acts), np.where(thin, about, area))
+        acts, over = np.where(thin[:, None], mean, acts), np.where(thin, about, area)
+        density = per_area(acts, over)
+        if not law.gives:  # whose force is that of the area, however little of it there is
+            joined, wild = _overshot(frame, about, density)
+            density[wild] = per_area(joined @ acts, joined @ over)[wild]
     frame, own = displaced(frame, nodal_values(geometry, v)), (force, area, friction, status)
     return InterfaceResult(frame, nodal, geometry.certificate, *own, density, presses)
 
@@ -193,6 +201,25 @@ def _at_frame(
         drag = total([s.tangential_force for s in sides])
         press = press - drag
     return along_normals(press, normal)[:, 0], along_normals(drag, normal)[:, 1:]
+
+
+def _overshot(frame: Frame, about: Array, density: Array) -> tuple[csr_matrix, Array]:
+    """Which of a frame's nodes share cells (m, m), and (m,) nodes about which little is covered and
+    that say far more than all others there: an edge is next to them, whose force is no pressure.
+
+    Args:
+        about: (m,) area covered about the nodes [area].
+        density: (m, k) what they say [force / area].
+    """
+    cells, m = frame.corners, len(about)
+    n, k = cells.shape
+    whole = np.repeat(np.linalg.norm(vector_areas(frame.x, cells), axis=1) / k, k)
+    told = about > SPARSE * np.bincount(cells.ravel(), whole, m)
+    of = picking(np.repeat(np.arange(n), k), n).T @ picking(cells.ravel(), m)
+    joined = (of.T @ of).sign()
+    size = np.linalg.norm(density, axis=1)
+    most = (joined @ diagonal(told * size)).max(axis=1).toarray().ravel()
+    return joined, ~told & (most > 0.0) & (size > SPIKE * most)
 
 
 def _in_proportion(near: Array, drag: Array, force: Array, friction: Array) -> Array:

@@ -177,7 +177,8 @@ def extract_surface(V: Any, facet_tags: Any, tag: int) -> Surface:
         raise ContactInputError(
             f"tag {tag}: {len(np.unique(same[inside]))} tagged facets lie inside the mesh. The two "
             "sides of an interface need nodes of their own: mesh the bodies apart (in gmsh: do not "
-            "fragment them, or use the Crack plugin), then tag each body's own boundary"
+            "fragment them, or open the surface by the Crack plugin), then tag each body's own "
+            "boundary, or let llm.find_interfaces find it"
         )
     dofs, owners, source, points, centres = (
         a[first] for a in (dofs, owners, source, points, centres)
@@ -271,6 +272,7 @@ def check_sides(side0: Surface, side1: Surface, same_mesh: bool) -> None:
         at = side0.x[np.isin(side0.dofs, shared)][:3].tolist()
         raise ContactError(
             f"the surfaces {side0.name} and {side1.name} share {len(shared)} nodes, e.g. at {at}: "
-            "the bodies must have nodes of their own on the contact surface (in gmsh: do not "
-            "fragment them, or use the Crack plugin)"
+            "the bodies must have nodes of their own on the contact surface, and each side a tag "
+            "(in gmsh: do not fragment them; a surface that the Crack plugin has opened has one "
+            "tag for both sides, which llm.find_interfaces tells apart)"
         )

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.cells import cross_plane
 from dolfinx_llm.geometry.frame import Frame
 
@@ -60,9 +61,12 @@ class InterfaceForces:
         the same force. Where bodies may part it is at least 0: at the rim of contact a corrected
         row may leave a frame node a slightly negative share of forces that all press, which
         ``frame_force`` shows and the pressure does not. Where corrected rows leave a node less than
-        half of the area about it, or less than none, it is the mean pressure of the pairs there.
-        Between second-order bodies, whose nodal forces per area say nothing, it is that of
-        ``SideResult.density`` of the side with fewer nodes.
+        half of the area about it, or less than none, it is the mean pressure of the pairs there;
+        where less than a fifth of its cells is covered and it has more than twice the pressure of
+        its neighbours, as beside an edge, it is the mean of theirs. Between second-order bodies,
+        whose nodal forces per area say nothing, it is that of ``SideResult.density`` of the side
+        with fewer nodes. Where any of these is, its sum times ``frame_area`` is not the force:
+        take ``resultant``, or the sum of ``frame_force``.
         """
         pressure = self.frame_density[:, 0]
         return np.maximum(pressure, 0.0) if self.presses else pressure
@@ -119,13 +123,15 @@ class InterfaceForces:
             side: whose forces on the frame: 0 or 1; 0 against an obstacle.
 
         Raises:
-            ContactInputError: no such side, or no point.
+            ContactInputError: no such side, or no point; a scalar field, which has no moment.
         """
         accepted = "give the number of a side, 0 or 1; 0 against an obstacle"
         if checks.integer("side", side, accepted, low=0) >= len(self.sides):
             checks.refuse("side", side, accepted)
         of = self.sides[side]
         gdim = of.x.shape[1]
+        if of.force.shape[1] != gdim:
+            raise ContactInputError("moment: what flows in a scalar field has none; see resultant")
         point = np.zeros(gdim) if about is None else about
         arm = of.x - checks.array("about", point, (gdim,), f"give a point, {gdim} numbers")
         if gdim == 2:

@@ -116,6 +116,14 @@ class Control:
         """E u' of this rank's control values (n_local,)."""
         return times(self.E, u)
 
+    def values(self, u: Array) -> Array:
+        """u' of this rank's nodal values (n_local,)."""
+        return times(self.C, u)
+
+    def nodal_forces(self, f: Array) -> Array:
+        """Nodal forces whose E^T f (n_local,) is given."""
+        return times(self.C, f, transposed=True)
+
 
 def frame_places(geometry: InterfaceGeometry) -> Array:
     """(m, gdim) where the frame's unknowns are: its nodes, or their control points [length]."""

@@ -74,9 +74,9 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def writable_folder(name: str, value: Any) -> Path:
-    """A folder, made where it is missing, in which files can be written. Every rank may call it by
-    itself: all find the same."""
-    folder = checks.path(name, value)
+    """A folder, made where it is missing, in which files can be written, also from another working
+    directory. Every rank may call it by itself: all find the same."""
+    folder = checks.path(name, value).absolute()
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK | os.X_OK):
@@ -87,7 +87,7 @@ def writable_folder(name: str, value: Any) -> Path:
 def writable_file(name: str, value: Any, endings: tuple[str, ...] = ()) -> Path:
     """A file that can be written, in a folder that is made, with one of the endings, if any is
     asked for."""
-    path = checks.path(name, value)
+    path = checks.path(name, value).absolute()
     if endings and path.suffix not in endings:
         raise ContactInputError(f"{path}: the file must end on {' or '.join(endings)}")
     writable_folder(name, path.parent)

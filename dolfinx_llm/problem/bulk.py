@@ -162,6 +162,7 @@ class LinearBulk:
         they are ``held``."""
         if self.held is not None:
             values = np.where(self.dofs.fixed, self.held, 0.0)
+            values = values if self.control is None else self.control.values(values)
             return np.where(self.dofs.fixed, values, self.force(values))
         loads = []
         for i, (b, fixed) in enumerate(zip(self.blocks, self.fixed, strict=True)):
@@ -200,6 +201,13 @@ class LinearBulk:
             parts.append(b.ours(part) * b.scale)
         force = np.concatenate(parts)
         return force if self.control is None else self.control.forces(force)
+
+    def unbalanced(self, u: Array, pushed: Array) -> Array:
+        """This rank's K u - f of nodal values u (n_local,), less what interfaces push with, as
+        ``ContactProblem.pushed`` has it (n_local,): nodal forces."""
+        if self.control is None:
+            return -self.force(u) - pushed
+        return -self.control.nodal_forces(self.force(self.control.values(u)) + pushed)
 
     def functions(self, u: Array) -> list[fem.Function]:
         """This rank's u (n_local,) as a Function per mesh."""

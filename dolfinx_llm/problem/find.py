@@ -23,6 +23,11 @@ from dolfinx_llm.operators.bodies import Bodies
 
 ANGLE = 0.5  # [rad] default of ``angle``
 SPACES = "give a function space, or a list of those of several meshes"
+SEVERAL_APART = "check positions and units, or give a larger distance"
+ALL_JOINED = (
+    "bodies must not share any node (in gmsh: do not fragment them; the Crack plugin leaves them "
+    "joined at the rim unless that is its OpenBoundaryPhysicalGroup)"
+)
 LAWS = "give a dict of laws by pairs of cell tags, e.g. {(1, 2): Tied(), (2, 3): Coulomb(0.3)}"
 
 
@@ -101,7 +106,7 @@ def find_interfaces(
         what = "a tenth of their facets' size" if near is None else f"{near:g}"
         raise ContactError(
             f"no two of the {bodies.count} bodies have facets that face each other within {what}: "
-            "check positions and units, or give a larger distance"
+            + (SEVERAL_APART if bodies.count > 1 else ALL_JOINED)
         )
     return _interfaces(found, i, j, chosen)
 

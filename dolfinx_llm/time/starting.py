@@ -76,8 +76,9 @@ class Starting(Saving):
         """(n_local,) forces of the bodies less loads and contact, as these were last found at u
         (n_local,), without inertia of the rate c; collective."""
         self._push(np.zeros(len(u)))
-        own = self.problem.bulk.residual(u) if self._mean else -self.problem.bulk.force(u)
-        return np.asarray(own - self.problem.pushed - c * times(self._M, u))
+        bulk, pushed = self.problem.bulk, self.problem.pushed
+        left = bulk.residual(u) - pushed if self._mean else bulk.unbalanced(u, pushed)
+        return np.asarray(left - c * times(self._M, u))
 
     def _let_go(self, c: float) -> None:
         """Where supports have gone since the last step nothing holds dofs at the start of this one,

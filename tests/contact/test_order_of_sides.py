@@ -119,3 +119,18 @@ def test_second_order_with_as_many_nodes(law):
     a, b = problem.results[0].sides
     assert len(a.x) == len(b.x) and np.abs(a.x - b.x).max() > 0.01
     compare(found)
+
+
+def test_rim_of_a_regular_mesh():
+    """Nodes beyond the rim have two neighbours alike, of which one speaks for them."""
+    sections = scenes.grid(3, 3), scenes.grid(4, 4, (0.1, 0.1), (0.9, 0.9))
+    domain, tags = scenes.stacked(MPI.COMM_SELF, sections, (0.0, 1.0, 2.0))
+    V, found = compat.function_space(domain, shape=(3,)), []
+    ends = [(k, scenes.on(2, z)) for z in (0.0, 2.0) for k in range(3)]
+    bcs = scenes.hold(V, ends, lambda p: np.outer([0.002, 0.002, -0.02], p[2] > 1.0))
+    for sides, sign in (((2, 3), 1.0), ((3, 2), -1.0)):
+        interface = llm.Interface(tags, sides, law=llm.Coulomb(0.15))
+        problem = scenes.elastic_problem([V], bcs, [interface])
+        values = problem.solve()[0].x.array.copy()
+        found.append([values, *told(problem.results[0], sign)])
+    compare(found)

@@ -6,6 +6,7 @@ import pickle
 import contact_scenes
 import curved_scenes as curved
 import numpy as np
+import pairs
 import pytest
 import scenes
 from contact_scenes import violations
@@ -131,3 +132,22 @@ def test_notebooks_and_pickle():
     kept, result = pickle.loads(pickle.dumps(problem.results[0])), problem.results[0]
     assert (kept.pressure == result.pressure).all()
     assert (kept.sides[1].force == result.sides[1].force).all()
+
+
+@pytest.mark.parametrize("law", [llm.Tied(), *LAWS], ids=str)
+def test_pressure_at_an_edge(law):
+    """An upper block that stands out over the lower one's edge covers next to nothing about a
+    corner of the frame, where the edge's force is on it: over that area it was 20 times the rest.
+    """
+    low = pairs.block(MPI.COMM_SELF, (4, 3, 2), (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), "tetrahedron")
+    high = (3, 5, 2), (0.2145, 0.0558, 1.0), (0.707, 1.1818, 2.0), "tetrahedron"
+    high = pairs.block(MPI.COMM_SELF, *high)
+    scene = contact_scenes.Pressed([low, high], law, lambda p: p[2] > 1.99, lambda p: p[2] < 0.01)
+    scene.move(lambda p: np.outer([0.0, 0.0, -0.02], np.ones_like(p[0])))
+    result = scene.problem.results[0]
+    assert result.frame_area.min() < 0.01 * np.median(result.frame_area)
+    assert 0.5 < (result.pressure / np.median(result.pressure)).min()
+    assert (result.pressure / np.median(result.pressure)).max() < 2.5
+    assert np.sum(result.pressure * result.frame_area) == pytest.approx(
+        result.frame_force.sum(), rel=0.02
+    )

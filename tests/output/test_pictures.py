@@ -595,3 +595,17 @@ def test_errors_of_files(patch, tmp_path):
     with post.LoadSteps(scene.problem, tmp_path) as files:
         with pytest.raises(llm.ContactError, match="nothing to write yet"):
             files.write()
+
+
+def test_another_working_directory(tmp_path, monkeypatch):
+    """What was named relative to the first one stays there."""
+    monkeypatch.chdir(tmp_path)
+    scene = pressed()
+    scene.problem.solve()
+    with post.LoadSteps(scene.problem, "steps") as files, plot.Film(scene.problem, "f.gif") as film:
+        (tmp_path / "elsewhere").mkdir()
+        monkeypatch.chdir(tmp_path / "elsewhere")
+        files.write()
+        film.add()
+    assert not list((tmp_path / "elsewhere").iterdir())
+    assert (tmp_path / "f.gif").exists() and (tmp_path / "steps" / "bodies_0.pvd").exists()

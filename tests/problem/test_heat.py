@@ -119,6 +119,8 @@ def test_flow_through_a_part():
         for i in (0, 1):
             assert (1 - 2 * i) * outflow(scene, i) == pytest.approx(flows[-1], rel=1e-11, abs=1e-12)
     assert abs(flows[2]) < 1e-15 < flows[0] < flows[1]
+    with pytest.raises(llm.ContactInputError, match="scalar field has none"):
+        scene.problem.results[0].moment()
 
 
 def test_conductance_as_constant_or_function():
