@@ -3,7 +3,9 @@
 Corrections change nothing along them, and along what they nearly are, next to nothing. So it is for
 a second-order frame in the plane that is drawn curved with the coordinate across: on a circle of n
 facets it is reproduced to (pi / n)^4. It belongs to them, or rounding in it would be divided by as
-little squared: Newton's iteration would end at 1e-10, or not at all.
+little squared: Newton's iteration would end at 1e-10, or not at all. Where a frame's normals tell
+no direction across it, as around a closed tube, the coordinates that they point alike along all
+belong to them, at any order: which one is that across, rounding would decide.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from dolfinx_llm.geometry.surface import Surface
 Control = tuple[csr_matrix, csr_matrix]
 
 LIFTED = 1e-3  # part of a coordinate across a frame that is none, over its length
+UNDECIDED = 1.1  # ratio of what normals point along two coordinates, below which neither is across
 EDGEWISE = 1e-2  # least over largest singular value of functions that are hardly independent
 ELSEWHERE = 1e-9  # weight of nodes where nothing is covered then, over the largest
 FUNCTION_YIELDS = 1e-9  # of a facet's area: how much the function across yields
@@ -38,17 +41,12 @@ def products(element: Element) -> list[tuple[int, int]]:
 
 def functions_of(element: Element) -> int:
     """How many functions ``chart`` gives."""
-    return _along(element) + _is_across(element)
+    return _along(element) + 1 + element.dim * (element.order > 1)
 
 
 def _along(element: Element) -> int:
     """How many of them are functions of coordinates along the frame."""
     return 1 + element.dim + len(products(element))
-
-
-def _is_across(element: Element) -> bool:
-    """Whether one is the coordinate across."""
-    return element.order > 1
 
 
 def chart_of(frame: Surface, forces: Array) -> Array:
@@ -59,7 +57,8 @@ def chart_of(frame: Surface, forces: Array) -> Array:
 
 def chart(Y: Array, normals: Array, element: Element, forces: Array) -> Array:
     """(m, c) functions on a frame as drawn: 1, coordinates along it, and at second order their
-    products and the coordinate across, 0 if the others tell it; orthogonal.
+    products and the coordinate across; orthogonal. Where another coordinate is like that across,
+    this is there at first order as well, its products at second. Those that others tell are 0.
 
     Along it is where its normals point least: not where its nodes spread most, which is the plane
     of its circle for a short closed tube, where x² + y² is constant, and rows reproduce z.
@@ -88,21 +87,29 @@ def _functions(Y: Array, normals: Array, element: Element, weights: Array) -> Ar
     """The same, orthogonal in a weighted (m,) sense."""
     root = np.sqrt(weights / weights.sum())[:, None]
     centred = Y - (root**2 * Y).sum(axis=0)
-    axes = np.linalg.svd(root * normals, full_matrices=False)[2]
+    _, pointing, axes = np.linalg.svd(root * normals, full_matrices=False)
     s = centred @ axes[::-1].T  # the last is that across
-    length = np.linalg.norm(root * s, axis=0)
-    across = s[:, -1] / length[0]
-    s = s[:, :-1] / length[:-1]
-    squares = [s[:, a] * s[:, b] for a, b in products(element)]
-    functions = np.column_stack([np.ones(len(Y)), s, *squares])
+    s /= np.linalg.norm(root * s, axis=0).max()
+    s, across = s[:, :-1], s[:, -1]
+    alike = pointing[0] < UNDECIDED * pointing[:0:-1]  # (d,) of the coordinates along
+    # Around a tube x² + y² is constant: of their squares, x² - y² does not change with the axes.
+    squares = [s[:, a] * s[:, b] - (a == b and alike[a]) * across**2 for a, b in products(element)]
+    found = _orthogonal(root, np.column_stack([np.ones(len(Y)), s, *squares]))
+    second, closed = element.order > 1, alike.any()
+    others = [(second or closed) * across]
+    others += [closed * s[:, a] * across for a in range(element.dim) if second]
+    for other in others:
+        for _ in range(2):  # once more for what rounding leaves
+            other = other - found @ ((root**2 * found).T @ other)
+        left = float(np.linalg.norm(root[:, 0] * other))
+        found = np.column_stack([found, other / left if left > LIFTED else np.zeros(len(Y))])
+    return found
+
+
+def _orthogonal(root: Array, functions: Array) -> Array:
+    """Functions (m, c), the first of which span the same, where weights have roots (m, 1)."""
     triangle = np.linalg.qr(root * functions)[1]
-    found = np.linalg.solve(triangle.T, functions.T).T
-    if not _is_across(element):
-        return found
-    for _ in range(2):  # once more for what rounding leaves
-        across = across - found @ ((root**2 * found).T @ across)
-    left = float(np.linalg.norm(root[:, 0] * across))
-    return np.column_stack([found, across / left if left > LIFTED else np.zeros(len(Y))])
+    return np.linalg.solve(triangle.T, functions.T).T
 
 
 def borne(control: Control, pressures: Array, forces: Array) -> Array:

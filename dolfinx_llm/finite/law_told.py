@@ -34,6 +34,20 @@ class Kept:
     jump: Array  # (n, q) at the end of the last one [length]
     pulled: Array  # (n,) nodes at which the law pulled then
 
+    def arrays(self, start: str) -> dict[str, Array]:
+        """All of it, with names that start so."""
+        own = {f"{start}history {name}": value for name, value in self.history.items()}
+        return own | {f"{start}jump": self.jump, f"{start}pulled": self.pulled}
+
+    @classmethod
+    def read(cls, arrays: dict[str, Array], start: str) -> Kept | None:
+        """What ``arrays`` gave, found among others; None where it is not there."""
+        if f"{start}jump" not in arrays:
+            return None
+        first = f"{start}history "
+        own = {key[len(first) :]: value for key, value in arrays.items() if key.startswith(first)}
+        return cls(own, arrays[f"{start}jump"], arrays[f"{start}pulled"])
+
 
 @dataclass(frozen=True, eq=False)
 class ToldContact(Friction):

@@ -96,7 +96,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
             F, u, J, bcs, interfaces, loads, nodal_loads, solver, options, entity_maps
         )
         free_garbage(given.spaces[0].mesh.comm)
-        self.interfaces, self.loads = given.interfaces, given.loads
+        self.interfaces, self.loads = tuple(given.interfaces), tuple(given.loads)
         self.times, self._several = StageTimes(), given.several
         self._solver, self._petsc = solver, options
         with self.times.timed("form compilation"):

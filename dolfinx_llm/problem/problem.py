@@ -125,7 +125,7 @@ class ContactProblem(Remembering, Following, Differentiable, Pictured, SavedCont
             entity_maps,
         )  # fmt: skip
         free_garbage(given.blocks[0].W.mesh.comm)
-        self.interfaces, self.solver = given.interfaces, solver
+        self.interfaces, self.solver = tuple(given.interfaces), solver
         self.times = StageTimes()
         self.history: list[dict[str, Any]] = []
         self.results: list[InterfaceResult] = []

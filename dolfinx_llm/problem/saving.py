@@ -19,6 +19,7 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.contact.results import collect_results
 from dolfinx_llm.contact.state import ContactState
+from dolfinx_llm.finite.law_told import Kept
 from dolfinx_llm.finite.results import MovingInterfaceResult
 from dolfinx_llm.output.writing import writable_file
 from dolfinx_llm.problem.saved_results import arrays_of, result_of
@@ -187,33 +188,16 @@ class SavedNonlinear(Saving):
         drawn = [(s.x + s.origin).ravel() for surfaces in every for s in surfaces]
         return np.concatenate([np.zeros(0), *drawn])
 
-    @property
-    def _keeps(self) -> bool:
-        """Whether laws of your own have kept something."""
-        return any(kept is not None for kept in self._state.kept)
-
-    def saved_spaces(self) -> Sequence[Any]:
-        """Spaces of the bodies' dofs.
-
-        Raises:
-            ContactInputError: a mixed space, or laws of your own.
-        """
-        if self._keeps:
-            raise ContactInputError(
-                "laws of your own at finite deformation cannot be saved yet: save your own data"
-            )
-        return super().saved_spaces()
-
     def state_arrays(self) -> tuple[Arrays, Arrays]:
         """What is the same on every rank, also what laws of your own have kept, and this rank's
         values at the bodies' dofs."""
         state, common = self._state, {"places": self.places(), "pressures": self._state.pressures}
-        if self._keeps:
-            common["kept"] = state.kept
         for i, (own, pose) in enumerate(zip(state.own, state.poses, strict=True)):
             common |= {f"interface {i} own": own, f"interface {i} pose": pose}
             if state.status[i] is not None:
                 common[f"interface {i} status"] = state.status[i]
+            if state.kept[i] is not None:
+                common |= state.kept[i].arrays(f"interface {i} law ")
         for i, result in enumerate(self.results):
             own = arrays_of(result)
             common |= {f"interface {i} result {name}": value for name, value in own.items()}
@@ -230,7 +214,7 @@ class SavedNonlinear(Saving):
             pressures=common["pressures"],
             poses=tuple(common[f"interface {i} pose"] for i in count),
             pushed=local["pushed"],
-            kept=common.get("kept", self._state.kept),
+            kept=tuple(Kept.read(common, f"interface {i} law ") for i in count),
         )
         self.results = []
         for start in (f"interface {i} result " for i in count):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from dolfinx_llm.finite.chart import bordered, chart, functions_of
 from dolfinx_llm.geometry.element import element_of
@@ -16,10 +17,10 @@ def test_across():
     ring = np.column_stack([2.0 * np.cos(angle), 2.0 * np.sin(angle)])
     straight = np.column_stack([angle, 0.5 * angle])
     of_line = np.tile([-0.5, 1.0] / np.hypot(0.5, 1.0), (len(angle), 1))
-    for Y, normals, many in ((ring, 0.5 * ring, 4), (straight, of_line, 3)):
+    for Y, normals, many in ((ring, 0.5 * ring, 5), (straight, of_line, 3)):
         found = chart(Y, normals, element, np.ones(len(Y)))
         assert found.shape == (len(Y), functions_of(element))
-        expected = np.diag(np.arange(4) < many).astype(float)
+        expected = np.diag(np.arange(5) < many).astype(float)
         assert np.abs(found.T @ found / len(Y) - expected).max() < 1e-12
     functions = chart(ring, 0.5 * ring, element, np.ones(len(ring)))
     of_ring = functions @ np.linalg.lstsq(functions, ring, rcond=None)[0]
@@ -41,14 +42,19 @@ def test_functions_may_depend_on_each_other():
 
 def test_short_tube():
     """Closed, shorter than twice its radius: the plane of its circle is not along it, since 1, x²
-    and y² depend on each other there; z and z², which rows reproduce, belong to them."""
+    and y² depend on each other there; z and z², which rows reproduce, belong to them. None of x and
+    y is across it: how the tube is turned does not matter."""
     angle, z = np.meshgrid(np.arange(0.0, 2.0 * np.pi, 0.1), np.linspace(-0.4, 0.4, 5))
     normals = np.column_stack([np.cos(angle).ravel(), np.sin(angle).ravel(), np.zeros(angle.size)])
     Y = 2.0 * normals + np.outer(z.ravel(), [0.0, 0.0, 1.0])
-    for nodes, many in ((4, 3), (9, 7)):
-        found = chart(Y, normals, element_of(2, nodes), np.ones(len(Y)))
+    turn = Rotation.from_rotvec([0.0, 0.0, 0.4]).as_matrix()
+    for nodes, many in ((4, 4), (9, 9)):
+        element, every = element_of(2, nodes), np.ones(len(Y))
+        found = chart(Y, normals, element, every)
         assert found.shape == (len(Y), many)
         assert np.abs(found.T @ found / len(Y) - np.eye(many)).max() < 1e-12
-        wanted = np.column_stack([Y, Y[:, 2] ** 2]) if nodes == 9 else Y[:, 2:]
+        wanted = np.column_stack([Y, Y[:, 2] ** 2]) if nodes == 9 else Y
         told = found @ np.linalg.lstsq(found, wanted, rcond=None)[0]
         assert np.abs(told - wanted).max() < 1e-12
+        turned = chart(Y @ turn.T, normals @ turn.T, element, every)
+        assert np.abs(turned @ turned.T - found @ found.T).max() < 1e-10

@@ -1,5 +1,7 @@
 """What is changed between two load steps at finite deformation counts in the second."""
 
+from dataclasses import replace
+
 import finite_patch
 import numpy as np
 import pytest
@@ -32,6 +34,13 @@ def test_moduli(factor):
         iterations.append(len(punch.problem.history))
     assert np.allclose(*forces, rtol=1e-9)
     assert iterations[1] <= iterations[0] + 1
+
+
+def test_interfaces_stay():
+    """Another law asks for another problem: what took the place of one was ignored."""
+    (interface,) = (problem := Punch(law=llm.Coulomb(0.3)).problem).interfaces
+    with pytest.raises(TypeError, match="item assignment"):
+        problem.interfaces[0] = replace(interface, law=llm.Tied())
 
 
 def test_a_mesh_that_was_moved():

@@ -120,6 +120,24 @@ def test_closed_forms(law, known, pulls, kind, order):
     assert abs(stress) < 1e-6
 
 
+def test_what_a_law_keeps_is_saved(tmp_path):
+    """A glue that has softened is as soft after ``load``; another mesh does not take that over."""
+    first, second = (Columns("quad", GLUE) for _ in range(2))
+    for U in (0.55, 0.2):
+        first.end.x.array[:] = U
+        first.solve()
+    first.problem.save(tmp_path / "state.npz")
+    second.problem.load(tmp_path / "state.npz")
+    for columns in (first, second):
+        columns.end.x.array[:] = 0.4
+        columns.solve()
+    known, found = (columns.problem.results[0].pressure for columns in (first, second))
+    assert known.max() < 0.0
+    np.testing.assert_allclose(found, known, rtol=1e-10)
+    with pytest.raises(llm.ContactInputError, match="laws of your own"):
+        llm.transfer(first.problem, Columns("quad", GLUE).problem)
+
+
 @pytest.mark.parametrize("kind", ["quad", longer("tet")])
 def test_slips_as_told_in_any_pose(kind):
     """A glued body that is moved along and off the other one in steps, and turned with it: the
