@@ -45,8 +45,8 @@ NEARLY = 1e-6  # the same, over the smallest, where nothing touches at first
 STUCK = 0.9  # part of the last residual above which an iteration has brought nothing
 SLIDES = 0.5  # of a facet, in an iteration, up to which derivatives of rows and areas hold
 TRUSTED = 0.03  # residual, relative, below which slip has its exact derivative
+TELLING = 0.3  # residual, relative, up to which the linear model tells which pairs touch at first
 LANDED = 1e-5  # residual, relative, below which solves leave next to nothing
-TELLING = 0.3  # residual, relative, up to which the linear model tells which pairs touch
 HELPED, LESS = 0.5, 0.1  # where it has not brought the residual down by as much: only below a tenth
 CUTS = 8  # of a change that turns elements inside out
 FLIES = 1e6  # cells, by which no body moves in an iteration that something holds
@@ -98,16 +98,16 @@ class Increment:
     """Newton's iteration from a state to a part of a load step.
 
     The first solve lets nodes slide far beyond their facets, where derivatives of rows and covered
-    areas say nothing: they count only once an iteration slides by less than half a facet. Without
-    that finer meshes take more iterations. Until then the linear model says which pairs touch.
+    areas say nothing: they count once an iteration slides by less than half a facet, or finer
+    meshes take more iterations. Until then the linear model says which pairs touch, and where
+    iterates open or close some, which they do for ever where far off.
 
     Args:
-        steps: what is solved.
+        steps, step: what is solved, and the load step.
         good: the state that it starts from.
-        step: the load step.
         end: the part of it, in (0, 1].
-        draws: the nearest pairs touch where nothing does, and contact is not known yet: without
-            them bodies that nothing else holds would fall: ``undrawn`` tells of such ones.
+        draws: the nearest pairs touch where nothing does and contact is not known yet, or bodies
+            that nothing else holds would fall; else ``undrawn`` tells of such ones.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class Increment:
         with failing():
             self.held, self.faces = chosen_at(steps, good, self.poses)
         self.status: list[Any] = list(good.status)
-        self.stays = stays(steps, start)
+        self.stays, self.known = stays(steps, start), all(s is not None for s in good.status)
         self.doubled = Doubled(self.dofs.comm, steps.interfaces, NO_GAP * steps.size)
         self.changes, self.doubt, self.stuck, self.error = 0, 0.0, False, np.inf
         self.drawn, self.turned, self.undrawn = [False] * len(self.held), False, False
@@ -226,7 +226,7 @@ class Increment:
         try:
             du, changes = self._solve(K)
             exchanges = Exchanges()
-            tells = self.lagged or (self.changes and self.error < TELLING)
+            tells = self.lagged or (self.changes and (self.known or self.error < TELLING))
             for _ in range(EXCHANGES if tells else 0):
                 if not self._foresee(du, changes, exchanges):
                     break
