@@ -158,6 +158,7 @@ def stays(steps: Equations, start: NewtonState) -> list[Any]:
     presses = ROUNDED_FORCE * steps.scale * steps.size
     return [
         steps.bodies.in_time
+        and placed.what.parts
         and status is not None
         and np.isin(status, placed.what.pressed) & (q[: len(status)] > presses)
         for placed, status, q in zip(steps.interfaces, start.status, start.own, strict=True)

@@ -70,15 +70,16 @@ class Flexibility(StepForm):
         # leaves the springs at the pins alone, is Qᵀ (f - B λ) = Qᵀ K R α.
         self.modes = rigid.modes
         k = len(rigid.body)
-        for some in rigid.one_of_each(np.arange(rigid.free, k)):
+        weak, mixed = np.arange(rigid.free, k), operators.dofs.mixed
+        # Dofs that are no displacements have no body's label: there one motion at a time.
+        for some in weak[:, None] if mixed else rigid.one_of_each(weak):
             answer = self._solver.solve(rigid.forces[:, some].sum(axis=1).A1)
-            motion = rigid.owner(some)
+            motion = np.full(len(answer), some[0]) if mixed else rigid.owner(some)
             on = np.flatnonzero(motion >= 0)
             self.modes = self.modes - csr_matrix((answer[on], (on, motion[on])), self.modes.shape)
         self._own = np.zeros((k, k))  # Qᵀ K R
-        weak = slice(rigid.free, None)
         own = self.modes[:, weak].T @ rigid.forces[:, weak]
-        self._own[weak, weak] = self.comm.allreduce(own.toarray())
+        self._own[np.ix_(weak, weak)] = self.comm.allreduce(own.toarray())
         self._own = 0.5 * (self._own + self._own.T)
         self._held = np.zeros((k, k))
         self._held[: rigid.free, : rigid.free] = self.floating.square.toarray()

@@ -186,8 +186,10 @@ class LinearBulk:
         spaces, by what is free to move."""
         with collective(self.comm):
             compiled = compat.forms("dJ", forms, self.entity_maps)
-        parts = [compat.assemble_force((c,), (1.0,), V) for c, V in zip(compiled, self.spaces)]
-        found = np.concatenate(parts)
+        found = np.concatenate([
+            b.ours(compat.assemble_force((c,), (1.0,), b.W)) * b.scale
+            for c, b in zip(compiled, self.blocks, strict=True)
+        ])  # fmt: skip
         found = found if self.control is None else self.control.forces(found)
         return np.where(self.dofs.fixed, 0.0, found)
 

@@ -58,9 +58,8 @@ class Differentiable:
                 symmetric; the state depends on load steps, or parts of the last one, before.
         """
         with collective(self.bulk.comm):
-            forms = in_order(
-                self.bulk.forms, self.bulk.spaces, given_forms(1, dJ, self.bulk.entity_maps[0])
-            )
+            spaces = [b.W for b in self.bulk.blocks]
+            forms = in_order(self.bulk.forms, spaces, given_forms(1, dJ, self.bulk.entity_maps[0]))
         found = self.bulk.functions(self.method.adjoint(self.bulk.gradient(forms)))
         return found if self.bulk.several else found[0]
 

@@ -61,16 +61,26 @@ def test_third_order_in_displacement_second_in_pressure_and_traction(nu):
     assert (rates >= [2.9, 1.95, 1.9, 1.9, 1.9]).all(), rates
 
 
-@pytest.mark.parametrize(("law", "solver"), [
-    (llm.Frictionless(), "saddle"), (llm.Coulomb(0.4), "auto"), (llm.Tied(), "auto"),
+@pytest.mark.parametrize(("law", "solver", "spring"), [
+    (llm.Frictionless(), "saddle", 0.0), (llm.Coulomb(0.4), "auto", 0.0),
+    (llm.Tied(), "auto", 0.0), (llm.Coulomb(0.4), "saddle", 1.0),
 ])  # fmt: skip
-def test_a_mixed_space_that_is_the_plain_problem(law, solver):
-    """Its pressures are linear in each cell, as divergences are; bodies part or slip."""
-    found = []
+def test_a_mixed_space_that_is_the_plain_problem(law, solver, spring):
+    """Its pressures are linear in each cell, as divergences are; bodies part or slip, and where
+    the upper one is on weak springs its pressures belong to its rigid motions as well. So is the
+    adjoint, of the square of the displacement."""
+    found, products = [], []
     for blocks in (None, (("DG", 1, False), ("Lagrange", 2, True))):
-        with mixed.pressed(law, blocks, COMM, solver) as problem:
-            problem.solve()
+        with mixed.pressed(law, blocks, COMM, solver, spring=spring) as problem:
+            u = problem.solve()
             found.append(problem.results[0])
+            if not (spring or law.ties):
+                continue  # contact alone holds the upper one
+            v, part = ufl.TestFunction(u.function_space), (lambda w: w)
+            part = part if blocks is None else (lambda w: ufl.split(w)[1])
+            p = problem.adjoint(ufl.inner(part(u), part(v)) * ufl.dx)
+            products.append(fem.assemble_scalar(fem.form(ufl.inner(part(p), part(u)) * ufl.dx)))
+    assert products == pytest.approx(products[::-1], rel=1e-9)
     for sides in zip(*(result.sides for result in found), strict=True):
         assert law.ties or len(set(sides[0].status)) > 1
         for values in ([s.force for s in sides], [s.u for s in sides]):

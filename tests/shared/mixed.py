@@ -132,8 +132,9 @@ def nonlinear(a, L, *, solver, **chosen):
     return llm.NonlinearContactProblem(ufl.action(a, w) - L, w, **chosen)
 
 
-def pressed(law, blocks, comm, solver="auto", make=llm.ContactProblem):
-    """A block dragged along a larger one, lifted at one end and pressed at the other; ν = 0.3.
+def pressed(law, blocks, comm, solver="auto", make=llm.ContactProblem, spring=0.0):
+    """A block dragged along a larger one, lifted at one end and pressed at the other; ν = 0.3. A
+    ``spring`` holds it in the place of the condition that drags it.
 
     Where the pressures of a mixed space contain the divergences, it is the plain problem."""
     low, high = (BOXES[2][0][0], (0.137, 1)), BOXES[2][1]
@@ -148,8 +149,10 @@ def pressed(law, blocks, comm, solver="auto", make=llm.ContactProblem):
         (p, u), (q, w), part = ufl.TrialFunctions(W), ufl.TestFunctions(W), W.sub(1)
         volume = -p * ufl.div(w) - q * ufl.div(u) - p * q / lame
     a = (2 * so.MU * ufl.inner(ufl.sym(ufl.grad(u)), ufl.grad(w)) + volume) * ufl.dx
-    bcs = []
-    for space, tag, value in ((part, so.BOTTOM[0], 0.0), (part.sub(0), so.TOP[1], 0.004)):
+    bcs, held = [], [(part, so.BOTTOM[0], 0.0), (part.sub(0), so.TOP[1], 0.004)]
+    if spring:
+        a, held = a + spring * ufl.inner(u, w) * ds(so.TOP[1]), held[:1]
+    for space, tag, value in held:
         known = fem.Function(V if space is V else space.collapse()[0])
         known.x.array[:] = value
         if space is V:

@@ -49,10 +49,8 @@ def forces(led, starts, nonlinear=False):
     return np.array(found)
 
 
-@pytest.mark.parametrize(
-    ("led", "nonlinear"),
-    [("support", False), ("end", False), ("mean", False), ("support", True), ("end", True)],
-)
+@pytest.mark.parametrize("nonlinear", [False, True])
+@pytest.mark.parametrize("led", ["support", "end", "mean"])
 def test_moved_on_before_start(led, nonlinear):
     """Forces are those of a start at rest: ties had forces of 1e5 times as much, which changed
     sign from step to step."""
