@@ -28,13 +28,14 @@ HELD = 0.3  # least sum of N² over the pairs of each side that tells the slip o
 BY_LITTLE = 0.03  # the same where ties are chosen, perhaps of contact narrower than a facet
 
 
-def speakers(
+def asked(
     sides: list[csr_matrix],
     touching: list[csr_matrix] | None = None,
     weak: Array | None = None,
     held: float = HELD,
 ) -> Array:
-    """(k,) the node that speaks for each frame node: itself, where pairs of both sides hold it.
+    """(k,) the node that each frame node asks who speaks for it: itself, where pairs of both sides
+    hold it, so that it speaks for itself; else a neighbour.
 
     Nodes that no pair reaches, and the best one of every piece of contact, speak for themselves.
 
@@ -46,7 +47,7 @@ def speakers(
         held: least sum of N² of each side with which a node speaks for itself.
 
     >>> far = csr_matrix([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.9, 0.1]])
-    >>> speakers([far, far]).tolist()
+    >>> asked([far, far]).tolist()
     [0, 1, 1]
     """
     k = sides[0].shape[1]
@@ -61,19 +62,30 @@ def speakers(
     best = np.zeros(piece.max(initial=0) + 1)
     np.maximum.at(best, piece, support)
     known = support >= np.minimum(held, best[piece])
-    speaker = np.where(known, np.arange(k), -1)
+    nearest = np.arange(k)
     while not known.all():  # outwards, a ring of nodes at a time
         ask = np.flatnonzero(~known)
         near = (shared[ask] @ diags(known.astype(float))).tocsr()
         near.eliminate_zeros()
         # Of neighbours alike but for rounding the first one, whichever side is named first.
-        nearest = near.astype(np.float32).argmax(axis=1)
-        speaker[ask] = speaker[np.asarray(nearest).ravel()]
+        first = np.asarray(near.astype(np.float32).argmax(axis=1)).ravel()
         reached = np.diff(near.indptr) > 0
         if not reached.any():
             break
-        known[ask[reached]] = True
-    return np.where(known, speaker, np.arange(k))
+        ask = ask[reached]
+        nearest[ask], known[ask] = first[reached], True
+    return nearest
+
+
+def speakers(nearest: Array) -> Array:
+    """(k,) the node that speaks for each, from whom they ask.
+
+    >>> speakers(np.array([0, 0, 1, 2])).tolist()
+    [0, 0, 0, 0]
+    """
+    while (nearest[nearest] != nearest).any():
+        nearest = nearest[nearest]
+    return nearest
 
 
 def unheld(sides: list[csr_matrix], speaker: Array) -> Array:
@@ -84,8 +96,8 @@ def unheld(sides: list[csr_matrix], speaker: Array) -> Array:
     are pulled at do not.
 
     Args:
-        sides: as in ``speakers``.
-        speaker: (k,) what it returned.
+        sides: as in ``asked``.
+        speaker: (k,) of ``speakers``.
 
     >>> sides = [csr_matrix([[1.0, 0.0]]), csr_matrix([[0.99, 0.01]])]
     >>> unheld(sides, np.arange(2)).tolist(), unheld(sides, np.array([1, 1])).tolist()
@@ -107,23 +119,26 @@ def sums(speaker: Array) -> csr_matrix:
     return csr_matrix((np.ones(k), (speaker, np.arange(k))), (k, k))
 
 
-def follow(speaker: Array, tangents: Array) -> csr_matrix:
+def follow(nearest: Array, tangents: Array) -> csr_matrix:
     """(k t, k t) slip of all nodes from that of those that speak for them.
 
     Its transpose sums the forces up. Both are components along the nodes' own tangents.
 
     Args:
-        speaker: (k,) of ``speakers``.
+        nearest: (k,) of ``asked``.
         tangents: (k, t, gdim) unit tangents at the nodes.
     """
     k, t, _ = tangents.shape
-    # The rotation next to this: what is passed on keeps its length on curved surfaces.
-    left, _, right = np.linalg.svd(np.einsum("kai,kbi->kab", tangents, tangents[speaker]))
+    # The rotation next to this: what is passed on keeps its length on curved surfaces. From one
+    # neighbour to the next: a quarter of a tube apart rounding would tell its sense.
+    left, _, right = np.linalg.svd(np.einsum("kai,kbi->kab", tangents, tangents[nearest]))
     turn = left @ right
-    turn[speaker == np.arange(k)] = np.eye(t)
+    turn[nearest == np.arange(k)] = np.eye(t)
+    while (nearest[nearest] != nearest).any():
+        turn, nearest = turn @ turn[nearest], nearest[nearest]
     index = np.arange(t)
     row = np.arange(k)[:, None, None] * t + index[:, None]
-    return placed(turn, row, speaker[:, None, None] * t + index, (k * t, k * t))
+    return placed(turn, row, nearest[:, None, None] * t + index, (k * t, k * t))
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,15 +183,16 @@ class Followers:
         k, t = nodes.kappa.shape
         follows = nodes.of(tied)
         near, least = (np.ones_like(active), BY_LITTLE) if chosen else (active | tied, HELD)
-        speaker = speakers(follows, nodes.of(near), pulled, least)
+        nearest = asked(follows, nodes.of(near), pulled, least)
+        speaker = speakers(nearest)
         if np.array_equal(speaker, np.arange(k)):
             return replace(Followers.none(nodes), unheld=unheld(follows, speaker))
-        alike = follow(speaker, nodes.tangents)
+        alike = follow(nearest, nodes.tangents)
         weak = np.repeat(speaker != np.arange(k), t).astype(float)
         relative = identity(k * t, format="csr") - diagonal(weak) @ alike
         held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
-        leader = np.where(held < adrift, speaker, np.arange(k))
-        carried = _carried(leader, nodes.geometry.directions)
+        led = (held < adrift) & (speaker != np.arange(k))
+        carried = _carried(led, nearest, nodes.geometry.directions)
         return Followers(speaker, unheld(follows, speaker), alike.T.tocsr(), relative, *carried)
 
     @cached_property
@@ -215,12 +231,11 @@ class LastFollowers:
         return found
 
 
-def _carried(leader: Array, directions: Array) -> tuple[csr_matrix, csr_matrix]:
-    """Frame nodes that hardly any pair holds move tangentially as their leader (m,) does: sums of
-    forces at the leaders, and tangential motion against theirs (m d, m d)."""
-    m, d = directions.shape[:2]
-    weak = np.repeat(leader != np.arange(m), d)
-    weak[d - 1 :: d] = False
+def _carried(led: Array, nearest: Array, directions: Array) -> tuple[csr_matrix, csr_matrix]:
+    """Frame nodes that hardly any pair holds, ``led`` (m,), move tangentially as their speaker
+    does: sums of forces there, and tangential motion against that one's (m d, m d)."""
+    weak = np.repeat(led, directions.shape[1])
+    weak[directions.shape[1] - 1 :: directions.shape[1]] = False
     follows = diagonal(weak)
-    moved = follows @ follow(leader, directions)
+    moved = follows @ follow(nearest, directions)
     return (diagonal(~weak) + moved.T).tocsr(), follows - moved
