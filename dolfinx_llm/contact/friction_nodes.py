@@ -30,6 +30,7 @@ from dolfinx_llm.operators.stiffness import in_series
 from dolfinx_llm.operators.system import ContactOperators
 
 FLOOR = 1e-3  # what pairs without contact add to the support of a node
+MIDDLE = 1e-6  # part by which shape functions differ that are the same
 RUBS = 1e-9  # of the level of forces: friction with less is none
 TOUCHED = 1e-9  # shape function from which on a pair belongs to a node
 
@@ -86,9 +87,21 @@ class FrictionNodes:
         return self.reached(self.kept.reshape(self.rows.shape)[:, :-1].any(axis=1))
 
     @cached_property
-    def nearest(self) -> Array:
-        """(n,) node next to each pair."""
-        return np.asarray(vstack(self.N).tocsr().argmax(axis=1)).ravel()
+    def _nearest(self) -> csr_matrix:
+        """(n, k) 1 at the node next to each pair, at both where it lies in the middle."""
+        N = vstack(self.N).tocsr()
+        most = N.max(axis=1).toarray()[:, 0]
+        N.data = (N.data > (1.0 - MIDDLE) * np.repeat(most, np.diff(N.indptr))).astype(float)
+        return N
+
+    def next_to(self, status: Array) -> Array:
+        """(n,) status of the node next to each pair: between two that of the larger number, since
+        rounding, or the order of nodes, must not decide.
+
+        Args:
+            status: (k,) of the nodes.
+        """
+        return self._nearest.multiply(status).max(axis=1).toarray()[:, 0].astype(status.dtype)
 
     @cached_property
     def _parts(self) -> csr_matrix:

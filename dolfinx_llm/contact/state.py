@@ -268,7 +268,7 @@ class InterfaceState:
             return np.full(len(self.nodes.rows), STICK)
         status = np.full(len(self.nodes.rows), CLOSED)
         if self.nodes.kappa.size:
-            status = self.own.status[self.nodes.nearest]
+            status = self.nodes.next_to(self.own.status)
             status = np.where(status == OPEN, CLOSED, status)  # its node is not pressed
             status = np.where(self.tied, status, CLOSED)
         return np.where(self.own.active, status, OPEN)
