@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix, hstack, vstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.base.sparse import diagonal
+from dolfinx_llm.base.sparse import diagonal, nearest
 from dolfinx_llm.geometry.spaces import is_function
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.site import BENT
@@ -30,7 +30,6 @@ from dolfinx_llm.operators.stiffness import in_series
 from dolfinx_llm.operators.system import ContactOperators
 
 FLOOR = 1e-3  # what pairs without contact add to the support of a node
-MIDDLE = 1e-6  # part by which shape functions differ that are the same
 RUBS = 1e-9  # of the level of forces: friction with less is none
 TOUCHED = 1e-9  # shape function from which on a pair belongs to a node
 
@@ -89,10 +88,7 @@ class FrictionNodes:
     @cached_property
     def _nearest(self) -> csr_matrix:
         """(n, k) 1 at the node next to each pair, at both where it lies in the middle."""
-        N = vstack(self.N).tocsr()
-        most = N.max(axis=1).toarray()[:, 0]
-        N.data = (N.data > (1.0 - MIDDLE) * np.repeat(most, np.diff(N.indptr))).astype(float)
-        return N
+        return nearest(vstack(self.N)).astype(bool)
 
     def next_to(self, status: Array) -> Array:
         """(n,) status of the node next to each pair: between two that of the larger number, since
