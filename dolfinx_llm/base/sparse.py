@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
 
-EQUALS = 1e-6  # part by which entries differ that are the same but for rounding
+EQUALS = 1e-9  # part by which entries differ that are the same but for rounding
 
 
 def diagonal(values: Array) -> csr_matrix:
