@@ -12,6 +12,8 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
 
+EQUALS = 1e-9  # part by which entries differ that are the same but for rounding
+
 
 def diagonal(values: Array) -> csr_matrix:
     """(n, n) diagonal matrix of values (n,), without those that are 0.
@@ -59,6 +61,22 @@ def placed(values: Array, rows: Array, columns: Array, shape: tuple[int, int]) -
     there = values != 0.0
     row, column = (np.broadcast_to(at, values.shape)[there] for at in (rows, columns))
     return csr_matrix((values[there], (row, column)), shape)
+
+
+def nearest(weights: csr_matrix) -> csr_matrix:
+    """The largest entries of each row, in equal parts of 1 where they differ by rounding alone.
+
+    >>> nearest(csr_matrix([[0.3, 0.1, 0.3], [0.0, 0.0, 0.0]])).toarray().tolist()
+    [[0.5, 0.0, 0.5], [0.0, 0.0, 0.0]]
+    """
+    found = weights.tocsr(copy=True)
+    most = found.max(axis=1).toarray()[:, 0]
+    least = (1.0 - EQUALS) * np.repeat(most, np.diff(found.indptr))
+    found.data = (found.data > least).astype(float)
+    found.eliminate_zeros()
+    count = np.diff(found.indptr)
+    found.data /= np.repeat(count, count)
+    return found
 
 
 def largest_entry(matrix: csr_matrix) -> float:

@@ -10,15 +10,14 @@ by a boundary, aggregation (Badia, Verdugo, Martín, CMAME 336 (2018) 533-553).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, identity
+from scipy.sparse import csr_matrix, identity
 from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import diagonal, placed
+from dolfinx_llm.base.sparse import diagonal, nearest, placed
 from dolfinx_llm.contact.friction_nodes import FrictionNodes
 
 REMEMBERED = 3  # states of contact
@@ -28,13 +27,15 @@ HELD = 0.3  # least sum of N² over the pairs of each side that tells the slip o
 BY_LITTLE = 0.03  # the same where ties are chosen, perhaps of contact narrower than a facet
 
 
-def speakers(
+def asked(
     sides: list[csr_matrix],
     touching: list[csr_matrix] | None = None,
     weak: Array | None = None,
     held: float = HELD,
-) -> Array:
-    """(k,) the node that speaks for each frame node: itself, where pairs of both sides hold it.
+) -> csr_matrix:
+    """(k, k) the node that each frame node asks who speaks for it, 1: itself, where pairs of both
+    sides hold it, so that it speaks for itself; else a neighbour, or those that are alike in equal
+    parts: neither rounding nor the order of nodes decides between them.
 
     Nodes that no pair reaches, and the best one of every piece of contact, speak for themselves.
 
@@ -46,8 +47,8 @@ def speakers(
         held: least sum of N² of each side with which a node speaks for itself.
 
     >>> far = csr_matrix([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.9, 0.1]])
-    >>> speakers([far, far]).tolist()
-    [0, 1, 1]
+    >>> asked([far, far]).toarray().tolist()
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
     """
     k = sides[0].shape[1]
     shared, support = csr_matrix((k, k)), np.full(k, np.inf)
@@ -61,22 +62,35 @@ def speakers(
     best = np.zeros(piece.max(initial=0) + 1)
     np.maximum.at(best, piece, support)
     known = support >= np.minimum(held, best[piece])
-    speaker = np.where(known, np.arange(k), -1)
+    found = diagonal(known)
     while not known.all():  # outwards, a ring of nodes at a time
-        ask = np.flatnonzero(~known)
-        near = (shared[ask] @ diags(known.astype(float))).tocsr()
-        near.eliminate_zeros()
-        # Of neighbours alike but for rounding the first one, whichever side is named first.
-        nearest = near.astype(np.float32).argmax(axis=1)
-        speaker[ask] = speaker[np.asarray(nearest).ravel()]
+        near = nearest((diagonal(~known) @ shared @ diagonal(known)).tocsr())
         reached = np.diff(near.indptr) > 0
         if not reached.any():
             break
-        known[ask[reached]] = True
-    return np.where(known, speaker, np.arange(k))
+        found, known = found + near, known | reached
+    return (found + diagonal(~known)).tocsr()
 
 
-def unheld(sides: list[csr_matrix], speaker: Array) -> Array:
+def speakers(asks: csr_matrix) -> csr_matrix:
+    """(k, k) the part that nodes have in speaking for each, from whom they ask.
+
+    >>> chain = csr_matrix([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    >>> speakers(chain).toarray().tolist()
+    [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    """
+    return _passed_on(asks, asks)
+
+
+def _passed_on(asks: csr_matrix, what: csr_matrix) -> csr_matrix:
+    """What is passed on from those that nodes ask, until it comes from those that speak."""
+    speak = asks.diagonal() > 0.0
+    while not speak[asks.indices].all():
+        asks, what = asks @ asks, what @ what
+    return what
+
+
+def unheld(sides: list[csr_matrix], parts: csr_matrix) -> Array:
     """(k,) nodes that pairs of one side alone hold, or of none, as all that have their speaker.
 
     No force passes there, so that equilibrium leaves the law nothing to say, and the slip would be
@@ -84,53 +98,47 @@ def unheld(sides: list[csr_matrix], speaker: Array) -> Array:
     are pulled at do not.
 
     Args:
-        sides: as in ``speakers``.
-        speaker: (k,) what it returned.
+        sides: as in ``asked``.
+        parts: (k, k) of ``speakers``.
 
     >>> sides = [csr_matrix([[1.0, 0.0]]), csr_matrix([[0.99, 0.01]])]
-    >>> unheld(sides, np.arange(2)).tolist(), unheld(sides, np.array([1, 1])).tolist()
+    >>> each, second = identity(2), csr_matrix([[0, 1], [0, 1]])
+    >>> unheld(sides, each).tolist(), unheld(sides, second).tolist()
     ([False, True], [False, False])
     """
     support = np.min([np.asarray(N.power(2).sum(axis=0)).ravel() for N in sides], axis=0)
-    most = np.zeros(len(speaker))
-    np.maximum.at(most, speaker, support)
-    return most[speaker] < CROSSES
+    firm = parts.T @ (support >= CROSSES) > 0.0
+    return np.asarray(parts @ firm <= 0.0)
 
 
-def sums(speaker: Array) -> csr_matrix:
-    """(k, k) sums over the nodes for which a node speaks.
-
-    Args:
-        speaker: (k,) of ``speakers``.
-    """
-    k = len(speaker)
-    return csr_matrix((np.ones(k), (speaker, np.arange(k))), (k, k))
-
-
-def follow(speaker: Array, tangents: Array) -> csr_matrix:
+def follow(asks: csr_matrix, tangents: Array) -> csr_matrix:
     """(k t, k t) slip of all nodes from that of those that speak for them.
 
     Its transpose sums the forces up. Both are components along the nodes' own tangents.
 
     Args:
-        speaker: (k,) of ``speakers``.
+        asks: (k, k) of ``asked``.
         tangents: (k, t, gdim) unit tangents at the nodes.
     """
     k, t, _ = tangents.shape
-    # The rotation next to this: what is passed on keeps its length on curved surfaces.
-    left, _, right = np.linalg.svd(np.einsum("kai,kbi->kab", tangents, tangents[speaker]))
+    of = asks.tocoo()
+    # The rotation next to this: what is passed on keeps its length on curved surfaces. From one
+    # neighbour to the next: a quarter of a tube apart rounding would tell its sense.
+    left, _, right = np.linalg.svd(np.einsum("kai,kbi->kab", tangents[of.row], tangents[of.col]))
     turn = left @ right
-    turn[speaker == np.arange(k)] = np.eye(t)
+    turn[of.row == of.col] = np.eye(t)
     index = np.arange(t)
-    row = np.arange(k)[:, None, None] * t + index[:, None]
-    return placed(turn, row, speaker[:, None, None] * t + index, (k * t, k * t))
+    row, column = (at[:, None, None] * t for at in (of.row, of.col))
+    parts = of.data[:, None, None] * turn
+    return _passed_on(asks, placed(parts, row + index[:, None], column + index, (k * t, k * t)))
 
 
 @dataclass(frozen=True, eq=False)
 class Followers:
     """Who speaks for whom, for one state of contact."""
 
-    speaker: Array  # (k,) the node whose law holds for each
+    speaker: Array  # (k,) the node whose law holds for each, or the first of them
+    sums: csr_matrix  # (k, k) sums over the nodes for which a node speaks
     unheld: Array  # (k,) nodes that no force reaches
     gather: csr_matrix  # (k q, k q) sums of forces at the speakers
     relative: csr_matrix  # (k q, k q) jumps; of nodes that follow others against theirs
@@ -143,7 +151,7 @@ class Followers:
         """Each node speaks for itself."""
         k, m = len(nodes.kappa), len(nodes.v)
         every = identity(nodes.kappa.size, format="csr")
-        alone = np.arange(k), np.zeros(k, dtype=bool)
+        alone = np.arange(k), identity(k, format="csr"), np.zeros(k, dtype=bool)
         return Followers(*alone, every, every, identity(m, format="csr"), csr_matrix((m, m)))
 
     @staticmethod
@@ -168,21 +176,19 @@ class Followers:
         k, t = nodes.kappa.shape
         follows = nodes.of(tied)
         near, least = (np.ones_like(active), BY_LITTLE) if chosen else (active | tied, HELD)
-        speaker = speakers(follows, nodes.of(near), pulled, least)
+        asks = asked(follows, nodes.of(near), pulled, least)
+        parts = speakers(asks)
+        speaker, free = np.asarray(parts.argmax(axis=1)).ravel(), unheld(follows, parts)
         if np.array_equal(speaker, np.arange(k)):
-            return replace(Followers.none(nodes), unheld=unheld(follows, speaker))
-        alike = follow(speaker, nodes.tangents)
+            return replace(Followers.none(nodes), unheld=free)
+        alike = follow(asks, nodes.tangents)
         weak = np.repeat(speaker != np.arange(k), t).astype(float)
         relative = identity(k * t, format="csr") - diagonal(weak) @ alike
         held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
-        leader = np.where(held < adrift, speaker, np.arange(k))
-        carried = _carried(leader, nodes.geometry.directions)
-        return Followers(speaker, unheld(follows, speaker), alike.T.tocsr(), relative, *carried)
-
-    @cached_property
-    def sums(self) -> csr_matrix:
-        """(k, k) sums over the nodes for which a node speaks."""
-        return sums(self.speaker)
+        led = (held < adrift) & (speaker != np.arange(k))
+        carried = _carried(led, asks, nodes.geometry.directions)
+        sums = parts.T.tocsr()
+        return Followers(speaker, sums, free, alike.T.tocsr(), relative, *carried)
 
     def share(self, friction: Array, bears: Array, tangents: Array) -> Array:
         """(k, gdim) forces of friction, of those that speak for others divided among them all.
@@ -192,12 +198,13 @@ class Followers:
             bears: (k,) what each bears, by which they share [force].
             tangents: (k, t, gdim) at the nodes.
         """
-        total = (self.sums @ bears)[self.speaker]
-        part = np.where(total > 0.0, bears / np.where(total > 0.0, total, 1.0), 0.0)
+        total = self.sums @ bears
         own = np.einsum("ki,kai->ka", friction, tangents)
-        own = (self.gather.T @ (self.gather @ own.ravel())).reshape(own.shape)
-        shared = part[:, None] * np.einsum("ka,kai->ki", own, tangents)
-        return np.where((total > 0.0)[:, None], shared, friction)
+        of_each = (self.gather @ own.ravel()).reshape(own.shape)
+        of_each /= np.where(total > 0.0, total, np.inf)[:, None]
+        own = bears[:, None] * (self.gather.T @ of_each.ravel()).reshape(own.shape)
+        shared = np.einsum("ka,kai->ki", own, tangents)
+        return np.where((total > 0.0)[self.speaker, None], shared, friction)
 
 
 class LastFollowers:
@@ -215,12 +222,11 @@ class LastFollowers:
         return found
 
 
-def _carried(leader: Array, directions: Array) -> tuple[csr_matrix, csr_matrix]:
-    """Frame nodes that hardly any pair holds move tangentially as their leader (m,) does: sums of
-    forces at the leaders, and tangential motion against theirs (m d, m d)."""
-    m, d = directions.shape[:2]
-    weak = np.repeat(leader != np.arange(m), d)
-    weak[d - 1 :: d] = False
+def _carried(led: Array, asks: csr_matrix, directions: Array) -> tuple[csr_matrix, csr_matrix]:
+    """Frame nodes that hardly any pair holds, ``led`` (m,), move tangentially as their speaker
+    does: sums of forces there, and tangential motion against that one's (m d, m d)."""
+    weak = np.repeat(led, directions.shape[1])
+    weak[directions.shape[1] - 1 :: directions.shape[1]] = False
     follows = diagonal(weak)
-    moved = follows @ follow(leader, directions)
+    moved = follows @ follow(asks, directions)
     return (diagonal(~weak) + moved.T).tocsr(), follows - moved

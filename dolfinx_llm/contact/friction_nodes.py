@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix, hstack, vstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.base.sparse import diagonal
+from dolfinx_llm.base.sparse import diagonal, nearest
 from dolfinx_llm.geometry.spaces import is_function
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.site import BENT
@@ -86,9 +86,18 @@ class FrictionNodes:
         return self.reached(self.kept.reshape(self.rows.shape)[:, :-1].any(axis=1))
 
     @cached_property
-    def nearest(self) -> Array:
-        """(n,) node next to each pair."""
-        return np.asarray(vstack(self.N).tocsr().argmax(axis=1)).ravel()
+    def _nearest(self) -> csr_matrix:
+        """(n, k) 1 at the node next to each pair, at both where it lies in the middle."""
+        return nearest(vstack(self.N)).astype(bool)
+
+    def next_to(self, status: Array) -> Array:
+        """(n,) status of the node next to each pair: between two that of the larger number, since
+        rounding, or the order of nodes, must not decide.
+
+        Args:
+            status: (k,) of the nodes.
+        """
+        return self._nearest.multiply(status).max(axis=1).toarray()[:, 0].astype(status.dtype)
 
     @cached_property
     def _parts(self) -> csr_matrix:

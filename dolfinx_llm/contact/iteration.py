@@ -155,7 +155,7 @@ class ContactIteration:
             largest = max(step.level(multiplier, y, self.scale), GRAZING * pressed)
             borne = np.where(np.abs(multiplier) > SIGN * largest, multiplier, 0.0)
             apart = np.abs(equations.L @ w - y - g)
-            met = slide(equations, found, known * iteration)
+            met = slide(equations, found, y + g, known * iteration)
             if glides:
                 met = slips(equations, y + g, w)
                 choose(self.states, multiplier, iteration)

@@ -12,7 +12,7 @@ from dolfinx_llm.forms.step import StepResult
 DEEP = 8.0  # softness of bodies against sliding, over that of a row of their nodes side by side
 
 
-def slide(equations: Equations, step: StepResult, iteration: int) -> Array:
+def slide(equations: Equations, step: StepResult, position: Array, iteration: int) -> Array:
     """(m,) w with slips along the friction of an interface, where that is more than all its nodes
     can bear.
 
@@ -22,15 +22,31 @@ def slide(equations: Equations, step: StepResult, iteration: int) -> Array:
     Args:
         equations: of the laws.
         step: what an iteration has found.
+        position: (n,) of the bodies at all rows [length].
         iteration: its number in a load step that goes on from another, 0 in the first: slip is
             foreseen after iteration 1, where contact stays as it is.
     """
+    found = _told(equations, step, position)
     if iteration != 1 or step.wrong.any():
-        return step.w
-    found = step.w.copy()
+        return found
     for s in equations.states:
         if s.nodes.kappa.size and s.shares and not s.glides:
             _slide(s, step, equations.scale, found)
+    return found
+
+
+def _told(equations: Equations, step: StepResult, position: Array) -> Array:
+    """(m,) w with the bodies' slips along obstacles where pairs have no friction in this step, and
+    its own are beyond all motion, as nothing tells them: halfway to the next step, where they may
+    have friction again, they would drag that anywhere."""
+    found, farthest = step.w.copy(), np.abs(position).max(initial=0.0)
+    for s in equations.states:
+        if s.nodes.kappa.size and s.nodes.geometry.rigid and s.law.opens:
+            rows, kappa = s.nodes.rows, s.nodes.kappa
+            moved = position[rows] - (s.nodes.L @ step.w[s.nodes.v]).reshape(rows.shape)
+            untold = ~step.active[rows[:, :-1]].any(axis=1)
+            untold &= np.abs(step.w[kappa]).max(axis=1) > farthest
+            found[kappa[untold]] = moved[untold, : kappa.shape[1]]
     return found
 
 

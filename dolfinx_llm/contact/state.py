@@ -84,7 +84,7 @@ class ContactState:
 class InterfaceState:
     """One interface in the iteration: its law's nodes, its state, and what follows from both.
 
-    Nodes of friction at the rim of contact slip as their ``speaker`` does (``speakers``), where T
+    Nodes of friction at the rim of contact slip as their speakers do (``speakers``), where T
     and N of all are summed up. Those that next to nothing holds also move with it at first.
 
     Args:
@@ -240,7 +240,7 @@ class InterfaceState:
             jump=jump,
             before=self.own.kappa_before / nodes.theta,
             c=c * nodes.softer * nodes.theta * np.sum(self.support(tied=True), axis=0),
-            speaker=self.others.speaker if self.shares else None,
+            shared=self.others.sums if self.shares else None,
         )
 
     def rows_at(self, nodes: LawNodes) -> LawRows:
@@ -268,7 +268,7 @@ class InterfaceState:
             return np.full(len(self.nodes.rows), STICK)
         status = np.full(len(self.nodes.rows), CLOSED)
         if self.nodes.kappa.size:
-            status = self.own.status[self.nodes.nearest]
+            status = self.nodes.next_to(self.own.status)
             status = np.where(status == OPEN, CLOSED, status)  # its node is not pressed
             status = np.where(self.tied, status, CLOSED)
         return np.where(self.own.active, status, OPEN)

@@ -38,6 +38,7 @@ DAMPINGS = (1e-3, 1e-6, 1e-8)
 WORTH = 0.5
 DOES = 1e-3  # of the largest force, with which narrow stencils do: wide ones cost accuracy
 REFINED = 4  # solves, each for what the last one left
+GAINS = 0.9  # what solves and wider stencils must leave at most: below, rounding chooses
 
 
 def bent_normals(frame: Frame) -> Array:
@@ -87,7 +88,7 @@ def bent_rows(
             if change > NARROW or left > WORTH * last:
                 break
             last = left
-            if left < least:
+            if left < GAINS * least:
                 best, least = found, left
         if least <= DOES:
             break
@@ -128,10 +129,10 @@ def _balanced(
     solve = factor(A + held * A.diagonal().max() * identity(A.shape[0])).solve
     delta = [f.missing * spread(k, f.rows.indptr) for f, k in zip(found, free, strict=True)]
     last, best = np.inf, list(N)
-    for k in range(REFINED):
+    for _ in range(REFINED):
         rows = [M + st.matrix(d, m) for M, d, st in zip(N, delta, stencils, strict=True)]
         residual = loading.residual(rows)
-        if k and not np.abs(residual).max() < last:
+        if not np.abs(residual).max() < GAINS * last:
             break
         best, last = rows, np.abs(residual).max()
         step = corrections.under(solve(residual.ravel()).reshape(m, -1))

@@ -142,9 +142,9 @@ def _inverse(X: Array) -> Array:
 
 def _scaling(t: ContactTerms, free: Array, d: float) -> csr_matrix:
     """What makes an interface's own equations as large as those of equilibrium."""
-    by_z = _largest(t.left, free) / d
-    size = np.where(by_z > 0.0, by_z, _largest(t.own, np.ones(t.own.shape[1])))
-    return diagonal(1.0 / np.where(size > 0.0, size, 1.0))
+    by_z, none = _largest(t.left, free) / d, np.finfo(float).tiny  # less has no inverse
+    size = np.where(by_z > none, by_z, _largest(t.own, np.ones(t.own.shape[1])))
+    return diagonal(1.0 / np.where(size > none, size, 1.0))
 
 
 def _main(N: csr_matrix) -> csr_matrix:

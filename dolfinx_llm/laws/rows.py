@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
@@ -77,7 +78,7 @@ class LawNodes:
     c: Array  # (k,) stiffness that the bodies set against jumps, about [force / length]
     status: Array  # (k,) in the last iterate: OPEN, STICK, SLIP, CLOSED
     history: dict[str, Array] = field(default_factory=dict)  # (k, ...) what the law keeps
-    speaker: Array | None = None  # (k,) node whose law holds for each; None: each its own
+    shared: csr_matrix | None = None  # (k, k) sums over the nodes for which each speaks; None: one
     sample: Callable[[Any], Array] | None = None  # (k,) of what users give
     given: dict[str, Array] = field(default_factory=dict)  # (k, ...) what ``begin_step`` has read
 
@@ -92,9 +93,7 @@ class LawNodes:
         Args:
             values: (k,) at the nodes.
         """
-        if self.speaker is None:
-            return values
-        return np.bincount(self.speaker, values, minlength=len(values))
+        return values if self.shared is None else np.asarray(self.shared @ values)
 
     def values(self, value: Any) -> Array:
         """(k,) at the nodes of what a user gives for a law; collective.
@@ -212,7 +211,7 @@ class LawRows:
         to it, vanishes; and that nodes which no force reaches do not slip.
 
         Args:
-            speaker: (k,) of ``speakers``.
+            speaker: (k,) of ``Followers``.
             unheld: (k,) of the function of that name.
             c: size of their rows [force / length].
         """

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.laws.coulomb import Coulomb, newton_rows, projection_miss, switch_rows
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK, LawNodes
@@ -107,7 +108,7 @@ def test_a_node_that_is_pulled_at_takes_from_its_speaker():
     nodes = LawNodes(
         np.zeros((2, 2)), one, force=np.array([[4.5], [0.0]]), N=np.array([10.0, -1.0]),
         jump=none + 1.0, before=none, c=one, status=np.full(2, SLIP),
-        history={"slides": 0.0 * one}, speaker=np.zeros(2, dtype=int),
+        history={"slides": 0.0 * one}, shared=csr_matrix([[1.0, 1.0], [0.0, 0.0]]),
         given={"mu": MU * one, "dynamic": MU * one, "cohesive": 0.0 * one},
     )  # fmt: skip
     law = Coulomb(MU)
