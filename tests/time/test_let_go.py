@@ -45,4 +45,4 @@ def test_a_body_that_is_let_go(nonlinear):
         assert np.allclose(momentum() - before, (0.0, -20.0 * 0.01 * k), rtol=1e-9, atol=1e-9)
     bcs.append(fem.dirichletbc(np.zeros(2), top, V))
     s.step()
-    assert not s.u.x.array.reshape(-1, 2)[top].any()
+    assert np.abs(s.u.x.array.reshape(-1, 2)[top]).max() <= 1e-14
