@@ -11,9 +11,10 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import told
-from dolfinx_llm.base.sparse import diagonal, picking
+from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.contact.sides import FELT, SideResult, between_bodies, nodal_sides, side_result
 from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.design.stencils import adjacency
 from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.frame import Frame, displaced
 from dolfinx_llm.interface.control import nodal_values
@@ -212,11 +213,10 @@ def _overshot(frame: Frame, about: Array, density: Array) -> tuple[csr_matrix, A
         density: (m, k) what they say [force / area].
     """
     cells, m = frame.corners, len(about)
-    n, k = cells.shape
+    k = cells.shape[1]
     whole = np.repeat(np.linalg.norm(vector_areas(frame.x, cells), axis=1) / k, k)
     told = about > SPARSE * np.bincount(cells.ravel(), whole, m)
-    of = picking(np.repeat(np.arange(n), k), n).T @ picking(cells.ravel(), m)
-    joined = (of.T @ of).sign()
+    joined = adjacency(cells, m)
     size = np.linalg.norm(density, axis=1)
     most = (joined @ diagonal(told * size)).max(axis=1).toarray().ravel()
     return joined, ~told & (most > 0.0) & (size > SPIKE * most)

@@ -14,6 +14,7 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.disposable import free_garbage
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import agree, check, collective, told
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.load_step import LoadStep, NewtonState
@@ -112,8 +113,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         given = self.interfaces, self.loads, self._solver, self._petsc, self.times
         equations, self.method, self._why = posed(self.bulk, self.bulk.now(), *given)
         self._newton, self._moved = NewtonSteps(equations), False
-        own = sum(equations.system.sizes)
-        self.unknowns = {"u": self.bulk.dofs.sizes[1], "interfaces": own}
+        self.unknowns = {"u": self.bulk.dofs.sizes[1], "interfaces": sum(equations.system.sizes)}
         self.reset()
 
     def update(self) -> None:
@@ -127,6 +127,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         self.bulk.look()
         self._moved = bool(self._drawn.changes(())) or self._moved
         if self._moved:
+            log.info("a mesh was moved since the last solve")
             self.destroy()
             self.bulk.measure()
             self._build()

@@ -188,6 +188,11 @@ class SavedNonlinear(Saving):
         drawn = [(s.x + s.origin).ravel() for surfaces in every for s in surfaces]
         return np.concatenate([np.zeros(0), *drawn])
 
+    @property
+    def keeps(self) -> bool:
+        """Whether laws of your own have kept something."""
+        return any(kept is not None for kept in self._state.kept)
+
     def state_arrays(self) -> tuple[Arrays, Arrays]:
         """What is the same on every rank, also what laws of your own have kept, and this rank's
         values at the bodies' dofs."""

@@ -128,8 +128,7 @@ def _check(old: Any, new: Any) -> None:
                 "NonlinearContactProblem of the same bodies can"
             )
         problem.saved_spaces()
-    finite = isinstance(old, NonlinearContactProblem)
-    if finite and any(" law " in name for name in old.state_arrays()[0]):
+    if isinstance(old, NonlinearContactProblem) and old.keeps:
         raise ContactInputError(
             "transfer: what laws of your own keep at finite deformation cannot be carried over yet"
         )

@@ -2,44 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from dolfinx import fem
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.laws.coulomb import Coulomb
-from dolfinx_llm.laws.law import Law
 from dolfinx_llm.operators.petsc import diagonal_of, times
 from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.form_arguments import listed
 from dolfinx_llm.problem.saving import Saving
-from dolfinx_llm.time.unmoved import unmoved
+from dolfinx_llm.time.for_a_while import slippery, unmoved
 
 INERT = 1e7, 1e5  # inertia over stiffness and that of a step, by which bodies stay where they are
 # at first: linear ones, and others, whose forces are known to rounding of theirs
-
-
-@contextmanager
-def slippery(laws: Sequence[Law]) -> Iterator[None]:
-    """For a while Coulomb's laws bear no friction: where bodies came from tells how they slide, and
-    nothing of what acted there. With a dynamic coefficient it tells which nodes did, too."""
-    rough = [law for law in laws if isinstance(law, Coulomb) and law.dynamic is None]
-    kept = [(law, law.mu, law.cohesion) for law in rough]
-    try:
-        for law in rough:
-            _give(law, 0.0, 0.0)
-        yield
-    finally:
-        for given in kept:
-            _give(*given)
-
-
-def _give(law: Coulomb, mu: Any, cohesion: Any) -> None:
-    object.__setattr__(law, "mu", mu)
-    object.__setattr__(law, "cohesion", cohesion)
 
 
 class Starting(Saving):
