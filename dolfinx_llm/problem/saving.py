@@ -6,7 +6,6 @@ What interfaces keep is the same on every rank; ``state_file`` has the values at
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,6 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.disposable import Disposable
-from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.contact.results import collect_results
 from dolfinx_llm.contact.state import ContactState
@@ -27,12 +25,14 @@ from dolfinx_llm.problem.state_file import (
     FORMAT,
     Arrays,
     by_cells,
+    check_order,
     from_cells,
     other_scene,
     read_state,
     write_state,
 )
 
+AS_FORCES = "f", "pushed", "inertia"  # of the bodies' dofs: what is saved that is no displacement
 SAME_PLACES = 1e-9  # of their size: by how much nodes of the interfaces may differ
 
 
@@ -53,11 +53,13 @@ class Saving(Disposable):
             ContactInputError: a path that cannot be written, or a problem that cannot be saved.
             ContactError: nothing has been solved.
         """
+        with collective(self.comm):
+            check_order(self.saved_bulk.blocks)
         common, local = self.state_arrays()
-        spaces, told = self.saved_spaces(), {"format": FORMAT, "kind": self._kind()}
+        blocks, told = self.saved_bulk.blocks, {"format": FORMAT, "kind": self._kind()}
         given = {name: np.array(text) for name, text in told.items()} | common
         for name, values in local.items():
-            for i, table in enumerate(by_cells(spaces, values)):
+            for i, table in enumerate(by_cells(blocks, values / self._unit(name))):
                 given[f"body {i} {name}"] = table
         with collective(self.comm):
             path = writable_file("file", file, (".npz",))
@@ -83,22 +85,25 @@ class Saving(Disposable):
         common, names = self.comm.bcast((found, names))
         with collective(self.comm):
             self._check_scene(common, file)
-        spaces = self.saved_spaces()
-        local = {}
+        blocks, local = self.saved_bulk.blocks, {}
         for name in names:
-            own = [tables.get(f"body {i} {name}") for i in range(len(spaces))]
-            local[name] = from_cells(spaces, own, file)
+            own = [tables.get(f"body {i} {name}") for i in range(len(blocks))]
+            local[name] = from_cells(blocks, own, file) * self._unit(name)
         self.take_arrays(common, local)
 
-    def saved_spaces(self) -> Sequence[Any]:
-        """Spaces of the bodies' dofs.
+    @property
+    def saved_bulk(self) -> Any:
+        """What assembles the bodies."""
+        return self.bulk
 
-        Raises:
-            ContactInputError: a mixed space.
-        """
-        if self.bulk.dofs.others:
-            raise ContactInputError("problems of mixed spaces cannot be saved yet")
-        return self.bulk.dofs.spaces
+    def _unit(self, name: str) -> Array:
+        """(n_local,) by which units of an array of ``state_arrays`` differ from displacements': in
+        mixed spaces a force's is their inverse."""
+        if name not in AS_FORCES:
+            return np.ones(len(self.saved_bulk.dofs.fixed))
+        unit = np.concatenate([block.scale for block in self.saved_bulk.blocks]) ** 2
+        # Loads have the prescribed values where there are some.
+        return np.where(self.saved_bulk.dofs.fixed & (name == "f"), 1.0, unit)
 
     def state_arrays(self) -> tuple[Arrays, Arrays]:
         """What is the same on every rank, and this rank's values of the bodies' dofs."""

@@ -18,24 +18,24 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.geometry.spaces import CELLS
 from dolfinx_llm.output.writing import writing
+from dolfinx_llm.problem.blocks import Blocks
 
 FORMAT = "dolfinx_llm state 3"
 Arrays = dict[str, Array]
 
 
-def by_cells(spaces: Sequence[Any], values: Array) -> list[Array]:
-    """Per mesh (cells, nodes, components) of this rank's values, on rank 0; collective."""
+def by_cells(blocks: Sequence[Blocks], values: Array) -> list[Array]:
+    """Per mesh (cells, nodes, components) of this rank's values (n_local,), on rank 0, in units of
+    the form; collective."""
     found, start = [], 0
-    for V in spaces:
+    for block in blocks:
+        V, own = block.W, len(block.scale)
         function = fem.Function(V)
-        k = V.dofmap.index_map_bs
-        count = V.dofmap.index_map.size_local * k
-        function.x.array[:count] = values[start : start + count]
-        function.x.scatter_forward()
-        start += count
-        cells, own = _cells(V), V.mesh.topology.index_map(V.mesh.topology.dim).size_local
-        table = function.x.array.reshape(-1, k)[compat.cell_dofs(V)[:own]]
-        parts = V.mesh.comm.gather((cells[:own], table))
+        block.fill(function, values[start : start + own])
+        start += own
+        cells, count = _cells(V), V.mesh.topology.index_map(V.mesh.topology.dim).size_local
+        table = function.x.array.reshape(-1, V.dofmap.index_map_bs)[compat.cell_dofs(V)[:count]]
+        parts = V.mesh.comm.gather((cells[:count], table))
         if parts is None:
             found.append(np.zeros(0))
             continue
@@ -44,10 +44,11 @@ def by_cells(spaces: Sequence[Any], values: Array) -> list[Array]:
     return found
 
 
-def from_cells(spaces: Sequence[Any], tables: Sequence[Any], file: Any) -> Array:
-    """This rank's values of rank 0's tables per mesh; collective."""
+def from_cells(blocks: Sequence[Blocks], tables: Sequence[Any], file: Any) -> Array:
+    """This rank's values (n_local,) of rank 0's tables per mesh; collective."""
     found = []
-    for V, table in zip(spaces, tables, strict=True):
+    for block, table in zip(blocks, tables, strict=True):
+        V = block.W
         comm, cells, dofs = V.mesh.comm, _cells(V), compat.cell_dofs(V)
         count = V.mesh.topology.index_map(V.mesh.topology.dim).size_global
         shape = count, V.dofmap.dof_layout.num_dofs, V.dofmap.index_map_bs
@@ -59,12 +60,29 @@ def from_cells(spaces: Sequence[Any], tables: Sequence[Any], file: Any) -> Array
         if parts is not None:
             number = np.unique(np.concatenate(parts), axis=0, return_inverse=True)[1].ravel()
             rows = np.split(table[number], np.cumsum([len(part) for part in parts])[:-1])
-        own = comm.scatter(rows)
-        index_map = V.dofmap.index_map
-        values = np.zeros((index_map.size_local + index_map.num_ghosts, V.dofmap.index_map_bs))
-        values[dofs[: len(cells)]] = own
-        found.append(values[: index_map.size_local].ravel())
+        function = fem.Function(V)
+        function.x.array.reshape(-1, shape[2])[dofs[: len(cells)]] = comm.scatter(rows)
+        found.append(block.values(function))
     return np.concatenate(found)
+
+
+def check_order(blocks: Sequence[Blocks]) -> None:
+    """Require dofs whose order in a cell does not depend on how a mesh is parted: at most one at
+    each edge or facet, or several of a block that are components.
+
+    Raises:
+        ContactInputError: a block of a mixed space has others.
+    """
+    for V in (block.W for block in blocks if block.mixed):
+        dim = V.mesh.topology.dim
+        layouts = [V.sub(i).dofmap.dof_layout for i in range(V.num_sub_spaces)]
+        several = [max(len(L.entity_dofs(d, 0)) for d in range(1, dim)) > 1 for L in layouts]
+        if V.element.needs_dof_transformations or any(several):
+            raise ContactInputError(
+                f"a mixed space of {len(layouts)} blocks cannot be saved, as one of them is of "
+                "third order or of vectors along edges or across facets: Lagrange spaces of up to "
+                "second order can, continuous or not"
+            )
 
 
 def _cells(V: Any) -> Array:

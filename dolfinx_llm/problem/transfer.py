@@ -127,7 +127,8 @@ def _check(old: Any, new: Any) -> None:
                 "transfer: ContactProblems of second-order bodies cannot be carried over yet: a "
                 "NonlinearContactProblem of the same bodies can"
             )
-        problem.saved_spaces()
+        if problem.bulk.dofs.mixed:
+            raise ContactInputError("transfer: problems of mixed spaces cannot be carried over yet")
     if isinstance(old, NonlinearContactProblem) and old.keeps:
         raise ContactInputError(
             "transfer: what laws of your own keep at finite deformation cannot be carried over yet"

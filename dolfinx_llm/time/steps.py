@@ -135,9 +135,10 @@ class Steps(Starting):
         """Of the problem."""
         return self.problem.interfaces
 
-    def saved_spaces(self) -> Sequence[Any]:
-        """Spaces of the bodies' dofs."""
-        return self.problem.saved_spaces()
+    @property
+    def saved_bulk(self) -> Any:
+        """Of the problem."""
+        return self.problem.bulk
 
     def places(self) -> Array:
         """Places of the interfaces, which tell this scene from others."""

@@ -2,12 +2,14 @@
 
 from dataclasses import fields
 
+import mixed
 import numpy as np
 import pytest
 import ufl
 from conftest import run_mpi_json
 from dolfinx import fem, mesh
 from friction_block import Dragged
+from mixed_saved import WAYS, Block
 from mpi4py import MPI
 from sampling import longer
 from saved import figures
@@ -136,6 +138,34 @@ def test_bodies_on_submeshes(nonlinear, tmp_path):
     for a, b in zip(u, second.u if nonlinear else other.u, strict=True):
         np.testing.assert_array_equal(a.x.array, b.x.array)
     assert np.abs(u[0].x.array).max() > 1e-3
+
+
+@pytest.mark.parametrize("kind", ["linear", pytest.param("nonlinear", marks=pytest.mark.long)])
+def test_mixed_spaces_go_on_on_two_ranks(kind, tmp_path):
+    """Pressures as well; friction remembers which way the block was dragged."""
+    block = Block(kind, MPI.COMM_SELF)
+    for way in WAYS[:-1]:
+        block.drag(way)
+    saved, file = block.figures(), tmp_path / "state.npz"
+    block.problem.save(file)
+    exact = block.drag(WAYS[-1])
+    assert np.abs(exact[0] - saved[0]).max() > 0.1 * np.abs(exact[0]).max()
+    found = run_mpi_json("mixed_saved.py", 2, file, kind)["figures"]
+    for a, b in zip(found, exact, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9 * np.abs(b).max())
+    other = Block(kind, MPI.COMM_SELF)
+    other.problem.load(file)
+    for a, b in zip(other.figures(), saved, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12 * np.abs(b).max())
+
+
+def test_blocks_whose_order_depends_on_ranks(tmp_path):
+    """Of third order there are two dofs at an edge, in the order of the mesh's numbers."""
+    blocks = ("Lagrange", 3, False), ("Lagrange", 2, True)
+    with mixed.pressed(llm.Tied(), blocks, MPI.COMM_SELF) as problem:
+        problem.solve()
+        with pytest.raises(llm.ContactInputError, match="third order"):
+            problem.save(tmp_path / "state.npz")
 
 
 def test_laws_and_problems_of_other_kinds(tmp_path):

@@ -132,9 +132,10 @@ def nonlinear(a, L, *, solver, **chosen):
     return llm.NonlinearContactProblem(ufl.action(a, w) - L, w, **chosen)
 
 
-def pressed(law, blocks, comm, solver="auto", make=llm.ContactProblem, spring=0.0):
+def pressed(law, blocks, comm, solver="auto", make=llm.ContactProblem, spring=0.0, given=None):
     """A block dragged along a larger one, lifted at one end and pressed at the other; ν = 0.3. A
-    ``spring`` holds it in the place of the condition that drags it.
+    ``spring`` holds it in the place of the condition that drags it. Functions of the conditions are
+    added to the list ``given``.
 
     Where the pressures of a mixed space contain the divergences, it is the plain problem."""
     low, high = (BOXES[2][0][0], (0.137, 1)), BOXES[2][1]
@@ -155,6 +156,8 @@ def pressed(law, blocks, comm, solver="auto", make=llm.ContactProblem, spring=0.
     for space, tag, value in held:
         known = fem.Function(V if space is V else space.collapse()[0])
         known.x.array[:] = value
+        if given is not None:
+            given.append(known)
         if space is V:
             bcs.append(fem.dirichletbc(known, fem.locate_dofs_topological(V, 1, own.find(tag))))
         else:
