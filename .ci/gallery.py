@@ -24,7 +24,7 @@ KEPT = ROOT / "build" / "gallery"
 # What demos are run with; those that are not named, with --plot and the folder.
 OPTIONS = {
     "error_vs_time": "--quick --output .",
-    "ironing": "--mu 0 0.3 --steps 12 --plot .",
+    "ironing": "--mu 0 0.3 --steps 14 --plot .",
     "rubber_seal": "--refine 2 --plot .",
     "scale": "--largest 10000 --plot .",
     "second_order": "--cells 8 16 32 --elements 4 8 --plot .",

@@ -119,9 +119,9 @@ def main(arguments=None):
             mean, last = np.mean(its), force[-1]
             print(f"mu = {mu:g}: {run.problem.results[0].frame.x.shape[0]} frame nodes")
             print(f"  force along {last[0]:.5f}, normal {last[-1]:.5f}")
-            print(
-                "  ripple over the normal force: " + ", ".join(f"{r:.2%}" for r in found["ripple"])
-            )
+            told = ", ".join(f"{r:.2%}" for r in found["ripple"])
+            few = np.isnan(found["ripple"]).any()
+            print(f"  ripple over the normal force: {'too few steps slide' if few else told}")
             print(f"  iterations {mean:.1f} a step, at most {max(its)}; halvings {sum(halvings)}")
         if args.plot:
             for name, u in zip(("slab", "die"), run.problem.u, strict=True):
