@@ -15,8 +15,9 @@ from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.contact.sides import FELT, SideResult, between_bodies, nodal_sides, side_result
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.design.stencils import adjacency
-from dolfinx_llm.geometry.cells import vector_areas
+from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.frame import Frame, displaced
+from dolfinx_llm.geometry.thickness import thickness_at
 from dolfinx_llm.interface.control import nodal_values
 from dolfinx_llm.interface.density import along_normals
 from dolfinx_llm.interface.forces import InterfaceForces, per_area
@@ -178,7 +179,8 @@ def _interface_result(
         acts, over = np.where(thin[:, None], mean, acts), np.where(thin, about, area)
         density = per_area(acts, over)
         if not law.gives:  # whose force is that of the area, however little of it there is
-            joined, wild = _overshot(frame, about, density)
+            thickness = thickness_at(geometry.interface.thickness, frame.x)
+            joined, wild = _overshot(frame, about, density, thickness)
             density[wild] = per_area(joined @ acts, joined @ over)[wild]
     frame, own = displaced(frame, nodal_values(geometry, v)), (force, area, friction, status)
     return InterfaceResult(frame, nodal, geometry.certificate, *own, density, presses)
@@ -204,17 +206,19 @@ def _at_frame(
     return along_normals(press, normal)[:, 0], along_normals(drag, normal)[:, 1:]
 
 
-def _overshot(frame: Frame, about: Array, density: Array) -> tuple[csr_matrix, Array]:
+def _overshot(
+    frame: Frame, about: Array, density: Array, thickness: Array | None
+) -> tuple[csr_matrix, Array]:
     """Which of a frame's nodes share cells (m, m), and (m,) nodes about which little is covered and
     that say far more than all others there: an edge is next to them, whose force is no pressure.
 
     Args:
         about: (m,) area covered about the nodes [area].
         density: (m, k) what they say [force / area].
+        thickness: (m,) of bodies in the plane; None: 1 [length].
     """
     cells, m = frame.corners, len(about)
-    k = cells.shape[1]
-    whole = np.repeat(np.linalg.norm(vector_areas(frame.x, cells), axis=1) / k, k)
+    whole = np.linalg.norm(facet_vectors(frame.x, cells, thickness), axis=2).ravel()
     told = about > SPARSE * np.bincount(cells.ravel(), whole, m)
     joined = adjacency(cells, m)
     size = np.linalg.norm(density, axis=1)

@@ -17,6 +17,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import per_item, summing
+from dolfinx_llm.finite.covered import Covered, integrated, with_thickness
 from dolfinx_llm.finite.jacobians import (
     QUARTER,
     area_derivatives,
@@ -165,22 +166,11 @@ def tangents_at(dN: Array, corners: Array) -> Array:
     return found.reshape(n, g, d, 2).transpose(3, 2, 0, 1)
 
 
-@dataclass(frozen=True, eq=False)
-class Covered:
-    """Covered parts of facets: integrals of shape functions there, over the facet's size."""
-
-    share: Array  # (f, j); their sum is 1 where the whole facet is covered
-    derivative: csr_matrix  # (j f, width) by all coordinates [1 / length]
-
-    def without(self, other: Covered) -> Covered:
-        """What of these parts does not belong to other ones, which lie in them."""
-        return Covered(self.share - other.share, self.derivative - other.derivative)
-
-
 def everything(x: Array, surface: Surface, first: int, width: int) -> Covered:
     """Whole facets; arguments as for ``surface_integrals``."""
-    (f, j), gdim = surface.cells.shape, x.shape[1]
+    f, gdim = len(surface.cells), x.shape[1]
     if gdim == 2:
+        j = integrated(surface) + 1
         return Covered(np.full((f, j), 1.0 / j), csr_matrix((f * j, width)))
     share, change = FacetPlanes.of(x, surface.facets, surface.element).whole()
     return Covered(share, jacobian(change, coordinates(surface.facets, gdim, first), width))
@@ -208,7 +198,7 @@ def surface_integrals(
     Returns:
         Values [area], and their derivatives (n r, width) by all coordinates [area / length].
     """
-    facets = surface.facets
+    facets, covered = surface.facets, with_thickness(covered, x, surface, first)
     (n, gdim), (f, j) = x.shape, surface.cells.shape
     width = covered.derivative.shape[1]
     area, by_x = vector_areas(x, facets), area_derivatives(x, facets)

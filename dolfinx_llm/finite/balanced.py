@@ -14,6 +14,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, summing
+from dolfinx_llm.finite.covered import with_thickness
 from dolfinx_llm.finite.sides import Meeting, Sides
 
 
@@ -29,7 +30,7 @@ def balanced_loads(
         own: ``Sides.forces`` of the moving side.
     """
     if meeting.along is not None:
-        own = _along(sides, meeting, *meeting.along)
+        own = _along(sides, meeting, z, *meeting.along)
     forces = own, sides.forces(meeting, z, False)
     C = [control.T for control in sides.control]
     values, by_z = ([M @ a for M, a in zip(C, of)] for of in zip(*forces, strict=True))
@@ -37,19 +38,27 @@ def balanced_loads(
 
 
 def _along(
-    sides: Sides, meeting: Meeting, length: Array, by_z: csr_matrix
+    sides: Sides, meeting: Meeting, z: Array, length: Array, by_z: csr_matrix
 ) -> tuple[Array, csr_matrix]:
     """(n,) of the moving side's control values: a facet's length on the frame, parted as what is
-    covered of the facet itself."""
-    share, cells = meeting.covered[0].share, sides.cells(True)
-    f, k = share.shape
-    part = share.sum(axis=1)
+    covered of the facet itself, with its thickness."""
+    covered, surface, x = meeting.covered[0], sides.surfaces[sides.moving], sides.split(z)[0]
+    thick = with_thickness(covered, x, surface, sides.first[0])
+    share, cells = thick.share, surface.cells
+    part = covered.share.sum(axis=1)
     inverse = np.where(part > 0.0, 1.0 / np.where(part > 0.0, part, 1.0), 0.0)
     own = share * inverse[:, None]
-    of_facet = summing(np.repeat(np.arange(f), k), f)
-    change = meeting.covered[0].derivative
-    change = change - diagonal(own.ravel()) @ of_facet.T @ (of_facet @ change)
-    change = diagonal(np.repeat(length * inverse, k)) @ change
+    of_facet = _sums(share)
+    change = thick.derivative
+    parted = _sums(covered.share) @ covered.derivative
+    change = change - diagonal(own.ravel()) @ of_facet.T @ parted
+    change = diagonal(np.repeat(length * inverse, share.shape[1])) @ change
     change = change + diagonal(own.ravel()) @ of_facet.T @ by_z
-    gather = summing(cells.ravel(), len(sides.surfaces[sides.moving].x))
+    gather = summing(cells.ravel(), len(x))
     return gather @ (own * length[:, None]).ravel(), gather @ change
+
+
+def _sums(share: Array) -> csr_matrix:
+    """(f, f k) sums over the functions of each facet."""
+    f, k = share.shape
+    return summing(np.repeat(np.arange(f), k), f)

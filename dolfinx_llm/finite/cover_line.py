@@ -13,11 +13,11 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import per_item, summing
-from dolfinx_llm.finite.areas import Covered
+from dolfinx_llm.finite.bernstein import integrals, values
+from dolfinx_llm.finite.covered import Covered
 from dolfinx_llm.finite.jacobians import NodalNormals, coordinates, jacobian
 from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
 from dolfinx_llm.geometry.cells import cross_plane
-from dolfinx_llm.geometry.element import Element, element_of
 
 JUST_BESIDE = 1e-6  # of a facet: how far beside it a place counts as it is
 
@@ -68,7 +68,7 @@ def covered_lines(
     d: LocationDerivatives,
     normals: NodalNormals,
     columns: tuple[int, int],
-    elements: tuple[Element, Element],
+    degrees: tuple[int, int],
 ) -> tuple[tuple[Covered, Covered], tuple[Array, csr_matrix]]:
     """What the moving side's facets cover of the frame, and what of them is covered.
 
@@ -80,7 +80,7 @@ def covered_lines(
         at, d: where all nodes of the moving side lie on the frame, with derivatives.
         normals: of the frame's nodes.
         columns: number of the first coordinate of the moving side and of the frame.
-        elements: of the functions that are integrated, on both.
+        degrees: of Bernstein's functions that are integrated, on both.
 
     Returns:
         Covered parts of the moving side's facets, and of the frame's; (f,) lengths of the frame
@@ -105,7 +105,7 @@ def covered_lines(
     spans = Spans.of(chains, moving[facets], steps[facets], start, at, high | low)
     lengths, by_z = _lengths(chains, spans, at, d, y, columns[1])
     pick = summing(facets, len(moving))
-    covered = _of_moving(elements[0], *of), _of_frame(elements[1], chains, spans, at, d)
+    covered = _of_moving(degrees[0], *of), _of_frame(degrees[1], chains, spans, at, d)
     return covered, (pick @ lengths, pick @ by_z)
 
 
@@ -147,19 +147,19 @@ class Spans:
 
 
 def _of_frame(
-    element: Element, chains: Chains, of: Spans, at: OnFrame, d: LocationDerivatives
+    degree: int, chains: Chains, of: Spans, at: OnFrame, d: LocationDerivatives
 ) -> Covered:
     """Sums over the spans."""
-    f, n, k = len(chains.order), len(at.facet), element.nodes
+    f, n, k = len(chains.order), len(at.facet), degree + 1
     both = np.concatenate([of.far, of.near])
     share = np.zeros((f, k))
-    np.add.at(share, at.facet[of.far], _integral(element, of.xi[of.far]))
-    np.add.at(share, at.facet[of.near], -_integral(element, of.xi[of.near]))
+    np.add.at(share, at.facet[of.far], integrals(degree, of.xi[of.far]))
+    np.add.at(share, at.facet[of.near], -integrals(degree, of.xi[of.near]))
     np.add.at(share, of.full, 1.0 / k)
-    by_xi = element.positive(of.xi[:, None]) * ~of.beyond[:, None]
+    by_xi = values(degree, of.xi) * ~of.beyond[:, None]
     rows = coordinates(at.facet[both][:, None], k).ravel()
-    values = np.concatenate([by_xi[of.far], -by_xi[of.near]]).ravel()
-    return Covered(share, csr_matrix((values, (rows, np.repeat(both, k))), (k * f, n)) @ d.xi)
+    entries = np.concatenate([by_xi[of.far], -by_xi[of.near]]).ravel()
+    return Covered(share, csr_matrix((entries, (rows, np.repeat(both, k))), (k * f, n)) @ d.xi)
 
 
 def _lengths(
@@ -183,7 +183,7 @@ def _lengths(
 
 
 def _of_moving(
-    element: Element,
+    degree: int,
     facets: Array,
     moving: Array,
     x: Array,
@@ -197,7 +197,7 @@ def _of_moving(
     width: int,
 ) -> Covered:
     """Facets between their nodes, or the frame's ends where a node lies beyond."""
-    k = element.nodes
+    k = degree + 1
     share = np.zeros((len(moving), k))
     share[facets] = 1.0 / k
     derivative = csr_matrix((k * len(moving), width))
@@ -207,8 +207,8 @@ def _of_moving(
         node = moving[cut, local]
         end = chains.ends[at.facet[node], np.where(high[node], 1, 0)]
         eta, blocks, by_normal = _cut(x[moving[cut]], y[end], normals.n[end])
-        share[cut] += sign * (_integral(element, eta) - (0.0 if local == 0 else 1.0 / k))
-        by_eta = sign * element.positive(eta[:, None])[:, :, None]
+        share[cut] += sign * (integrals(degree, eta) - (0.0 if local == 0 else 1.0 / k))
+        by_eta = sign * values(degree, eta)[:, :, None]
         places = np.concatenate(
             [coordinates(moving[cut], 2, columns[0]), coordinates(end[:, None], 2, columns[1])],
             axis=1,
@@ -235,11 +235,3 @@ def _cut(x: Array, y: Array, n: Array) -> tuple[Array, Array, Array]:
     rest = q - eta[:, None] * side
     by_n = inside[:, None] * np.column_stack([-rest[:, 1], rest[:, 0]]) / down[:, None]
     return eta, np.hstack([(eta - 1.0)[:, None] * by_q, -eta[:, None] * by_q, by_q]), by_n
-
-
-def _integral(element: Element, xi: Array) -> Array:
-    """(n, k) integrals of the functions of control values from 0 to xi (n,)."""
-    if element == element_of(1, 2):
-        return np.column_stack([xi - 0.5 * xi**2, 0.5 * xi**2])
-    cubed = xi**3 / 3.0
-    return np.column_stack([xi - xi**2 + cubed, cubed, xi**2 - 2.0 * cubed])

@@ -19,7 +19,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace, OneSide
 from dolfinx_llm.finite.terms import ContactTerms, Held, held_fast
-from dolfinx_llm.geometry.cells import areas_around, vector_areas
+from dolfinx_llm.geometry.cells import areas_around, facet_vectors
 from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.against import check_mean
@@ -74,7 +74,8 @@ class MovingMean(ObstacleContact):
         x = z.reshape(-1, gdim)
         vectors = areas_around(x, surface.facets, surface.cells)
         sizes = np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)
-        area = np.linalg.norm(vector_areas(x, surface.facets), axis=1).sum()
+        of_facets = facet_vectors(x, surface.facets, surface.thickness_at(x))
+        area = np.linalg.norm(of_facets.sum(axis=1), axis=1).sum()
         shift, inward = self.weights @ (x - surface.x), -vectors / sizes[:, None]
         return ObstaclePlace(
             z=z,

@@ -185,7 +185,8 @@ class ObstacleContact(Slides):
         turned = np.moveaxis(normals[1 : gdim + 1] - normals[gdim + 1 :], 0, 2)  # (n, i, k)
         smooth = np.isfinite(by_x).all(axis=1) & (np.abs(turned).max(axis=(1, 2)) < KINK)
         vectors = np.zeros_like(x)
-        np.add.at(vectors, surface.cells, facet_vectors(surface.straightened(x), surface.cells))
+        straight, thickness = surface.straightened(x), surface.thickness_at(x)
+        np.add.at(vectors, surface.cells, facet_vectors(straight, surface.cells, thickness))
         vectors = self.sides.nodal.T @ vectors
         areas = np.linalg.norm(vectors, axis=1)
         away = np.einsum("ni,ni->n", vectors, -normals[0]) < TURNED_AWAY * areas

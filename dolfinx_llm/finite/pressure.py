@@ -14,10 +14,12 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.sparse import per_component
-from dolfinx_llm.finite.areas import Covered, everything, surface_integrals
+from dolfinx_llm.finite.areas import everything, surface_integrals
+from dolfinx_llm.finite.covered import Covered
 from dolfinx_llm.finite.sides import Sides
 from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface, check_facet_tags
+from dolfinx_llm.geometry.thickness import check_thickness
 
 COVER = "give (facet tags, tag), or None"
 
@@ -37,6 +39,7 @@ class FreeSurfacePressure:
         p: pressure, positive when it presses on the body [force / area]: a number, or a Constant,
             whose value may change between load steps.
         covered_by: (facet tags, tag) of a surface that may cover part of it, or None.
+        thickness: of bodies in the plane, as of ``Interface`` [length].
 
     Raises:
         ContactInputError: arguments of other types.
@@ -46,10 +49,12 @@ class FreeSurfacePressure:
     tag: int
     p: Any
     covered_by: tuple[Any, ...] | None = field(default=None, kw_only=True)
+    thickness: Any = field(default=1.0, kw_only=True)
 
     def __post_init__(self) -> None:
         check_facet_tags("facet_tags", self.facet_tags)
         checks.integer("facet tag", self.tag)
+        check_thickness(self.thickness)
         self.value()
         if self.covered_by is not None:
             given = checks.items("covered_by", self.covered_by, COVER)

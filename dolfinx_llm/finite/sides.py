@@ -22,9 +22,10 @@ from scipy.sparse import csr_matrix, hstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import per_component
-from dolfinx_llm.finite.areas import Covered, surface_integrals
+from dolfinx_llm.finite.areas import surface_integrals
 from dolfinx_llm.finite.cover_facets import LAYER, Skin, covered_facets
 from dolfinx_llm.finite.cover_line import Chains, covered_lines
+from dolfinx_llm.finite.covered import Covered, integrated
 from dolfinx_llm.finite.jacobians import NodalNormals, coordinates, nodal_normals
 from dolfinx_llm.finite.location import (
     LocationDerivatives,
@@ -202,8 +203,8 @@ class Sides:
             covered = self._clipped(z, candidates, True), self._clipped(z, candidates, False)
             along = None
         else:
-            elements = self.surfaces[self.moving].element, self.surfaces[self.frame].element
-            of = self.facets(True), candidates, x, y, at, d, normals, self.first, elements
+            degrees = integrated(self.surfaces[self.moving]), integrated(self.surfaces[self.frame])
+            of = self.facets(True), candidates, x, y, at, d, normals, self.first, degrees
             covered, along = covered_lines(self.chains, *of)
         if self.around is not None:  # nodes are found by the facets' own alone
             normals = nodal_normals(*of_frame, self.around)

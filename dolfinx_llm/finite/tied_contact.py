@@ -16,8 +16,8 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.sparse import diagonal, summing
-from dolfinx_llm.finite.areas import Covered
 from dolfinx_llm.finite.chart import chart_of
+from dolfinx_llm.finite.covered import Covered
 from dolfinx_llm.finite.design import Design
 from dolfinx_llm.finite.location import OnFrame
 from dolfinx_llm.finite.sides import Meeting, Sides

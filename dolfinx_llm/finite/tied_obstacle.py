@@ -150,7 +150,7 @@ class TiedObstacle(Pressed):
         pose = self.posed(self.placing(held.pose, q))
         vectors, x = np.zeros((n, gdim)), surface.straightened(z.reshape(n, gdim))
         facets = surface.cells[self.tied[surface.cells].all(axis=1)]
-        np.add.at(vectors, facets, facet_vectors(x, facets))
+        np.add.at(vectors, facets, facet_vectors(x, facets, surface.thickness_at(x)))
         normal = self.directions @ pose.R.T
         return ObstaclePlace(
             z=z,

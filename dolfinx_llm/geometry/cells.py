@@ -102,26 +102,32 @@ def cross_plane(a: Array, b: Array) -> Array:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def facet_vectors(x: Array, facets: Array) -> Array:
+def facet_vectors(x: Array, facets: Array, thickness: Array | None = None) -> Array:
     """(m, k, gdim) integrals of N n dA over each facet (m, k), exact also on warped quads and on
-    bent facets of second order [area]."""
+    bent facets of second order; in the plane with a thickness (n,) of the nodes [area]."""
     k = facets.shape[1]
     element = element_of(x.shape[1] - 1, k)
-    if element.order == 1 and k < 4:
+    if thickness is None and element.order == 1 and k < 4:
         return np.repeat((vector_areas(x, facets) / k)[:, None, :], k, axis=1)
     xi, w = element.quadrature
-    if element.order == 1:  # 2 x 2 points integrate N det J, of degree 2 in each direction
+    if element.order == 1 and k == 4:  # 2 x 2 points integrate N det J, of degree 2 in each way
         xi, w = CORNERS[4] / np.sqrt(3.0), np.ones(4)
     N, dN = element.shape(xi)
-    return np.einsum("mgi,gk->mki", facet_normals(x, facets, dN), w[:, None] * N)
+    normal = facet_normals(x, facets, dN)
+    if thickness is not None:
+        normal = normal * np.einsum("gk,mk->mg", N, thickness[facets])[..., None]
+    return np.einsum("mgi,gk->mki", normal, w[:, None] * N)
 
 
-def facet_mass(x: Array, facets: Array) -> Array:
-    """(m, k, k) integrals of N N dA over each facet (m, k), whole and maybe bent [area]."""
+def facet_mass(x: Array, facets: Array, thickness: Array | None = None) -> Array:
+    """(m, k, k) integrals of N N dA over each facet (m, k), whole and maybe bent; in the plane with
+    a thickness (n,) of the nodes [area]."""
     element = element_of(x.shape[1] - 1, facets.shape[1])
     xi, w = element.quadrature
     N, dN = element.shape(xi)
     area = w * np.linalg.norm(facet_normals(x, facets, dN), axis=2)
+    if thickness is not None:
+        area = area * np.einsum("gk,mk->mg", N, thickness[facets])
     return np.einsum("mg,gk,gl->mkl", area, N, N)
 
 

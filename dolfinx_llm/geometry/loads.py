@@ -33,7 +33,7 @@ from dolfinx_llm.geometry.overlap_curved import (
     require_overlap,
     vector_areas_in_contact,
 )
-from dolfinx_llm.geometry.overlap_flat import covered_points, nodal_forces
+from dolfinx_llm.geometry.overlap_flat import Plane, covered_points, nodal_forces
 from dolfinx_llm.geometry.surface import Surface
 
 
@@ -58,7 +58,9 @@ class NodalLoads:
         return cls(forces, forces, np.zeros((len(forces), 0)), forces > 0.0)
 
     @classmethod
-    def on(cls, side: Surface, s: Array, area: Any, order: int = 1) -> NodalLoads:
+    def on(
+        cls, side: Surface, s: Array, area: Any, order: int = 1, thickness: Array | None = None
+    ) -> NodalLoads:
         """Of a flat side, exact.
 
         Args:
@@ -67,11 +69,14 @@ class NodalLoads:
                 straight [length].
             area: in contact: a polygon, in 2D an interval.
             order: 2 for moments as well.
+            thickness: (n,) at s, of both sides the same function of the plane; None: 1 [length].
         """
         n, cells, element = len(side.x), side.cells, side.element
         if element.order == 1:
-            return cls.of_forces(nodal_forces(side, s, area))
+            return cls.of_forces(nodal_forces(side, s, area, thickness))
         s = side.straightened(s)
+        if thickness is not None:
+            thickness = side.straightened(thickness)
         forces, shares, touched = np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool)
         moments, products = np.zeros((n, s.shape[1])), []
         second = np.zeros((n, 3)) if order > 1 and element.nodes == 9 else None
@@ -84,6 +89,9 @@ class NodalLoads:
             on_facet, flat = np.repeat(side.facets[facet], g, axis=0), xi.reshape(-1, d)
             x = points_of(s, on_facet, flat)[1].reshape(e, g, d)
             N = element.shape(flat)[0].reshape(e, g, element.nodes)
+            covered += np.bincount(facet, weight.sum(axis=1), len(cells))
+            if thickness is not None:
+                weight = weight * np.einsum("egk,ek->eg", N, thickness[nodes])
             wN = weight[..., None] * N
             arm = x[:, :, None] - s[nodes][:, None]
             np.add.at(forces, nodes, wN.sum(axis=1))
@@ -93,11 +101,16 @@ class NodalLoads:
                 arms = np.stack(squares(arm), axis=-1)
                 np.add.at(second, nodes, np.einsum("egk,egkq->ekq", wN, arms))
             touched[nodes] = True
-            np.add.at(covered, facet, weight.sum(axis=1))
             products.append(assembled(np.einsum("egk,egl->ekl", wN, N), nodes, n))
         cover = _most(covered / whole, cells, n)
         moments = moments if order > 1 else moments[:, :0]
         return cls(forces, shares, moments, touched, sum(products), cover, second)
+
+    @classmethod
+    def over(cls, side: Surface, plane: Plane, area: Any, order: int = 1) -> NodalLoads:
+        """The same in a plane of contact, with the thickness there: of both sides one function."""
+        s = plane.project(side.x)
+        return cls.on(side, s, area, order, side.thickness_at(plane.lift(s)))
 
     @classmethod
     def whole(cls, side: Surface, facets: Array) -> NodalLoads:
@@ -105,9 +118,9 @@ class NodalLoads:
         n, cells = len(side.x), side.cells[facets]
         if side.element.order == 1:
             vectors = np.zeros_like(side.x)
-            np.add.at(vectors, cells, facet_vectors(side.x, cells))
+            np.add.at(vectors, cells, facet_vectors(side.x, cells, side.thickness))
             return cls.of_forces(np.linalg.norm(vectors, axis=1))
-        blocks, touched = facet_mass(side.x, cells), np.zeros(n, dtype=bool)
+        blocks, touched = facet_mass(side.x, cells, side.thickness), np.zeros(n, dtype=bool)
         touched[cells] = True
         mass = assembled(blocks, cells, n)
         area = np.repeat(blocks.sum(axis=(1, 2)) / side.element.nodes, side.element.nodes)
@@ -189,6 +202,8 @@ def covered_loads(
     e, g = weight.shape
     N, dN = N.reshape(e, g, element.nodes), dN.reshape(e, g, element.nodes, gdim - 1)
     normal, nodes = facet_normals(side.x, cells[facet], dN), cells[facet]
+    if side.thickness is not None:
+        weight = weight * np.einsum("egk,ek->eg", N, side.thickness[nodes])
     area = np.linalg.norm(normal, axis=2) * weight  # weights of parts cut off are negative
     normal = normal * weight[..., None]
     place = np.einsum("egk,eki->egi", N, side.x[nodes])

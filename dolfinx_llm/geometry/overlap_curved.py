@@ -64,10 +64,11 @@ def _covered(side: Surface, other: Surface, reach: float) -> Array:
     p, normal = side.x[side.facets], unit_normals(side.x, side.facets)
     whole, cut = covered_facets(side, other, reach)
     vectors = np.zeros(p.shape)
-    vectors[whole] = facet_vectors(side.x, side.facets[whole])
+    vectors[whole] = facet_vectors(side.x, side.facets[whole], side.thickness)
     cell = np.arange(p.shape[1])[None, :]
     for f, s, pieces in cut:
-        part = np.sum([covered_forces(s, cell, piece) for piece in pieces], axis=0)
+        depth = None if side.thickness is None else side.thickness[side.facets[f]]
+        part = np.sum([covered_forces(s, cell, piece, depth) for piece in pieces], axis=0)
         vectors[f] = part[0][:, None] * normal[f]
     a = np.zeros_like(side.x)
     np.add.at(a, side.facets, vectors)

@@ -112,11 +112,12 @@ def full_forces(s: Array, facets: Array) -> Array:
     return np.linalg.norm(facet_vectors(x, facets), axis=2)
 
 
-def covered_forces(s: Array, facets: Array, area: Any) -> Array:
+def covered_forces(s: Array, facets: Array, area: Any, thickness: Array | None = None) -> Array:
     """(m, k) integrals of the shape functions of facets (m, k) over nodes s (n, 2) over their part
-    inside of a polygon; on a line, s (n, 1), inside of an interval."""
+    inside of a polygon; on a line, s (n, 1), inside of an interval, and with a thickness (n,)."""
     if facets.shape[1] == 2:
-        return _covered_segments(s[facets][..., 0], area)
+        depth = None if thickness is None else thickness[facets]
+        return _covered_segments(s[facets][..., 0], area, depth)
     forces = np.zeros(facets.shape)
     inside, partial, pieces = _covered_parts(s, facets, area)
     forces[inside] = full_forces(s, facets[inside])
@@ -176,12 +177,17 @@ def _covered_parts(s: Array, facets: Array, area: Any) -> tuple[Array, Array, An
     return inside, partial[real], pieces[real]
 
 
-def _covered_segments(p: Array, interval: tuple[float, float]) -> Array:
-    """The same on a line: p (m, 2) end points."""
+def _covered_segments(p: Array, interval: tuple[float, float], depth: Array | None = None) -> Array:
+    """The same on a line: p (m, 2) end points, with the thickness there."""
     length = p[:, 1] - p[:, 0]
     a, b = ((np.clip(end, *interval) - p[:, 0]) / length for end in (p[:, 0], p[:, 1]))
     part = np.abs(length) * (b - a)
     part[part < 1e-13 * max(np.abs(p).max(), np.abs(length).max())] = 0.0
+    if depth is not None:
+        t = (a + (b - a) * _GAUSS[0][:, None])[..., None]
+        N = np.concatenate([1.0 - t, t], axis=2)
+        weight = _GAUSS[1][:, None] * np.einsum("gmk,mk->gm", N, depth)
+        return part[:, None] * np.einsum("gm,gmk->mk", weight, N)
     middle = 0.5 * (a + b)
     return np.column_stack([part * (1.0 - middle), part * middle])
 
@@ -271,8 +277,9 @@ def common_area(side0: Surface, side1: Surface, plane: Plane) -> Any:
     return area
 
 
-def nodal_forces(side: Surface, s: Array, area: Any) -> Array:
-    """(n,) energy-equivalent force of unit pressure on ``area`` at each node of a side [area]."""
+def nodal_forces(side: Surface, s: Array, area: Any, thickness: Array | None = None) -> Array:
+    """(n,) energy-equivalent force of unit pressure on ``area`` at each node of a side, of a
+    thickness (n,) there [area]."""
     forces = np.zeros(len(side.x))
-    np.add.at(forces, side.facets, covered_forces(s, side.facets, area))
+    np.add.at(forces, side.facets, covered_forces(s, side.facets, area, thickness))
     return forces

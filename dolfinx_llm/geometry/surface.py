@@ -19,6 +19,7 @@ from dolfinx_llm.base.parallel import check, collective, gather_rows
 from dolfinx_llm.geometry.cells import cell_sizes, vector_areas
 from dolfinx_llm.geometry.element import Element, element_of
 from dolfinx_llm.geometry.spaces import order_of
+from dolfinx_llm.geometry.thickness import check_along, thickness_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,7 @@ class Surface:
     elements: Array | None = None  # (m, k) all nodes of each facet, corners first, see
     # ``Element``; None: there are no others
     origin: Array | float = 0.0  # (gdim,) from which positions count, see ``about`` [length]
+    depth: Any = 1.0  # thickness of bodies in the plane, as it was given: see ``thickness``
 
     @property
     def cells(self) -> Array:
@@ -60,6 +62,25 @@ class Surface:
     def X(self) -> Array:
         """(n, gdim) node positions as drawn [length]."""
         return self.x if self.drawn is None else self.drawn
+
+    @cached_property
+    def thickness(self) -> Array | None:
+        """(n,) at the nodes where they are, in between as shape functions say [length]; None: 1."""
+        return self.thickness_at(self.x)
+
+    def thickness_at(self, x: Array) -> Array | None:
+        """The same with the nodes at x (n, gdim)."""
+        return thickness_at(self.depth, x + self.origin)
+
+    def with_depth(self, given: Any, name: str) -> Surface:
+        """The same with a thickness; ``name`` of what it belongs to is for messages.
+
+        Raises:
+            ContactInputError: as ``thickness_at`` and ``check_along`` do.
+        """
+        found, what = replace(self, depth=given), f"{name}: the thickness of {self.name}"
+        check_along(what, found.thickness, self.x, self.facets)
+        return found
 
     def part(self, facets: Array) -> Surface:
         """Some of the facets (numbers), and their nodes, in the same order."""

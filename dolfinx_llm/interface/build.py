@@ -213,7 +213,7 @@ def build_piece(
         if not law.opens:
             check_flat(sides, plane, "Tied() is for surfaces that touch")
         area = common_area(sides[0], sides[1], plane)
-        loads = [NodalLoads.on(side, plane.project(side.x), area, order) for side in sides]
+        loads = [NodalLoads.over(side, plane, area, order) for side in sides]
     clock.stop("patch forces")
     touched = [load.touched for load in loads]
     frame, note, reach = choose_frame(interface, sides, touched, plane, area, corners)

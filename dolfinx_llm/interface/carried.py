@@ -39,7 +39,7 @@ def carried_rows(moving: Surface, carrier: Surface) -> tuple[Array, csr_matrix, 
         frame = bent(frame, carrier.x)
     else:
         area = common_area(*sides, plane)
-        loads = [NodalLoads.on(side, plane.project(side.x), area, 2) for side in sides]
+        loads = [NodalLoads.over(side, plane, area, 2) for side in sides]
     own, other = _on_own_nodes(sides, loads, frame, plane)
     keep = np.zeros(len(own.nodes), dtype=bool), np.ones(len(other.nodes), dtype=bool)
     if plane is None:

@@ -7,6 +7,7 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.surface import check_facet_tags
+from dolfinx_llm.geometry.thickness import check_thickness
 from dolfinx_llm.interface.obstacle import Obstacle
 from dolfinx_llm.laws.frictionless import Frictionless
 from dolfinx_llm.laws.law import Law
@@ -36,12 +37,15 @@ class Interface:
             L_b, "positions" moves the frame's nodes (paper, section 5; in 2D to the closed form
             of ``design.line``), None leaves it as it is, "auto" takes the closed form in 2D and
             corrects weights where the frame does not pass already.
+        thickness: of bodies in the plane, by which areas, and so pressures, count: a positive
+            number, or a linear function of positions (n, 2) that returns (n,); of axisymmetric
+            bodies, with forms over 2 pi r dx, ``lambda x: 2.0 * np.pi * x[:, 0]`` [length].
         shift: (gdim,) vector from where side 1 is to where it meets side 0 [length]: with
             ``Tied()`` the bodies are periodic, whether or not the meshes of both sides match.
 
     Raises:
         ContactInputError: unknown design or law, sides that are no pair, a shift of what is not
-            tied.
+            tied, a thickness that is none.
     """
 
     facet_tags: Any
@@ -50,8 +54,10 @@ class Interface:
     frame: Frame | None = None
     design: str | None = "auto"
     shift: Any = None
+    thickness: Any = 1.0
 
     def __post_init__(self) -> None:
+        check_thickness(self.thickness)
         checks.one_of("design", self.design, DESIGNS)
         checks.instance(
             "law",
@@ -118,13 +124,19 @@ class SelfContact(Interface):
         tag: of the surface, which may be in several pieces.
         law: ``Frictionless()``, ``Coulomb(mu)`` or one of your own; None: ``Frictionless()``.
         design: "auto", "weights" or None, as of ``Interface``.
+        thickness: as of ``Interface``.
 
     Raises:
         ContactInputError: ties, or another design.
     """
 
     def __init__(
-        self, facet_tags: Any, tag: int, law: Law | None = None, design: str | None = "auto"
+        self,
+        facet_tags: Any,
+        tag: int,
+        law: Law | None = None,
+        design: str | None = "auto",
+        thickness: Any = 1.0,
     ) -> None:
         law = Frictionless() if law is None else law
         if isinstance(law, Tied):
@@ -132,7 +144,7 @@ class SelfContact(Interface):
         if design == "positions":
             checks.refuse("design", design, 'choose "auto", "weights" or None')
         checks.integer("tag", tag, "give the facet tag of the surface")
-        super().__init__(facet_tags, (tag, tag), law, design=design)
+        super().__init__(facet_tags, (tag, tag), law, design=design, thickness=thickness)
 
     @property
     def name(self) -> str:

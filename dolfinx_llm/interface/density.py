@@ -83,7 +83,8 @@ def _from_whole(
     if E is None:
         E = identity(len(force), format="csr")
     T = _extension(pairs, whole, linear=not presses)
-    mass = mass + SMOOTH * kinks(pairs.x, whole, pairs.surface.element)
+    thickness = 1.0 if pairs.surface.thickness is None else pairs.surface.thickness.mean()
+    mass = mass + SMOOTH * thickness * kinks(pairs.x, whole, pairs.surface.element)
     mass, felt = (T.T @ E.T @ mass @ E @ T).tocsr(), T.T @ force
     used = np.asarray(mass.diagonal() > 0.0)
     least = 0.0 if mean is None else OPEN_FORCE * np.abs(felt).max(initial=0.0)

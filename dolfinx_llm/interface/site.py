@@ -47,6 +47,8 @@ def find_site(
     whole = tuple(
         extract_surface(spaces[i], tags, tag) for i, (tags, tag) in zip(owners, tagged, strict=True)
     )
+    name, thickness = f"interface {interface.name}", interface.thickness
+    whole = tuple(side.with_depth(thickness, name) for side in whole)
     if interface.shift is not None:
         whole = whole[0], brought(whole[1], interface.shift)
     if len(whole) == 2:

@@ -13,6 +13,7 @@ from dolfinx_llm.geometry.overlap_flat import common_area, common_plane
 from dolfinx_llm.geometry.pieces import Piece, separated
 from dolfinx_llm.geometry.spaces import check_space
 from dolfinx_llm.geometry.surface import check_facet_tags, extract_surface
+from dolfinx_llm.geometry.thickness import check_thickness
 from dolfinx_llm.interface.touching import check_flat
 
 
@@ -22,6 +23,7 @@ def free_surface_load(
     tag: int,
     pressure: float,
     covered_by: tuple[Any, ...] | None = None,
+    thickness: Any = 1.0,
 ) -> fem.Function:
     """Energy-equivalent nodal forces of a uniform pressure on a flat surface.
 
@@ -35,24 +37,27 @@ def free_surface_load(
         pressure: positive when it presses on the body [force / area].
         covered_by: (facet tags, tag) of a surface of the same mesh that covers part of it, or
             (function space, facet tags, tag) of one of another mesh, or None.
+        thickness: of bodies in the plane, as of ``Interface`` [length].
 
     Returns:
         Function of V that holds nodal forces; pass it as ``nodal_loads``.
 
     Raises:
-        ContactInputError: no such tag, a pressure that is not finite, arguments of other types.
+        ContactInputError: no such tag, a pressure that is not finite, arguments of other types, a
+            thickness that is none.
         ContactError: the surfaces do not face each other or do not overlap, lie farther apart than
             the size of their largest facet, or are not flat.
     """
     check_space(V, highest=2)
     with collective(V.mesh.comm):
         checks.integer("facet tag", tag)
+        check_thickness(thickness)
         pressure = checks.number("pressure", pressure, "must be a finite number")
         other_side = None if covered_by is None else _other(V, covered_by)
     agree(V.mesh.comm, "pressure and tags", (pressure, tag, other_side and other_side[2]))
-    side = extract_surface(V, facet_tags, tag)
+    side = extract_surface(V, facet_tags, tag).with_depth(thickness, "free_surface_load")
     nodal = np.zeros_like(side.x)
-    np.add.at(nodal, side.cells, -pressure * facet_vectors(side.x, side.cells))
+    np.add.at(nodal, side.cells, -pressure * facet_vectors(side.x, side.cells, side.thickness))
     if other_side is not None:
         if other_side[0] is not V:
             check_space(other_side[0], highest=2)
@@ -64,7 +69,7 @@ def free_surface_load(
         for piece in separated(whole, (side, other)):
             own, over = piece.parts((side, other))
             area = common_area(own, over, plane)
-            covered = NodalLoads.on(own, plane.project(own.x), area).forces
+            covered = NodalLoads.over(own, plane, area).forces
             at = by_dof[np.searchsorted(side.dofs, own.dofs, sorter=by_dof)]
             nodal[at] += pressure * np.outer(covered, plane.normal)
     load = fem.Function(V, name="load")

@@ -133,7 +133,9 @@ def _on_itself(interface: SelfContact, dofs: BodyDofs) -> Placed:
     """A surface that meets itself; as of ``contact_of``."""
     [(tags, tag)] = interface.tagged_sides()
     space = space_of(tags, dofs.spaces)
-    [surface] = _near([extract_surface(dofs.spaces[space], tags, tag)])
+    surface = extract_surface(dofs.spaces[space], tags, tag)
+    surface = surface.with_depth(interface.thickness, f"interface {interface.name}")
+    [surface] = _near([surface])
     sides = SelfSides.of_one(surface)
     site = Site(interface, sides.surfaces, (space, space), None, dofs.comm)
     return _on_frame(interface, sides, site, dofs)
@@ -225,6 +227,7 @@ def follower_of(load: FreeSurfacePressure, dofs: BodyDofs) -> Placed:
     surfaces = [
         extract_surface(dofs.spaces[i], tags, tag) for i, (tags, tag) in zip(spaces, tagged)
     ]
+    surfaces[0] = surfaces[0].with_depth(load.thickness, "FreeSurfacePressure")
     near = _near(surfaces)
     return _placed(Follower.of(load, near), near, spaces, dofs)
 

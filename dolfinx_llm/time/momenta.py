@@ -53,6 +53,10 @@ class Momenta:
         self._x = np.concatenate([x[:, : self._gdim] for x, _ in parts])
         self._body = np.repeat(np.concatenate([label for _, label in parts]), self._gdim)
         self._count = int(first[-1])
+        self._around = np.zeros(self._count, dtype=bool)  # an axis, which holds bodies
+        for interface in interfaces:
+            if callable(interface.thickness):
+                self._around |= self._any(_bodies(interface, spaces, labels))
         self._sides = [
             (self._any(_bodies(i, spaces, labels)), i.obstacle is not None, i.law.gives)
             for i in interfaces
@@ -102,7 +106,7 @@ class Momenta:
             pushed, fixed: (n_local,) where contact acts, and which dofs are prescribed.
         """
         touched = self._any(self._body[pushed])
-        joined, held = np.eye(self._count, dtype=bool), self._any(self._body[fixed])
+        joined, held = np.eye(self._count, dtype=bool), self._any(self._body[fixed]) | self._around
         stores = np.zeros(self._count, dtype=bool)
         for bodies, rigid, gives in self._sides:
             both = bodies & touched

@@ -109,6 +109,8 @@ SCENES = {  # ends of the lower and the upper surface, whose order is changed, k
     "quads of second order inside": ((0.0, 1.0), (0.13, 0.87), False, "quad", "quad", 2, 2),
     "triangles of second order on quads": ((0.0, 1.0), (0.13, 1.1), True, "quad", "tri", 2, 2),
     "triangles of second order on first": ((0.0, 1.0), (0.13, 1.1), False, "tri", "tri", 1, 2),
+    "around an axis beyond one end": ((0.0, 1.0), (0.13, 1.2), False),
+    "second order around an axis, swapped": ((0.1, 0.9), (0.0, 1.05), True, 2, 2),
 }
 
 
@@ -140,6 +142,8 @@ def scene(name):
         of_orders = {(2, 2): (2, 3), (1, 2): (4, 2), (2, 1): (2, 5)}
         a, b = (k + (not kinds) for k in of_orders[tuple(orders)])
     both = make(rng, below, a, 0.0, True, **of[0]), make(rng, above, b, 5e-3, False, **of[1])
+    if "axis" in name:  # that is tilted, so that both coordinates count
+        both = tuple(s.with_depth(lambda x: 0.2 + x @ [3.0, 0.5], name) for s in both)
     sides = Sides.of(both[::-1] if swapped else both)
     z = np.concatenate([s.x.ravel() for s in sides.surfaces])
     return sides, z, rng.uniform(0.5, 1.5, len(sides.surfaces[sides.moving].x))
