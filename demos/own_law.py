@@ -87,9 +87,12 @@ class Soft(llm.Law):
     components, gives = "normal", True
 
     def rows(self, nodes):
-        p = np.maximum(nodes.N, 0.0) / nodes.area
-        overlap, compliance = self.h * np.log1p(p / self.p0), self.h / (self.p0 + p) / nodes.area
-        return llm.LawRows.layer(nodes, overlap[:, None], compliance[:, None])
+        p = nodes.N / nodes.area
+        pressed = np.maximum(p, 0.0)
+        compliance = self.h / (self.p0 + pressed)
+        # Iterates may pull: there the law goes on along its tangent.
+        overlap = self.h * np.log1p(pressed / self.p0) + compliance * np.minimum(p, 0.0)
+        return llm.LawRows.layer(nodes, overlap[:, None], (compliance / nodes.area)[:, None])
 
 
 # ## Two blocks

@@ -160,7 +160,8 @@ class LawRows:
 
         Args:
             nodes: with the last force.
-            jump: (k, q) of the law there [length].
+            jump: (k, q) of the law there; where the last N pulls, as iterates may, go on along the
+                tangent, or Newton's iteration loses its rate [length].
             compliance: (k, q) its derivative, component by component; 0: rigid [length / force].
             status, holds: (k,) as of ``springs``.
         """

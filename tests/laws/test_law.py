@@ -126,6 +126,20 @@ def test_rows_of_the_soft_layer_are_the_derivative():
     )
 
 
+def test_the_soft_layer_goes_on_where_iterates_pull():
+    """What rows at one force say of another near by is what rows say there, up to the square."""
+    law, step = own_law.Soft(), 1e-3
+    at = np.array([[-5.0], [-1.0], [-0.1], [0.1], [3.0]])
+
+    def jump(T, of):
+        rows = law.rows(nodes_of(law, np.zeros((len(at), 1)), force=T, N=T[:, 0]))
+        return (rows.rhs - rows.C_T[:, 0] * of) / rows.C_jump[:, 0]
+
+    told, there = jump(at, at + step), jump(at + step, at + step)
+    assert np.abs(told - there).max() <= law.h / law.p0**2 * step**2
+    assert np.abs(jump(at, at) - there).min() >= 0.05 * law.h / law.p0 * step
+
+
 @pytest.mark.parametrize(
     "flags",
     [{"components": "up"}, {"components": "normal", "slips": True}, {"components": "cartesian"},
