@@ -12,7 +12,14 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import told
 from dolfinx_llm.base.sparse import diagonal
-from dolfinx_llm.contact.sides import FELT, SideResult, between_bodies, nodal_sides, side_result
+from dolfinx_llm.contact.sides import (
+    FELT,
+    SideResult,
+    between_bodies,
+    known_slips,
+    nodal_sides,
+    side_result,
+)
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.design.stencils import adjacency
 from dolfinx_llm.geometry.cells import vector_areas
@@ -23,6 +30,7 @@ from dolfinx_llm.interface.forces import InterfaceForces, per_area
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.interface.join import Certificate
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
+from dolfinx_llm.operators.stiffness import in_series
 from dolfinx_llm.operators.system import ContactOperators
 
 THIN = 1e-6  # of a surface's extent: what is as thin has no slopes across it
@@ -101,8 +109,12 @@ def collect_results(
             sides.append(side_result(p, forces[own], motion, follows, gap, status[own], presses))
             first = own.stop
         if geometry.interface.law.components != "cartesian":
-            sides = between_bodies(geometry, sides, operators.scale, state.held)
+            softer = in_series(operators.stiffness[i])
+            drawn = gaps[place.sides]
+            sides = between_bodies(geometry, sides, drawn, operators.scale, softer, state.held)
         nodal = nodal_sides(geometry, sides)
+        if geometry.interface.law.slips:
+            nodal = known_slips(geometry, nodal, operators.idle[place.rows])
         found = _interface_result(geometry, sides, nodal, v, state)
         results.append(replace(found, rotation=geometry.rotation(w[place.frame])))
     return told(operators.comm, deepcopy(results))  # their arrays are the user's
@@ -161,6 +173,8 @@ def _interface_result(
     status = np.full(len(force), STICK)
     if not cartesian:
         pressed = np.where(thin, near, force) > FELT * np.abs(force).max(initial=0.0)
+        if not law.gives:  # forces that die out beside contact reach nodes where bodies are apart
+            pressed &= sum(W.T @ (s.status != OPEN) for W, s in zip(weights, sides)) > 0.0
         if law.gives or law.slips:
             pressed = pressed | state.own.holds | (not law.opens)
         status = np.where(pressed, CLOSED, OPEN)

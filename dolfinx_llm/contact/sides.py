@@ -12,10 +12,12 @@ from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.control import at_nodes
 from dolfinx_llm.interface.density import density_at_nodes
 from dolfinx_llm.interface.geometry import InterfaceGeometry
-from dolfinx_llm.laws.rows import OPEN
+from dolfinx_llm.laws.rows import CLOSED, OPEN
 
 FELT = 1e-9  # part of the largest force or motion, below which there is none
 IDLE = 1e-13  # force over the surfaces' stiffness times their motion that is rounding
+DIES_OUT = 1e-3  # of the largest force, that dies out beside contact of first-order bodies, where
+CLEARS = 1e-2  # it is no more than this of stiffness times their gap
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +25,9 @@ class SideResult:
     """One side of an interface; n nodes that may touch, sorted by position.
 
     A node is closed where it presses, or where the bodies touch without force; with friction it has
-    the status of the frame node next to it. ``slip`` is counted from the drawing, and to the frame,
+    the status of the frame node next to it. Beside contact forces die out from node to node: where
+    the bodies are apart a node is open, with the gap that there is, and may have a thousandth of
+    the largest force. ``slip`` is counted from the drawing, and to the frame,
     which moves as the mean of both bodies do: of a sliding interface it is half of the way that one
     body goes along the other. Against a rigid obstacle that takes the frame's place.
     """
@@ -92,15 +96,22 @@ def side_result(
 
 
 def between_bodies(
-    geometry: InterfaceGeometry, sides: list[SideResult], scale: float, held: Array
+    geometry: InterfaceGeometry,
+    sides: list[SideResult],
+    drawn: Sequence[Array],
+    scale: float,
+    softer: float,
+    held: Array,
 ) -> list[SideResult]:
     """The sides with gaps between the bodies, and open where these are apart and none of the pairs
     held (n,), which may pull.
 
     A node may lie on the frame, which is free there, and the other body be away: what it carries
-    is rounding then, of the surfaces' stiffness ``scale`` times their motion. Of second order also
-    what dies out from node to node beside contact, as corrected rows of one side balance there:
-    such a node is open where it presses by less than that stiffness makes of the gap.
+    is rounding then, of the surfaces' stiffness ``scale`` times their motion, or what dies out from
+    node to node beside contact, as corrected rows of one side balance there. Such a node is open
+    where it presses by less than stiffness makes of the gap: of second order all of it; of first
+    order, where it hardly presses, a part of the interface's own, ``softer``, and of the gap that
+    counts, from those as drawn (n, gdim), as facets of curved surfaces are at another distance.
     """
     gaps = [side.frame_gap for side in sides]
     force = max(np.abs(side.normal_force).max(initial=0.0) for side in sides)
@@ -108,6 +119,11 @@ def between_bodies(
     nothing, law = IDLE * scale * size, geometry.interface.law
     least = max(FELT * force, nothing)
     presses = [(side.status != OPEN) & (side.normal_force > least) for side in sides]
+    if not law.gives:
+        counts = _gaps_that_count(geometry, sides, drawn)
+        for p, side, pressed, gap in zip(geometry.pairs, sides, presses, counts):
+            felt = side.normal_force > np.minimum(DIES_OUT * force, CLEARS * softer * gap)
+            pressed &= felt | (p.control is not None)
     if law.gives or not np.concatenate(presses).all():  # where all press there are none
         both = zip(geometry.pairs, sides, strict=True)
         x = [s.x + (s.u if p.control is None else p.control @ s.u) for p, s in both]
@@ -137,6 +153,18 @@ def between_bodies(
     return out
 
 
+def _gaps_that_count(
+    geometry: InterfaceGeometry, sides: Sequence[SideResult], drawn: Sequence[Array]
+) -> list[Array]:
+    """Per side (n,) how far the other body is, from gaps to the frame as drawn (n, gdim) and the
+    motions since, which are all that contact counts [length]; none against an obstacle."""
+    both = list(zip(geometry.pairs, sides, drawn, strict=True))
+    off = [s.normal * np.einsum("ni,ni->n", s.normal, gap)[:, None] + s.u for _, s, gap in both]
+    off = [a if p.control is None else p.control @ a for (p, _, _), a in zip(both, off)]
+    across = [N @ off[1 - k] - off[k] for k, N in enumerate(geometry.opposite)]
+    return [np.einsum("ni,ni->n", a, side.normal) for a, side in zip(across, sides)]
+
+
 def nodal_sides(geometry: InterfaceGeometry, sides: Sequence[SideResult]) -> tuple[SideResult, ...]:
     """The sides with values at nodes, where those of second-order bodies are control values."""
     found = []
@@ -155,3 +183,23 @@ def nodal_sides(geometry: InterfaceGeometry, sides: Sequence[SideResult]) -> tup
             )
         found.append(side)
     return tuple(found)
+
+
+def known_slips(
+    geometry: InterfaceGeometry, sides: Sequence[SideResult], idle: Array
+) -> tuple[SideResult, ...]:
+    """The sides (of nodes) with slips where the frame tells none, half of the motion of the bodies
+    along each other: along what supports hold on both sides, rows (n c,) that are left out; and of
+    pairs in contact that do not follow the frame, without friction of their own."""
+    found, first, law = [], 0, geometry.interface.law
+    for k, N in enumerate(geometry.opposite):
+        p, side = geometry.pairs[k], sides[k]
+        untold = idle[first : first + p.base[:, :, 0].size].reshape(p.base.shape[:2]).copy()
+        first += untold.size
+        if law.slips and not law.gives:
+            untold |= (side.status == CLOSED)[:, None]
+        untold[side.status == OPEN] = untold[:, -1] = False  # the last row is the normal's
+        own = 0.5 * (side.u - N @ sides[1 - k].u) - side.slip
+        along = np.einsum("nci,ni->nc", p.base, own) * untold
+        found.append(replace(side, slip=side.slip + np.einsum("nc,nci->ni", along, p.base)))
+    return tuple(found) or tuple(sides)
