@@ -12,7 +12,14 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import told
 from dolfinx_llm.base.sparse import diagonal
-from dolfinx_llm.contact.sides import FELT, SideResult, between_bodies, nodal_sides, side_result
+from dolfinx_llm.contact.sides import (
+    FELT,
+    SideResult,
+    between_bodies,
+    known_slips,
+    nodal_sides,
+    side_result,
+)
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.design.stencils import adjacency
 from dolfinx_llm.geometry.cells import facet_vectors
@@ -104,6 +111,8 @@ def collect_results(
         if geometry.interface.law.components != "cartesian":
             sides = between_bodies(geometry, sides, operators.scale, state.held)
         nodal = nodal_sides(geometry, sides)
+        if geometry.interface.law.slips:
+            nodal = known_slips(geometry, nodal, operators.idle[place.rows])
         found = _interface_result(geometry, sides, nodal, v, state)
         results.append(replace(found, rotation=geometry.rotation(w[place.frame])))
     return told(operators.comm, deepcopy(results))  # their arrays are the user's

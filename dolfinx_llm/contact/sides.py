@@ -12,7 +12,7 @@ from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.control import at_nodes
 from dolfinx_llm.interface.density import density_at_nodes
 from dolfinx_llm.interface.geometry import InterfaceGeometry
-from dolfinx_llm.laws.rows import OPEN
+from dolfinx_llm.laws.rows import CLOSED, OPEN
 
 FELT = 1e-9  # part of the largest force or motion, below which there is none
 IDLE = 1e-13  # force over the surfaces' stiffness times their motion that is rounding
@@ -23,9 +23,10 @@ class SideResult:
     """One side of an interface; n nodes that may touch, sorted by position.
 
     A node is closed where it presses, or where the bodies touch without force; with friction it has
-    the status of the frame node next to it. ``slip`` is counted from the drawing, and to the frame,
-    which moves as the mean of both bodies do: of a sliding interface it is half of the way that one
-    body goes along the other. Against a rigid obstacle that takes the frame's place.
+    the status of the frame node next to it. Beside contact forces die out from node to node, down
+    to 1e-9 of the largest, below which a node is open. ``slip`` is counted from the drawing, and to
+    the frame, which moves as the mean of both bodies do: of a sliding interface it is half of the
+    way that one body goes along the other. Against a rigid obstacle that takes the frame's place.
     """
 
     x: Array  # (n, gdim) node positions X [length]
@@ -92,7 +93,10 @@ def side_result(
 
 
 def between_bodies(
-    geometry: InterfaceGeometry, sides: list[SideResult], scale: float, held: Array
+    geometry: InterfaceGeometry,
+    sides: list[SideResult],
+    scale: float,
+    held: Array,
 ) -> list[SideResult]:
     """The sides with gaps between the bodies, and open where these are apart and none of the pairs
     held (n,), which may pull.
@@ -155,3 +159,23 @@ def nodal_sides(geometry: InterfaceGeometry, sides: Sequence[SideResult]) -> tup
             )
         found.append(side)
     return tuple(found)
+
+
+def known_slips(
+    geometry: InterfaceGeometry, sides: Sequence[SideResult], idle: Array
+) -> tuple[SideResult, ...]:
+    """The sides (of nodes) with slips where the frame tells none, half of the motion of the bodies
+    along each other: along what supports hold on both sides, rows (n c,) that are left out; and of
+    pairs in contact that do not follow the frame, without friction of their own."""
+    found, first, law = [], 0, geometry.interface.law
+    for k, N in enumerate(geometry.opposite):
+        p, side = geometry.pairs[k], sides[k]
+        untold = idle[first : first + p.base[:, :, 0].size].reshape(p.base.shape[:2]).copy()
+        first += untold.size
+        if law.slips and not law.gives:
+            untold |= (side.status == CLOSED)[:, None]
+        untold[side.status == OPEN] = untold[:, -1] = False  # the last row is the normal's
+        own = 0.5 * (side.u - N @ sides[1 - k].u) - side.slip
+        along = np.einsum("nci,ni->nc", p.base, own) * untold
+        found.append(replace(side, slip=side.slip + np.einsum("nc,nci->ni", along, p.base)))
+    return tuple(found) or tuple(sides)

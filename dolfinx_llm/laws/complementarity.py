@@ -96,7 +96,8 @@ def _descend(M: Array, q: Array, x: Array, positive: Array) -> tuple[Array, Arra
             x[on] = target
             break
         ratio = np.full(len(on), np.inf)
-        ratio[down] = x[on[down]] / (x[on[down]] - target[down])
+        ratio[down] = 0.0  # of what is 0 already, also where it is to stay 0
+        np.divide(x[on], x[on] - target, out=ratio, where=down & (x[on] > 0.0))
         leaves = ratio <= ratio.min() * (1.0 + 1e-12)
         x[on] = np.where(leaves, 0.0, x[on] + ratio.min() * (target - x[on]))
         positive[on[leaves]] = False

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from dolfinx_llm.laws.complementarity import _descent, _lemke, complementarity
+from dolfinx_llm.laws.complementarity import _descend, _descent, _lemke, complementarity
 
 pytestmark = pytest.mark.quick
 
@@ -88,3 +88,11 @@ def test_lemke_without_solution():
     """λ = 0 gives s < 0, and no λ helps."""
     assert _lemke(np.array([[0.0]]), np.array([-1.0])) is None
     assert not _lemke(np.eye(2), np.array([1.0, 2.0])).any()
+
+
+def test_descent_from_a_force_that_stays_zero():
+    """A force that is 0 and is to stay 0 leaves at once; 0/0 told nothing, and descent hung."""
+    M, q = np.eye(3), np.array([0.0, -1.0, 1.0])
+    with np.errstate(all="raise"):  # 0/0 ends the test where it would not end
+        x, positive = _descend(M, q, np.array([0.0, 0.5, 0.0]), np.ones(3, dtype=bool))
+    assert positive.tolist() == [False, True, False] and x.tolist() == [0.0, 1.0, 0.0]
