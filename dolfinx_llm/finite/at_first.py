@@ -14,11 +14,11 @@ import numpy as np
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.finite.frame.self_sides import SelfSides
+from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.finite.load_step import Placed
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact
-from dolfinx_llm.finite.pose import Pose
-from dolfinx_llm.finite.self_sides import SelfSides
-from dolfinx_llm.finite.sides import Sides
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
+from dolfinx_llm.finite.obstacles.pose import Pose
 from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.geometry.facing import TURN, Facets, facet_sizes, separation
 from dolfinx_llm.geometry.surface import Surface

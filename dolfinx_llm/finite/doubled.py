@@ -17,8 +17,8 @@ from mpi4py import MPI
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import told
 from dolfinx_llm.finite.load_step import Placed
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstacleFriction
-from dolfinx_llm.finite.terms import Place
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstacleFriction
+from dolfinx_llm.finite.pairs.terms import Place
 from dolfinx_llm.laws.rows import OPEN
 
 ONE_WAY = 1e-10  # of 1, by which the cosine between two ways may miss it

@@ -12,10 +12,10 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
-from dolfinx_llm.finite.friction_law import in_plane
-from dolfinx_llm.finite.location import INSIDE, OnFrame, find_on_frame
-from dolfinx_llm.finite.self_sides import SelfSides
-from dolfinx_llm.finite.sides import HARDLY, Sides
+from dolfinx_llm.finite.frame.location import INSIDE, OnFrame, find_on_frame
+from dolfinx_llm.finite.frame.self_sides import SelfSides
+from dolfinx_llm.finite.frame.sides import HARDLY, Sides
+from dolfinx_llm.finite.pairs.friction_law import in_plane
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes, unit
 
 ON_A_LINE = 1e-6  # of the largest variance of places: pairs that tell nothing across

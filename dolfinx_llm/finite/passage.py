@@ -14,12 +14,12 @@ from scipy.spatial import cKDTree
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.finite.location import INSIDE
-from dolfinx_llm.finite.normal_contact import OVER, NormalPlace
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact
-from dolfinx_llm.finite.self_sides import CROSSED, SelfSides
-from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.terms import MovingContact, Place
+from dolfinx_llm.finite.frame.location import INSIDE
+from dolfinx_llm.finite.frame.self_sides import CROSSED, SelfSides
+from dolfinx_llm.finite.frame.sides import Sides
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
+from dolfinx_llm.finite.pairs.normal_contact import OVER, NormalPlace
+from dolfinx_llm.finite.pairs.terms import MovingContact, Place
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes, outline_edges
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.interface.against import checked_clearance

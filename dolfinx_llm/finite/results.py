@@ -10,15 +10,15 @@ import numpy as np
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.finite.densities import densities
+from dolfinx_llm.finite.frame.self_sides import SelfSides
 from dolfinx_llm.finite.frame_side import (
     gap_of_frame,
     shapes_on_frame,
     slip_of_frame,
     status_of_frame,
 )
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
-from dolfinx_llm.finite.self_sides import SelfSides
-from dolfinx_llm.finite.terms import ContactTerms, MovingContact
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstaclePlace
+from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dolfinx_llm.finite.balanced import balanced_loads
-from dolfinx_llm.finite.sides import Sides
+from dolfinx_llm.finite.frame.balanced import balanced_loads
+from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.geometry.surface import Surface
 
 pytestmark = pytest.mark.quick

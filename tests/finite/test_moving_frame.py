@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from sampling import some_of
 
-from dolfinx_llm.finite.areas import everything, surface_integrals
-from dolfinx_llm.finite.design import Design
-from dolfinx_llm.finite.friction_contact import FrictionContact
-from dolfinx_llm.finite.friction_law import in_plane
-from dolfinx_llm.finite.law_contact import LawOnFrame
-from dolfinx_llm.finite.location import find_on_frame
-from dolfinx_llm.finite.normal_contact import NormalContact
+from dolfinx_llm.finite.frame.areas import everything, surface_integrals
+from dolfinx_llm.finite.frame.design import Design
+from dolfinx_llm.finite.frame.location import find_on_frame
+from dolfinx_llm.finite.frame.self_sides import SelfSides
+from dolfinx_llm.finite.frame.sides import Sides
+from dolfinx_llm.finite.own_laws.law_contact import LawOnFrame
+from dolfinx_llm.finite.pairs.friction_contact import FrictionContact
+from dolfinx_llm.finite.pairs.friction_law import in_plane
+from dolfinx_llm.finite.pairs.normal_contact import NormalContact
+from dolfinx_llm.finite.pairs.terms import Origin
 from dolfinx_llm.finite.pressure import Follower
-from dolfinx_llm.finite.self_sides import SelfSides
-from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.terms import Origin
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK, LawNodes, LawRows

@@ -12,9 +12,9 @@ from sampling import longer
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.finite.design import Design
-from dolfinx_llm.finite.normal_contact import NormalContact
-from dolfinx_llm.finite.self_sides import SelfSides
+from dolfinx_llm.finite.frame.design import Design
+from dolfinx_llm.finite.frame.self_sides import SelfSides
+from dolfinx_llm.finite.pairs.normal_contact import NormalContact
 from dolfinx_llm.geometry.surface import Surface
 
 NEAR = folding.RADIUS - 0.04  # way of the jaws before the legs touch

@@ -13,7 +13,7 @@ from scipy.sparse import csr_matrix, vstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item, summing
-from dolfinx_llm.finite.jacobians import coordinates, cross_matrix, jacobian
+from dolfinx_llm.finite.frame.jacobians import coordinates, cross_matrix, jacobian
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import LawNodes, LawRows, checked
 

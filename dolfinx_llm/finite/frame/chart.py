@@ -120,7 +120,7 @@ def borne(control: Control, pressures: Array, forces: Array) -> Array:
     where a frame is covered in part.
 
     Args:
-        control: E, C (m, m) of the frame, see ``finite.sides``.
+        control: E, C (m, m) of the frame, see ``finite.frame.sides``.
     """
     E, C = control
     return np.asarray(C.T @ ((E.T @ forces)[:, None] * (C @ pressures)))
@@ -141,7 +141,7 @@ def bordered(M: csr_matrix, G: Array, r: Array, soft: Array) -> tuple[Array, Arr
     """mu and kappa of M mu + G kappa = r, Gᵀ mu = soft kappa; refined once.
 
     Args:
-        M: (m, m) of ``finite.design`` [area].
+        M: (m, m) of ``finite.frame.design`` [area].
         G: (m, c) what the chart's functions bear: see ``borne`` [area].
         r: (m,) residual [area].
         soft: (c,) how much functions yield [area].

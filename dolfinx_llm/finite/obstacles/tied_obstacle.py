@@ -18,11 +18,11 @@ from scipy.sparse import bmat, csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.sparse import diagonal
-from dolfinx_llm.finite.obstacle_contact import ObstaclePlace, OneSide
-from dolfinx_llm.finite.pose import Pose
-from dolfinx_llm.finite.pressed_obstacle import Pressed
-from dolfinx_llm.finite.terms import ContactTerms, Held
-from dolfinx_llm.finite.tied_contact import DRAWN, LITTLE_AREA, determined
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstaclePlace, OneSide
+from dolfinx_llm.finite.obstacles.pose import Pose
+from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed
+from dolfinx_llm.finite.pairs.terms import ContactTerms, Held
+from dolfinx_llm.finite.pairs.tied_contact import DRAWN, LITTLE_AREA, determined
 from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.against import (

@@ -22,11 +22,11 @@ from scipy.sparse import csr_matrix, hstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import per_component
-from dolfinx_llm.finite.areas import Covered, surface_integrals
-from dolfinx_llm.finite.cover_facets import LAYER, Skin, covered_facets
-from dolfinx_llm.finite.cover_line import Chains, covered_lines
-from dolfinx_llm.finite.jacobians import NodalNormals, coordinates, nodal_normals
-from dolfinx_llm.finite.location import (
+from dolfinx_llm.finite.frame.areas import Covered, surface_integrals
+from dolfinx_llm.finite.frame.cover_facets import LAYER, Skin, covered_facets
+from dolfinx_llm.finite.frame.cover_line import Chains, covered_lines
+from dolfinx_llm.finite.frame.jacobians import NodalNormals, coordinates, nodal_normals
+from dolfinx_llm.finite.frame.location import (
     LocationDerivatives,
     OnFrame,
     find_on_frame,

@@ -13,9 +13,9 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import per_item, summing
-from dolfinx_llm.finite.areas import Covered
-from dolfinx_llm.finite.jacobians import NodalNormals, coordinates, jacobian
-from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
+from dolfinx_llm.finite.frame.areas import Covered
+from dolfinx_llm.finite.frame.jacobians import NodalNormals, coordinates, jacobian
+from dolfinx_llm.finite.frame.location import LocationDerivatives, OnFrame
 from dolfinx_llm.geometry.cells import cross_plane
 from dolfinx_llm.geometry.element import Element, element_of
 

@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import per_item, summing
-from dolfinx_llm.finite.jacobians import (
+from dolfinx_llm.finite.frame.jacobians import (
     QUARTER,
     area_derivatives,
     coordinates,

@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, summing
-from dolfinx_llm.finite.sides import Meeting, Sides
+from dolfinx_llm.finite.frame.sides import Meeting, Sides
 
 
 def balanced_loads(

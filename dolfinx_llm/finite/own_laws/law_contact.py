@@ -11,17 +11,17 @@ from scipy.sparse import bmat, csr_matrix, vstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, summing
-from dolfinx_llm.finite.design import Design
-from dolfinx_llm.finite.friction import Friction, tangential
-from dolfinx_llm.finite.friction_contact import FrictionContact
-from dolfinx_llm.finite.jacobians import coordinates
-from dolfinx_llm.finite.law_rows import LawSystem
-from dolfinx_llm.finite.law_told import ToldContact
-from dolfinx_llm.finite.normal_contact import NormalContact
-from dolfinx_llm.finite.obstacle_contact import ObstacleFriction
-from dolfinx_llm.finite.pressed_obstacle import Pressed
-from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.terms import ContactTerms, Held, moved
+from dolfinx_llm.finite.frame.design import Design
+from dolfinx_llm.finite.frame.jacobians import coordinates
+from dolfinx_llm.finite.frame.sides import Sides
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleFriction
+from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed
+from dolfinx_llm.finite.own_laws.law_rows import LawSystem
+from dolfinx_llm.finite.own_laws.law_told import ToldContact
+from dolfinx_llm.finite.pairs.friction import Friction, tangential
+from dolfinx_llm.finite.pairs.friction_contact import FrictionContact
+from dolfinx_llm.finite.pairs.normal_contact import NormalContact
+from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, moved
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.obstacle import Obstacle
 from dolfinx_llm.laws.law import Law

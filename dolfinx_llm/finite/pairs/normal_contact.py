@@ -27,15 +27,15 @@ from scipy.sparse import bmat, csr_matrix, hstack, vstack
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item, summing
 from dolfinx_llm.design.rises import rises
-from dolfinx_llm.finite.balanced import balanced_loads
-from dolfinx_llm.finite.chart import borne_by, chart_of, functions_of
-from dolfinx_llm.finite.design import Design, DesignedRows
-from dolfinx_llm.finite.jacobians import coordinates, jacobian
-from dolfinx_llm.finite.location import OnFrame
-from dolfinx_llm.finite.roundness import raised, rounded_gap
-from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.slides import SlidesOnFrame
-from dolfinx_llm.finite.terms import ContactTerms, Held, Place, held_fast, yields
+from dolfinx_llm.finite.frame.balanced import balanced_loads
+from dolfinx_llm.finite.frame.chart import borne_by, chart_of, functions_of
+from dolfinx_llm.finite.frame.design import Design, DesignedRows
+from dolfinx_llm.finite.frame.jacobians import coordinates, jacobian
+from dolfinx_llm.finite.frame.location import OnFrame
+from dolfinx_llm.finite.frame.roundness import raised, rounded_gap
+from dolfinx_llm.finite.frame.sides import Sides
+from dolfinx_llm.finite.pairs.slides import SlidesOnFrame
+from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, Place, held_fast, yields
 from dolfinx_llm.laws.rows import OPEN
 
 OVER = 0.05  # of a facet beyond the frame's edge, at which a node has left it

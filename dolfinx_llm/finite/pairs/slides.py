@@ -20,9 +20,9 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, summing
-from dolfinx_llm.finite.friction_law import in_plane
-from dolfinx_llm.finite.location import OnFrame
-from dolfinx_llm.finite.terms import Held, MovingContact, Origin
+from dolfinx_llm.finite.frame.location import OnFrame
+from dolfinx_llm.finite.pairs.friction_law import in_plane
+from dolfinx_llm.finite.pairs.terms import Held, MovingContact, Origin
 from dolfinx_llm.laws.rows import CLOSED, OPEN
 
 MET_AT = 1e-9  # gap over facet size at the start that is none

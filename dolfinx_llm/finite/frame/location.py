@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item
-from dolfinx_llm.finite.jacobians import NodalNormals, coordinates, jacobian
+from dolfinx_llm.finite.frame.jacobians import NodalNormals, coordinates, jacobian
 from dolfinx_llm.geometry.cells import (
     CORNERS,
     cell_sizes,

@@ -16,12 +16,12 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.sparse import diagonal, summing
-from dolfinx_llm.finite.areas import Covered
-from dolfinx_llm.finite.chart import chart_of
-from dolfinx_llm.finite.design import Design
-from dolfinx_llm.finite.location import OnFrame
-from dolfinx_llm.finite.sides import Meeting, Sides
-from dolfinx_llm.finite.terms import ContactTerms, Held, MovingContact, Place
+from dolfinx_llm.finite.frame.areas import Covered
+from dolfinx_llm.finite.frame.chart import chart_of
+from dolfinx_llm.finite.frame.design import Design
+from dolfinx_llm.finite.frame.location import OnFrame
+from dolfinx_llm.finite.frame.sides import Meeting, Sides
+from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, MovingContact, Place
 from dolfinx_llm.geometry.cells import unit
 from dolfinx_llm.interface.carried import carried_rows, round_rows
 from dolfinx_llm.laws.rows import OPEN, STICK

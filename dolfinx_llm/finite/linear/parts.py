@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.finite.terms import ContactTerms
+from dolfinx_llm.finite.pairs.terms import ContactTerms
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
 from dolfinx_llm.operators.petsc import create_aij
 

@@ -25,11 +25,11 @@ from scipy.sparse import csr_matrix, hstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_component, per_item, summing
-from dolfinx_llm.finite.friction import Friction, tangential
-from dolfinx_llm.finite.jacobians import coordinates
-from dolfinx_llm.finite.normal_contact import NormalContact, NormalPlace
-from dolfinx_llm.finite.sides import HARDLY
-from dolfinx_llm.finite.terms import ContactTerms
+from dolfinx_llm.finite.frame.jacobians import coordinates
+from dolfinx_llm.finite.frame.sides import HARDLY
+from dolfinx_llm.finite.pairs.friction import Friction, tangential
+from dolfinx_llm.finite.pairs.normal_contact import NormalContact, NormalPlace
+from dolfinx_llm.finite.pairs.terms import ContactTerms
 from dolfinx_llm.laws.rows import OPEN
 
 _I, _J, _K = np.indices((3, 3, 3))

@@ -27,7 +27,7 @@ from scipy.sparse.linalg import splu
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.sparse import diagonal, per_component, per_item
-from dolfinx_llm.finite.terms import FAST, ContactTerms
+from dolfinx_llm.finite.pairs.terms import FAST, ContactTerms
 from dolfinx_llm.forms.condensed.krylov import WIDEST
 from dolfinx_llm.operators.numbering import BodyDofs
 

@@ -17,8 +17,12 @@ from scipy.sparse import block_diag, bmat, csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstacleFriction, ObstaclePlace
-from dolfinx_llm.finite.terms import ContactTerms, Held, yields
+from dolfinx_llm.finite.obstacles.obstacle_contact import (
+    ObstacleContact,
+    ObstacleFriction,
+    ObstaclePlace,
+)
+from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, yields
 from dolfinx_llm.interface.against import RESISTED, check_resisted
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 

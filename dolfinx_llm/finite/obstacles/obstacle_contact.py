@@ -25,12 +25,12 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_component, per_item
 from dolfinx_llm.design.rises import rises
-from dolfinx_llm.finite.areas import everything, surface_integrals
-from dolfinx_llm.finite.friction import Friction
-from dolfinx_llm.finite.jacobians import coordinates, jacobian
-from dolfinx_llm.finite.pose import Pose
-from dolfinx_llm.finite.slides import MET_AT, Slides
-from dolfinx_llm.finite.terms import ContactTerms, Held, Origin, Place, held_fast
+from dolfinx_llm.finite.frame.areas import everything, surface_integrals
+from dolfinx_llm.finite.frame.jacobians import coordinates, jacobian
+from dolfinx_llm.finite.obstacles.pose import Pose
+from dolfinx_llm.finite.pairs.friction import Friction
+from dolfinx_llm.finite.pairs.slides import MET_AT, Slides
+from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, Origin, Place, held_fast
 from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface

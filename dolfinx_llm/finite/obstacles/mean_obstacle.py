@@ -17,8 +17,8 @@ from scipy.sparse import csr_matrix, kron
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace, OneSide
-from dolfinx_llm.finite.terms import ContactTerms, Held, held_fast
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstaclePlace, OneSide
+from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, held_fast
 from dolfinx_llm.geometry.cells import areas_around, vector_areas
 from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.surface import Surface

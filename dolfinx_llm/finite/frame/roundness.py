@@ -26,8 +26,8 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item
-from dolfinx_llm.finite.jacobians import NodalNormals, coordinates, jacobian
-from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
+from dolfinx_llm.finite.frame.jacobians import NodalNormals, coordinates, jacobian
+from dolfinx_llm.finite.frame.location import LocationDerivatives, OnFrame
 from dolfinx_llm.geometry.element import element_of
 
 

@@ -29,9 +29,9 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item
 from dolfinx_llm.design.stencils import adjacency
-from dolfinx_llm.finite.chart import bordered, borne, products, yielding
-from dolfinx_llm.finite.jacobians import coordinates, jacobian
-from dolfinx_llm.finite.location import LocationDerivatives, OnFrame
+from dolfinx_llm.finite.frame.chart import bordered, borne, products, yielding
+from dolfinx_llm.finite.frame.jacobians import coordinates, jacobian
+from dolfinx_llm.finite.frame.location import LocationDerivatives, OnFrame
 from dolfinx_llm.geometry.element import Element, element_of
 from dolfinx_llm.geometry.loads import assembled
 from dolfinx_llm.geometry.overlap_flat import local_bases
@@ -151,7 +151,7 @@ class Design:
             y: (m, gdim) the frame's nodes [length].
             forces: (n,), (m,) of unit pressure on the common area [area].
             limit: k [area].
-            chart: (m, c) of ``finite.chart``.
+            chart: (m, c) of ``finite.frame.chart``.
 
         Raises:
             ContactError: the equations are singular.

@@ -19,8 +19,8 @@ from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import summing
-from dolfinx_llm.finite.areas import Covered, FacetPlanes, plane_integrals, tangents_at
-from dolfinx_llm.finite.jacobians import coordinates, jacobian
+from dolfinx_llm.finite.frame.areas import Covered, FacetPlanes, plane_integrals, tangents_at
+from dolfinx_llm.finite.frame.jacobians import coordinates, jacobian
 from dolfinx_llm.geometry.cells import (
     cross_plane,
     gauss,

@@ -15,11 +15,11 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import gather_rows, told
-from dolfinx_llm.finite.condensed import CondensedSystem, tolerance
-from dolfinx_llm.finite.coupling import Coupling
-from dolfinx_llm.finite.multigrid import Multigrid
-from dolfinx_llm.finite.parts import Part, Parts
-from dolfinx_llm.finite.terms import ContactTerms
+from dolfinx_llm.finite.linear.condensed import CondensedSystem, tolerance
+from dolfinx_llm.finite.linear.coupling import Coupling
+from dolfinx_llm.finite.linear.multigrid import Multigrid
+from dolfinx_llm.finite.linear.parts import Part, Parts
+from dolfinx_llm.finite.pairs.terms import ContactTerms
 from dolfinx_llm.forms.direct import DirectSolver
 from dolfinx_llm.operators.petsc import (
     diagonal_of,

@@ -21,9 +21,9 @@ from scipy.spatial import cKDTree
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.finite.jacobians import NodalNormals, nodal_normals
-from dolfinx_llm.finite.location import BEHIND_IT, OnFrame, find_on_frame
-from dolfinx_llm.finite.sides import WITHIN, Sides
+from dolfinx_llm.finite.frame.jacobians import NodalNormals, nodal_normals
+from dolfinx_llm.finite.frame.location import BEHIND_IT, OnFrame, find_on_frame
+from dolfinx_llm.finite.frame.sides import WITHIN, Sides
 from dolfinx_llm.geometry.cells import cell_sizes, unit_normals, vector_areas
 from dolfinx_llm.geometry.facets_near import Polygons, facing_pairs
 from dolfinx_llm.geometry.surface import Surface

@@ -17,9 +17,9 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.finite.friction import Friction, tangential
-from dolfinx_llm.finite.law_rows import Linear, Tangents, linear
-from dolfinx_llm.finite.terms import Held
+from dolfinx_llm.finite.own_laws.law_rows import Linear, Tangents, linear
+from dolfinx_llm.finite.pairs.friction import Friction, tangential
+from dolfinx_llm.finite.pairs.terms import Held
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import CLOSED, OPEN, LawNodes
 

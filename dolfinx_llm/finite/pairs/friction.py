@@ -22,10 +22,10 @@ from scipy.sparse import bmat, csr_matrix, hstack, vstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item, summing
-from dolfinx_llm.finite.friction_law import FrictionRows, friction_rows, sticks
-from dolfinx_llm.finite.jacobians import coordinates
-from dolfinx_llm.finite.slides import Slides
-from dolfinx_llm.finite.terms import FAST, ContactTerms, Held, MovingContact, Origin, yields
+from dolfinx_llm.finite.frame.jacobians import coordinates
+from dolfinx_llm.finite.pairs.friction_law import FrictionRows, friction_rows, sticks
+from dolfinx_llm.finite.pairs.slides import Slides
+from dolfinx_llm.finite.pairs.terms import FAST, ContactTerms, Held, MovingContact, Origin, yields
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
 

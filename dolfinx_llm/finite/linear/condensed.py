@@ -9,8 +9,8 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import gather_rows
-from dolfinx_llm.finite.coupling import Coupling
-from dolfinx_llm.finite.multigrid import OURS, Multigrid
+from dolfinx_llm.finite.linear.coupling import Coupling
+from dolfinx_llm.finite.linear.multigrid import OURS, Multigrid
 from dolfinx_llm.forms.condensed.gmres import solve_right
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
 

@@ -17,7 +17,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.finite.parts import Part, entries
+from dolfinx_llm.finite.linear.parts import Part, entries
 from dolfinx_llm.forms.condensed.krylov import GAMG, WORN, near_null_space
 from dolfinx_llm.forms.direct import set_up_ksp
 from dolfinx_llm.operators.bodies import rigid_modes
