@@ -22,7 +22,7 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.finite.frame.jacobians import NodalNormals, nodal_normals
-from dolfinx_llm.finite.frame.location import BEHIND_IT, OnFrame, find_on_frame
+from dolfinx_llm.finite.frame.location import BEHIND_IT
 from dolfinx_llm.finite.frame.sides import WITHIN, Sides
 from dolfinx_llm.geometry.cells import cell_sizes, unit_normals, vector_areas
 from dolfinx_llm.geometry.facets_near import Polygons, facing_pairs
@@ -44,6 +44,7 @@ class SelfSides(Sides):
 
     # Where a surface bends back, what lies farther is hardly across any more.
     laws_reach: ClassVar[float] = WITHIN
+    behind: ClassVar[float] = BEHIND_IT  # the other face of its own wall is nothing that one meets
 
     @classmethod
     def of_one(cls, surface: Surface) -> SelfSides:
@@ -62,27 +63,9 @@ class SelfSides(Sides):
         normals = self.outward(z)
         return moving & self.facing(z, self.found(x, y, normals, normals, moving))
 
-    def found(
-        self,
-        x: Array,
-        y: Array,
-        normals: Array,
-        own: Array | None,
-        candidates: Array,
-    ) -> OnFrame:
-        """See ``Sides``; facets that move are no frame."""
-        frame = np.flatnonzero(self.carries(candidates))
-        at = find_on_frame(x, y, self.cells(False)[frame], normals, own)
-        return replace(at, facet=frame[at.facet])
-
     def own_normals(self, x: Array) -> NodalNormals:
         """See ``Sides``."""
         return nodal_normals(x, self.skin(True), self.first[0], self.width)
-
-    @property
-    def farthest_behind(self) -> float:
-        """See ``Sides``: the other face of its own wall is nothing that a facet meets."""
-        return BEHIND_IT
 
     def carries(self, candidates: Array) -> Array:
         """(f,) facets that do not move."""

@@ -13,7 +13,7 @@ nodal forces of a pressure may be negative. At first order C and E are the ident
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, TypeVar
 
@@ -81,6 +81,7 @@ class Sides:
     _met: list[Any] = field(init=False, default_factory=list, repr=False)  # the last of ``meet``
 
     laws_reach: ClassVar[float] = 4.0  # gap over the frame's facet up to which laws can pull
+    behind: ClassVar[float] = LAYER  # a facet in space, over its size, up to which another meets it
 
     @classmethod
     def of(cls, surfaces: Sequence[Surface]) -> Sides:
@@ -217,17 +218,15 @@ class Sides:
         own: Array | None,
         candidates: Array,
     ) -> OnFrame:
-        """Where the moving side's nodes x meet the frame; arguments as of ``find_on_frame``."""
-        return find_on_frame(x, y, self.cells(False), normals, own)
+        """Where the moving side's nodes x meet the frame, for facets that can touch (f,); other
+        arguments as of ``find_on_frame``."""
+        frame = np.flatnonzero(self.carries(candidates))
+        at = find_on_frame(x, y, self.cells(False)[frame], normals, own)
+        return replace(at, facet=frame[at.facet])
 
     def own_normals(self, x: Array) -> NodalNormals | None:
         """Normals of the moving side's nodes, where they count."""
         return None
-
-    @property
-    def farthest_behind(self) -> float:
-        """How far behind a facet in space another may lie that it meets, over its size."""
-        return LAYER
 
     def carries(self, candidates: Array) -> Array:
         """(f,) which facets of the frame's surface are the frame's."""
@@ -246,7 +245,7 @@ class Sides:
         own = Skin(x, facets, elements[0], candidates, self.first[0])
         other = Skin(y, frame, elements[1], self.carries(candidates), self.first[1])
         skins = (own, other) if moving else (other, own)
-        return covered_facets(*skins, self.width, self.farthest_behind)
+        return covered_facets(*skins, self.width, self.behind)
 
     def forces(self, meeting: Meeting, z: Array, moving: bool) -> tuple[Array, csr_matrix]:
         """(n,) forces of unit pressure on the common area at a side's control values, and their

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.finite.linear.coupling import Condensed
 from dolfinx_llm.finite.linear.parts import Part, entries
 from dolfinx_llm.forms.condensed.krylov import GAMG, WORN, near_null_space
 from dolfinx_llm.forms.direct import set_up_ksp
@@ -40,17 +41,6 @@ GMRES = {
 }
 
 
-class Stiffness(Protocol):
-    """Of an interface's pairs."""
-
-    @property
-    def C(self) -> csr_matrix:  # noqa: N802
-        """(width, width)."""
-
-    def entries(self, slides: bool) -> csr_matrix:
-        """(width, width) 1 where it may have entries, whatever pairs do."""
-
-
 @dataclass(eq=False)
 class Multigrid:
     """GAMG, or what else the user's options ask for.
@@ -69,7 +59,7 @@ class Multigrid:
     usual: float = np.inf  # iterations per digit
     _entries: list[csr_matrix] = field(default_factory=list)  # of the pairs of each interface
 
-    def fitted(self, pairs: Sequence[Stiffness]) -> list[csr_matrix]:
+    def fitted(self, pairs: Sequence[Condensed]) -> list[csr_matrix]:
         """Of each interface's stiffness what there are entries for; where that is too little, all,
         and entries are made anew: all that pairs may have where they are, stick or slip."""
         stiffness = [pair.C for pair in pairs]

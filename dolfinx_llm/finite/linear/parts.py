@@ -55,27 +55,24 @@ class Parts:
     sizes: Sequence[int]  # per interface
     stored: dict[str, csr_matrix] = field(default_factory=dict)  # entries of contact
 
-    def add(
-        self, K: PETSc.Mat, name: str, parts: Sequence[Part], without: Array | None = None
-    ) -> None:
-        """Add parts to K, but for rows (n_local,); arguments as of ``rows``."""
+    def add(self, K: PETSc.Mat, parts: Sequence[Part]) -> None:
+        """Add parts to K, but for rows of prescribed dofs."""
         sizes = self.dofs.sizes
-        local = self.rows(name, parts, self.dofs.first, *sizes, without)
+        local = self.rows("bodies", parts, self.dofs.first, *sizes, self.dofs.fixed)
         added = create_aij(self.dofs.comm, sizes, sizes, local)
         K.axpy(1.0, added, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         added.destroy()
 
-    def blocks(self, terms: Sequence[ContactTerms], sizes: tuple[int, int]) -> list[PETSc.Mat]:
+    def blocks(self, terms: Sequence[ContactTerms]) -> list[PETSc.Mat]:
         """Blocks top, left and own."""
         ends = np.cumsum([0, *self.sizes])
         places = [self.own.number[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
         both = list(zip(terms, self.numbers, places, strict=True))
-        comm, (n, total), first = self.dofs.comm, sizes, self.dofs.first
-        mine, count = self.own.sizes
+        comm, sizes, first = self.dofs.comm, self.dofs.sizes, self.dofs.first
+        (n, total), (mine, count) = sizes, self.own.sizes
         start = sum(self.own.owner < self.own.rank)
-        fixed = self.dofs.fixed
         tops = [Part(t.top, u, q) for t, u, q in both]
-        top = self.rows("top", tops, first, n, count, fixed)
+        top = self.rows("top", tops, first, n, count, self.dofs.fixed)
         lefts = [Part(t.left, q, u) for t, u, q in both]
         left = self.rows("left", lefts, start, mine, total)
         own = [Part(t.own, q, q) for t, _, q in both]

@@ -89,7 +89,7 @@ class NewtonSystem(Parts):
                 return found
         K = K.copy()
         bodies = [Part(t.K, at, at) for t, at in zip(terms, self.numbers, strict=True)]
-        self.add(K, "bodies", [*bodies, *followers], self.dofs.fixed)
+        self.add(K, [*bodies, *followers])
         fixed = np.flatnonzero(self.dofs.fixed)
         diagonal = mean_diagonal(K)  # for the rows of prescribed dofs
         K.zeroRows((self.dofs.first + fixed).astype(PETSc.IntType), diag=diagonal)
@@ -150,7 +150,7 @@ class NewtonSystem(Parts):
         if not terms:
             return self._solved([[K]], [b])[0], np.zeros(0)
         c = mean_diagonal(K, np.concatenate(self.numbers))  # or MUMPS takes pivots for none
-        top, left, own = self.blocks(terms, self.dofs.sizes)
+        top, left, own = self.blocks(terms)
         top.scale(c)
         left.scale(c)
         own.scale(c * c)

@@ -10,7 +10,6 @@ each axis k with a prescribed mean is an unknown,
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import csr_matrix, kron
@@ -18,21 +17,17 @@ from scipy.sparse import csr_matrix, kron
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstaclePlace, OneSide
-from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, held_fast
+from dolfinx_llm.finite.pairs.terms import Bound, ContactTerms, Held, held_fast
 from dolfinx_llm.geometry.cells import areas_around, vector_areas
 from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.against import check_mean
 from dolfinx_llm.interface.obstacles import MeanDisplacement
-from dolfinx_llm.laws.rows import STICK
 
 
 @dataclass(frozen=True, eq=False)
-class MovingMean(ObstacleContact):
+class MovingMean(Bound, ObstacleContact):
     """Unknowns: the sums of the traction along the prescribed axes [force]."""
-
-    parts: ClassVar[bool] = False
-    settles: ClassVar[bool] = False
 
     obstacle: MeanDisplacement
     axes: Array  # (c, gdim) that are prescribed
@@ -57,16 +52,6 @@ class MovingMean(ObstacleContact):
     def pose(self) -> Array:
         check_mean(self.obstacle, self.axes)
         return super().pose()
-
-    def hold(self, z: Array) -> Held:
-        """Nothing is chosen anew."""
-        return Held(np.zeros(0, dtype=bool), np.ones(len(self.weights), dtype=bool), 0.0)
-
-    def touching(
-        self, place: ObstaclePlace, q: Array, before: Array, held: Held, reach: Array
-    ) -> tuple[Array, Held]:
-        """(n,) all stick."""
-        return np.full(len(self.weights), STICK), held
 
     def place(self, z: Array, q: Array, held: Held) -> ObstaclePlace:
         """Where the surface is: its displacement is its mean, normals and areas are its own."""

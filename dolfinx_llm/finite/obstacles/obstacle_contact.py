@@ -141,10 +141,6 @@ class ObstacleContact(Slides):
         them go, or yields."""
         return None
 
-    def hold(self, z: Array) -> Held:
-        """Nothing but the pose, which the increment knows."""
-        return Held(np.zeros(0, dtype=bool), np.ones(self.size, dtype=bool), 0.0)
-
     def touching(
         self,
         place: ObstaclePlace,
@@ -184,9 +180,7 @@ class ObstacleContact(Slides):
             by_x = (gaps[1 : gdim + 1] - gaps[gdim + 1 :]).T / (2.0 * h)
         turned = np.moveaxis(normals[1 : gdim + 1] - normals[gdim + 1 :], 0, 2)  # (n, i, k)
         smooth = np.isfinite(by_x).all(axis=1) & (np.abs(turned).max(axis=(1, 2)) < KINK)
-        vectors = np.zeros_like(x)
-        np.add.at(vectors, surface.cells, facet_vectors(surface.straightened(x), surface.cells))
-        vectors = self.sides.nodal.T @ vectors
+        vectors = self.vectors(x, surface.cells)
         areas = np.linalg.norm(vectors, axis=1)
         away = np.einsum("ni,ni->n", vectors, -normals[0]) < TURNED_AWAY * areas
         return ObstaclePlace(
@@ -201,6 +195,13 @@ class ObstacleContact(Slides):
             turned=np.where(smooth[:, None, None], turned / (2.0 * h), 0.0),
             pose=pose,
         )
+
+    def vectors(self, x: Array, cells: Array) -> Array:
+        """(n, gdim) vector areas at control values, of facets with nodes ``cells`` (f, k) of nodes
+        at x (n, gdim) [area]."""
+        found = np.zeros_like(x)
+        np.add.at(found, cells, facet_vectors(self.sides.surfaces[0].straightened(x), cells))
+        return np.asarray(self.sides.nodal.T @ found)
 
     def _clearance(self, X: Array) -> Array:
         """(n,) of the surface with its nodes at X (n, gdim), as the obstacle was drawn [length]."""

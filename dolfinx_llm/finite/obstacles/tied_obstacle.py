@@ -10,7 +10,6 @@ prescribed, components of s and of the rotation vector θ of R are found. With f
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix
@@ -21,9 +20,8 @@ from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstaclePlace, OneSide
 from dolfinx_llm.finite.obstacles.pose import Pose
 from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed
-from dolfinx_llm.finite.pairs.terms import ContactTerms, Held
+from dolfinx_llm.finite.pairs.terms import Bound, ContactTerms, Held
 from dolfinx_llm.finite.pairs.tied_contact import DRAWN, LITTLE_AREA, determined
-from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.against import (
     RESISTED,
@@ -32,7 +30,6 @@ from dolfinx_llm.interface.against import (
     loaded,
 )
 from dolfinx_llm.interface.obstacle import Obstacle, turned
-from dolfinx_llm.laws.rows import OPEN, STICK
 
 CLOSINGS = 20  # steps onto an obstacle whose clearance is an estimate
 SERIES_BELOW = 0.1  # angle below which (1 - sin(a) / a) / a² is a series [rad]
@@ -40,12 +37,9 @@ RISE = 2.0  # times what facets cut off a curved surface, up to which a node is 
 
 
 @dataclass(frozen=True, eq=False)
-class TiedObstacle(Pressed):
+class TiedObstacle(Bound, Pressed):
     """Unknowns: a force of gdim components per node, at second order of control values, then the
     motions of the obstacle that forces and moments are prescribed for, as lengths."""
-
-    parts: ClassVar[bool] = False
-    settles: ClassVar[bool] = False
 
     tied: Array  # (n,) nodes that are
     points: Array  # (n, gdim) of the obstacle that they touch, as drawn [length]
@@ -128,36 +122,25 @@ class TiedObstacle(Pressed):
         tied = np.repeat(self.pairs, self.sides.gdim)
         return None if len(self.axes) else (tied, self.posed(pose).on(self.points).ravel())
 
-    def hold(self, z: Array) -> Held:
-        """Nothing is chosen anew."""
-        return Held(np.zeros(0, dtype=bool), self.pairs, 0.0)
-
     @property
     def pairs(self) -> Array:
         """(n,) control values that are tied: all that they are made of is."""
         return self.tied & (abs(self.sides.control) @ ~self.tied == 0.0)
-
-    def touching(
-        self, place: ObstaclePlace, q: Array, before: Array, held: Held, reach: Array
-    ) -> tuple[Array, Held]:
-        """(n,) all pairs stick."""
-        return np.where(place.pairs, STICK, OPEN), held
 
     def place(self, z: Array, q: Array, held: Held) -> ObstaclePlace:
         """The pairs where the obstacle is; normals are its own, areas those of the body now."""
         surface = self.sides.surfaces[0]
         n, gdim = self.points.shape
         pose = self.posed(self.placing(held.pose, q))
-        vectors, x = np.zeros((n, gdim)), surface.straightened(z.reshape(n, gdim))
-        facets = surface.cells[self.tied[surface.cells].all(axis=1)]
-        np.add.at(vectors, facets, facet_vectors(x, facets))
+        cells = surface.cells[self.tied[surface.cells].all(axis=1)]
+        vectors = self.vectors(z.reshape(n, gdim), cells)
         normal = self.directions @ pose.R.T
         return ObstaclePlace(
             z=z,
             gap=np.where(self.pairs, 0.0, np.inf),
             normal=normal,
             N=csr_matrix((n, 0)),
-            areas=(np.linalg.norm(self.sides.nodal.T @ vectors, axis=1), np.zeros(0)),
+            areas=(np.linalg.norm(vectors, axis=1), np.zeros(0)),
             by_x=normal,
             turned=np.zeros((n, gdim, gdim)),
             pose=pose,

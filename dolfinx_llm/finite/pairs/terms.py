@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.laws.rows import CLOSED, OPEN
+from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 
 FAST = 1e-9  # part of a row at free dofs, below which supports hold the pair
 YIELDS = 1e-6  # over the stiffness: by which a row yields to its force where supports hold the node
@@ -25,6 +25,10 @@ class Origin:
     drags: bool = False  # forces depend on it
 
 
+def _none() -> Array:
+    return np.zeros(0, dtype=bool)
+
+
 @dataclass(frozen=True, eq=False)
 class Held:
     """What is chosen at the start of an increment.
@@ -33,15 +37,11 @@ class Held:
     leave, once each: at the frame's ends they would go in and out for ever.
     """
 
-    candidates: Array  # (f,) facets of the moving side that can touch
-    pairs: Array  # (n,) its nodes that take part
-    limit: float  # k of the design
-    chart: Array = field(
-        default_factory=lambda: np.zeros((0, 0))
-    )  # (m, c) functions that it leaves to the frame
-    left: Array = field(
-        default_factory=lambda: np.zeros(0, dtype=bool)
-    )  # (n,) nodes that have left the frame since the start
+    candidates: Array = field(default_factory=_none)  # (f,) the moving side's facets that can touch
+    pairs: Array = field(default_factory=_none)  # (n,) its nodes that take part
+    limit: float = 0.0  # k of the design
+    chart: Array = field(default_factory=_none)  # (m, c) functions that it leaves to the frame
+    left: Array = field(default_factory=_none)  # (n,) nodes that have left the frame since then
     lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``
     near: bool = False  # whether the last iterate was near the solution
     exact: bool = False  # whether slip has its exact derivative: see ``friction_law``
@@ -133,8 +133,9 @@ class MovingContact:
         return q
 
     def hold(self, z: Array) -> Held:
-        """What is held in a load step that starts at coordinates z."""
-        raise NotImplementedError
+        """What is chosen at coordinates z for an increment that starts there: nothing without a
+        frame that moves."""
+        return Held()
 
     def missed(self, place: Any, held: Held) -> Held | None:
         """What is held where the equilibrium there asks for other pairs; None: it does not."""
@@ -180,6 +181,19 @@ class MovingContact:
     def written(self, place: Any, slip: Array) -> Any:
         """What keeps that for the increments to come."""
         return None
+
+
+class Bound(MovingContact):
+    """Pairs that stay together, whatever forces they carry; put first in the list of bases."""
+
+    parts: ClassVar[bool] = False
+    settles: ClassVar[bool] = False
+
+    def touching(
+        self, place: Any, q: Array, before: Array, held: Held, reach: Array
+    ) -> tuple[Array, Held]:
+        """(n,) all pairs stick."""
+        return np.where(place.pairs, STICK, OPEN), held
 
 
 def moved(place: Place, change: Array) -> Place:

@@ -8,7 +8,7 @@ and areas, by which forces are reported, are those of now, of the parts that wer
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -21,10 +21,9 @@ from dolfinx_llm.finite.frame.chart import chart_of
 from dolfinx_llm.finite.frame.design import Design
 from dolfinx_llm.finite.frame.location import OnFrame
 from dolfinx_llm.finite.frame.sides import Meeting, Sides
-from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, MovingContact, Place
+from dolfinx_llm.finite.pairs.terms import Bound, ContactTerms, Held, Place
 from dolfinx_llm.geometry.cells import unit
 from dolfinx_llm.interface.carried import carried_rows, round_rows
-from dolfinx_llm.laws.rows import OPEN, STICK
 
 DRAWN = 1e-9  # gap over facet size that is none
 LITTLE_AREA = 1e-6  # of the largest area, below which nodes count alike
@@ -32,11 +31,8 @@ TELLS = 1e-2  # singular value of rows of prescribed nodes, below which they tel
 
 
 @dataclass(frozen=True, eq=False)
-class TiedContact(MovingContact):
+class TiedContact(Bound):
     """Unknowns: a force of gdim components per node of the moving side."""
-
-    parts: ClassVar[bool] = False
-    settles: ClassVar[bool] = False
 
     sides: Sides
     A: csr_matrix  # (n gdim, width) x_p - sum_J N_pJ y_J, at second order of control values
@@ -109,16 +105,6 @@ class TiedContact(MovingContact):
 
     def carried(self, q: Array, R: Array) -> Array:
         return (q.reshape(-1, len(R)) @ R.T).ravel()
-
-    def touching(
-        self, place: Place, q: Array, before: Array, held: Held, reach: Array
-    ) -> tuple[Array, Held]:
-        """(n,) all pairs stick."""
-        return np.where(self.pairs, STICK, OPEN), held
-
-    def hold(self, z: Array) -> Held:
-        """Nothing is chosen anew."""
-        return Held(np.zeros(0, dtype=bool), self.pairs, 0.0)
 
     def place(self, z: Array, q: Array, held: Held) -> Place:
         """Rows as drawn, normals and areas as they are now."""
