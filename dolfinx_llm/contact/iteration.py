@@ -19,17 +19,17 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.base.parallel import told
+from dolfinx_llm.contact.circles import Circles, failure
 from dolfinx_llm.contact.equations import Equations, spread, unfelt
-from dolfinx_llm.contact.giving import CALM, CONSTANT, GivingWay
-from dolfinx_llm.contact.gliding import glide, slips
-from dolfinx_llm.contact.history import Circles, failure
-from dolfinx_llm.contact.loose import count, keep, lets_go, regain, require_friction
+from dolfinx_llm.contact.flickering import count, keep, lets_go, regain, require_friction
+from dolfinx_llm.contact.gross_slip import slide
 from dolfinx_llm.contact.parted import Parted
 from dolfinx_llm.contact.reached import ATTRIBUTES, Reached, take_back, untied
-from dolfinx_llm.contact.sliding import slide
+from dolfinx_llm.contact.soft_rows import CALM, CONSTANT, GivingWay
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.contact.ties import ask, ask_again, choose, tie_more, unsettled
-from dolfinx_llm.contact.unseen import of_the_bodies
+from dolfinx_llm.contact.unseen_slips import of_the_bodies
+from dolfinx_llm.contact.without_friction import glide, slips
 from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import GRAZING, SIGN, StepForm, StepResult, unless_none
 from dolfinx_llm.forms.verdict import FinalError, Verdict

@@ -13,7 +13,6 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import chosen, collective
-from dolfinx_llm.finite.at_first import check_start
 from dolfinx_llm.finite.frame.design import Design
 from dolfinx_llm.finite.frame.self_sides import SelfSides
 from dolfinx_llm.finite.frame.sides import Sides
@@ -28,6 +27,7 @@ from dolfinx_llm.finite.pairs.normal_contact import NormalContact
 from dolfinx_llm.finite.pairs.terms import MovingContact
 from dolfinx_llm.finite.pairs.tied_contact import TiedContact
 from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure
+from dolfinx_llm.finite.start_checks import check_start
 from dolfinx_llm.geometry.surface import Surface, extract_surface
 from dolfinx_llm.interface.against import check_tied_to_mean, checked_clearance, loaded
 from dolfinx_llm.interface.choices import Interface, SelfContact

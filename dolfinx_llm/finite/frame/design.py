@@ -11,11 +11,11 @@ With W = diag(w_p), C the rows (1, t·(y - x_p) / h), S = C W Cᵀ and one mu pe
 
     delta_p = -P_p mu,   P_p = W - W Cᵀ S⁻¹ C W.
 
-f_p and f_J are of the same area: see ``balanced``. G are forces of affine pressures, in coordinates
-on the frame as drawn, of second order there as well, where f_J are those of unit pressure: what of
-the residual no correction can remove, since both surfaces carry the same force about the same place
-(rounding on flat ones). k = 0 but where the rim is covered so poorly that corrections would be
-large.
+f_p and f_J are of the same area: see ``design_loads``. G are forces of affine pressures, in
+coordinates on the frame as drawn, of second order there as well, where f_J are those of unit
+pressure: what of the residual no correction can remove, since both surfaces carry the same force
+about the same place (rounding on flat ones). k = 0 but where the rim is covered so poorly that
+corrections would be large.
 """
 
 from __future__ import annotations

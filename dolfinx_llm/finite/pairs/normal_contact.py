@@ -5,7 +5,7 @@ With a force lambda_p that pair p carries, n its normal out of the frame's body,
     force on p: lambda_p n,   force on the frame's node J: -N_pJ lambda_p n,
     gap_p = n·(x_p - sum_J N_pJ y_J) - s_p,   gap >= 0, lambda >= 0, their product 0,
 
-s how far a curved frame stands out beyond its facets, and what rows miss of it: see ``roundness``.
+s how far a curved frame stands out beyond its facets, and what rows miss of it: see ``curved_gap``.
 At second order gaps and lambda are those of control values, of C gap and C^T lambda at the nodes:
 see ``sides``.
 
@@ -27,12 +27,12 @@ from scipy.sparse import bmat, csr_matrix, hstack, vstack
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, per_item, summing
 from dolfinx_llm.design.rises import rises
-from dolfinx_llm.finite.frame.balanced import balanced_loads
 from dolfinx_llm.finite.frame.chart import borne_by, chart_of, functions_of
+from dolfinx_llm.finite.frame.curved_gap import raised, rounded_gap
 from dolfinx_llm.finite.frame.design import Design, DesignedRows
+from dolfinx_llm.finite.frame.design_loads import balanced_loads
 from dolfinx_llm.finite.frame.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.frame.location import OnFrame
-from dolfinx_llm.finite.frame.roundness import raised, rounded_gap
 from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.finite.pairs.slides import SlidesOnFrame
 from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, Place, held_fast, yields
@@ -46,7 +46,7 @@ class NormalPlace(Place):
     """Pairs on the moving frame, with derivatives; k of the n nodes are there, s entries a row."""
 
     grown: csr_matrix  # (n, width) derivative of the pairs' areas
-    loads: tuple[Array, Array]  # (n,), (m,) at nodes: see ``balanced``
+    loads: tuple[Array, Array]  # (n,), (m,) at nodes: see ``design_loads``
     loads_by: tuple[csr_matrix, csr_matrix]  # (n, width), (m, width) their derivatives
     at: OnFrame  # of all n nodes
     on: Array  # (k,) nodes that are there

@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.sparse import picking
-from dolfinx_llm.contact.followers import HELD, asked, follow, speakers
+from dolfinx_llm.contact.speakers import HELD, asked, follow, speakers
 
 pytestmark = pytest.mark.quick
 

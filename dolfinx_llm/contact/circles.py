@@ -1,4 +1,4 @@
-"""What the iterations of a load step so far tell of those to come."""
+"""Iterates of a load step that come back, and what is said where it does not converge."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_llm.finite.frame.balanced import balanced_loads
+from dolfinx_llm.finite.frame.design_loads import balanced_loads
 from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.geometry.surface import Surface
 
