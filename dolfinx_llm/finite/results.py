@@ -167,7 +167,7 @@ def moving_results(
     if terms.friction is not None:
         friction = -sign * sides.split(terms.friction)[1]
         force = np.einsum("mi,mi->m", total - friction, normal)
-    cells, moving = sides.skin(False), (first, second)[sides.moving]
+    cells, moving = sides.carrier.skin, (first, second)[sides.moving]
     tangential = borne - pressing[:, None] * moving.normal
     traction = -sign * per_area(weights @ tangential, weights @ place.areas[0])
     pressed = per_area(weights @ pressing[:, None], weights @ place.areas[0])[:, 0]
@@ -177,7 +177,7 @@ def moving_results(
         own_pressed = along_normals(of_moving, moving.normal)[:, 0]
         both = along_normals(of_frame, outward)
         pressed, traction = both[:, 0], sign * both[:, 1:]
-    drawn, origin = sides.surfaces[sides.frame].x, sides.surfaces[sides.frame].origin
+    drawn, origin = sides.carrier.x, sides.carrier.origin
     if isinstance(sides, SelfSides):  # both are the frame's surface
         pressed[active] = own_pressed[active]
         at_frame = np.where(active, status, at_frame)

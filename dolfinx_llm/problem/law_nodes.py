@@ -22,8 +22,8 @@ def nodes_of(
     interface: Interface, sides: Sides | OneSide, site: Site, drawn: Array, dofs: BodyDofs
 ) -> LawNodes:
     """The moving side's nodes as a law is told of them, with unit areas."""
-    x = sides.surfaces[sides.moving].x
-    places = x + sides.surfaces[sides.moving].origin
+    x = sides.mover.x
+    places = x + sides.mover.origin
     n, q = len(x), sides.gdim - 1
 
     def sampled(value: Any) -> Array:

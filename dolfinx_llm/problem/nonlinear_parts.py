@@ -103,7 +103,7 @@ def _is_asked(law: Law) -> bool:
 
 def _on_frame(interface: Interface, sides: Sides, site: Site, dofs: BodyDofs) -> Placed:
     """Two surfaces of which one carries the frame; as of ``contact_of``."""
-    frame = sides.surfaces[sides.frame]
+    frame = sides.carrier
     design = Design.of(frame.x, frame.cells, interface.design is not None)
     drawn = np.concatenate([s.x.ravel() for s in site.whole])
     contact: MovingContact
@@ -203,9 +203,9 @@ def pose_of(placed: Placed, moved: bool = True) -> Array:
 def anatomy(interface: Interface, placed: Placed) -> str:
     """For ``print``: which side of an interface carries the frame."""
     sides = placed.what.sides
-    moving, where = sides.surfaces[sides.moving], "no frame"
+    moving, where = sides.mover, "no frame"
     if sides.frame is not None:
-        frame = sides.surfaces[sides.frame]
+        frame = sides.carrier
         where = f"frame on {frame.name}, {len(frame.x)} nodes"
     return (
         f"  interface {interface.name}, {interface.law}: {where}; {len(moving.x)} nodes of "

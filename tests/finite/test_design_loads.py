@@ -33,7 +33,7 @@ def test_both_sides_have_the_same_area(gap):
     assert frame.sum() == pytest.approx(around, rel=1e-12)
     assert own.sum() == pytest.approx(around, rel=1e-12)
     at = meeting.at
-    places = np.einsum("nk,nki->ni", at.N, sides.split(z)[1][sides.cells(False)[at.facet]])
+    places = np.einsum("nk,nki->ni", at.N, sides.split(z)[1][sides.carrier.cells[at.facet]])
     assert np.abs(own @ places).max() < 0.1 * gap + 1e-12
     assert areas[0].sum() > (1.0 + 0.9 * gap) * around
     assert gap == 0.0 or np.abs(areas[0] @ places).max() > gap

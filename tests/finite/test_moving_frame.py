@@ -142,7 +142,7 @@ def scene(name):
     both = make(rng, below, a, 0.0, True, **of[0]), make(rng, above, b, 5e-3, False, **of[1])
     sides = Sides.of(both[::-1] if swapped else both)
     z = np.concatenate([s.x.ravel() for s in sides.surfaces])
-    return sides, z, rng.uniform(0.5, 1.5, len(sides.surfaces[sides.moving].x))
+    return sides, z, rng.uniform(0.5, 1.5, len(sides.mover.x))
 
 
 def pressed(name, law=None, mu=0.3):
@@ -153,7 +153,7 @@ def pressed(name, law=None, mu=0.3):
         mu: coefficient of friction.
     """
     sides, z, force = scene(name)
-    frame, moving = sides.surfaces[sides.frame], sides.surfaces[sides.moving]
+    frame, moving = sides.carrier, sides.mover
     design, n = Design.of(frame.x, frame.cells), len(moving.x)
     contact = NormalContact(sides, design)
     rng = np.random.default_rng(13)
@@ -233,7 +233,7 @@ def test_slip_of_increments_before_turns_and_stretches(name):
     """What pairs have slipped is carried on as vectors on the frame's facets are: it turns with
     them, and where facets stretch it stretches."""
     sides, z, _ = scene(name)
-    frame, gdim = sides.surfaces[sides.frame], sides.gdim
+    frame, gdim = sides.carrier, sides.gdim
     contact = NormalContact(sides, Design.of(frame.x, frame.cells))
     q, held, rng = np.zeros(contact.size), contact.hold(z), np.random.default_rng(5)
     start = contact.place(z, q, held)

@@ -48,7 +48,7 @@ def test_facets_across_come_apart():
     not. On a spiral seen from one side, and around a convex outline, nothing faces anything."""
     x = serpentine(4, 0.1)
     sides = chain(x, closed=True)
-    moving, facets = sides.parted(x), sides.facets(True)
+    moving, facets = sides.parted(x), sides.mover.facets
     centre, along = x[facets].mean(axis=1), np.diff(x[facets], axis=1)[:, 0]
     normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)[:, None]
     arm = centre[None] - centre[:, None]

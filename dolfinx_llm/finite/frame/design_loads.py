@@ -41,7 +41,7 @@ def _along(
 ) -> tuple[Array, csr_matrix]:
     """(n,) of the moving side's control values: a facet's length on the frame, parted as what is
     covered of the facet itself."""
-    share, cells = meeting.covered[0].share, sides.cells(True)
+    share, cells = meeting.covered[0].share, sides.mover.cells
     f, k = share.shape
     part = share.sum(axis=1)
     inverse = np.where(part > 0.0, 1.0 / np.where(part > 0.0, part, 1.0), 0.0)
@@ -51,5 +51,5 @@ def _along(
     change = change - diagonal(own.ravel()) @ of_facet.T @ (of_facet @ change)
     change = diagonal(np.repeat(length * inverse, k)) @ change
     change = change + diagonal(own.ravel()) @ of_facet.T @ by_z
-    gather = summing(cells.ravel(), len(sides.surfaces[sides.moving].x))
+    gather = summing(cells.ravel(), len(sides.mover.x))
     return gather @ (own * length[:, None]).ravel(), gather @ change

@@ -65,7 +65,7 @@ class SelfSides(Sides):
 
     def own_normals(self, x: Array) -> NodalNormals:
         """See ``Sides``."""
-        return nodal_normals(x, self.skin(True), self.first[0], self.width)
+        return nodal_normals(x, self.mover.skin, self.first[0], self.width)
 
     def carries(self, candidates: Array) -> Array:
         """(f,) facets that do not move."""
@@ -77,7 +77,7 @@ class SelfSides(Sides):
         Raises:
             ContactError: facets face each other in a ring of odd length, which has no two sides.
         """
-        facets = self.facets(True)
+        facets = self.mover.facets
         f, size = len(facets), cell_sizes(x, facets)
         normal, centre = unit_normals(x, facets), x[facets].mean(axis=1)
         surface = replace(self.surfaces[0], x=x)
@@ -120,7 +120,7 @@ class SelfSides(Sides):
         Raises:
             ContactError: the surface has gone through itself.
         """
-        facets, size = self.facets(True), cell_sizes(x, self.facets(True))
+        facets, size = self.mover.facets, cell_sizes(x, self.mover.facets)
         centre, normal = x[facets].mean(axis=1), unit_normals(x, facets)
         i, j = cKDTree(centre).query_pairs(float(size.max()), output_type="ndarray").T
         apart = (facets[i][:, :, None] != facets[j][:, None]).all(axis=(1, 2))

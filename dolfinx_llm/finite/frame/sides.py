@@ -109,6 +109,16 @@ class Sides:
         return 1 - self.frame
 
     @property
+    def mover(self) -> Surface:
+        """The moving side."""
+        return self.surfaces[1 - self.frame]
+
+    @property
+    def carrier(self) -> Surface:
+        """The surface that carries the frame."""
+        return self.surfaces[self.frame]
+
+    @property
     def gdim(self) -> int:
         """Dimension of space."""
         return int(self.surfaces[0].x.shape[1])
@@ -127,7 +137,7 @@ class Sides:
     @property
     def columns(self) -> tuple[Array, int]:
         """(n, gdim) coordinates of the moving side's nodes, and the frame's first."""
-        nodes = np.arange(len(self.surfaces[self.moving].x))
+        nodes = np.arange(len(self.mover.x))
         return coordinates(nodes[:, None], self.gdim, self.first[0]), self.first[1]
 
     def split(self, z: Array) -> tuple[Array, Array]:
@@ -143,13 +153,12 @@ class Sides:
     @cached_property
     def control(self) -> tuple[csr_matrix, csr_matrix]:
         """C (n, n) of the moving side, and (m, m) of the frame."""
-        moving, frame = (control_matrices(self.surfaces[i])[1] for i in (self.moving, self.frame))
-        return moving, frame
+        return control_matrices(self.mover)[1], control_matrices(self.carrier)[1]
 
     @cached_property
     def nodal(self) -> csr_matrix:
         """E (n, n) of the moving side."""
-        return control_matrices(self.surfaces[self.moving])[0]
+        return control_matrices(self.mover)[0]
 
     def jumps(self, N: csr_matrix) -> csr_matrix:
         """(n gdim, width) sum_q C_pq x_q - sum_J N_pJ y_J, of all coordinates, for rows (n, m) of
@@ -162,23 +171,23 @@ class Sides:
         if self._met and np.array_equal(self._met[0], z):
             return self.facing(z, self._met[2].at)
         x, y = self.split(z)
-        return self.facing(z, find_on_frame(x, y, self.cells(False), self.outward(z)))
+        return self.facing(z, find_on_frame(x, y, self.carrier.cells, self.outward(z)))
 
     def facing(self, z: Array, at: OnFrame) -> Array:
         """(f,) the same of nodes that meet the frame at given places."""
         x, y = self.split(z)
-        facets = self.facets(True)
-        size = cell_sizes(y, self.facets(False))[at.facet]
+        facets = self.mover.facets
+        size = cell_sizes(y, self.carrier.facets)[at.facet]
         near = at.met & (np.abs(at.gap) <= self.within * size)
         area = vector_areas(x, facets)
         across = at.normal[facets].sum(axis=1)
         cosine = np.einsum("fi,fi->f", area, across)
         cosine /= np.linalg.norm(area, axis=1) * np.linalg.norm(across, axis=1)
-        return near[self.cells(True)].all(axis=1) & (cosine < -np.cos(TURN))
+        return near[self.mover.cells].all(axis=1) & (cosine < -np.cos(TURN))
 
     def outward(self, z: Array) -> Array:
         """(m, gdim) unit normals of the frame's nodes, out of its body."""
-        return unit(areas_around(self.split(z)[1], self.skin(False)))
+        return unit(areas_around(self.split(z)[1], self.carrier.skin))
 
     def meet(self, z: Array, candidates: Array) -> Meeting:
         """How the surfaces meet at coordinates z (width,); kept until they are elsewhere.
@@ -194,17 +203,17 @@ class Sides:
 
     def _meet(self, z: Array, candidates: Array) -> Meeting:
         x, y = self.split(z)
-        of_frame = y, self.skin(False), self.first[1], self.width
+        of_frame = y, self.carrier.skin, self.first[1], self.width
         normals = nodal_normals(*of_frame)
         own = self.own_normals(x)
         at = self.found(x, y, normals.n, None if own is None else own.n, candidates)
-        d = location_derivatives(at, y, self.cells(False), normals, self.columns, self.width, own)
+        d = location_derivatives(at, y, self.carrier.cells, normals, self.columns, self.width, own)
         if self.chains is None:
             covered = self._clipped(z, candidates, True), self._clipped(z, candidates, False)
             along = None
         else:
-            elements = self.surfaces[self.moving].element, self.surfaces[self.frame].element
-            of = self.facets(True), candidates, x, y, at, d, normals, self.first, elements
+            elements = self.mover.element, self.carrier.element
+            of = self.mover.facets, candidates, x, y, at, d, normals, self.first, elements
             covered, along = covered_lines(self.chains, *of)
         if self.around is not None:  # nodes are found by the facets' own alone
             normals = nodal_normals(*of_frame, self.around)
@@ -221,7 +230,7 @@ class Sides:
         """Where the moving side's nodes x meet the frame, for facets that can touch (f,); other
         arguments as of ``find_on_frame``."""
         frame = np.flatnonzero(self.carries(candidates))
-        at = find_on_frame(x, y, self.cells(False)[frame], normals, own)
+        at = find_on_frame(x, y, self.carrier.cells[frame], normals, own)
         return replace(at, facet=frame[at.facet])
 
     def own_normals(self, x: Array) -> NodalNormals | None:
@@ -230,7 +239,7 @@ class Sides:
 
     def carries(self, candidates: Array) -> Array:
         """(f,) which facets of the frame's surface are the frame's."""
-        return np.ones(len(self.facets(False)), dtype=bool)
+        return np.ones(len(self.carrier.facets), dtype=bool)
 
     def covered(self, z: Array, candidates: Array, moving: bool) -> Covered:
         """What is covered of a side alone; arguments as for ``meet``."""
@@ -240,8 +249,8 @@ class Sides:
 
     def _clipped(self, z: Array, candidates: Array, moving: bool) -> Covered:
         """The same in space."""
-        (x, y), (facets, frame) = self.split(z), (self.facets(True), self.facets(False))
-        elements = self.surfaces[self.moving].element, self.surfaces[self.frame].element
+        (x, y), (facets, frame) = self.split(z), (self.mover.facets, self.carrier.facets)
+        elements = self.mover.element, self.carrier.element
         own = Skin(x, facets, elements[0], candidates, self.first[0])
         other = Skin(y, frame, elements[1], self.carries(candidates), self.first[1])
         skins = (own, other) if moving else (other, own)
@@ -251,19 +260,7 @@ class Sides:
         """(n,) forces of unit pressure on the common area at a side's control values, and their
         derivatives."""
         side = 0 if moving else 1
-        x, surface = self.split(z)[side], self.surfaces[self.moving if moving else self.frame]
+        x, surface = self.split(z)[side], self.mover if moving else self.carrier
         covered = meeting.covered[side]
         values, derivative = surface_integrals(x, surface, covered, self.first[side], sizes=True)
         return values[:, 0], derivative
-
-    def facets(self, moving: bool) -> Array:
-        """(f, c) corners of a side's facets."""
-        return self.surfaces[self.moving if moving else self.frame].facets
-
-    def cells(self, moving: bool) -> Array:
-        """(f, k) all nodes of a side's facets."""
-        return self.surfaces[self.moving if moving else self.frame].cells
-
-    def skin(self, moving: bool) -> Array:
-        """(s, c) first-order facets between all nodes of a side, by which normals are averaged."""
-        return self.surfaces[self.moving if moving else self.frame].skin

@@ -78,7 +78,7 @@ class Condensed:
         # value.
         E = per_component(sides.nodal, gdim)
         top = (E.T @ t.top[x]).tocsr()
-        if sides.surfaces[sides.moving].element.order > 1:  # normals differ along a facet
+        if sides.mover.element.order > 1:  # normals differ along a facet
             largest = abs(top).max(axis=0).toarray().ravel()
             top.data[np.abs(top.data) < LITTLE * largest[top.indices]] = 0.0
         top.eliminate_zeros()

@@ -58,6 +58,11 @@ class OneSide:
         """Dimension of space."""
         return int(self.surfaces[0].x.shape[1])
 
+    @property
+    def mover(self) -> Surface:
+        """The surface."""
+        return self.surfaces[0]
+
     def split(self, z: Array) -> tuple[Array, Array]:
         """Positions (n, gdim) of the nodes, and those of no frame."""
         return z.reshape(-1, self.gdim), np.zeros((0, self.gdim))

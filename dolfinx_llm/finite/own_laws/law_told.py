@@ -90,7 +90,7 @@ class ToldContact(Friction):
         zero, nothing = np.zeros(n), np.zeros((n, law.jumps(sides.gdim)))
         nodes = replace(nodes, force=nothing, jump=nothing, before=nothing, status=np.full(n, OPEN))
         nodes = replace(nodes, history=law.start(nodes), given=law.begin_step(nodes))
-        cells = sides.surfaces[sides.moving].cells
+        cells = sides.mover.cells
         return zero, zero, law, nodes, zero if law.closes_gap else gap, neighbours(cells, n)
 
     def reading(self, given: dict[str, Array]) -> ToldContact:
@@ -108,7 +108,7 @@ class ToldContact(Friction):
     @property
     def _vectors(self) -> int:
         """Number of coordinates of the moving side's nodes."""
-        return int(self.sides.surfaces[self.sides.moving].x.size)
+        return int(self.sides.mover.x.size)
 
     def carried(self, q: Array, R: Array) -> Array:
         return super().carried(q, R) if self.law.slips else q
@@ -216,7 +216,7 @@ class ToldContact(Friction):
                 history.setdefault(name, every)[at] = value
             jump = kept.jump.copy()
             jump[at] = nodes.jump
-            surface = self.sides.surfaces[self.sides.moving]
+            surface = self.sides.mover
             least = PULLS * held.scale * surface.facet_size
             return Kept(history, jump, q[: len(jump)] < -least)
 

@@ -50,15 +50,15 @@ class Friction(Slides):
     @property
     def size(self) -> int:
         """Number of unknowns."""
-        return super().size + self.sides.surfaces[self.sides.moving].x.size
+        return super().size + self.sides.mover.x.size
 
     @property
     def owner(self) -> Array:
-        nodes = self.sides.surfaces[self.sides.moving].owner
+        nodes = self.sides.mover.owner
         return np.concatenate([super().owner, np.repeat(nodes, self.sides.gdim)])
 
     def carried(self, q: Array, R: Array) -> Array:
-        tau = self.sides.surfaces[self.sides.moving].x.size
+        tau = self.sides.mover.x.size
         return np.concatenate([q[:-tau], (q[-tau:].reshape(-1, len(R)) @ R.T).ravel()])
 
     def started(self, place: Any, held: Held, closed: Array) -> Origin:

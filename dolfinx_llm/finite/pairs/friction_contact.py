@@ -94,7 +94,7 @@ class FrictionContact(Friction, NormalContact):
         tell next to nothing of what of the force is friction and what the supports'."""
         on_x, on_y = self.sides.split(free)
         at, C = place.at, self.sides.control[0]
-        cells = self.sides.cells(False)[at.facet]
+        cells = self.sides.carrier.cells[at.facet]
         loose = ((np.abs(at.N) > HARDLY)[:, :, None] & on_y[cells]).any(axis=1) | on_x
         both = (abs(C)[closed] @ loose.astype(float)) == 0.0
         return both | super().supported(place, closed, way, free)
@@ -117,7 +117,7 @@ class FrictionContact(Friction, NormalContact):
         (n, _, c), gdim, width = self.counts, self.sides.gdim, self.sides.width
         C = self.sides.control[0][:, on].T  # to these nodes
         at_nodes = C @ tau
-        cells = self.sides.cells(False)[place.at.facet[on]]
+        cells = self.sides.carrier.cells[place.at.facet[on]]
         y, height = self.sides.split(place.z)[1], -np.einsum("ks,ks->k", place.rows.N, place.height)
         couple = couples(at_nodes, height, place.normal[on], y[cells])
         at = coordinates(cells, gdim, self.sides.columns[1])

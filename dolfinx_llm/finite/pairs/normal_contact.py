@@ -113,20 +113,19 @@ class NormalContact(SlidesOnFrame):
     @property
     def counts(self) -> tuple[int, int, int]:
         """Numbers of forces, mu and kappa."""
-        surfaces, frame = self.sides.surfaces, self.sides.frame
-        return len(surfaces[1 - frame].x), len(surfaces[frame].x), functions_of(self.design.element)
+        mover, carrier = self.sides.mover, self.sides.carrier
+        return len(mover.x), len(carrier.x), functions_of(self.design.element)
 
     @property
     def owner(self) -> Array:
-        surfaces, frame = self.sides.surfaces, self.sides.frame
         first = np.zeros(self.counts[2], dtype=np.int64)
-        return np.concatenate([surfaces[1 - frame].owner, surfaces[frame].owner, first])
+        return np.concatenate([self.sides.mover.owner, self.sides.carrier.owner, first])
 
     @cached_property
     def rises(self) -> tuple[Array, Array] | None:
         """(n,) and (m,) of nodes of the moving side and of the frame; None: there are none."""
         sides = self.sides
-        found = rises(sides.surfaces[sides.moving]), rises(sides.surfaces[sides.frame])
+        found = rises(sides.mover), rises(sides.carrier)
         return found if any(rise.any() for rise in found) else None
 
     def hold(self, z: Array) -> Held:
@@ -160,7 +159,7 @@ class NormalContact(SlidesOnFrame):
         limit = self.design.later_limit(held.limit, place, (x[on], y), loads, held.chart)
         if limit is not None:
             return replace(held, limit=limit)
-        if not (added.any() and (at.gap[self.sides.facets(True)[added]] < 0.0).any()):
+        if not (added.any() and (at.gap[self.sides.mover.facets[added]] < 0.0).any()):
             added[:] = False
         if not (added.any() or left.any()):
             return None
@@ -172,7 +171,7 @@ class NormalContact(SlidesOnFrame):
 
     def _chart(self, forces: Array) -> Array:
         """Of the design, for forces (m,) of unit pressure on what is covered of the frame."""
-        return chart_of(self.sides.surfaces[self.sides.frame], forces)
+        return chart_of(self.sides.carrier, forces)
 
     def place(self, z: Array, q: Array, held: Held) -> NormalPlace:
         """Pairs, rows and gaps with derivatives: what does not depend on forces.
@@ -199,12 +198,12 @@ class NormalContact(SlidesOnFrame):
         height = np.einsum("nsi,ni->ns", y[rows.nodes] - x[on][:, None], at.normal)
         pick = summing(on, n)
         gap, normal = np.full(n, np.inf), np.zeros((n, gdim))
-        of_frame = y, sides.cells(False), meeting.normals, sides.rounded
+        of_frame = y, sides.carrier.cells, meeting.normals, sides.rounded
         by_rows = -np.einsum("ns,ns->n", rows.N, height)
         numbers = (*columns, sides.width)
         to_frame, curved, by_frame = rounded_gap(at, d, *of_frame, numbers, by_rows)
         if self.rises is not None:
-            own, of_facets = self.rises[0][on], self.rises[1][sides.cells(False)[at.facet]]
+            own, of_facets = self.rises[0][on], self.rises[1][sides.carrier.cells[at.facet]]
             less, less_z = raised(at, d, of_facets, own)
             to_frame, by_frame = to_frame - less, by_frame - less_z
         C, whole = sides.control[0][on][:, on], np.diff(sides.control[0].indptr)[on]

@@ -121,7 +121,7 @@ class SlidesOnFrame(Slides):
         near = at.met & (at.beyond < COMES_IN)
         near[place.on] = False
         nodes = np.flatnonzero(near)
-        cells = self.sides.cells(False)[at.facet[nodes]]
+        cells = self.sides.carrier.cells[at.facet[nodes]]
         index = np.repeat(nodes, cells.shape[1]), cells.ravel()
         rows = summing(place.on, n) @ place.rows.matrix(m)
         rows = rows + csr_matrix((at.N[nodes].ravel(), index), (n, m))
@@ -145,7 +145,7 @@ class SlidesOnFrame(Slides):
         """(n, m) rows D: in the tangent plane sum_J D_pJ y_J is the slip; they are derivatives of
         the shape functions along it."""
         at, y = place.at, self.sides.split(place.z)[1]
-        cells = self.sides.cells(False)[at.facet]
+        cells = self.sides.carrier.cells[at.facet]
         edges = np.einsum("nkd,nki->ndi", at.dN, y[cells])
         k, d, gdim = edges.shape
         normals = np.repeat(place.normal, d, axis=0)

@@ -80,7 +80,7 @@ class TiedContact(Bound):
             )
         if found is None:
             at, loads = meeting.at.part(on), ((sides.control[0].T @ f)[on], sides.control[1].T @ fy)
-            functions = chart_of(sides.surfaces[sides.frame], loads[1])
+            functions = chart_of(sides.carrier, loads[1])
             of = at, x[on], y, loads
             rows = design.rows(*of, design.smallest_limit(*of, functions), functions)
             found = on, rows.matrix(len(y)), float(np.abs(rows.delta).max())
@@ -101,7 +101,7 @@ class TiedContact(Bound):
 
     @property
     def owner(self) -> Array:
-        return np.repeat(self.sides.surfaces[self.sides.moving].owner, self.sides.gdim)
+        return np.repeat(self.sides.mover.owner, self.sides.gdim)
 
     def carried(self, q: Array, R: Array) -> Array:
         return (q.reshape(-1, len(R)) @ R.T).ravel()
@@ -109,7 +109,7 @@ class TiedContact(Bound):
     def place(self, z: Array, q: Array, held: Held) -> Place:
         """Rows as drawn, normals and areas as they are now."""
         sides, at = self.sides, self.drawn.at
-        of_facets = sides.outward(z)[sides.cells(False)[at.facet]]
+        of_facets = sides.outward(z)[sides.carrier.cells[at.facet]]
         normal = unit(np.einsum("nk,nki->ni", at.N, of_facets))
         own, frame = (sides.forces(self.drawn, z, moving)[0] for moving in (True, False))
         areas = own, sides.control[1].T @ frame
@@ -186,7 +186,7 @@ def determined(rows: Array, f: Array) -> tuple[Array, Array]:
 def _carried(sides: Sides, close_gap: bool) -> tuple[Array, csr_matrix, float] | None:
     """``carried_rows`` of second-order bodies, where small corrections do; ``round_rows`` of
     first-order ones along curved surfaces."""
-    surfaces = sides.surfaces[sides.moving], sides.surfaces[sides.frame]
+    surfaces = sides.mover, sides.carrier
     orders = [surface.element.order for surface in surfaces]
     try:
         if max(orders) == 1 and sides.rounded.any():
