@@ -1,9 +1,9 @@
 """Frames and slips that no pair in contact sees, at the end of a load step.
 
-Where few pairs are in contact they leave open how far single nodes of a frame have slipped: one
-node between two of the frame's tells a mean of both. Whatever the iteration came by there, friction
-would remember when other pairs close. What is left open is therefore that of the bodies; what
-sticks for good has not slipped, whoever sees it.
+Where few pairs are in contact they do not determine how far single nodes of a frame have slipped: a
+pair between two of these tells a mean of both. Friction would remember whatever the iteration left
+there once other pairs close. What is not determined is therefore taken from the motion of the
+bodies. Nodes that stick have not slipped, whether pairs see them or not.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Contact without friction: where pairs that stick would not tell which of them touch."""
+"""Contact without friction, which comes first where sticking pairs do not tell which touch."""
 
 from __future__ import annotations
 

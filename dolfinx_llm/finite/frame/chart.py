@@ -1,11 +1,11 @@
 """Polynomials that rows of a moving frame reproduce: linear ones, at second order squares too.
 
-Corrections change nothing along them, and along what they nearly are, next to nothing. So it is for
-a second-order frame in the plane that is drawn curved with the coordinate across: on a circle of n
-facets it is reproduced to (pi / n)^4. It belongs to them, or rounding in it would be divided by as
-little squared: Newton's iteration would end at 1e-10, or not at all. Where a frame's normals tell
-no direction across it, as around a closed tube, the coordinates that they point alike along all
-belong to them, at any order: which one is that across, rounding would decide.
+Corrections of rows do not change them, and functions that are close to them by next to nothing. The
+coordinate across a second-order frame that is drawn curved in the plane is one: on a circle of n
+facets the others reproduce it to (pi / n)^4. It is therefore added to them. Else rounding in it
+would be divided by the square of that number, and Newton's iteration would end at 1e-10, or not at
+all. Where a frame's normals tell no direction across it, as around a closed tube, all coordinates
+that they point along alike are added, at any order: else rounding would decide which is across.
 """
 
 from __future__ import annotations
