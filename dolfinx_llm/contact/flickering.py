@@ -144,21 +144,6 @@ def _share_pulls(s: InterfaceState, multiplier: Array, felt: float) -> bool:
     return bool(pulled.any())
 
 
-def regain(states: list[InterfaceState], multiplier: Array) -> bool:
-    """Friction again for interfaces of which more than may be is without; whether there are any.
-
-    Once all else has come to rest most of these pairs come to rest with it.
-
-    Args:
-        states: of all interfaces.
-        multiplier: λ (n,) of all [force].
-    """
-    some = [s for s in states if s.own.ties is None and lost(s, multiplier) > FRICTIONLESS]
-    for s in some:
-        s.begin(keeps=s.keeps)
-    return bool(some)
-
-
 def too_loose(states: list[InterfaceState], multiplier: Array) -> list[InterfaceState]:
     """Interfaces of which more than the rim of contact has lost its friction.
 

@@ -21,7 +21,7 @@ from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.base.parallel import told
 from dolfinx_llm.contact.circles import Circles, failure
 from dolfinx_llm.contact.equations import Equations, spread, unfelt
-from dolfinx_llm.contact.flickering import count, keep, lets_go, regain, require_friction
+from dolfinx_llm.contact.flickering import count, keep, lets_go, require_friction
 from dolfinx_llm.contact.gross_slip import slide
 from dolfinx_llm.contact.parted import Parted
 from dolfinx_llm.contact.reached import ATTRIBUTES, Reached, take_back, untied
@@ -132,7 +132,7 @@ class ContactIteration:
         about: Any = (self.multiplier if known else np.zeros(equations.n), w)
         equations.idle, equations.least = 0.0, unfelt(equations, w)
         equations.start, self._calmed, self._vital = about[0], False, False
-        calm, before, w_last, regained = 0, np.inf, w, False  # iterations without change
+        calm, before, w_last = 0, np.inf, w  # iterations without change
         changes, runs, iteration, last, many = 0, 0, 0, MAXIMUM, _many(self.states, known)
         giving, circles = GivingWay(equations), Circles(self.history)
         parted = Parted(equations, floating.comm)
@@ -197,8 +197,6 @@ class ContactIteration:
             if rests and not released:
                 gaps = self.scale * (equations.L @ w - y - g)
                 released = lets_go(self.states, borne, gaps, ENOUGH * largest)
-            if rests and not released and not regained:
-                regained = released = regain(self.states, borne)
             if rests and not released and ask(self.states, borne, self._vital):
                 last, released = iteration + MAXIMUM, True
             if rests and not released:
