@@ -210,7 +210,9 @@ class ContactIteration:
             # From then on the frame goes on from where it is, and what no force holds stays.
             self._calmed = self._calmed or calm > 0
             centre = w if self._calmed else equations.middle(y + g, w)
-            if stalled:  # a frame node under a tiny force goes to where it touches, ever faster
+            # A frame node under a tiny force goes to where it touches, ever faster: a pin in a 3D
+            # lug takes 22 iterations by the whole system, and 83 without.
+            if stalled:
                 farther = 2.0 ** min(calm, FASTEST) - 1.0
                 centre = w + farther * np.where(equations.drifts, w - w_last, 0.0)
             centre = parted.frame(centre, multiplier, y + g, iteration if changes else 0)
