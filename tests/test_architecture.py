@@ -45,6 +45,25 @@ def test_imports_run_downward():
     assert not wrong
 
 
+FINITE = "frame", "pairs", "obstacles", "own_laws", "linear", "finite"  # the last: beside these
+
+
+def test_folders_of_finite_import_downward():
+    """As the page on the method lists them."""
+    page, wrong = (PACKAGE / "method.md").read_text(), []
+    listed = re.findall(r"^\| `(\w+)` \|", page[page.index("Within `finite`") :], re.M)
+    root = PACKAGE / "finite"
+    folders = {path.parent.name for path in root.glob("*/__init__.py")}
+    assert listed == list(FINITE[:-1]) and folders == set(listed)
+    for path in sorted(root.rglob("*.py")):
+        for module, line in imports(path):
+            _, room, target, *rest = [*module.split("."), "", ""]
+            target = target if any(rest) else "finite"
+            if room == "finite" and FINITE.index(target) > FINITE.index(path.parent.name):
+                wrong.append(f"{path.relative_to(PACKAGE)}:{line} imports {module}")
+    assert not wrong
+
+
 def test_picture_of_the_rooms_shows_the_imports():
     """Arrows of the picture in the page on the method, and who imports whom."""
     page = (PACKAGE / "method.md").read_text()

@@ -35,7 +35,7 @@ docs, figures, gallery = tool("docs"), tool("figures"), tool("gallery")
 EXAMPLES = [
     "geometry.frame", "laws.tied", "laws.frictionless", "laws.coulomb", "laws.complementarity",
     "laws.conductance", "laws.sliding",
-    "contact.followers", "interface.obstacle", "interface.obstacles",
+    "contact.speakers", "interface.obstacle", "interface.obstacles",
     "design.weights",
 ]  # fmt: skip
 

@@ -19,9 +19,9 @@ from scipy.sparse import vstack as stack
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.sparse import beside, diagonal, per_item, picking, symmetric_factors
+from dolfinx_llm.contact.flickering import release
 from dolfinx_llm.contact.friction_nodes import friction_nodes
-from dolfinx_llm.contact.led import rows_of, told
-from dolfinx_llm.contact.loose import release
+from dolfinx_llm.contact.prescribed_slip import rows_of, told
 from dolfinx_llm.contact.proximal import FrameRows
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.step import LEAST_FELT, SIGN, SOFT, LinearStep

@@ -9,8 +9,8 @@ from typing import Any
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.contact.balance import unbalanced
 from dolfinx_llm.contact.iteration import ContactIteration
+from dolfinx_llm.contact.limit_analysis import unbalanced
 from dolfinx_llm.contact.neutral import neutral
 from dolfinx_llm.contact.reached import Reached, take_back, untied
 from dolfinx_llm.forms.step import StepResult

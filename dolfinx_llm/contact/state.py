@@ -9,8 +9,8 @@ import numpy as np
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.contact.followers import ADRIFT, Followers, LastFollowers
 from dolfinx_llm.contact.friction_nodes import FLOOR, FrictionNodes
+from dolfinx_llm.contact.speakers import ADRIFT, Followers, LastFollowers
 from dolfinx_llm.interface.update import Transfer
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK, LawNodes, LawRows, checked
@@ -97,7 +97,7 @@ class InterfaceState:
         held: (n,) pairs that may pull, too.
         shares, curved: nodes at the rim of contact slip as others do; so on a curved frame.
         second, keeps: of second order, whose pairs that do not come to rest may keep their ties;
-            whether they do, see ``loose``.
+            whether they do, see ``flickering``.
         asked: whether ties have been chosen in this load step, see ``ties``.
         grazes: friction of open pairs, over the normal force.
         pulled: (k,) nodes that corrected rows pull at: they slip as another does.

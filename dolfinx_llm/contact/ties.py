@@ -2,19 +2,18 @@
 
 The tie of a pair bears any force, however little the pair presses. Where every pair in contact has
 one, a pair that hardly presses may pull itself open by its tie, and press again without it: then no
-state at all meets the law. Where pairs do not come to rest, some of a curved frame or some that
-bear more than may be without friction, ties are therefore chosen once, where contact without
-friction presses, and stay while the iteration goes on, as do the nodes that speak for others, which
-then follow from ties alone. For given ties a state exists, which Newton's method finds within ten
-iterations or so; what it leaves are tied pairs that are open and bear friction. Where these bear
-too much of it the strongest are let go for good, which ends (``loose``). Later load steps begin
-with the ties that are left, and choose anew where they do not come to rest either. Coulomb's law
-holds at the frame's nodes with the normal forces of all pairs, tied or not.
+state at all meets the law. Ties are therefore chosen once where pairs do not come to rest: on
+curved frames, or where these pairs bear more than may be without friction. Tied are the pairs that
+press in contact without friction. They stay tied while the iteration goes on, and the nodes that
+speak for others, which follow from ties alone, stay as well. For given ties a state exists, which
+Newton's method finds in about ten iterations. Open pairs may then bear friction by their ties;
+where that is too much, the strongest ones lose their ties for good, which ends (``flickering``).
+Later load steps begin with the ties that are left, and choose anew where they do not come to rest
+either. Coulomb's law holds at the frame's nodes with the normal forces of all pairs, tied or not.
 
-Where contact is narrower than a facet, next to no node of the frame would speak for itself: all
-that touches would stick or slip as one, and its ties would bear many times what friction may.
-So nodes speak for themselves that pairs hold by less (``BY_LITTLE``), and friction bounds what ties
-bear.
+Where contact is narrower than a facet hardly any node of the frame would speak for itself: all that
+touches would stick or slip as one, and its ties would bear many times what friction may. So nodes
+that pairs hold less firmly speak for themselves there (``BY_LITTLE``).
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.contact.loose import too_loose
+from dolfinx_llm.contact.flickering import too_loose
 from dolfinx_llm.contact.state import InterfaceState
 
 EVERY = 12  # iterations with a tie for each pair in contact

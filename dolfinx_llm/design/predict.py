@@ -21,9 +21,9 @@ from dolfinx_llm.geometry.surface import Surface
 def predict_frame(
     sides: Sequence[Surface],
     touched: Sequence[Array],
-    plane: Plane | None = None,
-    by_nodes: bool = False,
-    corners: int | None = None,
+    plane: Plane | None,
+    by_nodes: bool,
+    corners: int | None,
     order: int = 1,
 ) -> tuple[Frame, str]:
     """Frame for two surfaces: the facets in contact of the coarser side.
@@ -61,7 +61,7 @@ def predict_frame(
 
 
 def coarser_facets(
-    sides: Sequence[Surface], touched: Sequence[Array], by_nodes: bool = False
+    sides: Sequence[Surface], touched: Sequence[Array], by_nodes: bool
 ) -> tuple[int, Array]:
     """Which side is coarser, 0 or 1, and its facets (m,) that are in contact.
 

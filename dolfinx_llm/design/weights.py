@@ -96,7 +96,7 @@ def balanced_rows(
     s: Array,
     N: Sequence[csr_matrix],
     loads: Sequence[NodalLoads],
-    keep: Sequence[Array] | None = None,
+    keep: Sequence[Array] | None,
 ) -> Sequence[csr_matrix]:
     """``design_weights`` for loads of either order.
 

@@ -1,1 +1,1 @@
-"""Finite deformation: nodes on the moving frame, rows designed there, and their derivatives."""
+"""Finite deformation: Newton's iteration, in load steps, and its results."""

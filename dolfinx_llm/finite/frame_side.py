@@ -12,10 +12,10 @@ from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
-from dolfinx_llm.finite.friction_law import in_plane
-from dolfinx_llm.finite.location import INSIDE, OnFrame, find_on_frame
-from dolfinx_llm.finite.self_sides import SelfSides
-from dolfinx_llm.finite.sides import HARDLY, Sides
+from dolfinx_llm.finite.frame.location import INSIDE, OnFrame, find_on_frame
+from dolfinx_llm.finite.frame.self_sides import SelfSides
+from dolfinx_llm.finite.frame.sides import HARDLY, Sides
+from dolfinx_llm.finite.pairs.friction_law import in_plane
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes, unit
 
 ON_A_LINE = 1e-6  # of the largest variance of places: pairs that tell nothing across
@@ -26,7 +26,7 @@ WIDER = 2  # times that facets around those of a node are taken in where its own
 def shapes_on_frame(sides: Sides, at: OnFrame) -> csr_matrix:
     """(n, m) shape functions of the frame's control values at places of n nodes; none negative,
     also beyond its rim."""
-    surface = sides.surfaces[sides.frame]
+    surface = sides.carrier
     N = at.N @ surface.element.bernstein
     N = np.where(at.met[:, None] & (N > INSIDE), N, 0.0)
     index = np.repeat(np.arange(len(N)), N.shape[1]), surface.cells[at.facet].ravel()
@@ -46,10 +46,10 @@ def gap_of_frame(sides: Sides, z: Array, pairs: Array) -> Array:
     """(m,) distance of the frame's nodes from the facets of which all nodes are pairs (n,), along
     their averaged normals; inf where there are none opposite [length]."""
     x, y = sides.split(z)
-    gap, cells = np.full(len(y), np.inf), sides.cells(True)
+    gap, cells = np.full(len(y), np.inf), sides.mover.cells
     cells = cells[pairs[cells].all(axis=1)]
     if len(cells):
-        at = find_on_frame(y, x, cells, unit(areas_around(x, sides.skin(True))))
+        at = find_on_frame(y, x, cells, unit(areas_around(x, sides.mover.skin)))
         there = at.met & (at.beyond < INSIDE)
         if isinstance(sides, SelfSides):  # they would find themselves
             there &= ~pairs
@@ -70,8 +70,8 @@ def slip_of_frame(sides: Sides, shapes: csr_matrix, z: Array, normal: Array, sli
         slip: (n, gdim) of the pairs [length].
     """
     x, y = sides.split(z)
-    x, m, cells = sides.control[0] @ x, len(y), sides.cells(False)
-    least = SPREAD * float(np.square(cell_sizes(y, sides.facets(False))).mean())
+    x, m, cells = sides.control[0] @ x, len(y), sides.carrier.cells
+    least = SPREAD * float(np.square(cell_sizes(y, sides.carrier.facets)).mean())
     index = cells.ravel(), np.repeat(np.arange(len(cells)), cells.shape[1])
     beside = csr_matrix((np.ones(cells.size), index), (m, len(cells)))
     for _ in range(WIDER):

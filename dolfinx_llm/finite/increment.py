@@ -14,7 +14,7 @@ from petsc4py import PETSc
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import collective, told
-from dolfinx_llm.finite.doubled import Doubled
+from dolfinx_llm.finite.linear.parts import Part
 from dolfinx_llm.finite.load_step import (
     Equations,
     LoadStep,
@@ -24,7 +24,7 @@ from dolfinx_llm.finite.load_step import (
     slid,
     stays,
 )
-from dolfinx_llm.finite.parts import Part
+from dolfinx_llm.finite.pairs.terms import MovingContact
 from dolfinx_llm.finite.settling import (
     EXCHANGES,
     Exchanges,
@@ -32,8 +32,8 @@ from dolfinx_llm.finite.settling import (
     lands,
     opened_or_closed,
 )
-from dolfinx_llm.finite.terms import MovingContact
 from dolfinx_llm.finite.turning import prescribed, turned
+from dolfinx_llm.finite.two_obstacles import Doubled
 from dolfinx_llm.forms.options import NoOption
 from dolfinx_llm.laws.rows import OPEN
 

@@ -14,8 +14,8 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import chosen, told
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.finite.system import NewtonSystem, mean_diagonal
-from dolfinx_llm.finite.terms import ContactTerms, Held, Place, slide
+from dolfinx_llm.finite.linear.system import NewtonSystem, mean_diagonal
+from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, Place, slide
 from dolfinx_llm.operators.bare import check_stiffness
 from dolfinx_llm.operators.numbering import BodyDofs
 

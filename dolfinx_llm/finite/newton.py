@@ -15,9 +15,9 @@ from dolfinx_llm.base.log import progress, tell_iteration
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.finite.increment import Increment, StepFailed, failing
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstacleFriction
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstacleFriction
+from dolfinx_llm.finite.pairs.terms import ContactTerms, Place
 from dolfinx_llm.finite.passage import check_obstacle, check_passage, left_over_edge, say_left
-from dolfinx_llm.finite.terms import ContactTerms, Place
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
 log = logging.getLogger("dolfinx_llm")

@@ -14,12 +14,12 @@ from scipy.spatial import cKDTree
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.finite.location import INSIDE
-from dolfinx_llm.finite.normal_contact import OVER, NormalPlace
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact
-from dolfinx_llm.finite.self_sides import CROSSED, SelfSides
-from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.terms import MovingContact, Place
+from dolfinx_llm.finite.frame.location import INSIDE
+from dolfinx_llm.finite.frame.self_sides import CROSSED, SelfSides
+from dolfinx_llm.finite.frame.sides import Sides
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact
+from dolfinx_llm.finite.pairs.normal_contact import OVER, NormalPlace
+from dolfinx_llm.finite.pairs.terms import MovingContact, Place
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes, outline_edges
 from dolfinx_llm.geometry.facing import TURN
 from dolfinx_llm.interface.against import checked_clearance
@@ -114,7 +114,7 @@ def check_passage(contact: MovingContact, before: Place, after: Place) -> None:
     behind = at.met & (at.beyond <= INSIDE) & (at.gap < -THROUGH * size) & _ahead(sides, before)
     if behind.any():
         worst = int(np.where(behind, at.gap / size, 0.0).argmin())
-        moving, frame = sides.surfaces[sides.moving], sides.surfaces[sides.frame]
+        moving, frame = sides.mover, sides.carrier
         x = sides.split(after.z)[0][worst] + moving.origin
         raise ContactError(
             f"bodies pass through each other: {behind.sum()} node(s) of {moving.name} have gone "
@@ -131,15 +131,16 @@ def check_passage(contact: MovingContact, before: Place, after: Place) -> None:
 def _check_outlines(sides: Sides, before: Place, after: Place) -> None:
     """Require that no node has gone through the other surface where that is closed."""
     start, end = sides.split(before.z), sides.split(after.z)
-    for k, surface in enumerate((sides.frame, sides.moving)):
+    both = sides.mover, sides.carrier
+    for k, (one, hit) in enumerate((both, both[::-1])):
         x, y = (start[k], end[k]), (start[1 - k], end[1 - k])
-        deep, size = deepest(x, y, sides.facets(k == 1))
+        deep, size = deepest(x, y, hit.facets)
         if deep.max(initial=0.0) > THROUGH * size:
-            worst, other = int(deep.argmax()), sides.surfaces[1 - surface].name
-            place = end[k][worst] + sides.surfaces[surface].origin
+            worst = int(deep.argmax())
+            place = end[k][worst] + hit.origin
             raise ContactError(
                 f"bodies pass through each other: {(deep > THROUGH * size).sum()} node(s) of "
-                f"{other} go through {sides.surfaces[surface].name} on their way, whose outline is "
+                f"{one.name} go through {hit.name} on their way, whose outline is "
                 f"closed; the deepest, on its way to {checks.place(place)}, by "
                 f"{deep[worst]:.3g} where facets have the size {size:.3g}"
             )
@@ -147,13 +148,13 @@ def _check_outlines(sides: Sides, before: Place, after: Place) -> None:
 
 def _sizes(sides: Sides, place: NormalPlace) -> Array:
     """(n,) size of the frame's facet under each node [length]."""
-    return cell_sizes(sides.split(place.z)[1], sides.facets(False))[place.at.facet]
+    return cell_sizes(sides.split(place.z)[1], sides.carrier.facets)[place.at.facet]
 
 
 def _ahead(sides: Sides, place: NormalPlace) -> Array:
     """(n,) which nodes lie in front of the frame, and face it."""
     at = place.at
-    vectors = areas_around(sides.split(place.z)[0], sides.skin(True))
+    vectors = areas_around(sides.split(place.z)[0], sides.mover.skin)
     cosine = np.einsum("ni,ni->n", vectors, at.normal) / np.linalg.norm(vectors, axis=1)
     there = at.met & (at.beyond <= INSIDE) & (cosine < -np.cos(TURN))
     return there & (at.gap > -AHEAD * _sizes(sides, place))
@@ -222,7 +223,7 @@ def left_over_edge(before: Place, force: Array, after: Place) -> Array:
 
 def say_left(sides: Sides, left: Array, after: Place) -> str:
     """What to say of nodes (n,) that have left the frame over its edge."""
-    moving, frame = sides.surfaces[sides.moving].name, sides.surfaces[sides.frame].name
+    moving, frame = sides.mover.name, sides.carrier.name
     place = sides.split(after.z)[0][np.flatnonzero(left)[0]] + sides.surfaces[0].origin
     first = checks.place(place)
     return (

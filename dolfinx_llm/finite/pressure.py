@@ -14,9 +14,9 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.sparse import per_component
-from dolfinx_llm.finite.areas import everything, surface_integrals
-from dolfinx_llm.finite.covered import Covered
-from dolfinx_llm.finite.sides import Sides
+from dolfinx_llm.finite.frame.areas import everything, surface_integrals
+from dolfinx_llm.finite.frame.covered import Covered
+from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface, check_facet_tags
 from dolfinx_llm.geometry.thickness import check_thickness

@@ -10,15 +10,15 @@ import numpy as np
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.finite.densities import densities
+from dolfinx_llm.finite.frame.self_sides import SelfSides
 from dolfinx_llm.finite.frame_side import (
     gap_of_frame,
     shapes_on_frame,
     slip_of_frame,
     status_of_frame,
 )
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstaclePlace
-from dolfinx_llm.finite.self_sides import SelfSides
-from dolfinx_llm.finite.terms import ContactTerms, MovingContact
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstaclePlace
+from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import control_matrices
 from dolfinx_llm.geometry.surface import Surface
@@ -167,7 +167,7 @@ def moving_results(
     if terms.friction is not None:
         friction = -sign * sides.split(terms.friction)[1]
         force = np.einsum("mi,mi->m", total - friction, normal)
-    cells, moving = sides.skin(False), (first, second)[sides.moving]
+    cells, moving = sides.carrier.skin, (first, second)[sides.moving]
     tangential = borne - pressing[:, None] * moving.normal
     traction = -sign * per_area(weights @ tangential, weights @ place.areas[0])
     pressed = per_area(weights @ pressing[:, None], weights @ place.areas[0])[:, 0]
@@ -177,7 +177,7 @@ def moving_results(
         own_pressed = along_normals(of_moving, moving.normal)[:, 0]
         both = along_normals(of_frame, outward)
         pressed, traction = both[:, 0], sign * both[:, 1:]
-    drawn, origin = sides.surfaces[sides.frame].x, sides.surfaces[sides.frame].origin
+    drawn, origin = sides.carrier.x, sides.carrier.origin
     if isinstance(sides, SelfSides):  # both are the frame's surface
         pressed[active] = own_pressed[active]
         at_frame = np.where(active, status, at_frame)

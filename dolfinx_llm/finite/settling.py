@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.finite.terms import Held, Origin, Place, moved
+from dolfinx_llm.finite.pairs.terms import Held, Origin, Place, moved
 from dolfinx_llm.laws.rows import OPEN, STICK
 
 EXCHANGES = 60  # solves of a linear model, at most

@@ -197,7 +197,7 @@ def build_piece(
     piece: Piece,
     notes: list[str],
     clock: Clock,
-    corners: int | None = None,
+    corners: int | None,
 ) -> Part:
     """Common area, frame, design and pairs of one piece of two surfaces. A predicted frame has
     cells of so many corners, or those of the coarser side."""

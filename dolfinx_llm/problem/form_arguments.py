@@ -27,7 +27,7 @@ def listed(value: Any) -> Sequence[Any]:
     return value if isinstance(value, (list, tuple)) else [value]
 
 
-def given_forms(count: int, value: Any, entity_maps: Any = None) -> list[ufl.Form]:
+def given_forms(count: int, value: Any, entity_maps: Any) -> list[ufl.Form]:
     """UFL forms with a number of arguments, of one mesh each unless there are entity maps."""
     name, kind, accepted = FORMS[count]
     forms = list(listed(value))

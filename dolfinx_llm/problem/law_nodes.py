@@ -8,9 +8,9 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.finite.location import INSIDE, find_on_frame
-from dolfinx_llm.finite.obstacle_contact import OneSide
-from dolfinx_llm.finite.sides import Sides
+from dolfinx_llm.finite.frame.location import INSIDE, find_on_frame
+from dolfinx_llm.finite.frame.sides import Sides
+from dolfinx_llm.finite.obstacles.obstacle_contact import OneSide
 from dolfinx_llm.geometry.spaces import is_function
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.site import Site
@@ -22,8 +22,8 @@ def nodes_of(
     interface: Interface, sides: Sides | OneSide, site: Site, drawn: Array, dofs: BodyDofs
 ) -> LawNodes:
     """The moving side's nodes as a law is told of them, with unit areas."""
-    x = sides.surfaces[sides.moving].x
-    places = x + sides.surfaces[sides.moving].origin
+    x = sides.mover.x
+    places = x + sides.mover.origin
     n, q = len(x), sides.gdim - 1
 
     def sampled(value: Any) -> Array:

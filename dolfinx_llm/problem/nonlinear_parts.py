@@ -13,21 +13,21 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import chosen, collective
-from dolfinx_llm.finite.at_first import check_start
-from dolfinx_llm.finite.design import Design
-from dolfinx_llm.finite.friction_contact import FrictionContact
-from dolfinx_llm.finite.law_contact import LawOnFrame, LawOnObstacle, LawOnPressed
+from dolfinx_llm.finite.frame.design import Design
+from dolfinx_llm.finite.frame.self_sides import SelfSides
+from dolfinx_llm.finite.frame.sides import Sides
 from dolfinx_llm.finite.load_step import Placed
-from dolfinx_llm.finite.mean_obstacle import MovingMean
-from dolfinx_llm.finite.normal_contact import NormalContact
-from dolfinx_llm.finite.obstacle_contact import ObstacleContact, ObstacleFriction, OneSide
-from dolfinx_llm.finite.pressed_obstacle import Pressed, PressedFriction
+from dolfinx_llm.finite.obstacles.mean_obstacle import MovingMean
+from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstacleFriction, OneSide
+from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed, PressedFriction
+from dolfinx_llm.finite.obstacles.tied_obstacle import TiedObstacle
+from dolfinx_llm.finite.own_laws.law_contact import LawOnFrame, LawOnObstacle, LawOnPressed
+from dolfinx_llm.finite.pairs.friction_contact import FrictionContact
+from dolfinx_llm.finite.pairs.normal_contact import NormalContact
+from dolfinx_llm.finite.pairs.terms import MovingContact
+from dolfinx_llm.finite.pairs.tied_contact import TiedContact
 from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure
-from dolfinx_llm.finite.self_sides import SelfSides
-from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.terms import MovingContact
-from dolfinx_llm.finite.tied_contact import TiedContact
-from dolfinx_llm.finite.tied_obstacle import TiedObstacle
+from dolfinx_llm.finite.start_checks import check_start
 from dolfinx_llm.geometry.surface import Surface, extract_surface
 from dolfinx_llm.interface.against import check_tied_to_mean, checked_clearance, loaded
 from dolfinx_llm.interface.choices import Interface, SelfContact
@@ -103,7 +103,7 @@ def _is_asked(law: Law) -> bool:
 
 def _on_frame(interface: Interface, sides: Sides, site: Site, dofs: BodyDofs) -> Placed:
     """Two surfaces of which one carries the frame; as of ``contact_of``."""
-    frame = sides.surfaces[sides.frame]
+    frame = sides.carrier
     design = Design.of(frame.x, frame.cells, interface.design is not None)
     drawn = np.concatenate([s.x.ravel() for s in site.whole])
     contact: MovingContact
@@ -205,9 +205,9 @@ def pose_of(placed: Placed, moved: bool = True) -> Array:
 def anatomy(interface: Interface, placed: Placed) -> str:
     """For ``print``: which side of an interface carries the frame."""
     sides = placed.what.sides
-    moving, where = sides.surfaces[sides.moving], "no frame"
+    moving, where = sides.mover, "no frame"
     if sides.frame is not None:
-        frame = sides.surfaces[sides.frame]
+        frame = sides.carrier
         where = f"frame on {frame.name}, {len(frame.x)} nodes"
     return (
         f"  interface {interface.name}, {interface.law}: {where}; {len(moving.x)} nodes of "

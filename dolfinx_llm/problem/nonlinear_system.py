@@ -11,9 +11,9 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.timing import StageTimes
+from dolfinx_llm.finite.linear.system import NewtonSystem
 from dolfinx_llm.finite.load_step import Bodies, Equations, Placed
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
-from dolfinx_llm.finite.system import NewtonSystem
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.operators.numbering import BodyDofs, Numbering
 from dolfinx_llm.problem.nonlinear_parts import check_contacts, contact_of, follower_of

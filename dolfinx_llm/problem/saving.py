@@ -17,7 +17,7 @@ from dolfinx_llm.base.disposable import Disposable
 from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.contact.results import collect_results
 from dolfinx_llm.contact.state import ContactState
-from dolfinx_llm.finite.law_told import Kept
+from dolfinx_llm.finite.own_laws.law_told import Kept
 from dolfinx_llm.finite.results import MovingInterfaceResult
 from dolfinx_llm.output.writing import writable_file
 from dolfinx_llm.problem.saved_results import arrays_of, result_of

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dolfinx_llm.finite.chart import bordered, chart, functions_of
+from dolfinx_llm.finite.frame.chart import bordered, chart, functions_of
 from dolfinx_llm.geometry.element import element_of
 
 pytestmark = pytest.mark.quick

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from sampling import some_of
 
-from dolfinx_llm.finite.areas import everything, surface_integrals
-from dolfinx_llm.finite.design import Design
-from dolfinx_llm.finite.friction_contact import FrictionContact
-from dolfinx_llm.finite.friction_law import in_plane
-from dolfinx_llm.finite.law_contact import LawOnFrame
-from dolfinx_llm.finite.location import find_on_frame
-from dolfinx_llm.finite.normal_contact import NormalContact
+from dolfinx_llm.finite.frame.areas import everything, surface_integrals
+from dolfinx_llm.finite.frame.design import Design
+from dolfinx_llm.finite.frame.location import find_on_frame
+from dolfinx_llm.finite.frame.self_sides import SelfSides
+from dolfinx_llm.finite.frame.sides import Sides
+from dolfinx_llm.finite.own_laws.law_contact import LawOnFrame
+from dolfinx_llm.finite.pairs.friction_contact import FrictionContact
+from dolfinx_llm.finite.pairs.friction_law import in_plane
+from dolfinx_llm.finite.pairs.normal_contact import NormalContact
+from dolfinx_llm.finite.pairs.terms import Origin
 from dolfinx_llm.finite.pressure import Follower
-from dolfinx_llm.finite.self_sides import SelfSides
-from dolfinx_llm.finite.sides import Sides
-from dolfinx_llm.finite.terms import Origin
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK, LawNodes, LawRows
@@ -146,7 +146,7 @@ def scene(name):
         both = tuple(s.with_depth(lambda x: 0.2 + x @ [3.0, 0.5], name) for s in both)
     sides = Sides.of(both[::-1] if swapped else both)
     z = np.concatenate([s.x.ravel() for s in sides.surfaces])
-    return sides, z, rng.uniform(0.5, 1.5, len(sides.surfaces[sides.moving].x))
+    return sides, z, rng.uniform(0.5, 1.5, len(sides.mover.x))
 
 
 def pressed(name, law=None, mu=0.3):
@@ -157,7 +157,7 @@ def pressed(name, law=None, mu=0.3):
         mu: coefficient of friction.
     """
     sides, z, force = scene(name)
-    frame, moving = sides.surfaces[sides.frame], sides.surfaces[sides.moving]
+    frame, moving = sides.carrier, sides.mover
     design, n = Design.of(frame.x, frame.cells), len(moving.x)
     contact = NormalContact(sides, design)
     rng = np.random.default_rng(13)
@@ -237,7 +237,7 @@ def test_slip_of_increments_before_turns_and_stretches(name):
     """What pairs have slipped is carried on as vectors on the frame's facets are: it turns with
     them, and where facets stretch it stretches."""
     sides, z, _ = scene(name)
-    frame, gdim = sides.surfaces[sides.frame], sides.gdim
+    frame, gdim = sides.carrier, sides.gdim
     contact = NormalContact(sides, Design.of(frame.x, frame.cells))
     q, held, rng = np.zeros(contact.size), contact.hold(z), np.random.default_rng(5)
     start = contact.place(z, q, held)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
 
-from dolfinx_llm.finite.coupling import _scaling
+from dolfinx_llm.finite.linear.coupling import _scaling
 
 pytestmark = pytest.mark.quick
 

@@ -12,9 +12,9 @@ from sampling import longer
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.finite.design import Design
-from dolfinx_llm.finite.normal_contact import NormalContact
-from dolfinx_llm.finite.self_sides import SelfSides
+from dolfinx_llm.finite.frame.design import Design
+from dolfinx_llm.finite.frame.self_sides import SelfSides
+from dolfinx_llm.finite.pairs.normal_contact import NormalContact
 from dolfinx_llm.geometry.surface import Surface
 
 NEAR = folding.RADIUS - 0.04  # way of the jaws before the legs touch
@@ -48,7 +48,7 @@ def test_facets_across_come_apart():
     not. On a spiral seen from one side, and around a convex outline, nothing faces anything."""
     x = serpentine(4, 0.1)
     sides = chain(x, closed=True)
-    moving, facets = sides.parted(x), sides.facets(True)
+    moving, facets = sides.parted(x), sides.mover.facets
     centre, along = x[facets].mean(axis=1), np.diff(x[facets], axis=1)[:, 0]
     normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)[:, None]
     arm = centre[None] - centre[:, None]

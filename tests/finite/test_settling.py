@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from dolfinx_llm.finite.pairs.terms import Held
 from dolfinx_llm.finite.settling import EXCHANGES, WAITS, Exchanges
-from dolfinx_llm.finite.terms import Held
 from dolfinx_llm.laws.rows import CLOSED, OPEN
 
 pytestmark = pytest.mark.quick

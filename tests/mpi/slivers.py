@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 from pressed_scenes import Punch
 
-from dolfinx_llm.finite.sides import Sides
+from dolfinx_llm.finite.frame.sides import Sides
 
 comm, forces = MPI.COMM_WORLD, Sides.forces
 

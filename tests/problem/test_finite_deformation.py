@@ -12,7 +12,8 @@ from scenes import bodies_mesh, grid
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.finite import newton, system
+from dolfinx_llm.finite import newton
+from dolfinx_llm.finite.linear import system
 
 COMM = MPI.COMM_SELF
 STRETCHES = {  # E, nu, q: lateral and vertical stretch, from the two equations by other hands

@@ -18,10 +18,10 @@ from upright_blocks import FOOT, KINDS, TOP, block
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.finite import obstacle_contact, pose
-from dolfinx_llm.finite.friction_law import in_plane
-from dolfinx_llm.finite.law_contact import LawOnObstacle, LawOnPressed
-from dolfinx_llm.finite.terms import Origin
+from dolfinx_llm.finite.obstacles import obstacle_contact, pose
+from dolfinx_llm.finite.own_laws.law_contact import LawOnObstacle, LawOnPressed
+from dolfinx_llm.finite.pairs.friction_law import in_plane
+from dolfinx_llm.finite.pairs.terms import Origin
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.laws.rows import CLOSED, SLIP, STICK, LawNodes
 from dolfinx_llm.problem.nonlinear_parts import AGAINST

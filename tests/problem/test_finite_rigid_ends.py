@@ -19,8 +19,8 @@ from upright_blocks import FOOT, TOP, block
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.finite.obstacle_contact import OneSide
-from dolfinx_llm.finite.tied_obstacle import TiedObstacle
+from dolfinx_llm.finite.obstacles.obstacle_contact import OneSide
+from dolfinx_llm.finite.obstacles.tied_obstacle import TiedObstacle
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.against import loaded
 from dolfinx_llm.laws.rows import STICK

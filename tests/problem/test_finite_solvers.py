@@ -11,7 +11,7 @@ from test_finite_deformation_3d import turned
 from turned_strips import Strips
 
 import dolfinx_llm as llm
-from dolfinx_llm.finite import multigrid
+from dolfinx_llm.finite.linear import multigrid
 from dolfinx_llm.problem import nonlinear_system
 
 COMM = MPI.COMM_SELF

@@ -1,0 +1,290 @@
+"""Rows of nodes on the moving frame, corrected so that a constant pressure passes there, (28).
+
+Row p is N_p = N(xi_p) + delta_p with the smallest corrections, weighted by w_p = N⁺(xi_p) A (A:
+which nodes share a facet) so that they vary continuously with the place of p, for which
+
+    sum_J delta_pJ = 0, sum_J delta_pJ t·y_J = 0 for tangents t at p    (forces and moments stay),
+    on second-order frames sum_J delta_pJ t·(y_J - x_p) s·(y_J - x_p) = 0    (so do curved places),
+    sum_p N_pJ f_p - f_J = (G kappa)_J + k mu_J, Gᵀ mu = 0              (28).
+
+With W = diag(w_p), C the rows (1, t·(y - x_p) / h), S = C W Cᵀ and one mu per frame node
+
+    delta_p = -P_p mu,   P_p = W - W Cᵀ S⁻¹ C W.
+
+f_p and f_J are of the same area: see ``design_loads``. G are forces of affine pressures, in
+coordinates on the frame as drawn, of second order there as well, where f_J are those of unit
+pressure: what of the residual no correction can remove, since both surfaces carry the same force
+about the same place (rounding on flat ones). k = 0 but where the rim is covered so poorly that
+corrections would be large.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.sparse import diagonal, per_item
+from dolfinx_llm.design.stencils import adjacency
+from dolfinx_llm.finite.frame.chart import bordered, borne, products, yielding
+from dolfinx_llm.finite.frame.jacobians import coordinates, jacobian
+from dolfinx_llm.finite.frame.location import LocationDerivatives, OnFrame
+from dolfinx_llm.geometry.element import Element, element_of
+from dolfinx_llm.geometry.loads import assembled
+from dolfinx_llm.geometry.overlap_flat import local_bases
+from dolfinx_llm.geometry.pairs import control_of
+
+CORRECTED = 0.4  # correction from which on the limit k is raised at the start of a step
+RAISED = 5e-3  # the same, for what corrections move places along the normal, over facet size
+LATER = 1.5  # times as much, from which on they are held back within a step as well
+# k over the largest force of unit pressure; with the last one rows stay as they are
+LIMITS = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e12)
+UNREACHED = 1e-12  # diagonal entry of M over the largest, of nodes that no row reaches
+FAINT = 1e-13  # the same, always: for parts of a frame that touch nothing else
+
+
+@dataclass(frozen=True, eq=False)
+class Stencils:
+    """Per facet of a frame the nodes that rows of places on it reach; constant."""
+
+    nodes: Array  # (f, s) numbers; the last are repeated where there are fewer
+    window: Array  # (f, k, s) A: 1 where J shares a facet with the facet's node K, or is it
+    own: Array  # (f, k, s) 1 where the stencil's node is the facet's node
+
+    @classmethod
+    def of(cls, facets: Array, m: int) -> Stencils:
+        """Stencils of a frame of m nodes with facets (f, k)."""
+        f, k = facets.shape
+        incidence = csr_matrix((np.ones(f * k), facets.ravel(), np.arange(f + 1) * k), (f, m))
+        around = adjacency(facets, m)  # which nodes share a facet
+        reached = incidence @ around
+        reached.sort_indices()
+        counts = np.diff(reached.indptr)
+        place = np.arange(counts.max())
+        there = place < counts[:, None]
+        index = reached.indptr[:-1, None] + np.minimum(place, counts[:, None] - 1)
+        nodes = reached.indices[index]
+        shares = _looked_up(around, facets, nodes)
+        return cls(
+            nodes,
+            shares * there[:, None],
+            (facets[:, :, None] == nodes[:, None, :]) * there[:, None].astype(float),
+        )
+
+
+def _looked_up(A: csr_matrix, rows: Array, cols: Array) -> Array:
+    """(f, k, s) 1 where A has an entry at rows (f, k) and columns (f, s)."""
+    f, k = rows.shape
+    at = np.broadcast_to(rows[:, :, None], (f, k, cols.shape[1]))
+    to = np.broadcast_to(cols[:, None, :], at.shape)
+    return np.asarray(A[at.ravel(), to.ravel()]).reshape(at.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class DesignedRows:
+    """Rows of n nodes on a frame of m nodes, s entries each."""
+
+    nodes: Array  # (n, s) frame node of each entry
+    N: Array  # (n, s) entries
+    delta: Array  # (n, s) corrections, part of N
+    M: csr_matrix  # (m, m) sum_p f_p P_p + k, how mu changes the residual [area]
+    G: Array  # (m, c) what no correction removes [area]
+    mu: Array  # (m,)
+    left: Array  # (m,) pressure whose forces no correction removes
+    parts: dict[str, Any] = field(repr=False)  # of which derivatives are made
+
+    def matrix(self, m: int) -> csr_matrix:
+        """(n, m) rows as a matrix."""
+        n, s = self.nodes.shape
+        parts = self.N.ravel(), self.nodes.ravel(), np.arange(n + 1) * s
+        found = csr_matrix(parts, (n, m), copy=True)  # entries are sorted in place
+        found.sum_duplicates()
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """What stays of a frame's design while it moves."""
+
+    stencils: Stencils
+    facets: Array  # (f, k) of the frame
+    element: Element  # of these
+    size: float  # h, of the chart of a stencil [length]
+    control: tuple[csr_matrix, csr_matrix]  # E, C (m, m): see ``sides``
+    wanted: bool = True  # False: rows stay as they are
+
+    @classmethod
+    def of(cls, Y: Array, facets: Array, wanted: bool = True) -> Design:
+        """Design of a frame with nodes Y (m, gdim) as drawn."""
+        span = np.linalg.norm(Y[facets] - np.roll(Y[facets], 1, axis=1), axis=2).max()
+        element = element_of(Y.shape[1] - 1, facets.shape[1])
+        control = control_of(element, facets, len(Y))
+        return cls(Stencils.of(facets, len(Y)), facets, element, float(span), control, wanted)
+
+    @property
+    def soft(self) -> Array:
+        """(c,) how much functions of the chart yield [area]."""
+        return yielding(self.element) * self.size**self.element.dim
+
+    @property
+    def bernstein(self) -> Array:
+        """(k, k) E of the frame's facets: weights follow control values, which are not negative."""
+        return self.element.bernstein
+
+    def rows(
+        self,
+        at: OnFrame,
+        x: Array,
+        y: Array,
+        forces: tuple[Array, Array],
+        limit: float,
+        chart: Array,
+    ) -> DesignedRows:
+        """Rows with the smallest corrections.
+
+        Args:
+            at: places of the nodes on the frame.
+            x: (n, gdim) nodes [length].
+            y: (m, gdim) the frame's nodes [length].
+            forces: (n,), (m,) of unit pressure on the common area [area].
+            limit: k [area].
+            chart: (m, c) of ``finite.frame.chart``.
+
+        Raises:
+            ContactError: the equations are singular.
+        """
+        m = len(y)
+        nodes, window = self.stencils.nodes[at.facet], self.stencils.window[at.facet]
+        N0 = np.einsum("nk,nks->ns", at.N, self.stencils.own[at.facet])
+        plus = np.maximum(at.N @ self.bernstein, 0.0)
+        total = plus.sum(axis=1)
+        w = np.einsum("nk,nks->ns", plus, window) / total[:, None]
+        tangents = local_bases(at.normal)[:, :-1]
+        arm = y[nodes] - x[:, None]
+        along = np.einsum("nai,nsi->nas", tangents, arm) / self.size
+        squares = [along[:, a] * along[:, b] for a, b in products(self.element)]
+        C = np.stack([np.ones_like(w), *np.moveaxis(along, 1, 0), *squares], axis=1)
+        CW = C * w[:, None]
+        inverse = np.linalg.inv(np.einsum("nas,nbs->nab", CW, C))
+        lift = np.einsum("nas,nab->nsb", CW, inverse)  # W Cᵀ S⁻¹
+        P = -np.einsum("nsa,nat->nst", lift, CW)
+        own = np.arange(w.shape[1])
+        P[:, own, own] += w
+        M = assembled(forces[0][:, None, None] * P, nodes, m)
+        fy = forces[1]
+        M, G = self._held(M, limit), borne(self.control, chart, fy if fy.any() else np.ones(m))
+        r = np.bincount(nodes.ravel(), (forces[0][:, None] * N0).ravel(), m) - fy
+        mu, kappa = bordered(M, G, r, self.soft)
+        t = np.einsum("nsa,ns->na", lift, mu[nodes])  # S⁻¹ C W mu
+        v = mu[nodes] - np.einsum("nas,na->ns", C, t)
+        delta = -w * v
+        parts = {
+            "P": P, "lift": lift, "C": C, "t": t, "v": v, "tangents": tangents, "arm": arm,
+            "window": window, "plus": plus, "total": total, "w": w,
+        }  # fmt: skip
+        return DesignedRows(nodes, N0 + delta, delta, M, G, mu, chart @ kappa, parts)
+
+    def _held(self, M: csr_matrix, limit: float) -> csr_matrix:
+        """M with the limit on its diagonal, and pins at nodes that no row reaches."""
+        own = M.diagonal()
+        largest = float(own.max(initial=0.0)) or 1.0  # nothing is covered: mu is 0
+        reached = own > UNREACHED * largest
+        return M + diagonal(np.where(reached, limit + FAINT * largest, largest))
+
+    def smallest_limit(
+        self,
+        at: OnFrame,
+        x: Array,
+        y: Array,
+        forces: tuple[Array, Array],
+        chart: Array,
+    ) -> float:
+        """The smallest k with small corrections, to be held during a step [area].
+
+        They do not move places along the surface, but along the normal of a curved one, and
+        otherwise elsewhere: contact that slides would lose energy. In space they stay: with rows
+        as they are pairs of curved frames go in and out for ever.
+        """
+        largest = forces[0].max()
+        for limit in LIMITS if self.wanted else LIMITS[-1:]:
+            found = self.rows(at, x, y, forces, limit * largest, chart)
+            height = np.einsum("nsi,ni->ns", y[found.nodes] - x[:, None], at.normal)
+            if self.excess(found.delta, height) < 1.0:
+                break
+        return float(limit * largest)
+
+    def later_limit(
+        self, last: float, place: Any, nodes: tuple[Array, Array], forces: Any, chart: Array
+    ) -> float | None:
+        """The same within a step, if it is larger than the last: bodies that have parted since its
+        start balance about other places. ``place`` has rows, heights and places; others as above.
+        """
+        if self.excess(place.rows.delta, place.height) < LATER:
+            return None
+        limit = self.smallest_limit(place.at.part(place.on), *nodes, forces, chart)
+        return limit if limit > LATER * last else None
+
+    def excess(self, delta: Array, height: Array) -> float:
+        """Corrections (n, s) over what they may be at the start of a step; heights (n, s) of the
+        frame's nodes over the rows' own [length]."""
+        most = np.abs(delta).max(initial=0.0) / CORRECTED
+        if self.element.dim > 1:  # only in the plane they are held back for this
+            return float(most)
+        raised = np.abs(np.einsum("ns,ns->n", delta, height)).max(initial=0.0)
+        return float(max(most, raised / (RAISED * self.size)))
+
+    def derivatives(
+        self,
+        rows: DesignedRows,
+        at: OnFrame,
+        d: LocationDerivatives,
+        columns: tuple[Array, int],
+        width: int,
+    ) -> tuple[csr_matrix, csr_matrix]:
+        """(n s, width) and (n s, m): how entries change with positions, and with mu.
+
+            d delta_p = -P dmu - Π (v ∘ dw) + P dCᵀ t - W Cᵀ S⁻¹ dC delta,  Π = 1 - W Cᵀ S⁻¹ C,
+
+        dmu being an unknown of its own, for which (28) is differentiated.
+
+        Args:
+            rows, at, d: rows, places, and the places' derivatives.
+            columns: (n, gdim) numbers of the coordinates of the nodes x; of the frame's first.
+            width: number of all coordinates.
+        """
+        q, (n, s) = rows.parts, rows.nodes.shape
+        m, gdim = rows.M.shape[0], q["arm"].shape[2]
+        by_mu = jacobian(-q["P"], rows.nodes, m)
+        # Shape functions and weights, through xi.
+        dplus = np.einsum("nkd,kj->njd", at.dN, self.bernstein)
+        dplus = np.where((q["plus"] > 0.0)[:, :, None], dplus, 0.0)
+        dw = np.einsum("nkd,nks->nsd", dplus, q["window"])
+        dw -= q["w"][:, :, None] * dplus.sum(axis=1)[:, None]
+        dw /= q["total"][:, None, None]
+        vdw = q["v"][:, :, None] * dw
+        dN = np.einsum("nkd,nks->nsd", at.dN, self.stencils.own[at.facet])
+        dN = dN - vdw + np.einsum("nsa,nad->nsd", q["lift"], np.einsum("nas,nsd->nad", q["C"], vdw))
+        # Constraints: dc_aJ = (t_a·(dy_J - dx_p) - t_a·dn n·(y_J - x_p)) / h.
+        height = np.einsum("nsi,ni->ns", q["arm"], at.normal)
+        places = np.concatenate([columns[0], coordinates(rows.nodes, gdim, columns[1])], axis=1)
+        by_row = [
+            t[:, None, None] * q["P"] - lift[:, :, None] * rows.delta[:, None, :]
+            for t, lift in zip(q["t"].T, np.moveaxis(q["lift"], 2, 0), strict=True)
+        ]
+        moves, turns = np.zeros((n, s, (s + 1) * gdim)), np.zeros((n, s, gdim))
+        for a in range(gdim - 1):
+            Q = by_row[1 + a]
+            for ends, of_product in zip(products(self.element), by_row[gdim:], strict=True):
+                for one, other in (ends, ends[::-1]):
+                    if one == a:
+                        Q = Q + of_product * q["C"][:, None, 1 + other]
+            tangent = q["tangents"][:, a] / self.size
+            moved = Q[:, :, :, None] * tangent[:, None, None]
+            moves[:, :, :gdim] -= Q.sum(axis=2)[:, :, None] * tangent[:, None]
+            moves[:, :, gdim:] += moved.reshape(n, s, s * gdim)
+            turns -= (Q @ height[:, :, None]) * tangent[:, None]
+        through = per_item(dN) @ d.xi + per_item(turns) @ d.normal
+        return through + jacobian(moves, places, width), by_mu

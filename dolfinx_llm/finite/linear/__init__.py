@@ -1,0 +1,1 @@
+"""Newton's linear system, factorised or by multigrid."""

@@ -1,0 +1,1 @@
+"""Pairs of a surface and a rigid obstacle, which is moved, pressed or tied to."""

@@ -1,0 +1,1 @@
+"""Laws of one's own at pairs of both kinds."""

@@ -1,0 +1,1 @@
+"""Pairs of a surface and a moving frame: what they add to Newton's system, by law."""

@@ -1,0 +1,159 @@
+"""How far pairs slide along what they touch, in an increment and in a load step.
+
+Slip is objective: sigma_p = x_p - c_p, with c_p the point that p faced at the start of the
+increment, carried with what it belongs to, and what counts of it lies in the tangent plane of p
+now. A chord it is, not a way along the surface. A pair that was open at the start counts from where
+the straight way from there to the iterate that closes it for the first time meets the surface,
+c⁰ + theta (c - c⁰) with theta = gap⁰ / (gap⁰ - gap).
+
+What increments of a load step slip adds up; what earlier ones slipped turns and stretches with what
+pairs slide on, so that where deformation is homogeneous the sum is the same in any increments.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.sparse import diagonal, summing
+from dolfinx_llm.finite.frame.location import OnFrame
+from dolfinx_llm.finite.pairs.friction_law import in_plane
+from dolfinx_llm.finite.pairs.terms import Held, MovingContact, Origin
+from dolfinx_llm.laws.rows import CLOSED, OPEN
+
+MET_AT = 1e-9  # gap over facet size at the start that is none
+ALMOST = 1e-3  # part of the gap at the start at which a pair has met
+CONTINUED = 1e-2  # gap over facet size to the frame's continuation that is none
+COMES_IN = 3.0  # facets beyond the rim from where nodes may come in within an increment
+
+
+class Slides(MovingContact):
+    """Contact that knows from where its pairs slide."""
+
+    def started(self, place: Any, held: Held, closed: Array) -> Origin:
+        """Where slip counts from, at the start of an increment.
+
+        Args:
+            place: of the pairs then.
+            held: from the start.
+            closed: (n,) pairs that are in contact.
+        """
+        raise NotImplementedError
+
+    def here(self, place: Any) -> Any:
+        """(n, ...) the points that nodes touch now, as ``Origin.points`` are written."""
+        raise NotImplementedError
+
+    def way(self, place: Any, origin: Origin) -> tuple[Array, csr_matrix]:
+        """(n, gdim) sigma, and its derivative (n gdim, width) [length]."""
+        raise NotImplementedError
+
+    def written(self, place: Any, slip: Array) -> Any:
+        """Vectors (n, gdim) along the surface as what follows it wherever it goes."""
+        raise NotImplementedError
+
+    def read(self, place: Any, written: Any) -> Array:
+        """(n, gdim) the vectors where the surface is now."""
+        raise NotImplementedError
+
+    def touching(
+        self, place: Any, q: Array, before: Array, held: Held, reach: Array
+    ) -> tuple[Array, Held]:
+        """(n,) status of the pairs, and what is held, with the origin of slip."""
+        origin = held.origin or self.started(place, held, before != OPEN)
+        status, held = super().touching(place, q, before, held, reach)
+        first = (status == CLOSED) & ~origin.touched
+        return status, replace(
+            held, origin=self.begun(origin, place, first) if first.any() else origin
+        )
+
+    def begun(self, origin: Origin, place: Any, first: Array) -> Origin:
+        """The same with pairs that are closed for the first time; those that have not met yet, and
+        are drawn together, do not begin until they do."""
+        nowhere = ~np.isfinite(origin.gap)
+        before = np.where(nowhere, 0.0, origin.gap)
+        left = np.where(first, place.gap, 0.0)
+        closing = before - left
+        theta = np.where(closing > 0.0, before / np.where(closing > 0.0, closing, 1.0), 1.0)
+        theta = np.where(before > 0.0, np.minimum(theta, 1.0), 0.0)
+        theta = np.where(first, np.where(nowhere, 1.0, theta), 0.0)
+        points = diagonal(1.0 - theta) @ origin.points + diagonal(theta) @ self.here(place)
+        met = left <= ALMOST * before
+        met |= before == 0.0
+        return replace(origin, points=points, touched=origin.touched | (first & met))
+
+    def slip(self, place: Any, held: Held, since: Array, earlier: Any) -> Array:
+        """(n, gdim) how far pairs have gone along what they touch in the load step [length].
+
+        Args:
+            place: at the end of an increment.
+            held: then.
+            since: (n,) pairs of which what they slipped in earlier increments counts.
+            earlier: ``written`` at the end of the last of these; None: there is none.
+        """
+        origin, normal = held.origin, place.normal
+        if origin is None:  # tied
+            return np.zeros_like(normal)
+        total = self.way(place, origin)[0]
+        if earlier is not None:
+            total = total + since[:, None] * self.read(place, earlier)
+        known = place.pairs & (origin.touched | np.isfinite(origin.gap))
+        return np.where(known[:, None], in_plane(normal, total), 0.0)
+
+
+class SlidesOnFrame(Slides):
+    """On a frame; points of it are written as rows (n, m)."""
+
+    design: Any
+
+    def located(self, place: Any) -> OnFrame:
+        found: OnFrame = place.at
+        return found
+
+    def started(self, place: Any, held: Held, closed: Array) -> Origin:
+        """Where slip counts from, at the start of an increment; nodes beyond the frame's rim lie on
+        its continuation, so that one that comes in knows from where."""
+        at, (n, m), C = place.at, place.N.shape, self.sides.control[0]
+        near = at.met & (at.beyond < COMES_IN)
+        near[place.on] = False
+        nodes = np.flatnonzero(near)
+        cells = self.sides.carrier.cells[at.facet[nodes]]
+        index = np.repeat(nodes, cells.shape[1]), cells.ravel()
+        rows = summing(place.on, n) @ place.rows.matrix(m)
+        rows = rows + csr_matrix((at.N[nodes].ravel(), index), (n, m))
+        near[place.on] = True
+        outside = (abs(C) @ ~near == 0.0) & ~place.pairs
+        gap = np.where(outside, C @ at.gap, place.gap)
+        gap[gap < np.where(outside, CONTINUED, MET_AT) * self.design.size] = 0.0
+        points = place.N + diagonal(outside) @ C @ rows
+        return Origin(points.tocsr(), gap, closed)
+
+    def here(self, place: Any) -> csr_matrix:
+        """(n, m) rows now."""
+        return place.N
+
+    def way(self, place: Any, origin: Origin) -> tuple[Array, csr_matrix]:
+        x, y = self.sides.split(place.z)
+        way = self.sides.control[0] @ x - origin.points @ y
+        return way, self.sides.jumps(origin.points)
+
+    def written(self, place: Any, slip: Array) -> csr_matrix:
+        """(n, m) rows D: in the tangent plane sum_J D_pJ y_J is the slip; they are derivatives of
+        the shape functions along it."""
+        at, y = place.at, self.sides.split(place.z)[1]
+        cells = self.sides.carrier.cells[at.facet]
+        edges = np.einsum("nkd,nki->ndi", at.dN, y[cells])
+        k, d, gdim = edges.shape
+        normals = np.repeat(place.normal, d, axis=0)
+        edges = in_plane(normals, edges.reshape(-1, gdim)).reshape(k, d, gdim)
+        along = np.einsum("nid,ni->nd", np.linalg.pinv(edges), slip)
+        values = np.einsum("nkd,nd->nk", at.dN, along)
+        index = np.repeat(np.arange(k), cells.shape[1]), cells.ravel()
+        return csr_matrix((values.ravel(), index), place.N.shape)
+
+    def read(self, place: Any, written: csr_matrix) -> Array:
+        return np.asarray(written @ self.sides.split(place.z)[1])
