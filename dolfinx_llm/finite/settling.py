@@ -10,7 +10,7 @@ few nodes of a soft one need it: their pairs go in and out for ever if all chang
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,7 @@ class Exchanges:
 
     least: float = np.inf  # wrong pairs so far
     left: int = WAITS
+    tried: set[bytes] = field(default_factory=set)  # pairs in contact, since one changes alone
 
     def take(
         self, now: Sequence[Array], before: Sequence[Array], held: Sequence[Held]
@@ -49,8 +50,10 @@ class Exchanges:
             self.left -= 1
         if self.left >= 0:
             return {i: now[i] for i in asked}
-        if not count:
-            return {}  # friction alone goes to and fro
+        key = b"".join((status != OPEN).tobytes() for status in before)
+        if not count or key in self.tried:
+            return {}  # friction alone goes to and fro, or all does: no solution is told
+        self.tried.add(key)
         last = max(i for i in asked if len(wrong[i]))
         found, pair = before[last].copy(), wrong[last][-1]
         found[pair] = now[last][pair]

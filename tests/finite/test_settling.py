@@ -53,3 +53,10 @@ def test_stiff_bodies_on_few_nodes():
         assert np.abs(np.minimum(force, gap)).max() <= 1e-9 * max(1.0, np.abs(force).max())
         most = max(most, k)
     assert 6 < most < EXCHANGES
+
+
+def test_what_goes_round_for_ever():
+    """Where single exchanges come to pairs that they have been at there is no solution to find."""
+    M, k = np.array([[1.0, 2.0], [2.0, 1.0]]), 0
+    k, *_ = solved(-M, -np.ones(2))
+    assert WAITS < k < 12

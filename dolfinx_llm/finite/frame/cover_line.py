@@ -20,7 +20,7 @@ from dolfinx_llm.finite.frame.location import LocationDerivatives, OnFrame
 from dolfinx_llm.geometry.cells import cross_plane
 
 JUST_BESIDE = 1e-6  # of a facet: how far beside it a place counts as it is
-ASTRAY = 1.0  # facets beyond one amid a chain, from where on a node is on none
+AMID = 1.0  # facets beyond one amid a chain, from where on a node is on none
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ def covered_lines(
     a, b = moving.T  # the sides run against each other: a lies at the far end
     good = candidates & at.met[a] & at.met[b] & (first[a] == first[b])
     good &= ~(high[a] & high[b]) & ~(low[a] & low[b])
-    astray = (at.beyond > ASTRAY) & ~(high | low)  # the frame bends away from it
+    astray = (at.beyond > AMID) & ~(high | low)  # the frame bends away from it
     good &= ~(astray[a] | astray[b])
     steps = place[a] - place[b]
     ring = chains.closed[at.facet[a]]
