@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.sparse import bsr_matrix, csr_matrix, identity, vstack
+from scipy.sparse import bsr_matrix, csr_matrix, diags, vstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import symmetric_factors
@@ -37,13 +37,15 @@ def balance(
     vectors: Sequence[Array],
     stencils: Sequence[RowStencils],
     stay: Sequence[bool] = (False, False),
+    weight: Array | None = None,
 ) -> list[csr_matrix]:
     """Correct the rows so that the vector areas cancel at the frame's nodes, in least squares.
 
     Minimises sum_p |a_p| / c_p sum_J delta_pJ² / w_pJ: with n_p the direction of a_p and one
     multiplier mu_J in space per frame node, delta_p = -c_p P_p (n_p · mu) and
-    (sum_p c_p |a_p| (n_p n_pᵀ) x P_p + k) mu = r. Then k mu is left of r. c_p is 1, less for rows
-    whose corrections would be larger than BALANCING: the others make up for them.
+    (sum_p c_p |a_p| (n_p n_pᵀ) x P_p + k) mu = r. Then k mu is left of r, k in proportion to a
+    weight. c_p is 1, less for rows whose corrections would be larger than BALANCING: the others
+    make up for them.
 
     Args:
         N: pair of (n_i, m) rows.
@@ -51,12 +53,15 @@ def balance(
             ``loads_along_normals`` [area].
         stencils: what the rows of each side may be corrected on.
         stay: whether those of a side stay.
+        weight: (m,) in proportion to which the frame's nodes keep what cannot go, about an axis
+            their area; None: alike.
 
     Returns:
         Pair of (n_i, m) CSR matrices.
     """
     r = vector_residual(N, vectors)
-    rows = _Rows.of(vectors, stencils, len(r), stay)
+    weight = np.ones(len(r)) if weight is None else weight
+    rows = _Rows.of(vectors, stencils, weight, stay)
     solve = rows.solver()
     mu = solve(r)
     for _ in range(TRIALS - 1):
@@ -87,18 +92,26 @@ class _Rows:
     size: Sequence[Array]  # (n_i,) |a_p| over the largest
     normal: Sequence[Array]  # (n_i, gdim) n_p
     share: Sequence[Array]  # (n_i,) c_p
-    shape: tuple[int, int]  # (m, gdim) of the multipliers
+    weight: Array  # (m,) of the frame's nodes
 
     @staticmethod
     def of(
-        vectors: Sequence[Array], stencils: Sequence[RowStencils], m: int, stay: Sequence[bool]
+        vectors: Sequence[Array],
+        stencils: Sequence[RowStencils],
+        weight: Array,
+        stay: Sequence[bool],
     ) -> _Rows:
         """Rows that all count for the same, but for those that stay."""
         scale = max(np.linalg.norm(a, axis=1).max() for a in vectors)
         size = [np.linalg.norm(a, axis=1) / scale for a in vectors]
         normal = [a / (scale * np.maximum(f, 1e-300))[:, None] for a, f in zip(vectors, size)]
         same = [np.full(len(f), float(not kept)) for f, kept in zip(size, stay, strict=True)]
-        return _Rows(stencils, size, normal, same, (m, vectors[0].shape[1]))
+        return _Rows(stencils, size, normal, same, weight)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(m, gdim) of the multipliers."""
+        return len(self.weight), self.normal[0].shape[1]
 
     @property
     def iterated(self) -> bool:
@@ -145,8 +158,8 @@ class _Rows:
         trace = np.einsum("mii->m", diagonal) - np.bincount(S.indices, S.data**2, m)
         largest = max(float(trace.max()), 1e-300)
         if self.iterated:
-            shift, transposed = DAMPING_ITERATED * largest, S.T.tocsr()
-            shifted = diagonal + shift * np.eye(gdim)
+            shift, transposed = DAMPING_ITERATED * largest * self.weight, S.T.tocsr()
+            shifted = diagonal + shift[:, None, None] * np.eye(gdim)
 
             def product(x: Array) -> Array:
                 along = np.einsum("ni,ni->n", S @ x, n)
@@ -158,7 +171,7 @@ class _Rows:
             (len(n), m * gdim),
         ).tocsr()
         blocks = bsr_matrix((diagonal, np.arange(m), np.arange(m + 1)), (m * gdim, m * gdim))
-        A = blocks - B.T @ B + DAMPING * largest * identity(m * gdim)
+        A = blocks - B.T @ B + diags(DAMPING * largest * np.repeat(self.weight, gdim))
         factor = symmetric_factors(A)
         return lambda r: factor.solve(r.ravel()).reshape(m, gdim)
 

@@ -169,11 +169,11 @@ def _least_residual(
     """
     best, least = [p.N for p in pairs], before
     smooth = smooth_rows(frame, pairs, close_gap, along)
-    normals, taken = smooth.surface.normals, 0.0
+    normals, taken, weight = smooth.surface.normals, 0.0, _areas(pairs, vectors)
     for share in SHARES:
         N = smooth.rows(share)
         loads = loads_along_normals(N, vectors, normals) if along else vectors
-        N = balance(N, loads, smooth.stencils)
+        N = balance(N, loads, smooth.stencils, weight=weight)
         after = _residual(N, vectors, normals, along)
         unity = max(float(np.abs(M.sum(axis=1) - 1.0).max()) for M in N)
         lower = after.max() < least.max() and np.linalg.norm(after) < np.linalg.norm(before)
@@ -191,6 +191,16 @@ def _least_residual(
     if least is before and not close_gap:
         return pairs, smooth.surface
     return [replace(p, N=M) for p, M in zip(smooth.pairs, best, strict=True)], smooth.surface
+
+
+def _areas(pairs: Sequence[ContactPairs], vectors: Sequence[Array]) -> Array | None:
+    """(m,) of a frame's nodes, of the largest, in proportion to which what balances nowhere is
+    left; None where there is no thickness, by which they differ."""
+    if all(p.surface.thickness is None for p in pairs):
+        return None
+    both = zip(pairs, vectors, strict=True)
+    areas = sum(p.N.maximum(0.0).T @ np.linalg.norm(a, axis=1) for p, a in both)
+    return np.asarray(areas / areas.max())
 
 
 def designed(

@@ -2,7 +2,18 @@
 
 import numpy as np
 import pytest
-from around_axis import LOWER, OUTER, TOP, UPPER, Cylinders, around, block, gradient, lame
+from around_axis import (
+    LOWER,
+    OUTER,
+    TOP,
+    UPPER,
+    Cylinders,
+    around,
+    ball_in_shell,
+    block,
+    gradient,
+    lame,
+)
 from conftest import run_mpi_json
 from mpi4py import MPI
 from sampling import longer
@@ -150,6 +161,19 @@ def test_on_a_rigid_plane(kind):
     now = (1.0 + nu * p / E) ** 2 if kind == "finite" else 1.0  # of the area as drawn
     assert np.abs(pressed - p / now).max() <= 1e-8
     assert problem.results[1].resultant == pytest.approx([0.0, 0.0], abs=1e-8)
+
+
+@pytest.mark.parametrize(("law", "order", "bounds"), [
+    (llm.Tied(), 1, [(0.02, 0.03), (0.012, 0.015), (0.005, 0.005)]),
+    longer(llm.Frictionless(), 1, [(0.025, 0.04), (0.008, 0.008), (0.003, 0.002)]),
+    longer(llm.Tied(), 2, [(2e-3, 0.02), (1e-4, 5e-3), (5e-5, 2e-3)]),
+    longer(llm.Frictionless(), 2, [(0.03, 0.2), (5e-3, 0.04), (2e-3, 8e-3)]),
+])  # fmt: skip
+def test_curved_about_an_axis(law, order, bounds):
+    """As good as facets are, also at the poles, where nodes have next to no area."""
+    for h, most in zip((0.3, 0.15, 0.075), bounds, strict=True):
+        found = ball_in_shell(COMM, (h, h / 1.5), law, order)
+        assert (np.array(found) <= most).all(), found
 
 
 def test_what_is_no_thickness():

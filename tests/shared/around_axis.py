@@ -1,5 +1,6 @@
 """Two cylinders on each other in their half sections, r = x[0] and z = x[1]: forms over 2 pi r."""
 
+import gmsh
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
@@ -130,3 +131,53 @@ class Cylinders:
             return mu * (a * a - 1) + log, (mu * (c * c - 1) + log) / (a * a * c) + q
 
         return problem, fsolve(stresses, [1.1, 0.8], xtol=1e-14)
+
+
+def shell(comm, inner, outer, size, order):
+    """Space and facet tags, 1 inside and 2 outside, of the quarter of a shell, or of a ball."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    occ = gmsh.model.occ
+    tools = [(2, occ.addRectangle(-3, -3, 0, *sides)) for sides in ((3, 6), (6, 3))]
+    tools += [(2, occ.addDisk(0, 0, 0, inner, inner))] if inner else []
+    left, _ = occ.cut([(2, occ.addDisk(0, 0, 0, outer, outer))], tools)
+    occ.synchronize()
+    gmsh.model.addPhysicalGroup(2, [tag for _, tag in left], 9)
+    for dim, curve in gmsh.model.getEntities(1):
+        low, high = (end[0] for end in gmsh.model.getParametrizationBounds(dim, curve))
+        far = np.linalg.norm(gmsh.model.getValue(dim, curve, [0.5 * (low + high)]))
+        for tag, radius in ((1, inner), (2, outer)):
+            if radius and abs(far - radius) < 1e-6:
+                gmsh.model.addPhysicalGroup(1, [curve], tag)
+    for name in ("Min", "Max"):
+        gmsh.option.setNumber(f"Mesh.MeshSize{name}", size)
+    gmsh.model.mesh.generate(2)
+    gmsh.model.mesh.setOrder(order)
+    domain, _, tags = compat.model_to_mesh(gmsh.model, comm, 0, gdim=2)
+    gmsh.finalize()
+    return compat.function_space(domain, degree=order, shape=(2,)), tags
+
+
+def ball_in_shell(comm, sizes, law, order=1, E=1000.0, nu=0.3):
+    """A ball in a shell of the same material under a pressure of 1: all is pressed evenly. Errors
+    of the displacement, over the largest, and of the contact pressure."""
+    mu, lam = lame(E, nu)
+    built = [shell(comm, *ends, h, order) for ends, h in zip(((0, 1), (1, 2)), sizes, strict=True)]
+    forms, loads, bcs = [], [], []
+    for (V, tags), p in zip(built, (0.0, 1.0), strict=True):
+        r = ufl.SpatialCoordinate(V.mesh)[0]
+        e, d = (ufl.sym(gradient(f(V), r)) for f in (ufl.TrialFunction, ufl.TestFunction))
+        sigma = 2 * mu * e + lam * ufl.tr(e) * ufl.Identity(3)
+        forms.append(ufl.inner(sigma, d) * 2 * np.pi * r * ufl.dx(degree=6))
+        ds = ufl.Measure("ds", domain=V.mesh, subdomain_data=tags)
+        out = ufl.inner(ufl.FacetNormal(V.mesh), ufl.TestFunction(V))
+        loads.append(-fem.Constant(V.mesh, p) * out * 2 * np.pi * r * ds(2, degree=6))
+        bcs += [held(V, k, lambda x, k=k: np.isclose(x[k], 0.0)) for k in (0, 1)]
+    sides = (built[0][1], 2), (built[1][1], 1)
+    interface = llm.Interface(None, sides, law=law, thickness=around)
+    with llm.ContactProblem(forms, loads, bcs=bcs, interfaces=[interface]) as problem:
+        u, shrinks = problem.solve(), -(1.0 - 2.0 * nu) / E
+        off = [v.x.array - shrinks * v.function_space.tabulate_dof_coordinates()[:, :2].ravel()
+               for v in u]  # fmt: skip
+        most = max(np.abs(a).max() for a in off) / (2.0 * abs(shrinks))
+        return most, np.abs(problem.results[0].pressure - 1.0).max()
