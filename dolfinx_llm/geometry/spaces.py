@@ -133,6 +133,19 @@ def _check_mesh(mesh: Any, highest: int) -> None:
             f"the mesh has cells of order {degree}: made for first-order meshes, whose facets are "
             "straight (gmsh.model.mesh.setOrder(1))"
         )
+    elif (own := _nodes_of(mesh)) not in (0, nodes := CELLS[kinds[0]][degree - 1]):
+        text = (
+            f"the mesh has cells of order {degree} with {own} of {nodes} nodes each, as submeshes "
+            "that old versions of dolfinx make of second-order meshes: make one mesh per body"
+        )
     elif mesh.geometry.x.dtype != np.float64:
         text = f"the mesh has coordinates of type {mesh.geometry.x.dtype}: made for float64"
     check(mesh.comm, bool(text), text, ContactInputError)
+
+
+def _nodes_of(mesh: Any) -> int:
+    """Nodes that the geometry of this rank's cells has; 0 without cells."""
+    dofs, topology = compat.cell_dofs(mesh.geometry), mesh.topology
+    index_map = topology.index_map(topology.dim)
+    count = index_map.size_local + index_map.num_ghosts
+    return dofs.size // count if count else 0

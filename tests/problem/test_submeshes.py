@@ -1,13 +1,19 @@
 """Bodies on submeshes of one mesh, with Functions and integrals of both (entity_maps)."""
 
+import gmsh
 import numpy as np
 import pytest
 import ufl
 from conftest import run_mpi_json
+from dolfinx import mesh
+from mpi4py import MPI
 from scenes import E
 from submeshes import MAPPED, Halves
 
 import dolfinx_llm as llm
+from dolfinx_llm import compat
+from dolfinx_llm.geometry.spaces import check_space
+from dolfinx_llm.interface.build import build_interface
 
 
 def displacements(problem):
@@ -101,3 +107,29 @@ def test_on_ranks():
         np.testing.assert_allclose(two[name], values, rtol=1e-9, atol=1e-11, err_msg=name)
     assert one["moment"][2:5] == pytest.approx([-0.3, 2.0, -0.7], rel=1e-9)
     assert one["mean"][:2] == pytest.approx([0.02, -0.01], rel=1e-9)
+
+
+def test_submeshes_that_have_lost_nodes():
+    """Of a second-order mesh dolfinx 0.5.2 keeps the corners alone: refused, or all are there."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    face = gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+    gmsh.model.occ.synchronize()
+    gmsh.model.addPhysicalGroup(2, [face], 1)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+    gmsh.model.mesh.generate(2)
+    gmsh.model.mesh.setOrder(2)
+    domain, _, _ = compat.model_to_mesh(gmsh.model, MPI.COMM_SELF, 0, gdim=2)
+    gmsh.finalize()
+    cells = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
+    sub = mesh.create_submesh(domain, 2, cells)[0]
+    V = compat.function_space(sub, degree=2, shape=(2,))
+    facets = mesh.locate_entities_boundary(sub, 1, lambda x: np.isclose(x[1], 1.0))
+    tags = mesh.meshtags(sub, 1, facets, np.full(len(facets), 3, dtype=np.int32))
+    interface = llm.Interface(tags, (3, llm.RigidPlane((0.0, 1.0), (0.0, -1.0))))
+    if compat.cell_dofs(sub.geometry).shape[1] < 6:
+        with pytest.raises(llm.ContactInputError, match="3 of 6 nodes"):
+            build_interface(interface, [check_space(V, 2) or V])
+    else:
+        surface = build_interface(interface, [V]).pairs[0].surface
+        assert np.allclose(surface.x[:, 1], 1.0) and len(surface.x) == 2 * len(facets) + 1
