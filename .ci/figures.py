@@ -135,6 +135,13 @@ ROWS = (
         ),
     ),
     Row(
+        "axisymmetric: two cylinders pressed evenly, error of the contact pressure",
+        "{} (without a thickness of 2 pi r {} %)",
+        (ROUNDING, Figure("{:.0f}", differs=1.0)),
+        lambda report: [report["2 pi r"], 100.0 * report["none"]],
+        ("python demos/axisymmetric.py --patch",),
+    ),
+    Row(
         "manufactured solution on non-matching cubes: rates of L2, H1, pressure",
         "{}, {}, {}",
         (Figure("{:.2f}", differs=0.01),) * 3,

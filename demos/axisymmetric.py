@@ -9,6 +9,7 @@ hertz2d. Without ``thickness`` areas would count by length, and a constant press
 """
 
 import argparse
+import json
 from pathlib import Path
 
 import gmsh
@@ -53,8 +54,7 @@ def quarter(comm, n, up, growth=0.06):
     if comm.rank == 0:
         geo, own = gmsh.model.geo, gmsh.model.mesh
         at = [(np.sin(t) * R, up * R * (1 - np.cos(t))) for t in (REACH * RADIUS / R, np.pi / 2)]
-        near, far = (geo.addPoint(x, y, 0) for x, y in at)
-        pole, centre = geo.addPoint(0, 0, 0), geo.addPoint(0, up * R, 0)
+        near, far, pole, centre = (geo.addPoint(*x, 0) for x in (*at, (0, 0), (0, up * R)))
         contact, rest = geo.addCircleArc(pole, centre, near), geo.addCircleArc(near, centre, far)
         equator, axis = geo.addLine(far, centre), geo.addLine(centre, pole)
         face = geo.addPlaneSurface([geo.addCurveLoop([contact, rest, equator, axis])])
@@ -91,7 +91,7 @@ def cylinder(comm, n, up):
     return domain, mesh.meshtags(domain, 1, facets[order], values[order])
 
 
-def pressed(make, elements, pressure, height, thickness=around, law=None, comm=MPI.COMM_WORLD):
+def pressed(make, elements, pressure, height, thickness=around, comm=MPI.COMM_WORLD):
     """Two bodies that touch at z = 0; the lower one stands on z = -height."""
     forms, loads, bcs, sides = [], [], [], []
     for n, up in zip(elements, (1, -1), strict=True):
@@ -106,8 +106,7 @@ def pressed(make, elements, pressure, height, thickness=around, law=None, comm=M
         if up < 0:
             bcs.append(hold(V, 1, lambda x: np.isclose(x[1], -height)))
         sides.append((tags, CONTACT))
-    law = law or llm.Frictionless()
-    interface = llm.Interface(None, tuple(sides), law=law, thickness=thickness)
+    interface = llm.Interface(None, tuple(sides), law=llm.Frictionless(), thickness=thickness)
     return llm.ContactProblem(forms, loads, bcs=bcs, interfaces=[interface])
 
 
@@ -115,6 +114,7 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--elements", type=int, nargs=2, default=(16, 23), metavar="N")
     parser.add_argument("--patch", action="store_true", help="cylinders in the place of balls")
+    parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--plot", type=Path, metavar="DIR")
     args = parser.parse_args(arguments)
     found = {}
@@ -134,9 +134,9 @@ def main(arguments=None):
         found = {"peak": peak / PEAK, "radius": radius / RADIUS}
     if MPI.COMM_WORLD.rank == 0:
         what = "thickness; error of the contact pressure" if args.patch else "over Hertz"
-        print(f"{contact}\n\n{what}")
-        for name, value in found.items():
-            print(f"{name:10} {value:.3g}" if args.patch else f"{name:10} {value:.5f}")
+        print(f"{contact}\n\n{what}", *(f"{k:10} {v:.5g}" for k, v in found.items()), sep="\n")
+        if args.json:
+            args.json.write_text(json.dumps(found) + "\n")
     if args.plot and not args.patch:
         s = np.linspace(0, 1, 400)
         lines = [("Hertz", "k-", s, np.sqrt(1 - s**2)),

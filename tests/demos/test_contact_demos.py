@@ -5,6 +5,7 @@ import re
 
 import arch
 import assembly
+import axisymmetric
 import cattaneo_mindlin
 import folding
 import frame
@@ -38,6 +39,14 @@ def contact_conditions(problem, load):
 
 
 # Hertz
+
+
+@pytest.mark.parametrize(("elements", "bound"), [((16, 23), 0.005), longer((32, 47), 0.002)])
+def test_balls_in_their_half_sections(elements, bound, tmp_path):
+    contact, found = axisymmetric.main(["--elements", *map(str, elements), "--plot", str(tmp_path)])
+    assert max(abs(value - 1.0) for value in found.values()) <= bound
+    contact_conditions(contact, axisymmetric.LOAD)
+    assert (tmp_path / "axisymmetric.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize(
