@@ -38,6 +38,8 @@ from dolfinx_llm.operators.system import ContactOperators
 
 LED = 10  # iterations in which what springs alone press together sticks
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
+PATIENT, LONG_ENOUGH = 20, 1e-9  # iterations of rest, after which this may be left, as about frame
+# nodes far from contact, which forces of corrected rows reach a millionth of
 MAXIMUM = 100  # iterations, and as many again once ties have been chosen
 FALLING = 4  # of them in which the motion of what nothing holds is looked for
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
@@ -188,7 +190,8 @@ class ContactIteration:
                 ask_again(self.states)
                 continue
             stalled = calm > CALM and miss > 0.5 * before
-            enough = max(ENOUGH, spread(equations, self.form.noise) / largest)
+            left = ENOUGH if calm <= PATIENT else LONG_ENOUGH
+            enough = max(left, spread(equations, self.form.noise) / largest)
             settled = miss <= self.form.accuracy or (stalled and miss <= enough)
             settled &= giving.rest(multiplier, largest, calm)
             rests = settled and calm > corrections and pull.rests
