@@ -173,6 +173,7 @@ class ContactIteration:
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
                 return found
             anew = not self._vital and unsettled(self.states, changes, iteration)
+            anew |= parted.lost(multiplier, y + g)
             if (anew or iteration == 1) and glide(equations, anew or changes > many):
                 glides = True  # contact is sought anew, without friction
                 stuck = untied(self.states), (multiplier, w), equations.middle(y + g, w)

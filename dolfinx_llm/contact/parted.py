@@ -18,6 +18,7 @@ from dolfinx_llm.contact.state import InterfaceState
 
 UNPARTED = 5  # iterations, after which pairs should have parted by themselves
 FORCELESS = 1e-6  # forces over stiffness times motion, that press no bodies
+OVERLAP = 0.1  # of the motion, by which bodies that have parted are in each other at most
 WELL_CLEAR = 1e-4  # of the motion: how far bodies are apart that will not meet without these forces
 
 
@@ -32,6 +33,7 @@ class Parted:
     def __init__(self, equations: Equations, comm: MPI.Comm) -> None:
         self._equations, self._comm = equations, comm
         self._rest = [s for s in equations.states if s.law.opens and not s.nodes.geometry.rigid]
+        self._sought = list(self._rest)
 
     def frame(self, w: Array, multiplier: Array, position: Array, iteration: int) -> Array:
         """(m,) where frames are to go on from; pairs of those between bodies that have parted are
@@ -45,26 +47,56 @@ class Parted:
         """
         found = w
         for s in list(self._rest) if iteration > UNPARTED else ():
-            rows = s.nodes.rows
-            forces, motion = (np.abs(a[rows]).max(initial=0.0) for a in (multiplier, position))
-            if not motion > 0.0 or forces > FORCELESS * self._equations.scale * motion:
-                continue
-            if between := self._between(s, position, motion):
+            motion = self._forceless(s, multiplier, position)
+            if motion and (between := self._between(s, position, motion)):
                 found, (at, place) = found.copy(), between
                 found[at] = place
-                s.touch(np.zeros(len(rows), dtype=bool))
+                s.touch(np.zeros(len(s.nodes.rows), dtype=bool))
                 self._rest.remove(s)
         return found
+
+    def lost(self, multiplier: Array, position: Array) -> bool:
+        """Whether nothing presses between bodies that are in each other, once for each: slips of an
+        iterate have taken their frame away.
+
+        Args:
+            multiplier, position: as of ``frame``.
+        """
+        for s in self._sought:
+            motion = self._forceless(s, multiplier, position)
+            if motion and _distance(s, position) < -OVERLAP * motion:
+                self._sought.remove(s)
+                return True
+        return False
+
+    def _forceless(self, s: InterfaceState, multiplier: Array, position: Array) -> float:
+        """The largest motion of the pairs where no force to speak of acts between them, else 0."""
+        rows = s.nodes.rows
+        forces, motion = (np.abs(a[rows]).max(initial=0.0) for a in (multiplier, position))
+        return float(motion) if forces <= FORCELESS * self._equations.scale * motion else 0.0
 
     def _between(
         self, s: InterfaceState, position: Array, motion: float
     ) -> tuple[Array, Array] | None:
         """Unknowns of a frame (k,) and where they touch no body (k,); None: they cannot."""
         rows = s.nodes.rows[:, -1]
+        if _distance(s, position) < -OVERLAP * motion:
+            return None  # of corrected rows, which extrapolate, a frame may be clear of both
         L = self._equations.whole[rows][:, s.nodes.v]
         at = np.unique(L.indices)
         found = chosen(self._comm, lambda: _farthest(L[:, at], position[rows], motion))
         return None if found is None else (s.nodes.v[at], found)
+
+
+def _distance(s: InterfaceState, position: Array) -> float:
+    """The least one between the bodies, of the rows' positions (n,), along the pairs' own normals,
+    as they are without a frame [length]."""
+    geometry = s.nodes.geometry
+    pairs = geometry.pairs
+    parts = np.split(position[s.nodes.rows[:, -1]], [len(pairs[0].nodes)])
+    nodal = [a if p.control is None else p.control @ a for p, a in zip(pairs, parts, strict=True)]
+    gaps = [-(nodal[k] + N @ nodal[1 - k]) for k, N in enumerate(geometry.opposite)]
+    return min(float(gap.min(initial=np.inf)) for gap in gaps)
 
 
 def _farthest(L: csr_matrix, position: Array, motion: float) -> Array | None:
