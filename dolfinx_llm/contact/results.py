@@ -35,7 +35,7 @@ from dolfinx_llm.operators.system import ContactOperators
 
 THIN = 1e-6  # of a surface's extent: what is as thin has no slopes across it
 CANCELLED = 0.5  # of the area about a frame node what rows leave, below which its quotient is noise
-LEFT_ALONE = 10.0  # times the bodies' largest motion: a frame node farther off belongs to none
+LEFT_ALONE = 10.0  # times the bodies' largest motion, or gap: a frame node farther off is on none
 SPARSE = 0.2  # of the cells about a frame node: where it is less an edge is near, and
 SPIKE = 2.0  # of the largest pressure told next to it, beyond which its force is that edge's
 
@@ -144,7 +144,8 @@ def _with_bodies(geometry: InterfaceGeometry, v: Array, moved: Sequence[Array]) 
     away from them (m, gdim): next to nothing holds these."""
     if geometry.frame is None or geometry.interface.law.ties:
         return v
-    size = max(np.linalg.norm(a, axis=1).max(initial=0.0) for a in moved)
+    gaps = [*moved, *(p.gap for p in geometry.pairs)]
+    size = max(np.linalg.norm(a, axis=1).max(initial=0.0) for a in gaps)
     far = np.linalg.norm(v, axis=1) > LEFT_ALONE * size
     return np.where(far[:, None], _average(geometry, moved), v) if far.any() else v
 

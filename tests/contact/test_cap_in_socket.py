@@ -8,7 +8,6 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 from sampling import longer
-from scenes import stress
 from scipy.spatial.transform import Rotation
 
 import dolfinx_llm as llm
@@ -64,7 +63,9 @@ def dragged(Q, steps):
     u, w, top = ufl.TrialFunction(V), ufl.TestFunction(V), fem.Function(V)
     held = [fem.locate_dofs_topological(V, 2, tags.find(tag)) for tag in (TOP, GROUND)]
     bcs = [fem.dirichletbc(top, held[0]), fem.dirichletbc(fem.Function(V), held[1])]
-    a = ufl.inner(stress(u), ufl.grad(w)) * ufl.dx
+    strain = ufl.sym(ufl.grad(u))
+    stress = 100.0 / 1.3 * (strain + 0.75 * ufl.tr(strain) * ufl.Identity(3))
+    a = ufl.inner(stress, ufl.grad(w)) * ufl.dx
     L = ufl.inner(fem.Constant(domain, (0.0, 0.0, 0.0)), w) * ufl.dx
     interface = llm.Interface(tags, (CAP, SOCKET), law=llm.Coulomb(0.3))
     with llm.ContactProblem(a, L, bcs=bcs, interfaces=[interface]) as problem:
