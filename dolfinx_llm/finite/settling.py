@@ -29,7 +29,7 @@ class Exchanges:
 
     least: float = np.inf  # wrong pairs so far
     left: int = WAITS
-    tried: set[bytes] = field(default_factory=set)  # pairs in contact, since one changes alone
+    tried: set[bytes] = field(default_factory=set)  # pairs of which one changed, with that least
 
     def take(
         self, now: Sequence[Array], before: Sequence[Array], held: Sequence[Held]
@@ -45,7 +45,7 @@ class Exchanges:
         wrong = {i: np.flatnonzero((now[i] != OPEN) != (before[i] != OPEN)) for i in asked}
         count = sum(map(len, wrong.values()))
         if asked and count < self.least:
-            self.least, self.left = count, WAITS
+            self.least, self.left, self.tried = count, WAITS, set()
         elif asked:
             self.left -= 1
         if self.left >= 0:

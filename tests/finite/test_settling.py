@@ -55,8 +55,19 @@ def test_stiff_bodies_on_few_nodes():
     assert 6 < most < EXCHANGES
 
 
+def test_pairs_that_come_again_with_fewer_wrong_ones():
+    """With fewer wrong ones than before all change at once again: that goes on elsewhere from pairs
+    of which one changed before. 8 of 1000 ended there."""
+    rng = np.random.default_rng(10)
+    for _ in range(1000):
+        B = rng.standard_normal((10, 3))
+        k, force, gap = solved(B @ B.T + 1e-4 * np.eye(10), rng.standard_normal(10))
+        assert np.abs(np.minimum(force, gap)).max() <= 1e-9 * max(1.0, np.abs(force).max())
+        assert k < EXCHANGES
+
+
 def test_what_goes_round_for_ever():
     """Where single exchanges come to pairs that they have been at there is no solution to find."""
     M, k = np.array([[1.0, 2.0], [2.0, 1.0]]), 0
     k, *_ = solved(-M, -np.ones(2))
-    assert WAITS < k < 12
+    assert WAITS < k < 20
