@@ -205,6 +205,7 @@ class ContactIteration:
                 last, released = iteration + MAXIMUM, True
             if rests and not released:
                 require_friction(self.states, borne)
+                parted.require_contact(multiplier, y + g)
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
                 return found
             # Friction is linearised about the last iterate, or halfway where that did not help.

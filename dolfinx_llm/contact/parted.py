@@ -12,6 +12,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix, hstack
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.contact.equations import Equations
 from dolfinx_llm.contact.state import InterfaceState
@@ -33,7 +34,7 @@ class Parted:
     def __init__(self, equations: Equations, comm: MPI.Comm) -> None:
         self._equations, self._comm = equations, comm
         self._rest = [s for s in equations.states if s.law.opens and not s.nodes.geometry.rigid]
-        self._sought = list(self._rest)
+        self._every, self._sought = tuple(self._rest), list(self._rest)
 
     def frame(self, w: Array, multiplier: Array, position: Array, iteration: int) -> Array:
         """(m,) where frames are to go on from; pairs of those between bodies that have parted are
@@ -68,6 +69,24 @@ class Parted:
                 self._sought.remove(s)
                 return True
         return False
+
+    def require_contact(self, multiplier: Array, position: Array) -> None:
+        """Require forces where bodies are in each other by more than half of their way.
+
+        Args:
+            multiplier, position: as of ``frame``, at the end.
+
+        Raises:
+            ContactError: there are none.
+        """
+        for s in self._every:
+            motion = self._forceless(s, multiplier, position)
+            if motion and (distance := _distance(s, position)) < -0.5 * motion:
+                raise ContactError(
+                    f"interface {s.nodes.geometry.interface.name}: nothing presses, and the bodies "
+                    f"are in each other by {-distance:.3g}: on surfaces so coarse the frame may be "
+                    "clear of both. Use finer meshes along it, or smaller steps"
+                )
 
     def _forceless(self, s: InterfaceState, multiplier: Array, position: Array) -> float:
         """The largest motion of the pairs where no force to speak of acts between them, else 0."""
