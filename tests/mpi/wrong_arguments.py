@@ -1204,7 +1204,7 @@ add(
 CROWN = patch2d.PUNCH_TOP
 add("point the same way", lambda s: several(s, (TOP, CROWN)), kind=ERROR)
 add(
-    "all of tag 3 lies on the RigidPlane or inside of it and faces away",
+    "of tag 3 lie on the RigidPlane or inside of it and face away, and none faces it",
     lambda s: several(s, (TOP, UNDER), (CROWN, llm.RigidPlane((0.0, 2.0), (0.0, 1.0)))),
     lambda s: several(s, (CROWN, llm.RigidPlane((0.0, 2.5), (0.0, 1.0)))),
     kind=ERROR,
