@@ -49,7 +49,7 @@ class FreeSurfacePressure:
     tag: int
     p: Any
     covered_by: tuple[Any, ...] | None = field(default=None, kw_only=True)
-    thickness: Any = field(default=1.0, kw_only=True)
+    thickness: Any = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         check_facet_tags("facet_tags", self.facet_tags)

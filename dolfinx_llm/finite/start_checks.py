@@ -100,10 +100,12 @@ def _check_outside(contact: ObstacleContact, side: Surface) -> None:
     toward = normal[side.facets].mean(axis=1)
     size = np.linalg.norm(area, axis=1) * np.maximum(np.linalg.norm(toward, axis=1), 1e-300)
     cosine = np.einsum("fi,fi->f", area, toward) / size
-    if (distance <= UPON * side.diameter).all() and (cosine < -np.cos(TURN)).all():
+    away = (distance[side.facets] <= UPON * side.diameter).all(axis=1) & (cosine < -np.cos(TURN))
+    if away.any() and not (cosine > np.cos(TURN)).any():
         raise ContactError(
-            f"all of {side.name} lies on the {kind} or inside of it and faces away: the body is "
-            "on its inner side. Check the obstacle's normal, `inside`, the tag and positions"
+            f"{int(away.sum())} facet(s) of {side.name} lie on the {kind} or inside of it and face "
+            "away, and none faces it: the body is on its inner side. Check the obstacle's normal, "
+            "`inside`, the tag and positions"
         )
     facing = np.zeros(len(side.x), dtype=bool)
     facing[side.cells[cosine > np.cos(TURN)]] = True

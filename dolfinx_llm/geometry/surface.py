@@ -35,7 +35,7 @@ class Surface:
     elements: Array | None = None  # (m, k) all nodes of each facet, corners first, see
     # ``Element``; None: there are no others
     origin: Array | float = 0.0  # (gdim,) from which positions count, see ``about`` [length]
-    depth: Any = 1.0  # thickness of bodies in the plane, as it was given: see ``thickness``
+    depth: Any = None  # thickness of bodies in the plane, as it was given: see ``thickness``
 
     @property
     def cells(self) -> Array:

@@ -6,6 +6,7 @@ in the place of t all that is said of bodies in the plane holds for axisymmetric
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,27 @@ THICKNESS = "give a positive number, or a function of positions (n, 2) that retu
 
 
 def check_thickness(given: Any) -> None:
-    """Require a positive number or a function."""
-    if not callable(given):
+    """Require a positive number, a function, or None."""
+    if not (given is None or callable(given)):
         checks.number("thickness", given, THICKNESS, above=0.0)
+
+
+def check_all_have(given: Iterable[tuple[str, Any]]) -> None:
+    """Require of interfaces and pressures of one problem, (name, thickness), that all have a
+    thickness or none: it is the bodies', and a pressure on one by length, on another by area.
+
+    Raises:
+        ContactInputError: some have, some have not.
+    """
+    told = list(given)
+    without = [name for name, thickness in told if thickness is None]
+    having = [name for name, thickness in told if thickness is not None]
+    if without and having:
+        raise ContactInputError(
+            f"{without[0]} has no thickness, {having[0]} has one; {len(without)} of "
+            f"{len(told)} have none: areas, and so pressures, would count by length there. Give "
+            "each its own; thickness=1.0 where it is 1"
+        )
 
 
 def thickness_at(given: Any, x: Array) -> Array | None:
@@ -30,7 +49,7 @@ def thickness_at(given: Any, x: Array) -> Array | None:
     Raises:
         ContactInputError: values that are no numbers; bodies in space, which have none.
     """
-    if not callable(given) and given == 1.0:
+    if given is None or (not callable(given) and given == 1.0):
         return None
     if x.shape[1] != 2:
         raise ContactInputError(

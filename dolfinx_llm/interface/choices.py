@@ -39,7 +39,8 @@ class Interface:
             corrects weights where the frame does not pass already.
         thickness: of bodies in the plane, by which areas, and so pressures, count: a positive
             number, or a linear function of positions (n, 2) that returns (n,); of axisymmetric
-            bodies, with forms over 2 pi r dx, ``lambda x: 2.0 * np.pi * x[:, 0]`` [length].
+            bodies, with forms over 2 pi r dx, ``lambda x: 2.0 * np.pi * x[:, 0]`` [length]. None:
+            1; of one problem all have a thickness or none.
         shift: (gdim,) vector from where side 1 is to where it meets side 0 [length]: with
             ``Tied()`` the bodies are periodic, whether or not the meshes of both sides match.
 
@@ -54,7 +55,7 @@ class Interface:
     frame: Frame | None = None
     design: str | None = "auto"
     shift: Any = None
-    thickness: Any = 1.0
+    thickness: Any = None
 
     def __post_init__(self) -> None:
         check_thickness(self.thickness)
@@ -136,7 +137,7 @@ class SelfContact(Interface):
         tag: int,
         law: Law | None = None,
         design: str | None = "auto",
-        thickness: Any = 1.0,
+        thickness: Any = None,
     ) -> None:
         law = Frictionless() if law is None else law
         if isinstance(law, Tied):

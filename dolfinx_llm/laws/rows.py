@@ -70,7 +70,7 @@ class LawNodes:
     """
 
     x: Array  # (k, gdim) positions, as drawn [length]
-    area: Array  # (k,) tributary area, in 2D per unit of depth; as it is now [area]
+    area: Array  # (k,) tributary area, in 2D by the thickness; as it is now [area]
     force: Array  # (k, q) [force]
     N: Array  # (k,) normal force, positive in compression [force]
     jump: Array  # (k, q) [length]

@@ -13,10 +13,12 @@ from mpi4py import MPI
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective
+from dolfinx_llm.finite.pressure import FreeSurfacePressure
 from dolfinx_llm.forms.choice import SOLVERS
 from dolfinx_llm.forms.options import check_values
 from dolfinx_llm.forms.step import StepForm
 from dolfinx_llm.geometry.spaces import is_scalar
+from dolfinx_llm.geometry.thickness import check_all_have
 from dolfinx_llm.interface.choices import Interface, SelfContact
 from dolfinx_llm.problem.blocks import Blocks
 from dolfinx_llm.problem.form_arguments import (
@@ -29,6 +31,7 @@ from dolfinx_llm.problem.form_arguments import (
 )
 
 BCS = "give a list of Dirichlet conditions (fem.dirichletbc)"
+PRESSURES = "give a list of FreeSurfacePressure"
 LOADS = "give a list of dolfinx Functions of nodal forces"
 INTERFACES = "give at least one Interface, or a list of them"
 
@@ -227,6 +230,22 @@ def interface_list(interfaces: Any, spaces: Sequence[Any]) -> list[Interface]:
         checks.instance("interfaces: item", interface, Interface, INTERFACES)
         for tags, _ in interface.tagged_sides():
             check_tags_belong(tags, spaces)
+    check_all_have(_thick(found))
+    return found
+
+
+def pressure_list(
+    loads: Any, spaces: Sequence[Any], interfaces: Sequence[Interface]
+) -> list[FreeSurfacePressure]:
+    """Follower pressures on surfaces of the meshes, beside interfaces."""
+    one = isinstance(loads, FreeSurfacePressure)
+    found = [loads] if one else checks.items("loads", loads, PRESSURES)
+    for load in found:
+        checks.instance("loads: item", load, FreeSurfacePressure, "give FreeSurfacePressure")
+        for tags, _ in load.tagged():
+            check_tags_belong(tags, spaces)
+    named = [(f"loads[{k}], tag {p.tag},", p.thickness) for k, p in enumerate(found)]
+    check_all_have([*_thick(interfaces), *named])
     return found
 
 
@@ -239,9 +258,15 @@ def check_tags_belong(tags: Any, spaces: Sequence[Any]) -> None:
         )
 
 
+def _thick(interfaces: Sequence[Interface]) -> list[tuple[str, Any]]:
+    """Names and thicknesses."""
+    return [(f"interfaces[{k}], {i.name},", i.thickness) for k, i in enumerate(interfaces)]
+
+
 def _told(interface: Interface) -> tuple[Any, ...]:
     """An interface's choices as plain data, to compare them between ranks."""
     frame, obstacle = interface.frame, interface.obstacle
     nodes = () if frame is None else (frame.x.tolist(), frame.cells.tolist())
     law, rigid = checks.shown(interface.law), "" if obstacle is None else repr(obstacle)
-    return interface.name, law, str(interface.design), rigid, str(interface.shift), *nodes
+    given = str(interface.design), rigid, str(interface.shift), checks.shown(interface.thickness)
+    return interface.name, law, *given, *nodes

@@ -23,7 +23,7 @@ def free_surface_load(
     tag: int,
     pressure: float,
     covered_by: tuple[Any, ...] | None = None,
-    thickness: Any = 1.0,
+    thickness: Any = None,
 ) -> fem.Function:
     """Energy-equivalent nodal forces of a uniform pressure on a flat surface.
 

@@ -27,20 +27,19 @@ from dolfinx_llm.problem.arguments import (
     agree_on,
     by_mesh,
     check_petsc_options,
-    check_tags_belong,
     communicator,
     conditions,
     interface_list,
     kept_list,
     nodal_by_mesh,
     nodal_list,
+    pressure_list,
 )
 from dolfinx_llm.problem.blocks import Blocks
 from dolfinx_llm.problem.form_arguments import check_meshes, check_positions, listed
 
 RESIDUAL = "give a residual form in u and a test function, or a list of them, one per mesh"
 DERIVATIVE = "give the derivative of F, bilinear in the space of u, or a list of them, or None"
-PRESSURES = "give a list of FreeSurfacePressure"
 UNKNOWN = "give the Function u of the displacement, or a list of them, in the order of F"
 
 
@@ -122,14 +121,15 @@ def nonlinear_arguments(
     blocks = [Blocks(V, scalar=False) for V in spaces]
     none = isinstance(interfaces, (list, tuple)) and not interfaces
     with collective(comm):
+        chosen = [] if none else interface_list(interfaces, spaces)
         given = NonlinearArguments(
             isinstance(u, (list, tuple)),
             forms,
             derivatives,
             functions,
             kept_list(bcs, conditions(bcs, spaces)),
-            [] if none else interface_list(interfaces, spaces),
-            pressures(loads, spaces),
+            chosen,
+            pressure_list(loads, spaces, chosen),
             kept_list(nodal_loads, nodal_list(nodal_loads, blocks)),
             blocks,
             compat.entity_maps_of(entity_maps, len(forms)),
@@ -154,17 +154,6 @@ def _check_unknowns(forms: Sequence[ufl.Form], functions: Sequence[fem.Function]
                 f"a form F does not depend on its u, the Function {u.name}; it has {names}: give "
                 "the very Function that F is written in"
             )
-
-
-def pressures(loads: Any, spaces: Sequence[Any]) -> list[FreeSurfacePressure]:
-    """Follower pressures on surfaces of the meshes, as a list."""
-    one = isinstance(loads, FreeSurfacePressure)
-    found = [loads] if one else checks.items("loads", loads, PRESSURES)
-    for load in found:
-        checks.instance("loads: item", load, FreeSurfacePressure, "give FreeSurfacePressure")
-        for tags, _ in load.tagged():
-            check_tags_belong(tags, spaces)
-    return found
 
 
 class NonlinearBulk:

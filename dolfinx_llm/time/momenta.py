@@ -53,10 +53,7 @@ class Momenta:
         self._x = np.concatenate([x[:, : self._gdim] for x, _ in parts])
         self._body = np.repeat(np.concatenate([label for _, label in parts]), self._gdim)
         self._count = int(first[-1])
-        self._around = np.zeros(self._count, dtype=bool)  # an axis, which holds bodies
-        for interface in interfaces:
-            if callable(interface.thickness):
-                self._around |= self._any(_bodies(interface, spaces, labels))
+        self._around = any(callable(i.thickness) for i in interfaces)  # an axis, which holds all
         self._sides = [
             (self._any(_bodies(i, spaces, labels)), i.obstacle is not None, i.law.gives)
             for i in interfaces

@@ -72,9 +72,9 @@ class Scene:
         facets = self.tags.find(tag)
         return mesh.meshtags(self.mesh, 2, facets, np.full(len(facets), tag, dtype=np.int32))
 
-    def law(self, law, sides=(2, 3)):
+    def law(self, law, sides=(2, 3), **options):
         held = ((2, scenes.on(2, 0.0)), *((k, scenes.on(2, z)) for k in (0, 1) for z in (0.0, 2.0)))
-        interface = llm.Interface(self.tags, sides, law=law)
+        interface = llm.Interface(self.tags, sides, law=law, **options)
         return self.problem(bcs=scenes.hold(self.V, held), interfaces=interface)
 
     @cached_property
@@ -1204,7 +1204,7 @@ add(
 CROWN = patch2d.PUNCH_TOP
 add("point the same way", lambda s: several(s, (TOP, CROWN)), kind=ERROR)
 add(
-    "all of tag 3 lies on the RigidPlane or inside of it and faces away",
+    "of tag 3 lie on the RigidPlane or inside of it and face away, and none faces it",
     lambda s: several(s, (TOP, UNDER), (CROWN, llm.RigidPlane((0.0, 2.0), (0.0, 1.0)))),
     lambda s: several(s, (CROWN, llm.RigidPlane((0.0, 2.5), (0.0, 1.0)))),
     kind=ERROR,
@@ -1414,6 +1414,7 @@ differ(
     "interfaces must be the same on all ranks",
     lambda s: s.law(pick(s, llm.Coulomb(0.3), llm.Coulomb(0.4))),
     lambda s: s.law(llm.Tied(), sides=pick(s, (2, 3), (3, 2))),
+    lambda s: s.law(llm.Tied(), thickness=pick(s, 2.0, 3.0)),
 )
 differ("rho must be the same", lambda s: stepper(s, pick(s, 1.0, 2.0)))
 differ("increments must be the same", lambda s: s.pressed.solve(pick(s, 1, 2)))

@@ -50,6 +50,23 @@ def rolled(V, axes):
     return bcs
 
 
+def test_a_surface_drawn_the_other_way():
+    """A cap whose facets look into it, narrower than the body above: nothing could touch it."""
+    _, tags, V, u, F = block("quad", cells=8)
+    angle = np.linspace(-0.1, 0.1, 13)
+    x = np.array([0.5, 0.0]) + 2.0 * np.stack([np.sin(angle), np.cos(angle) - 1.0], axis=1)
+    up = np.stack([np.arange(12), np.arange(1, 13)], axis=1)
+
+    def on(cells):
+        cap = llm.RigidSurface(llm.Frame(x, cells))
+        interface = llm.Interface(tags, (FOOT, cap), law=llm.Frictionless())
+        return llm.NonlinearContactProblem(F, u, bcs=rolled(V, (0,)), interfaces=[interface])
+
+    on(up).destroy()
+    with pytest.raises(llm.ContactError, match="of tag 1 lie on the RigidSurface .* none faces it"):
+        on(up[:, ::-1])
+
+
 @pytest.mark.parametrize("obstacle", ["plane", "own"])
 def test_patch(obstacle):
     """A block pressed on a plane by a follower pressure: homogeneous, in few iterations."""

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import ufl
 from around_axis import (
     LOWER,
     OUTER,
@@ -15,6 +16,7 @@ from around_axis import (
     lame,
 )
 from conftest import run_mpi_json
+from dolfinx import fem
 from mpi4py import MPI
 from sampling import longer
 from scenes import two_blocks
@@ -92,9 +94,6 @@ def test_a_sheet_of_any_thickness(kind):
 
 def sheet(kind, built, factor):
     """Pressures and resultant of blocks pressed and dragged by their top."""
-    import ufl
-    from dolfinx import fem
-
     mu, lam = lame(1000.0, 0.3)
     (V, _), (W, _) = built
     forms, loads, u = [], [], [fem.Function(space) for space in (V, W)]
@@ -127,9 +126,6 @@ def sheet(kind, built, factor):
 def test_on_a_rigid_plane(kind):
     """A cylinder with a bore on a rigid plane: the pressure at its nodes is even, and the mean
     displacement that is asked of its mantle is one by area."""
-    import ufl
-    from dolfinx import fem
-
     E, nu, p = 1000.0, 0.3, 1.0
     mu, lam = lame(E, nu)
     V, tags = block(COMM, 4, (0.5, 0.0), (1.5, 1.0), (LOWER, TOP, OUTER))
@@ -188,6 +184,60 @@ def test_what_is_no_thickness():
     V, tags = two_blocks(COMM)
     with pytest.raises(llm.ContactInputError, match="in the plane"):
         build_interface(llm.Interface(tags, (2, 3), thickness=2.0), [V])
+
+
+def test_all_of_a_problem_have_a_thickness():
+    """A pressure would count by area on one surface and by length on another; 1.0 can be said."""
+    scene, law = Cylinders(COMM, (2, 3), bore=0.5), llm.Frictionless()
+    a, L, u = [], [], [fem.Function(V) for V in scene.spaces]
+    for V in scene.spaces:
+        v, r = ufl.TestFunction(V), ufl.SpatialCoordinate(V.mesh)[0]
+        e, d = (ufl.sym(gradient(f, r)) for f in (ufl.TrialFunction(V), v))
+        a.append(ufl.inner(e, d) * 2 * np.pi * r * ufl.dx(degree=6))
+        L.append(ufl.inner(fem.Constant(V.mesh, (0.0, 0.0)), v) * ufl.dx)
+    F = [ufl.action(form, w) for form, w in zip(a, u, strict=True)]
+
+    def beside(thickness):
+        wall = OUTER, llm.RigidPlane((1.5, 0.0), (-1.0, 0.0))
+        wall = llm.Interface(scene.tags[0], wall, law=law, thickness=thickness)
+        return {"bcs": scene.bcs, "interfaces": [scene.interface(law), wall]}
+
+    said = r"interfaces\[1\], 13 . RigidPlane, has no thickness, interfaces\[0\], .* 1 of 2"
+    for problem, forms in ((llm.ContactProblem, (a, L)), (llm.NonlinearContactProblem, (F, u))):
+        with pytest.raises(llm.ContactInputError, match=said):
+            problem(*forms, **beside(None))
+        problem(*forms, **beside(1.0)).destroy()
+    loads = [llm.FreeSurfacePressure(scene.tags[1], TOP, 1.0)]
+    with pytest.raises(llm.ContactInputError, match=r"loads\[0\], tag 12, has no thickness"):
+        llm.NonlinearContactProblem(F, u, loads=loads, **beside(around))
+
+
+def test_a_ring_by_itself_in_time():
+    """Hoop stresses turn no ring about: its motion is the same whether or not an interface far away
+    tells that it lies around the axis."""
+    moved = []
+    for told in (False, True):
+        built = [block(COMM, 3, *ends, tags) for ends, tags in (
+            (((1.0, 0.0), (2.0, 1.0)), (1, LOWER, OUTER)),
+            (((1.0, 1.1), (2.0, 2.0)), (UPPER, TOP, OUTER)),
+            (((4.0, 0.0), (5.0, 1.0)), (21, 22, 23)))]  # fmt: skip
+        F, rho, u = [], [], [fem.Function(V) for V, _ in built]
+        for (V, _), w in zip(built, u, strict=True):
+            r = ufl.SpatialCoordinate(V.mesh)[0]
+            D = ufl.Identity(3) + gradient(w, r)
+            W = 250.0 * (ufl.tr(D.T * D) - 3 - 2 * ufl.ln(ufl.det(D)) + ufl.ln(ufl.det(D)) ** 2)
+            F.append(ufl.derivative(W * 2 * np.pi * r * ufl.dx(degree=6), w))
+            rho.append(2 * np.pi * r)
+        sides = [(tags, tag) for (_, tags), tag in zip(built, (LOWER, UPPER), strict=False)]
+        floor = llm.RigidPlane((0.0, -9.0), (0.0, 1.0))
+        pairs = [(None, tuple(sides)), (built[2][1], (21, floor))][: 1 + told]
+        interfaces = [llm.Interface(*p, llm.Frictionless(), thickness=around) for p in pairs]
+        stepper = llm.TimeStepper(rho, F, u, dt=5e-3, interfaces=interfaces, scheme="newmark")
+        stepper.v[2].interpolate(lambda x: np.stack([0.5 + x[1], 0.0 * x[0]]))
+        for _ in range(5):
+            stepper.step()
+        moved.append(stepper.u[2].x.array.copy())
+    np.testing.assert_allclose(moved[0], moved[1], rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.mpi

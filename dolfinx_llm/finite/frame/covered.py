@@ -44,7 +44,7 @@ def with_thickness(covered: Covered, x: Array, surface: Surface, first: int) -> 
     ``integrated``. Arguments as for ``surface_integrals``."""
     given, cells, degree = surface.depth, surface.facets, surface.element.order
     if not callable(given):
-        return covered if given == 1.0 else covered.times(given)
+        return covered if given in (None, 1.0) else covered.times(given)
     B, f = covered.share, len(cells)
     slope = slope_at(given, x + surface.origin, SLOPE_OVER * surface.diameter)[cells]
     factor = with_linear(degree, np.asarray(surface.thickness_at(x))[cells])
