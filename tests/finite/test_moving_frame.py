@@ -95,6 +95,7 @@ def sheet(rng, ends, n, height, up, kind, bend=0.1, order=1):
 
 
 FOLDED = "folded"  # a surface that meets itself
+BELLOWS = "folded around an axis"
 SHEETS = {"folded quads": "quad", "folded triangles": "tri"}  # another one, in two pieces
 SCENES = {  # ends of the lower and the upper surface, whose order is changed, kinds of facets
     "inside": ((0.0, 1.0), (0.13, 0.87), False),
@@ -117,12 +118,15 @@ SCENES = {  # ends of the lower and the upper surface, whose order is changed, k
 def scene(name):
     """Sides, coordinates, and random forces on the nodes of the moving side."""
     rng = np.random.default_rng(7)
-    if name == FOLDED:  # both lines, joined by a loop, are one surface
+    if name in (FOLDED, BELLOWS):  # both lines, joined by a loop, are one surface
         low, high = line(rng, (0.0, 1.0), 5, 0.0, True), line(rng, (0.13, 1.0), 7, 0.005, False)
         x = np.concatenate([low.x, [[1.3, -0.1], [1.5, 0.1], [1.3, 0.3]], high.x[::-1]])
         chain = np.arange(len(x))
         facets = np.column_stack([chain[:-1], chain[1:]])
-        sides = SelfSides.of_one(Surface(x, facets, chain, 0 * chain, "hairpin"))
+        surface = Surface(x, facets, chain, 0 * chain, "hairpin")
+        if name == BELLOWS:
+            surface = surface.with_depth(lambda x: 1.0 + x @ [3.0, 0.5], name)
+        sides = SelfSides.of_one(surface)
         return sides, np.tile(x.ravel(), 2), rng.uniform(0.5, 1.5, len(x))
     if name in SHEETS:
         low = sheet(rng, (0.0, 1.0), 3, 0.0, True, SHEETS[name])
@@ -196,7 +200,7 @@ def differences(function, z, h=5e-7):
 
 
 BY_TURNS = list(itertools.product(SCENES, [None, STICK, SLIP, Bond(), Layer()]))
-OF_ONE = list(itertools.product([FOLDED, *SHEETS], [None, STICK, SLIP, Bond(), Layer()]))
+OF_ONE = list(itertools.product([FOLDED, BELLOWS, *SHEETS], [None, STICK, SLIP, Bond(), Layer()]))
 
 
 @pytest.mark.parametrize(

@@ -183,7 +183,8 @@ class Sides:
         area = vector_areas(x, facets)
         across = at.normal[facets].sum(axis=1)
         cosine = np.einsum("fi,fi->f", area, across)
-        cosine /= np.linalg.norm(area, axis=1) * np.linalg.norm(across, axis=1)
+        size = np.linalg.norm(area, axis=1) * np.linalg.norm(across, axis=1)
+        cosine /= np.maximum(size, 1e-300)  # normals that cancel look nowhere
         return near[self.mover.cells].all(axis=1) & (cosine < -np.cos(TURN))
 
     def outward(self, z: Array) -> Array:
