@@ -35,7 +35,6 @@ from dolfinx_llm.operators.system import ContactOperators
 
 THIN = 1e-6  # of a surface's extent: what is as thin has no slopes across it
 CANCELLED = 0.5  # of the area about a frame node what rows leave, below which its quotient is noise
-LEFT_ALONE = 10.0  # times the bodies' largest motion, or gap: a frame node farther off is on none
 SPARSE = 0.2  # of the cells about a frame node: where it is less an edge is near, and
 SPIKE = 2.0  # of the largest pressure told next to it, beyond which its force is that edge's
 
@@ -114,20 +113,15 @@ def collect_results(
         nodal = nodal_sides(geometry, sides)
         if geometry.interface.law.slips:
             nodal = known_slips(geometry, nodal, operators.idle[place.rows])
-        found = _interface_result(geometry, sides, nodal, _with_bodies(geometry, v, moved), state)
+        found = _interface_result(geometry, sides, nodal, v, state)
         results.append(replace(found, rotation=geometry.rotation(w[place.frame])))
     return told(operators.comm, deepcopy(results))  # their arrays are the user's
 
 
 def _tangential_average(geometry: InterfaceGeometry, moved: Sequence[Array]) -> Array:
-    """(m, gdim) ``_average`` along the frame."""
-    total, normal = _average(geometry, moved), geometry.directions[:, -1]
-    return total - np.einsum("mi,mi->m", total, normal)[:, None] * normal
-
-
-def _average(geometry: InterfaceGeometry, moved: Sequence[Array]) -> Array:
-    """(m, gdim) mean of the motions of both sides, fitted to the frame's nodes; those that hardly
-    any pair reaches follow the motion's affine part, as of bodies that turn or expand."""
+    """(m, gdim) mean of the tangential motions of both sides, fitted to the frame's nodes; those
+    that hardly any pair reaches follow the motion's affine part, as of bodies that turn or expand.
+    """
     assert geometry.frame is not None
     x, total = geometry.frame.x, np.zeros((len(geometry.directions), moved[0].shape[1]))
     for p, motion in zip(geometry.pairs, moved, strict=True):
@@ -136,18 +130,8 @@ def _average(geometry: InterfaceGeometry, moved: Sequence[Array]) -> Array:
         slopes = np.linalg.lstsq(met - centre, motion - mean, rcond=THIN)[0]
         affine = mean + (x - centre) @ slopes
         total += 0.5 * (affine + p.fit.solve(p.N.T @ (motion - p.N @ affine)))
-    return total
-
-
-def _with_bodies(geometry: InterfaceGeometry, v: Array, moved: Sequence[Array]) -> Array:
-    """(m, gdim) displacements of the frame's nodes, the bodies' mean of those that have drifted
-    away from them (m, gdim): next to nothing holds these."""
-    if geometry.frame is None or geometry.interface.law.ties:
-        return v
-    gaps = [*moved, *(p.gap for p in geometry.pairs)]
-    size = max(np.linalg.norm(a, axis=1).max(initial=0.0) for a in gaps)
-    far = np.linalg.norm(v, axis=1) > LEFT_ALONE * size
-    return np.where(far[:, None], _average(geometry, moved), v) if far.any() else v
+    normal = geometry.directions[:, -1]
+    return total - np.einsum("mi,mi->m", total, normal)[:, None] * normal
 
 
 def _interface_result(

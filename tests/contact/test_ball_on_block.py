@@ -92,7 +92,7 @@ def second_order_ball():
 @pytest.mark.long
 def test_a_ball_of_second_order_with_friction():
     """Frame nodes far from contact, that forces of corrected rows hardly reach, drift along the
-    surface for ever: the law comes to rest, and they are told where the bodies are."""
+    surface for ever: the law comes to rest."""
     V, tags = second_order_ball()
     u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
     strain = ufl.sym(ufl.grad(u))
@@ -114,7 +114,6 @@ def test_a_ball_of_second_order_with_friction():
             forces = [s.force.sum(axis=0) for s in result.sides]
             assert np.abs(np.add(*forces)).max() <= 1e-9 * np.abs(forces[0]).max()
             assert problem.history[-1]["residual"] <= 1e-9
-            assert np.abs(result.frame.v).max() <= 10.0 * depth
             drag = np.linalg.norm(result.frame_friction.sum(axis=0))
             assert drag <= 0.3 * result.frame_force.sum() * (1.0 + 1e-9)
     assert drag > 0.5 * 0.3 * result.frame_force.sum()
