@@ -20,6 +20,7 @@ from dolfinx_llm.contact.state import InterfaceState
 UNPARTED = 5  # iterations, after which pairs should have parted by themselves
 FORCELESS = 1e-6  # forces over stiffness times motion, that press no bodies
 OVERLAP = 0.1  # of the motion, by which bodies that have parted are in each other at most
+WITHIN_EACH = 0.5  # the same, from which on a step in which nothing presses is none
 WELL_CLEAR = 1e-4  # of the motion: how far bodies are apart that will not meet without these forces
 
 
@@ -81,7 +82,7 @@ class Parted:
         """
         for s in self._every:
             motion = self._forceless(s, multiplier, position)
-            if motion and (distance := _distance(s, position)) < -0.5 * motion:
+            if motion and (distance := _distance(s, position)) < -WITHIN_EACH * motion:
                 raise ContactError(
                     f"interface {s.nodes.geometry.interface.name}: nothing presses, and the bodies "
                     f"are in each other by {-distance:.3g}: on surfaces so coarse the frame may be "

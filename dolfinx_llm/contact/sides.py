@@ -93,10 +93,7 @@ def side_result(
 
 
 def between_bodies(
-    geometry: InterfaceGeometry,
-    sides: list[SideResult],
-    scale: float,
-    held: Array,
+    geometry: InterfaceGeometry, sides: list[SideResult], scale: float, held: Array
 ) -> list[SideResult]:
     """The sides with gaps between the bodies, and open where these are apart and none of the pairs
     held (n,), which may pull.
@@ -172,7 +169,7 @@ def known_slips(
         p, side = geometry.pairs[k], sides[k]
         untold = idle[first : first + p.base[:, :, 0].size].reshape(p.base.shape[:2]).copy()
         first += untold.size
-        if law.slips and not law.gives:
+        if not law.gives:
             untold |= (side.status == CLOSED)[:, None]
         untold[side.status == OPEN] = untold[:, -1] = False  # the last row is the normal's
         own = 0.5 * (side.u - N @ sides[1 - k].u) - side.slip
