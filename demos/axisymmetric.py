@@ -16,7 +16,7 @@ import gmsh
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
-from hertz2d import CONTACT, DIAMETER, NU, REACH, E, R, fit, hold
+from hertz2d import CONTACT, DIAMETER, NU, REACH, E, R, fit, graded, hold
 from mpi4py import MPI
 
 import dolfinx_llm as llm
@@ -60,16 +60,7 @@ def quarter(comm, n, up, growth=0.06):
         face = geo.addPlaneSurface([geo.addCurveLoop([contact, rest, equator, axis])])
         geo.synchronize()
         own.setTransfiniteCurve(contact, round(REACH * n) + 1)
-        distance, size = own.field.add("Distance"), own.field.add("Threshold")
-        own.field.setNumbers(distance, "EdgesList", [contact])
-        own.field.setNumber(distance, "NNodesByEdge", 200)
-        for name, value in {
-            "IField": distance, "LcMin": RADIUS / n, "LcMax": RADIUS / n + growth * R,
-            "DistMin": 0.0, "DistMax": R,
-        }.items():  # fmt: skip
-            own.field.setNumber(size, name, value)
-        own.field.setAsBackgroundMesh(size)
-        gmsh.option.setNumber("Mesh.CharacteristicLengthExtendFromBoundary", 0)
+        graded([contact], RADIUS / n, growth)
         for curve, tag in ((contact, CONTACT), (equator, DIAMETER)):
             gmsh.model.addPhysicalGroup(1, [curve], tag)
         gmsh.model.addPhysicalGroup(2, [face], 3)

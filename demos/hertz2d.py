@@ -38,6 +38,20 @@ def hertz(scene, load=1.0):
     return a, 2 * P / (np.pi * a)
 
 
+def graded(curves, finest, growth):
+    """Sizes of elements of the gmsh model: finest at curves, larger by growth times distance."""
+    field = gmsh.model.mesh.field
+    near, size = field.add("Distance"), field.add("Threshold")
+    field.setNumbers(near, "EdgesList", curves)
+    field.setNumber(near, "NNodesByEdge", 200)
+    for name, value in {
+        "IField": near, "LcMin": finest, "LcMax": finest + growth * R, "DistMin": 0.0, "DistMax": R,
+    }.items():  # fmt: skip
+        field.setNumber(size, name, value)
+    field.setAsBackgroundMesh(size)
+    gmsh.option.setNumber("Mesh.CharacteristicLengthExtendFromBoundary", 0)
+
+
 # ## A half disc that touches (0, 0) from above (up = 1) or below (-1)
 def half_disc(comm, a, n, up, growth=0.06, degree=1):
     """Mesh of first or second order and facet tags; n elements over the half-width a, larger by
@@ -60,16 +74,7 @@ def half_disc(comm, a, n, up, growth=0.06, degree=1):
         geo.synchronize()
         for arc in contact:
             mesh.setTransfiniteCurve(arc, round(REACH * n) + 1)
-        near, size = mesh.field.add("Distance"), mesh.field.add("Threshold")
-        mesh.field.setNumbers(near, "EdgesList", contact)
-        mesh.field.setNumber(near, "NNodesByEdge", 200)
-        for name, value in {
-            "IField": near, "LcMin": a / n, "LcMax": a / n + growth * R,
-            "DistMin": 0.0, "DistMax": R,
-        }.items():  # fmt: skip
-            mesh.field.setNumber(size, name, value)
-        mesh.field.setAsBackgroundMesh(size)
-        gmsh.option.setNumber("Mesh.CharacteristicLengthExtendFromBoundary", 0)
+        graded(contact, a / n, growth)
         for curves, tag in ((contact, CONTACT), (diameter, DIAMETER)):
             gmsh.model.addPhysicalGroup(1, curves, tag)
         gmsh.model.addPhysicalGroup(2, surfaces, 3)
