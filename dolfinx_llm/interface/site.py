@@ -13,6 +13,7 @@ from dolfinx_llm.base import compat
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.geometry.cells import unit_normals
 from dolfinx_llm.geometry.spaces import is_scalar
 from dolfinx_llm.geometry.surface import Surface, check_sides, extract_surface
@@ -48,7 +49,8 @@ def find_site(
         extract_surface(spaces[i], tags, tag) for i, (tags, tag) in zip(owners, tagged, strict=True)
     )
     name, thickness = f"interface {interface.name}", interface.thickness
-    whole = tuple(side.with_depth(thickness, name) for side in whole)
+    with collective(spaces[0].mesh.comm):  # a function of the user's
+        whole = tuple(side.with_depth(thickness, name) for side in whole)
     if interface.shift is not None:
         whole = whole[0], brought(whole[1], interface.shift)
     if len(whole) == 2:

@@ -55,7 +55,9 @@ def free_surface_load(
         pressure = checks.number("pressure", pressure, "must be a finite number")
         other_side = None if covered_by is None else _other(V, covered_by)
     agree(V.mesh.comm, "pressure and tags", (pressure, tag, other_side and other_side[2]))
-    side = extract_surface(V, facet_tags, tag).with_depth(thickness, "free_surface_load")
+    side = extract_surface(V, facet_tags, tag)
+    with collective(V.mesh.comm):
+        side = side.with_depth(thickness, "free_surface_load")
     nodal = np.zeros_like(side.x)
     np.add.at(nodal, side.cells, -pressure * facet_vectors(side.x, side.cells, side.thickness))
     if other_side is not None:

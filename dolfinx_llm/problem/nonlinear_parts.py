@@ -134,7 +134,8 @@ def _on_itself(interface: SelfContact, dofs: BodyDofs) -> Placed:
     [(tags, tag)] = interface.tagged_sides()
     space = space_of(tags, dofs.spaces)
     surface = extract_surface(dofs.spaces[space], tags, tag)
-    surface = surface.with_depth(interface.thickness, f"interface {interface.name}")
+    with collective(dofs.comm):
+        surface = surface.with_depth(interface.thickness, f"interface {interface.name}")
     [surface] = _near([surface])
     sides = SelfSides.of_one(surface)
     site = Site(interface, sides.surfaces, (space, space), None, dofs.comm)
@@ -227,7 +228,8 @@ def follower_of(load: FreeSurfacePressure, dofs: BodyDofs) -> Placed:
     surfaces = [
         extract_surface(dofs.spaces[i], tags, tag) for i, (tags, tag) in zip(spaces, tagged)
     ]
-    surfaces[0] = surfaces[0].with_depth(load.thickness, "FreeSurfacePressure")
+    with collective(dofs.comm):
+        surfaces[0] = surfaces[0].with_depth(load.thickness, "FreeSurfacePressure")
     near = _near(surfaces)
     return _placed(Follower.of(load, near), near, spaces, dofs)
 
