@@ -53,7 +53,9 @@ def measure(n):
     area = common_area(*sides, plane)
     loads = [NodalLoads.on(side, plane.project(side.x), area) for side in sides]
     stop("patch forces")
-    frame, _ = predict_frame(sides, [load.touched for load in loads], plane)
+    frame, _ = predict_frame(
+        sides, [load.touched for load in loads], plane, by_nodes=True, corners=4
+    )
     stop("frame")
     pairs = locate_pairs(sides, loads, frame, 3.0, plane)
     stop("location")
