@@ -1,4 +1,4 @@
-"""What annotations call an array."""
+"""What annotations call an array, and what users may give in its place."""
 
 from __future__ import annotations
 
@@ -12,3 +12,5 @@ if TYPE_CHECKING:  # with parameters, which Debian 12's NumPy asks for
     Array: TypeAlias = NDArray[Any]
 else:
     Array = np.ndarray
+
+Given: TypeAlias = Any  # numbers, a list or tuple of them, or an array, which is what is kept of it

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base import checks
-from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.arrays import Array, Given
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.geometry.cells import cell_sizes, corner_jacobians, points_of
@@ -65,8 +65,8 @@ class Frame:
     (90.0, 1.0)
     """
 
-    x: Array
-    cells: Array
+    x: Given
+    cells: Given
     v: Array | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:

@@ -50,7 +50,7 @@ class Interface:
     """
 
     facet_tags: Any
-    sides: tuple[Any, ...]
+    sides: Any
     law: Law = field(default_factory=Tied)
     frame: Frame | None = None
     design: str | None = "auto"

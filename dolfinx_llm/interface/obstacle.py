@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dolfinx_llm.base import checks
-from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.arrays import Array, Given
 from dolfinx_llm.base.errors import ContactInputError
 
 
@@ -61,12 +61,12 @@ class Obstacle:
     array([[0. , 0.2]])
     """
 
-    displacement: Array | None = field(default=None, kw_only=True)  # (gdim,) [length]
-    rotation: float | Array | None = field(default=None, kw_only=True)  # angle, (3,) [rad]
-    pivot: Array | None = field(default=None, kw_only=True)  # (gdim,) [length]
-    force: tuple[float | None, ...] | None = field(default=None, kw_only=True)  # (gdim,) [force]
+    displacement: Given = field(default=None, kw_only=True)  # (gdim,) [length]
+    rotation: Given = field(default=None, kw_only=True)  # angle, (3,) [rad]
+    pivot: Given = field(default=None, kw_only=True)  # (gdim,) [length]
+    force: Given = field(default=None, kw_only=True)  # (gdim,) [force]
     # about the pivot: a number, in 3D (3,) [force length]
-    moment: float | tuple[float | None, ...] | Array | None = field(default=None, kw_only=True)
+    moment: Given = field(default=None, kw_only=True)
 
     everywhere = False  # all of the surface takes part, with normals of its own
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base import checks
-from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.arrays import Array, Given
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
@@ -56,8 +56,8 @@ class RigidPlane(Obstacle):
     [-0.0, -1.0]
     """
 
-    point: Array
-    normal: Array
+    point: Given
+    normal: Given
 
     def __post_init__(self) -> None:
         self.point = vector("point", self.point)
@@ -92,7 +92,7 @@ class RigidSphere(Obstacle):
     array([-1.,  1.])
     """
 
-    centre: Array
+    centre: Given
     radius: float
     inside: bool = False
 
@@ -129,8 +129,8 @@ class RigidCylinder(Obstacle):
     (0.5, [[1.0, 0.0, 0.0]])
     """
 
-    point: Array
-    axis: Array
+    point: Given
+    axis: Given
     radius: float
     inside: bool = False
 
@@ -229,7 +229,7 @@ class MeanDisplacement(Obstacle):
     array([[0., 1.]])
     """
 
-    mean: Any
+    mean: Given
 
     everywhere = True
 

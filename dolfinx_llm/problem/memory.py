@@ -169,7 +169,7 @@ class Remembering:
         accepted: Callable[[Any], None] | None = None,
         state: fem.Function | Sequence[fem.Function] = (),
         dt: fem.Constant | Sequence[fem.Constant] | None = None,
-    ) -> fem.Function | list[fem.Function]:
+    ) -> Any:
         """Take a load step: from the last state to what conditions, loads and forms say now. All
         that has changed since is noticed. ``reset()`` forgets the last state.
 
@@ -209,6 +209,6 @@ class Remembering:
             memory.ends(given_up)
         return found
 
-    def _take(self, increments: int, memory: Memory) -> fem.Function | list[fem.Function]:
+    def _take(self, increments: int, memory: Memory) -> Any:
         """The load step of ``solve``."""
         raise NotImplementedError

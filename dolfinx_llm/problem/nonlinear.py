@@ -135,8 +135,8 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
             hold(self._newton.equations, self._solver, self._petsc)
 
     @property
-    def u(self) -> fem.Function | list[fem.Function]:
-        """The displacement, as it was given."""
+    def u(self) -> Any:
+        """The displacement, as it was given: a Function, or a list."""
         return self.bulk.u if self._several else self.bulk.u[0]
 
     @property
@@ -167,7 +167,7 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
             np.zeros(len(self.bulk.dofs.fixed)),
         )
 
-    def _take(self, increments: int, memory: Memory) -> fem.Function | list[fem.Function]:
+    def _take(self, increments: int, memory: Memory) -> Any:
         """A load step from the last state."""
         self.update()
         with collective(self.comm):

@@ -37,7 +37,7 @@ class Differentiable:
     bulk: LinearBulk
     method: ContactMethod
 
-    def adjoint(self, dJ: ufl.Form | Sequence[ufl.Form]) -> fem.Function | list[fem.Function]:
+    def adjoint(self, dJ: ufl.Form | Sequence[ufl.Form]) -> Any:
         """Solve the transposed system of the last ``solve``, with its state of contact, for the
         sensitivities of a functional J(u): with p that is returned, dJ/dm is the derivative of
         L(p) - a(u, p) by what m changes there, u held. Collective.
@@ -50,7 +50,8 @@ class Differentiable:
                 sequence of them for several meshes.
 
         Returns:
-            The adjoint displacement p, zero where displacements are prescribed.
+            The adjoint displacement p, a Function or a list, zero where displacements are
+            prescribed.
 
         Raises:
             ContactInputError: another form.
@@ -139,8 +140,8 @@ class ContactProblem(Remembering, Following, Differentiable, Pictured, SavedCont
         self._remains = Remains([V.mesh for V in self.spaces])
 
     @property
-    def u(self) -> fem.Function | list[fem.Function]:
-        """The displacement of the last ``solve``, as it was returned.
+    def u(self) -> Any:
+        """The displacement of the last ``solve``, as it was returned: a Function, or a list.
 
         Raises:
             ContactError: nothing has been solved, or after ``destroy``.
@@ -172,7 +173,7 @@ class ContactProblem(Remembering, Following, Differentiable, Pictured, SavedCont
         """K, by the name that dolfinx's ``LinearProblem`` has for it."""
         return self.K
 
-    def _take(self, increments: int, memory: Memory) -> fem.Function | list[fem.Function]:
+    def _take(self, increments: int, memory: Memory) -> Any:
         """A load step: ``update``, assemble the load, solve, and fill ``results``."""
         increments = step_arguments(self.comm, increments, self.interfaces, self.spaces)
         self.update()

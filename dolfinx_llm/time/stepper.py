@@ -153,16 +153,16 @@ class TimeStepper(Steps):
         self._adaptive, self._touch = adaptive, Touch(*(np.zeros(0),) * 3, 0.0, 0.0)
 
     @property
-    def u(self) -> fem.Function | list[fem.Function]:
+    def u(self) -> Any:
         """Displacement, a Function or a list [length]."""
         return self._u if self._several else self._u[0]
 
     @property
-    def v(self) -> fem.Function | list[fem.Function]:
+    def v(self) -> Any:
         """Velocity, a Function or a list [length / time]."""
         return self._v if self._several else self._v[0]
 
-    def step(self) -> fem.Function | list[fem.Function]:
+    def step(self) -> Any:
         """Go on by dt, to the loads and prescribed values as they are now; in parts where that
         fails.
 

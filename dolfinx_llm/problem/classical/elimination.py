@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from dolfinx import fem
 from petsc4py import PETSc
 from scipy.linalg import solve_triangular
 from scipy.sparse import csr_matrix
@@ -96,7 +95,7 @@ class Elimination(ClassicalForm):
         basis.destroy()
         return Q
 
-    def solve(self) -> fem.Function | list[fem.Function]:
+    def solve(self) -> Any:
         """Assemble the load and solve (36).
 
         Returns:

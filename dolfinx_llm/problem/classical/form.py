@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from dolfinx import fem
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
@@ -153,7 +152,7 @@ class ClassicalForm:
         check_lost(verdict)
         self.residual = verdict.residual
 
-    def _functions(self, u: Array) -> fem.Function | list[fem.Function]:
+    def _functions(self, u: Array) -> Any:
         functions = self.problem.bulk.functions(u)
         return functions if self.problem.bulk.several else functions[0]
 

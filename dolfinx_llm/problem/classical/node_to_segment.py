@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from dolfinx import fem
 from scipy.sparse import block_diag, csr_matrix
 
 from dolfinx_llm.base import checks
@@ -128,7 +127,7 @@ class NodeToSegment(ClassicalForm):
         change = gather_rows(self.problem.comm, moved)
         check_support(rigid_motions(bodies, self.problem.K, fixed), [(None, csr_matrix(change))])
 
-    def solve(self) -> fem.Function | list[fem.Function]:
+    def solve(self) -> Any:
         """Assemble the load and solve (6).
 
         Returns:
