@@ -22,7 +22,7 @@ from dolfinx_llm.geometry.overlap_curved import is_flat
 from dolfinx_llm.geometry.overlap_flat import Plane, common_area, common_plane, plane_with
 from dolfinx_llm.geometry.surface import Surface
 
-TOGETHER = 0.2  # [rad] by which both surfaces may turn against the plane of what may part
+TOGETHER = 0.05  # [rad] by which both surfaces may turn against the plane of what may part
 VICINITY = 0.05  # width of the surroundings of the nearest place, in the surfaces' radius
 STRAIGHT = 1e-8  # difference of the unit normals of a flat side's facets
 

@@ -135,7 +135,7 @@ def with_law(site: Site, curved: bool) -> Site:
     if frame is not None and frame.element.order != least:
         raise ContactInputError(
             f"interface {interface.name}: the frame is of order {frame.element.order}, the bodies "
-            f"of {orders}, along contact that turns around a body (by more than 0.2 rad to either "
+            f"of {orders}, along contact that turns around a body (by more than 0.05 rad to either "
             f"side). Give a frame of order {least}, or none"
         )
     if law.components != "normal":
