@@ -144,7 +144,7 @@ class NewtonSteps:
         of = zip(self.equations.interfaces, run.poses, start.poses, run.terms, strict=True)
         for placed, now, before, t in of:
             if isinstance(placed.what, Pressed) and not self.equations.bodies.in_time:
-                with failing():
+                with failing(), collective(run.dofs.comm):
                     placed.what.check_pressed(t.place, now)
             if isinstance(placed.what, ObstacleFriction) and not run.turned:
                 gdim = placed.what.sides.gdim

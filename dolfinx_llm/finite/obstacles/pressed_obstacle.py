@@ -138,8 +138,8 @@ class Pressed(ObstacleContact):
         Raises:
             ContactError: it pulls the plane off, or along it by more than friction bears.
         """
-        force = pose[-len(self.forced) :][self.axes]
-        if not isinstance(self.obstacle, RigidPlane) or not force.any():
+        force, bounded = pose[-len(self.forced) :][self.axes], np.isfinite(self.leans)
+        if not (bounded and isinstance(self.obstacle, RigidPlane) and force.any()):
             return
         normal = place.normal[0][self.axes]
         along = float(normal @ force / np.linalg.norm(force))
