@@ -16,6 +16,7 @@ from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.finite.increment import Increment, StepFailed, failing
 from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstacleFriction
+from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed
 from dolfinx_llm.finite.pairs.terms import ContactTerms, Place
 from dolfinx_llm.finite.passage import check_obstacle, check_passage, left_over_edge, say_left
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
@@ -134,13 +135,17 @@ class NewtonSteps:
         rests = unknown and run.converged()
         if run.undrawn and not rests:
             run = Increment(self.equations, start, step, end)
-        self._check_turns(run, start)
+        self._check_poses(run, start)
         return run, rests
 
-    def _check_turns(self, run: Increment, start: NewtonState) -> None:
-        """Require that obstacles with friction turn against bodies by little: slip is a chord."""
-        of = zip(self.equations.interfaces, run.poses, start.poses, strict=True)
-        for placed, now, before in of:
+    def _check_poses(self, run: Increment, start: NewtonState) -> None:
+        """Require that obstacles with friction turn against bodies by little, as slip is a chord,
+        and forces on planes that contact can take; in time what pulls parts after the step."""
+        of = zip(self.equations.interfaces, run.poses, start.poses, run.terms, strict=True)
+        for placed, now, before, t in of:
+            if isinstance(placed.what, Pressed) and not self.equations.bodies.in_time:
+                with failing(), collective(run.dofs.comm):
+                    placed.what.check_pressed(t.place, now)
             if isinstance(placed.what, ObstacleFriction) and not run.turned:
                 gdim = placed.what.sides.gdim
                 turn = (now - before)[2 * gdim : 2 * gdim + (1 if gdim == 2 else 3)]

@@ -10,6 +10,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_llm.base import checks, compat
+from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import agree, collective, told
 from dolfinx_llm.geometry.spaces import check_space
 from dolfinx_llm.operators.petsc import block_diagonal, diagonal_of, times
@@ -71,7 +72,7 @@ class TimeStepper(Steps):
             is more the step is divided, which factorises anew. None: no step is.
         damping: 0 to 1: takes d ω² dt / 2 of a motion of frequency ω per unit of time; 0.1 takes
             the swinging that follows the front of a wave, and the energy in it.
-        options: of the problem: ``bcs``, ``solver``, ...
+        options: of the problem: ``bcs``, ``solver``, ..., but no ``J``.
 
     Attributes:
         u, v: displacement and velocity, a Function or a list; set them before the first step.
@@ -111,6 +112,11 @@ class TimeStepper(Steps):
             if accepted is not None and not callable(accepted):
                 checks.refuse("accepted", accepted, "give a function of the stepper, or None")
             _check_choices(adaptive, damping)
+            if options.get("J") is not None:
+                raise ContactInputError(
+                    "J: forces of a step are means of F on its way, and those of inertia, whose "
+                    "derivatives are found: leave J out"
+                )
             chosen = interface_list(interfaces, spaces)
             densities = given_densities(rho, spaces)
             one = [nodal_loads] if isinstance(nodal_loads, fem.Function) else nodal_loads

@@ -1266,6 +1266,7 @@ add(
 )
 add("accepted=.*give a function of the stepper", lambda s: stepper(s, accepted=1))
 add("dt=.*give a positive number", *(lambda s, x=x: stepper(s, dt=x) for x in (1e-300, 1e300, -1)))
+add("J: .* leave J out", lambda s: stepper(s, J=s.a))
 add("forms J", lambda s: s.nonlinear(J=[]))
 add("solver=", lambda s: s.nonlinear(solver="magic"))
 add("petsc_options", lambda s: s.nonlinear(petsc_options=3))

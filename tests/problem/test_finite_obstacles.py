@@ -408,6 +408,48 @@ def test_refused():
         problem.solve()
 
 
+@pytest.mark.parametrize(
+    ("law", "force", "stands"),
+    [
+        (llm.Frictionless(), (None, 10.0), 0.5),
+        (ROUGH, (5.0, -10.0), 0.6),
+        (ROUGH, (-3.0, -10.0), 1.0),
+        (llm.Coulomb(0.3, cohesion=50.0), (5.0, -10.0), 1.0),
+        (llm.Sliding(), (None, 10.0), 1.0),
+        (llm.Tied(), (None, 10.0), 1.0),
+    ],
+    ids=str,
+)
+def test_forces_that_pull_a_plane_off(law, force, stands):
+    """Told in a sentence, without Newton's iteration going astray in each increment; the state is
+    that of what contact bears, from which a force within it goes on."""
+    _, tags, V, u, F = block("quad")
+    held = fem.locate_dofs_topological(V, 1, tags.indices[tags.values == FOOT])
+    before = (None if force[0] is None else 0.0, -10.0)
+    lid = llm.RigidPlane((0.0, 1.0), (0.0, -1.0), force=before)
+    interface = llm.Interface(tags, (TOP, lid), law=law)
+    bcs = [fem.dirichletbc(fem.Function(V), held)]
+    problem = llm.NonlinearContactProblem(F, u, bcs=bcs, interfaces=[interface])
+    problem.solve()
+    lid.force = force
+    if stands == 1.0:
+        problem.solve()
+    else:
+        with pytest.raises(llm.ContactError, match=r"does not balance the force .*RigidPlane"):
+            problem.solve()
+    now, then = (np.array([f or 0.0 for f in a]) for a in (force, before))
+    [result] = problem.results
+    borne = then + stands * (now - then)
+    bound = 20.0 / 256.0 + 1e-9  # the smallest increment of a step of 20
+    sign = np.where([f is None for f in force], 0.0, -1.0)
+    assert np.abs(sign * result.resultant - borne).max() <= (bound if stands < 1.0 else 1e-9)
+    assert len(problem.history) <= 40
+    if stands < 1.0:
+        lid.force = before
+        problem.solve()
+        assert np.abs(sign * problem.results[0].resultant - then).max() <= 1e-9
+
+
 def pressed_disc(a, n=8):
     """Forces on a half disc whose diameter is pressed down by a²/R onto a plane, with n elements
     over the half-width a: of the linear and of the nonlinear problem."""

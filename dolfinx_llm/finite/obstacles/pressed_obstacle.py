@@ -16,6 +16,7 @@ import numpy as np
 from scipy.sparse import block_diag, bmat, csr_matrix
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.sparse import diagonal, per_item
 from dolfinx_llm.finite.obstacles.obstacle_contact import (
     ObstacleContact,
@@ -24,8 +25,10 @@ from dolfinx_llm.finite.obstacles.obstacle_contact import (
 )
 from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, yields
 from dolfinx_llm.interface.against import RESISTED, check_resisted
+from dolfinx_llm.interface.obstacles import RigidPlane
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 
+BARELY = 1e-9  # cosine beyond that of the cone of friction that is rounding
 FALLS = 1e-9  # over the stiffness: by which an obstacle in contact yields to a force, at most
 
 
@@ -124,6 +127,33 @@ class Pressed(ObstacleContact):
             parts.append(per_item(yields(P, free, held) * -1.0 * (status == STICK)[:, None, None]))
         return block_diag(parts)
 
+    @property
+    def leans(self) -> float:
+        """Tangent of the largest angle between a node's force and the normal; inf: any."""
+        return 0.0
+
+    def check_pressed(self, place: ObstaclePlace, pose: Array) -> None:
+        """Require a force on a plane, whose normal is the same everywhere, that contact can take.
+
+        Raises:
+            ContactError: it pulls the plane off, or along it by more than friction bears.
+        """
+        force, bounded = pose[-len(self.forced) :][self.axes], np.isfinite(self.leans)
+        if not (bounded and isinstance(self.obstacle, RigidPlane) and force.any()):
+            return
+        normal = place.normal[0][self.axes]
+        along = float(normal @ force / np.linalg.norm(force))
+        # Of all forces with these components that which is nearest to the normal.
+        beside = max(0.0, 1.0 - float(normal @ normal))
+        nearest = np.hypot(np.sqrt(beside), max(along, 0.0))
+        if nearest < (1.0 - BARELY) / np.hypot(1.0, self.leans):
+            raise ContactError(
+                f"contact does not balance the force on the {type(self.obstacle).__name__}, "
+                f"{force.tolist()} along components {self.axes.tolist()}: it is pulled off, or "
+                "slides without end. Give None where its displacement is to be prescribed, or "
+                "change the force"
+            )
+
     def _resists(self, place: ObstaclePlace, status: Array, force: Array) -> None:
         """Require contact that can resist the force (f,) on the obstacle."""
         closed = status == CLOSED
@@ -141,3 +171,7 @@ class Pressed(ObstacleContact):
 @dataclass(frozen=True, eq=False)
 class PressedFriction(Pressed, ObstacleFriction):
     """With friction, which resists forces along the obstacle."""
+
+    @property
+    def leans(self) -> float:
+        return np.inf if self.cohesion.any() else float(self.mu.max(initial=0.0))

@@ -41,6 +41,8 @@ class TiedObstacle(Bound, Pressed):
     """Unknowns: a force of gdim components per node, at second order of control values, then the
     motions of the obstacle that forces and moments are prescribed for, as lengths."""
 
+    leans = np.inf  # it bears any force
+
     tied: Array  # (n,) nodes that are
     points: Array  # (n, gdim) of the obstacle that they touch, as drawn [length]
     directions: Array  # (n, gdim) out of the obstacle there, as drawn

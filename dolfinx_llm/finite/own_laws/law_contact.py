@@ -163,6 +163,8 @@ class LawOnObstacle(LawContact, ObstacleFriction):
 class LawOnPressed(Pressed, LawOnObstacle):
     """On a rigid obstacle under a force."""
 
+    leans = np.inf  # it may pull
+
     def _resists(self, place: Any, status: Array, force: Array) -> None:
         if not self.law.slips:  # it says itself what it bears along the surface
             super()._resists(place, status, force)
