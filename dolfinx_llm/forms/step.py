@@ -154,7 +154,9 @@ class StepForm(ABC):
     Attributes:
         name: for ``print(problem)``, messages and ``problem.form``.
         accuracy: of L_bᵀ λ = 0 and of laws of friction, over the largest force, that it reaches.
-        proximal: what holds frame nodes that nothing touches, over the surfaces' stiffness.
+        proximal: what holds frame nodes that nothing touches, over the surfaces' stiffness. The
+            smaller, the sooner nodes under a tiny force are where they touch; slender bodies
+            are moved by what it leaves of balance until then.
         noise: rounding of multipliers in the last step, where they are differences [force].
         tolerance: residual of K u + B λ = f that was asked of it, if it is large [force].
         takes_K: ``prepare`` uses K up; the problem assembles another where it is asked for.
@@ -164,7 +166,7 @@ class StepForm(ABC):
 
     name: str = "own form"
     accuracy: float = 1e-12
-    proximal: float = 1e-10
+    proximal: float = 1e-13
     noise: float = 0.0
     tolerance: float = 0.0
     takes_K: bool = False
