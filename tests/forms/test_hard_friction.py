@@ -100,3 +100,17 @@ def test_factorised(data, laws, most):
     found, taken, _ = dragged(V, tags, a, height, "condensed", {"pc_type": "lu"})
     assert np.abs(found - known).max() <= most * np.abs(known).max()
     assert taken <= laws
+
+
+@pytest.mark.parametrize(("data", "most"), [({"ratio": 1e9}, 1e-5), ({"aspect": 300.0}, 1e-5)])
+def test_amplified_rounding_is_said(data, most):
+    """By how much forms differ: 1e-6 and 1e-7 of the forces, and nothing was said."""
+    V, tags, a = blocks(3, **data)
+    height = data.get("aspect", 1.0)
+    ways = ("auto", None), ("condensed", {"pc_type": "lu"})
+    found = [dragged(V, tags, a, height, *way) for way in ways]
+    difference = np.abs(found[0][0] - found[1][0]).max() / np.abs(found[0][0]).max()
+    for _, _, problem in found:
+        verdict = problem.method.iteration.verdict
+        assert difference <= 10.0 * verdict.felt <= 10.0 * most
+        assert "contact forces may be off" in str(problem)
