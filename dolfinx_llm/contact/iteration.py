@@ -79,7 +79,7 @@ class ContactIteration:
             state.forget()
         nothing: Any = None
         self.multiplier = self.w = self.alpha = self.last = nothing
-        self.forces = self.ended = self.pressed = self.rounding = self.rounded = 0.0
+        self.forces = self.ended = self.pressed = self.rounding = self.rounded = self.felt = 0.0
         self.verdict = Verdict(0.0, 0.0)
         self.f, self.g = self._rest
         self.equations.loads = np.zeros(self.equations.n_v)

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.contact.iteration import ContactIteration
@@ -30,6 +32,7 @@ from dolfinx_llm.operators.support import least_squares
 
 log = logging.getLogger("dolfinx_llm")
 
+AT_STAKE = 1e-12  # of contact forces: rounding of stiffness times displacement that may matter
 SMALLEST = 1.0 / 16.0  # part of an increment that is tried before giving up
 
 
@@ -149,9 +152,27 @@ def _judged(iteration: ContactIteration, found: StepResult, f: Array, g: Array) 
     if beyond(max(left, iteration.forces), stiffness * max(moved, size(g), positions)):
         verdict = judge(left, terms, iteration.forces, form.describe(), form.tolerance)
     check_lost(verdict)
+    most = size(multiplier)
+    # What has slipped before by rounding sticks there.
+    felt = iteration.felt if any(s.law.slips for s in iteration.states) else 0.0
+    if form.factorised and iteration.rounded < most < EPS * terms / AT_STAKE:
+        felt = max(felt, EPS * _felt(iteration, f, u))
+    iteration.felt, felt = felt, felt / most if most > iteration.rounded else 0.0
     drift = operators.floating.drift(equations.L, equations.n_v, equations.closed_rows())
     left_open = neutral(equations, operators.floating, multiplier)
-    iteration.verdict = replace(verdict, drift=drift, neutral=left_open)
+    iteration.verdict = replace(verdict, felt=felt, drift=drift, neutral=left_open)
     for words in iteration.verdict.lost if operators.comm.rank == 0 else []:
         log.warning(words)
     return u
+
+
+def _felt(iteration: ContactIteration, f: Array, u: Array) -> float:
+    """Largest contact force [force] that answers to forces of the sizes that are summed up in
+    K u - f, of random signs, with the pairs in contact as they are: their size alone does not tell
+    what slender bodies, whose ends they bend, make of their rounding."""
+    form, operators = iteration.form, iteration.operators
+    free, random = ~operators.dofs.fixed, np.random.default_rng(2001 + operators.comm.rank)
+    signs = random.choice([-1.0, 1.0], (2, len(u)))
+    summed = form.left(0.0 * f, signs[0] * free * u, np.zeros(iteration.equations.n))
+    load = free * signs[1] * (np.abs(summed) + np.abs(f))
+    return size(form.solve(load, iteration.last.unloaded()).multiplier)

@@ -27,6 +27,7 @@ class Reached:
     ended: float  # largest at its end [force]
     rounding: float  # of forces that were found from the last ones [force]
     rounded: float  # of these by themselves [force]
+    felt: float  # what contact forces make of it, at most, and of what has slipped by it [force]
     verdict: Verdict  # of the last load step
     last: LinearStep | None  # of the last iteration
     history: list[dict[str, Any]]  # of the last load step

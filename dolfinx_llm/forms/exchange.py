@@ -41,7 +41,6 @@ class WholeSteps(StepForm):
     matrix stays."""
 
     accuracy = 1e-13  # of balance and law, relative
-    proximal = 1e-10  # as small as factorisation and preconditioner bear
     most = 200  # pairs that are asked for; where more have a wrong sign, all of these change
     eager = True  # asks whenever it may, not only where change has brought nothing
 

@@ -61,20 +61,15 @@ class LinearStep:
             np.zeros(n),
         )  # fmt: skip
 
+    def unloaded(self) -> LinearStep:
+        """The step without loads, with what is in contact now."""
+        names = "may_open", "g", "rhs", "anchor", "pull", "about"
+        return replace(self, **{name: np.zeros_like(getattr(self, name)) for name in names})
+
     def transposed(self) -> LinearStep:
-        """The step without loads whose matrix is the transpose of this one's, with what is in
-        contact now."""
-        n, m = self.L.shape
-        return replace(
-            self,
-            may_open=np.zeros(n, dtype=bool),
-            L=self.E.T.tocsr(),
-            E=self.L.T.tocsr(),
-            D=self.D.T.tocsr(),
-            g=np.zeros(n),
-            rhs=np.zeros(m),
-            about=np.zeros(n),
-        )
+        """The step without loads whose matrix is the transpose of this one's."""
+        E, L, D = (M.T.tocsr() for M in (self.L, self.E, self.D))
+        return replace(self.unloaded(), L=L, E=E, D=D)
 
     @cached_property
     def holds(self) -> bool:
@@ -154,9 +149,11 @@ class StepForm(ABC):
     Attributes:
         name: for ``print(problem)``, messages and ``problem.form``.
         accuracy: of L_bᵀ λ = 0 and of laws of friction, over the largest force, that it reaches.
-        proximal: what holds frame nodes that nothing touches, over the surfaces' stiffness.
+        proximal: what holds frame nodes that nothing touches, over the surfaces' stiffness. What it
+            carries until they are where they touch moves slender bodies.
         noise: rounding of multipliers in the last step, where they are differences [force].
         tolerance: residual of K u + B λ = f that was asked of it, if it is large [force].
+        factorised: another load of the last step costs little.
         takes_K: ``prepare`` uses K up; the problem assembles another where it is asked for.
         K: PETSc AIJ stiffness of the bodies, identity rows and columns at prescribed dofs.
         operators: ``ContactOperators``: B and L_b, numbers of rows and unknowns, ``scale``.
@@ -164,9 +161,10 @@ class StepForm(ABC):
 
     name: str = "own form"
     accuracy: float = 1e-12
-    proximal: float = 1e-10
+    proximal: float = 1e-13
     noise: float = 0.0
     tolerance: float = 0.0
+    factorised: bool = True
     takes_K: bool = False
     K: PETSc.Mat
     operators: ContactOperators

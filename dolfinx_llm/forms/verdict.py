@@ -28,6 +28,7 @@ class Verdict:
 
     residual: float  # over the size of forces
     rounding: float  # error of the forces that no solver can avoid, over their size
+    felt: float = 0.0  # the same of contact forces, over the largest of these, as it was measured
     drift: float = 0.0  # the same of rigid motions that weak springs hold, over the motion's size
     neutral: str = ""  # words for a motion that contact leaves open
 
@@ -50,6 +51,11 @@ class Verdict:
                 f"forces may be off by {self.rounding:.0e}, by rounding alone: stiffness times "
                 "displacement is that much larger than the loads. A stiff body hangs on a soft "
                 "one (hold it by a support or a spring), or cells are slivers"
+            )
+        elif self.felt > UNBALANCED:
+            words.append(
+                f"contact forces may be off by {self.felt:.0e} of the largest, by rounding, which "
+                "slender bodies, or a stiff one beside a soft one, amplify"
             )
         if self.drift > DRIFTED:
             words.append(

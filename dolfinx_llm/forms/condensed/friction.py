@@ -35,6 +35,7 @@ AT_ROUNDING = 1e-10  # of the load: where GMRES has got there, rounding alone le
 SOLVED = 1e-12  # of the load: what is solved as far may be the end of an iteration
 HOPELESS = 150  # iterations with a multigrid of the same step, then a factorisation takes over
 OUTWORN = 2.0  # times the iterations per digit of a new multigrid, from which on it is made anew
+REFINES = 2  # solves with a factorisation for what is left by the bodies' own stiffness
 SPARE = 8  # iterations more that an old one may take
 
 
@@ -107,7 +108,12 @@ class FrictionStep:
             around = (f, u_b + u_0) if main and not self._of.loose else None
             q = self._iterate(b, start, load, around, main)
         if self._solver is not None:
-            q = self._solver.solve(b)
+            q = self._solver.once(b)
+            for _ in range(REFINES * main):
+                u_b, z_b = u_b + (form.motion(q) + u_0), z_b + form.frame_motion(q, v_0)
+                b, u_0, v_0 = self._loads_about(u_b, z_b, *loads)
+                forces = form.forces_alone(q)
+                q = forces + self._solver.once(self._solver.left(b, forces))
         u, S = u_b + (form.motion(q) + u_0), split.surface
         force = np.where(self._fixed[S], 0.0, f[S] - split.rows(u))
         found = form.A.T @ force + form.frame_multipliers(q, self._scale)

@@ -82,6 +82,7 @@ class CondensedForm(WholeSteps):
             found = self._frictionless(f, step, back)
         else:
             found = self._with_friction(f, step, back, new)
+        self.factorised = (self.system if self.friction is None else self.friction).direct
         return found if back else self._foretold(f, step, found)
 
     def _by_cg(self, step: LinearStep) -> bool:
@@ -184,9 +185,8 @@ class CondensedForm(WholeSteps):
         self.split.hold(self.operators.floating.pins, self._spring)
         if self.friction is None:
             options = self.prefix, dict(self.options or {})
-            few = "pc_type" not in options[1] and self.split.sizes[1] < FEWEST
-            few = few and not step.symmetric
-            direct = few or options[1].get("pc_type") in FACTORISED
+            few = self.split.sizes[1] < FEWEST and not step.symmetric
+            direct = _factorises(options[1], few, self.operators)
             self.friction = FrictionSystem(self.split, self.operators, options, direct)
         if self.operators.floating.rigid.modes.shape[1]:
             self.friction.weak = weak_motions(self.operators, step.L)
@@ -258,6 +258,15 @@ class _Symmetric:
 
     def destroy(self) -> None:
         """What is set up may serve the next step."""
+
+
+def _factorises(options: dict[str, Any], few: bool, operators: ContactOperators) -> bool:
+    """Whether steps that GMRES would solve are factorised from the start: as options say, else of
+    ``few`` unknowns, and along curved surfaces of second order: hundreds of iterations left no time
+    to ask for pairs, and the law took two to three times its own."""
+    if "pc_type" in options:
+        return options["pc_type"] in FACTORISED
+    return few or any(geometry.interface.law.follows for geometry in operators.geometries)
 
 
 def _smooth(operators: ContactOperators) -> bool:

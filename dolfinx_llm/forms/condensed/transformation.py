@@ -172,6 +172,13 @@ class Transformation:
         force = c * self.frame.Q @ q_v[self.frame.dependent]
         return self.W.T @ force[self._mine_D]
 
+    def forces_alone(self, q: Array) -> Array:
+        """(q_local,) the part of q that is forces."""
+        forces, places = 0.0 * q, len(self.fixed) + self.tail.seats
+        places = places[np.isin(self.tail.mine_used, self.frame.dependent)]
+        forces[places] = q[places]
+        return forces
+
     def force_unknowns(self, multiplier: Array, c: float) -> Array:
         """(q_local,) q of multipliers (rows,) that bind the frame alone, where they are unknown."""
         values, at = np.zeros(len(self.tail.columns)), self.frame.dependent
