@@ -10,7 +10,7 @@ import pytest
 from sampling import some_of
 
 from dolfinx_llm.finite.frame.areas import everything, surface_integrals
-from dolfinx_llm.finite.frame.design import Design
+from dolfinx_llm.finite.frame.design import CORRECTED, RAISED, Design
 from dolfinx_llm.finite.frame.location import find_on_frame
 from dolfinx_llm.finite.frame.self_sides import SelfSides
 from dolfinx_llm.finite.frame.sides import Sides
@@ -170,7 +170,7 @@ def pressed(name, law=None, mu=0.3):
         contact, law = LawOnFrame.under(law, told, sides, design, z), STICK
     elif law is not None:
         contact = FrictionContact(sides, design, np.full(n, mu), rng.uniform(0.0, 2.0, n))
-    q, held = np.zeros(contact.size), replace(contact.hold(z), limit=0.0)
+    q, held = np.zeros(contact.size), contact.hold(z)
     status, free = np.full(n, CLOSED if law is None else law), np.ones(len(z), dtype=bool)
     q[:n] = force
     if law is not None:  # it has gone along from elsewhere, and carries some friction
@@ -193,10 +193,13 @@ def pressed(name, law=None, mu=0.3):
 
 
 def differences(function, z, h=5e-7):
-    """Three random directions, and central differences of a function along them."""
+    """Three random directions, and central differences of fourth order along them: parts of
+    corrections that rows bear change by themselves in lengths of a thousandth."""
     E = np.random.default_rng(3).standard_normal((3, len(z)))
-    columns = [(function(z + h * e) - function(z - h * e)) / (2.0 * h) for e in E]
-    return E.T, np.array(columns).T
+    one, two = (
+        [(function(z + k * e) - function(z - k * e)) / (2.0 * k) for e in E] for k in (h, 2.0 * h)
+    )
+    return E.T, (4.0 * np.array(one).T - np.array(two).T) / 3.0
 
 
 BY_TURNS = list(itertools.product(SCENES, [None, STICK, SLIP, Bond(), Layer()]))
@@ -233,7 +236,9 @@ def test_tangent_is_the_derivative(name, law):
             initial=0.0
         )
     # The design matters here, and what it changes is differentiated.
-    assert t.delta > (0.01 if "second" in name else 0.03)
+    rows = t.place.rows
+    whole = np.abs(rows.whole - rows.N + rows.delta).max()
+    assert whole > (0.01 if "second" in name else 0.03)
 
 
 @pytest.mark.parametrize("name", some_of(list(SCENES), list(SCENES)[::3]))
@@ -255,6 +260,28 @@ def test_slip_of_increments_before_turns_and_stretches(name):
         there = contact.place(turned, q, contact.hold(turned))
         carried = in_plane(there.normal, contact.read(there, written))
         assert np.abs(carried - size * slip @ R.T).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["beyond one end", "beyond both, swapped"])
+def test_what_rows_bear_of_corrections(name):
+    """Both sides are balanced by whole rows; a row that this moves too far is corrected as far as
+    it bears, and the others are left as they are."""
+    sides, z, _ = scene(name)
+    y = sides.split(z)[1]
+    contact = NormalContact(sides, Design.of(y, sides.carrier.cells))
+    held = contact.hold(z)
+    place = contact.place(z, np.zeros(contact.size), held)
+    rows, allowed, (force, of_frame) = place.rows, RAISED * contact.design.size, place.loads
+    left, borne = rows.matrix(len(y), whole=True).T @ force[place.on] - of_frame, rows.G
+    left -= borne @ np.linalg.lstsq(borne, left, rcond=None)[0]
+    assert np.abs(left).max() < 1e-11 * of_frame.max()
+    raised = np.einsum("ns,ns->n", rows.delta, place.height)
+    most = np.abs(rows.delta).max(axis=1)
+    assert most.max() <= CORRECTED + 1e-12 and np.abs(raised).max() <= allowed * (1 + 1e-9)
+    full = np.abs(np.abs(raised) - allowed) < 1e-9 * allowed
+    full |= np.abs(most - CORRECTED) < 1e-9
+    less = (rows.N != rows.whole).any(axis=1)
+    assert 0 < less.sum() < len(less) and (less == full).all()
 
 
 def test_one_facet_at_a_frame_node():

@@ -5,7 +5,7 @@ which nodes share a facet) so that they vary continuously with the place of p, f
 
     sum_J delta_pJ = 0, sum_J delta_pJ t·y_J = 0 for tangents t at p    (forces and moments stay),
     on second-order frames sum_J delta_pJ t·(y_J - x_p) s·(y_J - x_p) = 0    (so do curved places),
-    sum_p N_pJ f_p - f_J = (G kappa)_J + k mu_J, Gᵀ mu = 0              (28).
+    sum_p N_pJ f_p - f_J = (G kappa)_J, Gᵀ mu = 0                       (28).
 
 With W = diag(w_p), C the rows (1, t·(y - x_p) / h), S = C W Cᵀ and one mu per frame node
 
@@ -14,8 +14,11 @@ With W = diag(w_p), C the rows (1, t·(y - x_p) / h), S = C W Cᵀ and one mu pe
 f_p and f_J are of the same area: see ``design_loads``. G are forces of affine pressures, in
 coordinates on the frame as drawn, of second order there as well, where f_J are those of unit
 pressure: what of the residual no correction can remove, since both surfaces carry the same force
-about the same place (rounding on flat ones). k = 0 but where the rim is covered so poorly that
-corrections would be large.
+about the same place (rounding on flat ones).
+
+Of corrections beyond what a row bears a part c_p is taken, N_p = N(xi_p) + c_p delta_p: each row
+tells it by itself, continuously, so that rows follow from positions alone, wherever increments
+begin. What (28) lacks by it stays near: at rims that are covered poorly, or where a frame bends.
 """
 
 from __future__ import annotations
@@ -37,13 +40,11 @@ from dolfinx_llm.geometry.loads import assembled
 from dolfinx_llm.geometry.overlap_flat import local_bases
 from dolfinx_llm.geometry.pairs import control_of
 
-CORRECTED = 0.4  # correction from which on the limit k is raised at the start of a step
-RAISED = 5e-3  # the same, for what corrections move places along the normal, over facet size
-LATER = 1.5  # times as much, from which on they are held back within a step as well
-# k over the largest force of unit pressure; with the last one rows stay as they are
-LIMITS = (0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e12)
+CORRECTED = 0.4  # correction of an entry that a row bears
+RAISED = 2e-3  # what corrections may move its place along the normal, over facet size, in the plane
 UNREACHED = 1e-12  # diagonal entry of M over the largest, of nodes that no row reaches
-FAINT = 1e-13  # the same, always: for parts of a frame that touch nothing else
+FAINT = 1e-13  # added to it, over the largest: for parts of a frame that touch nothing else
+UNDESIGNED = 1e12  # the same, where rows stay as they are
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,16 +91,18 @@ class DesignedRows:
     nodes: Array  # (n, s) frame node of each entry
     N: Array  # (n, s) entries
     delta: Array  # (n, s) corrections, part of N
-    M: csr_matrix  # (m, m) sum_p f_p P_p + k, how mu changes the residual [area]
+    whole: Array  # (n, s) entries with all of the corrections, for which (28) holds
+    M: csr_matrix  # (m, m) sum_p f_p P_p, how mu changes the residual [area]
     G: Array  # (m, c) what no correction removes [area]
     mu: Array  # (m,)
     left: Array  # (m,) pressure whose forces no correction removes
     parts: dict[str, Any] = field(repr=False)  # of which derivatives are made
 
-    def matrix(self, m: int) -> csr_matrix:
-        """(n, m) rows as a matrix."""
+    def matrix(self, m: int, whole: bool = False) -> csr_matrix:
+        """(n, m) rows as a matrix; those with all of the corrections."""
         n, s = self.nodes.shape
-        parts = self.N.ravel(), self.nodes.ravel(), np.arange(n + 1) * s
+        entries = self.whole if whole else self.N
+        parts = entries.ravel(), self.nodes.ravel(), np.arange(n + 1) * s
         found = csr_matrix(parts, (n, m), copy=True)  # entries are sorted in place
         found.sum_duplicates()
         return found
@@ -140,7 +143,6 @@ class Design:
         x: Array,
         y: Array,
         forces: tuple[Array, Array],
-        limit: float,
         chart: Array,
     ) -> DesignedRows:
         """Rows with the smallest corrections.
@@ -150,7 +152,6 @@ class Design:
             x: (n, gdim) nodes [length].
             y: (m, gdim) the frame's nodes [length].
             forces: (n,), (m,) of unit pressure on the common area [area].
-            limit: k [area].
             chart: (m, c) of ``finite.frame.chart``.
 
         Raises:
@@ -175,66 +176,54 @@ class Design:
         P[:, own, own] += w
         M = assembled(forces[0][:, None, None] * P, nodes, m)
         fy = forces[1]
-        M, G = self._held(M, limit), borne(self.control, chart, fy if fy.any() else np.ones(m))
+        M, G = self._held(M), borne(self.control, chart, fy if fy.any() else np.ones(m))
         r = np.bincount(nodes.ravel(), (forces[0][:, None] * N0).ravel(), m) - fy
         mu, kappa = bordered(M, G, r, self.soft)
         t = np.einsum("nsa,ns->na", lift, mu[nodes])  # S⁻¹ C W mu
         v = mu[nodes] - np.einsum("nas,na->ns", C, t)
         delta = -w * v
+        borne_part, *by_excess = self._borne_part(delta, np.einsum("nsi,ni->ns", arm, at.normal))
         parts = {
             "P": P, "lift": lift, "C": C, "t": t, "v": v, "tangents": tangents, "arm": arm,
-            "window": window, "plus": plus, "total": total, "w": w,
+            "window": window, "plus": plus, "total": total, "w": w, "delta": delta,
+            "part": borne_part, "excess": by_excess,
         }  # fmt: skip
-        return DesignedRows(nodes, N0 + delta, delta, M, G, mu, chart @ kappa, parts)
+        taken, pressure = borne_part[:, None] * delta, chart @ kappa
+        return DesignedRows(nodes, N0 + taken, taken, N0 + delta, M, G, mu, pressure, parts)
 
-    def _held(self, M: csr_matrix, limit: float) -> csr_matrix:
-        """M with the limit on its diagonal, and pins at nodes that no row reaches."""
+    def _held(self, M: csr_matrix) -> csr_matrix:
+        """M with pins at nodes that no row reaches."""
         own = M.diagonal()
         largest = float(own.max(initial=0.0)) or 1.0  # nothing is covered: mu is 0
         reached = own > UNREACHED * largest
-        return M + diagonal(np.where(reached, limit + FAINT * largest, largest))
+        added = FAINT if self.wanted else UNDESIGNED
+        return M + diagonal(np.where(reached, added * largest, largest))
 
-    def smallest_limit(
-        self,
-        at: OnFrame,
-        x: Array,
-        y: Array,
-        forces: tuple[Array, Array],
-        chart: Array,
-    ) -> float:
-        """The smallest k with small corrections, to be held during a step [area].
+    def _borne_part(self, delta: Array, height: Array) -> tuple[Array, Array, Array]:
+        """Part c of each row's corrections that it bears, 1 / max(1, e).
 
         They do not move places along the surface, but along the normal of a curved one, and
-        otherwise elsewhere: contact that slides would lose energy. In space they stay: with rows
-        as they are pairs of curved frames go in and out for ever.
-        """
-        largest = forces[0].max()
-        for limit in LIMITS if self.wanted else LIMITS[-1:]:
-            found = self.rows(at, x, y, forces, limit * largest, chart)
-            height = np.einsum("nsi,ni->ns", y[found.nodes] - x[:, None], at.normal)
-            if self.excess(found.delta, height) < 1.0:
-                break
-        return float(limit * largest)
+        otherwise elsewhere: contact that slides would lose energy. In space they stay.
 
-    def later_limit(
-        self, last: float, place: Any, nodes: tuple[Array, Array], forces: Any, chart: Array
-    ) -> float | None:
-        """The same within a step, if it is larger than the last: bodies that have parted since its
-        start balance about other places. ``place`` has rows, heights and places; others as above.
-        """
-        if self.excess(place.rows.delta, place.height) < LATER:
-            return None
-        limit = self.smallest_limit(place.at.part(place.on), *nodes, forces, chart)
-        return limit if limit > LATER * last else None
+        Args:
+            delta: (n, s) corrections.
+            height: (n, s) n·(y_J - x_p) of the frame's nodes [length].
 
-    def excess(self, delta: Array, height: Array) -> float:
-        """Corrections (n, s) over what they may be at the start of a step; heights (n, s) of the
-        frame's nodes over the rows' own [length]."""
-        most = np.abs(delta).max(initial=0.0) / CORRECTED
-        if self.element.dim > 1:  # only in the plane they are held back for this
-            return float(most)
-        raised = np.abs(np.einsum("ns,ns->n", delta, height)).max(initial=0.0)
-        return float(max(most, raised / (RAISED * self.size)))
+        Returns:
+            (n,) c, and where that is less than 1, else 0, the derivatives of the excess e: (n, s)
+            by delta, and (n,) by sum_J delta_pJ n·(y_J - x_p) [1 / length].
+        """
+        every, largest = np.arange(len(delta)), np.abs(delta).argmax(axis=1)
+        most = delta[every, largest] / CORRECTED
+        allowed = RAISED * self.size if self.element.dim == 1 else np.inf
+        raised = np.einsum("ns,ns->n", delta, height) / allowed
+        bends = np.abs(raised) > np.abs(most)
+        excess = np.abs(np.where(bends, raised, most))
+        sign = np.sign(np.where(bends, raised, most)) * (excess > 1.0)
+        by_raised = np.where(bends, sign, 0.0) / allowed
+        by_delta = by_raised[:, None] * height
+        by_delta[every, largest] += np.where(bends, 0.0, sign) / CORRECTED
+        return 1.0 / np.maximum(excess, 1.0), by_delta, by_raised
 
     def derivatives(
         self,
@@ -243,12 +232,14 @@ class Design:
         d: LocationDerivatives,
         columns: tuple[Array, int],
         width: int,
-    ) -> tuple[csr_matrix, csr_matrix]:
-        """(n s, width) and (n s, m): how entries change with positions, and with mu.
+    ) -> tuple[csr_matrix, csr_matrix, csr_matrix]:
+        """(n s, width) and (n s, m): how entries change with positions, and with mu; (n s, width)
+        how those with all of the corrections change with positions.
 
             d delta_p = -P dmu - Π (v ∘ dw) + P dCᵀ t - W Cᵀ S⁻¹ dC delta,  Π = 1 - W Cᵀ S⁻¹ C,
 
-        dmu being an unknown of its own, for which (28) is differentiated.
+        dmu being an unknown of its own, for which (28) is differentiated; d(c delta) = c d delta
+        - c² delta de.
 
         Args:
             rows, at, d: rows, places, and the places' derivatives.
@@ -266,12 +257,12 @@ class Design:
         dw /= q["total"][:, None, None]
         vdw = q["v"][:, :, None] * dw
         dN = np.einsum("nkd,nks->nsd", at.dN, self.stencils.own[at.facet])
-        dN = dN - vdw + np.einsum("nsa,nad->nsd", q["lift"], np.einsum("nas,nsd->nad", q["C"], vdw))
+        wane = np.einsum("nsa,nad->nsd", q["lift"], np.einsum("nas,nsd->nad", q["C"], vdw)) - vdw
         # Constraints: dc_aJ = (t_a·(dy_J - dx_p) - t_a·dn n·(y_J - x_p)) / h.
         height = np.einsum("nsi,ni->ns", q["arm"], at.normal)
         places = np.concatenate([columns[0], coordinates(rows.nodes, gdim, columns[1])], axis=1)
         by_row = [
-            t[:, None, None] * q["P"] - lift[:, :, None] * rows.delta[:, None, :]
+            t[:, None, None] * q["P"] - lift[:, :, None] * q["delta"][:, None, :]
             for t, lift in zip(q["t"].T, np.moveaxis(q["lift"], 2, 0), strict=True)
         ]
         moves, turns = np.zeros((n, s, (s + 1) * gdim)), np.zeros((n, s, gdim))
@@ -286,5 +277,16 @@ class Design:
             moves[:, :, :gdim] -= Q.sum(axis=2)[:, :, None] * tangent[:, None]
             moves[:, :, gdim:] += moved.reshape(n, s, s * gdim)
             turns -= (Q @ height[:, :, None]) * tangent[:, None]
-        through = per_item(dN) @ d.xi + per_item(turns) @ d.normal
-        return through + jacobian(moves, places, width), by_mu
+        own, delta = per_item(dN) @ d.xi, q["delta"]
+        change = per_item(wane) @ d.xi + per_item(turns) @ d.normal + jacobian(moves, places, width)
+        # Parts that rows bear: the excess through delta, the normal and places.
+        by_delta, by_raised = q["excess"]
+        less = (q["part"] ** 2)[:, None] * delta
+        cut = q["part"][:, None, None] * np.eye(s) - less[:, :, None] * by_delta[:, None]
+        lean = by_raised[:, None] * np.einsum("ns,nsi->ni", delta, q["arm"])
+        shift = (by_raised[:, None] * delta)[:, :, None] * at.normal[:, None]
+        shift = np.concatenate([np.zeros((n, 1, gdim)), shift], axis=1)  # sum delta is 0
+        excess = per_item(lean[:, None]) @ d.normal
+        excess = excess + jacobian(shift.reshape(n, 1, (s + 1) * gdim), places, width)
+        taken = per_item(cut) @ change - per_item(less[:, :, None]) @ excess
+        return own + taken, per_item(cut) @ by_mu, own + change

@@ -33,7 +33,7 @@ from dolfinx_llm.finite.frame.design import Design, DesignedRows
 from dolfinx_llm.finite.frame.design_loads import balanced_loads
 from dolfinx_llm.finite.frame.jacobians import coordinates, jacobian
 from dolfinx_llm.finite.frame.location import OnFrame
-from dolfinx_llm.finite.frame.sides import Sides
+from dolfinx_llm.finite.frame.sides import Meeting, Sides
 from dolfinx_llm.finite.pairs.slides import SlidesOnFrame
 from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, Place, held_fast, yields
 from dolfinx_llm.laws.rows import OPEN
@@ -52,6 +52,7 @@ class NormalPlace(Place):
     on: Array  # (k,) nodes that are there
     rows: DesignedRows
     entries: tuple[csr_matrix, csr_matrix]  # (k s, width), (k s, m): rows by positions and by mu
+    whole: csr_matrix  # (k s, width) those for which (28) holds by positions
     height: Array  # (k, s) n·(y_J - x_p) [length]
     C: csr_matrix  # (k, k) of these nodes
     turned: csr_matrix  # (k gdim, width) derivative of the normals [1 / length]
@@ -132,20 +133,12 @@ class NormalContact(SlidesOnFrame):
         """What is held in a load step that starts at coordinates z."""
         candidates = self.sides.candidates(z)
         meeting = self.sides.meet(z, candidates)
-        own = self.sides.forces(meeting, z, True)
-        f = own[0]
-        on = np.flatnonzero((f > 0.0) & meeting.at.met)
-        x, y = self.sides.split(z)
-        loads = balanced_loads(self.sides, meeting, z, own)[0]
-        functions, limit = self._chart(loads[1]), 0.0
-        if len(on):
-            of = meeting.at.part(on), x[on], y, (loads[0][on], loads[1])
-            limit = self.design.smallest_limit(*of, functions)
-        return Held(candidates, f > 0.0, limit, functions, np.zeros(len(x), dtype=bool))
+        f = self.sides.forces(meeting, z, True)[0]
+        return Held(candidates, f > 0.0, self._chart(meeting, z), np.zeros(len(f), dtype=bool))
 
     def missed(self, place: NormalPlace, held: Held) -> Held | None:
         """The same with facets that have passed the frame since the start, without pairs that have
-        left it over its edge, or with a larger limit of corrections; None: there are none.
+        left it over its edge; None: there are none.
 
         Args:
             place: at an equilibrium.
@@ -154,11 +147,6 @@ class NormalContact(SlidesOnFrame):
         now = self.sides.candidates(place.z)
         added, at = now & ~held.candidates, place.at
         left = held.pairs & ~held.left & (place.areas[0] <= 0.0) & (at.beyond > OVER)
-        (x, y), on = self.sides.split(place.z), place.on
-        loads = place.loads[0][on], place.loads[1]
-        limit = self.design.later_limit(held.limit, place, (x[on], y), loads, held.chart)
-        if limit is not None:
-            return replace(held, limit=limit)
         if not (added.any() and (at.gap[self.sides.mover.facets[added]] < 0.0).any()):
             added[:] = False
         if not (added.any() or left.any()):
@@ -166,12 +154,12 @@ class NormalContact(SlidesOnFrame):
         found = replace(held, candidates=held.candidates | added, left=held.left | left)
         found = replace(found, pairs=held.pairs & ~left)
         meeting = self.sides.meet(place.z, found.candidates)
-        covered = self.sides.control[1].T @ self.sides.forces(meeting, place.z, False)[0]
-        return replace(found, chart=self._chart(covered))
+        return replace(found, chart=self._chart(meeting, place.z))
 
-    def _chart(self, forces: Array) -> Array:
-        """Of the design, for forces (m,) of unit pressure on what is covered of the frame."""
-        return chart_of(self.sides.carrier, forces)
+    def _chart(self, meeting: Meeting, z: Array) -> Array:
+        """Of the design, for what is covered of the frame where surfaces meet at z (width,)."""
+        covered = self.sides.control[1].T @ self.sides.forces(meeting, z, False)[0]
+        return chart_of(self.sides.carrier, covered)
 
     def place(self, z: Array, q: Array, held: Held) -> NormalPlace:
         """Pairs, rows and gaps with derivatives: what does not depend on forces.
@@ -190,10 +178,11 @@ class NormalContact(SlidesOnFrame):
         at, d = meeting.at.part(on), meeting.d.part(on, gdim)
         columns = sides.columns[0][on], sides.columns[1]
         loads, by_loads = balanced_loads(sides, meeting, z, (f, grown))
-        rows = self.design.rows(at, x[on], y, (loads[0][on], loads[1]), held.limit, held.chart)
-        by_place, by_mu = self.design.derivatives(rows, at, d, columns, sides.width)
+        rows = self.design.rows(at, x[on], y, (loads[0][on], loads[1]), held.chart)
+        by_place, by_mu, by_whole = self.design.derivatives(rows, at, d, columns, sides.width)
         if held.lagged:
-            by_place, grown = csr_matrix(by_place.shape), csr_matrix(grown.shape)
+            by_place = by_whole = csr_matrix(by_place.shape)
+            grown = csr_matrix(grown.shape)
             by_loads = grown, csr_matrix(by_loads[1].shape)
         height = np.einsum("nsi,ni->ns", y[rows.nodes] - x[on][:, None], at.normal)
         pick = summing(on, n)
@@ -223,6 +212,7 @@ class NormalContact(SlidesOnFrame):
             on=on,
             rows=rows,
             entries=(by_place, by_mu),
+            whole=by_whole,
             height=height,
             turned=d.normal,
             curved=curved,
@@ -269,7 +259,7 @@ class NormalContact(SlidesOnFrame):
             (np.repeat(f[on], s), (rows.nodes.ravel(), np.arange(k * s))), (m, k * s)
         )
         of_frame = borne_by(control, 1.0 + rows.left) @ dfy
-        balance_z = by_entry @ by_place + rows.matrix(m).T @ df[on] - of_frame
+        balance_z = by_entry @ place.whole + rows.matrix(m, whole=True).T @ df[on] - of_frame
         border_z = csr_matrix(held.chart.T @ borne_by(control, rows.mu)) @ dfy
         closed = active[on] & ~held_fast(A, free)
         by_closed = summing(on, n) @ diagonal(closed)

@@ -39,7 +39,6 @@ class Held:
 
     candidates: Array = field(default_factory=_none)  # (f,) the moving side's facets that can touch
     pairs: Array = field(default_factory=_none)  # (n,) its nodes that take part
-    limit: float = 0.0  # k of the design
     chart: Array = field(default_factory=_none)  # (m, c) functions that it leaves to the frame
     left: Array = field(default_factory=_none)  # (n,) nodes that have left the frame since then
     lagged: bool = False  # rows and areas count as if nothing slid: see ``Increment``

@@ -81,8 +81,7 @@ class TiedContact(Bound):
         if found is None:
             at, loads = meeting.at.part(on), ((sides.control[0].T @ f)[on], sides.control[1].T @ fy)
             functions = chart_of(sides.carrier, loads[1])
-            of = at, x[on], y, loads
-            rows = design.rows(*of, design.smallest_limit(*of, functions), functions)
+            rows = design.rows(at, x[on], y, loads, functions)
             found = on, rows.matrix(len(y)), float(np.abs(rows.delta).max())
         on, own, delta = found
         N = sides.control[0] @ summing(on, n) @ own
