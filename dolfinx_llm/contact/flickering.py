@@ -45,7 +45,7 @@ def release(s: InterfaceState) -> bool:
     Pairs that opened and closed by turns have their friction again: where one alone presses a
     node, nothing else could balance the friction of others there.
     """
-    if led := s.adrift > 0.0 and bool(s.others.frame_relative.nnz) and not s.curved:
+    if led := bool(s.others.frame_relative.nnz) and not s.curved:
         known = s.own.closings.copy()
         s.begin(0.0, s.keeps)
         if s.keeps:

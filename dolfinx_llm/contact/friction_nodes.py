@@ -81,14 +81,9 @@ class FrictionNodes:
         return ~(operators.redundant[rows] | operators.idle[rows])
 
     @property
-    def acts(self) -> Array:
-        """(n,) pairs with tangential rows that are not left out."""
-        return np.asarray(self.kept.reshape(self.rows.shape)[:, :-1].any(axis=1))
-
-    @property
     def seen(self) -> Array:
         """(k,) nodes along whose jumps rows act that are not left out."""
-        return self.reached(self.acts)
+        return self.reached(self.kept.reshape(self.rows.shape)[:, :-1].any(axis=1))
 
     @cached_property
     def _nearest(self) -> csr_matrix:

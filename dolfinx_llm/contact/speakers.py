@@ -167,14 +167,14 @@ class Followers:
 
         Args:
             nodes: of the interface.
-            tied: (n,) pairs that follow the frame tangentially; those of supports say nothing.
+            tied: (n,) pairs that follow the frame tangentially.
             active: (n,) pairs in contact.
             pulled: (k,) nodes that corrected rows pull at.
             adrift: sum of N² of the pairs tied below which a node also moves with its speaker.
             chosen: ties are, and stay while pairs at the rim come and go: these tell no neighbours.
         """
         k, t = nodes.kappa.shape
-        follows = nodes.of(tied & nodes.acts)
+        follows = nodes.of(tied)
         near, least = (np.ones_like(active), BY_LITTLE) if chosen else (active | tied, HELD)
         asks = asked(follows, nodes.of(near), pulled, least)
         parts = speakers(asks)
@@ -184,13 +184,8 @@ class Followers:
         alike = follow(asks, nodes.tangents)
         weak = np.repeat(speaker != np.arange(k), t).astype(float)
         relative = identity(k * t, format="csr") - diagonal(weak) @ alike
-        held, acts = (
-            sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in sides)
-            for sides in (nodes.of(tied), follows)
-        )
-        # Without what supports prescribe a node would be adrift, and nothing else balances there.
-        led = (acts < adrift) | (acts < ADRIFT) & (held >= ADRIFT)
-        led &= speaker != np.arange(k)
+        held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
+        led = (held < adrift) & (speaker != np.arange(k))
         carried = _carried(led, asks, nodes.geometry.directions)
         sums = parts.T.tocsr()
         return Followers(speaker, sums, free, alike.T.tocsr(), relative, *carried)

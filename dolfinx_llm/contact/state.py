@@ -140,7 +140,7 @@ class InterfaceState:
 
     def begin(self, adrift: float = ADRIFT, keeps: bool = False) -> None:
         """Start a load step: pairs that opened and closed by turns get another chance."""
-        self.own.closings[:], self.adrift, self.asked, self.keeps = 0, adrift, 0, keeps
+        self.own.closings[:], self._adrift, self.asked, self.keeps = 0, adrift, 0, keeps
         self.pulled, self.grazes = np.zeros(len(self.nodes.kappa), dtype=bool), 0.0
         self.touch(self.own.active)
 
@@ -153,7 +153,7 @@ class InterfaceState:
         """Take over the pairs (n,) in contact, and who speaks for whom."""
         self.held = self.nodes.reach(self.own.holds) | self.stays
         self.own.active = active = active | self.held
-        told = self.tied, active, self.pulled, self.adrift, self.own.ties is not None
+        told = self.tied, active, self.pulled, self._adrift, self.own.ties is not None
         if not np.array_equal(np.hstack(told), self._touching):
             self._touching, self.touched = np.hstack(told), self.touched + 1
             if self.shares:
