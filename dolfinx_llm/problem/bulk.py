@@ -162,24 +162,36 @@ class LinearBulk:
         they are ``held``."""
         if self.held is not None:
             values = np.where(self.dofs.fixed, self.held, 0.0)
-            values = values if self.control is None else self.control.values(values)
-            return np.where(self.dofs.fixed, values, self.force(values))
+            if self.control is not None:
+                values = np.where(self.dofs.fixed, self.control.values(values), 0.0)
+            return self._finite(np.where(self.dofs.fixed, values, self.force(values)))
         loads = []
         for i, (b, fixed) in enumerate(zip(self.blocks, self.fixed, strict=True)):
             nodal = [b.nodal(load) for load in self._nodal[i]]
             given = self._prescribed[i]
             f = compat.assemble_load(self._L[i], self._a[i], self._bcs[i], given, nodal)
             loads.append(b.load(f, fixed))
-        f = np.concatenate(loads)
+        f = self._finite(np.concatenate(loads))
+        if self.control is not None:
+            f = self.control.load(f, self._assembled)
+        return f
+
+    def _finite(self, f: Array) -> Array:
+        """f (n_local,), required to be numbers; collective."""
         bad = self.comm.allreduce(int((~np.isfinite(f)).sum()))
         if bad:
             raise ContactError(
                 f"the load has {bad} entries that are NaN or infinite. Check L, nodal_loads, the "
                 "values of the Dirichlet conditions and the coefficients of the forms"
             )
-        if self.control is not None:
-            f = self.control.load(f, self._assembled)
         return f
+
+    def values(self) -> Array:
+        """(n_local,) prescribed displacements, as ``look`` last found them; 0 where a dof is free
+        [length]."""
+        of = zip(self.blocks, self._prescribed, strict=True)
+        given = [b.ours(values[: len(b.scale)]) / b.scale for b, (_, values) in of]
+        return np.where(self.dofs.fixed, np.concatenate(given), 0.0)
 
     def gradient(self, forms: Sequence[ufl.Form]) -> Array:
         """This rank's derivative (n_local,) of a functional, of linear forms in the order of the

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
 from dolfinx import fem
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.operators.petsc import diagonal_of, times
 from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.form_arguments import listed
 from dolfinx_llm.problem.saving import Saving
-from dolfinx_llm.time.for_a_while import slippery, unmoved
+from dolfinx_llm.time.for_a_while import numbers, on_the_way, slippery, unmoved
 
 INERT = 1e7, 1e5  # inertia over stiffness and that of a step, by which bodies stay where they are
 # at first: linear ones, and others, whose forces are known to rounding of theirs
@@ -34,6 +36,7 @@ class Starting(Saving):
     _loads: list[Any]  # both, the problem's
     _left: Array
     _started: bool  # whether it is known
+    _led: Array  # what obstacles, ties and pressures were given where contact was last found
     _touch: Any  # what bodies meet with now
 
     def start(self) -> None:
@@ -121,6 +124,25 @@ class Starting(Saving):
         try:
             with unmoved([i.obstacle for i in led if i.obstacle is not None and at_rest]):
                 self.problem.solve()
+                self._led = numbers(self.problem)
+        finally:
+            bulk.held = None
+
+    def _solve(self, part: float) -> None:
+        """Find contact at the end of a step, all of it or nothing, where supports and all else that
+        leads bodies have gone this part, in (0, 1], of their way since it was found last;
+        collective."""
+        bulk = self.problem.bulk
+        way: AbstractContextManager[None] = nullcontext()
+        if part < 1.0:
+            with collective(self.comm):
+                way = on_the_way(self.problem, self._led, part)
+            u = self._values(self._u)
+            bulk.held = u + part * (bulk.values() - u)
+        try:
+            with way:
+                self.problem.solve(state=self._u)
+                self._led = numbers(self.problem)
         finally:
             bulk.held = None
 

@@ -66,7 +66,8 @@ class TimeStepper(Steps):
         interfaces: as of the problem; at least one.
         nodal_loads: as of the problem.
         accepted: called with the stepper after each step that has been found, also after parts of
-            one that was divided: update what bodies remember in it.
+            one that was divided: update what bodies remember in it. Obstacles have what you gave
+            them then, for the end of the whole step; ``t`` and ``u`` are those of the part.
         adaptive: part of the largest kinetic energy so far that closing may take in a step, and
             square of the part of the largest force that a pair which opens may pull with; where it
             is more the step is divided, which factorises anew. None: no step is.
@@ -151,7 +152,7 @@ class TimeStepper(Steps):
         )
         self._u = list(listed(L)) if nonlinear else [fem.Function(V, name="u") for V in spaces]
         self._v, self._left = [fem.Function(V, name="v") for V in spaces], np.zeros(0)
-        self._started = False
+        self._started, self._led = False, np.zeros(0)
         (self.problem.bulk if nonlinear else self.problem.method).in_time = True
         self._bare = diagonal_of(self._M) == 0.0
         alone = nonlinear and not options.get("loads")  # follower loads count as contact
@@ -170,7 +171,8 @@ class TimeStepper(Steps):
 
     def step(self) -> Any:
         """Go on by dt, to the loads and prescribed values as they are now; in parts where that
-        fails.
+        fails, or ``adaptive`` asks for it. Each part leads supports, obstacles, given gaps and
+        follower pressures by its share of the way; forms and nodal loads are as they are now.
 
         Returns:
             The displacement u.
@@ -187,8 +189,7 @@ class TimeStepper(Steps):
         self._advance(told(self.comm, self.dt), PARTED)
         return self.u
 
-    def _once(self, dt: float) -> None:
-        """One step of dt."""
+    def _once(self, dt: float, part: float) -> None:
         u, v, c = self._values(self._u), self._values(self._v), self._rate(dt)
         before = 1.0 / self._end - 1.0  # weight of what there was, over that
         push = c * times(self._M, u + dt * v) - before * self._left
@@ -199,7 +200,7 @@ class TimeStepper(Steps):
             pushed = self.problem.pushed
             start = End(u, v, self._left + pushed, pushed)
             self._mean.begin(u, counts, 0.5 / self._end)
-        self.problem.solve(state=self._u)  # all of it or nothing
+        self._solve(part)
         now = self._values(listed(self.problem.u))
         self._left = push - c * times(self._M, now)
         rate = (now - u) / dt

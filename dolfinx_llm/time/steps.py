@@ -85,16 +85,17 @@ class Steps(Starting):
     _adaptive: float | None
     _accepted: Callable[[Any], None] | None
 
-    def _once(self, dt: float) -> None:
-        """One step of dt."""
+    def _once(self, dt: float, part: float) -> None:
+        """One step of dt, this part of what is still to be gone."""
         raise NotImplementedError
 
-    def _advance(self, dt: float, divisions: int) -> None:
-        """Go on by dt, in parts where that fails, or where bodies meet or part in it."""
+    def _advance(self, dt: float, divisions: int, later: float = 0.0) -> None:
+        """Go on by dt, in parts where that fails, or where bodies meet or part in it; ``later``:
+        what of the user's step comes after it."""
         self._let_go(self._rate(dt))
         kept = self.state_arrays() if self._adaptive and divisions else None
         try:
-            self._once(dt)
+            self._once(dt, dt / (dt + later))
         except ContactInputError:
             raise
         except ContactError as failed:
@@ -113,8 +114,8 @@ class Steps(Starting):
                 return
             self.take_back(*kept)
             log.info("a step of %.3g in which bodies meet or part is divided", dt)
-        self._advance(at * dt, divisions - 1)
-        self._advance((1.0 - at) * dt, divisions - 1)
+        self._advance(at * dt, divisions - 1, later + (1.0 - at) * dt)
+        self._advance((1.0 - at) * dt, divisions - 1, later)
 
     def _met(self) -> tuple[Touch, float]:
         """What bodies meet with now, and where the step is to be divided; 0: nowhere."""
@@ -149,7 +150,7 @@ class Steps(Starting):
         common, local = self.problem.state_arrays()
         touch = self._touch
         common |= {"time": np.array([self.t, self.dt, touch.kinetic, touch.largest])}
-        common |= {"touch": np.array([touch.gap, touch.force, touch.pressing])}
+        common |= {"touch": np.array([touch.gap, touch.force, touch.pressing]), "led": self._led}
         own = {"displacement": self._values(self._u), "velocity": self._values(self._v)}
         return common, local | own | {"inertia": self._left}
 
@@ -171,6 +172,7 @@ class Steps(Starting):
         """
         self.t = float(common["time"][0])
         self._touch = Touch(*common["touch"], *map(float, common["time"][2:]))
+        self._led = common["led"]
         self.problem.take_arrays(common, local)
         counts = self.problem.bulk.dofs.counts
         fill(self._u, local["displacement"], counts)
