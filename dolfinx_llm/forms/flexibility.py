@@ -35,6 +35,7 @@ class Flexibility(StepForm):
 
     name = "flexibility"
     accuracy = 1e-13  # of balance and law, relative
+    proximal = 1e-13  # the smaller, the sooner nodes under a tiny force are where they touch
 
     def __init__(
         self,

@@ -161,7 +161,7 @@ class StepForm(ABC):
 
     name: str = "own form"
     accuracy: float = 1e-12
-    proximal: float = 1e-13
+    proximal: float = 1e-12
     noise: float = 0.0
     tolerance: float = 0.0
     factorised: bool = True

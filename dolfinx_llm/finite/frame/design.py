@@ -41,7 +41,7 @@ from dolfinx_llm.geometry.overlap_flat import local_bases
 from dolfinx_llm.geometry.pairs import control_of
 
 CORRECTED = 0.4  # correction of an entry that a row bears
-RAISED = 2e-3  # what corrections may move its place along the normal, over facet size, in the plane
+RAISED = 1.7e-3  # by which corrections may move its place along the normal, over facet size, in 2D
 UNREACHED = 1e-12  # diagonal entry of M over the largest, of nodes that no row reaches
 FAINT = 1e-13  # added to it, over the largest: for parts of a frame that touch nothing else
 UNDESIGNED = 1e12  # the same, where rows stay as they are
