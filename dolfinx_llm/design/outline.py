@@ -9,13 +9,15 @@ from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.design.stencils import row_weights, spread
-from dolfinx_llm.geometry.cells import outline_edges, unit
+from dolfinx_llm.design.stencils import adjacency, row_weights, spread
+from dolfinx_llm.geometry.cells import areas_around, outline_edges, unit
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 
 AT_NODE = 1e-9  # from 1, at which a row is its frame node's
-ON_LINE = 0.5  # edge lengths: how near to an edge's line nodes of the outline belong to it
+TILTED = 2.0  # angles of cells to the surface's normal, by which the way across a gap may be off
+ON_LINE = 0.5  # how near to an edge's line nodes of the outline belong to it, of its length and of
+# their way from its ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +56,8 @@ def at_outline(
     edge, t = edge_near[pick], t[pick]
     # The cell that the edge belongs to, and the distance within its plane.
     owner = _cells_of_edges(frame.cells, edges)[edge]
+    if edges.shape[1] > 1:
+        t = _over_nodes(x, ends[edge], t, TILTED * _tilt(frame, normals)[owner])
     miss = x - ends[edge, 0] - t[:, None] * (ends[edge, -1] - ends[edge, 0])
     normal = normals[owner]
     tangential = miss - np.einsum("ni,ni->n", miss, normal)[:, None] * normal
@@ -66,6 +70,22 @@ def at_outline(
     N = (diags(inner) @ pairs.N + csr_matrix((share.ravel(), at), pairs.N.shape)).tocsr()
     N.eliminate_zeros()
     return Clamped(rows, edge, N, cell)
+
+
+def _over_nodes(x: Array, ends: Array, t: Array, tilt: Array) -> Array:
+    """(n,) places on edges (n, 2, gdim), 0 or 1 where a node x (n, gdim) lies over an end: across a
+    gap or an overlap, which cells are square to but for a tilt (n,). What is held at a corner would
+    else hold the nodes along both edges, by next to nothing."""
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    for end, way in ((0, t * length), (1, (1.0 - t) * length)):
+        t = np.where(way <= tilt * np.linalg.norm(x - ends[:, end], axis=1), float(end), t)
+    return t
+
+
+def _tilt(frame: Frame, normals: Array) -> Array:
+    """(n_cells,) largest difference of a cell's normal and the mean ones at its nodes."""
+    at_nodes = unit(areas_around(frame.x, frame.corners, frame.cells))[frame.corners]
+    return np.linalg.norm(at_nodes - normals[:, None], axis=2).max(axis=1)
 
 
 def _cells_of_edges(cells: Array, edges: Array) -> Array:
@@ -85,8 +105,9 @@ def outline_weights(
 ) -> csr_matrix:
     """(n, m) weights of the frame nodes in each row's stencil.
 
-    Rows at the outline take the nodes along the line of their edge alone. On a line, as anywhere
-    in 2D, one ring of three nodes would leave nothing beside three constraints: they take two.
+    Rows at the outline take the nodes along the line of their edge alone, which the outline leads
+    to: those across a thin slice are of another edge. On a line, as anywhere in 2D, one ring of
+    three nodes would leave nothing beside three constraints: they take two.
 
     Args:
         normals: (n_cells, gdim) of the frame's cells.
@@ -94,6 +115,8 @@ def outline_weights(
     """
     wide = row_weights(clamped.N, ring @ ring)
     if frame.gdim == 3:
+        along = adjacency(edges, len(frame.x)) ** 2
+        wide = row_weights(clamped.N, (ring @ ring).multiply(along > 0.0).tocsr())
         at_edge = np.zeros(wide.shape[0])
         at_edge[clamped.rows] = 1.0
         wide = diags(1.0 - at_edge) @ row_weights(clamped.N, ring) + diags(at_edge) @ wide
@@ -132,7 +155,9 @@ def _on_line(x: Array, edges: Array, edge: Array, node: Array, normal: Array) ->
     length = np.linalg.norm(b - a, axis=1)
     across = unit(np.cross(normal, (b - a) / length[:, None]))
     off = np.abs(np.einsum("zi,zi->z", x[node] - a, across))
-    return np.isin(node, edges) & (off <= ON_LINE * length)
+    from_ends = np.linalg.norm(x[node] - [a, b], axis=2).min(axis=0)
+    near = off <= ON_LINE * np.where(from_ends > 0.0, np.minimum(length, from_ends), length)
+    return np.isin(node, edges) & near
 
 
 def _edges_there(clamped: Clamped, edges: Array) -> list[Array]:

@@ -15,6 +15,7 @@ from dolfinx_llm.base.sparse import largest_entry
 from dolfinx_llm.design.balance import balance
 from dolfinx_llm.design.bent import bent_normals, bent_rows
 from dolfinx_llm.design.curved import (
+    AT_OUTLINE,
     loads_along_normals,
     nodal_normals,
     smooth_rows,
@@ -22,8 +23,10 @@ from dolfinx_llm.design.curved import (
     with_mean_normals,
 )
 from dolfinx_llm.design.line import check_closed_form
+from dolfinx_llm.design.outline import at_outline
 from dolfinx_llm.design.quadric import SmoothSurface
 from dolfinx_llm.design.weights import TOLERANCE, balanced_rows, load_residual
+from dolfinx_llm.geometry.cells import outline_edges, unit_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.overlap_flat import Plane
@@ -98,6 +101,10 @@ def bent_pairs(
 ) -> tuple[list[ContactPairs], Certificate, Array]:
     """As ``balanced`` between second-order bodies tied along curved surfaces, on a frame that is
     bent as they are; ``keep`` as of ``kept_nodes``."""
+    if frame.gdim == 2:  # ends over ends: nodes there would be held by what lies beyond
+        edges, cells = outline_edges(frame.corners), unit_normals(frame.x, frame.corners)
+        over = [at_outline(frame, p, edges, cells, AT_OUTLINE).N for p in pairs]
+        pairs = [with_weights(p, M, frame) for p, M in zip(pairs, over, strict=True)]
     normals, plain = bent_normals(frame), [p.N for p in pairs]
     vectors = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
     before = _residual(plain, vectors, normals, False)

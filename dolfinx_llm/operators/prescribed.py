@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
-from scipy.sparse import csr_matrix, identity
+from scipy.sparse import csr_matrix, diags, identity
 from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
 from dolfinx_llm.base.arrays import Array
@@ -13,6 +13,8 @@ from dolfinx_llm.base.sparse import largest_entry, symmetric_factors
 REPEATED = 1e-6  # part of base vectors at free dofs that counts as none
 NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
 RANK = 1e-8  # of the largest: singular values below are none
+SAID = 0.05  # part of a row that must be new, of the largest entry: by less it would hold a frame's
+# node, as one beside a support, by forces as many times larger
 UNBOUND = 1e-12  # of the largest entry: rounding, which binds no rows together
 INCOMING = 64  # rows that come in together
 DAMPED = 1e-14  # added to squares of singular values, of the largest column's
@@ -74,16 +76,23 @@ class ColumnSpace:
         return values
 
 
-def repeated(D: csr_matrix) -> Array:
-    """(k,) whether rows of D follow from the others."""
+def repeated(D: csr_matrix, gaps: Array) -> Array:
+    """(k,) whether rows of D follow from the others, or hardly say more. Of those that say the same
+    those of the least gaps (k,) are not: ends that supports hold apart are not to be closed."""
+    least = 1.0 / (1.0 + np.abs(gaps) / max(np.abs(gaps).max(initial=0.0), 1e-300))
+    return _others(diags(least) @ D, SAID)
+
+
+def _others(D: csr_matrix, least: float) -> Array:
+    """(k,) which are not among ``independent_rows``."""
     out = np.ones(D.shape[0], dtype=bool)
-    out[independent_rows(D)] = False
+    out[independent_rows(D.tocsr(), least)] = False
     return out
 
 
 def in_loops(D: csr_matrix) -> Array:
     """(k,) whether rows of D are of a piece in which some follow from the others."""
-    out, follow = np.zeros(D.shape[0], dtype=bool), repeated(D)
+    out, follow = np.zeros(D.shape[0], dtype=bool), _others(D, RANK)
     for piece in pieces(D):
         out[piece] = follow[piece].any()
     return out

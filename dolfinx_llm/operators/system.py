@@ -70,8 +70,8 @@ class ContactOperators:
         free: (n, gdim) base vectors at dofs that are not.
         interfaces_at: (n,) to how many interfaces, and pieces of one, each row's node belongs.
         idle: (n,) rows where supports hold both sides, left out too as of the last ``gap``.
-        redundant: (n,) rows of ties that follow from others, at prescribed dofs and where several
-            interfaces meet; they are left out of what is solved.
+        redundant: (n,) rows of ties that follow from others, or nearly, at prescribed dofs and
+            where several interfaces meet; they are left out of what is solved.
         bodies: connected bodies and their rigid motions.
         scale: mean stiffness of the surfaces, the unit of λ in the solvers [force / length].
         stiffness: per interface that of its sides [force / length].
@@ -144,14 +144,14 @@ class ContactOperators:
         sides = zip(self.geometries, self.places, strict=True)
         own = [free_parts(free[place.rows], g.pairs[0].base.shape[1]) for g, place in sides]
         self.soft = np.concatenate(own) < NEARLY_FIXED
-        ties, self.redundant = np.zeros((2, len(self.held)), dtype=bool)
+        ties, self.redundant, self.loops = np.zeros((3, len(self.held)), dtype=bool)
         for geometry, place in zip(self.geometries, self.places, strict=True):
             ties[place.rows] = geometry.interface.law.ties
         shared = self.held | (self.interfaces_at > 1)
         rows = np.flatnonzero(ties & shared)
         if len(rows):
-            self.redundant[rows] = chosen(self.comm, lambda: repeated(self._said(rows)))
-        self.loops = np.zeros(len(self.held), dtype=bool)
+            said, gaps = self._said(rows), self.row_gaps()[rows]
+            self.redundant[rows] = chosen(self.comm, lambda: repeated(said, gaps))
         if not self.tied:
             rest = np.flatnonzero(shared & ~self.redundant & ~self.soft)
             loops = chosen(self.comm, lambda: in_loops(self._said(rest)))

@@ -6,7 +6,7 @@ import scenes
 from scipy.sparse import csr_matrix, vstack
 
 import dolfinx_llm as llm
-from dolfinx_llm.operators.prescribed import ColumnSpace, independent_rows, pieces
+from dolfinx_llm.operators.prescribed import ColumnSpace, independent_rows, pieces, repeated
 
 
 def interpolation(n, m):
@@ -61,6 +61,17 @@ def test_nearly_dependent_rows_are_exchanged():
     size = np.linalg.svd(D.toarray(), compute_uv=False)
     kept = np.linalg.svd(D[independent_rows(D)].toarray(), compute_uv=False)
     assert len(kept) == D.shape[1] and kept[-1] >= 1e-2 * size[-1]
+
+
+def test_what_hardly_says_more_is_repeated():
+    """A row that reaches past a node at a support by little, and of two that are alike the one
+    whose gap would be closed."""
+    D = csr_matrix([[1.0, 0.0], [1.0, 0.04], [1.0, 0.0], [0.5, 0.5]])
+    assert repeated(D, np.array([1e-3, 0.0, 0.0, 0.0])).sum() == 2
+    assert repeated(D[[0, 2]], np.array([1e-3, 0.0])).tolist() == [True, False]
+    assert repeated(D[[0, 2]], np.array([0.0, 1e-3])).tolist() == [False, True]
+    assert repeated(D[[0, 1]], np.zeros(2)).sum() == 1
+    assert not repeated(csr_matrix([[1.0, 0.0], [1.0, 0.2]]), np.zeros(2)).any()
 
 
 def test_rounding_binds_no_pieces():
