@@ -121,6 +121,12 @@ class FrictionNodes:
         nothing holds moves it far along its tangents, and so the gaps about it."""
         return bool(np.ptp(self.geometry.directions[:, -1], axis=0).max(initial=0.0) > BENT)
 
+    @property
+    def wide(self) -> bool:
+        """Whether it is curved in 3D, where rows of coarse facets have many entries of either sign;
+        in 2D they have few."""
+        return self.curved and self.x.shape[1] == 3
+
     def felt(self, forces: Array, level: float) -> csr_matrix:
         """(n c, k q or k (q + 1)) what the law's nodes feel of forces (n c,), which are of a level
         [force]: along their jumps, and where any rub, which they share, the normal ones."""

@@ -181,11 +181,10 @@ class Followers:
         """
         k, t = nodes.kappa.shape
         follows = nodes.of(tied)
-        wide = nodes.curved and t > 1  # in 2D rows have few entries
-        near, least = active | tied, FIRM_NET if wide else HELD
+        near, least = active | tied, FIRM_NET if nodes.wide else HELD
         if chosen:
             near, least = np.ones_like(active), BY_LITTLE
-        asks = asked(follows, nodes.of(near), pulled, least, wide)
+        asks = asked(follows, nodes.of(near), pulled, least, nodes.wide)
         parts = speakers(asks)
         speaker, free = np.asarray(parts.argmax(axis=1)).ravel(), unheld(follows, parts)
         if np.array_equal(speaker, np.arange(k)):

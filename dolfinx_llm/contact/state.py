@@ -169,7 +169,8 @@ class InterfaceState:
 
     def accept(self, multiplier: Array, w: Array, fitted: Array, c: float, least: float) -> None:
         """End a load step; where contact is open, or bears nothing, slips follow the bodies, but
-        not those of nodes for which others speak: far ends of shape functions would tell them.
+        not those of nodes of coarse curved surfaces for which others speak: far ends of shape
+        functions would tell them.
 
         Args:
             multiplier, w: λ (n,) and w (m,).
@@ -183,7 +184,8 @@ class InterfaceState:
                 self.own.history = self.law.end_step(at)
                 if self.law.opens and self.law.slips:
                     opened = opened | (self.law.strength(at) <= least)
-            opened &= self.others.speaker == np.arange(len(opened))
+            if self.nodes.wide:
+                opened &= self.others.speaker == np.arange(len(opened))
             self.own.kappa_before = np.where(opened[:, None], fitted[kappa], w[kappa])
 
     @property
