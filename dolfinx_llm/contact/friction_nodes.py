@@ -1,8 +1,14 @@
 """Between pairs, which carry the multipliers, and the nodes at which a law holds.
 
-These are the frame's nodes, or against a rigid obstacle the pairs themselves. Both sides jump by κ
-about the frame, (13): u_0 = v + κ, u_1 = v - κ. The force is then T = L_kappaᵀ λ / 2 and the jump
-2 κ; theta is that 1/2, or 1 against an obstacle.
+These are the frame's nodes: both sides jump by κ about the frame, (13), u_0 = v + κ, u_1 = v - κ.
+The force is then T = L_kappaᵀ λ / 2 and the jump 2 κ; theta is that 1/2. Or they are the pairs of
+one side, which jump by κ from a rigid obstacle, or from a frame that the other side carries; theta
+is 1 then.
+
+A side carries the frame along curved surfaces with friction. At the rim of contact corrected rows
+of coarse facets hold a frame node by far ends of shape functions, which tell no slip: a law at the
+frame's nodes then has no state to come to rest in, or several. Pairs have a slip of their own each,
+and the tangential rows of the side that carries the frame stay closed where contact is open.
 """
 
 from __future__ import annotations
@@ -66,8 +72,8 @@ class FrictionNodes:
 
     @property
     def tangents(self) -> Array:
-        """(k, t, gdim) at the frame's nodes, where there is a frame."""
-        return self.geometry.directions[:, :-1]
+        """(k, t, gdim) at the law's nodes."""
+        return self.geometry.law_directions[:, :-1]
 
     @property
     def N(self) -> tuple[csr_matrix, ...]:
@@ -86,9 +92,26 @@ class FrictionNodes:
         return self.reached(self.kept.reshape(self.rows.shape)[:, :-1].any(axis=1))
 
     @cached_property
+    def carries(self) -> Array:
+        """(n,) pairs of the side that carries the frame, if there is one."""
+        carrier = self.geometry.site.carrier
+        return np.concatenate(
+            [np.full(len(p.nodes), i == carrier) for i, p in enumerate(self.geometry.pairs)]
+        )
+
+    @cached_property
     def _nearest(self) -> csr_matrix:
         """(n, k) 1 at the node next to each pair, at both where it lies in the middle."""
-        return nearest(vstack(self.N)).astype(bool)
+        return nearest(self._linked).astype(bool)
+
+    @cached_property
+    def _linked(self) -> csr_matrix:
+        """(n, k) the part that pairs have in nodes; of those that carry the frame, which have none
+        of their own, by way of it."""
+        if not self.carries.any():
+            return self._parts
+        N = abs(vstack([p.N for p in self.geometry.pairs])).tocsr()
+        return (self._parts + diagonal(self.carries) @ N @ N[~self.carries].T).tocsr()
 
     def next_to(self, status: Array) -> Array:
         """(n,) status of the node next to each pair: between two that of the larger number, since
@@ -113,13 +136,25 @@ class FrictionNodes:
     @cached_property
     def led(self) -> Array:
         """(k,) nodes whose tangential motion supports prescribe."""
-        return ~self.reached(self.yields)
+        return self._linked.T @ self.yields.astype(float) <= TOUCHED
 
     @cached_property
     def curved(self) -> bool:
         """Whether normals at the nodes differ. What balances forces there at a node that next to
         nothing holds moves it far along its tangents, and so the gaps about it."""
         return bool(np.ptp(self.geometry.directions[:, -1], axis=0).max(initial=0.0) > BENT)
+
+    def holding(self, active: Array) -> Array:
+        """(n,) pairs in contact, and those that hold the frame tangentially where others are, in
+        contact or not.
+
+        Args:
+            active: (n,) pairs in contact.
+        """
+        if not self.carries.any():
+            return active
+        own = active[~self.carries].astype(float)
+        return active | (self.carries & (self._linked @ own > TOUCHED))
 
     @property
     def wide(self) -> bool:
@@ -222,7 +257,7 @@ def _jump_operators(
     # Both sides jump by κ in their own base, (13).
     shapes = zip(geometry.pairs, geometry.law_shapes, (1.0, -1.0))
     sides = [replace(p, N=N, base=sign * p.base) for p, N, sign in shapes]
-    normals, theta = geometry.law_directions[:, -1:], 1.0 / len(sides)
+    normals, theta = geometry.law_directions[:, -1:], geometry.theta
     across = interface_operator(sides, normals, geometry.normals_alone)
     jumps = interface_operator(sides, geometry.jump_directions, geometry.normals_alone)
     if not law.gives:

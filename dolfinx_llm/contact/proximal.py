@@ -40,8 +40,13 @@ def proximal_term(states: Sequence[InterfaceState], m: int, stiffness: float) ->
         nodes, tied, every = s.nodes, s.support(tied=True), s.support(tied=False)
         v = nodes.v.reshape(-1, max(nodes.geometry.directions.shape[1], 1))
         kappa = nodes.kappa if nodes.kappa.size else nodes.kappa[:, :0]
+        carried = nodes.carries.any()
         if nodes.geometry.rigid:
             add(nodes.v, nodes.v, np.full(len(nodes.v), float(len(nodes.rows))))
+        elif carried:
+            of_frame = sum(np.asarray(p.N.power(2).sum(axis=0))[0] for p in nodes.geometry.pairs)
+            for along in v.T:
+                add(along, along, of_frame)
         else:
             add(v[:, -1], v[:, -1], sum(every))
             for i in range(v.shape[1] - 1):
@@ -49,7 +54,7 @@ def proximal_term(states: Sequence[InterfaceState], m: int, stiffness: float) ->
         at = range(v.shape[1])[s.law.components_of_jumps(v.shape[1])]
         for i, jump in enumerate(kappa.T):
             held = every if s.law.gives and i == kappa.shape[1] - 1 else tied
-            if not nodes.geometry.rigid:
+            if not (nodes.geometry.rigid or carried):
                 add(v[:, at[i]], jump, held[0] - held[1])
                 add(jump, v[:, at[i]], held[0] - held[1])
             add(jump, jump, sum(held))

@@ -12,6 +12,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import told
 from dolfinx_llm.base.sparse import diagonal
+from dolfinx_llm.contact.carried_frame import at_carried_frame, halved_slips
 from dolfinx_llm.contact.sides import (
     FELT,
     SideResult,
@@ -48,6 +49,11 @@ class InterfaceResult(InterfaceForces):
     along the normal of J, out of side 0, is ``frame_force``, the rest ``frame_friction``; where
     friction acts the former of the F_p along the pairs' own normals, the latter of what is left of
     them. Coulomb's law holds for these two.
+
+    With friction along curved surfaces the law holds at the nodes of the finer side instead, and
+    the frame moves with the coarser one. Forces at the frame's nodes are then those of the finer
+    side's, shared by the positive entries of their rows, each turned into the tangent plane there;
+    and so are areas.
     """
 
     frame: Frame | None  # with its displacement v, (m, gdim) [length]
@@ -111,6 +117,8 @@ def collect_results(
         if geometry.interface.law.components != "cartesian":
             sides = between_bodies(geometry, sides, operators.scale, state.held)
         nodal = nodal_sides(geometry, sides)
+        if geometry.site.carrier is not None:
+            nodal = halved_slips(geometry, nodal)
         if geometry.interface.law.slips:
             nodal = known_slips(geometry, nodal, operators.idle[place.rows])
         found = _interface_result(geometry, sides, nodal, v, state)
@@ -157,6 +165,12 @@ def _interface_result(
             None, nodal, None, *own, along_normals(acts, side.normal), presses, shift
         )
     assert frame is not None
+    if geometry.law_side is not None:
+        own, density = at_carried_frame(geometry, sides, state), _frame_density(geometry, sides)
+        if density is None:
+            density = per_area(np.column_stack([own[0], own[2]]), own[1])
+        frame = displaced(frame, nodal_values(geometry, v))
+        return InterfaceResult(frame, nodal, geometry.certificate, *own, density, presses)
     cartesian, normal = law.components == "cartesian", geometry.normals
     force, friction = _at_frame(geometry, sides, normal, geometry.law_shapes)
     area = geometry.law_nodes[1]
@@ -182,7 +196,7 @@ def _interface_result(
                 drag = _in_proportion(near, drag, force, friction)
         elif law.components == "normal":
             friction, drag = np.zeros((2, *friction.shape))
-    density = _frame_density(geometry, sides, normal)
+    density = _frame_density(geometry, sides)
     if density is None:
         acts, mean = np.column_stack([force, friction]), np.column_stack([near, drag])
         acts, over = np.where(thin[:, None], mean, acts), np.where(thin, about, area)
@@ -243,12 +257,9 @@ def _in_proportion(near: Array, drag: Array, force: Array, friction: Array) -> A
     return own * np.minimum(1.0, most / np.where(size > 0.0, size, 1.0))[:, None]
 
 
-def _frame_density(
-    geometry: InterfaceGeometry, sides: Sequence[SideResult], normal: Array
-) -> Array | None:
-    """``InterfaceResult.frame_density`` between second-order bodies, where the frame's nodes have
-    normals (m, gdim): of the side with fewer nodes, the mean of both where they have as many; None:
-    not of second order."""
+def _frame_density(geometry: InterfaceGeometry, sides: Sequence[SideResult]) -> Array | None:
+    """``InterfaceResult.frame_density`` between second-order bodies: of the side with fewer nodes,
+    the mean of both where they have as many; None: not of second order."""
     assert geometry.frame is not None
     found, least = [], min(len(side.x) for side in sides)
     for sign, p, side in zip((1.0, -1.0), geometry.pairs, sides, strict=True):
@@ -256,4 +267,4 @@ def _frame_density(
             return None
         if len(side.x) == least:
             found.append(sign * (p.interpolation(geometry.frame.x) @ side.density))
-    return along_normals(np.mean(found, axis=0), normal)
+    return along_normals(np.mean(found, axis=0), geometry.normals)

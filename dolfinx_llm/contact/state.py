@@ -105,7 +105,7 @@ class InterfaceState:
 
     def __init__(self, nodes: FrictionNodes) -> None:
         self.nodes, law = nodes, nodes.law
-        self.shares = law.shares and law.slips and not (law.gives or nodes.geometry.rigid)
+        self.shares = law.shares and law.slips and not law.gives and nodes.geometry.law_side is None
         self.curved = self.shares and nodes.curved
         second = any(p.control is not None for p in nodes.geometry.pairs)
         self.second = self.shares and second and not self.curved
@@ -195,7 +195,7 @@ class InterfaceState:
         whether it presses or not."""
         active, closings = self.own.active, self.own.closings
         if not self.shares:
-            return np.ones_like(active) if self.law.follows else active
+            return np.ones_like(active) if self.law.follows else self.nodes.holding(active)
         settling = active & (closings < BY_TURNS)
         if self.keeps:
             settling = (active | (closings >= BY_TURNS)) & (closings < GONE)
@@ -279,6 +279,7 @@ class InterfaceState:
 
     def bearing_rows(self) -> Array:
         """(n c,) rows in contact that have friction."""
-        rows = self.closed_rows().reshape(self.nodes.rows.shape) & self.own.active[:, None]
+        holding = self.nodes.holding(self.own.active)
+        rows = self.closed_rows().reshape(self.nodes.rows.shape) & holding[:, None]
         rows[:, -1] = False
         return rows.ravel() & bool(self.nodes.kappa.size)

@@ -25,6 +25,7 @@ def predict_frame(
     by_nodes: bool,
     corners: int | None,
     order: int = 1,
+    carrier: int | None = None,
 ) -> tuple[Frame, str]:
     """Frame for two surfaces: the facets in contact of the coarser side.
 
@@ -33,18 +34,19 @@ def predict_frame(
         touched: pair of (n_i,) whether nodes belong to facets in contact.
         plane: contact plane of flat surfaces, halfway between which the frame lies; None: the
             facets stay where they are.
-        by_nodes: of ``coarser_facets``.
+        by_nodes: of ``coarser_side``.
         corners: of the frame's cells where only one kind will do; None: those of the coarser side.
         order: of the cells, at most that of both sides; those of second order on curved surfaces
             are bent as drawn.
+        carrier: side whose facets they are; None: the coarser one.
 
     Returns:
         The frame and a sentence that says what it is.
     """
-    k, facets = coarser_facets(sides, touched, by_nodes)
+    k = coarser_side(sides, touched, by_nodes) if carrier is None else carrier
     if corners not in (None, sides[k].facets.shape[1]):
         k = 1 - k
-        facets = touched_facets(sides[k], touched[k])
+    facets = touched_facets(sides[k], touched[k])
     chosen = (sides[k].cells if order > 1 else sides[k].facets)[facets]
     nodes, cells = np.unique(chosen, return_inverse=True)
     cells = cells.reshape(chosen.shape)
@@ -60,10 +62,8 @@ def predict_frame(
     return frame, f"{note}({sides[k].name})"
 
 
-def coarser_facets(
-    sides: Sequence[Surface], touched: Sequence[Array], by_nodes: bool
-) -> tuple[int, Array]:
-    """Which side is coarser, 0 or 1, and its facets (m,) that are in contact.
+def coarser_side(sides: Sequence[Surface], touched: Sequence[Array], by_nodes: bool) -> int:
+    """Which side is coarser where they are in contact, 0 or 1.
 
     By the size of the facets; or by the number of nodes: where contact may open no side may have
     fewer nodes than the frame, or pressures arise that it does not feel.
@@ -84,7 +84,7 @@ def coarser_facets(
         scale = np.maximum(np.abs(shapes[0]), np.abs(shapes[1]))
         apart = np.flatnonzero(np.abs(shapes[0] - shapes[1]) > 1e-9 * scale)
         k = int(shapes[0][apart[0]] > shapes[1][apart[0]]) if len(apart) else 0
-    return k, own[k]
+    return k
 
 
 def touched_facets(side: Surface, touched: Array) -> Array:

@@ -25,6 +25,7 @@ from dolfinx_llm.interface.against import (
     loaded,
     under_force,
 )
+from dolfinx_llm.interface.carrier import check_carried, with_carrier
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.control import in_control_values, with_control
 from dolfinx_llm.interface.frames import choose_frame, common_order, move_nodes
@@ -73,20 +74,21 @@ def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
     if interface.obstacle is not None:
         return build_against(site, notes, clock)
     found = chosen(site.comm, partial(_find_parts, site, notes, clock))
-    parts, rims, shared, notes, clock = found
+    parts, rims, shared, carrier, notes, clock = found
     curved = any(part.piece.plane is None for part in parts)
-    site = replace(with_law(site, curved), shared=shared)
+    site = replace(with_law(site, curved), shared=shared, carrier=carrier)
     return assembled(site, parts, rims, notes, clock)
 
 
 def _find_parts(site: Site, notes: list[str], clock: Clock) -> tuple[Any, ...]:
     """What is built of the pieces that touch, per side (n,) nodes at a rim that is too steep and
-    those that several pieces or other interfaces have, ``notes`` and ``clock``."""
+    those that several pieces or other interfaces have, which side carries the frame, ``notes`` and
+    ``clock``."""
     interface, whole = site.interface, site.whole
     pieces, rims = find_pieces(whole, interface.law.opens, interface.name, notes)
     if len(pieces) > 1 and interface.frame is not None:
         pieces = [whole_piece(pieces)]
-    site = with_law(site, any(piece.plane is None for piece in pieces))
+    site = with_carrier(with_law(site, any(piece.plane is None for piece in pieces)), pieces, notes)
     if interface.frame is None:
         pieces = [part for piece in pieces for part in separated(piece, whole)]
         site = replace(site, shared=shared_by(pieces, site))
@@ -95,7 +97,8 @@ def _find_parts(site: Site, notes: list[str], clock: Clock) -> tuple[Any, ...]:
     for piece in pieces:  # one frame has cells of one kind
         corners = parts[0].frame.cells.shape[1] if parts else None
         parts.append(build_piece(site, piece, notes, clock, corners))
-    return parts, rims, site.shared, notes, clock
+    check_carried(site, parts)
+    return parts, rims, site.shared, site.carrier, notes, clock
 
 
 def build_against(site: Site, notes: list[str], clock: Clock) -> InterfaceGeometry:
@@ -216,7 +219,7 @@ def build_piece(
         loads = [NodalLoads.over(side, plane, area, order) for side in sides]
     clock.stop("patch forces")
     touched = [load.touched for load in loads]
-    frame, note, reach = choose_frame(interface, sides, touched, plane, area, corners)
+    frame, note, reach = choose_frame(site, sides, touched, plane, area, corners)
     notes.append(note)
     clock.stop("frame")
     if interface.design == "positions" and frame.gdim == 3:

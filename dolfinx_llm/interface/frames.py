@@ -11,13 +11,13 @@ from dolfinx_llm.design.predict import face_side_1, predict_frame
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.surface import Surface
-from dolfinx_llm.interface.choices import Interface
+from dolfinx_llm.interface.site import Site
 
 COVERED, REACH = 1e-6, 3.0  # cells that a node may lie beyond a given, a predicted frame
 
 
 def choose_frame(
-    interface: Interface,
+    site: Site,
     sides: tuple[Surface, ...],
     touched: Sequence[Array],
     plane: Plane | None,
@@ -28,13 +28,14 @@ def choose_frame(
     what it is, and how many cells a node may lie beyond its outline.
 
     Args:
-        interface: the user's choices.
-        sides: the two surfaces.
+        site: of the interface.
+        sides: the two surfaces of a piece.
         touched: pair of (n_i,) whether nodes belong to facets in contact.
         plane: of flat surfaces; None: they are curved.
         area: what both cover, in the plane.
         corners: of a predicted frame's cells; None: those of the coarser side.
     """
+    interface, carrier = site.interface, site.carrier
     if interface.frame is not None:
         frame = face_side_1(interface.frame, sides[0])
         if plane is None:
@@ -50,6 +51,7 @@ def choose_frame(
     order = common_order(sides)
     if (
         order == 1
+        and carrier is None
         and plane
         and len(plane.origin) == 2
         and interface.design in ("positions", "auto")
@@ -60,7 +62,10 @@ def choose_frame(
             if interface.design == "positions":
                 raise
             log.info("closed form of the frame left out: %s", error)
-    return *predict_frame(sides, touched, plane, interface.law.opens, corners, order), REACH
+    frame, note = predict_frame(
+        sides, touched, plane, interface.law.opens, corners, order, carrier
+    )
+    return frame, note, REACH
 
 
 def common_order(sides: Sequence[Surface], frame: Frame | None = None) -> int:

@@ -81,21 +81,43 @@ class InterfaceGeometry:
         turn = np.array(obstacle.pose(self.sides[0].x.shape[1])[1])
         return turn if self.swings is None else turn + self.swings.rotation(w)
 
+    @property
+    def law_side(self) -> int | None:
+        """The side at whose pairs the law holds: the one against a rigid obstacle, or the one that
+        does not carry the frame; None: it holds at the frame's nodes."""
+        if self.frame is None:
+            return 0
+        return None if self.site.carrier is None else 1 - self.site.carrier
+
+    @property
+    def theta(self) -> float:
+        """Part of the jump between the bodies that the unknowns κ are: 1 where a side jumps from
+        what it meets, 1/2 where both do from the frame, (13)."""
+        return 0.5 if self.law_side is None else 1.0
+
     @cached_property
     def law_nodes(self) -> tuple[Array, Array]:
         """Positions (k, gdim) and tributary areas (k,) of the nodes at which the law holds: the
-        frame's, or the pairs' own against a rigid obstacle. Areas are the mean of both sides',
-        which agree where surfaces are flat: neither is preferred."""
-        x = self.pairs[0].x if self.frame is None else self.frame.x
+        pairs of ``law_side``, or the frame's. There areas are the mean of both sides', which agree
+        where surfaces are flat: neither is preferred."""
+        if self.law_side is not None:
+            pairs = self.pairs[self.law_side]
+            return pairs.x, pairs.forces
+        assert self.frame is not None
+        x = self.frame.x
         areas = [N.T @ p.forces for N, p in zip(self.law_shapes, self.pairs, strict=True)]
         return x, np.mean(areas, axis=0)
 
     @cached_property
     def law_shapes(self) -> tuple[csr_matrix, ...]:
         """Per side (n, k) shape functions of these nodes at the pairs."""
-        if self.frame is None:
-            return (identity(len(self.pairs[0].nodes), format="csr"),)
-        return tuple(pairs.N for pairs in self.pairs)
+        side = self.law_side
+        if side is None:
+            return tuple(pairs.N for pairs in self.pairs)
+        k = len(self.pairs[side].nodes)
+        own = identity(k, format="csr")
+        sizes = [len(pairs.nodes) for pairs in self.pairs]
+        return tuple(own if i == side else csr_matrix((n, k)) for i, n in enumerate(sizes))
 
     @property
     def normals(self) -> Array:
@@ -107,13 +129,22 @@ class InterfaceGeometry:
     @property
     def law_directions(self) -> Array:
         """(k, d, gdim) local base at these nodes, the normal last."""
-        return self.pairs[0].base if self.frame is None else self.directions
+        if self.law_side is None:
+            return self.directions
+        return (1.0, -1.0)[self.law_side] * self.pairs[self.law_side].base
 
     @property
     def jump_directions(self) -> Array:
         """(k, q, gdim) directions of jumps at these nodes."""
         directions = self.law_directions
         return directions[:, self.interface.law.components_of_jumps(directions.shape[1])]
+
+    def at_law_nodes(self, x: Array) -> csr_matrix:
+        """(j, k) values of the law's nodes at positions (j, gdim), as drawn."""
+        if self.law_side is not None:
+            return self.pairs[self.law_side].interpolation(x)
+        assert self.frame is not None
+        return self.frame.interpolation(self.frame.locate(x))
 
     @cached_property
     def opposite(self) -> tuple[csr_matrix, ...]:

@@ -35,6 +35,7 @@ class Site:
     comm: MPI.Comm
     shared: tuple[Array, ...] = ()  # per side (n,) nodes that other interfaces have, too
     scalar: bool = False  # a temperature or the like goes across, no displacement
+    carrier: int | None = None  # side that the frame moves with; None: with both alike
 
 
 def find_site(

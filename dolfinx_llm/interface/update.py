@@ -17,6 +17,7 @@ class Transfer:
     pairs: tuple[Array, ...]  # per side (n_new,) place among the old pairs
     sizes: tuple[int, ...]  # pairs per side before
     directions: tuple[Array, Array]  # (k, q, gdim) of jumps, before and now
+    scale: float  # unknowns of jumps now over those before
 
     @property
     def old_pairs(self) -> Array:
@@ -28,20 +29,19 @@ class Transfer:
         """(k_new, q) jumps along the directions of now, from (k_old, q) along the old ones."""
         before, now = self.directions
         vectors = np.einsum("kq,kqi->ki", jumps, before)
-        return np.einsum("ki,kqi->kq", self.nodes @ vectors, now)
+        return self.scale * np.einsum("ki,kqi->kq", self.nodes @ vectors, now)
 
 
 def remeshed(old: InterfaceGeometry, new: InterfaceGeometry) -> tuple[Transfer, list[csr_matrix]]:
     """Between geometries of one interface on two meshes, drawn at the same places: pairs go with
-    the nearest old one; against an obstacle its nodes are those of the law.
+    the nearest old one.
 
     Returns:
         The transfer, and per side (n_new, n_old) values of the old pairs at the new ones.
     """
     of = [a.interpolation(b.x) for a, b in zip(old.pairs, new.pairs, strict=True)]
-    nodes = of[0]
-    if old.frame is not None and new.frame is not None:
-        nodes = old.frame.interpolation(old.frame.locate(new.frame.x))
+    nodes = old.at_law_nodes(new.law_nodes[0])
     places = tuple(np.asarray(N.argmax(axis=1)).ravel() for N in of)
     sizes = tuple(len(p.nodes) for p in old.pairs)
-    return Transfer(nodes, places, sizes, (old.jump_directions, new.jump_directions)), of
+    directions, scale = (old.jump_directions, new.jump_directions), new.theta / old.theta
+    return Transfer(nodes, places, sizes, directions, scale), of

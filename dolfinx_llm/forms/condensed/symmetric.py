@@ -166,7 +166,7 @@ class Reduced:
 
 def jumps_of(operators: ContactOperators) -> list[tuple[Array, Array | None]]:
     """Per interface whose law has jumps (k, q) places of these in w, and of the frame's motion in
-    the same directions; None against an obstacle."""
+    the same directions; None where these are of pairs."""
     found = []
     for geometry, place in zip(operators.geometries, operators.places, strict=True):
         k, gdim = len(geometry.law_nodes[0]), operators.dofs.gdim
@@ -176,7 +176,7 @@ def jumps_of(operators: ContactOperators) -> list[tuple[Array, Array | None]]:
             continue
         kappa = np.arange(place.slips.start, place.slips.stop).reshape(k, q)
         v = None
-        if not geometry.rigid:
+        if geometry.law_side is None:
             v = np.arange(place.frame.start, place.frame.stop).reshape(k, -1)
             v = v[:, law.components_of_jumps(v.shape[1])]
         found.append((kappa, v))

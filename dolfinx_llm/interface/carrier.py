@@ -1,0 +1,59 @@
+"""Which side a frame moves with: both alike, or one of them, that carries it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.design.predict import coarser_side
+from dolfinx_llm.geometry.pairs import rank_certificate
+from dolfinx_llm.geometry.pieces import Piece
+from dolfinx_llm.interface.join import Part, whole_piece
+from dolfinx_llm.interface.site import Site
+
+
+def with_carrier(site: Site, pieces: Sequence[Piece], notes: list[str]) -> Site:
+    """The same; with friction between surfaces some of which are curved, the one with fewer nodes carries
+    the frame, and the law holds at the nodes of the other (see ``contact.friction_nodes``).
+
+    Args:
+        site: with its law.
+        pieces: of the surfaces that touch.
+        notes: get what was chosen.
+    """
+    law = site.interface.law
+    flat = all(piece.plane is not None for piece in pieces)
+    if flat or not (law.opens and law.slips) or law.gives:
+        return site
+    sides = whole_piece(pieces).parts(site.whole)
+    counts = [len(side.x) for side in sides]  # those of second order have more than corners
+    carrier = int(counts[1] < counts[0])
+    if counts[0] == counts[1]:
+        carrier = coarser_side(sides, [np.ones(n) for n in counts], by_nodes=True)
+    mover, frame = sides[1 - carrier].name, sides[carrier].name
+    notes.append(f"curved, with friction: the law holds at the nodes of {mover}, {frame} carries "
+                 "the frame")  # fmt: skip
+    return replace(site, carrier=carrier)
+
+
+def check_carried(site: Site, parts: Sequence[Part]) -> None:
+    """Require that the side that carries a frame that was given holds it alone.
+
+    Raises:
+        ContactError: it does not.
+    """
+    carrier = site.carrier
+    if carrier is None or site.interface.frame is None:
+        return
+    for part in parts:
+        own = part.pairs[carrier].N
+        try:
+            rank_certificate(part.frame, [own, own[:0]])
+        except ContactError as failed:
+            raise ContactError(
+                f"interface {site.interface.name}: along curved surfaces with friction the side "
+                f"with fewer nodes, {site.whole[carrier].name}, carries the frame. There {failed}"
+            ) from failed
