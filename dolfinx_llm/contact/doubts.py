@@ -20,7 +20,6 @@ TILT = 0.1  # [rad] angle by which an obstacle may turn: half its square of the 
 LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
 UNTIED_SHARE = 1e-2  # the same, on pairs that have none from the start of a load step, and of
 # friction on pairs that do not press
-IN_SUM = 1e-3  # of the largest force, of friction at a frame node with its neighbours alone
 UNEVEN = 2.0  # friction of a side's nodes over the frame's, where all slip
 CARRIES = 1e-10  # of the largest force in the load step: an interface with less carries none
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
@@ -60,8 +59,6 @@ def doubts(
                 f"part bear friction of {state.grazes:.1%} of the normal force without pressing. "
                 "Use a finer mesh where contact ends"
             )
-        if state.curved:
-            out += _unbalanced(state.nodes.geometry, result)
         out += _rough(state.nodes.geometry, result)
     for geometry, result in zip(geometries, results, strict=True):
         out += [] if in_time else _apart(geometry, result)
@@ -115,21 +112,6 @@ def _rough(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
                 "one along the surface. Use cells of about the same size where bodies touch"
             )
     return out
-
-
-def _unbalanced(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
-    """Friction of both sides that cancels in sums over frame nodes at the rim of contact only."""
-    sides = zip(geometry.pairs, result.sides, strict=True)
-    forces = [of_control_values(pairs, side.force) for pairs, side in sides]
-    left = sum(p.N.T @ force for p, force in zip(geometry.pairs, forces, strict=True))
-    left = np.abs(left).max() / max(np.abs(np.concatenate(forces)).max(), 1e-300)
-    if left <= IN_SUM:
-        return []
-    return [
-        f"interface {geometry.interface.name}: at the rim of contact friction balances with that "
-        f"of the frame node next to it, not node by node: up to {left:.1%} of the largest force is "
-        "left at a node, nothing in sum. Refine the meshes where contact ends"
-    ]
 
 
 def _uncertain_gaps(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:

@@ -45,7 +45,7 @@ def release(s: InterfaceState) -> bool:
     Pairs that opened and closed by turns have their friction again: where one alone presses a
     node, nothing else could balance the friction of others there.
     """
-    if led := bool(s.others.frame_relative.nnz) and not s.curved:
+    if led := bool(s.others.frame_relative.nnz):
         known = s.own.closings.copy()
         s.begin(0.0, s.keeps)
         if s.keeps:
@@ -54,7 +54,7 @@ def release(s: InterfaceState) -> bool:
     return led
 
 
-def count(s: InterfaceState, chosen: Array, wrong: Array, light: Array, vital: bool) -> None:
+def count(s: InterfaceState, chosen: Array, wrong: Array, light: Array) -> None:
     """Count how often pairs close; those that close alone, or hardly press, soon do so by turns.
 
     Args:
@@ -62,10 +62,9 @@ def count(s: InterfaceState, chosen: Array, wrong: Array, light: Array, vital: b
         chosen: (n,) pairs in contact from now on.
         wrong: (n,) pairs whose sign is wrong.
         light: (n,) pairs that hardly press.
-        vital: friction alone holds bodies.
     """
     own, changed = s.own, chosen != s.own.active
-    light = light | (changed.sum() <= FEW * len(chosen) + 2) | (s.curved and not vital)
+    light = light | (changed.sum() <= FEW * len(chosen) + 2)
     own.closings += np.where(chosen & ~own.active, np.where(light, ALONE, 1), 0)
     if s.keeps:  # a sign that is wrong in contact and out of it
         stuck = wrong & ~changed

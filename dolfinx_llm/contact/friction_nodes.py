@@ -27,7 +27,6 @@ from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.sparse import diagonal, nearest
 from dolfinx_llm.geometry.spaces import is_function
 from dolfinx_llm.interface.geometry import InterfaceGeometry
-from dolfinx_llm.interface.site import BENT
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import at_positions
 from dolfinx_llm.operators.assemble import interface_operator
@@ -138,12 +137,6 @@ class FrictionNodes:
         """(k,) nodes whose tangential motion supports prescribe."""
         return self._linked.T @ self.yields.astype(float) <= TOUCHED
 
-    @cached_property
-    def curved(self) -> bool:
-        """Whether normals at the nodes differ. What balances forces there at a node that next to
-        nothing holds moves it far along its tangents, and so the gaps about it."""
-        return bool(np.ptp(self.geometry.directions[:, -1], axis=0).max(initial=0.0) > BENT)
-
     def holding(self, active: Array) -> Array:
         """(n,) pairs in contact, and those that hold the frame tangentially where others are, in
         contact or not.
@@ -155,12 +148,6 @@ class FrictionNodes:
             return active
         own = active[~self.carries].astype(float)
         return active | (self.carries & (self._linked @ own > TOUCHED))
-
-    @property
-    def wide(self) -> bool:
-        """Whether it is curved in 3D, where rows of coarse facets have many entries of either sign;
-        in 2D they have few."""
-        return self.curved and self.x.shape[1] == 3
 
     def felt(self, forces: Array, level: float) -> csr_matrix:
         """(n c, k q or k (q + 1)) what the law's nodes feel of forces (n c,), which are of a level

@@ -44,7 +44,6 @@ MAXIMUM = 100  # iterations, and as many again once ties have been chosen
 FALLING = 4  # of them in which the motion of what nothing holds is looked for
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 MANY = 0.2  # of the pairs: where more change, friction is not yet what it will be
-AGAIN = 0.05  # the same in later load steps, on curved frames, for which pairs touch
 FLOATS = 1e-6  # of the forces, that springs carry where contact without friction holds no body
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
 FASTEST = 20  # doublings of how fast a frame node goes to where it touches
@@ -135,8 +134,10 @@ class ContactIteration:
         equations.idle, equations.least = 0.0, unfelt(equations, w)
         equations.start, self._calmed, self._vital = about[0], False, False
         calm, before, w_last = 0, np.inf, w  # iterations without change
-        changes, runs, iteration, last, many = 0, 0, 0, MAXIMUM, _many(self.states, known)
+        changes, runs, iteration, last, many = 0, 0, 0, MAXIMUM, np.inf
         giving, circles = GivingWay(equations), Circles(self.history)
+        if not known:
+            many = MANY * sum(len(s.nodes.rows) for s in self.states)
         parted = Parted(equations, floating.comm)
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         pull = Pull(floating, spring, f, self.rounding, alpha)
@@ -145,7 +146,7 @@ class ContactIteration:
         glides, rest = glide(equations, False), untied(self.states)
         while iteration < last and (iteration < FALLING or not falls()):
             iteration += 1
-            equations.lags = changes > many and not known
+            equations.lags = changes > many
             equations.circles = circles.lag(calm <= CALM)
             equations.about = giving.about(calm > 0 and before <= CONSTANT, iteration)
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
@@ -160,7 +161,7 @@ class ContactIteration:
             met = slide(equations, found, y + g, known * iteration)
             if glides:
                 met = slips(equations, y + g, w)
-                choose(self.states, multiplier, iteration)
+                choose(self.states, multiplier)
                 glide(equations, False)
             taken = sum(self._take(s, found, apart) for s in self.states)
             changes, miss = told(floating.comm, (taken, equations.miss(multiplier, w) / largest))
@@ -172,7 +173,7 @@ class ContactIteration:
             if self.operators.tied:  # one linear step is all
                 self.multiplier, self.w, self.alpha = multiplier, w, found.floating
                 return found
-            anew = not self._vital and unsettled(self.states, changes, iteration)
+            anew = not self._vital and unsettled(self.states)
             anew |= parted.lost(multiplier, y + g)
             if (anew or iteration == 1) and glide(equations, anew or changes > many):
                 glides = True  # contact is sought anew, without friction
@@ -235,7 +236,7 @@ class ContactIteration:
         changed, force = chosen != own.active, np.abs(found.multiplier)
         largest = unless_none(float(force.max(initial=0.0)), self.equations.least)
         light = force[normal] <= LIGHT * largest
-        count(s, chosen, found.wrong[normal], light, self._vital)
+        count(s, chosen, found.wrong[normal], light)
         s.touch(chosen)
         # What carries nothing changes to no effect, and what closes where it meets the frame. A
         # sign that is wrong has to change, also where its pair then is as it was.
@@ -258,12 +259,6 @@ def _follow(
     differs = ((now.status != s.own.status) & felt) | (now.holds != s.own.holds)
     s.take(now)
     return int(differs.sum())
-
-
-def _many(states: list[InterfaceState], known: bool) -> float:
-    """Changes from which contact is sought anew without friction."""
-    again = AGAIN if any(s.curved for s in states) else np.inf
-    return (again if known else MANY) * sum(len(s.nodes.rows) for s in states)
 
 
 def _entry(

@@ -79,7 +79,7 @@ def _left(
     drags, bears, limits = [csr_matrix((0, n))], [csr_matrix((0, n))], [np.zeros(0)]
     for s in equations.states:
         rows = s.nodes.rows
-        if isinstance(s.law, Coulomb) and s.nodes.kappa.size and not s.curved:
+        if isinstance(s.law, Coulomb) and s.nodes.kappa.size:
             for known, of in zip((drags, bears, limits), _friction(s, n), strict=True):
                 known.append(of)
         elif s.nodes.kappa.size and not isinstance(s.law, Coulomb):

@@ -24,8 +24,6 @@ REMEMBERED = 3  # states of contact
 ADRIFT = 1e-2  # sum of N² below which a frame node is led until contact has come to rest
 CROSSES = 1e-6  # the same, below which no force passes from side to side
 HELD = 0.3  # least sum of N² over the pairs of each side that tells the slip of a frame node
-FIRM_NET = 0.6  # the same on curved frames in 3D, and of N: corrections make entries negative
-LIKE_IT = 0.9  # of the best one's, where that is less: a node of a regular mesh is as good as any
 BY_LITTLE = 0.03  # the same where ties are chosen, perhaps of contact narrower than a facet
 
 
@@ -34,7 +32,6 @@ def asked(
     touching: list[csr_matrix] | None = None,
     weak: Array | None = None,
     held: float = HELD,
-    net: bool = False,
 ) -> csr_matrix:
     """(k, k) the node that each frame node asks who speaks for it, 1: itself, where pairs of both
     sides hold it, so that it speaks for itself; else a neighbour, or those that are alike in equal
@@ -48,7 +45,6 @@ def asked(
             that follow the frame.
         weak: (k,) nodes that do not speak, however firmly they are held; None: there are none.
         held: least sum of N² of each side with which a node speaks for itself.
-        net: and of N, in which entries that corrections have made negative count as such.
 
     >>> far = csr_matrix([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 0.9, 0.1]])
     >>> asked([far, far]).toarray().tolist()
@@ -58,8 +54,6 @@ def asked(
     shared, support = csr_matrix((k, k)), np.full(k, np.inf)
     for N in sides:
         support = np.minimum(support, np.asarray(N.power(2).sum(axis=0)).ravel())
-        if net:
-            support = np.minimum(support, np.maximum(np.asarray(N.sum(axis=0)).ravel(), 0.0))
     if weak is not None:
         support = np.where(weak, 0.0, support)
     for N in touching or sides:
@@ -67,7 +61,7 @@ def asked(
     _, piece = connected_components(shared, directed=False)
     best = np.zeros(piece.max(initial=0) + 1)
     np.maximum.at(best, piece, support)
-    known = support >= np.minimum(held, LIKE_IT * best[piece] if net else best[piece])
+    known = support >= np.minimum(held, best[piece])
     found = diagonal(known)
     while not known.all():  # outwards, a ring of nodes at a time
         near = nearest((diagonal(~known) @ shared @ diagonal(known)).tocsr())
@@ -181,10 +175,8 @@ class Followers:
         """
         k, t = nodes.kappa.shape
         follows = nodes.of(tied)
-        near, least = active | tied, FIRM_NET if nodes.wide else HELD
-        if chosen:
-            near, least = np.ones_like(active), BY_LITTLE
-        asks = asked(follows, nodes.of(near), pulled, least, nodes.wide)
+        near, least = (np.ones_like(active), BY_LITTLE) if chosen else (active | tied, HELD)
+        asks = asked(follows, nodes.of(near), pulled, least)
         parts = speakers(asks)
         speaker, free = np.asarray(parts.argmax(axis=1)).ravel(), unheld(follows, parts)
         if np.array_equal(speaker, np.arange(k)):

@@ -95,7 +95,7 @@ class InterfaceState:
         given: what the law has read at the start of this load step, (k, ...) by name.
         others, touched: who speaks for whom; counts the changes of what is in contact.
         held: (n,) pairs that may pull, too.
-        shares, curved: nodes at the rim of contact slip as others do; so on a curved frame.
+        shares: nodes at the rim of contact slip as others do.
         second, keeps: of second order, whose pairs that do not come to rest may keep their ties;
             whether they do, see ``flickering``.
         asked: whether ties have been chosen in this load step, see ``ties``.
@@ -106,9 +106,8 @@ class InterfaceState:
     def __init__(self, nodes: FrictionNodes) -> None:
         self.nodes, law = nodes, nodes.law
         self.shares = law.shares and law.slips and not law.gives and nodes.geometry.law_side is None
-        self.curved = self.shares and nodes.curved
         second = any(p.control is not None for p in nodes.geometry.pairs)
-        self.second = self.shares and second and not self.curved
+        self.second = self.shares and second
         self.glides, self.touched, self._touching = False, 0, np.empty(0)  # all follow the frame
         self.stays = np.zeros(len(nodes.rows), dtype=bool)  # pairs that cannot part
         self.others, self._followers = Followers.none(nodes), LastFollowers(nodes)
@@ -168,9 +167,7 @@ class InterfaceState:
             self.touch(self.own.active)
 
     def accept(self, multiplier: Array, w: Array, fitted: Array, c: float, least: float) -> None:
-        """End a load step; where contact is open, or bears nothing, slips follow the bodies, but
-        not those of nodes of coarse curved surfaces for which others speak: far ends of shape
-        functions would tell them.
+        """End a load step; where contact is open, or bears nothing, slips follow the bodies.
 
         Args:
             multiplier, w: λ (n,) and w (m,).
@@ -184,8 +181,6 @@ class InterfaceState:
                 self.own.history = self.law.end_step(at)
                 if self.law.opens and self.law.slips:
                     opened = opened | (self.law.strength(at) <= least)
-            if self.curved and self.nodes.wide:
-                opened &= self.others.speaker == np.arange(len(opened))
             self.own.kappa_before = np.where(opened[:, None], fitted[kappa], w[kappa])
 
     @property

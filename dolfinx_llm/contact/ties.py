@@ -2,8 +2,8 @@
 
 The tie of a pair bears any force, however little the pair presses. Where every pair in contact has
 one, a pair that hardly presses may pull itself open by its tie, and press again without it: then no
-state at all meets the law. Ties are therefore chosen once where pairs do not come to rest: on
-curved frames, or where these pairs bear more than may be without friction. Tied are the pairs that
+state at all meets the law. Ties are therefore chosen once where these pairs bear more than may be
+without friction. Tied are the pairs that
 press in contact without friction. They stay tied while the iteration goes on, and the nodes that
 speak for others, which follow from ties alone, stay as well. For given ties a state exists, which
 Newton's method finds in about ten iterations. Open pairs may then bear friction by their ties;
@@ -24,30 +24,22 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.contact.flickering import too_loose
 from dolfinx_llm.contact.state import InterfaceState
 
-EVERY = 12  # iterations with a tie for each pair in contact
-RESTLESS = 0.05  # of the pairs: where more change then, they do not come to rest
-LATEST = 16  # iterations after which none may change
 SETTLING = 1e-2  # of the largest force, that laws are missed by: contact is nearly what it will be
 TIELESS = 1e-2  # of the normal force without friction, on the pairs that press least: no ties
 
 NEVER, NOW, DONE, MORE = range(4)  # whether ties have been asked for, chosen, added to in a step
 
 
-def unsettled(states: list[InterfaceState], changes: int, iteration: int) -> bool:
-    """Whether ties are to be chosen now: many pairs of curved frames still change, or any much
-    later, or it has just been asked for.
+def unsettled(states: list[InterfaceState]) -> bool:
+    """Whether ties are to be chosen now, as has just been asked for.
 
     Args:
         states: of all interfaces.
-        changes: in this iteration.
-        iteration: its number.
     """
-    many, asked = RESTLESS * sum(len(s.nodes.rows) for s in states), _of(states, NOW)
+    asked = _of(states, NOW)
     for s in asked:
         s.asked = DONE
-    allowed = {EVERY: many, LATEST: 0}.get(iteration, np.inf)
-    restless = changes > allowed and any(s.curved for s in _of(states, NEVER))
-    return bool(asked) or restless
+    return bool(asked)
 
 
 def ask(states: list[InterfaceState], multiplier: Array, vital: bool) -> bool:
@@ -102,16 +94,15 @@ def _of(states: list[InterfaceState], asked: int) -> list[InterfaceState]:
     return [s for s in states if s.asked == asked]
 
 
-def choose(states: list[InterfaceState], multiplier: Array, iteration: int) -> None:
-    """Tie the pairs that press, of curved frames and of what was asked for, if it is time to.
+def choose(states: list[InterfaceState], multiplier: Array) -> None:
+    """Tie the pairs that press, of what was asked for.
 
     Args:
         states: of all interfaces.
         multiplier: λ (n,) of contact without friction [force].
-        iteration: its number.
     """
     for s in states:
-        if s.asked or (s.curved and iteration > EVERY):
+        if s.asked:
             _tie(s, multiplier)
             s.asked = DONE
 

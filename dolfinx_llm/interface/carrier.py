@@ -16,8 +16,8 @@ from dolfinx_llm.interface.site import Site
 
 
 def with_carrier(site: Site, pieces: Sequence[Piece], notes: list[str]) -> Site:
-    """The same; with friction between surfaces some of which are curved, the one with fewer nodes carries
-    the frame, and the law holds at the nodes of the other (see ``contact.friction_nodes``).
+    """The same; with friction between surfaces some of which are curved, the one with fewer nodes
+    carries the frame, and the law holds at the nodes of the other (``contact.friction_nodes``).
 
     Args:
         site: with its law.

@@ -62,9 +62,7 @@ def choose_frame(
             if interface.design == "positions":
                 raise
             log.info("closed form of the frame left out: %s", error)
-    frame, note = predict_frame(
-        sides, touched, plane, interface.law.opens, corners, order, carrier
-    )
+    frame, note = predict_frame(sides, touched, plane, interface.law.opens, corners, order, carrier)
     return frame, note, REACH
 
 

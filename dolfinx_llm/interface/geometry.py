@@ -140,7 +140,11 @@ class InterfaceGeometry:
         return directions[:, self.interface.law.components_of_jumps(directions.shape[1])]
 
     def at_law_nodes(self, x: Array) -> csr_matrix:
-        """(j, k) values of the law's nodes at positions (j, gdim), as drawn."""
+        """(j, k) values of the law's nodes at positions.
+
+        Args:
+            x: (j, gdim) as drawn [length].
+        """
         if self.law_side is not None:
             return self.pairs[self.law_side].interpolation(x)
         assert self.frame is not None
