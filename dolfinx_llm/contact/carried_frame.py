@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import diagonal, nearest
+from dolfinx_llm.base.sparse import nearest
 from dolfinx_llm.contact.sides import FELT, SideResult
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.interface.geometry import InterfaceGeometry
@@ -26,8 +26,7 @@ def at_carried_frame(
     law_side, normal = geometry.law_side, geometry.normals
     assert law_side is not None
     sign, side = (1.0, -1.0)[law_side], sides[law_side]
-    N = geometry.pairs[law_side].N.maximum(0.0)
-    share = (diagonal(1.0 / np.asarray(N.sum(axis=1)).ravel()) @ N).tocoo()
+    share = geometry.shares.tocoo()
     force, area = share.T @ side.normal_force, share.T @ side.area
     n, to = sign * side.normal[share.row], normal[share.col]
     drag = sign * side.tangential_force[share.row]

@@ -264,6 +264,9 @@ def _sampled(
 ) -> Array:
     """(k,) of what a user gives for a law at x (k, gdim), see ``LawNodes``; collective."""
     if not is_function(value):
+        carried = geometry.site.carrier is not None
+        if carried and np.shape(value) == (geometry.shares.shape[1],):  # given at the frame's nodes
+            return geometry.shares @ at_positions(value, x)
         return at_positions(value, x)
     found = []
     for side, space in zip(

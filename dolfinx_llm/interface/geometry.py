@@ -7,6 +7,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, identity
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.design.curved import nodal_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
@@ -138,6 +139,14 @@ class InterfaceGeometry:
         """(k, q, gdim) directions of jumps at these nodes."""
         directions = self.law_directions
         return directions[:, self.interface.law.components_of_jumps(directions.shape[1])]
+
+    @cached_property
+    def shares(self) -> csr_matrix:
+        """(k, m) part that the frame's nodes have in those of the side that does not carry it: the
+        positive entries of their rows, over their sum."""
+        assert self.law_side is not None
+        N = self.pairs[self.law_side].N.maximum(0.0)
+        return diagonal(1.0 / np.asarray(N.sum(axis=1)).ravel()) @ N
 
     def at_law_nodes(self, x: Array) -> csr_matrix:
         """(j, k) values of the law's nodes at positions.

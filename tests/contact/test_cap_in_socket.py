@@ -52,7 +52,7 @@ def model():
 
 
 def dragged(Q, steps):
-    """Resultants of the steps in the scene's own base, and gaps and forces at the end."""
+    """Resultants of the steps in the scene's own base, the last result, and the iterations."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     model()
@@ -69,12 +69,13 @@ def dragged(Q, steps):
     L = ufl.inner(fem.Constant(domain, (0.0, 0.0, 0.0)), w) * ufl.dx
     interface = llm.Interface(tags, (CAP, SOCKET), law=llm.Coulomb(0.3))
     with llm.ContactProblem(a, L, bcs=bcs, interfaces=[interface]) as problem:
-        found = []
+        found, iterations = [], []
         for way in steps:
             top.x.array.reshape(-1, 3)[:] = Q @ way
             problem.solve()
             found.append(problem.results[0].resultant @ Q)
-        return np.array(found), problem.results[0]
+            iterations.append(len(problem.history))
+        return np.array(found), problem.results[0], iterations
 
 
 @pytest.mark.parametrize(("angle", "axis"), [
@@ -84,17 +85,24 @@ def test_contact_that_slips_lose_is_found_again(angle, axis):
     """Turned about x and y by 0.7 it was told that nothing touches, with the cap in the socket by
     all of its way: corrected rows let a frame be clear of both. In others there was no end."""
     turn = Rotation.from_rotvec(angle * np.array(axis) / np.linalg.norm(axis)).as_matrix()
-    expected, _ = dragged(np.eye(3), STEPS)
-    found, result = dragged(turn, STEPS)
+    expected, _, _ = dragged(np.eye(3), STEPS)
+    found, result, _ = dragged(turn, STEPS)
     size = np.abs(expected).max()
     assert np.abs(found - expected).max() <= 1e-4 * size
     assert all((side.status != 0).sum() > 5 for side in result.sides)
 
 
-def test_a_load_step_goes_on_from_the_last_one():
-    """Frame nodes that others speak for began it from far ends of a few shape functions: pairs slid
-    by 0.14, and the force along the way was a third of what it is, with as much across."""
-    found, result = dragged(np.eye(3), STEPS[:2])
-    along, across = found[1][:2]
-    assert 0.1 < along < 0.14 and abs(across) < 0.03
+def test_load_steps():
+    """In few iterations, the same by increments and where they are repeated. With a law at the
+    frame's nodes, at the rim of contact held by far ends of shape functions, the last step took up
+    to 121, and told 0.25, 0.23 and 0.23 in the place of 0.25 in 1, 2 and 4 parts."""
+    before, last = np.array(STEPS[1]), np.array(STEPS[2])
+    ways = {n: [tuple(before + (last - before) * k / n) for k in range(1, n + 1)] for n in (1, 3)}
+    once, result, iterations = dragged(np.eye(3), [*STEPS[:2], *ways[1], *ways[1]])
+    parts, _, _ = dragged(np.eye(3), [*STEPS[:2], *ways[3]])
+    along, across = once[1][:2]
+    assert 0.12 < along < 0.13 and abs(across) < 0.01
     assert max(np.linalg.norm(side.slip, axis=1).max() for side in result.sides) < 0.05
+    assert np.abs(once[3] - once[2]).max() < 1e-9 and 0.25 < once[2][0] < 0.26
+    assert np.abs(parts[-1] - once[2]).max() < 0.006
+    assert max(iterations) <= 8

@@ -61,10 +61,12 @@ def sliding_modes_of(operators: ContactOperators) -> Modes:
     for geometry, place, of in zip(operators.geometries, operators.places, sides, strict=True):
         if geometry.rigid:
             continue
-        w[place.frame] = 0.25 * of.sum() * (geometry.directions @ ways).reshape(-1, w.shape[1])
+        carrier = geometry.site.carrier
+        moves = 0.25 * of.sum() if carrier is None else 0.5 * of[carrier]
+        w[place.frame] = moves * (geometry.directions @ ways).reshape(-1, w.shape[1])
         if place.slips.stop > place.slips.start:
             jumps = (geometry.jump_directions @ ways).reshape(-1, w.shape[1])
-            w[place.slips] = 0.25 * (of[0] - of[1]) * jumps
+            w[place.slips] = geometry.theta * 0.5 * (of[0] - of[1]) * jumps
     body = 0.5 * side[bodies.label, None, None] * ways
     return body.reshape(-1, w.shape[1]), w
 
