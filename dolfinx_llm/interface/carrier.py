@@ -26,7 +26,7 @@ def with_carrier(site: Site, pieces: Sequence[Piece], notes: list[str]) -> Site:
     """
     law = site.interface.law
     flat = all(piece.plane is not None for piece in pieces)
-    if flat or not (law.opens and law.slips) or law.gives:
+    if flat or law.follows or law.gives or not (law.opens and law.slips):
         return site
     sides = whole_piece(pieces).parts(site.whole)
     counts = [len(side.x) for side in sides]  # those of second order have more than corners

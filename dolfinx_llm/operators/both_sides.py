@@ -93,7 +93,12 @@ class BothSides:
         least = COINCIDES if rubs else MOSTLY
         alone = np.concatenate([_next_to_nodes(p.N, a, least) for p, a in zip((own, other), at)])
         spare = held & ~alone[:, None]
-        held = spare if geometry.bent else held
+        if geometry.bent:
+            held = spare
+        if (carrier := geometry.site.carrier) is not None:  # of the others each slips by itself
+            carries = np.repeat([0, 1], [len(own.nodes), len(other.nodes)]) == carrier
+            spare &= carries[:, None]
+            held = np.where(carries[:, None], spare, held)
         sides = range(place.sides.start, place.sides.stop)
         return cls(sides, place.rows, base, across, held.ravel(), spare.ravel())
 
