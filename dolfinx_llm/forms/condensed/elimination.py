@@ -90,6 +90,7 @@ def eliminate_at_nodes(dofs: Array, vectors: Array, fixed: Array) -> NodeElimina
     free = ~fixed[nodes]
     S = np.zeros((*shape, gdim))
     S[group, place] = vectors * free[group]
+    S[np.linalg.norm(S, axis=2) <= REPEATED] = 0.0  # where it is all that there is, too
     inverse = np.linalg.pinv(S, rcond=REPEATED)
     value = inverse[group, :, place]
     A = _csr(value, dofs, np.broadcast_to(np.arange(R)[:, None], dofs.shape), (n, R))
