@@ -184,7 +184,7 @@ class InterfaceState:
                 self.own.history = self.law.end_step(at)
                 if self.law.opens and self.law.slips:
                     opened = opened | (self.law.strength(at) <= least)
-            if self.nodes.wide:
+            if self.curved and self.nodes.wide:
                 opened &= self.others.speaker == np.arange(len(opened))
             self.own.kappa_before = np.where(opened[:, None], fitted[kappa], w[kappa])
 
