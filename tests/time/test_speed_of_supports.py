@@ -106,3 +106,26 @@ def test_one_body_without_density():
     none = fem.Function(compat.function_space(bodies[1][0]))
     with pytest.raises(llm.ContactInputError, match="all masses are 0 in a mesh"):
         llm.TimeStepper([1.0, none], a, L, dt=0.1, interfaces=interface, scheme="newmark")
+
+
+def test_friction_and_weight_at_the_start():
+    """Of a body that flies, drawn where it starts: forces of where it came from were held by
+    inertia, and their rounding was taken for an error of what the weight does."""
+    domain, tags = rectangle(MPI.COMM_SELF, (2, 4), (0, 0), (1, 4), "quadrilateral")
+    V = compat.function_space(domain, shape=(2,))
+    u, w = ufl.TrialFunction(V), ufl.TestFunction(V)
+    a = ufl.inner(stress(u), ufl.grad(w)) * ufl.dx
+    L = ufl.inner(fem.Constant(domain, (0.3, -1.0)), w) * ufl.dx
+    plane = llm.RigidPlane((0.0, -0.01), (0.0, 1.0))
+    interface = llm.Interface(tags, (1, plane), law=llm.Coulomb(0.3))
+    s = llm.TimeStepper(1.0, a, L, dt=0.01, interfaces=interface)
+    s.v.interpolate(lambda x: np.stack([0.2 + 0.0 * x[0], -0.5 + 0.0 * x[0]]))
+    s.step()  # flies
+    momenta = [s.density[0] * s.v[i] * ufl.dx(domain) for i in range(2)]
+    found = [fem.assemble_scalar(fem.form(part)) for part in momenta]
+    known = 4.0 * (np.array([0.2, -0.5]) + 0.01 * np.array([0.3, -1.0]))
+    np.testing.assert_allclose(found, known, rtol=1e-9)
+    for _ in range(3):
+        s.step()
+    assert s.problem.results[0].resultant[1] < 0.0
+    s.destroy()
