@@ -185,12 +185,11 @@ class InterfaceState:
 
     @property
     def tied(self) -> Array:
-        """(n,) pairs that follow the frame tangentially. One that opens and closes by turns, at the
-        rim of contact, carries hardly any force; it comes to rest without friction, or with its tie
-        whether it presses or not."""
-        active, closings = self.own.active, self.own.closings
-        if not self.shares:
-            return np.ones_like(active) if self.law.follows else self.nodes.holding(active)
+        """(n,) pairs that follow the frame tangentially. One that opens and closes by turns carries
+        hardly any force; it comes to rest without friction, or with its tie, pressing or not."""
+        law, active, closings = self.law, self.own.active, self.own.closings
+        if law.follows or law.gives or self.nodes.geometry.law_side is not None or not law.slips:
+            return self.nodes.holding(active) | law.follows
         settling = active & (closings < BY_TURNS)
         if self.keeps:
             settling = (active | (closings >= BY_TURNS)) & (closings < GONE)

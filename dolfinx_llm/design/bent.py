@@ -11,6 +11,7 @@ stays.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csr_matrix, identity
@@ -48,6 +49,19 @@ def bent_normals(frame: Frame) -> Array:
     normals = np.zeros_like(frame.x)
     np.add.at(normals, frame.cells, facet_normals(frame.x, frame.cells, element.shape(xi)[1]))
     return unit(normals)
+
+
+def from_smooth(frame: Frame, pairs: ContactPairs, normals: Array) -> ContactPairs:
+    """The same pairs with gaps from the smooth surface through the frame's nodes, not from where
+    rows have it, y = Σ N_J Y_J: that lies off by half of what the tangent planes there tell, Σ N_J
+    (Y_J - y)·n_J, on spheres and cylinders exactly.
+
+    Args:
+        normals: (m, gdim) at the frame's nodes, of which the pairs' normals are the means.
+    """
+    at, mean = pairs.N @ frame.x, pairs.N @ normals
+    told = pairs.N @ np.einsum("ji,ji->j", frame.x, normals) - np.einsum("ni,ni->n", at, mean)
+    return replace(pairs, gap=pairs.gap - 0.5 * told[:, None] * unit(mean))
 
 
 def bent_rows(

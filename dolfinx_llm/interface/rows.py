@@ -13,7 +13,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.sparse import largest_entry
 from dolfinx_llm.design.balance import balance
-from dolfinx_llm.design.bent import bent_normals, bent_rows
+from dolfinx_llm.design.bent import bent_normals, bent_rows, from_smooth
 from dolfinx_llm.design.curved import (
     AT_OUTLINE,
     loads_along_normals,
@@ -114,7 +114,7 @@ def bent_pairs(
         notes.append("design: rows of L_b corrected (weights), in tangent planes")
     N = [p.N for p in pairs]
     after = _residual(N, vectors, normals, False)
-    pairs = with_mean_normals(pairs, normals)
+    pairs = [from_smooth(frame, p, normals) for p in with_mean_normals(pairs, normals)]
     across = [np.einsum("ni,ni->n", p.gap, p.normal) for p in pairs]
     size = max(p.surface.diameter for p in pairs)
     along = [p.gap - a[:, None] * p.normal for a, p in zip(across, pairs, strict=True)]

@@ -211,17 +211,16 @@ class ContactOperators:
         return loads
 
     def side_gaps(self, motions: Sequence[Array] | None = None) -> list[Array]:
-        """Per side (n, gdim) the gaps that the law sees: along the normal where bodies may part;
-        with obstacles moved as of ``obstacle_motions``, or as drawn."""
+        """Per side (n, gdim) the gaps that the law sees, along the normal: with obstacles
+        moved as of ``obstacle_motions``, or as drawn."""
         gaps = []
         for i, geometry in enumerate(self.geometries):
             for side in geometry.pairs:
                 law, gap = geometry.interface.law, side.gap
                 gap = np.where(np.abs(gap) > FLUSH * np.abs(side.x).max(initial=0.0), gap, 0.0)
-                if not law.closes_gap:
-                    gap = np.zeros_like(gap)
-                elif law.components != "cartesian":
-                    gap = np.einsum("ni,ni->n", gap, side.normal)[:, None] * side.normal
+                # Along the surface rows at supports miss their nodes: that is no gap to be closed.
+                across = np.einsum("ni,ni->n", gap, side.normal) * law.closes_gap
+                gap = across[:, None] * side.normal
                 gaps.append(gap if motions is None else gap - motions[i])
         return [gap + given for gap, given in zip(gaps, given_gaps(self.geometries), strict=True)]
 

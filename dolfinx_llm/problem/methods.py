@@ -166,8 +166,6 @@ class ContactMethod:
                 with _naming_tolerance(self.setting.options):
                     u, multiplier, v, began = advance(self.iteration, f, g, increments)
         self._last, self._began = (u, motions), began
-        if self.starts:  # inertia held the bodies: no step is judged by its forces
-            self.iteration.ended = 0.0
         if operators.held.any() or (operators.interfaces_at > 1).any():
             friction = [(s.bearing_rows(), s.nodes.felt) for s in self.states]
             force = self.setting.bulk.force(u)

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
+from dolfinx_llm.problem.bulk import Fingerprint
 
 DENSITY = "give a positive number, a UFL expression or a list of them, one per mesh"
 LENGTHS = 1e-100, 1e100  # of a step, whose squares are numbers
@@ -52,8 +53,44 @@ def _density(density: Any, mesh: Any) -> Any:
     return density
 
 
+class KnownMass:
+    """Requires that what the mass was assembled of stays as it was: the forms of inertia hold
+    values of now, and the mass those of the start.
+
+    Args:
+        forms: of the mass, one per mesh.
+        spaces: of the displacements.
+        diagonals: (n_local,) of the mass of each mesh.
+
+    Raises:
+        ContactInputError: masses that are NaN, negative, or all 0 in a mesh.
+    """
+
+    def __init__(
+        self, forms: Sequence[ufl.Form], spaces: Sequence[Any], diagonals: Sequence[Array]
+    ) -> None:
+        for mass in diagonals:
+            check_mass(spaces[0].mesh.comm, mass)
+        self._fingerprint, self._changed = Fingerprint(forms, spaces), False
+        self._fingerprint.changes(())
+
+    def require(self) -> None:
+        """Collective.
+
+        Raises:
+            ContactInputError: a density or a mesh has changed, now or before.
+        """
+        self._changed |= bool(self._fingerprint.changes(()))
+        if self._changed:
+            raise ContactInputError(
+                "rho, or positions of a mesh, have changed since the TimeStepper was made, which "
+                "steps in time do not follow: make another one, with u, v and t of this one"
+            )
+
+
 def check_mass(comm: MPI.Comm, mass: Array) -> None:
-    """Require masses (n_local,) that are numbers, not negative, and not all 0; collective.
+    """Require masses (n_local,) of a mesh that are numbers, not negative, and not all 0;
+    collective.
 
     Raises:
         ContactInputError: they are not.
@@ -64,6 +101,6 @@ def check_mass(comm: MPI.Comm, mass: Array) -> None:
     if wrong or not total > 0.0:
         what = f"{wrong} of the masses are negative or NaN, the least {least:.3g}"
         raise ContactInputError(
-            f"rho: {what if wrong else 'all masses are 0'}: give a density that is positive in "
-            "every body"
+            f"rho: {what if wrong else 'all masses are 0'} in a mesh: give a density that is "
+            "positive in every body"
         )

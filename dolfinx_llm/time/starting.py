@@ -66,6 +66,8 @@ class Starting(Saving):
                     self._hold(held, came)
             self._hold(held, u)
             rests = self._values(listed(self.problem.u))
+            if not self._mean:  # inertia held the bodies: no step is judged by its forces
+                self.problem.method.iteration.ended = 0.0
         finally:
             fill(self._u, u, counts)
         fixed = self.problem.bulk.dofs.fixed

@@ -19,7 +19,7 @@ from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.form_arguments import form_space, given_forms, listed
 from dolfinx_llm.problem.nonlinear import NonlinearContactProblem
 from dolfinx_llm.problem.problem import ContactProblem
-from dolfinx_llm.time.given import check_mass, given_densities, step_length
+from dolfinx_llm.time.given import KnownMass, given_densities, step_length
 from dolfinx_llm.time.inertia import moved_mass
 from dolfinx_llm.time.mean import MeanForces
 from dolfinx_llm.time.momenta import End, Momenta
@@ -128,7 +128,7 @@ class TimeStepper(Steps):
         agree(self.comm, "rho", [float(d.value) for d in densities if isinstance(d, fem.Constant)])
         self._end = 0.5 * (1.0 + damping)  # weight of what there is at the end of a step
         self._rates = [fem.Constant(V.mesh, self._rate(dt)) for V in spaces]
-        forms, masses, self.density = list(listed(a)), [], []
+        forms, inertias, masses, self.density = list(listed(a)), [], [], []
         with collective(self.comm):
             self._mean = mean = MeanForces(forms, listed(L), maps) if nonlinear else None
         for i, (V, density) in enumerate(zip(spaces, densities, strict=True)):
@@ -137,9 +137,10 @@ class TimeStepper(Steps):
             mass, now = _inertia(density, V, forms[i], listed(L)[i] if mean else None)
             forms[i] = sum((mean.forms[i],) if mean else (), forms[i] + self._rates[i] * now)
             self.density.append(density)
+            inertias.append(mass)
             masses.append(compat.assemble_matrix(compat.form("rho", mass), [], 1.0))
+        self._known_mass = KnownMass(inertias, spaces, [diagonal_of(M) for M in masses])
         self._M = block_diagonal(masses)
-        check_mass(self.comm, diagonal_of(self._M))
         self._pushes = [fem.Function(V, name="inertia") for V in spaces]
         self._loads = [*self._nodal, *self._pushes]
         kind: Any = NonlinearContactProblem if nonlinear else StepProblem
@@ -178,7 +179,7 @@ class TimeStepper(Steps):
             The displacement u.
 
         Raises:
-            ContactInputError: dt is not positive.
+            ContactInputError: dt is not positive, or rho has changed.
             ContactError: it fails in small parts, too; the last that was found is kept.
         """
         with collective(self.comm):
@@ -190,7 +191,8 @@ class TimeStepper(Steps):
         return self.u
 
     def _once(self, dt: float, part: float) -> None:
-        u, v, c = self._values(self._u), self._values(self._v), self._rate(dt)
+        u, c = self._values(self._u), self._rate(dt)
+        v = self._speed(u)
         before = 1.0 / self._end - 1.0  # weight of what there was, over that
         push = c * times(self._M, u + dt * v) - before * self._left
         counts = self.problem.bulk.dofs.counts

@@ -21,6 +21,7 @@ from dolfinx_llm.base.parallel import collective, told
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.problem.bulk import fill
 from dolfinx_llm.problem.state_file import Arrays
+from dolfinx_llm.time.given import KnownMass
 from dolfinx_llm.time.starting import Starting
 
 NO_PULL = 1e-9  # of the force that stops a node in a step: pulls by less are rounding
@@ -84,6 +85,13 @@ class Steps(Starting):
     _touch: Touch
     _adaptive: float | None
     _accepted: Callable[[Any], None] | None
+    _known_mass: KnownMass
+
+    def _speed(self, u: Array) -> Array:
+        """(n_local,) velocity at the start of a step from u (n_local,): none where supports do not
+        move in it, of which the rule would turn it round in every step."""
+        bulk, v = self.problem.bulk, self._values(self._v)
+        return np.where(bulk.dofs.fixed & (bulk.values() == u), 0.0, v)
 
     def _once(self, dt: float, part: float) -> None:
         """One step of dt, this part of what is still to be gone."""
@@ -92,6 +100,7 @@ class Steps(Starting):
     def _advance(self, dt: float, divisions: int, later: float = 0.0) -> None:
         """Go on by dt, in parts where that fails, or where bodies meet or part in it; ``later``:
         what of the user's step comes after it."""
+        self._known_mass.require()
         self._let_go(self._rate(dt))
         kept = self.state_arrays() if self._adaptive and divisions else None
         try:
