@@ -49,10 +49,17 @@ class Placed:
     drawn: Array  # (width,) coordinates as drawn [length]
     free: Array  # (width,) not prescribed
     reads: Callable[[], dict[str, Array]] | None = None  # ``Law.begin_step``; None: nothing
+    shared: Any = None  # (n,) whether other interfaces have the moving side's nodes as well
 
     def under(self, dofs: BodyDofs) -> Placed:
         """The same where other dofs are prescribed; collective."""
         return replace(self, free=dofs.values(self.numbers, dofs.fixed.astype(float)) == 0.0)
+
+    @property
+    def moving(self) -> Array:
+        """(n,) dofs by which the moving side's nodes are known."""
+        found: Array = self.what.sides.split(self.numbers)[0][:, 0]
+        return found
 
     def begun(self) -> Placed:
         """The same at the start of a load step, with what its law reads then; collective."""
@@ -129,8 +136,8 @@ def chosen_at(
     now = [placed.at(dofs, good.u) for placed in every]
     found = [chosen(dofs.comm, partial(i.what.hold, z)) for i, z in zip(every, now, strict=True)]
     held = [
-        replace(own, pose=pose, pose_before=before, kept=kept, scale=steps.scale)
-        for own, pose, before, kept in zip(found, poses, good.poses, good.kept)
+        replace(own, pose=pose, pose_before=before, kept=kept, scale=steps.scale, shared=i.shared)
+        for i, own, pose, before, kept in zip(every, found, poses, good.poses, good.kept)
     ]
     return held, found[len(held) :]
 
