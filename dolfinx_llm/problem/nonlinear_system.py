@@ -58,10 +58,11 @@ def posed(
 
 
 def _shared(contacts: Sequence[Placed]) -> list[Placed]:
-    """The same, which know the nodes that others have as well."""
-    every = [np.zeros(0, dtype=np.int64), *(np.unique(c.numbers) for c in contacts)]
-    found, count = np.unique(np.concatenate(every), return_counts=True)
-    return [replace(c, shared=np.isin(c.moving, found[count > 1])) for c in contacts]
+    """The same, which know the nodes that carry frames of others."""
+    frames = [c.what.sides.split(c.numbers)[1][:, 0] for c in contacts]
+    others = [[np.zeros(0), *frames[:i], *frames[i + 1 :]] for i in range(len(contacts))]
+    of = zip(contacts, others, strict=True)
+    return [replace(c, shared=np.isin(c.moving, np.concatenate(other))) for c, other in of]
 
 
 def hold(equations: Equations, solver: str, options: Options) -> None:
