@@ -16,6 +16,7 @@ from dolfinx_llm.base.parallel import chosen, told
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.linear.system import NewtonSystem, mean_diagonal
 from dolfinx_llm.finite.pairs.terms import ContactTerms, Held, Place, slide
+from dolfinx_llm.laws.rows import OPEN
 from dolfinx_llm.operators.bare import check_stiffness
 from dolfinx_llm.operators.numbering import BodyDofs
 
@@ -49,10 +50,17 @@ class Placed:
     drawn: Array  # (width,) coordinates as drawn [length]
     free: Array  # (width,) not prescribed
     reads: Callable[[], dict[str, Array]] | None = None  # ``Law.begin_step``; None: nothing
+    shared: Any = None  # (n,) whether the moving side's nodes carry frames of other interfaces
 
     def under(self, dofs: BodyDofs) -> Placed:
         """The same where other dofs are prescribed; collective."""
         return replace(self, free=dofs.values(self.numbers, dofs.fixed.astype(float)) == 0.0)
+
+    @property
+    def moving(self) -> Array:
+        """(n,) dofs by which the moving side's nodes are known."""
+        found: Array = self.what.sides.split(self.numbers)[0][:, 0]
+        return found
 
     def begun(self) -> Placed:
         """The same at the start of a load step, with what its law reads then; collective."""
@@ -150,6 +158,14 @@ def missed_at(
         if (over := chosen(dofs.comm, covering)) is not None:
             found, faces[i] = True, over
     return found
+
+
+def shared_by(interfaces: Sequence[Placed], status: Sequence[Array]) -> list[Array]:
+    """Per interface (n,) whether others have the moving side's nodes as well: on their frames, or
+    in contact, by status (n,)."""
+    closed = [np.zeros(0), *(p.moving[s != OPEN] for p, s in zip(interfaces, status, strict=True))]
+    found, count = np.unique(np.concatenate(closed), return_counts=True)
+    return [p.shared | np.isin(p.moving, found[count > 1]) for p in interfaces]
 
 
 def stays(steps: Equations, start: NewtonState) -> list[Any]:

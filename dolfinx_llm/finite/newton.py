@@ -14,7 +14,7 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress, tell_iteration
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.finite.increment import Increment, StepFailed, failing
-from dolfinx_llm.finite.load_step import Equations, LoadStep, NewtonState
+from dolfinx_llm.finite.load_step import Bodies, Equations, LoadStep, NewtonState
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstacleFriction
 from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed
 from dolfinx_llm.finite.pairs.terms import ContactTerms, Place
@@ -73,6 +73,7 @@ class NewtonSteps:
                 try:
                     self._reached = self._increment(step, end, bar)
                 except StepFailed as failed:
+                    _check_start(self.equations.bodies, self._reached.u, failed)
                     part *= 0.5
                     log.info("increment to %.4g failed: %s; halved", end, failed)
                     if part < smallest:
@@ -219,6 +220,18 @@ class NewtonSteps:
         for placed, left, t in of:
             if left.any() and self.equations.bodies.dofs.comm.rank == 0:
                 log.warning(say_left(placed.what.sides, left, t.place))
+
+
+def _check_start(bodies: Bodies, u: Array, failed: StepFailed) -> None:
+    """Require that no cells are inside out at u (n_local,), where an increment that has failed
+    starts: smaller ones are of no help; collective."""
+    count, first = bodies.inside_out(u)
+    if count:
+        raise ContactError(
+            f"elements are inside out where the load step starts: {count}, the first drawn at "
+            f"{first}; Newton's iteration fails from there: {failed}. Give u a displacement that "
+            "turns none, as 0, or check how the mesh was moved"
+        ) from None
 
 
 def _state(run: Increment) -> NewtonState:

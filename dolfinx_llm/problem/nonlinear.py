@@ -15,7 +15,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.disposable import free_garbage
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
-from dolfinx_llm.base.parallel import agree, check, collective, told
+from dolfinx_llm.base.parallel import agree, collective, told
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.load_step import LoadStep, NewtonState
 from dolfinx_llm.finite.newton import NewtonSteps
@@ -182,14 +182,11 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
         start, results = self._state, self.results
         memory.begins(INSTANT)
         unbalanced = self._newton.unbalanced(start)
-        wrong = int((~np.isfinite(unbalanced)).sum())
-        check(
-            self.comm,
-            wrong > 0,
-            f"the residual F has {wrong} entries that are NaN or infinite where the step starts: "
-            "check that u turns no element inside out, and coefficients",
-            ContactInputError,
-        )
+        if wrong := self.comm.allreduce(int((~np.isfinite(unbalanced)).sum())):
+            raise ContactInputError(
+                f"the residual F has {wrong} entries that are NaN or infinite where the step "
+                "starts: check that u turns no element inside out, coefficients and nodal loads"
+            )
         values = np.where(self.bulk.dofs.fixed, values, start.u)
         step = LoadStep(start, values, pressures, poses, unbalanced)
         try:

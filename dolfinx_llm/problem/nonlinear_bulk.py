@@ -238,8 +238,14 @@ class NonlinearBulk:
         return np.where(self.dofs.fixed, values if self.held is None else self.held, 0.0)
 
     def now(self) -> Array:
-        """(n_local,) what stands in the Functions u."""
-        return np.concatenate([b.values(u) for b, u in zip(self.blocks, self.u, strict=True)])
+        """(n_local,) what stands in the Functions u, finite numbers; collective."""
+        u = np.concatenate([b.values(u) for b, u in zip(self.blocks, self.u, strict=True)])
+        if count := self.comm.allreduce(int((~np.isfinite(u)).sum())):
+            raise ContactInputError(
+                f"{count} values of u are NaN or infinite: the first load step starts from u, so "
+                "let it be 0, or a displacement"
+            )
+        return u
 
     def put(self, u: Array) -> None:
         """Write this rank's u (n_local,) into the Functions u; collective."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -47,13 +48,21 @@ def posed(
     """
     dofs = bodies.dofs
     with times.timed("interfaces"):
-        contacts = [contact_of(interface, dofs) for interface in interfaces]
+        contacts = _shared([contact_of(interface, dofs) for interface in interfaces])
         check_contacts(interfaces, contacts, dofs, u)
         followers = [follower_of(load, dofs) for load in loads]
     system, method, why = _numbered(contacts, dofs, solver, options)
     surfaces = [s for c in contacts for s in c.what.sides.surfaces]
     size = max([s.facet_size for s in surfaces] or [1.0])
     return Equations(bodies, contacts, followers, system, size, times), method, why
+
+
+def _shared(contacts: Sequence[Placed]) -> list[Placed]:
+    """The same, which know the nodes that carry frames of others."""
+    frames = [c.what.sides.split(c.numbers)[1][:, 0] for c in contacts]
+    others = [[np.zeros(0), *frames[:i], *frames[i + 1 :]] for i in range(len(contacts))]
+    of = zip(contacts, others, strict=True)
+    return [replace(c, shared=np.isin(c.moving, np.concatenate(other))) for c, other in of]
 
 
 def hold(equations: Equations, solver: str, options: Options) -> None:

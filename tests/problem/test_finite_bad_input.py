@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+import ufl
 from conftest import run_mpi_json
 from pressed_scenes import Punch, small_strains
 from sampling import longer
@@ -133,3 +134,26 @@ def test_two_ranks(scene, pattern):
     assert [len(texts) for texts in said.values()] == ([0, 1] if scene == "leaves" else [1, 0])
     (text,) = sum(said.values(), [])
     assert re.search(pattern, text)
+
+
+def test_starts_that_are_none(monkeypatch):
+    """A displacement that is no number, and one that turns elements inside out, from where Newton's
+    iteration was tried in ever smaller increments, which do not help."""
+
+    def thin(u, mu, _):  # in plane stress: finite where elements are inside out
+        C = ufl.Identity(2) + 2.0 * ufl.sym(ufl.grad(u)) + ufl.grad(u).T * ufl.grad(u)
+        return mu / 2 * (ufl.tr(C) + 1.0 / ufl.det(C))
+
+    punch = Punch("quad", energy=thin)
+    u = punch.u[0].x.array
+    u[:] = np.nan
+    with pytest.raises(llm.ContactInputError, match=rf"^{len(u)} values of u are NaN"):
+        punch.problem.reset()
+    punch.u[0].interpolate(lambda x: np.stack([-2.5 * x[0] * (abs(x[1] - 0.5) < 0.3), 0.0 * x[1]]))
+    punch.problem.reset()
+    monkeypatch.setattr(newton, "NEWTON_ITERATIONS", 10)
+    with pytest.raises(llm.ContactError, match=r"inside out where the load step starts: [1-9]"):
+        punch.to(down=0.1)
+    u[:] = 0.0
+    punch.problem.reset()
+    assert punch.to(down=0.1).resultant[-1] > 0.0

@@ -25,7 +25,15 @@ from dolfinx_llm.base.sparse import diagonal, per_item, summing
 from dolfinx_llm.finite.frame.jacobians import coordinates
 from dolfinx_llm.finite.pairs.friction_law import FrictionRows, friction_rows, sticks
 from dolfinx_llm.finite.pairs.slides import Slides
-from dolfinx_llm.finite.pairs.terms import FAST, ContactTerms, Held, MovingContact, Origin, yields
+from dolfinx_llm.finite.pairs.terms import (
+    FAST,
+    ContactTerms,
+    Held,
+    MovingContact,
+    Origin,
+    shares,
+    yields,
+)
 from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
 
@@ -149,7 +157,8 @@ class Friction(Slides):
         supported = self.supported(place, closed, way, free)
         stick = status[closed] == STICK
         axes = np.broadcast_to(np.eye(gdim), (len(closed), gdim, gdim))
-        supports = supported, yields(axes, self.sides.split(free)[0][closed], held)
+        yielding = yields(axes, self.sides.split(free)[0][closed], held)
+        supports = supported, yielding + shares(closed, gdim, held)
         law = friction_rows(normal, tau, about, bound, held.scale, stick, *supports, held.exact)
         law = law.moved(here[0] - tau, sigma - about, here[1] - bound)
         pressed = (then[closed] > 0.0).astype(float)

@@ -13,6 +13,10 @@ from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 
 FAST = 1e-9  # part of a row at free dofs, below which supports hold the pair
 YIELDS = 1e-6  # over the stiffness: by which a row yields to its force where supports hold the node
+SHARED_YIELDS = (
+    1e-1,
+    1e-4,
+)  # of stick at nodes of several interfaces, until pairs stand, and then
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +54,7 @@ class Held:
     pose_before: Array | None = None  # the same at the start of the increment
     scale: float = 1.0  # stiffness of the bodies, which weighs lengths [force / length]
     about: Any = None  # changes (width,) and own unknowns where friction is linearised; None: here
+    shared: Array = field(default_factory=_none)  # (n,) moving nodes of other interfaces as well
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,6 +220,18 @@ def yields(directions: Array, free: Array, held: Held) -> Array:
     """
     supported = directions * ~free[:, None, :]
     return YIELDS / held.scale * supported @ np.swapaxes(directions, 1, 2)
+
+
+def shares(nodes: Array, gdim: int, held: Held) -> Array:
+    """(k, gdim, gdim) by how much stick yields, as of ``yields``, at nodes (k,) of the moving side
+    that other interfaces have as well: in a corner what one holds along itself another one holds
+    across, and the same row would be there twice. By more until pairs stand, since iterates may ask
+    both for what differs a little [length / force].
+    """
+    if not len(held.shared):
+        return np.zeros((len(nodes), gdim, gdim))
+    part = SHARED_YIELDS[int(held.exact)] / held.scale * held.shared[nodes]
+    return part[:, None, None] * np.eye(gdim)
 
 
 def held_fast(A: csr_matrix, free: Array) -> Array:
