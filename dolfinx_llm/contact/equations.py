@@ -40,7 +40,7 @@ class Equations:
         proximal: what holds frame nodes that nothing touches, of the surfaces' stiffness.
 
     Attributes:
-        states: per interface its ``InterfaceState``.
+        states, frames: per interface its ``InterfaceState``; rows of the frames.
         L, whole: (n, m) motion of frames and slips as the rows see it, now and with friction.
         L_t: (n_v, n) what forces of the rows are to the frames now.
         compliance: (n,) by how much rows give way, as springs do [length / force].
@@ -55,8 +55,7 @@ class Equations:
             bodies that have come free away.
         start: (n,) λ at the start of the load step: friction at rest keeps it [force].
         about: (n,) λ about which these do, at a solution the solution's [force].
-        normal: (n,) rows that may open.
-        drifts: (m,) normal motion of frames.
+        normal, drifts: (n,) rows that may open; (m,) normal motion of frames.
         loads: (n_v,) on the frame unknowns, forces on obstacles, at the part of the load step that
             has been reached [force].
     """
@@ -77,7 +76,7 @@ class Equations:
             self.whole = hstack([L, L_kappa], format="csr")
         self.m = self.whole.shape[1]
         self.L, self.L_t = seen_by(self.whole, self.n_v)
-        self._frames = FrameRows(self.states, self.m, self.n_v, proximal, self.scale)
+        self.frames = FrameRows(self.states, self.m, self.n_v, proximal, self.scale)
         self._operators, self.loads = operators, np.zeros(self.n_v)
         self.start, self.about = np.zeros(self.n), np.zeros(self.n)
         self.idle = self.least = 0.0
@@ -136,7 +135,7 @@ class Equations:
         active = self.closed_rows()
         kept = np.where(active, self.about, 0.0)
         compliance = np.where(self.soft, SOFT / self.scale, self.compliance)
-        now = self._frames.rows(self.L_t)
+        now = self.frames.rows(self.L_t)
         E, D, rhs = [now.E], [now.D], [now.own @ centre + self.loads]
         for s, parts in zip(self.states, now.slips, strict=True):
             if s.nodes.kappa.size:
@@ -205,7 +204,7 @@ class Equations:
         with theirs."""
         forces = self.L_t @ multiplier
         if not self._operators.tied:
-            forces = self._frames.rows(self.L_t).gather @ forces
+            forces = self.frames.rows(self.L_t).gather @ forces
         return float(np.abs(forces - self.loads).max(initial=0.0))
 
     def release(self, multiplier: Array, allowed: float) -> bool:

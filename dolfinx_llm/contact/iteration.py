@@ -37,6 +37,7 @@ from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 from dolfinx_llm.operators.system import ContactOperators
 
 LED = 10  # iterations in which what springs alone press together sticks
+LAST_PULL = 1e-13  # of the forces, that the proximal term may carry, however loose solves are
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 PATIENT, LONG_ENOUGH = 20, 1e-9  # iterations of rest, after which this may be left, as about frame
 # nodes far from contact, which forces of corrected rows reach a millionth of
@@ -194,7 +195,9 @@ class ContactIteration:
             stalled = calm > CALM and miss > 0.5 * before
             left = ENOUGH if calm <= PATIENT else LONG_ENOUGH
             enough = max(left, spread(equations, self.form.noise) / largest)
-            settled = miss <= self.form.accuracy or (stalled and miss <= enough)
+            carried = equations.frames.carried(equations.L_t, w - centre) / largest
+            settled = miss <= self.form.accuracy and told(floating.comm, carried) <= LAST_PULL
+            settled |= stalled and miss <= enough
             settled &= giving.rest(multiplier, largest, calm)
             rests = settled and calm > corrections and pull.rests
             released = (rests or calm > 1) and equations.release(multiplier, ENOUGH * largest)

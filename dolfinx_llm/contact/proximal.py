@@ -130,3 +130,14 @@ class FrameRows:
         slips = [SlipRows.of(s, L_t.shape[1], P) for s in self._states]
         rows = self._rows = Rows(own, gather @ L_t, own + self._scale * relative, gather, slips)
         return rows
+
+    def carried(self, L_t: csr_matrix, moved: Array) -> float:
+        """Largest force of the proximal term [force], which at rest is none.
+
+        Args:
+            L_t: as of ``rows``.
+            moved: (m,) w less the term's centre [length].
+        """
+        now = self.rows(L_t)
+        terms = [now.own, *(parts.beside for parts in now.slips)]
+        return max(float(np.abs(term @ moved).max(initial=0.0)) for term in terms)
