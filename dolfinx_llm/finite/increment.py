@@ -21,9 +21,9 @@ from dolfinx_llm.finite.load_step import (
     NewtonState,
     chosen_at,
     missed_at,
-    shared_by,
     slid,
     stays,
+    with_shared,
 )
 from dolfinx_llm.finite.pairs.terms import MovingContact
 from dolfinx_llm.finite.settling import (
@@ -210,8 +210,7 @@ class Increment:
             self.held[i] = replace(found, pairs=place.pairs)
         self.status = self.doubled.once(self.status, starts, places)
         self.changes = opened_or_closed(self.status, starts)
-        shared = shared_by(self.steps.interfaces, self.status)
-        self.held = [replace(h, shared=s) for h, s in zip(self.held, shared, strict=True)]
+        self.held = with_shared(self.steps.interfaces, self.held, self.status)
         every = zip(self.steps.interfaces, places, self.own, self.status, self.held, strict=True)
         with collective(comm):
             self.terms = [placed.what.terms(*of, placed.free) for placed, *of in every]

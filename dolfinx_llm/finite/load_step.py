@@ -160,12 +160,15 @@ def missed_at(
     return found
 
 
-def shared_by(interfaces: Sequence[Placed], status: Sequence[Array]) -> list[Array]:
-    """Per interface (n,) whether others have the moving side's nodes as well: on their frames, or
-    in contact, by status (n,)."""
+def with_shared(
+    interfaces: Sequence[Placed], held: Sequence[Held], status: Sequence[Array]
+) -> list[Held]:
+    """Per interface what is held, with whether others have the moving side's nodes as well: on
+    their frames, or in contact, by status (n,)."""
     closed = [np.zeros(0), *(p.moving[s != OPEN] for p, s in zip(interfaces, status, strict=True))]
     found, count = np.unique(np.concatenate(closed), return_counts=True)
-    return [p.shared | np.isin(p.moving, found[count > 1]) for p in interfaces]
+    shared = [p.shared | np.isin(p.moving, found[count > 1]) for p in interfaces]
+    return [replace(h, shared=s) for h, s in zip(held, shared, strict=True)]
 
 
 def stays(steps: Equations, start: NewtonState) -> list[Any]:

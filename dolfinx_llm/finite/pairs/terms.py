@@ -13,10 +13,7 @@ from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK
 
 FAST = 1e-9  # part of a row at free dofs, below which supports hold the pair
 YIELDS = 1e-6  # over the stiffness: by which a row yields to its force where supports hold the node
-SHARED_YIELDS = (
-    1e-1,
-    1e-4,
-)  # of stick at nodes of several interfaces, until pairs stand, and then
+SHARED_YIELDS = 1e-1, 1e-4  # of stick at nodes of several interfaces, until pairs stand, and then
 
 
 @dataclass(frozen=True, eq=False)
