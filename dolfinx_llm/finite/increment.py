@@ -160,8 +160,7 @@ class Increment:
         """Residual for the forces of contact and loads as they are."""
         steps, comm, largest = self.steps, self.dofs.comm, 0.0
         r = self._body - self.unbalanced
-        self.loads = []
-        self.pushed = np.zeros_like(r)
+        self.loads, self.pushed = list[Part](), np.zeros_like(r)
         for placed, p, faces in zip(steps.followers, self.pressures, self.faces, strict=True):
             z = placed.at(self.dofs, self.u)
             with failing(), collective(comm):
