@@ -242,8 +242,8 @@ class NonlinearBulk:
         u = np.concatenate([b.values(u) for b, u in zip(self.blocks, self.u, strict=True)])
         if count := self.comm.allreduce(int((~np.isfinite(u)).sum())):
             raise ContactInputError(
-                f"{count} values of u are NaN or infinite: the first load step starts from u, so "
-                "let it be 0, or a displacement"
+                f"u has {count} entries that are NaN or infinite: the first load step starts from "
+                "u, so let it be 0, or a displacement"
             )
         return u
 
