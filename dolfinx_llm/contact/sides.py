@@ -23,7 +23,8 @@ class SideResult:
     """One side of an interface; n nodes that may touch, sorted by position.
 
     A node is closed where it presses, or where the bodies touch without force; with friction it has
-    the status of the frame node next to it. Beside contact forces die out from node to node, down
+    the status of the node of the law next to it: the frame's, along curved surfaces its own, or
+    that of the other side. Beside contact forces die out from node to node, down
     to 1e-9 of the largest, below which a node is open. ``slip`` is counted from the drawing, and to
     the frame, which moves as the mean of both bodies do: of a sliding interface it is half of the
     way that one body goes along the other. Against a rigid obstacle that takes the frame's place.

@@ -7,7 +7,8 @@ on the frame, the normal force N and the slip δ = 2 (κ - κ_before) of this lo
 
     |T| <= μ N;   |T| < μ N: δ = 0;   else T = μ N δ / |δ|.
 
-Against a rigid obstacle each surface node is its own J and δ = κ - κ_before. Plain NumPy.
+Against a rigid obstacle, and along curved surfaces, where the other side carries the frame, each
+node of a side is its own J and δ = κ - κ_before. Plain NumPy.
 """
 
 from __future__ import annotations
