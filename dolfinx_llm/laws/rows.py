@@ -1,9 +1,9 @@
 """What a law is told of the nodes at which it holds, and its linearised rows there.
 
 A law holds at k nodes: those of the frame, or the surface's own against a rigid obstacle; with
-friction along curved surfaces, and at finite deformation, those of the finer side. It is told forces and jumps there, both of q components: along
-the tangents where the law ``slips``, then along the normal where it ``gives``. Plain NumPy, so that
-a few nodes suffice to test it.
+friction along curved surfaces, and at finite deformation, those of the finer side. It is told
+forces and jumps there, both of q components: along the tangents where the law ``slips``, then along
+the normal where it ``gives``. Plain NumPy, so that a few nodes suffice to test it.
 """
 
 from __future__ import annotations
