@@ -29,10 +29,11 @@ def with_carrier(site: Site, pieces: Sequence[Piece], notes: list[str]) -> Site:
     if flat or law.follows or law.gives or not (law.opens and law.slips):
         return site
     sides = whole_piece(pieces).parts(site.whole)
-    counts = [len(side.x) for side in sides]  # those of second order have more than corners
-    carrier = int(counts[1] < counts[0])
-    if counts[0] == counts[1]:
-        carrier = coarser_side(sides, [np.ones(n) for n in counts], by_nodes=True)
+    # Nodes of second order between corners count, and do not follow a frame of first order.
+    sizes = [(len(side.x), side.element.order) for side in sides]
+    carrier = int(sizes[1] < sizes[0])
+    if sizes[0] == sizes[1]:
+        carrier = coarser_side(sides, [np.ones(n) for n, _ in sizes], by_nodes=True)
     mover, frame = sides[1 - carrier].name, sides[carrier].name
     notes.append(f"curved, with friction: the law holds at the nodes of {mover}, {frame} carries "
                  "the frame")  # fmt: skip
