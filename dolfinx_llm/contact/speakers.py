@@ -160,6 +160,7 @@ class Followers:
         tied: Array,
         active: Array,
         pulled: Array,
+        anchored: Array,
         adrift: float,
         chosen: bool,
     ) -> Followers:
@@ -170,22 +171,26 @@ class Followers:
             tied: (n,) pairs that follow the frame tangentially.
             active: (n,) pairs in contact.
             pulled: (k,) nodes that corrected rows pull at.
+            anchored: (k,) by how many sides supports alone hold nodes.
             adrift: sum of N² of the pairs tied below which a node also moves with its speaker.
             chosen: ties are, and stay while pairs at the rim come and go: these tell no neighbours.
         """
         k, t = nodes.kappa.shape
-        follows = nodes.of(tied)
+        # Supports of both sides leave no friction; those of one hold no slip.
+        told, apart = (diagonal((anchored < sides).astype(float)) for sides in (1, 2))
+        follows = [N @ told for N in nodes.of(tied)]
         near, least = (np.ones_like(active), BY_LITTLE) if chosen else (active | tied, HELD)
-        asks = asked(follows, nodes.of(near), pulled, least)
+        asks = asked(follows, [N @ apart for N in nodes.of(near)], pulled, least)
         parts = speakers(asks)
-        speaker, free = np.asarray(parts.argmax(axis=1)).ravel(), unheld(follows, parts)
+        speaker = np.asarray(parts.argmax(axis=1)).ravel()
+        free = unheld(follows, parts) & (anchored < 2)
         if np.array_equal(speaker, np.arange(k)):
             return replace(Followers.none(nodes), unheld=free)
         alike = follow(asks, nodes.tangents)
         weak = np.repeat(speaker != np.arange(k), t).astype(float)
         relative = identity(k * t, format="csr") - diagonal(weak) @ alike
         held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
-        led = (held < adrift) & (speaker != np.arange(k))
+        led = (held < adrift) & (anchored == 0) & (speaker != np.arange(k))
         carried = _carried(led, asks, nodes.geometry.directions)
         sums = parts.T.tocsr()
         return Followers(speaker, sums, free, alike.T.tocsr(), relative, *carried)

@@ -101,6 +101,7 @@ class InterfaceState:
         asked: whether ties have been chosen in this load step, see ``ties``.
         grazes: friction of open pairs, over the normal force.
         pulled: (k,) nodes that corrected rows pull at: they slip as another does.
+        anchored: (k,) by how many sides supports alone hold nodes; by two: without friction.
     """
 
     def __init__(self, nodes: FrictionNodes) -> None:
@@ -152,7 +153,10 @@ class InterfaceState:
         """Take over the pairs (n,) in contact, and who speaks for whom."""
         self.held = self.nodes.reach(self.own.holds) | self.stays
         self.own.active = active = active | self.held
-        told = self.tied, active, self.pulled, self._adrift, self.own.ties is not None
+        self.anchored = self.nodes.anchored(self.tied)
+        told = (
+            self.tied, active, self.pulled, self.anchored, self._adrift, self.own.ties is not None
+        )  # fmt: skip
         if not np.array_equal(np.hstack(told), self._touching):
             self._touching, self.touched = np.hstack(told), self.touched + 1
             if self.shares:
@@ -205,16 +209,14 @@ class InterfaceState:
     def support(self, tied: bool) -> list[Array]:
         """Per side (k,) how firmly all pairs hold the motion of the nodes, or those tied to them
         and a little of the others."""
-        every = np.ones(len(self.nodes.rows))
-        return self.nodes.support(np.where(self.tied, 1.0, FLOOR) if tied else every)
+        return self.nodes.support(np.where(self.tied | (not tied), 1.0, FLOOR))
 
     def at_rest(self) -> LawNodes:
         """What the law is told where nothing moves and presses."""
-        nodes = self.nodes
-        size, k = nodes.kappa.shape, len(nodes.kappa)
+        nodes, (k, q) = self.nodes, self.nodes.kappa.shape
         return LawNodes(
-            nodes.x, nodes.area, force=np.zeros(size), N=np.zeros(k), jump=np.zeros(size),
-            before=np.zeros(size), c=np.ones(k), status=self.own.status,
+            nodes.x, nodes.area, force=np.zeros((k, q)), N=np.zeros(k), jump=np.zeros((k, q)),
+            before=np.zeros((k, q)), c=np.ones(k), status=self.own.status,
             history=self.own.history, sample=nodes.sample, given=self.given,
         )  # fmt: skip
 
@@ -255,8 +257,7 @@ class InterfaceState:
         strength for normal forces (k,): what the law says of the sum then holds for each."""
         if not self.shares:
             return friction
-        at = replace(self.at_rest(), N=normal)
-        bears = np.maximum(self.law.strength(at), 0.0)
+        bears = np.maximum(self.law.strength(replace(self.at_rest(), N=normal)), 0.0)
         return self.others.share(friction, bears, self.nodes.tangents)
 
     def pair_status(self) -> Array:
@@ -267,8 +268,7 @@ class InterfaceState:
         status = np.full(len(self.nodes.rows), CLOSED)
         if self.nodes.kappa.size:
             status = self.nodes.next_to(self.own.status)
-            status = np.where(status == OPEN, CLOSED, status)  # its node is not pressed
-            status = np.where(self.tied, status, CLOSED)
+            status = np.where(self.tied & (status != OPEN), status, CLOSED)  # OPEN: not pressed
         return np.where(self.own.active, status, OPEN)
 
     def bearing_rows(self) -> Array:

@@ -3,9 +3,11 @@ symmetry.
 
 Rows there tell nothing but how supports share friction, if both sides move alike. Designed rows do
 not even say that: they reach to frame nodes beyond, and would hold these. So they are left out for
-as long as what is prescribed does not slip; where it does, all but one for each frame node. So
-along curved surfaces of second order, where frame nodes on the plane would else be free along the
-surface, and thus across it where normals differ: rows at supports are not designed there.
+as long as what is prescribed does not slip, but one of each side at frame nodes that hardly any
+other rows hold: by corrections alone they would drift. Where it slips all but one for each frame
+node are left out. So along curved surfaces of second order, where frame nodes on the plane would
+else be free along the surface, and thus across it where normals differ: rows at supports are not
+designed there.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, vstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.interface.geometry import InterfaceGeometry
@@ -25,6 +27,7 @@ from dolfinx_llm.operators.prescribed import NEARLY_FIXED, free_parts
 ALL = 0.99  # part of what surrounds a place that counts as all of it
 MOSTLY = 0.5  # row's part in a frame node from which on its node is next to it
 COINCIDES = 0.999  # the same of a node that is the frame node's own
+HELD_BY_OTHERS = 0.1  # sum of N² of pairs that supports leave free, which hold a frame node
 HELD_STILL = 1e-9  # slip over the largest prescribed motion that is none
 
 
@@ -60,6 +63,7 @@ class BothSides:
     across: tuple[csr_matrix, csr_matrix]  # (n_i, n_j) the other side's nodes at a side's nodes
     held: Array  # (n c,) tangential rows that supports prescribe on both sides
     spare: Array  # (n c,) those of nodes that are not the one next to a frame node
+    lone: Array  # (n c,) those of nodes next to frame nodes that hardly any other rows hold
 
     @classmethod
     def of(
@@ -99,11 +103,19 @@ class BothSides:
             carries = np.repeat([0, 1], [len(own.nodes), len(other.nodes)]) == carrier
             spare &= carries[:, None]
             held = np.where(carries[:, None], spare, held)
+        lone, law = np.zeros_like(held), geometry.interface.law
+        if law.slips and not law.gives and carrier is None:
+            N = vstack(geometry.law_shapes).tocsr()
+            others = np.asarray(N[~soft.all(axis=1)].power(2).sum(axis=0))
+            weak = (others > HELD_STILL**2) & (others < HELD_BY_OTHERS)  # else it stays at rest
+            next_to = N.multiply(weak).max(axis=1).toarray()[:, 0] > MOSTLY
+            lone = held & (alone & next_to)[:, None]
         sides = range(place.sides.start, place.sides.stop)
-        return cls(sides, place.rows, base, across, held.ravel(), spare.ravel())
+        return cls(sides, place.rows, base, across, held.ravel(), spare.ravel(), lone.ravel())
 
-    def rest(self, motions: Sequence[Array]) -> Array:
-        """(n c,) such rows along which neither side slips, and those that are spare.
+    def rest(self, motions: Sequence[Array]) -> tuple[Array, Array]:
+        """(n c,) such rows along which neither side slips, and those that are spare; and rows of
+        the first kind that hold frame nodes which nothing else does, and are to stay.
 
         Args:
             motions: per side (n_i, gdim) prescribed displacements, 0 where none is [length].
@@ -113,7 +125,8 @@ class BothSides:
             for a, N, u, v in zip(self.base, self.across, motions, motions[::-1], strict=True)
         ]
         most = HELD_STILL * max(np.abs(u).max(initial=0.0) for u in motions)
-        return self.spare | (self.held & (np.abs(np.concatenate(slips).ravel()) <= most))
+        rests = self.held & (np.abs(np.concatenate(slips).ravel()) <= most)
+        return self.spare | (rests & ~self.lone), rests & self.lone
 
 
 def _next_to_nodes(N: csr_matrix, among: Array, least: float) -> Array:

@@ -69,7 +69,7 @@ class ContactOperators:
         held: (n,) rows at dofs that are prescribed.
         free: (n, gdim) base vectors at dofs that are not.
         interfaces_at: (n,) to how many interfaces, and pieces of one, each row's node belongs.
-        idle: (n,) rows where supports hold both sides, left out too as of the last ``gap``.
+        idle, lone: (n,) rows where supports hold both sides, left out too; those of them that stay.
         redundant: (n,) rows of ties that follow from others, or nearly, at prescribed dofs and
             where several interfaces meet; they are left out of what is solved.
         bodies: connected bodies and their rigid motions.
@@ -144,7 +144,7 @@ class ContactOperators:
         sides = zip(self.geometries, self.places, strict=True)
         own = [free_parts(free[place.rows], g.pairs[0].base.shape[1]) for g, place in sides]
         self.soft = np.concatenate(own) < NEARLY_FIXED
-        ties, self.redundant, self.loops = np.zeros((3, len(self.held)), dtype=bool)
+        ties, self.redundant, self.loops, self.idle, self.lone = np.zeros((5, len(self.held)), bool)
         for geometry, place in zip(self.geometries, self.places, strict=True):
             ties[place.rows] = geometry.interface.law.ties
         shared = self.held | (self.interfaces_at > 1)
@@ -156,8 +156,8 @@ class ContactOperators:
             rest = np.flatnonzero(shared & ~self.redundant & ~self.soft)
             loops = chosen(self.comm, lambda: in_loops(self._said(rest)))
             self.loops[rest] = loops & ~ties[rest]
-        self.idle, of = np.zeros_like(self.held), (self.dofs, self.side_dofs, self.soft)
-        self._both = held_on_both_sides(self.geometries, self.places, *of)
+        of = self.geometries, self.places, self.dofs, self.side_dofs, self.soft
+        self._both = held_on_both_sides(*of)
 
     def _said(self, rows: Array) -> csr_matrix:
         """What some rows (k,) say of frames and of free dofs."""
@@ -236,11 +236,11 @@ class ContactOperators:
         mine = self.rows.numbering.mine
         for both in self._both:
             given = np.where(self.dofs.fixed, prescribed, 0.0)
-            self.idle[both.rows] = both.rest([self.motion(side, given) for side in both.sides])
-        values = self.row_gaps(motions)[mine]
+            rest = both.rest([self.motion(side, given) for side in both.sides])
+            self.idle[both.rows], self.lone[both.rows] = rest
         at = self.rows.dofs[mine] - self.dofs.first
         known = np.where(self.dofs.fixed[at], prescribed[at], 0.0)
-        return values + np.einsum("ni,ni->n", self.rows.base[mine], known)
+        return self.row_gaps(motions)[mine] + np.einsum("ni,ni->n", self.rows.base[mine], known)
 
     def destroy(self) -> None:
         """Free B and L_b; collective."""
