@@ -13,8 +13,8 @@ from dolfinx_llm.base.sparse import largest_entry, symmetric_factors
 REPEATED = 1e-6  # part of base vectors at free dofs that counts as none
 NEARLY_FIXED = 1e-3  # part of a row's base vector at free dofs, below which the row gives way
 RANK = 1e-8  # of the largest: singular values below are none
-SAID = 0.05  # part of a row that must be new, of the largest entry: by less it would hold a frame's
-# node, as one beside a support, by forces as many times larger
+SAID = 0.05  # part of a row at supports that must be new, of the largest entry: by less it would
+# hold a frame's node, as one beside a support, by forces as many times larger
 UNBOUND = 1e-12  # of the largest entry: rounding, which binds no rows together
 INCOMING = 64  # rows that come in together
 DAMPED = 1e-14  # added to squares of singular values, of the largest column's
@@ -76,11 +76,19 @@ class ColumnSpace:
         return values
 
 
-def repeated(D: csr_matrix, gaps: Array) -> Array:
+def repeated(D: csr_matrix, gaps: Array, joints: Array) -> Array:
     """(k,) whether rows of D follow from the others, or hardly say more. Of those that say the same
-    those of the least gaps (k,) are not: ends that supports hold apart are not to be closed."""
+    those of the least gaps (k,) are not: ends that supports hold apart are not to be closed. What
+    hangs together with ``joints`` (k,), rows of nodes of several interfaces, says what it says: a
+    constant stress would not pass without."""
     least = 1.0 / (1.0 + np.abs(gaps) / max(np.abs(gaps).max(initial=0.0), 1e-300))
-    return _others(diags(least) @ D, SAID)
+    D, near = (diags(least) @ D).tocsr(), np.zeros(len(joints), dtype=bool)
+    for piece in pieces(D):
+        near[piece] = joints[piece].any()
+    out = np.zeros(len(joints), dtype=bool)
+    for own, new in ((near, RANK), (~near, SAID)):
+        out[own] = _others(D[own], new)
+    return out
 
 
 def _others(D: csr_matrix, least: float) -> Array:

@@ -151,7 +151,8 @@ class ContactOperators:
         rows = np.flatnonzero(ties & shared)
         if len(rows):
             said, gaps = self._said(rows), self.row_gaps()[rows]
-            self.redundant[rows] = chosen(self.comm, lambda: repeated(said, gaps))
+            joints = self.interfaces_at[rows] > 1
+            self.redundant[rows] = chosen(self.comm, lambda: repeated(said, gaps, joints))
         if not self.tied:
             rest = np.flatnonzero(shared & ~self.redundant & ~self.soft)
             loops = chosen(self.comm, lambda: in_loops(self._said(rest)))

@@ -67,11 +67,22 @@ def test_what_hardly_says_more_is_repeated():
     """A row that reaches past a node at a support by little, and of two that are alike the one
     whose gap would be closed."""
     D = csr_matrix([[1.0, 0.0], [1.0, 0.04], [1.0, 0.0], [0.5, 0.5]])
-    assert repeated(D, np.array([1e-3, 0.0, 0.0, 0.0])).sum() == 2
-    assert repeated(D[[0, 2]], np.array([1e-3, 0.0])).tolist() == [True, False]
-    assert repeated(D[[0, 2]], np.array([0.0, 1e-3])).tolist() == [False, True]
-    assert repeated(D[[0, 1]], np.zeros(2)).sum() == 1
-    assert not repeated(csr_matrix([[1.0, 0.0], [1.0, 0.2]]), np.zeros(2)).any()
+    alone = np.zeros(4, dtype=bool)
+    assert repeated(D, np.array([1e-3, 0.0, 0.0, 0.0]), alone).sum() == 2
+    assert repeated(D[[0, 2]], np.array([1e-3, 0.0]), alone[:2]).tolist() == [True, False]
+    assert repeated(D[[0, 2]], np.array([0.0, 1e-3]), alone[:2]).tolist() == [False, True]
+    assert repeated(D[[0, 1]], np.zeros(2), alone[:2]).sum() == 1
+    assert not repeated(csr_matrix([[1.0, 0.0], [1.0, 0.2]]), np.zeros(2), alone[:2]).any()
+
+
+def test_at_joints_little_is_said_for_good():
+    """A row that says a little more stays where a node of several interfaces has a part in it."""
+    D = csr_matrix([[1.0, 0.0], [1.0, 0.04], [1.0, 0.0]])
+    assert repeated(D, np.zeros(3), np.array([False, True, False])).sum() == 1
+    two = csr_matrix([[1.0, 0.0, 0.0, 0.0], [1.0, 0.04, 0.0, 0.0],
+                      [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 1.0, 0.04]])  # fmt: skip
+    found = repeated(two, np.zeros(4), np.array([True, False, False, False]))
+    assert not found[:2].any() and found[2:].sum() == 1
 
 
 def test_rounding_binds_no_pieces():
