@@ -21,16 +21,18 @@ def across(side, axis, level):
 @pytest.mark.parametrize("solver", ["saddle", "condensed"])
 @pytest.mark.parametrize(("kind", "sizes"), MESHES)
 def test_friction(kind, sizes, solver):
-    """Nodes on the planes bear no friction across them. Rows there held what lies beside them, and
-    friction flickered for ever on tetrahedra."""
+    """Nodes on the planes at which the law holds bear no friction across them, those of the side
+    that carries the frame what rows beside them leave there, less than half of what friction may
+    bear. Rows there held what lies beside them, and friction flickered for ever on tetrahedra."""
     problem = Lame().linear(quarters(kind, sizes), llm.Coulomb(0.3), solver)
     problem.solve()
     (result,), p = problem.results, Lame().pressure(1.5)
     assert len(problem.history) <= 8
     assert np.abs(result.pressure - p).max() <= (0.5 if kind == "tet" else 0.05) * p
-    for side in result.sides:
+    law_side = problem.geometries[0].law_side
+    for k, side in enumerate(result.sides):
         for axis, level in PLANES:
-            assert across(side, axis, level).max() <= 0.1
+            assert across(side, axis, level).max() <= (1e-3 if k == law_side else 0.15)
 
 
 @pytest.mark.parametrize("solver", ["saddle", "condensed"])
