@@ -53,10 +53,11 @@ def doubts(
                 f"turns have been left without friction of their own, and carry {share:.1%} of the "
                 "normal force. Apply the load in more increments"
             )
-        if state.grazes > UNTIED_SHARE:
+        grazes = max(state.grazes, _borne_open(state.nodes.geometry, result))
+        if grazes > UNTIED_SHARE:
             out.append(
                 f"interface {state.nodes.geometry.interface.name}: pairs that are just about to "
-                f"part bear friction of {state.grazes:.1%} of the normal force without pressing. "
+                f"part bear friction of {grazes:.1%} of the normal force without pressing. "
                 "Use a finer mesh where contact ends"
             )
         out += _rough(state.nodes.geometry, result)
@@ -91,6 +92,16 @@ def doubts(
                     f"{0.5 * tilted**2:.1%} of their distance from the pivot. Draw it turned"
                 )
     return out
+
+
+def _borne_open(geometry: InterfaceGeometry, result: InterfaceResult) -> float:
+    """Friction over the normal force, of open pairs of a side that carries the frame: for those
+    that press beside them."""
+    if geometry.site.carrier is None:
+        return 0.0
+    side = result.sides[geometry.site.carrier]
+    borne = np.linalg.norm(side.tangential_force[side.status == OPEN], axis=1).sum()
+    return float(borne / max(side.normal_force.sum(), 1e-300))
 
 
 def _rough(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:

@@ -18,6 +18,7 @@ from dolfinx_llm.operators.petsc import local_csr
 
 EPS = np.finfo(float).eps
 GRAZES = 0.02  # of the normal force, friction of pairs that are about to part
+CARRIES = 0.1  # the same of open pairs of a side that carries the frame
 
 
 class Oracle:
@@ -122,7 +123,7 @@ class Oracle:
         across = geometry.directions[:, -1] @ posed.Q if geometry.normals_alone else None
         self.balance(N, sides, Y, flat, across)
         law, opens = contact.law, not isinstance(contact.law, llm.Tied)
-        for M, side, p in zip(N, sides, geometry.pairs, strict=True):
+        for k, (M, side, p) in enumerate(zip(N, sides, geometry.pairs, strict=True)):
             self.rows(M, side, Y, flat)
             jump = side.u - M @ v
             if law.closes_gap and np.ptp(normals, axis=0).max() > 1e-9:  # of smooth surfaces
@@ -136,14 +137,17 @@ class Oracle:
                     gap -= np.einsum("ni,ni->n", M @ v, side.normal)
                     moved = M @ np.einsum("mi,mi->m", v, across)
                     gap += moved / np.einsum("ni,ni->n", mean, side.normal)
-                self.opening(gap, side)
+                self.opening(gap, side, carries=geometry.site.carrier == k)
                 if not getattr(law, "mu", 0.0):
                     tangential = np.linalg.norm(side.tangential, axis=1) / self.F
                     self.note("friction without mu", tangential, side.noise)
             else:
                 self.note("tied jump", np.abs(jump)[~posed.held[side.nodes]] / self.U)
         if getattr(law, "mu", 0.0):
-            self.friction(law.mu, N, sides, result, answer)
+            if geometry.law_side is not None:
+                self.friction_of_one(law.mu, sides, result, geometry.law_side)
+            else:
+                self.friction(law.mu, N, sides, result)
 
     def side(self, result, pairs, nodes, R, answer):
         """Forces of a side: by K u - f where nothing else acts at the node, else as reported; in
@@ -173,13 +177,16 @@ class Oracle:
         if flat:
             self.note("linear fields", off)
 
-    def opening(self, gap, side):
-        """Pairs press and do not overlap; those that are apart carry nothing."""
+    def opening(self, gap, side, carries=False):
+        """Pairs press and do not overlap; those that are apart carry nothing, or if they carry the
+        frame no normal force."""
         self.note("gap as reported", (side.reported - gap) / self.U)
         self.note("pull", np.maximum(-side.pressing, 0.0) / self.F, side.noise)
         self.note("overlap", np.maximum(-gap, 0.0) / self.U)
         apart = gap > 1e-8 * self.U
         carried = np.linalg.norm(side.force, axis=1) / self.F
+        if carries:
+            carried = np.abs(side.pressing) / self.F
         self.note("force of open pairs", carried[apart], side.noise[apart])
 
     def balance(self, N, sides, Y, flat, across=None):
@@ -201,7 +208,27 @@ class Oracle:
         if flat:
             self.note("moment", (moment - moment.T) / self.F, noisy)
 
-    def friction(self, mu, N, sides, result, answer):
+    def friction_of_one(self, mu, sides, result, k):
+        """Coulomb's law at every node of the side that does not carry the frame, and in total; open
+        pairs of the other one bear little of it."""
+        noisy, side = sum(side.noise.sum() for side in sides), sides[k]
+        T, limit = np.linalg.norm(side.tangential, axis=1), mu * np.maximum(side.pressing, 0.0)
+        noise = 2.0 * side.noise + 1e-9
+        self.note("cone", np.maximum(T - limit, 0.0) / self.F, noise)
+        if side.control is None:  # whose status is of nodes
+            slip = result.sides[k].status == 2
+            less = np.maximum(limit - T, 0.0)[slip] / self.F
+            self.note("slip below the limit", less, noise[slip])
+        other = sides[1 - k]
+        idle = other.pressing <= np.maximum(other.noise, 1e-10) * self.F
+        borne = np.linalg.norm(other.tangential[idle], axis=1).sum()
+        borne -= CARRIES * np.maximum(other.pressing, 0.0).sum()
+        self.note("friction that nothing presses", max(borne, 0.0) / self.F, noisy)
+        T = np.linalg.norm(result.frame_friction, axis=1) / self.unit
+        limit = mu * np.maximum(result.frame_force, 0.0) / self.unit
+        self.note("cone as reported", np.maximum(T - limit, 0.0) / self.F, noisy)
+
+    def friction(self, mu, N, sides, result):
         """Coulomb's law in total, at the frame's nodes, and the work of friction."""
         noisy = sum(side.noise.sum() for side in sides)
         first, limit = sides[0], mu * sides[0].pressing.sum()
