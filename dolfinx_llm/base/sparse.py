@@ -79,6 +79,16 @@ def nearest(weights: csr_matrix) -> csr_matrix:
     return found
 
 
+def of_nearest(near: csr_matrix, values: Array) -> Array:
+    """(n,) the largest of values (k,) at what is near, True in (n, k).
+
+    >>> of_nearest(csr_matrix([[True, True], [True, False]]), np.array([1, 2])).tolist()
+    [2, 1]
+    """
+    found = near.multiply(values).max(axis=1).toarray()[:, 0]
+    return np.asarray(found.astype(values.dtype))
+
+
 def largest_entry(matrix: csr_matrix) -> float:
     """Largest absolute value; 0 of none.
 

@@ -24,7 +24,7 @@ from scipy.sparse import csr_matrix, hstack, vstack
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.base.sparse import diagonal, nearest
+from dolfinx_llm.base.sparse import diagonal, nearest, of_nearest
 from dolfinx_llm.geometry.spaces import is_function
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.law import Law
@@ -109,6 +109,11 @@ class FrictionNodes:
         )
 
     @cached_property
+    def frame_support(self) -> Array:
+        """(m,) how firmly all pairs hold the motion of the frame's nodes: sums of N²."""
+        return np.sum([p.N.power(2).sum(axis=0).A1 for p in self.geometry.pairs], axis=0)
+
+    @cached_property
     def _nearest(self) -> csr_matrix:
         """(n, k) 1 at the node next to each pair, at both where it lies in the middle."""
         return nearest(self._linked).astype(bool)
@@ -129,7 +134,7 @@ class FrictionNodes:
         Args:
             status: (k,) of the nodes.
         """
-        return self._nearest.multiply(status).max(axis=1).toarray()[:, 0].astype(status.dtype)
+        return of_nearest(self._nearest, status)
 
     @cached_property
     def _parts(self) -> csr_matrix:

@@ -135,10 +135,9 @@ class ContactIteration:
         equations.idle, equations.least = 0.0, unfelt(equations, w)
         equations.start, self._calmed, self._vital = about[0], False, False
         calm, before, w_last = 0, np.inf, w  # iterations without change
-        changes, runs, iteration, last, many = 0, 0, 0, MAXIMUM, np.inf
+        changes, runs, iteration, last = 0, 0, 0, MAXIMUM
         giving, circles = GivingWay(equations), Circles(self.history)
-        if not known:
-            many = MANY * sum(len(s.nodes.rows) for s in self.states)
+        many = np.inf if known else MANY * sum(len(s.nodes.rows) for s in self.states)
         parted = Parted(equations, floating.comm)
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         pull = Pull(floating, spring, f, self.rounding, alpha)
@@ -195,8 +194,9 @@ class ContactIteration:
             stalled = calm > CALM and miss > 0.5 * before
             left = ENOUGH if calm <= PATIENT else LONG_ENOUGH
             enough = max(left, spread(equations, self.form.noise) / largest)
-            carried = equations.frames.carried(equations.L_t, w - centre) / largest
-            settled = miss <= self.form.accuracy and told(floating.comm, carried) <= LAST_PULL
+            settled = miss <= self.form.accuracy
+            drawn = equations.frames.pull(equations.L_t, w - centre) if settled else np.inf
+            settled = settled and told(floating.comm, drawn / largest) <= LAST_PULL
             settled |= stalled and miss <= enough
             settled &= giving.rest(multiplier, largest, calm)
             rests = settled and calm > corrections and pull.rests

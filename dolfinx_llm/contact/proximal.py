@@ -40,13 +40,11 @@ def proximal_term(states: Sequence[InterfaceState], m: int, stiffness: float) ->
         nodes, tied, every = s.nodes, s.support(tied=True), s.support(tied=False)
         v = nodes.v.reshape(-1, max(nodes.geometry.directions.shape[1], 1))
         kappa = nodes.kappa if nodes.kappa.size else nodes.kappa[:, :0]
-        carried = nodes.carries.any()
         if nodes.geometry.rigid:
             add(nodes.v, nodes.v, np.full(len(nodes.v), float(len(nodes.rows))))
-        elif carried:
-            of_frame = sum(np.asarray(p.N.power(2).sum(axis=0))[0] for p in nodes.geometry.pairs)
+        elif nodes.geometry.law_side is not None:
             for along in v.T:
-                add(along, along, of_frame)
+                add(along, along, nodes.frame_support)
         else:
             add(v[:, -1], v[:, -1], sum(every))
             for i in range(v.shape[1] - 1):
@@ -54,7 +52,7 @@ def proximal_term(states: Sequence[InterfaceState], m: int, stiffness: float) ->
         at = range(v.shape[1])[s.law.components_of_jumps(v.shape[1])]
         for i, jump in enumerate(kappa.T):
             held = every if s.law.gives and i == kappa.shape[1] - 1 else tied
-            if not (nodes.geometry.rigid or carried):
+            if nodes.geometry.law_side is None:
                 add(v[:, at[i]], jump, held[0] - held[1])
                 add(jump, v[:, at[i]], held[0] - held[1])
             add(jump, jump, sum(held))
@@ -131,7 +129,7 @@ class FrameRows:
         rows = self._rows = Rows(own, gather @ L_t, own + self._scale * relative, gather, slips)
         return rows
 
-    def carried(self, L_t: csr_matrix, moved: Array) -> float:
+    def pull(self, L_t: csr_matrix, moved: Array) -> float:
         """Largest force of the proximal term [force], which at rest is none.
 
         Args:

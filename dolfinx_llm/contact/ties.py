@@ -3,13 +3,13 @@
 The tie of a pair bears any force, however little the pair presses. Where every pair in contact has
 one, a pair that hardly presses may pull itself open by its tie, and press again without it: then no
 state at all meets the law. Ties are therefore chosen once where these pairs bear more than may be
-without friction. Tied are the pairs that
-press in contact without friction. They stay tied while the iteration goes on, and the nodes that
-speak for others, which follow from ties alone, stay as well. For given ties a state exists, which
-Newton's method finds in about ten iterations. Open pairs may then bear friction by their ties;
-where that is too much, the strongest ones lose their ties for good, which ends (``flickering``).
-Later load steps begin with the ties that are left, and choose anew where they do not come to rest
-either. Coulomb's law holds at the frame's nodes with the normal forces of all pairs, tied or not.
+without friction. Tied are the pairs that press in contact without friction. They stay tied while
+the iteration goes on, and the nodes that speak for others, which follow from ties alone, stay as
+well. For given ties a state exists, which Newton's method finds in about ten iterations. Open
+pairs may then bear friction by their ties; where that is too much, the strongest ones lose their
+ties for good, which ends (``flickering``). Later load steps begin with the ties that are left, and
+choose anew where they do not come to rest either. Coulomb's law holds at the frame's nodes with the
+normal forces of all pairs, tied or not.
 
 Where contact is narrower than a facet hardly any node of the frame would speak for itself: all that
 touches would stick or slip as one, and its ties would bear many times what friction may. So nodes

@@ -2,6 +2,8 @@
 
 import numpy as np
 import scenes
+from dolfinx import fem
+from mpi4py import MPI
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -79,6 +81,38 @@ def ring_problem(V, tags, conditions, value=None, loads=None, law=None, sides=(F
         interfaces=[llm.Interface(tags, sides, law=law or llm.Tied())],
         nodal_loads=loads or [],
     )
+
+
+def drum(mu, counts, swap=False, frame=None):
+    """A belt round the upper half of an elastic drum, and a function that pulls at its ends."""
+    V, tags = rings(
+        MPI.COMM_SELF, ((counts[0], 4), (counts[1], 2)), ((0.5, 1.0), (1.0, 1.1)), 180.0
+    )
+    a, L = scenes.forms(V)
+    ends = [fem.Function(V) for _ in range(3)]
+    r = lambda p: np.hypot(p[0], p[1])  # noqa: E731
+    where = [
+        lambda p: np.isclose(r(p), 0.5),
+        lambda p: np.isclose(p[1], 0.0) & (p[0] > 1.04),
+        lambda p: np.isclose(p[1], 0.0) & (p[0] < -1.04),
+    ]
+    bcs = [
+        fem.dirichletbc(f, fem.locate_dofs_geometrical(V, w))
+        for f, w in zip(ends, where, strict=True)
+    ]
+    sides = (FACE_0, FACE_1)
+    interface = llm.Interface(
+        tags, sides[::-1] if swap else sides, law=llm.Coulomb(mu), frame=frame
+    )
+    problem = llm.ContactProblem(a, L, bcs=bcs, interfaces=[interface])
+
+    def pull(right, left):
+        for f, amount in zip(ends[1:], (right, left), strict=True):
+            f.interpolate(lambda p, d=amount: np.array([0.0 * p[0], -d + 0.0 * p[0]]))
+        problem.solve()
+        return problem.results[0]
+
+    return problem, pull
 
 
 def check_translations(problem):

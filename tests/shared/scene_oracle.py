@@ -144,10 +144,7 @@ class Oracle:
             else:
                 self.note("tied jump", np.abs(jump)[~posed.held[side.nodes]] / self.U)
         if getattr(law, "mu", 0.0):
-            if geometry.law_side is not None:
-                self.friction_of_one(law.mu, sides, result, geometry.law_side)
-            else:
-                self.friction(law.mu, N, sides, result)
+            self.friction(law.mu, N, sides, result, geometry.law_side)
 
     def side(self, result, pairs, nodes, R, answer):
         """Forces of a side: by K u - f where nothing else acts at the node, else as reported; in
@@ -208,46 +205,34 @@ class Oracle:
         if flat:
             self.note("moment", (moment - moment.T) / self.F, noisy)
 
-    def friction_of_one(self, mu, sides, result, k):
-        """Coulomb's law at every node of the side that does not carry the frame, and in total; open
-        pairs of the other one bear little of it."""
-        noisy, side = sum(side.noise.sum() for side in sides), sides[k]
-        T, limit = np.linalg.norm(side.tangential, axis=1), mu * np.maximum(side.pressing, 0.0)
-        noise = 2.0 * side.noise + 1e-9
-        self.note("cone", np.maximum(T - limit, 0.0) / self.F, noise)
-        if side.control is None:  # whose status is of nodes
-            slip = result.sides[k].status == 2
-            less = np.maximum(limit - T, 0.0)[slip] / self.F
-            self.note("slip below the limit", less, noise[slip])
-        other = sides[1 - k]
-        idle = other.pressing <= np.maximum(other.noise, 1e-10) * self.F
-        borne = np.linalg.norm(other.tangential[idle], axis=1).sum()
-        borne -= CARRIES * np.maximum(other.pressing, 0.0).sum()
-        self.note("friction that nothing presses", max(borne, 0.0) / self.F, noisy)
-        T = np.linalg.norm(result.frame_friction, axis=1) / self.unit
-        limit = mu * np.maximum(result.frame_force, 0.0) / self.unit
-        self.note("cone as reported", np.maximum(T - limit, 0.0) / self.F, noisy)
-
-    def friction(self, mu, N, sides, result):
-        """Coulomb's law in total, at the frame's nodes, and the work of friction."""
+    def friction(self, mu, N, sides, result, law_side):
+        """Coulomb's law in total, at the frame's nodes, or at every node of the side at which it
+        holds, and the work of friction."""
         noisy = sum(side.noise.sum() for side in sides)
-        first, limit = sides[0], mu * sides[0].pressing.sum()
+        first = sides[law_side or 0]
         total = np.linalg.norm(first.tangential.sum(axis=0))
+        limit = mu * first.pressing.sum()
         self.note("friction in total", max(total - limit, 0.0) / self.F, noisy)
-        for side in sides:
+        for k, side in enumerate(sides):
             idle = side.pressing <= np.maximum(side.noise, 1e-10) * self.F
             borne = np.linalg.norm(side.tangential[idle], axis=1).sum()
-            borne -= GRAZES * np.maximum(side.pressing, 0.0).sum()
+            part = GRAZES if law_side in (None, k) else CARRIES
+            borne -= part * np.maximum(side.pressing, 0.0).sum()
             self.note("friction that nothing presses", max(borne, 0.0) / self.F, noisy)
         T = np.linalg.norm(result.frame_friction, axis=1) / self.unit
         limit = mu * np.maximum(result.frame_force, 0.0) / self.unit
         self.note("cone as reported", np.maximum(T - limit, 0.0) / self.F, noisy)
-        slip = result.frame_status == 2
         # What corrected rows pull at a node is missing in what its neighbours bear.
+        slip = result.frame_status == 2
         less = limit - T - mu * np.maximum(-result.frame_force, 0.0).sum() / self.unit
+        if law_side is not None:
+            T = np.linalg.norm(first.tangential, axis=1)
+            limit = mu * np.maximum(first.pressing, 0.0)
+            self.note("cone", np.maximum(T - limit, 0.0) / self.F, noisy)
+            slip, less = result.sides[law_side].status == 2, limit - T
         self.note("slip below the limit", np.maximum(less, 0.0)[slip] / self.F, noisy)
-        T = np.linalg.norm(N[0].T @ first.tangential, axis=1)
-        limit = mu * np.maximum(N[0].T @ first.pressing, 0.0)
+        T = np.linalg.norm(N[0].T @ sides[0].tangential, axis=1)
+        limit = mu * np.maximum(N[0].T @ sides[0].pressing, 0.0)
         self.note("(cone at frame nodes)", np.maximum(T - limit, 0.0) / self.F, noisy)
         work = sum(np.sum(side.tangential * (side.u - side.before)) for side in sides)
         self.note("(work of friction)", max(-work, 0.0) / (self.F * self.U), noisy)
