@@ -110,12 +110,14 @@ class Parted:
 
 def _distance(s: InterfaceState, position: Array) -> float:
     """The least one between the bodies, of the rows' positions (n,), along the pairs' own normals,
-    as they are without a frame [length]."""
+    as they are without a frame, at nodes over the other side [length]: beside it the frame is not
+    between them."""
     geometry = s.nodes.geometry
     pairs = geometry.pairs
     parts = np.split(position[s.nodes.rows[:, -1]], [len(pairs[0].nodes)])
     nodal = [a if p.control is None else p.control @ a for p, a in zip(pairs, parts, strict=True)]
-    gaps = [-(nodal[k] + N @ nodal[1 - k]) for k, N in enumerate(geometry.opposite)]
+    each = enumerate(zip(geometry.opposite, geometry.faced, strict=True))
+    gaps = [-(nodal[k] + N @ nodal[1 - k])[faced] for k, (N, faced) in each]
     return min(float(gap.min(initial=np.inf)) for gap in gaps)
 
 

@@ -115,7 +115,9 @@ def between_bodies(
         x = [s.x + (s.u if p.control is None else p.control @ s.u) for p, s in both]
         for k, N in enumerate(geometry.opposite):
             across = N @ x[1 - k] - x[k]
-            gaps[k] = np.einsum("ni,ni->n", across, sides[k].normal)
+            along = np.einsum("ni,ni->n", across, sides[k].normal)
+            beside = ~geometry.faced[k] & (along < 0.0)  # of nothing: the nearest point tells
+            gaps[k] = np.where(beside, np.linalg.norm(across, axis=1), along)
     out, ends = [], np.cumsum([len(side.x) for side in sides])
     each = zip(geometry.pairs, sides, gaps, presses, np.split(held, ends[:-1]), strict=True)
     for p, side, gap, pressed, pulls in each:

@@ -18,6 +18,8 @@ from dolfinx_llm.interface.obstacle import Swings
 from dolfinx_llm.interface.obstacles import MeanDisplacement
 from dolfinx_llm.interface.site import Site
 
+OFF_RIM = 0.1  # of a facet, and of its distance, by which a node may lie beside a surface
+
 
 @dataclass(frozen=True, eq=False)
 class InterfaceGeometry:
@@ -165,6 +167,18 @@ class InterfaceGeometry:
         drawn, that is closest to each node; empty against a rigid obstacle."""
         others = self.pairs[::-1] if len(self.pairs) == 2 else ()
         return tuple(q.interpolation(p.x) for p, q in zip(self.pairs, others))
+
+    @cached_property
+    def faced(self) -> tuple[Array, ...]:
+        """Per side (n,) nodes that lie over the other side, and not beside it, as drawn."""
+        found = []
+        for k, N in enumerate(self.opposite):
+            p = self.pairs[k]
+            across, size = N @ self.pairs[1 - k].x - p.x, np.ptp(p.x[p.cells], axis=1).max()
+            away = np.abs(np.einsum("ni,ni->n", across, p.base[:, -1]))
+            beside = np.sqrt(np.maximum((across**2).sum(axis=1) - away**2, 0.0))
+            found.append(beside <= OFF_RIM * (away + size))
+        return tuple(found)
 
 
 def describe(geometry: InterfaceGeometry) -> list[str]:
