@@ -138,6 +138,8 @@ class ContactIteration:
         changes, runs, iteration, last = 0, 0, 0, MAXIMUM
         giving, circles = GivingWay(equations), Circles(self.history)
         many = np.inf if known else MANY * sum(len(s.nodes.rows) for s in self.states)
+        # Slips of single nodes tell, in three iterations mostly, which pairs touch.
+        look = 3 if any(s.carried for s in self.states) else 1
         parted = Parted(equations, floating.comm)
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         pull = Pull(floating, spring, f, self.rounding, alpha)
@@ -175,7 +177,7 @@ class ContactIteration:
                 return found
             anew = not self._vital and unsettled(self.states)
             anew |= parted.lost(multiplier, y + g)
-            if (anew or iteration == 1) and glide(equations, anew or changes > many):
+            if (anew or iteration == look) and glide(equations, anew or changes > many):
                 glides = True  # contact is sought anew, without friction
                 stuck = untied(self.states), (multiplier, w), equations.middle(y + g, w)
                 take_back(self.states, rest)

@@ -95,7 +95,7 @@ class InterfaceState:
         given: what the law has read at the start of this load step, (k, ...) by name.
         others, touched: who speaks for whom; counts the changes of what is in contact.
         held: (n,) pairs that may pull, too.
-        shares: nodes at the rim of contact slip as others do.
+        shares, carried: nodes at the rim of contact slip as others do; a side carries the frame.
         second, keeps: of second order, whose pairs that do not come to rest may keep their ties;
             whether they do, see ``flickering``.
         asked: whether ties have been chosen in this load step, see ``ties``.
@@ -107,6 +107,7 @@ class InterfaceState:
     def __init__(self, nodes: FrictionNodes) -> None:
         self.nodes, law = nodes, nodes.law
         self.shares = law.shares and law.slips and not law.gives and nodes.geometry.law_side is None
+        self.carried = nodes.geometry.site.carrier is not None
         second = any(p.control is not None for p in nodes.geometry.pairs)
         self.second = self.shares and second
         self.glides, self.touched, self._touching = False, 0, np.empty(0)  # all follow the frame
@@ -193,7 +194,7 @@ class InterfaceState:
         hardly any force; it comes to rest without friction, or with its tie, pressing or not."""
         law, active, closings = self.law, self.own.active, self.own.closings
         if law.follows or law.gives or self.nodes.geometry.law_side is not None or not law.slips:
-            return self.nodes.holding(active) | law.follows
+            return (self.nodes.holding(active) | law.follows) & (not self.glides)
         settling = active & (closings < BY_TURNS)
         if self.keeps:
             settling = (active | (closings >= BY_TURNS)) & (closings < GONE)

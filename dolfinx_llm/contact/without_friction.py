@@ -10,7 +10,8 @@ from dolfinx_llm.contact.equations import Equations, seen_by
 
 
 def glide(equations: Equations, glides: bool) -> bool:
-    """Leave out friction where nodes share, or take it up again; whether any is left out.
+    """Leave out friction where nodes share, or a side carries a frame, or take it up again; whether
+    any is left out.
 
     Then no pair follows the frame tangentially, and all press on it along its own normals: what
     theirs have along its tangents would find no balance.
@@ -21,7 +22,7 @@ def glide(equations: Equations, glides: bool) -> bool:
     """
     seen = np.ones(equations.m)
     for s in equations.states:
-        s.glides = glides and s.shares
+        s.glides = glides and (s.shares or s.carried)
         s.touch(s.own.active)
         if s.glides:
             v = s.nodes.v.reshape(s.nodes.geometry.directions.shape[:2])

@@ -94,13 +94,11 @@ def pulled(dim, mu, h, clearance, seed=3, comm=MPI.COMM_WORLD, along=0.0, order=
 
 PLANE = (2, 2.0, 0.0, 0.2), (2, 2.0, 0.02, 0.05), (2, 2.0, 0.02, 0.5)
 
-# The pin floats until it touches, where contact without friction holds it; a clearance of 0.1 with
-# a coefficient of 1 does not converge yet.
-SOLID = [(3, 4.0, 0.1, 0.2), *((3, 4.0, *case) for case in
-         itertools.product((0.0, 0.02, 0.05), (0.05, 0.2, 0.5, 1.0)))]  # fmt: skip
+# The pin floats until it touches, where contact without friction holds it.
+SOLID = [(3, 4.0, *case) for case in
+         itertools.product((0.0, 0.02, 0.05, 0.1), (0.05, 0.2, 0.5, 1.0))]  # fmt: skip
 
-# Ties that come and go do not come to rest here: they are chosen once. With 0.1 contact is narrower
-# than a facet.
+# With 0.1 contact is narrower than a facet.
 FINE = [("flexibility", 3, 3.0, *case) for case in
         itertools.product((0.05, 0.1), (0.05, 0.2, 0.5, 1.0))]  # fmt: skip
 
@@ -111,7 +109,7 @@ FINE = [("flexibility", 3, 3.0, *case) for case in
      longer("saddle", 3, 4.0, 0.02, 0.2),  # 83 where frame nodes go on at one pace
      *some_of([("flexibility", *case) for case in PLANE], [("flexibility", *PLANE[0])]),
      *some_of([("flexibility", 3, 3.0, 0.02, 0.5), *FINE], [("flexibility", 3, 3.0, 0.02, 0.5)]),
-     *some_of([("flexibility", *case) for case in SOLID], [("flexibility", *SOLID[0])])],
+     *some_of([("flexibility", *case) for case in SOLID], [("flexibility", 3, 4.0, 0.1, 1.0)])],
 )  # fmt: skip
 def test_converges(form, dim, h, clearance, mu, monkeypatch):
     """In a few iterations, on the load's resultant, without tension, within Coulomb's cone."""
@@ -120,7 +118,7 @@ def test_converges(form, dim, h, clearance, mu, monkeypatch):
     total = PULL if dim == 3 else PULL / 8.0
     load.value = -total / area
     problem.solve()
-    assert len(problem.history) <= 30
+    assert len(problem.history) <= 15
     result = problem.results[0]
     assert result.resultant[0] == pytest.approx(-total, rel=1e-8)
     largest = max(side.normal_force.max() for side in result.sides)
