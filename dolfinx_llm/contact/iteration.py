@@ -29,7 +29,7 @@ from dolfinx_llm.contact.soft_rows import CALM, CONSTANT, GivingWay
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.contact.ties import ask, ask_again, choose, tie_more, unsettled
 from dolfinx_llm.contact.unseen_slips import of_the_bodies
-from dolfinx_llm.contact.without_friction import glide, slips
+from dolfinx_llm.contact.without_friction import glide, look, slips
 from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import GRAZING, SIGN, StepForm, StepResult, unless_none
 from dolfinx_llm.forms.verdict import FinalError, Verdict
@@ -138,14 +138,12 @@ class ContactIteration:
         changes, runs, iteration, last = 0, 0, 0, MAXIMUM
         giving, circles = GivingWay(equations), Circles(self.history)
         many = np.inf if known else MANY * sum(len(s.nodes.rows) for s in self.states)
-        # Slips of single nodes tell, in three iterations mostly, which pairs touch.
-        look = 3 if any(s.carried for s in self.states) else 1
         parted = Parted(equations, floating.comm)
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         pull = Pull(floating, spring, f, self.rounding, alpha)
         for s in self.states:
             s.begin()
-        glides, rest = glide(equations, False), untied(self.states)
+        glides, looks, rest = glide(equations, False), look(self.states), untied(self.states)
         while iteration < last and (iteration < FALLING or not falls()):
             iteration += 1
             equations.lags = changes > many
@@ -177,7 +175,7 @@ class ContactIteration:
                 return found
             anew = not self._vital and unsettled(self.states)
             anew |= parted.lost(multiplier, y + g)
-            if (anew or iteration == look) and glide(equations, anew or changes > many):
+            if (anew or iteration == looks) and glide(equations, anew or changes > many):
                 glides = True  # contact is sought anew, without friction
                 stuck = untied(self.states), (multiplier, w), equations.middle(y + g, w)
                 take_back(self.states, rest)
