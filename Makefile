@@ -18,7 +18,7 @@ test: setup ## run the tests, WORKERS at once; ARGS="-k word" is passed on to py
 quick: setup ## run those that take no more than a moment, on one rank
 	$(ACTIVATE) && pytest $(PARALLEL) -m "quick and not mpi and not long" $(ARGS)
 
-long: setup ## run what `make test` has only a sample of: campaigns, products, large meshes; PART=2/5
+long: setup ## run what `make test` has only a sample of: campaigns, products, large meshes; PART=2/10
 	$(ACTIVATE) && pytest $(PARALLEL) -m long $(ARGS)
 
 figures: setup ## make README's table of results from the demos; ARGS=--check: is it true?
@@ -43,7 +43,7 @@ types: tools ## check types
 docs: tools ## build the pages, the gallery of demos and all public names in build/docs
 	$(ACTIVATE) && python .ci/docs.py build/docs && python .ci/gallery.py pages build/docs
 
-gallery: tools ## run the demos, keep their pictures and numbers, and build the pages; DEMOS="slope", DEMOS=0/2
+gallery: tools ## run the demos, keep their pictures and numbers, and build the pages; DEMOS="slope", DEMOS=0/3
 	$(ACTIVATE) && python .ci/gallery.py run $(DEMOS) && python .ci/gallery.py pages build/docs
 
 tools: setup # from PyPI into .venv; a new .venv has none of them

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from math import log2
 from pathlib import Path
@@ -22,6 +23,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 BEGIN, END = "<!-- figures: made by `make figures` -->", "<!-- figures: end -->"
+WORKERS = 2  # rows at a time
 NUMBER = r"([-+]?[\d,]*\.?\d+(?:e[-+]?\d+)?)"
 
 
@@ -76,13 +78,13 @@ class Row:
     def run(self, folder: Path) -> dict[str, Any]:
         """Run the commands: the figures, and what it took [s]."""
         reports, began = [], time.perf_counter()
-        for command in self.commands:
-            file = folder / f"{len(list(folder.iterdir()))}.json"
+        for k, command in enumerate(self.commands):
+            file = folder / f"{ROWS.index(self)}_{k}.json"
             print("==", command, flush=True)
             words = [*shlex.split(command), "--json", str(file)]
             done = subprocess.run(words, cwd=ROOT, capture_output=True)
             if done.returncode:
-                sys.exit(done.stdout.decode()[-2000:] + done.stderr.decode()[-4000:])
+                raise SystemExit(done.stdout.decode()[-2000:] + done.stderr.decode()[-4000:])
             reports.append(json.loads(file.read_text()))
         found = [float(value) for value in self.read(*reports)]
         seconds = round(time.perf_counter() - began, 1)
@@ -195,7 +197,8 @@ def main(arguments: list[str] | None = None) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob("*.json"):
         old.unlink()
-    runs = [row.run(folder) for row in ROWS]
+    with ThreadPoolExecutor(WORKERS) as workers:
+        runs = list(workers.map(lambda row: row.run(folder), ROWS))
     (build / "figures.json").write_text(json.dumps(runs, indent=2) + "\n")
     new = table([row.line(run["found"]) for row, run in zip(ROWS, runs)])
     print(new, f"\n{sum(run['seconds'] for run in runs):.0f} s")

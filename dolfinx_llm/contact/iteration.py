@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from tqdm import tqdm
 
 from dolfinx_llm.base.arrays import Array
@@ -152,7 +153,7 @@ class ContactIteration:
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
             if glides or (not known and iteration == 1):
                 step = equations.all_stick(step)
-            found = self.form.solve(f, step)
+            found = _told(self.form.solve(f, step), equations, centre, floating.comm)
             multiplier, y, w = found.multiplier, found.y, found.w
             self.last = replace(step, active=found.active)
             largest = max(step.level(multiplier, y, self.scale), GRAZING * pressed)
@@ -250,6 +251,13 @@ class ContactIteration:
         if s.nodes.kappa.size:
             changes += _follow(s, self.equations, found, self._calmed, largest)
         return changes
+
+
+def _told(found: StepResult, equations: Equations, centre: Array, comm: MPI.Comm) -> StepResult:
+    """What is found, without tension that is what holds frames far from their centre (m,)."""
+    most = told(comm, equations.frames.pull(equations.L_t, found.w - centre))
+    idle = found.active & (found.multiplier < 0.0) & (found.multiplier >= -most)
+    return replace(found, wrong=found.wrong & ~idle)
 
 
 def _follow(

@@ -139,7 +139,7 @@ class WholeSteps(StepForm):
                 column[place[p]] += 0.0 if on[place[p]] else self.scale * step.compliance[p]
                 answers.append(column)
             pairs = np.concatenate([pairs, new])
-            exchanged = partial(_exchanged, np.column_stack(answers), now, place[pairs])
+            exchanged = partial(_exchanged, np.column_stack(answers), now, place[pairs], on)
             try:
                 change, forces, after = chosen(self.operators.comm, exchanged)
             except np.linalg.LinAlgError:  # forces that nothing determines: all wrong ones change
@@ -152,19 +152,20 @@ class WholeSteps(StepForm):
         self.release()
 
 
-def _exchanged(columns: Array, now: Array, at: Array) -> tuple[Array, Array, Array]:
+def _exchanged(columns: Array, now: Array, at: Array, on: Array) -> tuple[Array, Array, Array]:
     """Which pairs change, (k,), with what forces (k,), and what must not be negative then, (n,).
 
     Args:
         columns: (n, k) by which it changes with the pairs' forces.
         now: (n,) as it is.
         at: (k,) places of the pairs.
+        on: (n,) in contact before: frames may be left open where these open.
 
     Raises:
         numpy.linalg.LinAlgError: nothing determines the forces.
     """
     M, q, forces = columns[at], now[at], np.zeros(len(at))
-    change = complementarity(M, q, q < 0.0)
+    change = complementarity(M, q, q < 0.0, on[at])
     forces[change] = np.linalg.solve(M[np.ix_(change, change)], -q[change])
     after = now + columns @ forces
     after[at] = 0.0

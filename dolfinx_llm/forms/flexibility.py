@@ -261,7 +261,7 @@ def _choose(step: LinearStep, A: Array, rhs: Array) -> Array:
         gap = np.where(on[new], 0.0, 1.0) * A[np.ix_(rows, rows[new])]
         columns = np.hstack([columns, signs(solve(load), gap)])
         pairs = np.concatenate([pairs, new])
-        change = complementarity(columns[pairs], now[pairs], now[pairs] < 0.0)
+        change = complementarity(columns[pairs], now[pairs], now[pairs] < 0.0, on[pairs])
         M = columns[pairs][np.ix_(change, change)]
         after = now + columns[:, change] @ np.linalg.solve(M, -now[pairs][change])
         after[pairs] = 0.0

@@ -108,7 +108,7 @@ FINE = [("flexibility", 3, 3.0, *case) for case in
     [*some_of([("saddle", *case) for case in PLANE], [("saddle", *PLANE[2])]),
      longer("saddle", 3, 4.0, 0.02, 0.2),  # 83 where frame nodes go on at one pace
      *some_of([("flexibility", *case) for case in PLANE], [("flexibility", *PLANE[0])]),
-     *some_of([("flexibility", 3, 3.0, 0.02, 0.5), *FINE], [("flexibility", 3, 3.0, 0.02, 0.5)]),
+     *some_of([("flexibility", 3, 3.0, 0.02, 0.5), *FINE], []),
      *some_of([("flexibility", *case) for case in SOLID], [("flexibility", 3, 4.0, 0.1, 1.0)])],
 )  # fmt: skip
 def test_converges(form, dim, h, clearance, mu, monkeypatch):

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from sampling import longer
 from scipy.spatial.transform import Rotation
 
 import dolfinx_llm as llm
@@ -52,7 +53,7 @@ def pressed(law, turn, size, shift, angle):
     return iterations, found
 
 
-@pytest.mark.parametrize(("shift", "angle"), [(0.002, 0.003), (0.0, 0.003)])
+@pytest.mark.parametrize(("shift", "angle"), [longer(0.002, 0.003), (0.0, 0.003)])
 def test_pin_in_a_bore(shift, angle):
     """Nodes at the rim of contact slip as others do that are up to a quarter of the bore away."""
     law = llm.Coulomb(0.3)

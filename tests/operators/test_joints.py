@@ -11,6 +11,7 @@ from mpi4py import MPI
 from sampling import longer
 
 import dolfinx_llm as llm
+from dolfinx_llm.forms.flexibility import Flexibility
 from dolfinx_llm.laws.rows import SLIP, STICK
 from dolfinx_llm.problem.classical import Elimination
 
@@ -176,6 +177,28 @@ def test_friction_under_weight_and_side_load(blocks, side, degree, kind):
         assert np.abs(left[blocks[:, 0, 1] > 0.0]).max() <= tiny
         problem.destroy()
     assert np.abs(found[0] - found[1]).max() <= 1e-9 * np.abs(found[0]).max()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("degree", [1, 2])
+def test_one_state_whatever_holds_frames(degree, monkeypatch):
+    """What holds them until they are where they touch settles nothing: which of two pairs stayed
+    with a frame node, and whether it was pulled at, hung on its size, and with it the state."""
+    blocks, kind = walls.courses(2, 2, bond=0.3), ("quadrilateral", "triangle")[degree - 1]
+    counts = np.random.default_rng(5).integers(2, 5, (len(blocks), 2))
+    wall, found = walls.Wall(COMM, blocks, counts, kind, degree=degree), []
+    load = fem.Constant(wall.domain, np.array([0.1 * degree, -1.0]))
+    L = ufl.inner(load, ufl.TestFunction(wall.V)) * ufl.dx
+    for size in (1e-13, 3e-12, 1e-11) if degree == 2 else (1e-13, 3e-12):
+        monkeypatch.setattr(Flexibility, "proximal", size)
+        interfaces = wall.interfaces(llm.Coulomb(0.6))
+        a = wall.forms()[0]
+        with llm.ContactProblem(a, L, bcs=wall.base(), interfaces=interfaces) as problem:
+            problem.solve()
+            assert "flexibility" in str(problem)
+            found.append(joints.all_forces(problem))
+    for forces in found[1:]:
+        assert np.abs(forces - found[0]).max() <= 1e-9 * np.abs(found[0]).max()
 
 
 @pytest.mark.long

@@ -161,8 +161,11 @@ def test_hertz(disc, monkeypatch):
         assert hertz2d.fit(x[inner], p[inner])[0] == pytest.approx(1.0, abs=1.5e-3)
 
 
-@pytest.mark.parametrize(("kind", "n"), [(TRI, (10, 13)), (HEX, (4, 5))])
-@pytest.mark.parametrize("law", [llm.Coulomb(0.3), llm.Tied(), llm.Frictionless()], ids=str)
+@pytest.mark.parametrize(("kind", "n", "law"), [
+    (TRI, (10, 13), llm.Coulomb(0.3)), (TRI, (10, 13), llm.Tied()),
+    (TRI, (10, 13), llm.Frictionless()), (HEX, (4, 5), llm.Tied()),
+    longer(HEX, (4, 5), llm.Coulomb(0.3)), longer(HEX, (4, 5), llm.Frictionless()),
+], ids=str)  # fmt: skip
 def test_tractions_of_facets_that_overhang(kind, n, law):
     """As of linear problems, which tell seven to ten times as much no more either."""
     problem = so.overhanging(kind, n, law, nonlinear)

@@ -73,6 +73,7 @@ def test_conditions_of_second_order(seed):
     assert violations(found) == [{}] * len(found)
 
 
+@pytest.mark.long
 def test_interface_of_little_force():
     """A part of 3e-4 of another's forces, of which open pairs bore 14 %: by its own measure."""
     try:
@@ -101,7 +102,7 @@ def test_conditions_at_finite_deformation(seed):
 SECOND_FINITE = [2001, 2003, 2005, 2008, 2010, 2019, 2024, 2029, 2038, 2052, 2087, 2099]
 
 
-@pytest.mark.parametrize("seed", some_of(SECOND_FINITE, [2038, 2087, 2099]))
+@pytest.mark.parametrize("seed", some_of(SECOND_FINITE, [2038, 2087]))
 def test_conditions_of_second_order_at_finite_deformation(seed):
     _, found = random_finite.check(random_finite.draw(seed, second=True))
     assert violations(found) == [{}] * len(found)
@@ -114,7 +115,7 @@ IN_TIME = [(seed, False) for seed in (1004, 2005, 1006, 1010, 1013, 1041, 2021)]
 IN_TIME += [(3011, True), (3040, True)]
 
 
-@pytest.mark.parametrize(("seed", "second"), some_of(IN_TIME, IN_TIME[:2]))
+@pytest.mark.parametrize(("seed", "second"), some_of(IN_TIME, IN_TIME[:3:2]))
 def test_conditions_in_time(seed, second):
     """Of bodies that fly at each other: energy, momenta and overlaps."""
     _, found = random_time.check(random_time.draw(seed, second))
@@ -132,7 +133,7 @@ def test_conditions_in_time(seed, second):
             (3011, "swapped"),
             (3040, "saddle"),
         ],
-        [(3007, "renumbered")],
+        [(3006, "renumbered")],
     ),
 )
 def test_poses_in_time(seed, name):
@@ -147,7 +148,7 @@ FINITE_POSES = some_of(
     [(1005, "turned"), (1011, "mirrored"), (1007, "renumbered"), (1005, "units"),
      (1030, "saddle"), (1058, "condensed"), (1013, "units"), (1014, "condensed"),
      (1018, "condensed"), (1020, "renumbered"), (2004, "mixed"), (2009, "mixed"),
-     (2016, "mixed")], [(1005, "turned"), (2009, "mixed")]
+     (2016, "mixed")], [(1005, "turned")]
 )  # fmt: skip
 
 

@@ -79,10 +79,12 @@ class Tubes:
 
 
 FREE, RUBS = llm.Frictionless(), llm.Coulomb(0.3)
+LARGER = (8, (2, 3)), (16, (2, 3)), (20, (1, 2))
 
 
 @pytest.mark.parametrize(("counts", "layers", "motion", "more", "most"), [
-    ((16, 24), (2, 3), (0.01, 0.0), {"hexahedra": True}, 2e-3),
+    ((16, 24), (1, 2), (0.01, 0.0), {"height": 0.5}, 2e-3),
+    longer((16, 24), (2, 3), (0.01, 0.0), {"hexahedra": True}, 2e-3),
     ((16, 24), (2, 3), (0.0, 0.003), {"hexahedra": False}, 2e-3),
     longer((16, 24), (2, 3), (0.002, 0.002), {"hexahedra": True}, 2e-3),
     longer((16, 24), (7, 10), (0.006, 0.008), {"height": 4.0}, 2e-3),
@@ -100,8 +102,10 @@ def test_plane_strain(counts, layers, motion, more, most):
     assert iterations <= 5
 
 
-@pytest.mark.parametrize(("counts", "layers"), [((8, 12), (2, 3)), longer((16, 24), (2, 3)),
-                                                longer((20, 30), (1, 2))])  # fmt: skip
+@pytest.mark.parametrize(
+    ("counts", "layers"),
+    [((8, 12), (1, 2)), *(longer((n, 3 * n // 2), layers) for n, layers in LARGER)],
+)
 def test_condensed(counts, layers):
     """The saddle form's forces, in its iterations of the law. Along the axis open pairs of ends
     that are held move by what rounding leaves of their rows at free dofs, and these were eliminated

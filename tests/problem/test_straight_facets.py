@@ -12,7 +12,7 @@ from dolfinx_llm.geometry.surface import Surface, extract_surface
 
 MESHES = [
     ("quad", (0.2, 0.13), 0.03),
-    ("hex", (0.3, 0.2), 0.04),
+    longer("hex", (0.3, 0.2), 0.04),
     ("tet", (0.3, 0.2), 0.9),
     longer("tet", (0.2, 0.13), 0.5),
     longer("tet", (0.12, 0.08), 0.35),

@@ -12,13 +12,13 @@ from mpi4py import MPI
 import dolfinx_llm as llm
 from dolfinx_llm import compat
 
-QUICK = ("support", "second order"), ("gap", "second order"), ("plane", "nonlinear")
+QUICK = ("support", "second order"), ("gap", "second order"), ("pressure", "nonlinear")
 NOT_THERE = ("pressure", "linear"), ("pressure", "second order"), ("gap", "nonlinear")
 
 
 def marked(led, kind):
     """A scene; those that take long are a sample's rest."""
-    quick = kind == "linear" or (led, kind) in (*QUICK, ("pressure", "nonlinear"))
+    quick = kind == "linear" or (led, kind) in QUICK
     return pytest.param(led, kind, marks=[] if quick else [pytest.mark.long])
 
 

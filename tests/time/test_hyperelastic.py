@@ -63,7 +63,7 @@ class Ours(llm.Coulomb):
 
 def test_steps_are_divided_under_laws_of_ones_own(tmp_path):
     """What a law keeps is taken back with a step, and saved."""
-    meant = 40
+    meant = 28  # it touches in the 26th
     taken, pressed = [], []
     options = {"adaptive": 1e-4, "accepted": lambda stepper: taken.append(stepper.t)}
     s, _ = hyperelastic_bar(8, 0.25, law=Ours(0.1), **options)
@@ -88,7 +88,7 @@ class Parting(llm.Law):
 
 def test_a_law_of_flags_alone():
     known, found = (hyperelastic_bar(8, 0.25, law=a)[0] for a in (llm.Frictionless(), Parting()))
-    for _ in range(40):
+    for _ in range(28):
         known.step()
         found.step()
     assert known.problem.results[0].resultant[0] != 0.0

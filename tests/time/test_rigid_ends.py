@@ -11,7 +11,7 @@ import dolfinx_llm as llm
 @pytest.mark.parametrize(("kind", "law", "degree", "solver"), [
     ("quad", llm.Coulomb(0.3), 1, "saddle"), longer("quad", llm.Coulomb(0.3), 1, "condensed"),
     longer("quad", llm.Frictionless(), 2, "saddle"), longer("tet", llm.Coulomb(0.3), 1, "saddle"),
-    ("tet", llm.Frictionless(), 1, "condensed"),
+    longer("tet", llm.Frictionless(), 1, "condensed"),
 ], ids=str)  # fmt: skip
 def test_as_prescribed_by_conditions(kind, law, degree, solver):
     """From rest: pairs that press by rounding of the forces at the start, which ties have, do not
