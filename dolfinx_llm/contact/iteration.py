@@ -195,7 +195,7 @@ class ContactIteration:
             left = ENOUGH if calm <= PATIENT else LONG_ENOUGH
             enough = max(left, spread(equations, self.form.noise) / largest)
             settled = miss <= self.form.accuracy
-            drawn = equations.frames.pull(equations.L_t, w - centre) if settled else np.inf
+            drawn = equations.frames.pull(w - centre) if settled else np.inf
             settled = settled and told(floating.comm, drawn / largest) <= LAST_PULL
             settled |= stalled and miss <= enough
             settled &= giving.rest(multiplier, largest, calm)

@@ -97,45 +97,47 @@ class FrameRows:
 
     Args:
         states: of the interfaces.
-        m, n_v: numbers of unknowns w, and of those of the frames.
+        L_t: (n_v, n) what forces of the rows are to the frames.
+        m: number of unknowns w.
         epsilon: of the proximal term, of the surfaces' stiffness ``scale`` [force / length].
     """
 
     def __init__(
-        self, states: Sequence[InterfaceState], m: int, n_v: int, epsilon: float, scale: float
+        self,
+        states: Sequence[InterfaceState],
+        L_t: csr_matrix,
+        m: int,
+        epsilon: float,
+        scale: float,
     ) -> None:
-        self._states, self._m, self._n_v = states, m, n_v
+        self._states, self._L_t, self._m = states, L_t, m
         self._epsilon, self._scale = epsilon, scale
         self._touched: list[int] = []  # changes of the states that the rows are of
-        self._seen: Any = None  # L_t that they are of
         self._rows: Any = None
 
-    def rows(self, L_t: csr_matrix) -> Rows:
-        """The same object as long as nothing has changed.
-
-        Args:
-            L_t: (n_v, n) what forces of the rows are to the frames now.
-        """
+    def rows(self) -> Rows:
+        """The same object as long as nothing has changed."""
         touched = [s.touched for s in self._states]
-        if touched == self._touched and L_t is self._seen:
+        if touched == self._touched:
             return cast("Rows", self._rows)
+        n_v, n = self._L_t.shape
         gather = block_diag([s.others.frame_gather for s in self._states], format="csr")
         P = proximal_term(self._states, self._m, self._epsilon * self._scale)
-        own = gather @ P[: self._n_v]
+        own = gather @ P[:n_v]
         relative = block_diag([s.others.frame_relative for s in self._states], format="csr")
         relative.resize(own.shape)
-        self._touched, self._seen = touched, L_t
-        slips = [SlipRows.of(s, L_t.shape[1], P) for s in self._states]
-        rows = self._rows = Rows(own, gather @ L_t, own + self._scale * relative, gather, slips)
+        slips = [SlipRows.of(s, n, P) for s in self._states]
+        forces = gather @ self._L_t
+        rows = self._rows = Rows(own, forces, own + self._scale * relative, gather, slips)
+        self._touched = touched
         return rows
 
-    def pull(self, L_t: csr_matrix, moved: Array) -> float:
+    def pull(self, moved: Array) -> float:
         """Largest force of the proximal term [force], which at rest is none.
 
         Args:
-            L_t: as of ``rows``.
             moved: (m,) w less the term's centre [length].
         """
-        now = self.rows(L_t)
+        now = self.rows()
         terms = [now.own, *(parts.beside for parts in now.slips)]
         return max(float(np.abs(term @ moved).max(initial=0.0)) for term in terms)

@@ -95,7 +95,7 @@ class InterfaceState:
         given: what the law has read at the start of this load step, (k, ...) by name.
         others, touched: who speaks for whom; counts the changes of what is in contact.
         held: (n,) pairs that may pull, too.
-        shares: nodes at the rim of contact slip as others do.
+        shares: nodes at the rim of contact slip as others do; in a plane alone, see ``carrier``.
         second, keeps: of second order, whose pairs that do not come to rest may keep their ties;
             whether they do, see ``flickering``.
         asked: whether ties have been chosen in this load step, see ``ties``.
@@ -106,7 +106,8 @@ class InterfaceState:
 
     def __init__(self, nodes: FrictionNodes) -> None:
         self.nodes, law = nodes, nodes.law
-        self.shares = law.shares and law.slips and not law.gives and nodes.geometry.law_side is None
+        rubs = law.shares and law.opens and law.slips and not law.gives
+        self.shares = rubs and nodes.geometry.law_side is None
         second = any(p.control is not None for p in nodes.geometry.pairs)
         self.second = self.shares and second
         self.glides, self.touched, self._touching = False, 0, np.empty(0)  # all follow the frame
@@ -258,7 +259,7 @@ class InterfaceState:
         if not self.shares:
             return friction
         bears = np.maximum(self.law.strength(replace(self.at_rest(), N=normal)), 0.0)
-        return self.others.share(friction, bears, self.nodes.tangents)
+        return self.others.share(friction, bears)
 
     def pair_status(self) -> Array:
         """(n,) OPEN, STICK, SLIP or CLOSED per pair: with friction that of the node next to it,

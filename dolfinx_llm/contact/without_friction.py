@@ -5,32 +5,21 @@ from __future__ import annotations
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import diagonal
-from dolfinx_llm.contact.equations import Equations, seen_by
+from dolfinx_llm.contact.equations import Equations
 
 
 def glide(equations: Equations, glides: bool) -> bool:
-    """Leave out friction where nodes share, or take it up again; whether any is left out.
-
-    Then no pair follows the frame tangentially, and all press on it along its own normals: what
-    theirs have along its tangents would find no balance.
+    """Leave out friction where nodes share, or take it up again; whether any is left out. Then no
+    pair follows the frame tangentially.
 
     Args:
         equations: of the laws.
         glides: friction is left out.
     """
-    seen = np.ones(equations.m)
     for s in equations.states:
         s.glides = glides and s.shares
         s.touch(s.own.active)
-        if s.glides:
-            v = s.nodes.v.reshape(s.nodes.geometry.directions.shape[:2])
-            seen[v[:, :-1]] = seen[s.nodes.kappa] = 0.0
-    found = not seen.all()
-    if found or equations.L is not equations.whole:
-        L = (equations.whole @ diagonal(seen)).tocsr() if found else equations.whole
-        equations.L, equations.L_t = seen_by(L, equations.n_v)
-    return found
+    return any(s.glides for s in equations.states)
 
 
 def slips(equations: Equations, position: Array, w: Array) -> Array:
