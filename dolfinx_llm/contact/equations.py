@@ -44,8 +44,7 @@ class Equations:
         L: (n, m) motion of frames and slips as the rows see it.
         L_t: (n_v, n) what forces of the rows are to the frames.
         compliance: (n,) by how much rows give way, as springs do [length / force].
-        lags, circles: normal forces that bound friction are those of the last iterate, where nodes
-            may speak for others; everywhere.
+        lags: normal forces that bound friction are those of the last iterate.
         soft: (n,) rows that give way to changes alone, by ``SOFT``: supports, or other rows of the
             same nodes, leave forces open.
         felt: part of the largest force that is more than rounding: where rows of joints give way it
@@ -61,7 +60,7 @@ class Equations:
     """
 
     def __init__(self, operators: ContactOperators, proximal: float) -> None:
-        self.scale, self.lags, self.circles = operators.scale, False, False
+        self.scale, self.lags = operators.scale, False
         self.states = [InterfaceState(nodes) for nodes in friction_nodes(operators)]
         places = [state.nodes for state in self.states]
         self.n = sum(nodes.rows.size for nodes in places)
@@ -168,7 +167,7 @@ class Equations:
                 no force reaches sticks.
         """
         rows = rows_of(s, multiplier, self.start, w, self.scale)
-        if (self.lags and s.shares) or (self.circles and s.law.shares):
+        if self.lags and s.law.shares:
             rows = rows.lagged(s.at(multiplier, w, self.scale))
         light = np.abs(multiplier[s.nodes.rows]).max(initial=0.0) <= self.idle
         unheld = s.others.unheld & calmed | (light and s.law.slips and not s.law.gives)

@@ -44,7 +44,6 @@ PATIENT, LONG_ENOUGH = 20, 1e-9  # iterations of rest, after which this may be l
 MAXIMUM = 100  # iterations, and as many again once ties have been chosen
 FALLING = 4  # of them in which the motion of what nothing holds is looked for
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
-MANY = 0.2  # of the pairs: where more change, friction is not yet what it will be
 FLOATS = 1e-6  # of the forces, that springs carry where contact without friction holds no body
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
 FASTEST = 20  # doublings of how fast a frame node goes to where it touches
@@ -135,9 +134,8 @@ class ContactIteration:
         equations.idle, equations.least = 0.0, unfelt(equations, w)
         equations.start, self._calmed, self._vital = about[0], False, False
         calm, before, w_last = 0, np.inf, w  # iterations without change
-        changes, runs, iteration, last = 0, 0, 0, MAXIMUM
+        runs, iteration, last = 0, 0, MAXIMUM
         giving, circles = GivingWay(equations), Circles(self.history)
-        many = np.inf if known else MANY * sum(len(s.nodes.rows) for s in self.states)
         parted = Parted(equations, floating.comm)
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         pull = Pull(floating, spring, f, self.rounding, alpha)
@@ -146,8 +144,7 @@ class ContactIteration:
         glides, rest = glide(equations, False), untied(self.states)
         while iteration < last and (iteration < FALLING or not falls()):
             iteration += 1
-            equations.lags = changes > many
-            equations.circles = circles.lag(calm <= CALM)
+            equations.lags = circles.lag(calm <= CALM)
             equations.about = giving.about(calm > 0 and before <= CONSTANT, iteration)
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
             if glides or (not known and iteration == 1):
@@ -175,7 +172,7 @@ class ContactIteration:
                 return found
             anew = not self._vital and unsettled(self.states)
             anew |= parted.lost(multiplier, y + g)
-            if (anew or iteration == 1) and glide(equations, anew or changes > many):
+            if anew and glide(equations, True):
                 glides = True  # contact is sought anew, without friction
                 stuck = untied(self.states), (multiplier, w), equations.middle(y + g, w)
                 take_back(self.states, rest)
@@ -186,7 +183,7 @@ class ContactIteration:
             pull.watch(found.floating, multiplier, calm, self.form.noise)
             equations.idle = pull.most if iteration < LED else 0.0
             if glides and pull.share > FLOATS:  # friction alone holds bodies: on from what stuck
-                glides, many, self._vital, (_, about, centre) = False, np.inf, True, stuck
+                glides, self._vital, (_, about, centre) = False, True, stuck
                 take_back(self.states, stuck[0])
                 keep(self.states)
                 ask_again(self.states)
