@@ -154,13 +154,12 @@ class ContactIteration:
             self.last = replace(step, active=found.active)
             largest = max(step.level(multiplier, y, self.scale), GRAZING * pressed)
             borne = np.where(np.abs(multiplier) > SIGN * largest, multiplier, 0.0)
-            apart = np.abs(equations.L @ w - y - g)
             met = slide(equations, found, y + g, known * iteration)
             if glides:
                 met = slips(equations, y + g, w)
                 choose(self.states, multiplier)
                 glide(equations, False)
-            taken = sum(self._take(s, found, apart) for s in self.states)
+            taken = sum(self._take(s, found) for s in self.states)
             changes, miss = told(floating.comm, (taken, equations.miss(multiplier, w) / largest))
             runs = runs + 1 if (lost := equations.runaway(multiplier)) else 0
             if runs > RUNS:
@@ -226,10 +225,10 @@ class ContactIteration:
                 self.form.correct(found)
         raise ContactError(failure(self.history[first:]))
 
-    def _take(self, s: InterfaceState, found: StepResult, apart: Array) -> int:
+    def _take(self, s: InterfaceState, found: StepResult) -> int:
         """Take over the pairs of an interface in contact, and find what sticks and slips; number of
-        changes that matter, surface and frame being apart (n,) [length]."""
-        rows, own, speaker = s.nodes.rows, s.own, s.others.speaker
+        changes that matter."""
+        rows, own = s.nodes.rows, s.own
         normal = rows[:, -1]
         chosen = found.active[normal] ^ found.wrong[normal] if s.law.opens else own.active
         changed, force = chosen != own.active, np.abs(found.multiplier)
@@ -237,11 +236,9 @@ class ContactIteration:
         light = force[normal] <= LIGHT * largest
         count(s, chosen, found.wrong[normal], light)
         s.touch(chosen)
-        # What carries nothing changes to no effect, and what closes where it meets the frame. A
-        # sign that is wrong has to change, also where its pair then is as it was.
-        meets = self.scale * apart[rows].max(axis=1) <= SIGN * largest
-        meets &= chosen & np.array_equal(speaker, s.others.speaker)
-        felt = changed & (force[rows].max(axis=1) > self.equations.felt * largest) & ~meets
+        # What carries nothing changes to no effect. A sign that is wrong has to change, also where
+        # its pair then is as it was.
+        felt = changed & (force[rows].max(axis=1) > self.equations.felt * largest)
         changes = int((felt | found.wrong[normal]).sum())
         if s.nodes.kappa.size:
             changes += _follow(s, self.equations, found, self._calmed, largest)
