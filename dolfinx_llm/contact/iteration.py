@@ -44,6 +44,7 @@ PATIENT, LONG_ENOUGH = 20, 1e-9  # iterations of rest, after which this may be l
 MAXIMUM = 100  # iterations, and as many again once ties have been chosen
 FALLING = 4  # of them in which the motion of what nothing holds is looked for
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
+MANY = 0.2  # of the pairs: where more change at first, contact without friction tells which touch
 FLOATS = 1e-6  # of the forces, that springs carry where contact without friction holds no body
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
 FASTEST = 20  # doublings of how fast a frame node goes to where it touches
@@ -136,6 +137,7 @@ class ContactIteration:
         calm, before, w_last = 0, np.inf, w  # iterations without change
         runs, iteration, last = 0, 0, MAXIMUM
         giving, circles = GivingWay(equations), Circles(self.history)
+        many = np.inf if known else MANY * sum(len(s.nodes.rows) for s in self.states)
         parted = Parted(equations, floating.comm)
         corrections = min(floating.count, 1)  # what springs hold is corrected once at least
         pull = Pull(floating, spring, f, self.rounding, alpha)
@@ -171,6 +173,7 @@ class ContactIteration:
                 return found
             anew = not self._vital and unsettled(self.states)
             anew |= parted.lost(multiplier, y + g)
+            anew |= iteration == 1 and changes > many
             if anew and glide(equations, True):
                 glides = True  # contact is sought anew, without friction
                 stuck = untied(self.states), (multiplier, w), equations.middle(y + g, w)
