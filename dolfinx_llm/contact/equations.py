@@ -19,7 +19,6 @@ from scipy.sparse import vstack as stack
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.sparse import beside, diagonal, per_item, picking, symmetric_factors
-from dolfinx_llm.contact.flickering import release
 from dolfinx_llm.contact.friction_nodes import friction_nodes
 from dolfinx_llm.contact.prescribed_slip import rows_of, told
 from dolfinx_llm.contact.proximal import FrameRows
@@ -41,11 +40,10 @@ class Equations:
 
     Attributes:
         states, frames: per interface its ``InterfaceState``; rows of the frames.
-        L, whole: (n, m) motion of frames and slips as the rows see it, now and with friction.
-        L_t: (n_v, n) what forces of the rows are to the frames now.
+        L: (n, m) motion of frames and slips as the rows see it.
+        L_t: (n_v, n) what forces of the rows are to the frames.
         compliance: (n,) by how much rows give way, as springs do [length / force].
-        lags, circles: normal forces that bound friction are those of the last iterate, where nodes
-            may speak for others; everywhere.
+        lags: normal forces that bound friction are those of the last iterate.
         soft: (n,) rows that give way to changes alone, by ``SOFT``: supports, or other rows of the
             same nodes, leave forces open.
         felt: part of the largest force that is more than rounding: where rows of joints give way it
@@ -61,7 +59,7 @@ class Equations:
     """
 
     def __init__(self, operators: ContactOperators, proximal: float) -> None:
-        self.scale, self.lags, self.circles = operators.scale, False, False
+        self.scale, self.lags = operators.scale, False
         self.states = [InterfaceState(nodes) for nodes in friction_nodes(operators)]
         places = [state.nodes for state in self.states]
         self.n = sum(nodes.rows.size for nodes in places)
@@ -71,12 +69,10 @@ class Equations:
         self.felt = max(SIGN, ROUNDED_OFF) if operators.loops.any() else SIGN
         self.compliance = np.zeros(self.n)
         L, L_kappa = beside([s.L for s in places]), beside([s.L_kappa for s in places])
-        self.whole, self.n_v = L, L.shape[1]
-        if L_kappa.shape[1]:
-            self.whole = hstack([L, L_kappa], format="csr")
-        self.m = self.whole.shape[1]
-        self.L, self.L_t = seen_by(self.whole, self.n_v)
-        self.frames = FrameRows(self.states, self.m, self.n_v, proximal, self.scale)
+        self.L_t, self.n_v = L.T.tocsr(), L.shape[1]
+        self.L = hstack([L, L_kappa], format="csr") if L_kappa.shape[1] else L
+        self.m = self.L.shape[1]
+        self.frames = FrameRows(self.states, self.n_v, self.m, proximal * self.scale)
         self._operators, self.loads = operators, np.zeros(self.n_v)
         self.start, self.about = np.zeros(self.n), np.zeros(self.n)
         self.idle = self.least = 0.0
@@ -111,13 +107,13 @@ class Equations:
         if not self.m or self._operators.tied:
             return np.zeros(self.m)
         own = self._rigid * w
-        fitted = self._fit.solve(self.whole.T @ (position - self.whole @ own))
+        fitted = self._fit.solve(self.L.T @ (position - self.L @ own))
         return np.where(self._rigid > 0.0, own, fitted)
 
     @cached_property
     def _fit(self) -> Any:
         """Factorised LᵀL."""
-        fitted = self.whole @ diagonal(1.0 - self._rigid)
+        fitted = self.L @ diagonal(1.0 - self._rigid)
         return symmetric_factors(fitted.T @ fitted + 1e-10 * identity(self.m))
 
     def step(self, about: Any, g: Array, centre: Array, held: Any, calmed: bool) -> LinearStep:
@@ -135,8 +131,8 @@ class Equations:
         active = self.closed_rows()
         kept = np.where(active, self.about, 0.0)
         compliance = np.where(self.soft, SOFT / self.scale, self.compliance)
-        now = self.frames.rows(self.L_t)
-        E, D, rhs = [now.E], [now.D], [now.own @ centre + self.loads]
+        now = self.frames.rows()
+        E, D, rhs = [self.L_t], [now.own], [now.own @ centre + self.loads]
         for s, parts in zip(self.states, now.slips, strict=True):
             if s.nodes.kappa.size:
                 rows = self.law_rows(s, about[0], about[1], calmed)
@@ -170,7 +166,7 @@ class Equations:
                 no force reaches sticks.
         """
         rows = rows_of(s, multiplier, self.start, w, self.scale)
-        if (self.lags and s.shares) or (self.circles and s.law.shares):
+        if self.lags and s.law.shares:
             rows = rows.lagged(s.at(multiplier, w, self.scale))
         light = np.abs(multiplier[s.nodes.rows]).max(initial=0.0) <= self.idle
         unheld = s.others.unheld & calmed | (light and s.law.slips and not s.law.gives)
@@ -200,18 +196,8 @@ class Equations:
         return max(self.imbalance(multiplier), _law_miss(self, multiplier, w))
 
     def imbalance(self, multiplier: Array) -> float:
-        """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
-        with theirs."""
-        forces = self.L_t @ multiplier
-        if not self._operators.tied:
-            forces = self.frames.rows(self.L_t).gather @ forces
-        return float(np.abs(forces - self.loads).max(initial=0.0))
-
-    def release(self, multiplier: Array, allowed: float) -> bool:
-        """Whether frame nodes that have balanced in sums miss it by more than is allowed [force];
-        from then on each balances on its own."""
-        missed = np.abs(self.L_t @ multiplier - self.loads).max(initial=0.0)
-        return bool(missed > allowed) and any([release(s) for s in self.states])
+        """Largest entry of L_bᵀ λ less its loads [force]."""
+        return float(np.abs(self.L_t @ multiplier - self.loads).max(initial=0.0))
 
     def runaway(self, multiplier: Array) -> str:
         """What is said of an obstacle whose force contact does not balance: all but the proximal
@@ -235,13 +221,8 @@ class Equations:
 
 def unfelt(equations: Equations, w: Array) -> float:
     """Force that is rounding of the motion w (m,) at the start of a load step [force]."""
-    moved = [equations.whole @ w, *(s.own.kappa_before for s in equations.states)]
+    moved = [equations.L @ w, *(s.own.kappa_before for s in equations.states)]
     return LEAST_FELT * equations.scale * max(np.abs(a).max(initial=0.0) for a in moved)
-
-
-def seen_by(L: csr_matrix, n_v: int) -> tuple[csr_matrix, csr_matrix]:
-    """L (n, m) by which rows see motion, and (n_v, n) what their forces are to the frames."""
-    return L, (L if n_v == L.shape[1] else L[:, :n_v]).T.tocsr()
 
 
 def below(blocks: list[csr_matrix]) -> csr_matrix:

@@ -45,7 +45,7 @@ PATIENT, LONG_ENOUGH = 20, 1e-9  # iterations of rest, after which this may be l
 MAXIMUM = 100  # iterations, and as many again once ties have been chosen
 FALLING = 4  # of them in which the motion of what nothing holds is looked for
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
-MANY = 0.2  # of the pairs: where more change, friction is not yet what it will be
+MANY = 0.2  # of the pairs: where more change at first, contact without friction tells which touch
 FLOATS = 1e-6  # of the forces, that springs carry where contact without friction holds no body
 RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
 FASTEST = 20  # doublings of how fast a frame node goes to where it touches
@@ -136,7 +136,7 @@ class ContactIteration:
         equations.idle, equations.least = 0.0, unfelt(equations, w)
         equations.start, self._calmed, self._vital = about[0], False, False
         calm, before, w_last = 0, np.inf, w  # iterations without change
-        changes, runs, iteration, last = 0, 0, 0, MAXIMUM
+        runs, iteration, last = 0, 0, MAXIMUM
         giving, circles = GivingWay(equations), Circles(self.history)
         many = np.inf if known else MANY * sum(len(s.nodes.rows) for s in self.states)
         parted = Parted(equations, floating.comm)
@@ -147,8 +147,7 @@ class ContactIteration:
         glides, looks, rest = glide(equations, False), look(self.states), untied(self.states)
         while iteration < last and (iteration < FALLING or not falls()):
             iteration += 1
-            equations.lags = changes > many
-            equations.circles = circles.lag(calm <= CALM)
+            equations.lags = circles.lag(calm <= CALM)
             equations.about = giving.about(calm > 0 and before <= CONSTANT, iteration)
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
             if glides or (not known and iteration == 1):
@@ -158,13 +157,12 @@ class ContactIteration:
             self.last = replace(step, active=found.active)
             largest = max(step.level(multiplier, y, self.scale), GRAZING * pressed)
             borne = np.where(np.abs(multiplier) > SIGN * largest, multiplier, 0.0)
-            apart = np.abs(equations.L @ w - y - g)
             met = slide(equations, found, y + g, known * iteration)
             if glides:
                 met = slips(equations, y + g, w)
                 choose(self.states, multiplier)
                 glide(equations, False)
-            taken = sum(self._take(s, found, apart) for s in self.states)
+            taken = sum(self._take(s, found) for s in self.states)
             changes, miss = told(floating.comm, (taken, equations.miss(multiplier, w) / largest))
             runs = runs + 1 if (lost := equations.runaway(multiplier)) else 0
             if runs > RUNS:
@@ -176,7 +174,8 @@ class ContactIteration:
                 return found
             anew = not self._vital and unsettled(self.states)
             anew |= parted.lost(multiplier, y + g)
-            if (anew or iteration == looks) and glide(equations, anew or changes > many):
+            anew |= iteration == looks and changes > many
+            if anew and glide(equations, True):
                 glides = True  # contact is sought anew, without friction
                 stuck = untied(self.states), (multiplier, w), equations.middle(y + g, w)
                 take_back(self.states, rest)
@@ -187,7 +186,7 @@ class ContactIteration:
             pull.watch(found.floating, multiplier, calm, self.form.noise)
             equations.idle = pull.most if iteration < LED else 0.0
             if glides and pull.share > FLOATS:  # friction alone holds bodies: on from what stuck
-                glides, many, self._vital, (_, about, centre) = False, np.inf, True, stuck
+                glides, self._vital, (_, about, centre) = False, True, stuck
                 take_back(self.states, stuck[0])
                 keep(self.states)
                 ask_again(self.states)
@@ -196,13 +195,12 @@ class ContactIteration:
             left = ENOUGH if calm <= PATIENT else LONG_ENOUGH
             enough = max(left, spread(equations, self.form.noise) / largest)
             settled = miss <= self.form.accuracy
-            drawn = equations.frames.pull(equations.L_t, w - centre) if settled else np.inf
+            drawn = equations.frames.pull(w - centre) if settled else np.inf
             settled = settled and told(floating.comm, drawn / largest) <= LAST_PULL
             settled |= stalled and miss <= enough
             settled &= giving.rest(multiplier, largest, calm)
             rests = settled and calm > corrections and pull.rests
-            released = (rests or calm > 1) and equations.release(multiplier, ENOUGH * largest)
-            released |= tie_more(self.states, borne, miss)
+            released = tie_more(self.states, borne, miss)
             if rests and not released:
                 gaps = self.scale * (equations.L @ w - y - g)
                 released = lets_go(self.states, borne, gaps, ENOUGH * largest)
@@ -231,10 +229,10 @@ class ContactIteration:
                 self.form.correct(found)
         raise ContactError(failure(self.history[first:]))
 
-    def _take(self, s: InterfaceState, found: StepResult, apart: Array) -> int:
+    def _take(self, s: InterfaceState, found: StepResult) -> int:
         """Take over the pairs of an interface in contact, and find what sticks and slips; number of
-        changes that matter, surface and frame being apart (n,) [length]."""
-        rows, own, speaker = s.nodes.rows, s.own, s.others.speaker
+        changes that matter."""
+        rows, own = s.nodes.rows, s.own
         normal = rows[:, -1]
         chosen = found.active[normal] ^ found.wrong[normal] if s.law.opens else own.active
         changed, force = chosen != own.active, np.abs(found.multiplier)
@@ -242,11 +240,9 @@ class ContactIteration:
         light = force[normal] <= LIGHT * largest
         count(s, chosen, found.wrong[normal], light)
         s.touch(chosen)
-        # What carries nothing changes to no effect, and what closes where it meets the frame. A
-        # sign that is wrong has to change, also where its pair then is as it was.
-        meets = self.scale * apart[rows].max(axis=1) <= SIGN * largest
-        meets &= chosen & np.array_equal(speaker, s.others.speaker)
-        felt = changed & (force[rows].max(axis=1) > self.equations.felt * largest) & ~meets
+        # What carries nothing changes to no effect. A sign that is wrong has to change, also where
+        # its pair then is as it was.
+        felt = changed & (force[rows].max(axis=1) > self.equations.felt * largest)
         changes = int((felt | found.wrong[normal]).sum())
         if s.nodes.kappa.size:
             changes += _follow(s, self.equations, found, self._calmed, largest)
@@ -255,7 +251,7 @@ class ContactIteration:
 
 def _told(found: StepResult, equations: Equations, centre: Array, comm: MPI.Comm) -> StepResult:
     """What is found, without tension that is what holds frames far from their centre (m,)."""
-    most = told(comm, equations.frames.pull(equations.L_t, found.w - centre))
+    most = told(comm, equations.frames.pull(found.w - centre))
     idle = found.active & (found.multiplier < 0.0) & (found.multiplier >= -most)
     return replace(found, wrong=found.wrong & ~idle)
 

@@ -46,7 +46,7 @@ def unbalanced(
         f: this rank's loads [force].
         loads: (n_v,) on the frame unknowns [force].
     """
-    may_open, L_t = equations.may_open(), equations.L_t
+    may_open = equations.may_open()
 
     @cache
     def told() -> FinalError | None:
@@ -58,7 +58,7 @@ def unbalanced(
         size = max(sizes.max(), np.abs(loads).max(initial=0.0))
         if not size > 0.0:
             return None
-        left = partial(_left, equations, floating, along / size, loads / size, may_open, L_t)
+        left = partial(_left, equations, floating, along / size, loads / size, may_open)
         share, motion, pushed = chosen(floating.comm, left)
         if share <= LEFT:
             return None
@@ -68,9 +68,8 @@ def unbalanced(
 
 
 def _left(
-    equations: Equations, floating: Floating, along: Array, loads: Array,
-    may_open: Array, L_t: csr_matrix,
-) -> tuple[float, Array, float]:  # fmt: skip
+    equations: Equations, floating: Floating, along: Array, loads: Array, may_open: Array
+) -> tuple[float, Array, float]:
     """The least force that must be left along some motion, and the mechanism (count,): of all with
     a sum of motions of 1 the one on which loads do most work, and what of that those on the frame
     unknowns do, forces on obstacles."""
@@ -89,7 +88,7 @@ def _left(
     basis = _plain(floating.rigid)
     own, one = basis @ floating.G[:, :k].T, identity(k)
     balance = vstack(
-        [hstack([own, one, csr_matrix((k, 1))]), hstack([L_t, csr_matrix((n_v, k + 1))])]
+        [hstack([own, one, csr_matrix((k, 1))]), hstack([equations.L_t, csr_matrix((n_v, k + 1))])]
     )
     most = -np.ones((k, 1))  # no motion is left more than the last unknown
     least = [hstack([csr_matrix((k, n)), sign * one, most]) for sign in (1.0, -1.0)]

@@ -70,7 +70,7 @@ def _motion(
             follows[s.nodes.kappa[s.own.status != STICK]] = True
     count, columns = floating.count, np.flatnonzero(follows)
     felt_by, others_by = (
-        hstack([floating.G[rows][:, :count], equations.whole[rows][:, columns]], format="csc")
+        hstack([floating.G[rows][:, :count], equations.L[rows][:, columns]], format="csc")
         for rows in map(np.flatnonzero, (closed, others))
     )
     shift = np.full(felt_by.shape[1], SINGULAR)

@@ -102,7 +102,7 @@ class Parted:
         rows = s.nodes.rows[:, -1]
         if _distance(s, position) < -OVERLAP * motion:
             return None  # of corrected rows, which extrapolate, a frame may be clear of both
-        L = self._equations.whole[rows][:, s.nodes.v]
+        L = self._equations.L[rows][:, s.nodes.v]
         at = np.unique(L.indices)
         found = chosen(self._comm, lambda: _farthest(L[:, at], position[rows], motion))
         return None if found is None else (s.nodes.v[at], found)

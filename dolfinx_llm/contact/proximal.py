@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from scipy.sparse import block_diag, coo_matrix, csr_matrix
+from scipy.sparse import coo_matrix, csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import picking
@@ -83,12 +83,9 @@ class SlipRows:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Of the frames, E λ + D w, for one state of contact."""
+    """Rows of the proximal term at the frames, and what those of laws multiply, for one state."""
 
     own: csr_matrix  # (n_v, m) of the frames
-    E: csr_matrix  # (n_v, n)
-    D: csr_matrix  # (n_v, m)
-    gather: csr_matrix  # (n_v, n_v) forces at the frame's nodes, summed up where these balance
     slips: list[SlipRows]  # per interface
 
 
@@ -97,45 +94,33 @@ class FrameRows:
 
     Args:
         states: of the interfaces.
-        m, n_v: numbers of unknowns w, and of those of the frames.
-        epsilon: of the proximal term, of the surfaces' stiffness ``scale`` [force / length].
+        n_v, m: numbers of unknowns of the frames, and of all w.
+        stiffness: of the proximal term, ε c [force / length].
     """
 
     def __init__(
-        self, states: Sequence[InterfaceState], m: int, n_v: int, epsilon: float, scale: float
+        self, states: Sequence[InterfaceState], n_v: int, m: int, stiffness: float
     ) -> None:
-        self._states, self._m, self._n_v = states, m, n_v
-        self._epsilon, self._scale = epsilon, scale
+        self._states, self._n_v, self._m, self._stiffness = states, n_v, m, stiffness
         self._touched: list[int] = []  # changes of the states that the rows are of
-        self._seen: Any = None  # L_t that they are of
         self._rows: Any = None
 
-    def rows(self, L_t: csr_matrix) -> Rows:
-        """The same object as long as nothing has changed.
-
-        Args:
-            L_t: (n_v, n) what forces of the rows are to the frames now.
-        """
+    def rows(self) -> Rows:
+        """The same object as long as nothing has changed."""
         touched = [s.touched for s in self._states]
-        if touched == self._touched and L_t is self._seen:
-            return cast("Rows", self._rows)
-        gather = block_diag([s.others.frame_gather for s in self._states], format="csr")
-        P = proximal_term(self._states, self._m, self._epsilon * self._scale)
-        own = gather @ P[: self._n_v]
-        relative = block_diag([s.others.frame_relative for s in self._states], format="csr")
-        relative.resize(own.shape)
-        self._touched, self._seen = touched, L_t
-        slips = [SlipRows.of(s, L_t.shape[1], P) for s in self._states]
-        rows = self._rows = Rows(own, gather @ L_t, own + self._scale * relative, gather, slips)
-        return rows
+        if touched != self._touched:
+            P = proximal_term(self._states, self._m, self._stiffness)
+            n = sum(s.nodes.rows.size for s in self._states)
+            self._rows = Rows(P[: self._n_v], [SlipRows.of(s, n, P) for s in self._states])
+            self._touched = touched
+        return cast("Rows", self._rows)
 
-    def pull(self, L_t: csr_matrix, moved: Array) -> float:
+    def pull(self, moved: Array) -> float:
         """Largest force of the proximal term [force], which at rest is none.
 
         Args:
-            L_t: as of ``rows``.
             moved: (m,) w less the term's centre [length].
         """
-        now = self.rows(L_t)
+        now = self.rows()
         terms = [now.own, *(parts.beside for parts in now.slips)]
         return max(float(np.abs(term @ moved).max(initial=0.0)) for term in terms)

@@ -12,15 +12,13 @@ LONG = 12  # the same, after which all last changes are combined
 MIXED = 8  # changes of which the best combination is looked for
 NEWS = 1e-6  # of the largest: differences of changes that say nothing new
 LATE = 24  # iterations in which most scenes come to rest
-EVEN, SLOW = 0.02, 0.98  # difference of two ratios that is none; the largest that comes to an end
 
 
 class GivingWay:
     """Where supports, or other rows, leave forces open, rows give way by ``SOFT`` to what changes
     of λ, and the next iteration starts from there. Combinations of rows that nearly follow from
-    others then change by the same part of the last change each time: these are summed up at once.
-    Where there are many, each with a part of its own, the next start is where the combination of
-    the last changes is least (Anderson 1965).
+    others then change by a part of the last change each time: after ``LONG`` iterations the next
+    start is where the combination of the last changes is least (Anderson 1965).
 
     While pairs still change rows give way about the start of the load step, so that λ does not
     depend on the way there. Where it is one and then the other of two pairs that share a force,
@@ -32,7 +30,7 @@ class GivingWay:
 
     def __init__(self, equations: Equations) -> None:
         self._equations, self._ahead, self._last = equations, equations.start, equations.start
-        self._given, self._ratio = np.inf, 0.0
+        self._given = np.inf
         self._changes: list[Array] = []
         self._found: list[Array] = []
 
@@ -59,11 +57,7 @@ class GivingWay:
         soft = equations.soft & equations.closed_rows()
         change = np.where(soft, multiplier - equations.about, 0.0)
         last, self._given = self._given, float(np.abs(change).max(initial=0.0))
-        before, ratio = self._ratio, self._given / max(last, 1e-300)
-        steady = abs(ratio - before) <= EVEN * before and ratio <= SLOW
-        self._ratio = 0.0 if steady else ratio
-        self._last = multiplier
-        self._ahead = multiplier + (ratio / (1.0 - ratio) * change if steady else 0.0)
+        self._last = self._ahead = multiplier
         self._changes = [*self._changes[-MIXED:], change] if calm else []
         self._found = [*self._found[-MIXED:], multiplier] if calm else []
         if calm > LONG:

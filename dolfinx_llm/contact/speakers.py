@@ -13,16 +13,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix, identity
+from scipy.sparse import csr_matrix, identity, kron
 from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import diagonal, nearest, placed
+from dolfinx_llm.base.sparse import diagonal, nearest
 from dolfinx_llm.contact.friction_nodes import FrictionNodes
 
 REMEMBERED = 3  # states of contact
-ADRIFT = 1e-2  # sum of N² below which a frame node is led until contact has come to rest
-CROSSES = 1e-6  # the same, below which no force passes from side to side
+CROSSES = 1e-6  # sum of N² below which no force passes from side to side
 HELD = 0.3  # least sum of N² over the pairs of each side that tells the slip of a frame node
 BY_LITTLE = 0.03  # the same where ties are chosen, perhaps of contact narrower than a facet
 
@@ -79,15 +78,10 @@ def speakers(asks: csr_matrix) -> csr_matrix:
     >>> speakers(chain).toarray().tolist()
     [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
     """
-    return _passed_on(asks, asks)
-
-
-def _passed_on(asks: csr_matrix, what: csr_matrix) -> csr_matrix:
-    """What is passed on from those that nodes ask, until it comes from those that speak."""
     speak = asks.diagonal() > 0.0
     while not speak[asks.indices].all():
-        asks, what = asks @ asks, what @ what
-    return what
+        asks = asks @ asks
+    return asks
 
 
 def unheld(sides: list[csr_matrix], parts: csr_matrix) -> Array:
@@ -111,28 +105,6 @@ def unheld(sides: list[csr_matrix], parts: csr_matrix) -> Array:
     return np.asarray(parts @ firm <= 0.0)
 
 
-def follow(asks: csr_matrix, tangents: Array) -> csr_matrix:
-    """(k t, k t) slip of all nodes from that of those that speak for them.
-
-    Its transpose sums the forces up. Both are components along the nodes' own tangents.
-
-    Args:
-        asks: (k, k) of ``asked``.
-        tangents: (k, t, gdim) unit tangents at the nodes.
-    """
-    k, t, _ = tangents.shape
-    of = asks.tocoo()
-    # The rotation next to this: what is passed on keeps its length on curved surfaces. From one
-    # neighbour to the next: a quarter of a tube apart rounding would tell its sense.
-    left, _, right = np.linalg.svd(np.einsum("kai,kbi->kab", tangents[of.row], tangents[of.col]))
-    turn = left @ right
-    turn[of.row == of.col] = np.eye(t)
-    index = np.arange(t)
-    row, column = (at[:, None, None] * t for at in (of.row, of.col))
-    parts = of.data[:, None, None] * turn
-    return _passed_on(asks, placed(parts, row + index[:, None], column + index, (k * t, k * t)))
-
-
 @dataclass(frozen=True, eq=False)
 class Followers:
     """Who speaks for whom, for one state of contact."""
@@ -142,17 +114,14 @@ class Followers:
     unheld: Array  # (k,) nodes that no force reaches
     gather: csr_matrix  # (k q, k q) sums of forces at the speakers
     relative: csr_matrix  # (k q, k q) jumps; of nodes that follow others against theirs
-    frame_gather: csr_matrix  # (m d, m d) forces at frame nodes, of those that no pair holds at
-    # the node that they follow
-    frame_relative: csr_matrix  # (m d, m d) their motion against that one's
 
     @staticmethod
     def none(nodes: FrictionNodes) -> Followers:
         """Each node speaks for itself."""
-        k, m = len(nodes.kappa), len(nodes.v)
+        k = len(nodes.kappa)
         every = identity(nodes.kappa.size, format="csr")
         alone = np.arange(k), identity(k, format="csr"), np.zeros(k, dtype=bool)
-        return Followers(*alone, every, every, identity(m, format="csr"), csr_matrix((m, m)))
+        return Followers(*alone, every, every)
 
     @staticmethod
     def of(
@@ -161,7 +130,6 @@ class Followers:
         active: Array,
         pulled: Array,
         anchored: Array,
-        adrift: float,
         chosen: bool,
     ) -> Followers:
         """Nodes at the rim of contact follow a neighbour.
@@ -172,7 +140,6 @@ class Followers:
             active: (n,) pairs in contact.
             pulled: (k,) nodes that corrected rows pull at.
             anchored: (k,) by how many sides supports alone hold nodes.
-            adrift: sum of N² of the pairs tied below which a node also moves with its speaker.
             chosen: ties are, and stay while pairs at the rim come and go: these tell no neighbours.
         """
         k, t = nodes.kappa.shape
@@ -186,29 +153,21 @@ class Followers:
         free = unheld(follows, parts) & (anchored < 2)
         if np.array_equal(speaker, np.arange(k)):
             return replace(Followers.none(nodes), unheld=free)
-        alike = follow(asks, nodes.tangents)
+        alike = kron(parts, identity(t), format="csr")  # in a plane all tangents are the same
         weak = np.repeat(speaker != np.arange(k), t).astype(float)
         relative = identity(k * t, format="csr") - diagonal(weak) @ alike
-        held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
-        led = (held < adrift) & (anchored == 0) & (speaker != np.arange(k))
-        carried = _carried(led, asks, nodes.geometry.directions)
-        sums = parts.T.tocsr()
-        return Followers(speaker, sums, free, alike.T.tocsr(), relative, *carried)
+        return Followers(speaker, parts.T.tocsr(), free, alike.T.tocsr(), relative)
 
-    def share(self, friction: Array, bears: Array, tangents: Array) -> Array:
+    def share(self, friction: Array, bears: Array) -> Array:
         """(k, gdim) forces of friction, of those that speak for others divided among them all.
 
         Args:
             friction: (k, gdim) forces at the nodes [force].
             bears: (k,) what each bears, by which they share [force].
-            tangents: (k, t, gdim) at the nodes.
         """
         total = self.sums @ bears
-        own = np.einsum("ki,kai->ka", friction, tangents)
-        of_each = (self.gather @ own.ravel()).reshape(own.shape)
-        of_each /= np.where(total > 0.0, total, np.inf)[:, None]
-        own = bears[:, None] * (self.gather.T @ of_each.ravel()).reshape(own.shape)
-        shared = np.einsum("ka,kai->ki", own, tangents)
+        of_each = (self.sums @ friction) / np.where(total > 0.0, total, np.inf)[:, None]
+        shared = bears[:, None] * (self.sums.T @ of_each)
         return np.where((total > 0.0)[self.speaker, None], shared, friction)
 
 
@@ -225,13 +184,3 @@ class LastFollowers:
         found = self._known.pop(key, None) or Followers.of(self._nodes, *state)
         self._known = dict([*self._known.items(), (key, found)][-REMEMBERED:])
         return found
-
-
-def _carried(led: Array, asks: csr_matrix, directions: Array) -> tuple[csr_matrix, csr_matrix]:
-    """Frame nodes that hardly any pair holds, ``led`` (m,), move tangentially as their speaker
-    does: sums of forces there, and tangential motion against that one's (m d, m d)."""
-    weak = np.repeat(led, directions.shape[1])
-    weak[directions.shape[1] - 1 :: directions.shape[1]] = False
-    follows = diagonal(weak)
-    moved = follows @ follow(asks, directions)
-    return (diagonal(~weak) + moved.T).tocsr(), follows - moved

@@ -10,7 +10,7 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.contact.friction_nodes import FLOOR, FrictionNodes
-from dolfinx_llm.contact.speakers import ADRIFT, Followers, LastFollowers
+from dolfinx_llm.contact.speakers import Followers, LastFollowers
 from dolfinx_llm.interface.update import Transfer
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK, LawNodes, LawRows, checked
@@ -85,7 +85,7 @@ class InterfaceState:
     """One interface in the iteration: its law's nodes, its state, and what follows from both.
 
     Nodes of friction at the rim of contact slip as their speakers do (``speakers``), where T
-    and N of all are summed up. Those that next to nothing holds also move with it at first.
+    and N of all are summed up.
 
     Args:
         nodes: of the interface.
@@ -95,7 +95,8 @@ class InterfaceState:
         given: what the law has read at the start of this load step, (k, ...) by name.
         others, touched: who speaks for whom; counts the changes of what is in contact.
         held: (n,) pairs that may pull, too.
-        shares, carried: nodes at the rim of contact slip as others do; a side carries the frame.
+        shares: nodes at the rim of contact slip as others do; in a plane alone, see ``carrier``.
+        carried: a side carries the frame.
         second, keeps: of second order, whose pairs that do not come to rest may keep their ties;
             whether they do, see ``flickering``.
         asked: whether ties have been chosen in this load step, see ``ties``.
@@ -106,7 +107,8 @@ class InterfaceState:
 
     def __init__(self, nodes: FrictionNodes) -> None:
         self.nodes, law = nodes, nodes.law
-        self.shares = law.shares and law.slips and not law.gives and nodes.geometry.law_side is None
+        rubs = law.shares and law.opens and law.slips and not law.gives
+        self.shares = rubs and nodes.geometry.law_side is None
         self.carried = nodes.geometry.site.carrier is not None
         second = any(p.control is not None for p in nodes.geometry.pairs)
         self.second = self.shares and second
@@ -139,9 +141,9 @@ class InterfaceState:
             with collective(self.nodes.comm):
                 self.given = self.law.begin_step(self.at_rest())
 
-    def begin(self, adrift: float = ADRIFT, keeps: bool = False) -> None:
+    def begin(self) -> None:
         """Start a load step: pairs that opened and closed by turns get another chance."""
-        self.own.closings[:], self._adrift, self.asked, self.keeps = 0, adrift, 0, keeps
+        self.own.closings[:], self.asked, self.keeps = 0, 0, False
         self.pulled, self.grazes = np.zeros(len(self.nodes.kappa), dtype=bool), 0.0
         self.touch(self.own.active)
 
@@ -155,9 +157,7 @@ class InterfaceState:
         self.held = self.nodes.reach(self.own.holds) | self.stays
         self.own.active = active = active | self.held
         self.anchored = self.nodes.anchored(self.tied)
-        told = (
-            self.tied, active, self.pulled, self.anchored, self._adrift, self.own.ties is not None
-        )  # fmt: skip
+        told = self.tied, active, self.pulled, self.anchored, self.own.ties is not None
         if not np.array_equal(np.hstack(told), self._touching):
             self._touching, self.touched = np.hstack(told), self.touched + 1
             if self.shares:
@@ -194,7 +194,8 @@ class InterfaceState:
         hardly any force; it comes to rest without friction, or with its tie, pressing or not."""
         law, active, closings = self.law, self.own.active, self.own.closings
         if law.follows or law.gives or self.nodes.geometry.law_side is not None or not law.slips:
-            return (self.nodes.holding(active) | law.follows) & (not self.glides)
+            holding = self.nodes.holding(active) | law.follows
+            return holding & self.nodes.carries if self.glides else holding
         settling = active & (closings < BY_TURNS)
         if self.keeps:
             settling = (active | (closings >= BY_TURNS)) & (closings < GONE)
@@ -259,7 +260,7 @@ class InterfaceState:
         if not self.shares:
             return friction
         bears = np.maximum(self.law.strength(replace(self.at_rest(), N=normal)), 0.0)
-        return self.others.share(friction, bears, self.nodes.tangents)
+        return self.others.share(friction, bears)
 
     def pair_status(self) -> Array:
         """(n,) OPEN, STICK, SLIP or CLOSED per pair: with friction that of the node next to it,

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import diagonal
-from dolfinx_llm.contact.equations import Equations, seen_by
+from dolfinx_llm.contact.equations import Equations
 from dolfinx_llm.contact.state import InterfaceState
 
 
@@ -23,28 +22,17 @@ def look(states: Sequence[InterfaceState]) -> int:
 
 
 def glide(equations: Equations, glides: bool) -> bool:
-    """Leave out friction where nodes share, or a side carries a frame, or take it up again; whether
-    any is left out.
-
-    Then no pair follows the frame tangentially, and all press on it along its own normals: what
-    theirs have along its tangents would find no balance.
+    """Leave out friction where nodes share, or a side carries the frame, or take it up again;
+    whether any is left out. Then no pair follows the frame tangentially but those that carry it.
 
     Args:
         equations: of the laws.
         glides: friction is left out.
     """
-    seen = np.ones(equations.m)
     for s in equations.states:
         s.glides = glides and (s.shares or s.carried)
         s.touch(s.own.active)
-        if s.glides:
-            v = s.nodes.v.reshape(s.nodes.geometry.directions.shape[:2])
-            seen[v[:, :-1]] = seen[s.nodes.kappa] = 0.0
-    found = not seen.all()
-    if found or equations.L is not equations.whole:
-        L = (equations.whole @ diagonal(seen)).tocsr() if found else equations.whole
-        equations.L, equations.L_t = seen_by(L, equations.n_v)
-    return found
+    return any(s.glides for s in equations.states)
 
 
 def slips(equations: Equations, position: Array, w: Array) -> Array:

@@ -30,7 +30,7 @@ class Law:
         scalar: for scalar function spaces: jumps are those of a temperature, forces what flows;
             with components "cartesian", ``gives``, and neither ``opens`` nor ``slips``.
         shares: nodes that hardly any pair holds slip as a neighbour does (Coulomb's law, which asks
-            for the sense of the slip); where the law does not give.
+            for the sense of the slip); where the law opens and does not give.
         follows: pairs follow the frame and its jumps along the surface also where they are open, of
             laws that slip and do not share: nothing may act along it at the frame's nodes.
 

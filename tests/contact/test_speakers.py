@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
 
-from dolfinx_llm.base.sparse import picking
-from dolfinx_llm.contact.speakers import HELD, asked, follow, speakers
+from dolfinx_llm.contact.speakers import HELD, asked, speakers
 
 pytestmark = pytest.mark.quick
 
@@ -41,48 +40,7 @@ def test_every_piece_keeps_a_node():
     assert first(asked([N, N])).tolist() == [0, 2, 2, 3]
 
 
-def test_follow_turns_with_the_surface():
-    """Slip goes on in the same direction in space, whatever the nodes' own tangents are; forces
-    of all nodes add up in space."""
-    rng = np.random.default_rng(3)
-    turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    first = np.eye(3)[:2]
-    tangents = np.stack([first, first @ turn, -first])
-    alike = follow(picking(np.array([0, 0, 0]), 3), tangents)
-    slip = (alike @ np.array([0.3, -0.7, 9.0, 9.0, 9.0, 9.0])).reshape(3, 2)
-    np.testing.assert_allclose(np.einsum("ka,kai->ki", slip, tangents), 3 * [[0.3, -0.7, 0.0]])
-    forces = rng.standard_normal((3, 2))
-    total = (alike.T @ forces.ravel()).reshape(3, 2)
-    assert not total[1:].any()
-    expected = np.einsum("ka,kai->i", forces, tangents)
-    assert total[0] @ first == pytest.approx(expected)
-
-
-def test_a_quarter_of_a_tube_apart():
-    """Slip around a tube goes on around it, and that along its axis along it, from neighbour to
-    neighbour: seen from a quarter apart the former is none, and beyond that it would turn round."""
-    n = 9  # from 0 to 180 degrees
-    angle = np.linspace(0.0, np.pi, n)
-    around = np.column_stack([-np.sin(angle), np.cos(angle), 0.0 * angle])
-    along = np.tile([0.0, 0.0, 1.0], (n, 1))
-    turned = np.arange(n)[:, None]  # tangents of their own at each node
-    tangents = np.stack(
-        [
-            np.cos(turned) * around + np.sin(turned) * along,
-            np.cos(turned) * along - np.sin(turned) * around,
-        ],
-        axis=1,
-    )
-    alike = follow(picking(np.maximum(np.arange(n) - 1, 0), n), tangents)
-    slip = np.zeros((n, 2))
-    slip[0] = 0.3, -0.7
-    found = np.einsum("ka,kai->ki", (alike @ slip.ravel()).reshape(n, 2), tangents)
-    np.testing.assert_allclose(found, 0.3 * around - 0.7 * along, atol=1e-14)
-
-
 def test_neighbours_that_are_alike():
     """Both speak, in equal parts, whatever rounding makes of them."""
     N = csr_matrix([[1.0, 0.0, 0.0], [0.4, 0.2, 0.4 + 1e-14], [0.0, 0.0, 1.0]])
     assert speakers(asked([N, N])).toarray().tolist() == [[1, 0, 0], [0.5, 0, 0.5], [0, 0, 1]]
-    tangents = np.tile(np.eye(2)[:1], (3, 1, 1))
-    assert (follow(asked([N, N]), tangents) @ [1.0, 9.0, 3.0]).tolist() == [1.0, 2.0, 3.0]
