@@ -72,6 +72,10 @@ def bent_rows(
 ) -> list[csr_matrix]:
     """Per side (n_i, m) rows with the smallest corrections.
 
+    Where rows would need large ones all the same, those of nodes far beyond the frame's outline,
+    as of facets that are covered in part, go on linearly: polynomials of degree 2 want far more
+    there than forces at such nodes are worth.
+
     Args:
         frame: m nodes, of second order.
         pairs: of both sides, with loads of second order.
@@ -81,6 +85,25 @@ def bent_rows(
     Raises:
         ContactError: corrections would be large whatever is left.
     """
+    for most in (np.inf, NARROW):
+        found = _least_residual(frame, pairs, normals, keep, most)
+        if found is not None:
+            return found
+    raise ContactError(
+        "design by weights: rows of the curved frame would need corrections above "
+        f"{NARROW:g}. Give bodies whose meshes along the interface are more alike, or finer"
+    )
+
+
+def _least_residual(
+    frame: Frame,
+    pairs: Sequence[ContactPairs],
+    normals: Array,
+    keep: Sequence[Array] | None,
+    most: float,
+) -> list[csr_matrix] | None:
+    """``bent_rows``, of which those that need corrections above ``most`` for polynomials of degree
+    2 alone do not reproduce these; None where others are too large."""
     tangents = local_bases(normals)[:, :-1]
     loading = FrameLoads(
         frame.x, [p.loads for p in pairs], [p.x for p in pairs], float(frame.cell_size.mean()),
@@ -91,7 +114,7 @@ def bent_rows(
     best, least = plain, np.inf
     for widths in widths_of(frame.x[:, 1:], plain):
         stencils = [
-            _stencils(row_stencil_weights(M, ring, frame, width), frame, p, normals)
+            _stencils(row_stencil_weights(M, ring, frame, width), frame, p, normals, most)
             for M, p, width in zip(plain, pairs, widths, strict=True)
         ]
         last = np.inf
@@ -106,16 +129,14 @@ def bent_rows(
                 best, least = found, left
         if least <= DOES:
             break
-    if best is plain:
-        raise ContactError(
-            "design by weights: rows of the curved frame would need corrections above "
-            f"{NARROW:g}. Give bodies whose meshes along the interface are more alike, or finer"
-        )
-    return best
+    return None if best is plain else best
 
 
-def _stencils(W: csr_matrix, frame: Frame, pairs: ContactPairs, normals: Array) -> FlatStencils:
-    """Stencils of a side's rows, each in the tangent plane at its node."""
+def _stencils(
+    W: csr_matrix, frame: Frame, pairs: ContactPairs, normals: Array, most: float
+) -> FlatStencils:
+    """Stencils of a side's rows, each in the tangent plane at its node; ``most`` as of
+    ``_least_residual``."""
     base = local_bases(unit(pairs.N @ normals))[:, :-1]
     size = frame.cell_size.mean()
 
@@ -126,7 +147,9 @@ def _stencils(W: csr_matrix, frame: Frame, pairs: ContactPairs, normals: Array) 
     own = pairs.N
     wanted = [-sums(own.data * f, own.indptr) for f in functions(own)]
     wanted[0] = wanted[0] + 1.0
-    return polynomial_stencils(W, functions(W), wanted)
+    found = polynomial_stencils(W, functions(W), wanted)
+    large = np.maximum.reduceat(np.abs(found.missing), W.indptr[:-1]) > most
+    return replace(found, missing=np.where(spread(large, W.indptr), 0.0, found.missing))
 
 
 def _balanced(
