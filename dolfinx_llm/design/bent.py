@@ -121,7 +121,7 @@ def _least_residual(
         for held in DAMPINGS:
             found = _balanced(loading, plain, stencils, free, held)
             change = max(abs(M - L).max() for M, L in zip(found, plain, strict=True))
-            left = float(np.abs(loading.residual(found)).max())
+            left = _largest(loading.residual(found))
             if change > NARROW or left > WORTH * last:
                 break
             last = left
@@ -163,15 +163,23 @@ def _balanced(
     m, stencils = len(loading.s), [f.rows for f in found]
     corrections = Corrections.of(loading, stencils, free)
     A = corrections.equations
-    solve = factor(A + held * A.diagonal().max() * identity(A.shape[0])).solve
+    d = A.diagonal().reshape(m, -1)
+    most = max(d[:, 0].max(), d[:, 1:].mean(axis=1).max())  # whatever the axes of the moments
+    solve = factor(A + held * most * identity(A.shape[0])).solve
     delta = [f.missing * spread(k, f.rows.indptr) for f, k in zip(found, free, strict=True)]
     last, best = np.inf, list(N)
     for _ in range(REFINED):
         rows = [M + st.matrix(d, m) for M, d, st in zip(N, delta, stencils, strict=True)]
         residual = loading.residual(rows)
-        if not np.abs(residual).max() < GAINS * last:
+        if not _largest(residual) < GAINS * last:
             break
-        best, last = rows, np.abs(residual).max()
+        best, last = rows, _largest(residual)
         step = corrections.under(solve(residual.ravel()).reshape(m, -1))
         delta = [d + more for d, more in zip(delta, step, strict=True)]
     return best
+
+
+def _largest(residual: Array) -> float:
+    """Largest force, or moment whatever its axes, of (m, gdim) at the frame's nodes."""
+    force, moment = np.abs(residual[:, 0]), np.linalg.norm(residual[:, 1:], axis=1)
+    return float(max(force.max(), moment.max()))
