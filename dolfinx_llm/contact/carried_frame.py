@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.sparse import nearest, of_nearest
+from dolfinx_llm.base.sparse import diagonal, nearest, of_nearest
 from dolfinx_llm.contact.sides import FELT, SideResult
 from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.interface.geometry import InterfaceGeometry
@@ -33,7 +33,8 @@ def at_carried_frame(
     middle = (n + to) / (1.0 + np.einsum("ki,ki->k", n, to))[:, None]
     drag = share.data[:, None] * (drag - np.einsum("ki,ki->k", drag, to)[:, None] * middle)
     friction = np.column_stack([np.bincount(share.col, a, len(force)) for a in drag.T])
-    status = of_nearest(nearest(share.T.tocsr()).astype(bool), state.own.status)
+    touching = share.T @ diagonal(state.own.status != OPEN)
+    status = of_nearest(nearest(touching).astype(bool), state.own.status)
     pressed = force > FELT * np.abs(force).max(initial=0.0)
     status = np.where(pressed, np.where(status == OPEN, CLOSED, status), OPEN)
     return force, area, friction, status

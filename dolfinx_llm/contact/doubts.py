@@ -174,8 +174,9 @@ def _apart(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
 
 def _gaps(geometry: InterfaceGeometry, gaps: Sequence[Array]) -> Array:
     """Distance between both sides at the frame's nodes, or of the nodes from the obstacle."""
-    total = np.zeros(len(geometry.law_nodes[0]))
-    for pairs, N, gap in zip(geometry.pairs, geometry.law_shapes, gaps, strict=True):
+    shapes = geometry.law_shapes if geometry.rigid else [pairs.N for pairs in geometry.pairs]
+    total = np.zeros(shapes[0].shape[1])
+    for pairs, N, gap in zip(geometry.pairs, shapes, gaps, strict=True):
         area = N.T @ pairs.forces
         at = N.T @ (gap * pairs.forces)
         total += np.where(area > 0.0, at / np.where(area > 0.0, area, 1.0), np.inf)

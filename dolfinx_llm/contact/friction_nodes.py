@@ -28,7 +28,7 @@ from dolfinx_llm.base.sparse import diagonal, nearest, of_nearest
 from dolfinx_llm.geometry.spaces import is_function
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.law import Law
-from dolfinx_llm.laws.rows import at_positions
+from dolfinx_llm.laws.rows import OPEN, at_positions
 from dolfinx_llm.operators.assemble import interface_operator
 from dolfinx_llm.operators.both_sides import MOSTLY
 from dolfinx_llm.operators.numbering import Place
@@ -114,11 +114,6 @@ class FrictionNodes:
         return np.sum([p.N.power(2).sum(axis=0).A1 for p in self.geometry.pairs], axis=0)
 
     @cached_property
-    def _nearest(self) -> csr_matrix:
-        """(n, k) 1 at the node next to each pair, at both where it lies in the middle."""
-        return nearest(self._linked).astype(bool)
-
-    @cached_property
     def _linked(self) -> csr_matrix:
         """(n, k) the part that pairs have in nodes; of those that carry the frame, which have none
         of their own, by way of it."""
@@ -129,12 +124,14 @@ class FrictionNodes:
 
     def next_to(self, status: Array) -> Array:
         """(n,) status of the node next to each pair: between two that of the larger number, since
-        rounding, or the order of nodes, must not decide.
+        rounding, or the order of nodes, must not decide; of pairs that carry the frame of the node
+        in contact next to them, as rows beyond an outline have large parts in them.
 
         Args:
             status: (k,) of the nodes.
         """
-        return of_nearest(self._nearest, status)
+        counts = (status != OPEN) | (not self.carries.any())
+        return of_nearest(nearest(self._linked @ diagonal(counts)).astype(bool), status)
 
     @cached_property
     def _parts(self) -> csr_matrix:

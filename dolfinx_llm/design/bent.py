@@ -72,6 +72,10 @@ def bent_rows(
 ) -> list[csr_matrix]:
     """Per side (n_i, m) rows with the smallest corrections.
 
+    Where rows would need large ones all the same, those of nodes far beyond the frame's outline,
+    as of facets that are covered in part, go on linearly: polynomials of degree 2 want far more
+    there than forces at such nodes are worth.
+
     Args:
         frame: m nodes, of second order.
         pairs: of both sides, with loads of second order.
@@ -81,6 +85,25 @@ def bent_rows(
     Raises:
         ContactError: corrections would be large whatever is left.
     """
+    for most in (np.inf, NARROW):
+        found = _least_residual(frame, pairs, normals, keep, most)
+        if found is not None:
+            return found
+    raise ContactError(
+        "design by weights: rows of the curved frame would need corrections above "
+        f"{NARROW:g}. Give bodies whose meshes along the interface are more alike, or finer"
+    )
+
+
+def _least_residual(
+    frame: Frame,
+    pairs: Sequence[ContactPairs],
+    normals: Array,
+    keep: Sequence[Array] | None,
+    most: float,
+) -> list[csr_matrix] | None:
+    """``bent_rows``, of which those that need corrections above ``most`` for polynomials of degree
+    2 alone do not reproduce these; None where others are too large."""
     tangents = local_bases(normals)[:, :-1]
     loading = FrameLoads(
         frame.x, [p.loads for p in pairs], [p.x for p in pairs], float(frame.cell_size.mean()),
@@ -91,14 +114,14 @@ def bent_rows(
     best, least = plain, np.inf
     for widths in widths_of(frame.x[:, 1:], plain):
         stencils = [
-            _stencils(row_stencil_weights(M, ring, frame, width), frame, p, normals)
+            _stencils(row_stencil_weights(M, ring, frame, width), frame, p, normals, most)
             for M, p, width in zip(plain, pairs, widths, strict=True)
         ]
         last = np.inf
         for held in DAMPINGS:
             found = _balanced(loading, plain, stencils, free, held)
             change = max(abs(M - L).max() for M, L in zip(found, plain, strict=True))
-            left = float(np.abs(loading.residual(found)).max())
+            left = _largest(loading.residual(found))
             if change > NARROW or left > WORTH * last:
                 break
             last = left
@@ -106,16 +129,14 @@ def bent_rows(
                 best, least = found, left
         if least <= DOES:
             break
-    if best is plain:
-        raise ContactError(
-            "design by weights: rows of the curved frame would need corrections above "
-            f"{NARROW:g}. Give bodies whose meshes along the interface are more alike, or finer"
-        )
-    return best
+    return None if best is plain else best
 
 
-def _stencils(W: csr_matrix, frame: Frame, pairs: ContactPairs, normals: Array) -> FlatStencils:
-    """Stencils of a side's rows, each in the tangent plane at its node."""
+def _stencils(
+    W: csr_matrix, frame: Frame, pairs: ContactPairs, normals: Array, most: float
+) -> FlatStencils:
+    """Stencils of a side's rows, each in the tangent plane at its node; ``most`` as of
+    ``_least_residual``."""
     base = local_bases(unit(pairs.N @ normals))[:, :-1]
     size = frame.cell_size.mean()
 
@@ -126,7 +147,9 @@ def _stencils(W: csr_matrix, frame: Frame, pairs: ContactPairs, normals: Array) 
     own = pairs.N
     wanted = [-sums(own.data * f, own.indptr) for f in functions(own)]
     wanted[0] = wanted[0] + 1.0
-    return polynomial_stencils(W, functions(W), wanted)
+    found = polynomial_stencils(W, functions(W), wanted)
+    large = np.maximum.reduceat(np.abs(found.missing), W.indptr[:-1]) > most
+    return replace(found, missing=np.where(spread(large, W.indptr), 0.0, found.missing))
 
 
 def _balanced(
@@ -140,15 +163,23 @@ def _balanced(
     m, stencils = len(loading.s), [f.rows for f in found]
     corrections = Corrections.of(loading, stencils, free)
     A = corrections.equations
-    solve = factor(A + held * A.diagonal().max() * identity(A.shape[0])).solve
+    d = A.diagonal().reshape(m, -1)
+    most = max(d[:, 0].max(), d[:, 1:].mean(axis=1).max())  # whatever the axes of the moments
+    solve = factor(A + held * most * identity(A.shape[0])).solve
     delta = [f.missing * spread(k, f.rows.indptr) for f, k in zip(found, free, strict=True)]
     last, best = np.inf, list(N)
     for _ in range(REFINED):
         rows = [M + st.matrix(d, m) for M, d, st in zip(N, delta, stencils, strict=True)]
         residual = loading.residual(rows)
-        if not np.abs(residual).max() < GAINS * last:
+        if not _largest(residual) < GAINS * last:
             break
-        best, last = rows, np.abs(residual).max()
+        best, last = rows, _largest(residual)
         step = corrections.under(solve(residual.ravel()).reshape(m, -1))
         delta = [d + more for d, more in zip(delta, step, strict=True)]
     return best
+
+
+def _largest(residual: Array) -> float:
+    """Largest force, or moment whatever its axes, of (m, gdim) at the frame's nodes."""
+    force, moment = np.abs(residual[:, 0]), np.linalg.norm(residual[:, 1:], axis=1)
+    return float(max(force.max(), moment.max()))

@@ -116,19 +116,21 @@ class ContactPairs:
         return self.cells[:, : self.surface.facets.shape[1]]
 
     def interpolation(self, x: Array) -> csr_matrix:
-        """(k, n) values of the nodes at the point of the facets that is closest to each position.
+        """(k, n) values of the nodes at the point of the facets that is closest to each position;
+        where several are as close, as above a fold, their mean.
 
         Args:
             x: (k, gdim) positions [length].
         """
         used, cells = np.unique(self.facets, return_inverse=True)
         at = Frame(self.x[used], cells.reshape(self.facets.shape)).locate(x)
-        N, nodes = np.maximum(at.N, 0.0), self.cells[at.cell]
-        N /= N.sum(axis=1, keepdims=True)  # beyond the rim the nearest point of it counts
-        if self.surface.element.order > 1:
-            N = self.surface.element.shape(at.xi)[0]
-        row = np.repeat(np.arange(len(x)), nodes.shape[1])
-        return csr_matrix((N.ravel(), (row, nodes.ravel())), (len(x), len(self.nodes)))
+        also, cell, xi = at.equal
+        row = np.append(np.arange(len(x)), also)
+        nodes = self.cells[np.append(at.cell, cell)]
+        N = self.surface.element.shape(np.concatenate([at.xi, xi]))[0]
+        N = N / np.bincount(row)[row][:, None]
+        rows = np.repeat(row, nodes.shape[1])
+        return csr_matrix((N.ravel(), (rows, nodes.ravel())), (len(x), len(self.nodes)))
 
     @property
     def dofs(self) -> Array:

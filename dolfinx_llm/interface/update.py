@@ -14,6 +14,9 @@ class Transfer:
     """How what an interface remembers goes from one geometry to the next."""
 
     nodes: csr_matrix  # (k_new, k_old) values at the nodes of the law
+    frame: csr_matrix | None  # (m_new, m_old) the same at the frame's; None against an obstacle
+    ahead: csr_matrix | None  # (m_new, k_old) by how many jumps there a frame that another side
+    # carries is ahead of the old one; None: the same side carries it
     pairs: tuple[Array, ...]  # per side (n_new,) place among the old pairs
     sizes: tuple[int, ...]  # pairs per side before
     directions: tuple[Array, Array]  # (k, q, gdim) of jumps, before and now
@@ -27,9 +30,18 @@ class Transfer:
 
     def turned(self, jumps: Array) -> Array:
         """(k_new, q) jumps along the directions of now, from (k_old, q) along the old ones."""
-        before, now = self.directions
-        vectors = np.einsum("kq,kqi->ki", jumps, before)
-        return self.scale * np.einsum("ki,kqi->kq", self.nodes @ vectors, now)
+        vectors = self.nodes @ self._vectors(jumps)
+        return self.scale * np.einsum("ki,kqi->kq", vectors, self.directions[1])
+
+    def moved(self, v: Array, jumps: Array) -> Array:
+        """(m_new, gdim) motion of the frame from that of the old one (m_old, gdim), where its law
+        has jumps (k_old, q)."""
+        own = self.frame @ v
+        return own if self.ahead is None else own + self.ahead @ self._vectors(jumps)
+
+    def _vectors(self, jumps: Array) -> Array:
+        """(k_old, gdim) of jumps (k_old, q)."""
+        return np.einsum("kq,kqi->ki", jumps, self.directions[0])
 
 
 def remeshed(old: InterfaceGeometry, new: InterfaceGeometry) -> tuple[Transfer, list[csr_matrix]]:
@@ -40,8 +52,17 @@ def remeshed(old: InterfaceGeometry, new: InterfaceGeometry) -> tuple[Transfer, 
         The transfer, and per side (n_new, n_old) values of the old pairs at the new ones.
     """
     of = [a.interpolation(b.x) for a, b in zip(old.pairs, new.pairs, strict=True)]
-    nodes = old.at_law_nodes(new.law_nodes[0])
+    nodes, frame, ahead = old.at_law_nodes(new.law_nodes[0]), None, None
+    if old.frame is not None and new.frame is not None:
+        frame = old.frame.interpolation(old.frame.locate(new.frame.x))
+        way = (_ahead(new) - _ahead(old)) / old.theta
+        ahead = way * old.at_law_nodes(new.frame.x) if way else None
     places = tuple(np.asarray(N.argmax(axis=1)).ravel() for N in of)
     sizes = tuple(len(p.nodes) for p in old.pairs)
     directions, scale = (old.jump_directions, new.jump_directions), new.theta / old.theta
-    return Transfer(nodes, places, sizes, directions, scale), of
+    return Transfer(nodes, frame, ahead, places, sizes, directions, scale), of
+
+
+def _ahead(geometry: InterfaceGeometry) -> float:
+    """Part of the way of side 0 along side 1 by which a frame is ahead of the middle of both."""
+    return {None: 0.0, 0: 0.5, 1: -0.5}[geometry.site.carrier]

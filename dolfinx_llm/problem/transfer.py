@@ -91,11 +91,11 @@ def _contact(old: ContactProblem, new: ContactProblem) -> Arrays:
             found[name][fresh.nodes.rows] = _forces(before, now, at, forces)
         place, there = new.operators.places[i], old.operators.places[i]
         v = kept["w"][there.frame].reshape(before.directions.shape[:2])
-        if now.frame is not None:
-            moved = change.nodes @ np.einsum("md,mdg->mg", v, before.directions)
+        jumps = kept["w"][state.nodes.kappa]
+        if change.frame is not None:
+            moved = change.moved(np.einsum("md,mdg->mg", v, before.directions), jumps)
             v = np.einsum("mg,mdg->md", moved, now.directions)
         found["w"][place.frame] = v.ravel()
-        jumps = kept["w"][state.nodes.kappa]
         found["w"][fresh.nodes.kappa] = change.turned(jumps) if jumps.size else jumps
     return found
 

@@ -4,9 +4,13 @@ holds, with a normal and a slip of its own."""
 import curved_scenes as curved
 import numpy as np
 import pytest
+import scenes
+from dolfinx import fem
+from mpi4py import MPI
 
 import dolfinx_llm as llm
-from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
+from dolfinx_llm import compat
+from dolfinx_llm.laws.rows import CLOSED, OPEN, SLIP, STICK
 
 MU = 0.3
 
@@ -104,3 +108,53 @@ def test_given_frames():
     problem.destroy()
     with pytest.raises(llm.ContactError, match="carries the frame"):
         curved.drum(MU, (20, 30), frame=half_circle(26))
+
+
+def pad(counts, spans):
+    """A pad on a drum, sectors of so many cells over these degrees, and what moves it."""
+    points, cells, ends, where = [], [], [0], []
+    for k, (n, (first, last), radii) in enumerate(
+        zip(counts, spans, ((0.5, 1.0), (1.0, 1.3)), strict=True)
+    ):
+        s, quads = scenes.grid(n, 2, (first, radii[0]), (last, radii[1]))
+        t = np.radians(s[:, 0])
+        points.append(s[:, 1:] * np.column_stack([np.cos(t), np.sin(t)]))
+        cells.append(quads[:, [0, 1, 3, 2]] + ends[-1])
+        ends.append(ends[-1] + len(s))
+        where += [
+            (tag, k, lambda p, r=r: np.isclose(np.hypot(p[0], p[1]), r))
+            for tag, r in zip((2 * k + 1, 2 * k + 2), radii, strict=True)
+        ]
+    domain, tags = scenes.bodies_mesh(MPI.COMM_SELF, points, cells, "quadrilateral", ends, where)
+    V = compat.function_space(domain, shape=(2,))
+    held = [fem.Function(V), fem.Function(V)]
+    bcs = [
+        fem.dirichletbc(f, fem.locate_dofs_topological(V, 1, tags.find(tag)))
+        for f, tag in zip(held, (1, 4), strict=True)
+    ]
+    a, L = scenes.forms(V)
+    interface = llm.Interface(tags, (2, 3), law=llm.Coulomb(MU))
+    problem = llm.ContactProblem(a, L, bcs=bcs, interfaces=[interface])
+
+    def move(*way):
+        held[1].x.array.reshape(-1, 2)[:] = way
+        problem.solve()
+        return problem.results[0]
+
+    return problem, move
+
+
+def test_what_is_told_of_a_pad_that_is_covered_in_part():
+    """Nodes of the carrying side that bear friction stick or slip: rows beyond its end have large
+    parts in the last one, which was told to be without friction. Lifted off it was said to have
+    come nearer, "from inf as drawn"."""
+    problem, move = pad((30, 6), ((20.0, 160.0), (50.0, 130.0)))
+    assert problem.geometries[0].site.carrier == 1
+    for way in ((0.0, -0.01), (0.01, -0.01)):
+        result = move(*way)
+        side = result.sides[1]
+        assert (side.normal_force > 1e-6 * side.normal_force.max()).all()
+        assert not (side.status == CLOSED).any() and not (result.frame_status == CLOSED).any()
+    assert (move(0.0, 0.02).frame_status == OPEN).all()
+    assert "nothing touches" not in str(problem)
+    problem.destroy()

@@ -15,6 +15,7 @@ from dolfinx_llm.design import weights as design
 from dolfinx_llm.geometry import overlap_flat as patch
 from dolfinx_llm.geometry.cells import shape_functions, vector_areas
 from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.pairs import ContactPairs
 
 pytestmark = pytest.mark.quick
 
@@ -192,6 +193,35 @@ def test_location_off_the_plane_is_the_foot_point():
 
 
 # Quality and checks of a frame
+
+
+def pairs_of(x, facets):
+    """All nodes of a surface as pairs, as far as their own places tell of them."""
+    side = cs.surface(x, facets)
+    return ContactPairs(side, np.arange(len(x)), *[None] * 6)
+
+
+@pytest.mark.parametrize("k", [3, 4])
+def test_values_of_nodes_beyond_a_rim_are_those_of_its_closest_point(k):
+    """Of a square, in any pose; they followed from the cell that was found first,
+    clipped along itself."""
+    (nodes, quads), rng = grid(4, 5, jitter=0.3), np.random.default_rng(5)
+    nodes = np.column_stack([nodes, np.zeros(len(nodes))])
+    x = np.column_stack([rng.uniform(-0.4, 1.4, (200, 2)), rng.uniform(-0.1, 0.1, 200)])
+    expected = np.column_stack([np.clip(x[:, :2], 0.0, 1.0), np.zeros(200)])
+    for angle in (0.0, 0.3, 2.0):
+        c, s = np.cos(angle), np.sin(angle)
+        Q = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        pairs = pairs_of(nodes @ Q.T, quads if k == 4 else triangles(quads))
+        assert np.abs(pairs.interpolation(x @ Q.T) @ nodes - expected).max() < 1e-9
+
+
+def test_values_above_a_fold_are_the_mean_of_what_is_as_close():
+    """Whichever cell comes first."""
+    x = np.array([[-1, 0, 1], [0, 0, 0], [1, 0, 1], [-1, 1, 1], [0, 1, 0], [1, 1, 1]], dtype=float)
+    for facets in ([[0, 1, 4, 3], [1, 2, 5, 4]], [[1, 2, 5, 4], [0, 1, 4, 3]]):
+        N = pairs_of(x, np.array(facets)).interpolation(np.array([[0.0, 0.5, 1.0]])).toarray()[0]
+        assert np.abs(N - [0.125, 0.25, 0.125, 0.125, 0.25, 0.125]).max() < 1e-9
 
 
 def test_quality_of_known_cells():

@@ -1,5 +1,6 @@
 """States carried over to other meshes: the same one, finer ones, and what is refused."""
 
+import curved_scenes as curved
 import finite_patch
 import friction_block
 import numpy as np
@@ -63,6 +64,27 @@ def test_a_finer_mesh_keeps_the_tangential_force(k):
         scene.top.g.x.array[:] = 0.0008
         scene.problem.solve()
     assert abs(friction(new) / friction(first) - 1.0) <= 0.02 / k
+
+
+@pytest.mark.parametrize(("before", "now"), [((20, 30), (32, 22)), ((30, 20), (22, 32))])
+def test_a_curved_frame_that_the_other_side_carries_then(before, now):
+    """Slips are those from before, as forces are; the frame goes with the other side. It ended in
+    a ValueError, and slips were told of the frame of before."""
+    (old, pull), (new, go), (direct, known) = (curved.drum(0.3, n) for n in (before, now, now))
+    assert old.geometries[0].site.carrier != new.geometries[0].site.carrier
+    expected = [pull(0.02, 0.02), pull(0.06, -0.02)][-1]
+    llm.transfer(old, new)
+    told = new.results[0]
+    for one, other in zip(told.sides, expected.sides, strict=True):
+        slips = [np.linalg.norm(side.slip, axis=1).max() for side in (one, other)]
+        assert abs(slips[0] / slips[1] - 1.0) < 0.1
+    size = np.abs(expected.resultant).max()
+    assert np.abs(told.resultant - expected.resultant).max() < 0.05 * size
+    known(0.02, 0.02), known(0.06, -0.02)
+    last = known(0.03, 0.0)
+    assert np.abs(go(0.03, 0.0).resultant - last.resultant).max() < 0.02 * size
+    for problem in (old, new, direct):
+        problem.destroy()
 
 
 def stuck(kind, cells, degree=1):
