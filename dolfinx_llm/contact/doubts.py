@@ -20,7 +20,7 @@ TILT = 0.1  # [rad] angle by which an obstacle may turn: half its square of the 
 LOOSE_SHARE = 1e-3  # of the normal force, on pairs without friction of their own
 UNTIED_SHARE = 1e-2  # the same, on pairs that have none from the start of a load step, and of
 # friction on pairs that do not press
-UNEVEN = 2.0  # friction of a side's nodes over the frame's, where all slip
+UNEVEN = 2.0  # friction of a side's nodes over that of the law's, where all slip
 CARRIES = 1e-10  # of the largest force in the load step: an interface with less carries none
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
 UNCERTAIN = 0.2  # part of the bodies' motion to which gaps must be known
@@ -105,20 +105,24 @@ def _borne_open(geometry: InterfaceGeometry, result: InterfaceResult) -> float:
 
 
 def _rough(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
-    """Sides that slip whose friction node by node is far more than the frame's."""
+    """Sides that slip whose friction node by node is far more than that of the law's nodes."""
     status, law = result.frame_status, geometry.interface.law
     out: list[str] = []
     if geometry.rigid or not (law.shares and (status == SLIP).any()) or (status == STICK).any():
         return out
-    frame = np.linalg.norm(result.frame_friction, axis=1).sum()
+    rubs = list[float]()
     for pairs, side in zip(geometry.pairs, result.sides, strict=True):
         force = of_control_values(pairs, side.force)
         across = np.einsum("ni,ni->n", force, pairs.normal)[:, None] * pairs.normal
-        share = np.linalg.norm(force - across, axis=1).sum() / frame
-        if share > UNEVEN:
+        rubs.append(np.linalg.norm(force - across, axis=1).sum())
+    own = geometry.law_side
+    of_law = np.linalg.norm(result.frame_friction, axis=1).sum() if own is None else rubs[own]
+    there = "the frame" if own is None else geometry.pairs[own].surface.name
+    for pairs, rub in zip(geometry.pairs, rubs, strict=True):
+        if rub > UNEVEN * of_law:
             out.append(
                 f"interface {geometry.interface.name}: friction at the nodes of "
-                f"{pairs.surface.name} is {share:.1f} times that of the frame, where the law "
+                f"{pairs.surface.name} is {rub / of_law:.1f} times that of {there}, where the law "
                 "holds, and cancels but for that: a side that slips keeps the shape of the coarser "
                 "one along the surface. Use cells of about the same size where bodies touch"
             )
