@@ -127,16 +127,18 @@ class Ranks:
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist looks for its groups
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     """Mark the tests that run on ranks of their own: by the names that they use.
 
     Of several workers one runs these, one after the other and before all else. With PART=K/N in the
-    environment every N-th of those marked long is run, from the K-th on, and nothing else.
+    environment every N-th test is run, from the K-th on: of those marked long where ``-m long``
+    asks for these, else of the others.
     """
     if part := os.environ.get("PART"):
         k, n = map(int, part.split("/"))
-        long = [item for item in items if item.get_closest_marker("long")]
-        items[:] = long[k % n :: n]
+        asked = config.option.markexpr == "long"
+        some = [item for item in items if bool(item.get_closest_marker("long")) == asked]
+        items[:] = some[k % n :: n]
     for item in items:
         params = getattr(item, "callspec", None) and item.callspec.params or {}
         code = getattr(getattr(item, "function", None), "__code__", None)

@@ -207,7 +207,7 @@ OF_ONE = list(itertools.product([FOLDED, BELLOWS, *SHEETS], [None, STICK, SLIP, 
 
 
 @pytest.mark.parametrize(
-    ("name", "law"), some_of(BY_TURNS + OF_ONE, BY_TURNS[:30:3] + BY_TURNS[30::6] + OF_ONE[::4])
+    ("name", "law"), some_of(BY_TURNS + OF_ONE, BY_TURNS[:30:6] + BY_TURNS[30::12] + OF_ONE[::8])
 )
 def test_tangent_is_the_derivative(name, law):
     """Forces and gaps, through places, normals, clipped areas and the design's global equations;

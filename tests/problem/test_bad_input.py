@@ -45,9 +45,7 @@ def test_missing_dolfinx_is_said():
     assert "apt install python3-dolfinx" in run.stderr
 
 
-@pytest.mark.parametrize(
-    ("n", "part"), [pytest.param(1, 0, marks=pytest.mark.quick), (2, 0), longer(2, 1), longer(3, 0)]
-)
+@pytest.mark.parametrize(("n", "part"), [longer(1, 0), (2, 0), longer(2, 1), longer(3, 0)])
 def test_wrong_arguments(n, part):
     """Every public function refuses what it cannot use, and scenes that cannot be: in a sentence,
     the same on all ranks, else the others would hang; each on two ranks or on three."""

@@ -31,7 +31,7 @@ QUARTERS = [
 
 
 @pytest.mark.parametrize(
-    ("kind", "sizes", "most", "law"), some_of(QUARTERS, [*QUARTERS[:4], QUARTERS[6]])
+    ("kind", "sizes", "most", "law"), some_of(QUARTERS, QUARTERS[:4])
 )
 def test_pressed_quarters(kind, sizes, most, law):
     """Up to where a surface ends, beyond which facets have no neighbours to tell their normals:

@@ -31,7 +31,7 @@ def covered(cells, p=P):
     return problem, u, down
 
 
-@pytest.mark.parametrize("cells", [(6, 8), (9, 4)])
+@pytest.mark.parametrize("cells", [longer((6, 8)), (9, 4)])
 def test_cover_arrives_and_leaves_in_one_step(cells):
     """Lifted at once the surface bears all of the pressure, whose resultant follows from where it
     ends; put back at once the state is that of a cover that never left. Solving again changes
@@ -60,7 +60,7 @@ def test_cover_arrives_and_leaves_in_one_step(cells):
     assert np.abs(states[4] - states[0]).max() < 1e-10
 
 
-@pytest.mark.parametrize("gap", [0.16, 0.2])
+@pytest.mark.parametrize("gap", [longer(0.16), 0.2])
 def test_surface_that_is_pulled_to_its_cover(gap):
     """A suction that draws it so near that it is covered, and without which it is not: no state is
     both. The step ends, and ends in the same state again."""

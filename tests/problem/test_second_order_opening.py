@@ -85,7 +85,7 @@ FREE, HARDLY = llm.Frictionless(), llm.Coulomb(1e-3)
 
 @pytest.mark.parametrize(("kind", "sizes", "most", "law"), [
     ("quad", (0.2, 0.13), 0.005, FREE), ("quad", (0.2, 0.13), 0.005, HARDLY),
-    ("hex", (0.3, 0.2), 0.02, FREE), longer("hex", (0.3, 0.2), 0.02, HARDLY),
+    longer("hex", (0.3, 0.2), 0.02, FREE), longer("hex", (0.3, 0.2), 0.02, HARDLY),
     longer("tet", (0.3, 0.2), 0.1, FREE), longer("tet", (0.3, 0.2), 0.1, HARDLY),
 ], ids=str)  # fmt: skip
 def test_up_to_planes_of_symmetry(kind, sizes, most, law):

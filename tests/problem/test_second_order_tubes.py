@@ -83,7 +83,7 @@ LARGER = (8, (2, 3)), (16, (2, 3)), (20, (1, 2))
 
 
 @pytest.mark.parametrize(("counts", "layers", "motion", "more", "most"), [
-    ((16, 24), (1, 2), (0.01, 0.0), {"height": 0.5}, 2e-3),
+    longer((16, 24), (1, 2), (0.01, 0.0), {"height": 0.5}, 2e-3),
     longer((16, 24), (2, 3), (0.01, 0.0), {"hexahedra": True}, 2e-3),
     ((16, 24), (2, 3), (0.0, 0.003), {"hexahedra": False}, 2e-3),
     longer((16, 24), (2, 3), (0.002, 0.002), {"hexahedra": True}, 2e-3),
