@@ -40,8 +40,9 @@ from dolfinx_llm.operators.system import ContactOperators
 LED = 10  # iterations in which what springs alone press together sticks
 LAST_PULL = 1e-13  # of the forces, that the proximal term may carry, however loose solves are
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
-PATIENT, LONG_ENOUGH = 20, 1e-9  # iterations of rest, after which this may be left, as about frame
-# nodes far from contact, which forces of corrected rows reach a millionth of
+PATIENT, LONG_ENOUGH = 20, 1e-8  # iterations of rest, after which this may be left, as about frame
+# nodes far from contact, which forces of corrected rows reach a millionth of, or by GMRES where
+# supports that move far bend bodies that press little
 MAXIMUM = 100  # iterations, and as many again once ties have been chosen
 FALLING = 4  # of them in which the motion of what nothing holds is looked for
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
