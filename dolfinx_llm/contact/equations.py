@@ -19,6 +19,7 @@ from scipy.sparse import vstack as stack
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.sparse import beside, diagonal, per_item, picking, symmetric_factors
+from dolfinx_llm.contact.flickering import release
 from dolfinx_llm.contact.friction_nodes import friction_nodes
 from dolfinx_llm.contact.prescribed_slip import rows_of, told
 from dolfinx_llm.contact.proximal import FrameRows
@@ -72,7 +73,7 @@ class Equations:
         self.L_t, self.n_v = L.T.tocsr(), L.shape[1]
         self.L = hstack([L, L_kappa], format="csr") if L_kappa.shape[1] else L
         self.m = self.L.shape[1]
-        self.frames = FrameRows(self.states, self.n_v, self.m, proximal * self.scale)
+        self.frames = FrameRows(self.states, self.L_t, self.m, proximal, self.scale)
         self._operators, self.loads = operators, np.zeros(self.n_v)
         self.start, self.about = np.zeros(self.n), np.zeros(self.n)
         self.idle = self.least = 0.0
@@ -132,7 +133,7 @@ class Equations:
         kept = np.where(active, self.about, 0.0)
         compliance = np.where(self.soft, SOFT / self.scale, self.compliance)
         now = self.frames.rows()
-        E, D, rhs = [self.L_t], [now.own], [now.own @ centre + self.loads]
+        E, D, rhs = [now.E], [now.D], [now.own @ centre + self.loads]
         for s, parts in zip(self.states, now.slips, strict=True):
             if s.nodes.kappa.size:
                 rows = self.law_rows(s, about[0], about[1], calmed)
@@ -196,8 +197,18 @@ class Equations:
         return max(self.imbalance(multiplier), _law_miss(self, multiplier, w))
 
     def imbalance(self, multiplier: Array) -> float:
-        """Largest entry of L_bᵀ λ less its loads [force]."""
-        return float(np.abs(self.L_t @ multiplier - self.loads).max(initial=0.0))
+        """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
+        with theirs."""
+        forces = self.L_t @ multiplier
+        if not self._operators.tied:
+            forces = self.frames.rows().gather @ forces
+        return float(np.abs(forces - self.loads).max(initial=0.0))
+
+    def release(self, multiplier: Array, allowed: float) -> bool:
+        """Whether frame nodes that have balanced in sums miss it by more than is allowed [force];
+        from then on each balances on its own."""
+        missed = np.abs(self.L_t @ multiplier - self.loads).max(initial=0.0)
+        return bool(missed > allowed) and any([release(s) for s in self.states])
 
     def runaway(self, multiplier: Array) -> str:
         """What is said of an obstacle whose force contact does not balance: all but the proximal

@@ -39,6 +39,21 @@ def lost(s: InterfaceState, multiplier: Array) -> float:
     return float(np.abs(force[loose]).sum() / max(np.abs(force).sum(), 1e-300))
 
 
+def release(s: InterfaceState) -> bool:
+    """From now on in this load step each frame node balances on its own; True: some did not.
+
+    Pairs that opened and closed by turns have their friction again: where one alone presses a
+    node, nothing else could balance the friction of others there.
+    """
+    if led := bool(s.others.frame_relative.nnz):
+        known = s.own.closings.copy()
+        s.begin(0.0, s.keeps)
+        if s.keeps:
+            s.own.closings = np.where(known < GONE, known, 0)
+            s.touch(s.own.active)
+    return led
+
+
 def count(s: InterfaceState, chosen: Array, wrong: Array, light: Array) -> None:
     """Count how often pairs close; those that close alone, or hardly press, soon do so by turns.
 

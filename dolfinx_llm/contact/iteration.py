@@ -201,7 +201,8 @@ class ContactIteration:
             settled |= stalled and miss <= enough
             settled &= giving.rest(multiplier, largest, calm)
             rests = settled and calm > corrections and pull.rests
-            released = tie_more(self.states, borne, miss)
+            released = (rests or calm > 1) and equations.release(multiplier, ENOUGH * largest)
+            released |= tie_more(self.states, borne, miss)
             if rests and not released:
                 gaps = self.scale * (equations.L @ w - y - g)
                 released = lets_go(self.states, borne, gaps, ENOUGH * largest)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import block_diag, coo_matrix, csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import picking
@@ -83,9 +83,12 @@ class SlipRows:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows of the proximal term at the frames, and what those of laws multiply, for one state."""
+    """Of the frames, E λ + D w, for one state of contact."""
 
     own: csr_matrix  # (n_v, m) of the frames
+    E: csr_matrix  # (n_v, n)
+    D: csr_matrix  # (n_v, m)
+    gather: csr_matrix  # (n_v, n_v) forces at the frame's nodes, summed up where these balance
     slips: list[SlipRows]  # per interface
 
 
@@ -94,26 +97,40 @@ class FrameRows:
 
     Args:
         states: of the interfaces.
-        n_v, m: numbers of unknowns of the frames, and of all w.
-        stiffness: of the proximal term, ε c [force / length].
+        L_t: (n_v, n) what forces of the rows are to the frames.
+        m: number of unknowns w.
+        epsilon: of the proximal term, of the surfaces' stiffness ``scale`` [force / length].
     """
 
     def __init__(
-        self, states: Sequence[InterfaceState], n_v: int, m: int, stiffness: float
+        self,
+        states: Sequence[InterfaceState],
+        L_t: csr_matrix,
+        m: int,
+        epsilon: float,
+        scale: float,
     ) -> None:
-        self._states, self._n_v, self._m, self._stiffness = states, n_v, m, stiffness
+        self._states, self._L_t, self._m = states, L_t, m
+        self._epsilon, self._scale = epsilon, scale
         self._touched: list[int] = []  # changes of the states that the rows are of
         self._rows: Any = None
 
     def rows(self) -> Rows:
         """The same object as long as nothing has changed."""
         touched = [s.touched for s in self._states]
-        if touched != self._touched:
-            P = proximal_term(self._states, self._m, self._stiffness)
-            n = sum(s.nodes.rows.size for s in self._states)
-            self._rows = Rows(P[: self._n_v], [SlipRows.of(s, n, P) for s in self._states])
-            self._touched = touched
-        return cast("Rows", self._rows)
+        if touched == self._touched:
+            return cast("Rows", self._rows)
+        n_v, n = self._L_t.shape
+        gather = block_diag([s.others.frame_gather for s in self._states], format="csr")
+        P = proximal_term(self._states, self._m, self._epsilon * self._scale)
+        own = gather @ P[:n_v]
+        relative = block_diag([s.others.frame_relative for s in self._states], format="csr")
+        relative.resize(own.shape)
+        slips = [SlipRows.of(s, n, P) for s in self._states]
+        forces = gather @ self._L_t
+        rows = self._rows = Rows(own, forces, own + self._scale * relative, gather, slips)
+        self._touched = touched
+        return rows
 
     def pull(self, moved: Array) -> float:
         """Largest force of the proximal term [force], which at rest is none.

@@ -21,7 +21,8 @@ from dolfinx_llm.base.sparse import diagonal, nearest
 from dolfinx_llm.contact.friction_nodes import FrictionNodes
 
 REMEMBERED = 3  # states of contact
-CROSSES = 1e-6  # sum of N² below which no force passes from side to side
+ADRIFT = 1e-2  # sum of N² below which a frame node is led until contact has come to rest
+CROSSES = 1e-6  # the same, below which no force passes from side to side
 HELD = 0.3  # least sum of N² over the pairs of each side that tells the slip of a frame node
 BY_LITTLE = 0.03  # the same where ties are chosen, perhaps of contact narrower than a facet
 
@@ -114,14 +115,17 @@ class Followers:
     unheld: Array  # (k,) nodes that no force reaches
     gather: csr_matrix  # (k q, k q) sums of forces at the speakers
     relative: csr_matrix  # (k q, k q) jumps; of nodes that follow others against theirs
+    frame_gather: csr_matrix  # (m d, m d) forces at frame nodes, of those that no pair holds at
+    # the node that they follow
+    frame_relative: csr_matrix  # (m d, m d) their motion against that one's
 
     @staticmethod
     def none(nodes: FrictionNodes) -> Followers:
         """Each node speaks for itself."""
-        k = len(nodes.kappa)
+        k, m = len(nodes.kappa), len(nodes.v)
         every = identity(nodes.kappa.size, format="csr")
         alone = np.arange(k), identity(k, format="csr"), np.zeros(k, dtype=bool)
-        return Followers(*alone, every, every)
+        return Followers(*alone, every, every, identity(m, format="csr"), csr_matrix((m, m)))
 
     @staticmethod
     def of(
@@ -130,6 +134,7 @@ class Followers:
         active: Array,
         pulled: Array,
         anchored: Array,
+        adrift: float,
         chosen: bool,
     ) -> Followers:
         """Nodes at the rim of contact follow a neighbour.
@@ -140,6 +145,7 @@ class Followers:
             active: (n,) pairs in contact.
             pulled: (k,) nodes that corrected rows pull at.
             anchored: (k,) by how many sides supports alone hold nodes.
+            adrift: sum of N² of the pairs tied below which a node also moves with its speaker.
             chosen: ties are, and stay while pairs at the rim come and go: these tell no neighbours.
         """
         k, t = nodes.kappa.shape
@@ -156,7 +162,11 @@ class Followers:
         alike = kron(parts, identity(t), format="csr")  # in a plane all tangents are the same
         weak = np.repeat(speaker != np.arange(k), t).astype(float)
         relative = identity(k * t, format="csr") - diagonal(weak) @ alike
-        return Followers(speaker, parts.T.tocsr(), free, alike.T.tocsr(), relative)
+        held = sum(np.asarray(N.power(2).sum(axis=0)).ravel() for N in follows)
+        led = (held < adrift) & (anchored == 0) & (speaker != np.arange(k))
+        carried = _carried(led, parts, t + 1)
+        sums = parts.T.tocsr()
+        return Followers(speaker, sums, free, alike.T.tocsr(), relative, *carried)
 
     def share(self, friction: Array, bears: Array) -> Array:
         """(k, gdim) forces of friction, of those that speak for others divided among them all.
@@ -184,3 +194,13 @@ class LastFollowers:
         found = self._known.pop(key, None) or Followers.of(self._nodes, *state)
         self._known = dict([*self._known.items(), (key, found)][-REMEMBERED:])
         return found
+
+
+def _carried(led: Array, parts: csr_matrix, d: int) -> tuple[csr_matrix, csr_matrix]:
+    """Frame nodes that hardly any pair holds, ``led`` (m,), move tangentially as their speaker
+    does: sums of forces there, and tangential motion against that one's (m d, m d)."""
+    weak = np.repeat(led, d)
+    weak[d - 1 :: d] = False
+    follows = diagonal(weak)
+    moved = follows @ kron(parts, identity(d), format="csr")
+    return (diagonal(~weak) + moved.T).tocsr(), follows - moved

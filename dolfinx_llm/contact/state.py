@@ -10,7 +10,7 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.contact.friction_nodes import FLOOR, FrictionNodes
-from dolfinx_llm.contact.speakers import Followers, LastFollowers
+from dolfinx_llm.contact.speakers import ADRIFT, Followers, LastFollowers
 from dolfinx_llm.interface.update import Transfer
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK, LawNodes, LawRows, checked
@@ -85,7 +85,7 @@ class InterfaceState:
     """One interface in the iteration: its law's nodes, its state, and what follows from both.
 
     Nodes of friction at the rim of contact slip as their speakers do (``speakers``), where T
-    and N of all are summed up.
+    and N of all are summed up. Those that next to nothing holds also move with it at first.
 
     Args:
         nodes: of the interface.
@@ -141,9 +141,9 @@ class InterfaceState:
             with collective(self.nodes.comm):
                 self.given = self.law.begin_step(self.at_rest())
 
-    def begin(self) -> None:
+    def begin(self, adrift: float = ADRIFT, keeps: bool = False) -> None:
         """Start a load step: pairs that opened and closed by turns get another chance."""
-        self.own.closings[:], self.asked, self.keeps = 0, 0, False
+        self.own.closings[:], self._adrift, self.asked, self.keeps = 0, adrift, 0, keeps
         self.pulled, self.grazes = np.zeros(len(self.nodes.kappa), dtype=bool), 0.0
         self.touch(self.own.active)
 
@@ -157,7 +157,9 @@ class InterfaceState:
         self.held = self.nodes.reach(self.own.holds) | self.stays
         self.own.active = active = active | self.held
         self.anchored = self.nodes.anchored(self.tied)
-        told = self.tied, active, self.pulled, self.anchored, self.own.ties is not None
+        told = (
+            self.tied, active, self.pulled, self.anchored, self._adrift, self.own.ties is not None
+        )  # fmt: skip
         if not np.array_equal(np.hstack(told), self._touching):
             self._touching, self.touched = np.hstack(told), self.touched + 1
             if self.shares:

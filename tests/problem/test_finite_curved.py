@@ -30,9 +30,7 @@ QUARTERS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("kind", "sizes", "most", "law"), some_of(QUARTERS, QUARTERS[:4])
-)
+@pytest.mark.parametrize(("kind", "sizes", "most", "law"), some_of(QUARTERS, QUARTERS[:4]))
 def test_pressed_quarters(kind, sizes, most, law):
     """Up to where a surface ends, beyond which facets have no neighbours to tell their normals:
     there pressures were off by 12 to 44 %; on tetrahedra, whose own stresses are rough, by 100 to
