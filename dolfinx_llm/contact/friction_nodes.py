@@ -114,6 +114,11 @@ class FrictionNodes:
         return np.sum([p.N.power(2).sum(axis=0).A1 for p in self.geometry.pairs], axis=0)
 
     @cached_property
+    def _nearest(self) -> csr_matrix:
+        """(n, k) 1 at the node next to each pair, at both where it lies in the middle."""
+        return nearest(self._linked).astype(bool)
+
+    @cached_property
     def _linked(self) -> csr_matrix:
         """(n, k) the part that pairs have in nodes; of those that carry the frame, which have none
         of their own, by way of it."""
@@ -123,15 +128,12 @@ class FrictionNodes:
         return (self._parts + diagonal(self.carries) @ N @ N[~self.carries].T).tocsr()
 
     def next_to(self, status: Array) -> Array:
-        """(n,) status of the node next to each pair: between two that of the larger number, since
-        rounding, or the order of nodes, must not decide; of pairs that carry the frame of the node
-        in contact next to them, as rows beyond an outline have large parts in them.
-
-        Args:
-            status: (k,) of the nodes.
-        """
-        counts = (status != OPEN) | (not self.carries.any())
-        return of_nearest(nearest(self._linked @ diagonal(counts)).astype(bool), status)
+        """(n,) status (k,) of the node next to each pair: between two that of the larger number,
+        since rounding must not decide; of pairs that carry the frame of the node in contact next
+        to them, as rows beyond an outline have large parts in them."""
+        if not self.carries.any():
+            return of_nearest(self._nearest, status)
+        return of_nearest(nearest(self._linked @ diagonal(status != OPEN)).astype(bool), status)
 
     @cached_property
     def _parts(self) -> csr_matrix:

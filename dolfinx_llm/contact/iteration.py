@@ -40,9 +40,8 @@ from dolfinx_llm.operators.system import ContactOperators
 LED = 10  # iterations in which what springs alone press together sticks
 LAST_PULL = 1e-13  # of the forces, that the proximal term may carry, however loose solves are
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
-PATIENT, LONG_ENOUGH = 20, 1e-8  # iterations of rest, after which this may be left, as about frame
-# nodes far from contact, which forces of corrected rows reach a millionth of, or by GMRES where
-# supports that move far bend bodies that press little
+PATIENT, LONG_ENOUGH = 20, 1e-9  # iterations of rest, after which this may be left, as about frame
+# nodes far from contact, which forces of corrected rows reach a millionth of
 MAXIMUM = 100  # iterations, and as many again once ties have been chosen
 FALLING = 4  # of them in which the motion of what nothing holds is looked for
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
@@ -153,7 +152,7 @@ class ContactIteration:
             step = equations.step(about, g, centre, (pull.anchor, spring), self._calmed)
             if glides or (not known and iteration == 1):
                 step = equations.all_stick(step)
-            found = _told(self.form.solve(f, step), equations, centre, floating.comm)
+            found, drawn = _told(self.form.solve(f, step), equations, centre, floating.comm)
             multiplier, y, w = found.multiplier, found.y, found.w
             self.last = replace(step, active=found.active)
             largest = max(step.level(multiplier, y, self.scale), GRAZING * pressed)
@@ -164,7 +163,8 @@ class ContactIteration:
                 choose(self.states, multiplier)
                 glide(equations, False)
             taken = sum(self._take(s, found) for s in self.states)
-            changes, miss = told(floating.comm, (taken, equations.miss(multiplier, w) / largest))
+            missed = equations.miss(multiplier, w)
+            changes, miss, drawn = told(floating.comm, (taken, missed / largest, drawn / largest))
             runs = runs + 1 if (lost := equations.runaway(multiplier)) else 0
             if runs > RUNS:
                 raise FinalError(lost)
@@ -195,9 +195,7 @@ class ContactIteration:
             stalled = calm > CALM and miss > 0.5 * before
             left = ENOUGH if calm <= PATIENT else LONG_ENOUGH
             enough = max(left, spread(equations, self.form.noise) / largest)
-            settled = miss <= self.form.accuracy
-            drawn = equations.frames.pull(w - centre) if settled else np.inf
-            settled = settled and told(floating.comm, drawn / largest) <= LAST_PULL
+            settled = miss <= self.form.accuracy and drawn <= LAST_PULL
             settled |= stalled and miss <= enough
             settled &= giving.rest(multiplier, largest, calm)
             rests = settled and calm > corrections and pull.rests
@@ -251,11 +249,14 @@ class ContactIteration:
         return changes
 
 
-def _told(found: StepResult, equations: Equations, centre: Array, comm: MPI.Comm) -> StepResult:
-    """What is found, without tension that is what holds frames far from their centre (m,)."""
+def _told(
+    found: StepResult, equations: Equations, centre: Array, comm: MPI.Comm
+) -> tuple[StepResult, float]:
+    """What is found, without tension that is what holds frames far from their centre (m,), and the
+    largest force of that."""
     most = told(comm, equations.frames.pull(found.w - centre))
     idle = found.active & (found.multiplier < 0.0) & (found.multiplier >= -most)
-    return replace(found, wrong=found.wrong & ~idle)
+    return replace(found, wrong=found.wrong & ~idle), most
 
 
 def _follow(
