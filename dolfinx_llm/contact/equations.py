@@ -40,7 +40,8 @@ class Equations:
         proximal: what holds frame nodes that nothing touches, of the surfaces' stiffness.
 
     Attributes:
-        states, frames: per interface its ``InterfaceState``; rows of the frames.
+        operators, states, frames: as given; per interface its ``InterfaceState``; rows of the
+            frames.
         L: (n, m) motion of frames and slips as the rows see it.
         L_t: (n_v, n) what forces of the rows are to the frames.
         compliance: (n,) by how much rows give way, as springs do [length / force].
@@ -74,7 +75,7 @@ class Equations:
         self.L = hstack([L, L_kappa], format="csr") if L_kappa.shape[1] else L
         self.m = self.L.shape[1]
         self.frames = FrameRows(self.states, self.L_t, self.m, proximal, self.scale)
-        self._operators, self.loads = operators, np.zeros(self.n_v)
+        self.operators, self.loads = operators, np.zeros(self.n_v)
         self.start, self.about = np.zeros(self.n), np.zeros(self.n)
         self.idle = self.least = 0.0
         self._rigid = np.zeros(self.m)  # 1: translations of obstacles, the others nodal motions
@@ -100,12 +101,12 @@ class Equations:
 
     def frame_loads(self) -> Array:
         """(n_v,) loads on the frame unknowns that are prescribed now [force], or an error."""
-        return self._operators.frame_loads()
+        return self.operators.frame_loads()
 
     def middle(self, position: Array, w: Array) -> Array:
         """(m,) frame that fits the positions of all rows best; obstacles stay as in w (m,). Ties
         alone do not ask for it."""
-        if not self.m or self._operators.tied:
+        if not self.m or self.operators.tied:
             return np.zeros(self.m)
         own = self._rigid * w
         fitted = self._fit.solve(self.L.T @ (position - self.L @ own))
@@ -127,7 +128,7 @@ class Equations:
             held: where springs hold free bodies, and their stiffness.
             calmed: as of ``law_rows``.
         """
-        if self._operators.tied:
+        if self.operators.tied:
             return replace(self._ties, g=g, rhs=self.loads)
         active = self.closed_rows()
         kept = np.where(active, self.about, 0.0)
@@ -144,7 +145,7 @@ class Equations:
                 D.append(own + C_jump @ parts.relative)
                 before = C_jump @ (s.others.relative @ s.own.kappa_before.ravel())
                 rhs.append(own @ centre + rows.rhs.ravel() + before)
-        (anchor, spring), floating = held, self._operators.floating
+        (anchor, spring), floating = held, self.operators.floating
         return LinearStep(
             active, self.may_open(), self.L, g + self.soft * compliance * kept, compliance,
             below(E), below(D), np.concatenate(rhs),
@@ -200,7 +201,7 @@ class Equations:
         """Largest entry of L_bᵀ λ less its loads [force]; of nodes that follow others in the sum
         with theirs."""
         forces = self.L_t @ multiplier
-        if not self._operators.tied:
+        if not self.operators.tied:
             forces = self.frames.rows().gather @ forces
         return float(np.abs(forces - self.loads).max(initial=0.0))
 

@@ -96,7 +96,6 @@ class InterfaceState:
         others, touched: who speaks for whom; counts the changes of what is in contact.
         held: (n,) pairs that may pull, too.
         shares: nodes at the rim of contact slip as others do; in a plane alone, see ``carrier``.
-        carried: a side carries the frame.
         second, keeps: of second order, whose pairs that do not come to rest may keep their ties;
             whether they do, see ``flickering``.
         asked: whether ties have been chosen in this load step, see ``ties``.
@@ -109,7 +108,6 @@ class InterfaceState:
         self.nodes, law = nodes, nodes.law
         rubs = law.shares and law.opens and law.slips and not law.gives
         self.shares = rubs and nodes.geometry.law_side is None
-        self.carried = nodes.geometry.site.carrier is not None
         second = any(p.control is not None for p in nodes.geometry.pairs)
         self.second = self.shares and second
         self.glides, self.touched, self._touching = False, 0, np.empty(0)  # all follow the frame

@@ -1,49 +1,97 @@
-"""Contact without friction, which comes first where sticking pairs do not tell which touch."""
+"""Contact without friction, which is sought where sticking pairs do not tell which touch."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.contact.equations import Equations
-from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.contact.flickering import keep
+from dolfinx_llm.contact.iterate import Iterate
+from dolfinx_llm.contact.reached import take_back, untied
+from dolfinx_llm.contact.ties import ask_again, choose, unsettled
+
+MANY = 0.2  # of the pairs: where more change at first, contact without friction tells which touch
+FLOATS = 1e-6  # of the forces, that springs carry where contact without friction holds no body
 
 
-def look(states: Sequence[InterfaceState]) -> int:
-    """Iteration of the first load step after which too many pairs still change to tell which touch;
-    slips of single nodes, as where a side carries the frame, mostly do in three.
-
-    Args:
-        states: of all interfaces.
-    """
-    return 3 if any(s.carried for s in states) else 1
-
-
-def glide(equations: Equations, glides: bool) -> bool:
-    """Leave out friction where nodes share, or a side carries the frame, or take it up again;
-    whether any is left out. Then no pair follows the frame tangentially but those that carry it.
+class WithoutFriction:
+    """One iteration of a load step in which no pair follows the frame tangentially, but those that
+    carry it, where nodes share friction or a side carries the frame.
 
     Args:
-        equations: of the laws.
-        glides: friction is left out.
+        equations: of the laws, at the start of the load step.
+        known: there has been one before.
+
+    Attributes:
+        now: the next iteration is one, or this one until it has been told.
+        vital: friction alone holds bodies: contact without it tells nothing.
     """
-    for s in equations.states:
-        s.glides = glides and (s.shares or s.carried)
-        s.touch(s.own.active)
-    return any(s.glides for s in equations.states)
 
+    def __init__(self, equations: Equations, known: bool) -> None:
+        self._equations, self._states = equations, equations.states
+        self._carried = [s.nodes.geometry.site.carrier is not None for s in self._states]
+        self.now, self.vital = self._leave_out(False), False
+        self._rest = untied(self._states)
+        # Slips of single nodes, as where a side carries the frame, mostly tell in three.
+        self._looks = 3 if any(self._carried) else 1
+        self._many = np.inf if known else MANY * sum(len(s.nodes.rows) for s in self._states)
+        self._stuck: Any = None
 
-def slips(equations: Equations, position: Array, w: Array) -> Array:
-    """(m,) w with slips of the bodies where pairs glide.
+    def sought(self, iterate: Iterate, number: int, lost: bool) -> bool:
+        """Whether the next iteration is one.
 
-    Args:
-        equations: of the laws.
-        position: (n,) of all rows [length].
-        w: (m,) frame and slip unknowns [length].
-    """
-    gliding = [s.nodes.kappa.ravel() for s in equations.states if s.glides]
-    at, found = np.concatenate(gliding), w.copy()
-    found[at] = equations.middle(position, w)[at]
-    return found
+        Args:
+            iterate: what the last has found.
+            number: of that in the load step.
+            lost: slips have taken a frame away.
+        """
+        asked = not self.vital and unsettled(self._states)
+        asked |= lost or (number == self._looks and iterate.changes > self._many)
+        if not (asked and self._leave_out(True)):
+            return False
+        self.now, middle = True, self._equations.middle(iterate.position, iterate.w)
+        self._stuck = untied(self._states), (iterate.multiplier, iterate.w), middle
+        take_back(self._states, self._rest)
+        return True
+
+    def slips(self, position: Array, multiplier: Array, w: Array) -> Array:
+        """(m,) w with slips of the bodies where pairs glide; from here on they have friction again,
+        and ties where these were asked for.
+
+        Args:
+            position: (n,) of all rows [length].
+            multiplier: λ (n,) [force].
+            w: (m,) frame and slip unknowns [length].
+        """
+        gliding = [s.nodes.kappa.ravel() for s in self._states if s.glides]
+        at, found = np.concatenate(gliding), w.copy()
+        found[at] = self._equations.middle(position, w)[at]
+        choose(self._states, multiplier)
+        self._leave_out(False)
+        return found
+
+    def told_nothing(self, share: float) -> tuple[Any, Array] | None:
+        """λ and w of the last iterate with friction and the frame's centre (m,) then, to go on from
+        where it turns out that friction alone holds bodies; else None.
+
+        Args:
+            share: of the forces, that springs carry that hold free bodies.
+        """
+        if not (self.now and share > FLOATS):
+            return None
+        self.now, self.vital = False, True
+        states, about, centre = self._stuck
+        take_back(self._states, states)
+        keep(self._states)
+        ask_again(self._states)
+        return about, centre
+
+    def _leave_out(self, glides: bool) -> bool:
+        """Leave out friction, or take it up again; whether any is left out."""
+        for s, carried in zip(self._states, self._carried, strict=True):
+            s.glides = glides and (s.shares or carried)
+            s.touch(s.own.active)
+        return any(s.glides for s in self._states)

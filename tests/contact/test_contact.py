@@ -19,7 +19,7 @@ from sampling import longer, some_of
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.contact import iteration, load_steps, state
+from dolfinx_llm.contact import load_steps, search, state
 
 COMM = MPI.COMM_SELF
 LAWS = [llm.Frictionless(), llm.Coulomb(0.0), llm.Coulomb(0.3), llm.Coulomb(1e8)]
@@ -278,7 +278,7 @@ def test_lost_friction_is_an_error(monkeypatch):
     matter of rounding."""
     monkeypatch.setattr(load_steps, "SMALLEST", 1.0)
     monkeypatch.setattr(state, "BY_TURNS", 0)
-    monkeypatch.setattr(iteration, "ask", lambda *_: False)
+    monkeypatch.setattr(search, "ask", lambda *_: False)
     scene, motions = random_pressed(COMM, 300)
     with pytest.raises(llm.ContactError, match="without friction, and carry 100.0%.*allowed 1%"):
         scene.move(motions[0])

@@ -1,0 +1,222 @@
+"""One load step of contact laws: the search for a state that meets all conditions.
+
+Each iteration finds the pairs in contact exactly, for laws linearised about the last iterate
+(``equations``). The frame is held about the mid-surface between the bodies while contact changes,
+then about its own last value, where the proximal term carries no force. What has come to rest, and
+is not as it should be, is let go (``flickering``, ``ties``), and the search goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.log import tell_iteration
+from dolfinx_llm.base.parallel import told
+from dolfinx_llm.contact.circles import Circles, failure
+from dolfinx_llm.contact.equations import Equations, spread, unfelt
+from dolfinx_llm.contact.flickering import lets_go, require_friction
+from dolfinx_llm.contact.gross_slip import slide
+from dolfinx_llm.contact.iterate import Iterate, entry, take_over, without_pull
+from dolfinx_llm.contact.parted import Parted
+from dolfinx_llm.contact.reached import Reached
+from dolfinx_llm.contact.soft_rows import CALM, CONSTANT, GivingWay
+from dolfinx_llm.contact.ties import ask, tie_more
+from dolfinx_llm.contact.without_friction import WithoutFriction
+from dolfinx_llm.forms.floating import Pull
+from dolfinx_llm.forms.step import GRAZING, LinearStep, StepForm, StepResult
+from dolfinx_llm.forms.verdict import FinalError
+
+LED = 10  # iterations in which what springs alone press together sticks
+LAST_PULL = 1e-13  # of the forces, that the proximal term may carry, however loose solves are
+ENOUGH = 1e-10  # residual that may be left where it has stopped falling
+PATIENT, LONG_ENOUGH = 20, 1e-9  # iterations of rest, after which this may be left, as about frame
+# nodes far from contact, which forces of corrected rows reach a millionth of
+MAXIMUM = 100  # iterations, and as many again once ties have been chosen
+FALLING = 4  # of them in which the motion of what nothing holds is looked for
+RUNS = 5  # iterations in which contact does not balance the force on an obstacle: it never will
+FASTEST = 20  # doublings of how fast a frame node goes to where it touches
+
+
+class Search:
+    """From the state at the end of one load step to that of the next.
+
+    Args:
+        equations, form: of the laws; solves linear steps.
+        start: where the last load step ended.
+        f, g: this rank's load and the gaps.
+        pressed: largest force on an obstacle at the start of the load step [force].
+        history: of the load step, which grows.
+        bar: progress line, if there is one.
+
+    Attributes:
+        step: the last linear step, with what is in contact.
+    """
+
+    step: LinearStep
+
+    def __init__(
+        self,
+        equations: Equations,
+        form: StepForm,
+        start: Reached,
+        f: Array,
+        g: Array,
+        pressed: float,
+        history: list[dict[str, Any]],
+        bar: tqdm | None,
+    ) -> None:
+        self._equations, self._form, self._f, self._g = equations, form, f, g
+        self._operators, self._states = equations.operators, equations.states
+        self._scale, self._comm = self._operators.scale, self._operators.floating.comm
+        self._pressed = max(pressed, np.abs(equations.loads).max(initial=0.0))
+        self._history, self._began, self._bar = history, len(history), bar
+        self._known = start.w is not None  # there has been a load step
+        w = start.w if self._known else np.zeros(equations.m)
+        multiplier = start.multiplier if self._known else np.zeros(equations.n)
+        self._about = multiplier, w  # of which laws are linearised
+        self._centre = w if self._known else equations.middle(g, w)  # where frames are held
+        self._frame = w  # and slips, of the last iteration
+        equations.idle, equations.least = 0.0, unfelt(equations, w)
+        equations.start = multiplier
+        floating = self._operators.floating
+        self._spring = floating.spring(self._scale)
+        alpha = start.alpha if self._known else np.zeros(floating.count)
+        self._pull = Pull(floating, self._spring, f, start.rounding, alpha)
+        self._corrections = min(floating.count, 1)  # what springs hold is corrected once at least
+        self._giving, self._circles = GivingWay(equations), Circles(history)
+        self._parted = Parted(equations, self._comm)
+        self._number, self._last, self._runs = 0, MAXIMUM, 0  # of iterations
+        self._calm, self._before = 0, np.inf  # iterations without change; residual of the last
+        self._calmed = False  # has come to rest once
+        for s in self._states:
+            s.begin()
+        self._without_friction = WithoutFriction(equations, self._known)
+
+    def find(self, falls: Callable[[], Any]) -> StepResult:
+        """The state that meets all conditions; soon, or else given up, where no forces balance the
+        loads, which ``falls`` tells.
+
+        Raises:
+            ContactError: no convergence.
+        """
+        while self._number < self._last and (self._number < FALLING or not falls()):
+            self._number += 1
+            now = self._iterate()
+            if self._operators.tied:  # one linear step is all
+                return now.result
+            lost = self._parted.lost(now.multiplier, now.position)
+            if self._without_friction.sought(now, self._number, lost):
+                continue
+            self._watch(now)
+            if back := self._without_friction.told_nothing(self._pull.share):
+                self._about, self._centre = back
+                continue
+            rests = self._rests(now)
+            released = self._releases(now, rests)
+            if rests and not released:
+                require_friction(self._states, now.borne)
+                self._parted.require_contact(now.multiplier, now.position)
+                return now.result
+            self._go_on(now, released)
+        raise ContactError(failure(self._history[self._began :]))
+
+    @property
+    def _first(self) -> bool:
+        """Whether nothing is known but where the bodies are."""
+        return not self._known and self._number == 1
+
+    def _iterate(self) -> Iterate:
+        """Solve a linear step, and take over what is in contact, sticks and slips then."""
+        equations, glides = self._equations, self._without_friction.now
+        equations.lags = self._circles.lag(self._calm <= CALM)
+        settled = self._calm > 0 and self._before <= CONSTANT
+        equations.about = self._giving.about(settled, self._number)
+        held = self._pull.anchor, self._spring
+        step = equations.step(self._about, self._g, self._centre, held, self._calmed)
+        if glides or self._first:
+            step = equations.all_stick(step)
+        solved = self._form.solve(self._f, step)
+        found, drawn = without_pull(solved, equations, self._centre, self._comm)
+        multiplier, w, position = found.multiplier, found.w, found.y + self._g
+        self.step = replace(step, active=found.active)
+        largest = max(step.level(multiplier, found.y, self._scale), GRAZING * self._pressed)
+        slid = slide(equations, found, position, self._known * self._number)
+        if glides:
+            slid = self._without_friction.slips(position, multiplier, w)
+        changes = sum(take_over(s, equations, found, self._calmed) for s in self._states)
+        missed = equations.miss(multiplier, w)
+        judged = told(self._comm, (changes, missed / largest, drawn / largest))
+        self._runs = self._runs + 1 if (lost := equations.runaway(multiplier)) else 0
+        if self._runs > RUNS:
+            raise FinalError(lost)
+        now = Iterate(found, position, slid, largest, *judged)
+        self._history.append(entry(self._number, self._states, now))
+        tell_iteration(self._history[-1], self._bar)
+        return now
+
+    def _watch(self, now: Iterate) -> None:
+        """See whether contact stays, and what springs that hold free bodies carry."""
+        # That all stick or glide at first is a state that changes.
+        supposed = self._first and now.miss > self._form.accuracy
+        supposed |= self._without_friction.now
+        self._calm = 0 if now.changes or supposed else self._calm + 1
+        self._pull.watch(now.result.floating, now.multiplier, self._calm, self._form.noise)
+        self._equations.idle = self._pull.most if self._number < LED else 0.0
+
+    def _stalls(self, now: Iterate) -> bool:
+        """Whether contact stays, and what is left does not fall."""
+        return self._calm > CALM and now.miss > 0.5 * self._before
+
+    def _rests(self, now: Iterate) -> bool:
+        """Whether contact stays, and hardly anything is left."""
+        left = ENOUGH if self._calm <= PATIENT else LONG_ENOUGH
+        enough = max(left, spread(self._equations, self._form.noise) / now.largest)
+        settled = now.miss <= self._form.accuracy and now.drawn <= LAST_PULL
+        settled |= self._stalls(now) and now.miss <= enough
+        settled &= self._giving.rest(now.multiplier, now.largest, self._calm)
+        return settled and self._calm > self._corrections and self._pull.rests
+
+    def _releases(self, now: Iterate, rests: bool) -> bool:
+        """Whether something is let go, or tied, that rests, or nearly so, and is not as it should
+        be."""
+        equations, felt = self._equations, ENOUGH * now.largest
+        released = (rests or self._calm > 1) and equations.release(now.multiplier, felt)
+        released |= tie_more(self._states, now.borne, now.miss)
+        if not rests or released:
+            return released
+        gaps = self._scale * (equations.L @ now.w - now.position)
+        if lets_go(self._states, now.borne, gaps, felt):
+            return True
+        asked = ask(self._states, now.borne, self._without_friction.vital)
+        self._last = self._number + MAXIMUM if asked else self._last
+        return asked
+
+    def _go_on(self, now: Iterate, released: bool) -> None:
+        """About what the laws are linearised next, and where frames are held."""
+        equations, w, stalled = self._equations, now.w, self._stalls(now)
+        # Friction is linearised about the last iterate, or halfway where that did not help.
+        ahead, (force, slid) = (now.multiplier, now.slid), self._about
+        if self._number > 1 and now.changes and now.miss > 0.9 * self._before:
+            ahead = 0.5 * (force + ahead[0]), 0.5 * (slid + ahead[1])
+        self._about, self._without_friction.now = ahead, False
+        self._calm, self._before = (0, np.inf) if released else (self._calm, now.miss)
+        # From then on the frame goes on from where it is, and what no force holds stays.
+        self._calmed = self._calmed or self._calm > 0
+        centre = w if self._calmed else equations.middle(now.position, w)
+        # A frame node under a tiny force goes to where it touches, ever faster: a pin in a 3D
+        # lug takes 22 iterations by the whole system, and 83 without.
+        if stalled:
+            farther = 2.0 ** min(self._calm, FASTEST) - 1.0
+            centre = w + farther * np.where(equations.drifts, w - self._frame, 0.0)
+        changing = self._number if now.changes else 0
+        self._centre = self._parted.frame(centre, now.multiplier, now.position, changing)
+        self._frame = w
+        if self._calm:
+            self._form.correct(now.result)
