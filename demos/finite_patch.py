@@ -43,6 +43,14 @@ def energy(u, mu, lam):
     return mu / 2 * (ufl.inner(F, F) - len(u)) - mu * ufl.ln(J) + lam / 2 * ufl.ln(J) ** 2
 
 
+def residual(u, mu, lam, order=1):
+    """Form of the body, of elements of an order. Moduli are Constants and points few: other values
+    take the same kernels, which are compiled once."""
+    moduli = (fem.Constant(u.function_space.mesh, float(m)) for m in (mu, lam))
+    density = energy(u, *moduli) * ufl.dx(degree=3 if order == 1 else 4)
+    return ufl.derivative(density, u, ufl.TestFunction(u.function_space))
+
+
 def stretches(q, young=E, poisson=NU):
     """Stretches along x and y under a pressure q along y: sigma_xx = 0, sigma_yy = -q.
 
@@ -85,10 +93,8 @@ def problem(
     low_tags, high_tags = scene[0][1], scene[-1][1]
     bcs = supports([spaces[0], spaces[-1]], more.get("boxes", BOXES[dim]))
     materials = [np.broadcast_to(value, len(spaces)).tolist() for value in (young, poisson)]
-    for V, u, *material in zip(spaces, functions, *materials, strict=True):
-        mu, lam = (fem.Constant(V.mesh, value) for value in lame(*material))
-        density = energy(u, mu, lam) * ufl.dx(degree=4)
-        forms.append(ufl.derivative(density, u, ufl.TestFunction(V)))
+    for u, *material in zip(functions, *materials, strict=True):
+        forms.append(residual(u, *lame(*material), degree))
     p = fem.Constant(spaces[0].mesh, float(pressure))
     loads = [
         llm.FreeSurfacePressure(high_tags, PUNCH_TOP, p),

@@ -11,6 +11,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -149,8 +150,9 @@ def pytest_collection_modifyitems(config, items):
         if ranks:
             item.add_marker(pytest.mark.mpi)
         item.add_marker(pytest.mark.xdist_group("mpi" if ranks else item.path.name))
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        items.sort(key=lambda item: item.get_closest_marker("mpi") is None)
+    if "PYTEST_XDIST_WORKER" in os.environ:  # large files first, so that workers end together
+        tests = Counter(item.path for item in items)
+        items.sort(key=lambda i: (i.get_closest_marker("mpi") is None, -tests[i.path]))
 
 
 # Tests share the first one's lock; those on ranks of their own want it alone. Who waits for it

@@ -44,12 +44,11 @@ def moved_mass(V: Any, rho: Any, surfaces: Sequence[tuple[Any, int]]) -> fem.Fun
     n, own = V.mesh.topology.index_map(V.mesh.topology.dim).size_local, compat.cell_dofs(Q)[:, 0]
     bare = _at(V, surfaces)[cells[:n]].any(axis=1)
     label, count = body_labels(V)
-    label, x = label[cells[:n, 0]], _centres(V, cells[:n])
-    mass = _integrals(V.mesh, rho, [1.0])[:, 0]
-    check_mass(V.mesh.comm, mass)
-    share = np.where(bare, 0.0, 1.0 + _received(V, cells[:n], bare, mass))
-    terms, values = _polynomials(V.mesh, own, x, mass, label, count)
+    label = label[cells[:n, 0]]
+    terms, values = _polynomials(V, own, cells[:n], label, count)
     moments = _integrals(V.mesh, rho, terms)
+    check_mass(V.mesh.comm, mass := moments[:, 0])
+    share = np.where(bare, 0.0, 1.0 + _received(V, cells[:n], bare, mass))
     share, fits = _corrected(V.mesh, values, moments, share, label, count)
     check(
         V.mesh.comm,
@@ -98,12 +97,6 @@ def _received(V: Any, cells: Array, bare: Array, mass: Array) -> Array:
     return (given / np.where(around > 0.0, around, 1.0))[cells].sum(axis=1)
 
 
-def _centres(V: Any, cells: Array) -> Array:
-    """(n, gdim) middle of each cell's nodes."""
-    x = V.tabulate_dof_coordinates()[:, : V.mesh.geometry.dim]
-    return x[cells].mean(axis=1)
-
-
 def _integrals(mesh: Any, rho: Any, terms: Sequence[Any]) -> Array:
     """(n, terms) integrals of rho times scalars over this rank's cells."""
     Q = compat.function_space(mesh, "DG", 0, (len(terms),))
@@ -114,15 +107,17 @@ def _integrals(mesh: Any, rho: Any, terms: Sequence[Any]) -> Array:
 
 
 def _polynomials(
-    mesh: Any, own: Array, x: Array, mass: Array, label: Array, count: int
+    V: Any, own: Array, cells: Array, label: Array, count: int
 ) -> tuple[list[Any], Array]:
-    """Monomials up to degree 2 about the centre of each cell's body, as UFL and (n, terms) in the
-    middle of the cells."""
-    comm, gdim = mesh.comm, mesh.geometry.dim
-    total = _by_body(comm, mass[:, None], label, count)
-    centre = _by_body(comm, mass[:, None] * x, label, count) / total
-    far = np.sum((x - centre[label]) ** 2, axis=1)
-    size = np.sqrt(_by_body(comm, (mass * far)[:, None], label, count) / total)
+    """Monomials up to degree 2 about the middle of each cell's body, as UFL and (n, terms) in the
+    middle of the cells; 1 is the first."""
+    mesh, comm, gdim = V.mesh, V.mesh.comm, V.mesh.geometry.dim
+    nodes = V.tabulate_dof_coordinates()[:, :gdim][cells]
+    x, volume = nodes.mean(axis=1), np.ptp(nodes, axis=1).prod(axis=1)[:, None]  # of their boxes
+    total = _by_body(comm, volume, label, count)
+    centre = _by_body(comm, volume * x, label, count) / total
+    far = np.sum((x - centre[label]) ** 2, axis=1)[:, None]
+    size = np.sqrt(_by_body(comm, volume * far, label, count) / total)
     about = fem.Function(compat.function_space(mesh, "DG", 0, (gdim,)))
     scale = fem.Function(compat.function_space(mesh, "DG", 0))
     about.x.array.reshape(-1, gdim)[own[: len(x)]] = centre[label]

@@ -1,13 +1,15 @@
 """Every pair of laws as two interfaces of one problem, pressed, dragged, lifted and pressed again;
 every law in 2D and 3D, in every form, on one rank and on two."""
 
+import itertools
+
 import law_pairs
 import numpy as np
 import pytest
 from conftest import run_mpi_json
 from law_scenes import Lifted
 from mpi4py import MPI
-from sampling import drawn, longer
+from sampling import covering, longer, some_of
 
 from dolfinx_llm.forms import choice
 
@@ -37,7 +39,14 @@ def scene(gdim, name, form, monkeypatch):
 NAMES = ["smooth", "rough", "rigid smooth", "rigid rough", "rigid zero"]
 
 
-@pytest.mark.parametrize(("name", "gdim", "form"), drawn(NAMES, (2, 3), FORMS, every=2))
+# In 3D the one takes as long as all others.
+KEPT = covering(NAMES, (2, 3), FORMS)[::2]
+KEPT[KEPT.index(("smooth", 3, "condensed"))] = ("smooth", 2, "condensed")
+
+
+@pytest.mark.parametrize(
+    ("name", "gdim", "form"), some_of(itertools.product(NAMES, (2, 3), FORMS), KEPT)
+)
 def test_press_lift_and_press_again(name, gdim, form, monkeypatch):
     """A body that is not yet there, or is lifted off, is free of stress; pressed again it is where
     it was: straight down there is no other way to slip."""

@@ -162,8 +162,8 @@ def test_friction_alone_holds():
 
 
 @pytest.mark.parametrize(("dim", "h", "clearance", "mu"), [
-    (2, 4.0, 0.0, 0.0), (2, 2.0, 0.02, 0.0), (2, 2.0, 0.02, 0.5), longer(3, 4.0, 0.02, 0.0),
-    longer(3, 4.0, 0.02, 0.2),
+    (2, 4.0, 0.0, 0.0), longer(2, 2.0, 0.02, 0.0), (2, 2.0, 0.02, 0.5),
+    longer(3, 4.0, 0.02, 0.0), longer(3, 4.0, 0.02, 0.2),
 ])  # fmt: skip
 def test_of_second_order(dim, h, clearance, mu):
     """Contact ends on the way around: no control value of forces pulls, none of gaps is negative,

@@ -53,7 +53,7 @@ def test_balls_in_their_half_sections(elements, bound, tmp_path):
     "scene, elements, bound",
     [
         ("cylinders", (16, 23), 0.01),
-        ("cylinders", (48, 16), 0.01),
+        longer("cylinders", (48, 16), 0.01),
         longer("cylinders", (32, 47), 0.005),
         ("plane", (16, 16), 0.01),
         longer("plane", (32, 32), 0.005),

@@ -8,6 +8,7 @@ import ufl
 from dolfinx import fem
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
+from sampling import drawn, longer
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
@@ -81,9 +82,9 @@ def check(result, height, swapped, share):
         assert np.linalg.norm(side.force, axis=1).max() < 1.1 * side.normal_force.max()
 
 
-@pytest.mark.parametrize("swapped", [False, True])
-@pytest.mark.parametrize("off", [0.0, 3e-4, -3e-4])
-@pytest.mark.parametrize("kind", [HEX, TET])
+@pytest.mark.parametrize(
+    ("kind", "off", "swapped"), drawn((HEX, TET), (0.0, 3e-4, -3e-4), (False, True))
+)
 def test_tied(kind, off, swapped):
     """Ends that are drawn apart, and held there, are not closed."""
     result, _ = fit(llm.Tied(close_gap=True), kind, off=off, swapped=swapped)
@@ -100,8 +101,10 @@ def test_tied_slice():
     check(result, 0.05, False, 0.05)
 
 
-@pytest.mark.parametrize("solver", ["saddle", "condensed"])
-@pytest.mark.parametrize("kind", [HEX, TET])
+@pytest.mark.parametrize(
+    ("kind", "solver"),
+    [(HEX, "saddle"), longer(HEX, "condensed"), longer(TET, "saddle"), (TET, "condensed")],
+)
 def test_friction_beside_a_plane(kind, solver):
     """Friction at nodes that a frictionless plane has, too, in as many iterations as elsewhere."""
     result, iterations = fit(llm.Coulomb(0.2), kind, slides=True, solver=solver)

@@ -52,10 +52,7 @@ def bodies_of(domain, young=1000.0, poisson=0.4, degree=1):
     """Displacement and residual form."""
     V = compat.function_space(domain, degree=degree, shape=(2,))
     u = fem.Function(V)
-    mu, lam = (fem.Constant(domain, c) for c in finite_patch.lame(young, poisson))
-    measure = ufl.dx if degree == 1 else ufl.dx(degree=4)
-    F = ufl.derivative(finite_patch.energy(u, mu, lam) * measure, u, ufl.TestFunction(V))
-    return V, u, F
+    return V, u, finite_patch.residual(u, *finite_patch.lame(young, poisson), degree)
 
 
 def pressed(cells, law=None, order=(LOW, HIGH), material=(1000.0, 0.4, 300.0), degree=1, **scene):
@@ -85,7 +82,7 @@ def pressed(cells, law=None, order=(LOW, HIGH), material=(1000.0, 0.4, 300.0), d
         {"cells": (6, 7), "law": llm.Tied(), "material": (2000.0, 0.3, 300.0)},
         {"cells": (7, 5), "law": llm.Coulomb(0.3), "order": (HIGH, LOW)},
         longer({"cells": (5, 3), "widths": (1.0, 0.61), "kind": "triangle", "degree": 2}),
-        {"cells": (4, 9), "law": llm.Tied(), "degree": 2},
+        longer({"cells": (4, 9), "law": llm.Tied(), "degree": 2}),
         {"cells": (4, 3), "law": llm.Coulomb(0.3), "widths": (1.0, 0.73), "degree": 2},
     ],
     ids=str,
@@ -248,7 +245,7 @@ def turned(law, angle, order=(LOW, HIGH), shift=0.05):
 
 @pytest.mark.parametrize(
     ("law", "degrees"),
-    [(llm.Frictionless(), 180.0), (llm.Tied(), 90.0), (llm.Coulomb(0.2), 30.0)],
+    [longer(llm.Frictionless(), 180.0), (llm.Tied(), 90.0), (llm.Coulomb(0.2), 30.0)],
     ids=str,
 )
 def test_objective(law, degrees):

@@ -215,7 +215,7 @@ def incompressible(cells, law, q, kind="triangle", compliance=0.0, **scene):
     "scene",
     [
         longer({"cells": (5, 3), "law": llm.Frictionless(), "widths": (1.0, 0.61)}),
-        {"cells": (4, 6), "law": llm.Tied(), "kind": "quadrilateral"},
+        longer({"cells": (4, 6), "law": llm.Tied(), "kind": "quadrilateral"}),
         {"cells": (3, 4), "law": llm.Coulomb(0.3), "compliance": 1e-4},
     ],
     ids=str,

@@ -4,6 +4,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from sampling import drawn
 from slider import Slider
 
 import dolfinx_llm as llm
@@ -23,9 +24,12 @@ def arrays(one):
     return found
 
 
-@pytest.mark.parametrize("rigid", [False, True])
-@pytest.mark.parametrize("finite", [False, True])
-@pytest.mark.parametrize("law", [llm.Coulomb(0.3), llm.Frictionless(), llm.Tied()])
+LAWS = llm.Coulomb(0.3), llm.Frictionless(), llm.Tied()
+
+
+@pytest.mark.parametrize(
+    ("law", "finite", "rigid"), drawn(LAWS, (False, True), (False, True)), ids=str
+)
 def test_results_that_are_written_to(law, finite, rigid):
     told = []
     for spoil in (False, True):

@@ -102,7 +102,7 @@ def test_conditions_at_finite_deformation(seed):
 SECOND_FINITE = [2001, 2003, 2005, 2008, 2010, 2019, 2024, 2029, 2038, 2052, 2087, 2099]
 
 
-@pytest.mark.parametrize("seed", some_of(SECOND_FINITE, [2038, 2087]))
+@pytest.mark.parametrize("seed", some_of(SECOND_FINITE, [2038]))
 def test_conditions_of_second_order_at_finite_deformation(seed):
     _, found = random_finite.check(random_finite.draw(seed, second=True))
     assert violations(found) == [{}] * len(found)
@@ -189,7 +189,7 @@ DRAWN = some_of(CASES, set(CASES[::5]) | {(1041, "mirrored")})
 # Friction on coarse curved frames in space, whose rows knew axes, or rounding where nodes lie in
 # one plane.
 CURVED = [(10264, "turned"), (10616, "turned"), (10264, "mirrored"), (10264, "swapped")]
-DRAWN += some_of(CURVED, CURVED[:2])
+DRAWN += some_of(CURVED, CURVED[:1])
 MIXED = [(seed, "mixed") for seed in SEEDS[1::5]]
 DRAWN += some_of(MIXED, MIXED[:1])
 DRAWN += some_of(LEFT_OPEN, LEFT_OPEN[:1] + LEFT_OPEN[-1:])

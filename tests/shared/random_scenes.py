@@ -630,11 +630,12 @@ def _forms(V, domain, scene, group, posed, tags, given):
     a = sum(others, ufl.inner(stress, ufl.grad(w)) * ufl.dx + k * ufl.inner(u, w) * ufl.dx)
     load = fem.Constant(domain, np.zeros(scene.gdim))
     last = len(scene.bodies) - 1
-    ds = ufl.Measure("ds", domain=domain, subdomain_data=tags)
-    # The number of the tag is compiled in: the same for all scenes.
     if scene.load == "force" and last in group:
         posed.force = load
-        L = ufl.inner(load, w) * ds(4 * last + TOP + 1)
+        top = tags.find(4 * last + TOP + 1)
+        # The number of the tag is compiled in: 1 in all scenes.
+        ones = mesh.meshtags(domain, tags.dim, top, np.ones(len(top), dtype=np.int32))
+        L = ufl.inner(load, w) * ufl.Measure("ds", domain=domain, subdomain_data=ones)(1)
     else:
         L = ufl.inner(load, w) * ufl.dx
     return a, L
