@@ -129,12 +129,20 @@ class SlidesOnFrame(Slides):
         outside = (abs(C) @ ~near == 0.0) & ~place.pairs
         gap = np.where(outside, C @ at.gap, place.gap)
         gap[gap < np.where(outside, CONTINUED, MET_AT) * self.design.size] = 0.0
-        points = place.N + diagonal(outside) @ C @ rows
+        points = self.here(place) + diagonal(outside) @ C @ rows
         return Origin(points.tocsr(), gap, closed)
 
     def here(self, place: Any) -> csr_matrix:
-        """(n, m) rows now."""
-        return place.N
+        """(n, m) rows now, of points straight below the pairs. At second order those of control
+        values do not lie there where normals turn: each node of which a pair is made is off its own
+        row's place along its own normal."""
+        if self.design.element.order == 1:
+            found: csr_matrix = place.N
+            return found
+        x, y = self.sides.split(place.z)
+        beside = self.sides.control[0] @ x - place.N @ y
+        beside = np.where(place.pairs[:, None], in_plane(place.normal, beside), 0.0)
+        return (place.N + self.written(place, beside)).tocsr()
 
     def way(self, place: Any, origin: Origin) -> tuple[Array, csr_matrix]:
         x, y = self.sides.split(place.z)
