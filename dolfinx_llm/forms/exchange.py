@@ -105,13 +105,14 @@ class WholeSteps(StepForm):
         return replace(found, wrong=found.wrong | self._held_apart(step, found))
 
     def _held_apart(self, step: LinearStep, found: StepResult) -> Array:
-        """(n,) rows in contact that are open. Supports that hold both sides apart contradict each
-        other there: elimination leaves the frame between them, and no force tells."""
+        """(n,) rows at supports, in contact, that are open. Those of both sides that are held apart
+        contradict each other: elimination leaves the frame between them, and no force tells."""
         position = found.y + step.g
         least = UNBALANCED * step.level(found.multiplier, found.y, self.scale) / self.scale
         least = max(least, ROUNDED_GAP * np.abs(position).max(initial=0.0))
         gives = step.compliance * (np.abs(found.multiplier) + np.abs(step.about))
-        return found.active & step.may_open & (step.L @ found.w - position - gives > least)
+        held = found.active & step.may_open & self.operators.held
+        return held & (step.L @ found.w - position - gives > least)
 
     def _loads(self, step: LinearStep, pairs: Array, forces: Array) -> tuple[Array, Array, Array]:
         """What is added to f, g and rhs for pairs that are to change: those out of contact get
