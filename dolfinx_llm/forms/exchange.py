@@ -5,6 +5,7 @@ answer to every multiplier costs more than a few factorisations. They are asked 
 sign is wrong, and for those that get it wrong in turn.
 """
 
+from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol
 
@@ -14,8 +15,8 @@ from petsc4py import PETSc
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import chosen, gather_rows
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.forms.step import SIGN, LinearStep, StepForm, StepResult
-from dolfinx_llm.forms.verdict import EPS, SEVERAL, largest
+from dolfinx_llm.forms.step import ROUNDED_GAP, SIGN, LinearStep, StepForm, StepResult
+from dolfinx_llm.forms.verdict import EPS, SEVERAL, UNBALANCED, largest
 from dolfinx_llm.laws.complementarity import complementarity
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
@@ -101,7 +102,17 @@ class WholeSteps(StepForm):
         operators = self.operators
         terms = largest(operators.comm, ~operators.dofs.fixed * operators.diagonal * found.u)
         self.noise = SEVERAL * EPS * terms[0]
-        return found
+        return replace(found, wrong=found.wrong | self._held_apart(step, found))
+
+    def _held_apart(self, step: LinearStep, found: StepResult) -> Array:
+        """(n,) rows at supports, in contact, that are open. Those of both sides that are held apart
+        contradict each other: elimination leaves the frame between them, and no force tells."""
+        position = found.y + step.g
+        least = UNBALANCED * step.level(found.multiplier, found.y, self.scale) / self.scale
+        least = max(least, ROUNDED_GAP * np.abs(position).max(initial=0.0))
+        gives = step.compliance * (np.abs(found.multiplier) + np.abs(step.about))
+        held = found.active & step.may_open & self.operators.held
+        return held & (step.L @ found.w - position - gives > least)
 
     def _loads(self, step: LinearStep, pairs: Array, forces: Array) -> tuple[Array, Array, Array]:
         """What is added to f, g and rhs for pairs that are to change: those out of contact get

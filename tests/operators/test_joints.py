@@ -11,6 +11,7 @@ from mpi4py import MPI
 from sampling import longer
 
 import dolfinx_llm as llm
+from dolfinx_llm import compat
 from dolfinx_llm.forms.flexibility import Flexibility
 from dolfinx_llm.laws.rows import SLIP, STICK
 from dolfinx_llm.problem.classical import Elimination
@@ -176,6 +177,25 @@ def test_friction_under_weight_and_side_load(blocks, side, degree, kind):
                 assert own.min() >= -tiny
         assert np.abs(left[blocks[:, 0, 1] > 0.0]).max() <= tiny
         problem.destroy()
+    assert np.abs(found[0] - found[1]).max() <= 1e-9 * np.abs(found[0]).max()
+
+
+@pytest.mark.parametrize("gap", [0.693e-3, 1e-3])
+def test_supports_that_hold_both_sides_apart(gap):
+    """Blocks side by side on a base that is held, drawn apart: supports contradict contact there,
+    of which the condensed form, which leaves the frame between them, knew nothing: an error."""
+    blocks, found = walls.courses(1, 2), []
+    wall = walls.Wall(COMM, blocks, np.array([[6, 6], [4, 1]]))
+    a, L = wall.forms(weight=1.0)
+    nodes, x, bcs = compat.cell_dofs(wall.domain.geometry), wall.domain.geometry.x, wall.base()
+    x[np.unique(nodes[wall.body == 1]), 0] += gap
+    for solver in ("saddle", "condensed"):
+        interfaces = wall.interfaces(llm.Coulomb(1.0))
+        with llm.ContactProblem(a, L, bcs=bcs, interfaces=interfaces, solver=solver) as problem:
+            found.append(problem.solve().x.array.copy())
+            assert not joints.all_forces(problem).any()
+            for side in problem.results[0].sides:
+                assert not side.status.any() and side.gap.min() >= 0.9 * gap
     assert np.abs(found[0] - found[1]).max() <= 1e-9 * np.abs(found[0]).max()
 
 
