@@ -37,7 +37,6 @@ class Equations:
 
     Args:
         operators: of the interfaces.
-        proximal: what holds frame nodes that nothing touches, of the surfaces' stiffness.
 
     Attributes:
         operators, states, frames: as given; per interface its ``InterfaceState``; rows of the
@@ -60,7 +59,7 @@ class Equations:
             has been reached [force].
     """
 
-    def __init__(self, operators: ContactOperators, proximal: float) -> None:
+    def __init__(self, operators: ContactOperators) -> None:
         self.scale, self.lags = operators.scale, False
         self.states = [InterfaceState(nodes) for nodes in friction_nodes(operators)]
         places = [state.nodes for state in self.states]
@@ -74,7 +73,7 @@ class Equations:
         self.L_t, self.n_v = L.T.tocsr(), L.shape[1]
         self.L = hstack([L, L_kappa], format="csr") if L_kappa.shape[1] else L
         self.m = self.L.shape[1]
-        self.frames = FrameRows(self.states, self.L_t, self.m, proximal, self.scale)
+        self.frames = FrameRows(self.states, self.L_t, self.m, self.scale)
         self.operators, self.loads = operators, np.zeros(self.n_v)
         self.start, self.about = np.zeros(self.n), np.zeros(self.n)
         self.idle = self.least = 0.0

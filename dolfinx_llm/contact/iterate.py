@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.base.parallel import told
 from dolfinx_llm.contact.equations import Equations
 from dolfinx_llm.contact.flickering import count
 from dolfinx_llm.contact.state import InterfaceState
@@ -46,16 +44,6 @@ class Iterate:
         """(n,) λ but for what is rounding [force]."""
         force = self.multiplier
         return np.where(np.abs(force) > SIGN * self.largest, force, 0.0)
-
-
-def without_pull(
-    found: StepResult, equations: Equations, centre: Array, comm: MPI.Comm
-) -> tuple[StepResult, float]:
-    """What is found, without tension that is what holds frames far from their centre (m,), and the
-    largest force of that."""
-    most = told(comm, equations.frames.pull(found.w - centre))
-    idle = found.active & (found.multiplier < 0.0) & (found.multiplier >= -most)
-    return replace(found, wrong=found.wrong & ~idle), most
 
 
 def take_over(s: InterfaceState, equations: Equations, found: StepResult, calmed: bool) -> int:

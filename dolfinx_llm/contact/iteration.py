@@ -40,7 +40,7 @@ class ContactIteration:
 
     def __init__(self, operators: ContactOperators, form: StepForm, f: Array, g: Array) -> None:
         self.scale, self.form, self._rest = operators.scale, form, (f, g)
-        self.operators, self.equations = operators, Equations(operators, form.proximal)
+        self.operators, self.equations = operators, Equations(operators)
         self.states = self.equations.states
         self.bar: tqdm | None = None
         self.forget()

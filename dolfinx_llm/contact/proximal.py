@@ -99,7 +99,10 @@ class FrameRows:
         states: of the interfaces.
         L_t: (n_v, n) what forces of the rows are to the frames.
         m: number of unknowns w.
-        epsilon: of the proximal term, of the surfaces' stiffness ``scale`` [force / length].
+        scale: stiffness of the surfaces [force / length].
+
+    Attributes:
+        epsilon: of the proximal term, of that stiffness.
     """
 
     def __init__(
@@ -107,29 +110,28 @@ class FrameRows:
         states: Sequence[InterfaceState],
         L_t: csr_matrix,
         m: int,
-        epsilon: float,
         scale: float,
     ) -> None:
-        self._states, self._L_t, self._m = states, L_t, m
-        self._epsilon, self._scale = epsilon, scale
-        self._touched: list[int] = []  # changes of the states that the rows are of
+        self._states, self._L_t, self._m, self._scale = states, L_t, m, scale
+        self.epsilon = 0.0
+        self._of: list[float] = []  # it, and changes of the states, that the rows are of
         self._rows: Any = None
 
     def rows(self) -> Rows:
         """The same object as long as nothing has changed."""
-        touched = [s.touched for s in self._states]
-        if touched == self._touched:
+        of = [self.epsilon, *(s.touched for s in self._states)]
+        if of == self._of:
             return cast("Rows", self._rows)
         n_v, n = self._L_t.shape
         gather = block_diag([s.others.frame_gather for s in self._states], format="csr")
-        P = proximal_term(self._states, self._m, self._epsilon * self._scale)
+        P = proximal_term(self._states, self._m, self.epsilon * self._scale)
         own = gather @ P[:n_v]
         relative = block_diag([s.others.frame_relative for s in self._states], format="csr")
         relative.resize(own.shape)
         slips = [SlipRows.of(s, n, P) for s in self._states]
         forces = gather @ self._L_t
         rows = self._rows = Rows(own, forces, own + self._scale * relative, gather, slips)
-        self._touched = touched
+        self._of = of
         return rows
 
     def pull(self, moved: Array) -> float:

@@ -23,7 +23,7 @@ from dolfinx_llm.contact.circles import Circles, failure
 from dolfinx_llm.contact.equations import Equations, spread, unfelt
 from dolfinx_llm.contact.flickering import lets_go, require_friction
 from dolfinx_llm.contact.gross_slip import slide
-from dolfinx_llm.contact.iterate import Iterate, entry, take_over, without_pull
+from dolfinx_llm.contact.iterate import Iterate, entry, take_over
 from dolfinx_llm.contact.parted import Parted
 from dolfinx_llm.contact.reached import Reached
 from dolfinx_llm.contact.soft_rows import CALM, CONSTANT, GivingWay
@@ -33,6 +33,10 @@ from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import GRAZING, LinearStep, StepForm, StepResult
 from dolfinx_llm.forms.verdict import FinalError
 
+HOLD_FIRMLY = 1e-8  # what holds frames while contact changes, over the surfaces' stiffness
+HOLD_IF_CARRIED = 1e-11  # the same where one side carries a frame: with more a pin with much
+# clearance takes up to 150 iterations
+SOFTER_THAN_SPRINGS = 0.1  # the same, of springs that hold bodies: it must not push these away
 LED = 10  # iterations in which what springs alone press together sticks
 LAST_PULL = 1e-13  # of the forces, that the proximal term may carry, however loose solves are
 ENOUGH = 1e-10  # residual that may be left where it has stopped falling
@@ -132,9 +136,21 @@ class Search:
         """Whether nothing is known but where the bodies are."""
         return not self._known and self._number == 1
 
+    @property
+    def _hold(self) -> float:
+        """What holds frames, over the surfaces' stiffness: firm while contact changes, so that no
+        rounding tells what touches them."""
+        if self._calmed or not (self._form.light or self._number > 1):
+            return self._form.proximal
+        if self._without_friction.carried:
+            return HOLD_IF_CARRIED
+        springs = self._spring / self._scale if self._operators.floating.count else np.inf
+        return max(min(HOLD_FIRMLY, SOFTER_THAN_SPRINGS * springs), self._form.proximal)
+
     def _iterate(self) -> Iterate:
         """Solve a linear step, and take over what is in contact, sticks and slips then."""
         equations, glides = self._equations, self._without_friction.now
+        equations.frames.epsilon = self._hold
         equations.lags = self._circles.lag(self._calm <= CALM)
         settled = self._calm > 0 and self._before <= CONSTANT
         equations.about = self._giving.about(settled, self._number)
@@ -142,9 +158,9 @@ class Search:
         step = equations.step(self._about, self._g, self._centre, held, self._calmed)
         if glides or self._first:
             step = equations.all_stick(step)
-        solved = self._form.solve(self._f, step)
-        found, drawn = without_pull(solved, equations, self._centre, self._comm)
+        found = self._form.solve(self._f, step)
         multiplier, w, position = found.multiplier, found.w, found.y + self._g
+        drawn = equations.frames.pull(w - self._centre)
         self.step = replace(step, active=found.active)
         largest = max(step.level(multiplier, found.y, self._scale), GRAZING * self._pressed)
         slid = slide(equations, found, position, self._known * self._number)
@@ -181,6 +197,7 @@ class Search:
         settled = now.miss <= self._form.accuracy and now.drawn <= LAST_PULL
         settled |= self._stalls(now) and now.miss <= enough
         settled &= self._giving.rest(now.multiplier, now.largest, self._calm)
+        settled &= self._equations.frames.epsilon == self._form.proximal  # the adjoint knows it
         return settled and self._calm > self._corrections and self._pull.rests
 
     def _releases(self, now: Iterate, rests: bool) -> bool:

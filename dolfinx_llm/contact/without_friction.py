@@ -26,6 +26,7 @@ class WithoutFriction:
         known: there has been one before.
 
     Attributes:
+        carried: a side carries a frame.
         now: the next iteration is one, or this one until it has been told.
         vital: friction alone holds bodies: contact without it tells nothing.
     """
@@ -36,7 +37,8 @@ class WithoutFriction:
         self.now, self.vital = self._leave_out(False), False
         self._rest = untied(self._states)
         # Slips of single nodes, as where a side carries the frame, mostly tell in three.
-        self._looks = 3 if any(self._carried) else 1
+        self.carried = any(self._carried)
+        self._looks = 3 if self.carried else 1
         self._many = np.inf if known else MANY * sum(len(s.nodes.rows) for s in self._states)
         self._stuck: Any = None
 

@@ -18,6 +18,7 @@ from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.forms.step import ROUNDED_GAP, SIGN, LinearStep, StepForm, StepResult
 from dolfinx_llm.forms.verdict import EPS, SEVERAL, UNBALANCED, largest
 from dolfinx_llm.laws.complementarity import complementarity
+from dolfinx_llm.laws.forecast import Forecast
 from dolfinx_llm.operators.petsc import times
 from dolfinx_llm.operators.system import ContactOperators
 
@@ -150,7 +151,7 @@ class WholeSteps(StepForm):
                 column[place[p]] += 0.0 if on[place[p]] else self.scale * step.compliance[p]
                 answers.append(column)
             pairs = np.concatenate([pairs, new])
-            exchanged = partial(_exchanged, np.column_stack(answers), now, place[pairs], on)
+            exchanged = partial(_exchanged, np.column_stack(answers), now, place[pairs])
             try:
                 change, forces, after = chosen(self.operators.comm, exchanged)
             except np.linalg.LinAlgError:  # forces that nothing determines: all wrong ones change
@@ -163,24 +164,36 @@ class WholeSteps(StepForm):
         self.release()
 
 
-def _exchanged(columns: Array, now: Array, at: Array, on: Array) -> tuple[Array, Array, Array]:
+def _exchanged(columns: Array, now: Array, at: Array) -> tuple[Array, Array, Array]:
     """Which pairs change, (k,), with what forces (k,), and what must not be negative then, (n,).
 
     Args:
         columns: (n, k) by which it changes with the pairs' forces.
         now: (n,) as it is.
         at: (k,) places of the pairs.
-        on: (n,) in contact before: frames may be left open where these open.
 
     Raises:
         numpy.linalg.LinAlgError: nothing determines the forces.
     """
     M, q, forces = columns[at], now[at], np.zeros(len(at))
-    change = complementarity(M, q, q < 0.0, on[at])
+    change = complementarity(M, q, q < 0.0)
     forces[change] = np.linalg.solve(M[np.ix_(change, change)], -q[change])
     after = now + columns @ forces
     after[at] = 0.0
     return change, forces, after
+
+
+def forecast_of(step: LinearStep, k: Array, found: StepResult) -> Forecast:
+    """What tells which rows press next: as in the step, where its springs hold frame nodes.
+
+    Args:
+        step: the step.
+        k: (n,) stiffness of rows [force / length].
+        found: its result.
+    """
+    touch = np.where(step.active | step.may_open, k, 0.0)
+    hold = np.maximum(-step.D.diagonal(), 0.0)
+    return Forecast(step.L, touch, step.may_open, hold, found.w)
 
 
 def row_stiffness(operators: ContactOperators, diagonal: Array) -> Array:

@@ -35,6 +35,7 @@ class Flexibility(StepForm):
 
     name = "flexibility"
     accuracy = 1e-13  # of balance and law, relative
+    light = True
     proximal = 1e-13  # the smaller, the sooner nodes under a tiny force are where they touch
 
     def __init__(
@@ -261,7 +262,7 @@ def _choose(step: LinearStep, A: Array, rhs: Array) -> Array:
         gap = np.where(on[new], 0.0, 1.0) * A[np.ix_(rows, rows[new])]
         columns = np.hstack([columns, signs(solve(load), gap)])
         pairs = np.concatenate([pairs, new])
-        change = complementarity(columns[pairs], now[pairs], now[pairs] < 0.0, on[pairs])
+        change = complementarity(columns[pairs], now[pairs], now[pairs] < 0.0)
         M = columns[pairs][np.ix_(change, change)]
         after = now + columns[:, change] @ np.linalg.solve(M, -now[pairs][change])
         after[pairs] = 0.0

@@ -151,6 +151,7 @@ class StepForm(ABC):
         accuracy: of L_bᵀ λ = 0 and of laws of friction, over the largest force, that it reaches.
         proximal: what holds frame nodes that nothing touches, over the surfaces' stiffness. What it
             carries until they are where they touch moves slender bodies.
+        light: another matrix costs little beside it.
         noise: rounding of multipliers in the last step, where they are differences [force].
         tolerance: residual of K u + B λ = f that was asked of it, if it is large [force].
         factorised: another load of the last step costs little.
@@ -162,6 +163,7 @@ class StepForm(ABC):
     name: str = "own form"
     accuracy: float = 1e-12
     proximal: float = 1e-12
+    light: bool = False
     noise: float = 0.0
     tolerance: float = 0.0
     factorised: bool = True

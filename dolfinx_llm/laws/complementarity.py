@@ -1,25 +1,17 @@
-"""Linear complementarity: λ >= 0, s = M λ + q >= 0, λ s = 0. Plain arrays."""
+"""Linear complementarity: λ >= 0, s = M λ + q >= 0, λ s = 0. Plain NumPy."""
 
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
 
 from dolfinx_llm.base.arrays import Array
 
-LOOSE = 1e-9  # of its own entry, what is added to a λ that may be left open, or left of it
-CORRECTIONS = 4  # solves, after which that tells in what is left open alone
-EQUAL = 1e-6  # relative difference of ratios that rounding must not tell apart
 BLOCKS = 10  # exchanges of whole blocks without progress
+TRANSPOSED = 1e-10  # of the largest entry: a difference from the transpose that is rounding
 
 
-def complementarity(M: Array, q: Array, start: Array, free: Array | None = None) -> Array:
+def complementarity(M: Array, q: Array, start: Array) -> Array:
     """Which λ are positive.
-
-    M may leave some of them open in sums: the gaps of pairs of both sides that open at a frame
-    node, of which forces tell the sum, as nothing then holds the frame between them. Rounding must
-    not share it out. It is taken as even as it can be, and given to the first pairs at the end, so
-    that the others hold the frame.
 
     All wrong signs are exchanged at once (Júdice and Pires, Computers & Operations Research 21
     (1994) 587-596). Where that turns in circles and M is symmetric (no friction), descent takes
@@ -30,7 +22,6 @@ def complementarity(M: Array, q: Array, start: Array, free: Array | None = None)
         M: (n, n) matrix with positive principal minors, as that of a convex problem.
         q: (n,).
         start: (n,) a guess of the result.
-        free: (n,) λ that M may leave open in sums; None: there are none.
 
     Returns:
         (n,) whether λ is positive. With friction M may lack the property; where both methods fail,
@@ -45,82 +36,25 @@ def complementarity(M: Array, q: Array, start: Array, free: Array | None = None)
     """
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(M)), 1e-300))
     M, q = M * scale[:, None] * scale, q * scale
-    if free is None or not free.any():
-        return _exchanged(M, q, start, np.zeros(len(q)))
-    positive = _exchanged(M, q, start, LOOSE * free)
-    return _corner(M, _forces(M, q, positive, LOOSE * free), positive, free)
-
-
-def _exchanged(M: Array, q: Array, start: Array, firm: Array) -> Array:
-    """The choice, M of unit diagonal; firm (n,) stands beside that."""
     positive, best, fewest, left = start.copy(), start, len(q) + 1, BLOCKS
     while left:
-        wrong = _wrong(M, q, positive, firm)
+        wrong = _wrong(M, q, positive)
         if not len(wrong):
             return positive
         left -= 1
         if len(wrong) < fewest:
             best, fewest, left = positive.copy(), len(wrong), BLOCKS
         positive[wrong] ^= True
-    symmetric = np.abs(M - M.T).max() <= 1e-12 * np.abs(M).max()
-    A = M + np.diag(firm)
-    found = _descent(A, q, best) if symmetric else _lemke(A, q)
-    if found is not None and len(_wrong(M, q, found, firm)) < fewest:
+    symmetric = np.abs(M - M.T).max() <= TRANSPOSED * np.abs(M).max()
+    found = _descent(M, q, best) if symmetric else _lemke(M, q)
+    if found is not None and len(_wrong(M, q, found)) < fewest:
         return found
     return best
 
 
-def _forces(M: Array, q: Array, positive: Array, firm: Array) -> Array:
-    """(n,) λ for a choice of the positive ones; of what M leaves open the least."""
-    x, on = np.zeros(len(q)), np.flatnonzero(positive)
-    A = M[np.ix_(on, on)]
-    if not firm[on].any():
-        x[on] = np.linalg.solve(A, -q[on])
-        return x
-    factors = scipy.linalg.lu_factor(A + np.diag(firm[on]), check_finite=False)
-    for _ in range(CORRECTIONS):
-        x[on] -= scipy.linalg.lu_solve(factors, q[on] + A @ x[on], check_finite=False)
-    if not np.isfinite(x).all():
-        raise np.linalg.LinAlgError("forces that nothing determines")
-    return x
-
-
-def _corner(M: Array, x: Array, positive: Array, free: Array) -> Array:
-    """The choice without λ that others stand for, x (n,) being positive as well as these allow:
-    where one follows from others before it, it, or the first of them that ends there, is none.
-
-    >>> M, all_ = np.ones((2, 2)), np.ones(2, dtype=bool)
-    >>> _corner(M, np.array([1.0, 1.0]), all_, all_).tolist()
-    [True, False]
-    """
-    on = np.flatnonzero(positive)
-    if not free[on].any():
-        return positive
-    pivots = np.diagonal(scipy.linalg.lapack.dgetrf(M[np.ix_(on, on)])[0])
-    if np.abs(pivots).min() > LOOSE:  # as nearly always
-        return positive
-    x, kept = x.copy(), [*np.flatnonzero(positive & ~free)]
-    for p in np.flatnonzero(positive & free):
-        others = np.linalg.solve(M[np.ix_(kept, kept)], M[kept, p])  # that stand for it
-        if abs(M[p, p] - M[p, kept] @ others) > LOOSE:
-            kept.append(p)
-            continue
-        falls = np.where((others < 0.0) & free[kept], -others, np.nan)
-        ways = np.append(x[kept] / falls, x[p])
-        least = np.nanmin(ways)
-        last = int(np.flatnonzero(ways <= least + EQUAL * abs(least))[-1])
-        x[kept] += max(ways[last], 0.0) * others
-        x[p] -= max(ways[last], 0.0)
-        if last < len(kept):
-            kept[last] = p
-    positive = np.zeros_like(positive)
-    positive[kept] = True
-    return positive
-
-
-def _wrong(M: Array, q: Array, positive: Array, firm: Array) -> Array:
+def _wrong(M: Array, q: Array, positive: Array) -> Array:
     """Where λ or s is negative beyond rounding, for a choice of the positive λ."""
-    x = _forces(M, q, positive, firm)[positive]
+    x = np.linalg.solve(M[np.ix_(positive, positive)], -q[positive])
     rows = M[np.ix_(~positive, positive)]
     value, noise = np.empty(len(q)), np.empty(len(q))
     value[positive], value[~positive] = x, rows @ x + q[~positive]
@@ -141,7 +75,7 @@ def _descent(M: Array, q: Array, positive: Array) -> Array:
     for _ in range(50 + 3 * len(q)):
         before = x
         x, positive = _descend(M, q, x, positive)
-        wrong = _wrong(M, q, positive, np.zeros(len(q)))
+        wrong = _wrong(M, q, positive)
         if not len(wrong):
             break
         slope = M[wrong] @ x + q[wrong]

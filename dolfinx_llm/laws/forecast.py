@@ -4,10 +4,11 @@ Where all wrong signs change at once, frame nodes at the rim of contact, which f
 far, and whole rims open and close by turns. Here each pair answers with a stiffness of its own, as
 if its node alone moved, and the frame goes to where it balances under forces that press:
 
-    λ' = max(0, λ + k (y + g - L w')),  Lᵀ λ' = Lᵀ λ.
+    λ' = max(0, λ + k (y + g - L w')),  Lᵀ λ' = Lᵀ λ,
 
-That is the least of a convex function of w'. The λ of a solution come back, whatever k > 0 is; near
-it the set λ' > 0 is better than the signs, as the frame has followed.
+but for what holds the frame about the guess. That is the least of a convex function of w'. The λ of
+a solution come back, whatever k > 0 is; near it the set λ' > 0 is better than the signs, as the
+frame has followed.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from dolfinx_llm.base.arrays import Array
 
 HOLDS = 10.0 ** -np.arange(2.0, 13.0, 2.0)  # of k: what holds the frame, less and less
 NEWTON_STEPS = 60  # of Newton's method, for each of these
-BALANCED = 1e-8  # of the largest force, that frame nodes may miss
+BALANCED = 10.0  # times what holds the frame, over k: part of the largest force that nodes may miss
+UNBALANCED_LEAST = 1e-13  # the least of that
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +34,8 @@ class Forecast:
     L: csr_matrix  # (n, m) motion of the frame as the rows see it
     k: Array  # (n,) stiffness of rows; 0: out of contact for good [force / length]
     press: Array  # (n,) rows whose force must not be negative
+    hold: Array  # (m,) what holds the frame about the guess [force / length]
+    w: Array  # (m,) the guess [length]
 
     def normal(self) -> Forecast:
         """The same of normal forces alone, and of the motions that mainly these see: with friction,
@@ -39,9 +43,10 @@ class Forecast:
         squares = self.L.power(2)
         of_press = np.asarray(squares[self.press].sum(axis=0)).ravel()
         seen = of_press > 0.5 * np.asarray(squares.sum(axis=0)).ravel()
-        L = self.L[:, np.flatnonzero(seen)]
+        at = np.flatnonzero(seen)
+        L = self.L[:, at]
         own = np.asarray(L.power(2).sum(axis=1) - 0.5 * squares.sum(axis=1)).ravel() > 0.0
-        return Forecast(L, np.where(own, self.k, 0.0), self.press)
+        return Forecast(L, np.where(own, self.k, 0.0), self.press, self.hold[at], self.w[at])
 
     def pressing(self, force: Array, position: Array, loads: Array | None = None) -> Array:
         """(n,) rows of ``press`` with λ' > 0.
@@ -55,12 +60,19 @@ class Forecast:
         pull, target = force + self.k * position, self.L.T @ force
         if loads is not None and len(loads):
             target[-len(loads) :] = loads
-        enough = BALANCED * np.abs(force).max(initial=0.0)
         used = self.L.multiply(self.k[:, None]).tocsc()
         fit = used.T @ self.L + HOLDS[-1] * self.k.mean() * identity(used.shape[1])
         w = splu(csc_matrix(fit)).solve(used.T @ position) if used.shape[1] else np.zeros(0)
-        for hold in HOLDS * self.k.mean() if len(w) else ():
-            w = self._least(pull, target, w, hold, enough)
+        if len(w):
+            holds, own = HOLDS * self.k.mean(), self.hold.max()
+            share = max(BALANCED * own / self.k.mean(), UNBALANCED_LEAST)
+            enough = share * np.abs(force).max(initial=0.0)
+            for hold in holds[holds > own]:
+                w = self._least(pull, target, w, w, np.full(len(w), hold), enough)
+            if own > holds[-1]:
+                about = np.where(self.hold > 0.0, self.w, w)
+                hold = np.maximum(self.hold, holds[-1])
+                w = self._least(pull, target, w, about, hold, enough)
         return (self._answer(pull, w) > 0.0) & self.press
 
     def _answer(self, pull: Array, w: Array) -> Array:
@@ -68,21 +80,23 @@ class Forecast:
         z = pull - self.k * (self.L @ w)
         return np.where(self.press, np.maximum(z, 0.0), z)
 
-    def _least(self, pull: Array, target: Array, w: Array, hold: float, enough: float) -> Array:
-        """Newton's method from w, which springs hold, with the best length of each step."""
-        centre = w
+    def _least(
+        self, pull: Array, target: Array, w: Array, about: Array, hold: Array, enough: float
+    ) -> Array:
+        """Newton's method from w, with the best length of each step; springs of stiffness ``hold``
+        hold the frame about some place."""
         for _ in range(NEWTON_STEPS):
             z = pull - self.k * (self.L @ w)
             on = np.where(self.press, z > 0.0, True)
-            missed = self.L.T @ np.where(on, z, 0.0) - target - hold * (w - centre)
+            missed = self.L.T @ np.where(on, z, 0.0) - target - hold * (w - about)
             if np.abs(missed).max() <= enough:
                 break
-            H = self.L.T @ diags(self.k * on) @ self.L + hold * identity(len(w))
+            H = self.L.T @ diags(self.k * on) @ self.L + diags(hold)
             step = splu(csc_matrix(H)).solve(missed)
-            w = w + self._length(z, step, target, w - centre, hold) * step
+            w = w + self._length(z, step, target, w - about, hold) * step
         return w
 
-    def _length(self, z: Array, step: Array, target: Array, moved: Array, hold: float) -> float:
+    def _length(self, z: Array, step: Array, target: Array, moved: Array, hold: Array) -> float:
         """Up to 1: where the slope along a step vanishes; it is linear between the places where
         rows begin or cease to press."""
         seen = self.L @ step
@@ -91,7 +105,7 @@ class Forecast:
         def slope(t: float) -> float:
             force = z - t * falls
             force = np.where(self.press, np.maximum(force, 0.0), force)
-            return float(step @ target - seen @ force + hold * (step @ (moved + t * step)))
+            return float(step @ target - seen @ force + (hold * step) @ (moved + t * step))
 
         if slope(1.0) <= 0.0:
             return 1.0

@@ -101,8 +101,8 @@ def test_compliance(monkeypatch):
     before = equations.Equations.__init__
     softness = 1e-5
 
-    def soft(self, operators, proximal):
-        before(self, operators, proximal)
+    def soft(self, operators):
+        before(self, operators)
         self.compliance = np.where(self.normal, softness, 0.0)
 
     monkeypatch.setattr(equations.Equations, "__init__", soft)

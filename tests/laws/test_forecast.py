@@ -24,7 +24,8 @@ def test_complementarity(seed):
     k, press = rng.uniform(0.5, 3.0, n), rng.uniform(size=n) < 0.9
     k[:4], press[:4] = 0.0, True
     position = -np.sign(L.sum(axis=1)) * 0.1 * (x - 4.0) + rng.normal(size=n)
-    found = Forecast(csr_matrix(L), k, press).pressing(np.zeros(n), position)
+    free = np.zeros(m)
+    found = Forecast(csr_matrix(L), k, press, free, free).pressing(np.zeros(n), position)
     held = found | (~press & (k > 0.0))
     assert not found[k == 0.0].any()
     A = np.block([[np.diag(1.0 / k[held]), L[held]], [L[held].T, -1e-12 * np.eye(m)]])
@@ -34,7 +35,7 @@ def test_complementarity(seed):
     assert (force[found] > -1e-7).all()
     assert _frame(L, position - force / np.where(k > 0.0, k, 1.0), held, press & (k > 0.0))
     moved = position - force / np.where(k > 0.0, k, 1.0)
-    other = Forecast(csr_matrix(L), 7.0 * k, press).pressing(force, moved)
+    other = Forecast(csr_matrix(L), 7.0 * k, press, free, free).pressing(force, moved)
     assert (other | (force < 1e-6))[found].all()
 
 
@@ -48,6 +49,7 @@ def _frame(L, position, on, press):
 
 def test_no_frame():
     """Against an obstacle each pair is on its own."""
-    forecast = Forecast(csr_matrix((3, 0)), np.array([1.0, 2.0, 1.0]), np.ones(3, dtype=bool))
+    k, none = np.array([1.0, 2.0, 1.0]), np.zeros(0)
+    forecast = Forecast(csr_matrix((3, 0)), k, np.ones(3, dtype=bool), none, none)
     position = np.array([-2.0, -2.0, 1.0])
     assert forecast.pressing(np.array([1.0, 5.0, 0.0]), position).tolist() == [False, True, True]

@@ -23,11 +23,10 @@ from dolfinx_llm.forms.condensed.splitting import SplitStiffness
 from dolfinx_llm.forms.condensed.symmetric import items_of
 from dolfinx_llm.forms.condensed.system import CondensedSystem
 from dolfinx_llm.forms.cost import FEWEST
-from dolfinx_llm.forms.exchange import SetUp, WholeSteps, row_stiffness
+from dolfinx_llm.forms.exchange import SetUp, WholeSteps, forecast_of, row_stiffness
 from dolfinx_llm.forms.options import FACTORISED
 from dolfinx_llm.forms.step import SOFT, LinearStep, StepResult
 from dolfinx_llm.forms.verdict import FinalError
-from dolfinx_llm.laws.forecast import Forecast
 from dolfinx_llm.operators.floating import Floating
 from dolfinx_llm.operators.numbering import Numbering
 from dolfinx_llm.operators.petsc import times
@@ -280,12 +279,13 @@ def _pressing(
 ) -> Array:
     """(n,) rows that press next. Bodies that contact alone holds go to where what presses balances
     this rank's loads f on them; with friction, floating None, they stay. k (n,) of rows."""
-    k, g = np.where(step.active | step.may_open, k, 0.0), step.g
-    forecast = Forecast(step.L, k, step.may_open)
+    forecast, g = forecast_of(step, k, found), step.g
     if floating is None:
         return forecast.normal().pressing(found.multiplier, found.y + g)
     L = hstack([forecast.L, -floating.G[:, : floating.count]], format="csr")
-    forecast, loads = replace(forecast, L=L), -floating.loads(f)
+    free = np.zeros(floating.count)
+    hold, w = np.append(forecast.hold, free), np.append(found.w, free)
+    forecast, loads = replace(forecast, L=L, hold=hold, w=w), -floating.loads(f)
     return forecast.pressing(found.multiplier, found.y + g, loads)
 
 
