@@ -89,13 +89,13 @@ def test_lifts_off(elements):
 
 @pytest.mark.long
 def test_by_multigrid():
-    """It came to no rest."""
+    """It came to no rest. Forces are those of the other form but for what small entries pass on."""
     towers = [Tower((12, 9)), Tower((12, 9), solver="condensed")]
     for e in STEPS:
         found = [tower.step(e) for tower in towers]
         for tower, sides in zip(towers, found, strict=True):
             checked(sides, e)
-            assert len(tower.problem.history) <= 15
+            assert len(tower.problem.history) <= 25
         for one, other in zip(*found, strict=True):
-            close = 1e-8 * one.normal_force.max()
+            close = 1e-7 * one.normal_force.max()
             assert np.abs(one.normal_force - other.normal_force).max() <= close
