@@ -127,6 +127,9 @@ class Search:
             if rests and not released:
                 require_friction(self._states, now.borne)
                 self._parted.require_contact(now.multiplier, now.position)
+                if self._equations.frames.epsilon != self._form.proximal:  # of what is told of it
+                    self._equations.frames.epsilon = self._form.proximal
+                    self.step = replace(self._linear_step(), active=now.result.active)
                 return now.result
             self._go_on(now, released)
         raise ContactError(failure(self._history[self._began :]))
@@ -154,8 +157,7 @@ class Search:
         equations.lags = self._circles.lag(self._calm <= CALM)
         settled = self._calm > 0 and self._before <= CONSTANT
         equations.about = self._giving.about(settled, self._number)
-        held = self._pull.anchor, self._spring
-        step = equations.step(self._about, self._g, self._centre, held, self._calmed)
+        step = self._linear_step()
         if glides or self._first:
             step = equations.all_stick(step)
         found = self._form.solve(self._f, step)
@@ -177,6 +179,10 @@ class Search:
         tell_iteration(self._history[-1], self._bar)
         return now
 
+    def _linear_step(self) -> LinearStep:
+        held = self._pull.anchor, self._spring
+        return self._equations.step(self._about, self._g, self._centre, held, self._calmed)
+
     def _watch(self, now: Iterate) -> None:
         """See whether contact stays, and what springs that hold free bodies carry."""
         # That all stick or glide at first is a state that changes.
@@ -197,7 +203,6 @@ class Search:
         settled = now.miss <= self._form.accuracy and now.drawn <= LAST_PULL
         settled |= self._stalls(now) and now.miss <= enough
         settled &= self._giving.rest(now.multiplier, now.largest, self._calm)
-        settled &= self._equations.frames.epsilon == self._form.proximal  # the adjoint knows it
         return settled and self._calm > self._corrections and self._pull.rests
 
     def _releases(self, now: Iterate, rests: bool) -> bool:
