@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,7 @@ class Iterate:
         """(m,) frame and slip unknowns [length]."""
         return self.result.w
 
-    @property
+    @cached_property
     def borne(self) -> Array:
         """(n,) λ but for what is rounding [force]."""
         force = self.multiplier

@@ -90,15 +90,15 @@ class ContactIteration:
         for s in self.states:
             s.accept(found.multiplier, self.w, fitted, self.scale, self.rounding)
 
-    def iterate(self, f: Array, g: Array, falls: Callable[[], Any]) -> StepResult:
-        """To a state that meets all conditions, for this rank's f and gaps g; soon, or else given
-        up, where no forces balance the loads, which ``falls`` tells.
+    def iterate(self, start: Reached, f: Array, g: Array, falls: Callable[[], Any]) -> StepResult:
+        """From where it stands, ``start``, to a state that meets all conditions, for this rank's f
+        and gaps g; soon, or else given up, where no forces balance the loads: ``falls`` tells.
 
         Raises:
             ContactError: no convergence.
         """
-        here, history = self.snapshot(), self.history
-        search = Search(self.equations, self.form, here, f, g, self.pressed, history, self.bar)
+        more = self.pressed, self.history, self.bar
+        search = Search(self.equations, self.form, start, f, g, *more)
         found = search.find(falls)
         self.multiplier, self.w, self.alpha = found.multiplier, found.w, found.floating
         self.last = search.step

@@ -72,7 +72,7 @@ def advance(
         before = iteration.snapshot()
         falls = unbalanced(equations, iteration.operators.floating, f_t, equations.loads)
         try:
-            found = _iterated(iteration, f_t, g_t, falls, reached)
+            found = _iterated(iteration, before, f_t, g_t, falls, reached)
         except (FinalError, ContactInputError):  # smaller parts are of no help
             raise
         except ContactError as failed:
@@ -111,12 +111,17 @@ def _settled(iteration: ContactIteration, u: Array) -> Array:
 
 
 def _iterated(
-    iteration: ContactIteration, f: Array, g: Array, falls: Callable[[], Any], part: float
+    iteration: ContactIteration,
+    start: Reached,
+    f: Array,
+    g: Array,
+    falls: Callable[[], Any],
+    part: float,
 ) -> StepResult:
-    """The iteration to a part of the load step, which the history says."""
+    """The iteration from its start to a part of the load step, which the history says."""
     first = len(iteration.history)
     try:
-        return iteration.iterate(f, g, falls)
+        return iteration.iterate(start, f, g, falls)
     finally:
         for entry in iteration.history[first:]:
             entry["part"] = part

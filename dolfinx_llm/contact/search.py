@@ -127,7 +127,8 @@ class Search:
             if rests and not released:
                 require_friction(self._states, now.borne)
                 self._parted.require_contact(now.multiplier, now.position)
-                if self._equations.frames.epsilon != self._form.proximal:  # of what is told of it
+                # The adjoint, and what rounding makes of forces, are those of frames held weakly.
+                if self._equations.frames.epsilon != self._form.proximal:
                     self._equations.frames.epsilon = self._form.proximal
                     self.step = replace(self._linear_step(), active=now.result.active)
                 return now.result
