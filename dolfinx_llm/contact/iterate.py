@@ -15,6 +15,7 @@ from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.forms.step import SIGN, StepResult, unless_none
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
+ENOUGH = 1e-10  # of the largest force: residual that may be left where it has stopped falling
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 
 
@@ -72,7 +73,9 @@ def _follow(
 ) -> int:
     """Take over what sticks and slips on an interface; the number of changes that matter."""
     stake = s.law.at_stake(s.at(found.multiplier, found.w, equations.scale))
-    felt = stake > equations.felt * largest
+    # Nodes that stick at the limit of a slip that has ended may take either status: rounding, or
+    # what holds frames for now, may tell which.
+    felt = stake > max(equations.felt, ENOUGH) * largest
     now = equations.law_rows(s, found.multiplier, found.w, calmed)
     differs = ((now.status != s.own.status) & felt) | (now.holds != s.own.holds)
     s.take(now)

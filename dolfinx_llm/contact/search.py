@@ -23,7 +23,7 @@ from dolfinx_llm.contact.circles import Circles, failure
 from dolfinx_llm.contact.equations import Equations, spread, unfelt
 from dolfinx_llm.contact.flickering import lets_go, require_friction
 from dolfinx_llm.contact.gross_slip import slide
-from dolfinx_llm.contact.iterate import Iterate, entry, take_over
+from dolfinx_llm.contact.iterate import ENOUGH, Iterate, entry, take_over
 from dolfinx_llm.contact.parted import Parted
 from dolfinx_llm.contact.reached import Reached
 from dolfinx_llm.contact.soft_rows import CALM, CONSTANT, GivingWay
@@ -39,7 +39,6 @@ HOLD_IF_CARRIED = 1e-11  # the same where one side carries a frame: with more a 
 SOFTER_THAN_SPRINGS = 0.1  # the same, of springs that hold bodies: it must not push these away
 LED = 10  # iterations in which what springs alone press together sticks
 LAST_PULL = 1e-13  # of the forces, that the proximal term may carry, however loose solves are
-ENOUGH = 1e-10  # residual that may be left where it has stopped falling
 PATIENT, LONG_ENOUGH = 20, 1e-9  # iterations of rest, after which this may be left, as about frame
 # nodes far from contact, which forces of corrected rows reach a millionth of
 MAXIMUM = 100  # iterations, and as many again once ties have been chosen

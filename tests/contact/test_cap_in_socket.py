@@ -30,7 +30,7 @@ def at(level):
     return lambda centre, box: np.ptp(box[:, 2]) < 1e-5 and abs(centre[2] - level) < 1e-5
 
 
-def model():
+def model(size):
     occ = gmsh.model.occ
     ball, below = occ.addSphere(0, 0, 0, 1), occ.addBox(-3, -3, -3, 6, 6, 2.5)
     cap = occ.intersect([(3, ball)], [(3, below)])[0][0][1]
@@ -47,15 +47,15 @@ def model():
     for tag, body, which in ((TOP, cap, at(-0.5)), (GROUND, block, at(-1.6)),
                              (CAP, cap, skin), (SOCKET, block, inner)):  # fmt: skip
         gmsh.model.addPhysicalGroup(2, faces(body, which), tag)
-    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.25)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     gmsh.model.mesh.generate(3)
 
 
-def dragged(Q, steps):
+def dragged(Q, steps, size=0.25):
     """Resultants of the steps in the scene's own base, the last result, and the iterations."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
-    model()
+    model(size)
     domain, _, tags = compat.model_to_mesh(gmsh.model, MPI.COMM_SELF, 0, gdim=3)
     gmsh.finalize()
     domain.geometry.x[:] = domain.geometry.x @ Q.T
@@ -106,3 +106,12 @@ def test_load_steps():
     assert np.abs(once[3] - once[2]).max() < 1e-9 and 0.25 < once[2][0] < 0.26
     assert np.abs(parts[-1] - once[2]).max() < 0.006
     assert max(iterations) <= 8
+
+
+@pytest.mark.parametrize("size", [0.18, longer(0.22), longer(0.25)])
+def test_step_that_changes_nothing(size):
+    """At the limit, where slip has ended, nodes stick and slip alike: with what holds frames firmly
+    while contact changes twelve iterations went by until that was settled."""
+    found, _, iterations = dragged(np.eye(3), [STEPS[0], STEPS[2], STEPS[2]], size)
+    assert iterations[2] <= 3
+    assert np.abs(found[2] - found[1]).max() < 1e-10
