@@ -13,6 +13,7 @@ from petsc4py import PETSc
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import chosen
+from dolfinx_llm.forms.condensed.frame_block import FrameBlock
 from dolfinx_llm.forms.direct import factorised, set_up_ksp
 from dolfinx_llm.forms.options import FACTORISED
 
@@ -112,31 +113,48 @@ class KeptSolver:
         self._serves = False  # whether it may be kept for the next
         self._outdated = 0  # rows that it knows otherwise
         self._usual = 0.0  # iterations per digit of a new one
+        self._block: FrameBlock | None = None  # around multigrid
 
-    def set_up(self, matrix: Any) -> None:
-        """Make it for a matrix; its near-null space is known to it."""
+    def set_up(self, matrix: Any, frames: Array | None = None) -> None:
+        """Make it for a matrix; its near-null space is known to it. ``frames``: this rank's places
+        of the frames' unknowns, where these are to be solved for beside multigrid."""
         self._matrix = matrix
         self._make(self._options)
+        self._surround(frames)
 
     def _make(self, given: dict[str, Any]) -> None:
         self.ksp, self.method, self._own = solver_of(self._matrix, self._prefix, given)
         self.set_ups += 1
 
-    def renew(self, matrix: Any, same: bool, changed: int) -> None:
+    def _surround(self, frames: Array | None) -> None:
+        """Solve for the frames' unknowns beside multigrid, by default options."""
+        if frames is not None and self._own and not self.direct:
+            self._block = FrameBlock(self.ksp, self._matrix, frames)
+
+    def renew(self, matrix: Any, same: bool, changed: int, frames: Array | None = None) -> None:
         """Keep it for another matrix, of the same size as the last, or not, and with ``changed``
-        rows that differ; or give it up."""
+        rows that differ; or give it up; ``frames`` as of ``set_up``."""
         self._outdated += changed
         spare = (WORN - 1.0) * self._usual * DIGITS  # iterations
         if same and self._serves and COST * self._outdated <= spare:
             self._matrix = matrix
+            self._bare()
             self.ksp.setOperators(matrix)
             self.ksp.getPC().setReusePreconditioner(True)
             self._kept = True
+            self._surround(frames)
         else:
             self.discard()
 
+    def _bare(self) -> None:
+        """Go back to multigrid alone."""
+        if self._block is not None:
+            self._block.leave(self.ksp)
+        self._block = None
+
     def discard(self) -> None:
         """Give it up."""
+        self._bare()
         if self.ksp is not None:
             self.ksp.destroy()
         self.ksp, self._kept, self._serves, self._outdated = None, False, False, 0
@@ -188,6 +206,7 @@ class KeptSolver:
                 f"CG + GAMG ended without an answer after {self.took} iterations (PETSc's reason "
                 f"{self.reason})"
             )
+            self._bare()
             self.ksp.destroy()
             self._make(self._options)
             self._own = False

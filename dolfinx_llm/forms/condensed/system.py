@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.forms.condensed.elimination import EliminatedRows, widest
+from dolfinx_llm.forms.condensed.frame_block import hardly_held
 from dolfinx_llm.forms.condensed.krylov import RTOL, WIDEST, KeptSolver, near_null_space
 from dolfinx_llm.forms.condensed.modes import ModesAsked
 from dolfinx_llm.forms.condensed.reduced import ReducedMatrix
@@ -88,7 +89,7 @@ class CondensedSystem:
         self.reduced.destroy()
         self._reduce(rows, proximal)
         same = self.comm.allreduce(self.matrix.getLocalSize() == before, op=MPI.LAND)
-        self.solver.renew(self.matrix, same, changed)
+        self.solver.renew(self.matrix, same, changed, hardly_held(self.form))
 
     def _reduce(self, rows: EliminatedRows, proximal: Array | None) -> None:
         """Take over what other eliminated rows leave."""
@@ -111,7 +112,7 @@ class CondensedSystem:
         if self.solver.ksp is None:
             if self._modes is not None and self.solver.uses_modes:
                 near_null_space(self.matrix, self.S, self.form.unknowns(*self._modes()))
-            self.solver.set_up(self.matrix)
+            self.solver.set_up(self.matrix, hardly_held(self.form))
             self.matrix.setNearNullSpace(PETSc.NullSpace())  # it has served
 
     def solve(self, f: Array, g: Array, pull: Array | None = None) -> tuple[Array, Array, Array]:
