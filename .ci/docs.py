@@ -23,7 +23,7 @@ MODULES = {
     "dolfinx_llm.problem": (),  # pages that stand beside the code
     "dolfinx_llm.base": (),
     "dolfinx_llm.finite.results": ("MovingInterfaceResult", "MovingSideResult"),
-    "dolfinx_llm.contact.results": ("InterfaceResult", "SideResult"),
+    "dolfinx_llm.contact.results.results": ("InterfaceResult", "SideResult"),
     "dolfinx_llm.geometry.frame": ("Frame", "Quality"),
     "dolfinx_llm.geometry.location": ("Location",),
     "dolfinx_llm.interface.choices": ("Interface",),

@@ -35,7 +35,7 @@ docs, figures, gallery = tool("docs"), tool("figures"), tool("gallery")
 EXAMPLES = [
     "geometry.frame", "laws.tied", "laws.frictionless", "laws.coulomb", "laws.complementarity",
     "laws.conductance", "laws.sliding",
-    "contact.speakers", "interface.obstacle", "interface.obstacles",
+    "contact.equations.speakers", "interface.obstacle", "interface.obstacles",
     "design.weights",
 ]  # fmt: skip
 
@@ -117,7 +117,7 @@ def test_the_list_is_not_empty():
     """What the checks below run over."""
     assert set(dolfinx_llm.__all__) <= {k.rsplit(".")[-1] for k in [*PUBLIC, *docs.SUBMODULES]}
     for name in ("problem.problem.ContactProblem.solve",
-                 "contact.sides.SideResult.tangential_force",
+                 "contact.results.sides.SideResult.tangential_force",
                  "interface.obstacles.RigidPlane.clearance",
                  "problem.classical.node_to_segment.NodeToSegment", "output.plot.interface",
                  "geometry.frame.Frame.from_gmsh", "output.files.write_interface"):  # fmt: skip

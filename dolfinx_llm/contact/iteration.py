@@ -14,9 +14,9 @@ from tqdm import tqdm
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import told
-from dolfinx_llm.contact.equations import Equations
-from dolfinx_llm.contact.reached import ATTRIBUTES, Reached, take_back
-from dolfinx_llm.contact.search import Search
+from dolfinx_llm.contact.equations.equations import Equations
+from dolfinx_llm.contact.search.reached import ATTRIBUTES, Reached, take_back
+from dolfinx_llm.contact.search.search import Search
 from dolfinx_llm.contact.unseen_slips import of_the_bodies
 from dolfinx_llm.forms.step import StepForm, StepResult
 from dolfinx_llm.forms.verdict import Verdict

@@ -19,8 +19,8 @@ from scipy.sparse import csr_matrix, hstack, identity, vstack
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import chosen
 from dolfinx_llm.base.sparse import diagonal
-from dolfinx_llm.contact.equations import Equations
-from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.contact.equations.equations import Equations
+from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.forms.floating import out_of_balance
 from dolfinx_llm.forms.verdict import FinalError
 from dolfinx_llm.laws.coulomb import Coulomb

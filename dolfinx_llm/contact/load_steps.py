@@ -14,7 +14,7 @@ from dolfinx_llm.base.errors import ContactError, ContactInputError
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.limit_analysis import unbalanced
 from dolfinx_llm.contact.neutral import neutral
-from dolfinx_llm.contact.reached import Reached, take_back, untied
+from dolfinx_llm.contact.search.reached import Reached, take_back, untied
 from dolfinx_llm.forms.step import StepResult
 from dolfinx_llm.forms.verdict import (
     EPS,

@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal
-from dolfinx_llm.contact.equations import Equations
+from dolfinx_llm.contact.equations.equations import Equations
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.rows import STICK
 from dolfinx_llm.operators.floating import Floating

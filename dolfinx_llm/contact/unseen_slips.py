@@ -16,7 +16,7 @@ from scipy.sparse import hstack, identity
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.sparse import symmetric_factors
-from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.laws.rows import SLIP
 
 NEAR_LIMIT = 1e-4  # of what a node can bear, by which it may be below that

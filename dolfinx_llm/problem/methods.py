@@ -11,11 +11,11 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import progress
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.contact.circles import UNSETTLED
+from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.load_steps import advance
-from dolfinx_llm.contact.path_dependence import from_the_past
-from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.contact.results.path_dependence import from_the_past
+from dolfinx_llm.contact.search.circles import UNSETTLED
 from dolfinx_llm.forms.choice import form_named
 from dolfinx_llm.forms.step import StepForm
 from dolfinx_llm.operators.petsc import is_symmetric, times

@@ -15,8 +15,8 @@ from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import log
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.timing import StageTimes
-from dolfinx_llm.contact.doubts import doubts
-from dolfinx_llm.contact.results import InterfaceResult, collect_results
+from dolfinx_llm.contact.results.doubts import doubts
+from dolfinx_llm.contact.results.results import InterfaceResult, collect_results
 from dolfinx_llm.forms.cost import LOAD_STEPS
 from dolfinx_llm.forms.step import StepForm
 from dolfinx_llm.interface.choices import Interface

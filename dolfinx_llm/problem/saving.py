@@ -15,8 +15,8 @@ import numpy as np
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.disposable import Disposable
 from dolfinx_llm.base.parallel import agree, collective
-from dolfinx_llm.contact.results import collect_results
-from dolfinx_llm.contact.state import ContactState
+from dolfinx_llm.contact.equations.state import ContactState
+from dolfinx_llm.contact.results.results import collect_results
 from dolfinx_llm.finite.own_laws.law_told import Kept
 from dolfinx_llm.finite.results import MovingInterfaceResult
 from dolfinx_llm.output.writing import writable_file

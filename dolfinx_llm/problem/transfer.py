@@ -13,7 +13,7 @@ from dolfinx import fem, geometry
 from dolfinx_llm.base import checks, compat
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError, ContactInputError
-from dolfinx_llm.contact.state import ContactState
+from dolfinx_llm.contact.equations.state import ContactState
 from dolfinx_llm.geometry.spaces import order_of
 from dolfinx_llm.interface.against import loaded
 from dolfinx_llm.interface.geometry import InterfaceGeometry

@@ -19,7 +19,9 @@ from sampling import longer, some_of
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.contact import load_steps, search, state
+from dolfinx_llm.contact import load_steps
+from dolfinx_llm.contact.equations import state
+from dolfinx_llm.contact.search import search
 
 COMM = MPI.COMM_SELF
 LAWS = [llm.Frictionless(), llm.Coulomb(0.0), llm.Coulomb(0.3), llm.Coulomb(1e8)]

@@ -7,7 +7,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 import dolfinx_llm as llm
-from dolfinx_llm.contact.parted import _farthest
+from dolfinx_llm.contact.search.parted import _farthest
 
 pytestmark = pytest.mark.quick
 

@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
-from dolfinx_llm.contact.gross_slip import slide
+from dolfinx_llm.contact.search.gross_slip import slide
 from dolfinx_llm.forms.step import StepResult
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
 
-from dolfinx_llm.contact.speakers import HELD, asked, speakers
+from dolfinx_llm.contact.equations.speakers import HELD, asked, speakers
 
 pytestmark = pytest.mark.quick
 

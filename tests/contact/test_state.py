@@ -6,7 +6,7 @@ import pytest
 from state_scenes import flat, geometry_of, obstacle
 
 import dolfinx_llm as llm
-from dolfinx_llm.contact.state import ContactState
+from dolfinx_llm.contact.equations.state import ContactState
 from dolfinx_llm.interface.update import remeshed
 
 LAWS = [llm.Frictionless(), llm.Coulomb(0.3), own_law.Glue()]

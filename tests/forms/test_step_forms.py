@@ -10,7 +10,7 @@ from sampling import some_of
 from scipy.sparse import csr_matrix
 
 import dolfinx_llm as llm
-from dolfinx_llm.contact import equations
+from dolfinx_llm.contact.equations import equations
 from dolfinx_llm.forms import choice
 
 COMM = MPI.COMM_SELF

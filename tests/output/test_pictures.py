@@ -25,7 +25,7 @@ from scipy.spatial import cKDTree as tree
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat, plot, post
-from dolfinx_llm.contact.results import InterfaceResult
+from dolfinx_llm.contact.results.results import InterfaceResult
 from dolfinx_llm.geometry.cells import vector_areas
 from dolfinx_llm.output import bodies, drawing, render
 

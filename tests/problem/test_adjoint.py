@@ -137,7 +137,7 @@ def test_after_a_failure(monkeypatch):
     """Of a load step that failed there is no state."""
     scene = Scene(llm.Coulomb(0.3))
     scene.value()
-    monkeypatch.setattr("dolfinx_llm.contact.search.MAXIMUM", 1)
+    monkeypatch.setattr("dolfinx_llm.contact.search.search.MAXIMUM", 1)
     scene.load[0].value = 0.1
     with pytest.raises(llm.ContactError, match="did not converge"):
         scene.problem.solve()

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.contact.state import ContactState, InterfaceState
+from dolfinx_llm.contact.equations.state import ContactState, InterfaceState
 from dolfinx_llm.laws.rows import OPEN, STICK, LawNodes, LawRows
 
 ALIKE_ROWS = 1e-9  # of their size: coefficients of laws that differ by less are the same

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.contact.state import ContactState, InterfaceState
+from dolfinx_llm.contact.equations.state import ContactState, InterfaceState
 from dolfinx_llm.forms.step import LinearStep
 from dolfinx_llm.forms.verdict import Verdict
 

@@ -12,8 +12,9 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import told
 from dolfinx_llm.base.sparse import diagonal
-from dolfinx_llm.contact.carried_frame import at_carried_frame, halved_slips
-from dolfinx_llm.contact.sides import (
+from dolfinx_llm.contact.equations.state import InterfaceState
+from dolfinx_llm.contact.results.carried_frame import at_carried_frame, halved_slips
+from dolfinx_llm.contact.results.sides import (
     FELT,
     SideResult,
     between_bodies,
@@ -21,7 +22,6 @@ from dolfinx_llm.contact.sides import (
     nodal_sides,
     side_result,
 )
-from dolfinx_llm.contact.state import InterfaceState
 from dolfinx_llm.design.stencils import adjacency
 from dolfinx_llm.geometry.cells import facet_vectors
 from dolfinx_llm.geometry.frame import Frame, displaced

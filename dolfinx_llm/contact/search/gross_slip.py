@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.contact.equations import Equations
-from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.contact.equations.equations import Equations
+from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.forms.step import StepResult
 
 DEEP = 8.0  # softness of bodies against sliding, over that of a row of their nodes side by side

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.laws.rows import OPEN, STICK, LawNodes, LawRows
 
 FIRM = 1e11  # of the bodies' stiffness: what supports set against slip

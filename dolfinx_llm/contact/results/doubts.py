@@ -8,9 +8,9 @@ import numpy as np
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.contact.flickering import lost
 from dolfinx_llm.contact.iteration import ContactIteration
-from dolfinx_llm.contact.results import InterfaceResult
+from dolfinx_llm.contact.results.results import InterfaceResult
+from dolfinx_llm.contact.search.flickering import lost
 from dolfinx_llm.interface.control import of_control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK

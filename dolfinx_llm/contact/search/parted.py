@@ -14,8 +14,8 @@ from scipy.sparse import csr_matrix, hstack
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.parallel import chosen
-from dolfinx_llm.contact.equations import Equations
-from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.contact.equations.equations import Equations
+from dolfinx_llm.contact.equations.state import InterfaceState
 
 UNPARTED = 5  # iterations, after which pairs should have parted by themselves
 FORCELESS = 1e-6  # forces over stiffness times motion, that press no bodies

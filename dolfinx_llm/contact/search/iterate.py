@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.contact.equations import Equations
-from dolfinx_llm.contact.flickering import count
-from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.contact.equations.equations import Equations
+from dolfinx_llm.contact.equations.state import InterfaceState
+from dolfinx_llm.contact.search.flickering import count
 from dolfinx_llm.forms.step import SIGN, StepResult, unless_none
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 

@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, nearest
-from dolfinx_llm.contact.friction_nodes import FrictionNodes
+from dolfinx_llm.contact.equations.friction_nodes import FrictionNodes
 
 REMEMBERED = 3  # states of contact
 ADRIFT = 1e-2  # sum of N² below which a frame node is led until contact has come to rest

@@ -9,8 +9,8 @@ import numpy as np
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
-from dolfinx_llm.contact.friction_nodes import FLOOR, FrictionNodes
-from dolfinx_llm.contact.speakers import ADRIFT, Followers, LastFollowers
+from dolfinx_llm.contact.equations.friction_nodes import FLOOR, FrictionNodes
+from dolfinx_llm.contact.equations.speakers import ADRIFT, Followers, LastFollowers
 from dolfinx_llm.interface.update import Transfer
 from dolfinx_llm.laws.law import Law
 from dolfinx_llm.laws.rows import CLOSED, OPEN, STICK, LawNodes, LawRows, checked

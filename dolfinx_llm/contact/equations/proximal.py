@@ -14,7 +14,7 @@ from scipy.sparse import block_diag, coo_matrix, csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import picking
-from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.contact.equations.state import InterfaceState
 
 
 def proximal_term(states: Sequence[InterfaceState], m: int, stiffness: float) -> csr_matrix:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.contact.equations import Equations
+from dolfinx_llm.contact.equations.equations import Equations
 
 CONSTANT = 1e-8  # part of the largest force by which those at supports may still change
 ROUGH = 1e-5  # the same where that falls no more: by ``SOFT`` less than 1e-11 of what bodies give

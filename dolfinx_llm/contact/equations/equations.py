@@ -19,11 +19,10 @@ from scipy.sparse import vstack as stack
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.sparse import beside, diagonal, per_item, picking, symmetric_factors
-from dolfinx_llm.contact.flickering import release
-from dolfinx_llm.contact.friction_nodes import friction_nodes
-from dolfinx_llm.contact.prescribed_slip import rows_of, told
-from dolfinx_llm.contact.proximal import FrameRows
-from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.contact.equations.friction_nodes import friction_nodes
+from dolfinx_llm.contact.equations.prescribed_slip import rows_of, told
+from dolfinx_llm.contact.equations.proximal import FrameRows
+from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.forms.step import LEAST_FELT, SIGN, SOFT, LinearStep
 from dolfinx_llm.laws.rows import STICK, LawRows
 from dolfinx_llm.operators.system import ContactOperators
@@ -203,12 +202,6 @@ class Equations:
         if not self.operators.tied:
             forces = self.frames.rows().gather @ forces
         return float(np.abs(forces - self.loads).max(initial=0.0))
-
-    def release(self, multiplier: Array, allowed: float) -> bool:
-        """Whether frame nodes that have balanced in sums miss it by more than is allowed [force];
-        from then on each balances on its own."""
-        missed = np.abs(self.L_t @ multiplier - self.loads).max(initial=0.0)
-        return bool(missed > allowed) and any([release(s) for s in self.states])
 
     def runaway(self, multiplier: Array) -> str:
         """What is said of an obstacle whose force contact does not balance: all but the proximal

@@ -13,7 +13,8 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
-from dolfinx_llm.contact.state import BY_TURNS, GONE, InterfaceState
+from dolfinx_llm.contact.equations.equations import Equations
+from dolfinx_llm.contact.equations.state import BY_TURNS, GONE, InterfaceState
 from dolfinx_llm.laws.rows import SLIP, STICK
 
 FRICTIONLESS = 1e-2  # of the normal force that may be without friction: less than meshes cost
@@ -39,8 +40,21 @@ def lost(s: InterfaceState, multiplier: Array) -> float:
     return float(np.abs(force[loose]).sum() / max(np.abs(force).sum(), 1e-300))
 
 
-def release(s: InterfaceState) -> bool:
-    """From now on in this load step each frame node balances on its own; True: some did not.
+def release(equations: Equations, multiplier: Array, allowed: float) -> bool:
+    """Whether frame nodes that have balanced in sums miss it; from then on in this load step each
+    balances on its own.
+
+    Args:
+        equations: of the laws.
+        multiplier: λ (n,) [force].
+        allowed: what may be missed [force].
+    """
+    missed = np.abs(equations.L_t @ multiplier - equations.loads).max(initial=0.0)
+    return bool(missed > allowed) and any([_balance_alone(s) for s in equations.states])
+
+
+def _balance_alone(s: InterfaceState) -> bool:
+    """Each frame node of an interface balances on its own; True: some did not.
 
     Pairs that opened and closed by turns have their friction again: where one alone presses a
     node, nothing else could balance the friction of others there.

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.contact.equations import Equations
-from dolfinx_llm.contact.flickering import keep
-from dolfinx_llm.contact.iterate import Iterate
-from dolfinx_llm.contact.reached import take_back, untied
-from dolfinx_llm.contact.ties import ask_again, choose, unsettled
+from dolfinx_llm.contact.equations.equations import Equations
+from dolfinx_llm.contact.search.flickering import keep
+from dolfinx_llm.contact.search.iterate import Iterate
+from dolfinx_llm.contact.search.reached import take_back, untied
+from dolfinx_llm.contact.search.ties import ask_again, choose, unsettled
 
 MANY = 0.2  # of the pairs: where more change at first, contact without friction tells which touch
 FLOATS = 1e-6  # of the forces, that springs carry where contact without friction holds no body

@@ -21,8 +21,8 @@ from __future__ import annotations
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.contact.flickering import too_loose
-from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.contact.equations.state import InterfaceState
+from dolfinx_llm.contact.search.flickering import too_loose
 
 SETTLING = 1e-2  # of the largest force, that laws are missed by: contact is nearly what it will be
 TIELESS = 1e-2  # of the normal force without friction, on the pairs that press least: no ties

@@ -9,8 +9,8 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, nearest, of_nearest
-from dolfinx_llm.contact.sides import FELT, SideResult
-from dolfinx_llm.contact.state import InterfaceState
+from dolfinx_llm.contact.equations.state import InterfaceState
+from dolfinx_llm.contact.results.sides import FELT, SideResult
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import CLOSED, OPEN
 

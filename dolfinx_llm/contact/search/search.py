@@ -19,16 +19,16 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.base.parallel import told
-from dolfinx_llm.contact.circles import Circles, failure
-from dolfinx_llm.contact.equations import Equations, spread, unfelt
-from dolfinx_llm.contact.flickering import lets_go, require_friction
-from dolfinx_llm.contact.gross_slip import slide
-from dolfinx_llm.contact.iterate import ENOUGH, Iterate, entry, take_over
-from dolfinx_llm.contact.parted import Parted
-from dolfinx_llm.contact.reached import Reached
-from dolfinx_llm.contact.soft_rows import CALM, CONSTANT, GivingWay
-from dolfinx_llm.contact.ties import ask, tie_more
-from dolfinx_llm.contact.without_friction import WithoutFriction
+from dolfinx_llm.contact.equations.equations import Equations, spread, unfelt
+from dolfinx_llm.contact.search.circles import Circles, failure
+from dolfinx_llm.contact.search.flickering import lets_go, release, require_friction
+from dolfinx_llm.contact.search.gross_slip import slide
+from dolfinx_llm.contact.search.iterate import ENOUGH, Iterate, entry, take_over
+from dolfinx_llm.contact.search.parted import Parted
+from dolfinx_llm.contact.search.reached import Reached
+from dolfinx_llm.contact.search.soft_rows import CALM, CONSTANT, GivingWay
+from dolfinx_llm.contact.search.ties import ask, tie_more
+from dolfinx_llm.contact.search.without_friction import WithoutFriction
 from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import GRAZING, LinearStep, StepForm, StepResult
 from dolfinx_llm.forms.verdict import FinalError
@@ -209,7 +209,7 @@ class Search:
         """Whether something is let go, or tied, that rests, or nearly so, and is not as it should
         be."""
         equations, felt = self._equations, ENOUGH * now.largest
-        released = (rests or self._calm > 1) and equations.release(now.multiplier, felt)
+        released = (rests or self._calm > 1) and release(equations, now.multiplier, felt)
         released |= tie_more(self._states, now.borne, now.miss)
         if not rests or released:
             return released

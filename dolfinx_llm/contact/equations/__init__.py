@@ -1,0 +1,1 @@
+"""What laws ask of forces and motions, linearised: one system for each iteration."""
