@@ -33,10 +33,10 @@ from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import GRAZING, LinearStep, StepForm, StepResult
 from dolfinx_llm.forms.verdict import FinalError
 
-HOLD_FIRMLY = 1e-8  # what holds frames while contact changes, over the surfaces' stiffness
-HOLD_IF_CARRIED = 1e-11  # the same where one side carries a frame: with more a pin with much
-# clearance takes up to 150 iterations
-SOFTER_THAN_SPRINGS = 0.1  # the same, of springs that hold bodies: it must not push these away
+HOLD_FIRMLY = 1e-8  # what holds frames while contact changes, over the softest side's stiffness
+HOLD_IF_CARRIED = 1e-11  # over the surfaces', where one side carries a frame: with more a pin with
+# much clearance takes up to 150 iterations
+SOFTER_THAN_SPRINGS = 0.1  # the most, over springs that hold bodies: it must not push these away
 LED = 10  # iterations in which what springs alone press together sticks
 LAST_PULL = 1e-13  # of the forces, that the proximal term may carry, however loose solves are
 PATIENT, LONG_ENOUGH = 20, 1e-9  # iterations of rest, after which this may be left, as about frame
@@ -147,8 +147,11 @@ class Search:
             return self._form.proximal
         if self._without_friction.carried:
             return HOLD_IF_CARRIED
-        springs = self._spring / self._scale if self._operators.floating.count else np.inf
-        return max(min(HOLD_FIRMLY, SOFTER_THAN_SPRINGS * springs), self._form.proximal)
+        softest = min(float(sides.min()) for sides in self._operators.stiffness)
+        hold = HOLD_FIRMLY * min(softest / self._scale, 1.0)
+        if self._operators.floating.count:
+            hold = min(hold, SOFTER_THAN_SPRINGS * self._spring / self._scale)
+        return max(hold, self._form.proximal)
 
     def _iterate(self) -> Iterate:
         """Solve a linear step, and take over what is in contact, sticks and slips then."""
