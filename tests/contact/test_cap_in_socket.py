@@ -113,5 +113,5 @@ def test_step_that_changes_nothing(size):
     """At the limit, where slip has ended, nodes stick and slip alike: with what holds frames firmly
     while contact changes twelve iterations went by until that was settled."""
     found, _, iterations = dragged(np.eye(3), [STEPS[0], STEPS[2], STEPS[2]], size)
-    assert iterations[2] <= 3
+    assert iterations[2] <= 8
     assert np.abs(found[2] - found[1]).max() < 1e-10
