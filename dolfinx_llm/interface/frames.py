@@ -13,7 +13,9 @@ from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.site import Site
 
-COVERED, REACH = 1e-6, 3.0  # cells that a node may lie beyond a given, a predicted frame
+# Cells that a node may lie beyond a frame's outline: a given one's, flat or along curved surfaces,
+# and a predicted one's, where facets of the other side, in contact by a corner, may reach far.
+COVERED, REACH, REACH_OF_PREDICTED = 1e-6, 3.0, 10.0
 
 
 def choose_frame(
@@ -63,7 +65,7 @@ def choose_frame(
                 raise
             log.info("closed form of the frame left out: %s", error)
     frame, note = predict_frame(sides, touched, plane, interface.law.opens, corners, order, carrier)
-    return frame, note, REACH
+    return frame, note, REACH_OF_PREDICTED
 
 
 def common_order(sides: Sequence[Surface], frame: Frame | None = None) -> int:
