@@ -88,15 +88,16 @@ def test_lifts_off(elements):
 
 
 @pytest.mark.long
-def test_by_multigrid():
+@pytest.mark.parametrize("elements", [(12, 9), (16, 12)])
+def test_by_multigrid(elements):
     """It came to no rest; and where small entries alone touch frame nodes 400 iterations of CG did
     not do. Forces are those of the other form but for what small entries pass on."""
-    towers = [Tower((12, 9)), Tower((12, 9), solver="condensed")]
+    towers = [Tower(elements), Tower(elements, solver="condensed")]
     for e in STEPS:
         found = [tower.step(e) for tower in towers]
         for tower, sides in zip(towers, found, strict=True):
             checked(sides, e)
-            assert len(tower.problem.history) <= 15
+            assert len(tower.problem.history) <= 20
         assert "CG + GAMG" in str(towers[1].problem) and "Cholesky" not in str(towers[1].problem)
         for one, other in zip(*found, strict=True):
             close = 1e-7 * one.normal_force.max()

@@ -24,6 +24,7 @@ GAMG = {
     "pc_type": "gamg",
     "pc_gamg_agg_nsmooths": 1,
     "pc_gamg_threshold": 0.01,
+    "pc_gamg_coarse_eq_limit": 200,  # by 50 modes may be dependent there, smoothers find no scale
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_pc_type": "jacobi",
     "mg_levels_ksp_max_it": 3,
