@@ -111,7 +111,8 @@ def test_load_steps():
 @pytest.mark.parametrize("size", [0.18, longer(0.22), longer(0.25)])
 def test_step_that_changes_nothing(size):
     """At the limit, where slip has ended, nodes stick and slip alike: with what holds frames firmly
-    while contact changes twelve iterations went by until that was settled."""
+    while contact changes twelve iterations went by until that was settled. Where all of a cap slips
+    one motion is held by hardly anything: meshes of other gmsh versions tell forces to 3e-8."""
     found, _, iterations = dragged(np.eye(3), [STEPS[0], STEPS[2], STEPS[2]], size)
     assert iterations[2] <= 8
-    assert np.abs(found[2] - found[1]).max() < 1e-10
+    assert np.abs(found[2] - found[1]).max() < 1e-6
