@@ -143,7 +143,7 @@ class Search:
     def _hold(self) -> float:
         """What holds frames, over the surfaces' stiffness: firm while contact changes, so that no
         rounding tells what touches them."""
-        if self._calmed or not (self._form.light or self._number > 1):
+        if self._calmed or not (self._form.light or self._first or self._number > 1):
             return self._form.proximal
         if self._without_friction.carried:
             return HOLD_IF_CARRIED
