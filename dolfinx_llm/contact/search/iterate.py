@@ -15,7 +15,7 @@ from dolfinx_llm.contact.search.flickering import count
 from dolfinx_llm.forms.step import SIGN, StepResult, unless_none
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
-ENOUGH = 1e-10  # of the largest force: residual that may be left where it has stopped falling
+ENOUGH = 1e-10  # of the largest force: less may be left where that falls no more, and is not felt
 LIGHT = 1e-3  # of the largest force: pairs with less are at the rim of contact
 
 

@@ -32,6 +32,7 @@ from dolfinx_llm.contact.search.without_friction import WithoutFriction
 from dolfinx_llm.forms.floating import Pull
 from dolfinx_llm.forms.step import GRAZING, LinearStep, StepForm, StepResult
 from dolfinx_llm.forms.verdict import FinalError
+from dolfinx_llm.operators.system import ContactOperators
 
 HOLD_FIRMLY = 1e-8  # what holds frames while contact changes, over the softest side's stiffness
 HOLD_IF_CARRIED = 1e-11  # over the surfaces', where one side carries a frame: with more a pin with
@@ -101,6 +102,7 @@ class Search:
         for s in self._states:
             s.begin()
         self._without_friction = WithoutFriction(equations, self._known)
+        self._firmly = _firm_hold(self._operators, self._spring, self._without_friction.carried)
 
     def find(self, falls: Callable[[], Any]) -> StepResult:
         """The state that meets all conditions; soon, or else given up, where no forces balance the
@@ -145,13 +147,7 @@ class Search:
         rounding tells what touches them."""
         if self._calmed or not (self._form.light or self._first or self._number > 1):
             return self._form.proximal
-        if self._without_friction.carried:
-            return HOLD_IF_CARRIED
-        softest = min(float(sides.min()) for sides in self._operators.stiffness)
-        hold = HOLD_FIRMLY * min(softest / self._scale, 1.0)
-        if self._operators.floating.count:
-            hold = min(hold, SOFTER_THAN_SPRINGS * self._spring / self._scale)
-        return max(hold, self._form.proximal)
+        return max(self._firmly, self._form.proximal)
 
     def _iterate(self) -> Iterate:
         """Solve a linear step, and take over what is in contact, sticks and slips then."""
@@ -245,3 +241,15 @@ class Search:
         self._frame = w
         if self._calm:
             self._form.correct(now.result)
+
+
+def _firm_hold(operators: ContactOperators, spring: float, carried: bool) -> float:
+    """What holds frames firmly, over the surfaces' stiffness, where springs hold free bodies; a
+    side may carry a frame."""
+    if carried:
+        return HOLD_IF_CARRIED
+    softest = min(float(sides.min()) for sides in operators.stiffness)
+    hold = HOLD_FIRMLY * min(softest / operators.scale, 1.0)
+    if operators.floating.count:
+        hold = min(hold, SOFTER_THAN_SPRINGS * spring / operators.scale)
+    return hold

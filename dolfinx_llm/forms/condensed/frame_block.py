@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csc_matrix, csr_matrix
-from scipy.sparse.linalg import splu
+from scipy.sparse import coo_matrix
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import collective, gather_rows
+from dolfinx_llm.base.sparse import symmetric_factors
+from dolfinx_llm.forms.condensed.gmres import Shell
 from dolfinx_llm.forms.condensed.transformation import Transformation
+from dolfinx_llm.operators.petsc import local_csr, times
 
 SEEN_FAINTLY = 0.1  # entries of rows below which they hold a frame unknown too softly for multigrid
 
@@ -21,9 +24,8 @@ def hardly_held(form: Transformation) -> Array | None:
     see one that a proximal term holds; elsewhere None, on all ranks. Collective."""
     if form.proximal is None:
         return None
-    moved = form.L @ form.frame.Z
-    seen = np.zeros(moved.shape[1])
-    np.maximum.at(seen, moved.indices, abs(moved.data))
+    seen = np.zeros(form.moved.shape[1])
+    np.maximum.at(seen, form.moved.indices, abs(form.moved.data))
     form.comm.Allreduce(MPI.IN_PLACE, seen, op=MPI.MAX)
     some = ((seen > 0.0) & (seen < SEEN_FAINTLY)).any()
     return len(form.fixed) + form.tail.seats if some else None
@@ -40,12 +42,12 @@ class FrameBlock:
     """
 
     def __init__(self, ksp: Any, matrix: Any, places: Array) -> None:
-        self._inner = ksp.getPC()
-        self._factorise(matrix, places)
+        self._inner, self._matrix, self._places = ksp.getPC(), matrix, places
+        self._factorise()
         outer = PETSc.PC().create(comm=ksp.comm)
         outer.setOperators(matrix)
         outer.setType("python")
-        outer.setPythonContext(self)
+        outer.setPythonContext(Shell(self._times))
         ksp.setPC(outer)
         outer.destroy()
         ksp.setUp()
@@ -57,38 +59,38 @@ class FrameBlock:
         for item in (outer, self._inner):
             item.destroy()
 
-    def _factorise(self, matrix: Any, places: Array) -> None:
-        self._matrix, self._places, comm = matrix, places, matrix.comm.tompi4py()
-        numbers = (matrix.getOwnershipRange()[0] + places).astype(PETSc.IntType)
-        rows = PETSc.IS().createGeneral(numbers, comm=matrix.comm)
-        block = matrix.createSubMatrix(rows, rows)
-        first, column, value = block.getValuesCSR()
-        parts = comm.allgather((np.diff(first), column, value))
-        counts, columns, values = (np.concatenate(part) for part in zip(*parts, strict=True))
-        start = np.concatenate([[0], np.cumsum(counts)])
-        whole = csr_matrix((values, columns, start), shape=(len(counts),) * 2)
-        self._solve = splu(csc_matrix(whole)).solve if len(counts) else lambda b: b
-        before = sum(len(part[0]) for part in parts[: comm.rank])
-        self._mine, self._comm = slice(before, before + len(places)), comm
+    def _factorise(self) -> None:
+        """A's block, the same on every rank."""
+        numbers = self._matrix.getOwnershipRange()[0] + self._places
+        rows = PETSc.IS().createGeneral(numbers.astype(PETSc.IntType), comm=self._matrix.comm)
+        block = self._matrix.createSubMatrix(rows, rows)
+        self._comm, self._mine = block.comm.tompi4py(), slice(*block.getOwnershipRange())
+        own, size = local_csr(block).tocoo(), block.getSize()
+        parts = own.data, own.row + self._mine.start, own.col
+        data, row, col = (gather_rows(self._comm, part) for part in parts)
+        with collective(self._comm):
+            self._factors = symmetric_factors(coo_matrix((data, (row, col)), size))
         for item in (rows, block):
             item.destroy()
 
-    def apply(self, _: Any, x: Any, y: Any) -> None:
-        """y = M x."""
-        left, found = x.duplicate(), x.duplicate()
-        y.set(0.0)
-        self._add(x.array_r, y)
-        self._matrix.mult(y, left)
-        left.aypx(-1.0, x)
-        self._inner.apply(left, found)
-        y.axpy(1.0, found)
-        self._matrix.mult(y, left)
-        left.aypx(-1.0, x)
-        self._add(left.array_r, y)
-        for item in (left, found):
-            item.destroy()
+    def _times(self, x: Array) -> Array:
+        """This rank's part of the product with x."""
+        y = self._by_factors(x)
+        y += self._by_multigrid(x - times(self._matrix, y))
+        return y + self._by_factors(x - times(self._matrix, y))
 
-    def _add(self, x: Array, y: Any) -> None:
-        """F x, to y."""
-        whole = np.concatenate(self._comm.allgather(x[self._places]))
-        y.array_w[self._places] += self._solve(whole)[self._mine]
+    def _by_factors(self, x: Array) -> Array:
+        """F x."""
+        y = np.zeros(len(x))
+        y[self._places] = self._factors.solve(gather_rows(self._comm, x[self._places]))[self._mine]
+        return y
+
+    def _by_multigrid(self, x: Array) -> Array:
+        """G x."""
+        given, found = self._matrix.createVecs()
+        given.array_w[:] = x
+        self._inner.apply(given, found)
+        y = found.array_r.copy()
+        for item in (given, found):
+            item.destroy()
+        return y

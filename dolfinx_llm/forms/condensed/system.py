@@ -89,13 +89,14 @@ class CondensedSystem:
         self.reduced.destroy()
         self._reduce(rows, proximal)
         same = self.comm.allreduce(self.matrix.getLocalSize() == before, op=MPI.LAND)
-        self.solver.renew(self.matrix, same, changed, hardly_held(self.form))
+        self.solver.renew(self.matrix, same, changed, self._frames)
 
     def _reduce(self, rows: EliminatedRows, proximal: Array | None) -> None:
         """Take over what other eliminated rows leave."""
         self.form = Transformation(self.split, rows, self.fixed, proximal)
         self.reduced = ReducedMatrix(self.form, self.scale, self._weak, self._firm)
         self.matrix, self.S = self.reduced.matrix, self.reduced.S
+        self._frames = hardly_held(self.form)
 
     @property
     def set_ups(self) -> int:
@@ -112,7 +113,7 @@ class CondensedSystem:
         if self.solver.ksp is None:
             if self._modes is not None and self.solver.uses_modes:
                 near_null_space(self.matrix, self.S, self.form.unknowns(*self._modes()))
-            self.solver.set_up(self.matrix, hardly_held(self.form))
+            self.solver.set_up(self.matrix, self._frames)
             self.matrix.setNearNullSpace(PETSc.NullSpace())  # it has served
 
     def solve(self, f: Array, g: Array, pull: Array | None = None) -> tuple[Array, Array, Array]:

@@ -46,7 +46,7 @@ class Transformation:
         self.L = rows.L[rows.multipliers.mine]  # rows of this rank
         self.frame = FrameElimination(self.comm, *self._frame_rows(soft))
         self._N_S = node.N @ diagonal(~on)
-        moved = self.L @ self.frame.Z
+        self.moved = moved = self.L @ self.frame.Z  # (R, m) what these rows see of the frames
         held = None if proximal is None else abs(self.frame.Z).T @ proximal > 0.0
         if held is not None and soft is not None:
             held[self.frame.dependent] = True  # the places of forces
