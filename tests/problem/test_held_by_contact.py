@@ -61,7 +61,6 @@ def test_bonds_without_friction(size):
 
 
 @pytest.mark.long
-@pytest.mark.xfail(reason="the solve fails since frames are held firmly while contact changes")
 def test_a_large_bond_comes_to_rest():
     """Hundreds of pairs opened and closed in turns for ever: each block balances, none pulls."""
     blocks = walls.courses(16, 16)

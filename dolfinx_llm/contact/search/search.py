@@ -37,7 +37,7 @@ from dolfinx_llm.operators.system import ContactOperators
 HOLD_FIRMLY = 1e-8  # what holds frames while contact changes, over the softest side's stiffness
 HOLD_IF_CARRIED = 1e-11  # over the surfaces', where one side carries a frame: with more a pin with
 # much clearance takes up to 150 iterations
-SOFTER_THAN_SPRINGS = 0.1  # the most, over springs that hold bodies: it must not push these away
+SOFTER_THAN_SPRINGS = 0.3  # the most, over springs that hold bodies: it must not push these away
 LED = 10  # iterations in which what springs alone press together sticks
 LAST_PULL = 1e-13  # of the forces, that the proximal term may carry, however loose solves are
 PATIENT, LONG_ENOUGH = 20, 1e-9  # iterations of rest, after which this may be left, as about frame
@@ -98,6 +98,7 @@ class Search:
         self._parted = Parted(equations, self._comm)
         self._number, self._last, self._runs = 0, MAXIMUM, 0  # of iterations
         self._calm, self._before = 0, np.inf  # iterations without change; residual of the last
+        self._held_alike = True  # as in the iteration before
         self._calmed = False  # has come to rest once
         for s in self._states:
             s.begin()
@@ -152,7 +153,8 @@ class Search:
     def _iterate(self) -> Iterate:
         """Solve a linear step, and take over what is in contact, sticks and slips then."""
         equations, glides = self._equations, self._without_friction.now
-        equations.frames.epsilon = self._hold
+        hold = self._hold
+        self._held_alike, equations.frames.epsilon = hold == equations.frames.epsilon, hold
         equations.lags = self._circles.lag(self._calm <= CALM)
         settled = self._calm > 0 and self._before <= CONSTANT
         equations.about = self._giving.about(settled, self._number)
@@ -188,7 +190,9 @@ class Search:
         supposed = self._first and now.miss > self._form.accuracy
         supposed |= self._without_friction.now
         self._calm = 0 if now.changes or supposed else self._calm + 1
-        self._pull.watch(now.result.floating, now.multiplier, self._calm, self._form.noise)
+        # What springs carry is compared where frames, which bear a part, are held alike.
+        calm = self._calm if self._held_alike else min(self._calm, 1)
+        self._pull.watch(now.result.floating, now.multiplier, calm, self._form.noise)
         self._equations.idle = self._pull.most if self._number < LED else 0.0
 
     def _stalls(self, now: Iterate) -> bool:
