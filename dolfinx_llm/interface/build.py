@@ -25,13 +25,26 @@ from dolfinx_llm.interface.against import (
     loaded,
     under_force,
 )
-from dolfinx_llm.interface.carrier import check_carried, with_carrier
+from dolfinx_llm.interface.carrier import (
+    check_carried,
+    residual_of,
+    say_carrier,
+    with_carrier,
+    with_other_carrier,
+)
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.control import in_control_values, with_control
 from dolfinx_llm.interface.frames import choose_frame, common_order, move_nodes
 from dolfinx_llm.interface.geometry import InterfaceGeometry, describe
 from dolfinx_llm.interface.join import Part, joined, whole_piece
-from dolfinx_llm.interface.rows import balanced, bent_pairs, designed, kept_nodes
+from dolfinx_llm.interface.rows import (
+    balanced,
+    bent_pairs,
+    designed,
+    in_supports_planes,
+    kept_nodes,
+    say_left,
+)
 from dolfinx_llm.interface.shared import check_pairs, shared_by, shared_nodes
 from dolfinx_llm.interface.site import Site, check_order, find_site, say_straight, with_law
 from dolfinx_llm.interface.touching import check_flat, find_pieces
@@ -88,17 +101,33 @@ def _find_parts(site: Site, notes: list[str], clock: Clock) -> tuple[Any, ...]:
     pieces, rims = find_pieces(whole, interface.law.opens, interface.name, notes)
     if len(pieces) > 1 and interface.frame is not None:
         pieces = [whole_piece(pieces)]
-    site = with_carrier(with_law(site, any(piece.plane is None for piece in pieces)), pieces, notes)
+    site = with_carrier(with_law(site, any(piece.plane is None for piece in pieces)), pieces)
     if interface.frame is None:
         pieces = [part for piece in pieces for part in separated(piece, whole)]
         site = replace(site, shared=shared_by(pieces, site))
     clock.stop("facing facets")
-    parts: list[Part] = []
+    parts, said = _build_pieces(site, pieces, clock)
+    if (other := with_other_carrier(site, parts)) is not None:
+        again = _build_pieces(other, pieces, clock)
+        if residual_of(again[0]) < residual_of(parts):
+            site, (parts, said) = other, again
+    check_carried(site, parts)
+    notes += say_carrier(site) + said
+    for part in parts:
+        if part.piece.plane is None:
+            say_left(interface, part.pairs, part.certificate.residual, notes)
+    return parts, rims, site.shared, site.carrier, notes, clock
+
+
+def _build_pieces(
+    site: Site, pieces: Sequence[Piece], clock: Clock
+) -> tuple[list[Part], list[str]]:
+    """What is built of all pieces, and what is to be said of that."""
+    parts, notes = list[Part](), list[str]()
     for piece in pieces:  # one frame has cells of one kind
         corners = parts[0].frame.cells.shape[1] if parts else None
         parts.append(build_piece(site, piece, notes, clock, corners))
-    check_carried(site, parts)
-    return parts, rims, site.shared, site.carrier, notes, clock
+    return parts, notes
 
 
 def build_against(site: Site, notes: list[str], clock: Clock) -> InterfaceGeometry:
@@ -139,6 +168,10 @@ def assembled(
         rim[np.isin(side.dofs, p.surface.dofs)][p.nodes]
         for rim, side, p in zip(whole_rims, site.whole, pairs, strict=True)
     ]
+    curved = any(part.piece.plane is None for part in parts)
+    if site.held and curved and law.components == "local":
+        sides = zip(site.whole, site.held, pairs, strict=True)
+        pairs = [in_supports_planes(*side) for side in sides]
     if site.scalar:
         pairs, base = [scalar_pairs(p) for p in pairs], np.ones((len(base), 1, 1))
     elif law.components != "cartesian":

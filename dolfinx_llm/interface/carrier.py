@@ -12,17 +12,17 @@ from dolfinx_llm.design.predict import coarser_side
 from dolfinx_llm.geometry.pairs import rank_certificate
 from dolfinx_llm.geometry.pieces import Piece
 from dolfinx_llm.interface.join import Part, whole_piece
+from dolfinx_llm.interface.rows import COARSE
 from dolfinx_llm.interface.site import Site
 
 
-def with_carrier(site: Site, pieces: Sequence[Piece], notes: list[str]) -> Site:
+def with_carrier(site: Site, pieces: Sequence[Piece]) -> Site:
     """The same; with friction between surfaces some of which are curved, the one with fewer nodes
     carries the frame, and the law holds at the nodes of the other (``contact.friction_nodes``).
 
     Args:
         site: with its law.
         pieces: of the surfaces that touch.
-        notes: get what was chosen.
     """
     law = site.interface.law
     flat = all(piece.plane is not None for piece in pieces)
@@ -34,10 +34,30 @@ def with_carrier(site: Site, pieces: Sequence[Piece], notes: list[str]) -> Site:
     carrier = int(sizes[1] < sizes[0])
     if sizes[0] == sizes[1]:
         carrier = coarser_side(sides, [np.ones(n) for n, _ in sizes], by_nodes=True)
-    mover, frame = sides[1 - carrier].name, sides[carrier].name
-    notes.append(f"curved, with friction: the law holds at the nodes of {mover}, {frame} carries "
-                 "the frame")  # fmt: skip
     return replace(site, carrier=carrier)
+
+
+def with_other_carrier(site: Site, parts: Sequence[Part]) -> Site | None:
+    """Where orders differ and a frame on the side with fewer nodes does not pass, a site on which
+    the other carries it: a first-order side with few nodes less may have far finer facets."""
+    orders = {side.element.order for side in site.whole}
+    if site.carrier is None or site.interface.frame is not None or len(orders) < 2:
+        return None
+    return replace(site, carrier=1 - site.carrier) if residual_of(parts) > COARSE else None
+
+
+def residual_of(parts: Sequence[Part]) -> float:
+    """The largest patch residual."""
+    return max(part.certificate.residual for part in parts)
+
+
+def say_carrier(site: Site) -> list[str]:
+    """A sentence that says it, if one side carries the frame."""
+    if site.carrier is None:
+        return []
+    mover, frame = (site.whole[k].name for k in (1 - site.carrier, site.carrier))
+    return [f"curved, with friction: the law holds at the nodes of {mover}, {frame} carries "
+            "the frame"]  # fmt: skip
 
 
 def check_carried(site: Site, parts: Sequence[Part]) -> None:

@@ -26,11 +26,12 @@ from dolfinx_llm.design.line import check_closed_form
 from dolfinx_llm.design.outline import at_outline
 from dolfinx_llm.design.quadric import SmoothSurface
 from dolfinx_llm.design.weights import TOLERANCE, balanced_rows, load_residual
-from dolfinx_llm.geometry.cells import outline_edges, unit_normals
+from dolfinx_llm.geometry.cells import outline_edges, unit, unit_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.pairs import ContactPairs, rank_certificate, with_weights
+from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.join import Certificate
 from dolfinx_llm.interface.site import Site
@@ -41,6 +42,7 @@ COARSE = 0.1  # vector residual of curved surfaces, from which on it is said
 SHARES = (1.0, 0.5, 0.0)  # of the way to the places on the smooth surface that rows are tried with
 UNITY = 1e-9  # by which the sum of a row may differ from 1
 ACROSS = 1e-6  # direction cosine with the normal up to which a dof lies in the contact plane
+NEXT_TO = 1e-3  # the same of normals at planes of symmetry, as meshes tell them
 
 
 def balanced(
@@ -85,7 +87,6 @@ def balanced(
         f"root mean square of the patch residual "
         f"{np.sqrt(np.mean(after**2)):.1e} (before design {np.sqrt(np.mean(before**2)):.1e})"
     )
-    _say_left(interface, pairs, float(after.max()), notes)
     if close_gap:
         notes.append(f"the smooth surface that gaps are counted from is known to about {place:.1e}")
     return pairs, certificate, normals
@@ -125,11 +126,10 @@ def bent_pairs(
         float(max(np.abs(a).max() for a in along) / size),
         float(max(np.abs(a - b).max() for a, b in zip(N, plain, strict=True))),
     )
-    _say_left(interface, pairs, float(after.max()), notes)
     return pairs, certificate, normals
 
 
-def _say_left(
+def say_left(
     interface: Interface, pairs: Sequence[ContactPairs], residual: float, notes: list[str]
 ) -> None:
     """Say what a curved frame leaves: a large patch residual, and gaps of bodies that are tied."""
@@ -261,6 +261,21 @@ def _balanced(
             pass
     of, stay = tries[-1]
     return balanced_rows(frame, s, plain, of, stay), of
+
+
+def in_supports_planes(own: Surface, held: Array, pairs: ContactPairs) -> ContactPairs:
+    """Pairs whose normals lie in the planes that supports hold nodes on, where these mean planes of
+    symmetry: what meshes make of normals there would bind a node across the plane by what is left
+    of its motion, next to nothing.
+
+    Args:
+        own, held: the whole surface, and (n, gdim) prescribed dofs of its nodes.
+        pairs: of it.
+    """
+    normal = pairs.normal.copy()
+    held = held[np.isin(own.dofs, pairs.surface.dofs)][pairs.nodes]
+    normal[held & (np.abs(normal) < NEXT_TO)] = 0.0
+    return replace(pairs, normal=unit(normal))
 
 
 def kept_nodes(site: Site, pairs: Sequence[ContactPairs]) -> list[Array] | None:

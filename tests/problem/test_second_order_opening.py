@@ -4,7 +4,7 @@ import bent_rings
 import numpy as np
 import pytest
 import ufl
-from lame_rings import Lame, quarters
+from lame_rings import Lame, Mixed, quarters
 from sampling import longer
 from scenes import squares
 
@@ -13,18 +13,6 @@ import dolfinx_llm as llm
 
 class Lame2(Lame):
     degree = 2
-
-
-class Mixed(Lame):
-    """Bodies of such orders, the inner one's first."""
-
-    def __init__(self, orders):
-        super().__init__()
-        self.orders = list(orders)
-
-    @property
-    def degree(self):
-        return self.orders.pop(0)
 
 
 EXACT = Lame2()
@@ -80,18 +68,23 @@ def test_third_order(counts, most, law, solver):
     assert (np.log2(coarse / fine) >= [2.9, 1.95]).all()
 
 
-FREE, HARDLY = llm.Frictionless(), llm.Coulomb(1e-3)
+FREE, HARDLY, STICKS = llm.Frictionless(), llm.Coulomb(1e-3), llm.Coulomb(0.3)
 
 
 @pytest.mark.parametrize(("kind", "sizes", "most", "law"), [
     ("quad", (0.2, 0.13), 0.005, FREE), ("quad", (0.2, 0.13), 0.005, HARDLY),
     longer("hex", (0.3, 0.2), 0.02, FREE), longer("hex", (0.3, 0.2), 0.02, HARDLY),
     longer("tet", (0.3, 0.2), 0.1, FREE), longer("tet", (0.3, 0.2), 0.1, HARDLY),
+    ("quad", (0.2, 0.13), 0.005, STICKS), longer("hex", (0.3, 0.2), 0.02, STICKS),
+    ("tet", (0.3, 0.2), 0.1, STICKS), longer("tet", (0.2, 0.3), 0.1, STICKS),
 ], ids=str)  # fmt: skip
 def test_up_to_planes_of_symmetry(kind, sizes, most, law):
     """Supports there hold both sides: nothing else tells how frame nodes there move along the
-    surface, and with it across: pressures were off by 40 to 75 %."""
-    found = check(EXACT.linear(quarters(kind, sizes, 2), law, "auto"), most)
+    surface, and with it across: pressures were off by 40 to 75 %. Where one side carries the frame
+    rows of the other rubbed across the planes, and tetrahedra came to no rest."""
+    problem = EXACT.linear(quarters(kind, sizes, 2), law, "auto")
+    found = check(problem, most)
+    assert len(problem.history) <= 7
     tied = errors(EXACT.linear(quarters(kind, sizes, 2), llm.Tied(), "auto").solve())
     assert (found <= [1.4, 1.15] * tied).all()
 
@@ -112,14 +105,15 @@ def test_orders_that_differ(orders, law):
 @pytest.mark.parametrize(("kind", "sizes", "most"), [
     ("quad", (0.2, 0.13), 0.03), longer("quad", (0.1, 0.065), 0.007),
     longer("hex", (0.3, 0.2), 0.045),
+    longer("tet", (0.3, 0.2), 0.45), longer("tet", (0.2, 0.3), 0.45),
 ])  # fmt: skip
-def test_orders_that_differ_up_to_planes_of_symmetry(kind, sizes, most, orders, law, request):
-    """With friction, and all rows there left out, pressures were off by up to 84 %."""
-    if (kind, orders) == ("hex", (2, 1)) and law.slips:
-        why = "the first-order side has fewer nodes, but finer facets, and carries the frame: 15 %"
-        request.applymarker(pytest.mark.xfail(strict=True, reason=why))
+def test_orders_that_differ_up_to_planes_of_symmetry(kind, sizes, most, orders, law):
+    """With friction, and all rows there left out, pressures were off by up to 84 %; by 15 % where
+    the side with fewer nodes, of first order and with finer facets, carried the frame."""
     meshes = [quarters(kind, sizes, order)[k] for k, order in enumerate(orders)]
-    check(Mixed(orders).linear(meshes, law, "auto"), most)
+    problem = Mixed(orders).linear(meshes, law, "auto")
+    check(problem, most)
+    assert len(problem.history) <= 9
 
 
 def test_a_frame_of_lower_order_is_refused():

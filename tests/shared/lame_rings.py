@@ -76,6 +76,18 @@ class Lame:
         return llm.ContactProblem(a, L, bcs=bcs, interfaces=interfaces, solver=solver)
 
 
+class Mixed(Lame):
+    """Bodies of such orders, the inner one's first."""
+
+    def __init__(self, orders):
+        super().__init__()
+        self.orders = list(orders)
+
+    @property
+    def degree(self):
+        return self.orders.pop(0)
+
+
 def quarters(kind, sizes, order=1):
     """Meshes of an order of quarters of rings ("quad") or tubes, of cells of these sizes."""
     parts = zip(sizes, Lame.RADII[:-1], Lame.RADII[1:], (1, 5), strict=True)
