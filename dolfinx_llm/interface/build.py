@@ -117,7 +117,7 @@ def _find_parts(site: Site, notes: list[str], clock: Clock) -> tuple[Any, ...]:
     notes += say_carrier(site) + said
     for part in parts:
         if part.piece.plane is None:
-            say_left(interface, part.pairs, part.certificate.residual, notes)
+            say_left(interface, part, notes)
     return parts, rims, site.shared, site.carrier, notes, clock
 
 
@@ -170,10 +170,6 @@ def assembled(
         rim[np.isin(side.dofs, p.surface.dofs)][p.nodes]
         for rim, side, p in zip(whole_rims, site.whole, pairs, strict=True)
     ]
-    curved = any(part.piece.plane is None for part in parts)
-    if site.held and curved and law.components == "local":
-        sides = zip(site.whole, site.held, pairs, strict=True)
-        pairs = [in_supports_planes(*side) for side in sides]
     if site.scalar:
         pairs, base = [scalar_pairs(p) for p in pairs], np.ones((len(base), 1, 1))
     elif law.components != "cartesian":
@@ -276,4 +272,6 @@ def build_piece(
         pairs, certificate = designed(interface, frame, plane, pairs, notes, keep)
         base = np.broadcast_to(plane.base, (len(frame.x), *plane.base.shape))
     clock.stop("design")
+    if plane is None:
+        pairs = in_supports_planes(site, pairs)
     return Part(piece, tuple(pairs), frame, base, certificate)

@@ -92,6 +92,14 @@ class InterfaceGeometry:
             return 0
         return None if self.site.carrier is None else 1 - self.site.carrier
 
+    @cached_property
+    def carries(self) -> Array:
+        """(n,) pairs of the side that carries the frame, if there is one."""
+        carrier = self.site.carrier
+        return np.concatenate(
+            [np.full(len(p.nodes), i == carrier) for i, p in enumerate(self.pairs)]
+        )
+
     @property
     def theta(self) -> float:
         """Part of the jump between the bodies that the unknowns κ are: 1 where a side jumps from

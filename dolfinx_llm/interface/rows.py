@@ -31,9 +31,8 @@ from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.pairs import ContactPairs, rank_certificate, with_weights
-from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.choices import Interface
-from dolfinx_llm.interface.join import Certificate
+from dolfinx_llm.interface.join import Certificate, Part
 from dolfinx_llm.interface.site import Site
 
 log = logging.getLogger("dolfinx_llm")
@@ -129,11 +128,9 @@ def bent_pairs(
     return pairs, certificate, normals
 
 
-def say_left(
-    interface: Interface, pairs: Sequence[ContactPairs], residual: float, notes: list[str]
-) -> None:
+def say_left(interface: Interface, part: Part, notes: list[str]) -> None:
     """Say what a curved frame leaves: a large patch residual, and gaps of bodies that are tied."""
-    if residual > COARSE:
+    if (residual := part.certificate.residual) > COARSE:
         text = (
             f"curved surfaces are coarse: patch residual {residual:.2g} of the largest nodal "
             f"area, above {COARSE:g}; stresses next to the interface are off by about as much. "
@@ -142,7 +139,7 @@ def say_left(
         log.warning("interface %s: %s", interface.name, text)
         notes.append(text)
     if not interface.law.opens:
-        gap = max(np.abs(np.einsum("ni,ni->n", p.gap, p.normal)).max() for p in pairs)
+        gap = max(np.abs(np.einsum("ni,ni->n", p.gap, p.normal)).max() for p in part.pairs)
         kept = "is kept, tied as drawn without stress"
         closed = "is closed" if interface.law.closes_gap else kept
         notes.append(f"initial gap or overlap up to {gap:.3g} {closed}")
@@ -263,19 +260,23 @@ def _balanced(
     return balanced_rows(frame, s, plain, of, stay), of
 
 
-def in_supports_planes(own: Surface, held: Array, pairs: ContactPairs) -> ContactPairs:
-    """Pairs whose normals lie in the planes that supports hold nodes on, where these mean planes of
-    symmetry: what meshes make of normals there would bind a node across the plane by what is left
-    of its motion, next to nothing.
+def in_supports_planes(site: Site, pairs: Sequence[ContactPairs]) -> list[ContactPairs]:
+    """Pairs of curved surfaces whose normals lie in the planes that supports hold nodes on, where
+    these mean planes of symmetry: what meshes make of normals there would bind a node across the
+    plane by what is left of its motion, next to nothing."""
+    if not site.held or site.interface.law.components != "local":
+        return list(pairs)
+    out = []
+    for held, p in zip(_held_dofs(site, pairs), pairs, strict=True):
+        flat = held & (np.abs(p.normal) < NEXT_TO)
+        out.append(replace(p, normal=unit(np.where(flat, 0.0, p.normal))))
+    return out
 
-    Args:
-        own, held: the whole surface, and (n, gdim) prescribed dofs of its nodes.
-        pairs: of it.
-    """
-    normal = pairs.normal.copy()
-    held = held[np.isin(own.dofs, pairs.surface.dofs)][pairs.nodes]
-    normal[held & (np.abs(normal) < NEXT_TO)] = 0.0
-    return replace(pairs, normal=unit(normal))
+
+def _held_dofs(site: Site, pairs: Sequence[ContactPairs]) -> list[Array]:
+    """Per side (n, components) prescribed dofs of pairs, of a site that knows them."""
+    sides = zip(site.whole, site.held or (), pairs, strict=True)
+    return [held[np.isin(own.dofs, p.surface.dofs)][p.nodes] for own, held, p in sides]
 
 
 def kept_nodes(site: Site, pairs: Sequence[ContactPairs]) -> list[Array] | None:
@@ -283,15 +284,15 @@ def kept_nodes(site: Site, pairs: Sequence[ContactPairs]) -> list[Array] | None:
     the law ties, or other interfaces have the node, too: round a joint where interfaces meet rows
     repeat each other exactly, or not at all. None: there are none."""
     normal_only = site.interface.law.components == "normal"
+    held = _held_dofs(site, pairs) if site.held else []
     keep = []
     for i, (p, whole) in enumerate(zip(pairs, site.whole, strict=True)):
         # What is prescribed across the normal is free without friction.
         used = np.abs(p.normal) > ACROSS if normal_only else np.ones(p.normal.shape, dtype=bool)
-        at = np.isin(whole.dofs, p.surface.dofs)
         found = np.zeros(len(p.nodes), dtype=bool)
-        if site.held:
-            found |= (site.held[i][at][p.nodes] & used).any(axis=1)
+        if held:
+            found |= (held[i] & used).any(axis=1)
         if site.shared:
-            found |= site.shared[i][at][p.nodes]
+            found |= site.shared[i][np.isin(whole.dofs, p.surface.dofs)][p.nodes]
         keep.append(found)
     return keep if any(k.any() for k in keep) else None

@@ -92,20 +92,19 @@ class BothSides:
         if not held.any():
             return None
         at = np.split(held.any(axis=1), [len(own.nodes)])
-        law, carrier = geometry.interface.law, geometry.site.carrier
+        law, carried = geometry.interface.law, geometry.site.carrier is not None
         # With friction rows of others than its own nodes would share that among supports.
-        rubs = geometry.bent and carrier is None and not isinstance(law, FreeSlip)
+        rubs = geometry.bent and not (carried or isinstance(law, FreeSlip))
         least = COINCIDES if rubs else MOSTLY
         alone = np.concatenate([_next_to_nodes(p.N, a, least) for p, a in zip((own, other), at)])
         spare = held & ~alone[:, None]
-        if carrier is not None:  # of the others each slips by itself
-            carries = np.repeat([0, 1], [len(own.nodes), len(other.nodes)]) == carrier
-            spare = spare & carries[:, None]
-            held = np.where(carries[:, None], spare, held)
+        if carried:  # pairs of the other side slip each by itself
+            carries = geometry.carries[:, None]
+            spare, held = spare & carries, np.where(carries, spare, held)
         elif geometry.bent:
             held = spare
         lone = np.zeros_like(held)
-        if law.slips and not law.gives and carrier is None:
+        if law.slips and not (law.gives or carried):
             N = vstack(geometry.law_shapes).tocsr()
             others = np.asarray(N[~soft.all(axis=1)].power(2).sum(axis=0))
             weak = (others > HELD_STILL**2) & (others < HELD_BY_OTHERS)  # else it stays at rest

@@ -110,8 +110,7 @@ def test_orders_that_differ(orders, law):
 def test_orders_that_differ_up_to_planes_of_symmetry(kind, sizes, most, orders, law):
     """With friction, and all rows there left out, pressures were off by up to 84 %; by 15 % where
     the side with fewer nodes, of first order and with finer facets, carried the frame."""
-    meshes = [quarters(kind, sizes, order)[k] for k, order in enumerate(orders)]
-    problem = Mixed(orders).linear(meshes, law, "auto")
+    problem = Mixed(orders).linear(quarters(kind, sizes, orders), law, "auto")
     check(problem, most)
     assert len(problem.history) <= 9
 

@@ -89,8 +89,10 @@ class Mixed(Lame):
 
 
 def quarters(kind, sizes, order=1):
-    """Meshes of an order of quarters of rings ("quad") or tubes, of cells of these sizes."""
-    parts = zip(sizes, Lame.RADII[:-1], Lame.RADII[1:], (1, 5), strict=True)
+    """Meshes of an order, or of one each, of quarters of rings ("quad") or tubes, of cells of these
+    sizes."""
+    orders = order if isinstance(order, tuple) else (order, order)
+    parts = zip(sizes, Lame.RADII[:-1], Lame.RADII[1:], (1, 5), orders, strict=True)
     make = bent_rings.shell if kind == "tet" else bent_rings.bricks
     more = {"gdim": 2} if kind == "quad" else {}
-    return [make(h, *radii, tag, order=order, **more) for h, *radii, tag in parts]
+    return [make(h, *radii, tag, order=n, **more) for h, *radii, tag, n in parts]

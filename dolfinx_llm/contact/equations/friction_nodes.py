@@ -100,13 +100,10 @@ class FrictionNodes:
         held = [N.max(axis=0).toarray()[0] > MOSTLY for N in self.of(alone & tied)]
         return np.sum(held, axis=0, dtype=int)
 
-    @cached_property
+    @property
     def carries(self) -> Array:
         """(n,) pairs of the side that carries the frame, if there is one."""
-        carrier = self.geometry.site.carrier
-        return np.concatenate(
-            [np.full(len(p.nodes), i == carrier) for i, p in enumerate(self.geometry.pairs)]
-        )
+        return self.geometry.carries
 
     @cached_property
     def frame_support(self) -> Array:
