@@ -51,10 +51,14 @@ class InterfaceGeometry:
         return self.frame is None
 
     @property
+    def curved(self) -> bool:
+        """Whether a piece of the frame is."""
+        return any(part.piece.plane is None for part in self.parts)
+
+    @property
     def bent(self) -> bool:
         """Whether surfaces are curved, of second order at least one of them."""
-        curved = any(part.piece.plane is None for part in self.parts)
-        return curved and any(side.element.order > 1 for side in self.sides)
+        return self.curved and any(side.element.order > 1 for side in self.sides)
 
     @property
     def normals_alone(self) -> bool:

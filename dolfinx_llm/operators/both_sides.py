@@ -24,7 +24,7 @@ from dolfinx_llm.laws.frictionless import FreeSlip
 from dolfinx_llm.operators.numbering import BodyDofs, Place
 from dolfinx_llm.operators.prescribed import NEARLY_FIXED, free_parts
 
-ALL = 0.99  # part of what surrounds a place that counts as all of it
+ALL = 0.9  # part of what surrounds a place that counts as all of it: rims may lie off each other
 MOSTLY = 0.5  # row's part in a frame node from which on its node is next to it
 COINCIDES = 0.999  # the same of a node that is the frame node's own
 HELD_BY_OTHERS = 0.1  # sum of N² of pairs that supports leave free, which hold a frame node

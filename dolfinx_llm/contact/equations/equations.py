@@ -19,6 +19,7 @@ from scipy.sparse import vstack as stack
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import collective
 from dolfinx_llm.base.sparse import beside, diagonal, per_item, picking, symmetric_factors
+from dolfinx_llm.contact.equations.clamped import ClampedRows
 from dolfinx_llm.contact.equations.friction_nodes import friction_nodes
 from dolfinx_llm.contact.equations.prescribed_slip import rows_of, told
 from dolfinx_llm.contact.equations.proximal import FrameRows
@@ -53,6 +54,7 @@ class Equations:
             bodies that have come free away.
         start: (n,) λ at the start of the load step: friction at rest keeps it [force].
         about: (n,) λ about which these do, at a solution the solution's [force].
+        left_out: (n,) normal rows in this load step, see ``clamped``.
         normal, drifts: (n,) rows that may open; (m,) normal motion of frames.
         loads: (n_v,) on the frame unknowns, forces on obstacles, at the part of the load step that
             has been reached [force].
@@ -75,6 +77,7 @@ class Equations:
         self.frames = FrameRows(self.states, self.L_t, self.m, self.scale)
         self.operators, self.loads = operators, np.zeros(self.n_v)
         self.start, self.about = np.zeros(self.n), np.zeros(self.n)
+        self.left_out = np.zeros(self.n, dtype=bool)
         self.idle = self.least = 0.0
         self._rigid = np.zeros(self.m)  # 1: translations of obstacles, the others nodal motions
         self.normal = np.zeros(self.n, dtype=bool)
@@ -88,14 +91,24 @@ class Equations:
 
     def closed_rows(self) -> Array:
         """(n,) rows in contact."""
-        return np.concatenate([s.closed_rows() for s in self.states])
+        return np.concatenate([s.closed_rows() for s in self.states]) & ~self.left_out
 
     def may_open(self) -> Array:
         """(n,) rows of normal forces that press or are none."""
-        may_open = self.normal.copy()
+        may_open = self.normal & ~self.left_out
         for s in self.states:
             may_open[s.nodes.rows[s.held, -1]] = False
         return may_open
+
+    def begin(self, multiplier: Array, w: Array, g: Array) -> None:
+        """A load step from λ (n,) and w (m,), with gaps g (n,)."""
+        self.idle, self.least, self.start = 0.0, unfelt(self, w), multiplier
+        self.left_out = self._clamped.hold(self.states, g)
+
+    @cached_property
+    def _clamped(self) -> ClampedRows:
+        rows = np.flatnonzero(self.operators.soft & self.normal)
+        return ClampedRows(self.operators, rows, self.L[rows][:, self.drifts])
 
     def frame_loads(self) -> Array:
         """(n_v,) loads on the frame unknowns that are prescribed now [force], or an error."""
@@ -203,30 +216,31 @@ class Equations:
             forces = self.frames.rows().gather @ forces
         return float(np.abs(forces - self.loads).max(initial=0.0))
 
-    def runaway(self, multiplier: Array) -> str:
-        """What is said of an obstacle whose force contact does not balance: all but the proximal
-        term gives way to it. Empty where there is none."""
-        left = self.loads - self.L_t @ multiplier
-        for s in self.states:
-            geometry = s.nodes.geometry
-            obstacle, gdim = geometry.interface.obstacle, geometry.directions.shape[2]
-            force = np.abs(self.loads[s.nodes.v]).max(initial=0.0)
-            missed = np.abs(left[s.nodes.v]).max(initial=0.0)
-            if obstacle is not None and missed > CARRIED * force > 0.0:
-                return (
-                    f"interface {geometry.interface.name}: contact does not balance the force on "
-                    f"the {type(obstacle).__name__}, {obstacle.pose(gdim)[3]}: "
-                    f"at least {missed / force:.2g} of it is left. It is pulled off, or slides "
-                    "without end: give None where its displacement is to be prescribed, or change "
-                    "the force"
-                )
-        return ""
-
 
 def unfelt(equations: Equations, w: Array) -> float:
     """Force that is rounding of the motion w (m,) at the start of a load step [force]."""
     moved = [equations.L @ w, *(s.own.kappa_before for s in equations.states)]
     return LEAST_FELT * equations.scale * max(np.abs(a).max(initial=0.0) for a in moved)
+
+
+def runaway(equations: Equations, multiplier: Array) -> str:
+    """What is said of an obstacle whose force contact does not balance: all but the proximal
+    term gives way to it. Empty where there is none."""
+    left = equations.loads - equations.L_t @ multiplier
+    for s in equations.states:
+        geometry = s.nodes.geometry
+        obstacle, gdim = geometry.interface.obstacle, geometry.directions.shape[2]
+        force = np.abs(equations.loads[s.nodes.v]).max(initial=0.0)
+        missed = np.abs(left[s.nodes.v]).max(initial=0.0)
+        if obstacle is not None and missed > CARRIED * force > 0.0:
+            return (
+                f"interface {geometry.interface.name}: contact does not balance the force on "
+                f"the {type(obstacle).__name__}, {obstacle.pose(gdim)[3]}: "
+                f"at least {missed / force:.2g} of it is left. It is pulled off, or slides "
+                "without end: give None where its displacement is to be prescribed, or change "
+                "the force"
+            )
+    return ""
 
 
 def below(blocks: list[csr_matrix]) -> csr_matrix:

@@ -95,6 +95,7 @@ class InterfaceState:
         given: what the law has read at the start of this load step, (k, ...) by name.
         others, touched: who speaks for whom; counts the changes of what is in contact.
         held: (n,) pairs that may pull, too.
+        stays, overlap: (n,) pairs that cannot part, and by how much, see ``clamped`` [length].
         shares: nodes at the rim of contact slip as others do; in a plane alone, see ``carrier``.
         second, keeps: of second order, whose pairs that do not come to rest may keep their ties;
             whether they do, see ``flickering``.
@@ -111,7 +112,7 @@ class InterfaceState:
         second = any(p.control is not None for p in nodes.geometry.pairs)
         self.second = self.shares and second
         self.glides, self.touched, self._touching = False, 0, np.empty(0)  # all follow the frame
-        self.stays = np.zeros(len(nodes.rows), dtype=bool)  # pairs that cannot part
+        self.stays, self.overlap = np.zeros(len(nodes.rows), dtype=bool), 0.0
         self.others, self._followers = Followers.none(nodes), LastFollowers(nodes)
         self.given: dict[str, Array] = {}
         self.forget()

@@ -8,9 +8,11 @@ import numpy as np
 
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.contact.iteration import ContactIteration
 from dolfinx_llm.contact.results.results import InterfaceResult
 from dolfinx_llm.contact.search.flickering import lost
+from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.control import of_control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
@@ -24,6 +26,7 @@ UNEVEN = 2.0  # friction of a side's nodes over that of the law's, where all sli
 CARRIES = 1e-10  # of the largest force in the load step: an interface with less carries none
 RIM_SHARE = 1e-2  # of the normal force, on pairs next to facets that were left out
 UNCERTAIN = 0.2  # part of the bodies' motion to which gaps must be known
+HELD_IN = 1e-2  # of a facet's size, by which supports may hold bodies in each other, as chords do
 NEARER = 1e-9  # of the surface's size: gaps that fall by less do not close
 
 
@@ -38,6 +41,7 @@ def doubts(
     do not touch."""
     out = []
     for state, result in zip(iteration.states, results, strict=True):
+        out += _held_in_each_other(state)
         if max(np.abs(side.force).max() for side in result.sides) <= CARRIES * iteration.forces:
             continue
         share = lost(state, iteration.multiplier)
@@ -78,7 +82,7 @@ def doubts(
             closed = side.status != OPEN
             spun, tilted = _turned(geometry, result)
             slip = np.linalg.norm((side.slip + spun)[closed], axis=1).max(initial=0.0)
-            size = np.abs(pairs.forces).max() ** (1.0 / (side.x.shape[1] - 1))
+            size = _facet_size(pairs)
             if geometry.interface.law.opens and slip > size:
                 out.append(
                     f"interface {geometry.interface.name}: nodes of {pairs.surface.name} slide by "
@@ -92,6 +96,23 @@ def doubts(
                     f"{0.5 * tilted**2:.1%} of their distance from the pivot. Draw it turned"
                 )
     return out
+
+
+def _held_in_each_other(state: InterfaceState) -> list[str]:
+    """Bodies that overlap where supports hold both."""
+    geometry, count = state.nodes.geometry, int(state.stays.sum())
+    if not state.overlap > HELD_IN * max(_facet_size(pairs) for pairs in geometry.pairs):
+        return []
+    return [
+        f"interface {geometry.interface.name}: supports hold both sides at {count} node(s), in "
+        f"each other by up to {state.overlap:.2g}: forces there are what supports make of it. "
+        "Leave the motion of one side free there, or draw the bodies apart"
+    ]
+
+
+def _facet_size(pairs: ContactPairs) -> float:
+    """Of the largest nodal area [length]."""
+    return float(np.abs(pairs.forces).max() ** (1.0 / (pairs.x.shape[1] - 1)))
 
 
 def _borne_open(geometry: InterfaceGeometry, result: InterfaceResult) -> float:

@@ -19,7 +19,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.base.log import tell_iteration
 from dolfinx_llm.base.parallel import told
-from dolfinx_llm.contact.equations.equations import Equations, spread, unfelt
+from dolfinx_llm.contact.equations.equations import Equations, runaway, spread
 from dolfinx_llm.contact.search.circles import Circles, failure
 from dolfinx_llm.contact.search.flickering import lets_go, release, require_friction
 from dolfinx_llm.contact.search.gross_slip import slide
@@ -87,8 +87,7 @@ class Search:
         self._about = multiplier, w  # of which laws are linearised
         self._centre = w if self._known else equations.middle(g, w)  # where frames are held
         self._frame = w  # and slips, of the last iteration
-        equations.idle, equations.least = 0.0, unfelt(equations, w)
-        equations.start = multiplier
+        equations.begin(multiplier, w, g)
         floating = self._operators.floating
         self._spring = floating.spring(self._scale)
         alpha = start.alpha if self._known else np.zeros(floating.count)
@@ -172,7 +171,7 @@ class Search:
         changes = sum(take_over(s, equations, found, self._calmed) for s in self._states)
         missed = equations.miss(multiplier, w)
         judged = told(self._comm, (changes, missed / largest, drawn / largest))
-        self._runs = self._runs + 1 if (lost := equations.runaway(multiplier)) else 0
+        self._runs = self._runs + 1 if (lost := runaway(equations, multiplier)) else 0
         if self._runs > RUNS:
             raise FinalError(lost)
         now = Iterate(found, position, slid, largest, *judged)

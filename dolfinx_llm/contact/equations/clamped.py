@@ -1,0 +1,101 @@
+"""Pairs that supports hold along the normal on both sides of an interface, where these meet.
+
+Rims of curved meshes lie between each other's chords, as drawn or where supports have moved along
+the surface. No force closes such a gap: by one form forces would grow from iteration to iteration,
+the other's equations have no solution. Or frame nodes there, which corrected rows push along the
+surface, run away. So pairs that tell the frame all, hold it there, and the others are left out. On
+flat surfaces all say the same, and share forces, but where supports press bodies into each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags, identity
+
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.base.parallel import chosen
+from dolfinx_llm.base.sparse import symmetric_factors
+from dolfinx_llm.contact.equations.state import InterfaceState
+from dolfinx_llm.operators.prescribed import SAID, independent_rows, pieces
+from dolfinx_llm.operators.system import FLUSH, ContactOperators
+
+ROUNDED_PART = 1e-8  # of the largest gap, that is rounding
+FITS = 30  # after which all counts that rows tell by more than ``SAID``, and hardly what by less
+
+
+class ClampedRows:
+    """Normal rows at nodes whose normal motion is prescribed, of interfaces that may open.
+
+    Args:
+        operators: of the interfaces.
+        rows: (k,) their numbers.
+        told: (k, m) what they tell of the frames' normal motion.
+    """
+
+    def __init__(self, operators: ContactOperators, rows: Array, told: csr_matrix) -> None:
+        self._comm, self._rows = operators.comm, rows
+        curved = [g.curved for g in operators.geometries]
+        each = [place.rows.stop - place.rows.start for place in operators.places]
+        self._curved = np.repeat(curved, each)[rows]
+        self._told = told[:, np.unique(told.indices)]
+        bodies = operators.bodies
+        self._positions = max(np.abs(a).max(initial=0.0) for a in (bodies.low, bodies.high))
+
+    def hold(self, states: Sequence[InterfaceState], g: Array) -> Array:
+        """Hold frames where bodies meet so, in a load step; (n,) rows that are left out.
+
+        Args:
+            states: of the interfaces.
+            g: (n,) gaps, where supports have moved [length].
+        """
+        left_out, stays, overlap = (np.zeros(len(g), dtype=of) for of in (bool, bool, float))
+        for holds, others in self._met(g, overlap):
+            stays[self._rows[holds]] = left_out[self._rows[others]] = True
+        for s in states:
+            normal = s.nodes.rows[:, -1]
+            s.stays, s.overlap = stays[normal], float(overlap[normal].max(initial=0.0))
+            s.touch(s.own.active & ~left_out[normal])
+        return left_out
+
+    def _met(self, g: Array, overlap: Array) -> list[tuple[Array, Array]]:
+        """Pieces in which bodies meet, and by how much they overlap (n,) [length]."""
+        if not len(self._rows):
+            return []
+        rounding = max(ROUNDED_PART * np.abs(g).max(), FLUSH * self._positions)
+        missed = chosen(self._comm, lambda: self._missed(g[self._rows]))
+        meets = missed > np.where(self._curved, -rounding, rounding)
+        met = [piece for piece in self._pieces if meets[np.concatenate(piece)].any()]
+        for piece in met:
+            own = np.concatenate(piece)
+            overlap[self._rows[own]] = missed[own]
+        return met
+
+    @cached_property
+    def _pieces(self) -> list[tuple[Array, Array]]:
+        """Per piece that hangs together the rows from which the others follow, or nearly, and
+        these. Rows of the frame's own nodes come first: others would hold it by larger forces."""
+
+        def split() -> list[tuple[Array, Array]]:
+            found, size = [], abs(self._told)
+            pure = size.max(axis=1).toarray().ravel() / np.maximum(size.sum(axis=1).A1, 1e-150) ** 2
+            told = (diags(pure) @ self._told).tocsr()
+            for piece in pieces(self._told):
+                new = piece[independent_rows(told[piece], SAID)]
+                found.append((new, np.setdiff1d(piece, new)))
+            return found
+
+        return chosen(self._comm, split)
+
+    def _missed(self, gaps: Array) -> Array:
+        """(k,) by how much bodies overlap, where it is positive, at the frame that meets the gaps
+        (k,) best, but for what the rows hardly tell."""
+        square = self._told.T @ self._told
+        if not square.nnz:
+            return gaps
+        factors = symmetric_factors(square + SAID**2 * identity(square.shape[0]))
+        for _ in range(FITS):
+            gaps = gaps - self._told @ factors.solve(self._told.T @ gaps)
+        return gaps
