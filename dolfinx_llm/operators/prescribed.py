@@ -35,13 +35,19 @@ def free_parts(free: Array, c: int) -> Array:
     return size.ravel()
 
 
+def without_rounding(D: csr_matrix) -> csr_matrix:
+    """The same, but for entries that bind no rows together."""
+    D = D.copy()
+    D.data[np.abs(D.data) <= UNBOUND * largest_entry(D)] = 0.0
+    D.eliminate_zeros()
+    return D
+
+
 def pieces(D: csr_matrix) -> list[Array]:
     """Rows of a matrix that hang together by its columns, piece by piece."""
     if not D.shape[0]:
         return []
-    size = abs(D)
-    size.data[size.data <= UNBOUND * largest_entry(D)] = 0.0
-    size.eliminate_zeros()
+    size = abs(without_rounding(D))
     _, piece = connected_components(size @ size.T, directed=False)
     ends = np.cumsum(np.bincount(piece))[:-1]
     return np.split(np.argsort(piece, kind="stable"), ends)

@@ -21,7 +21,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import chosen, told
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.operators.numbering import Numbering
-from dolfinx_llm.operators.prescribed import RANK, REPEATED, pieces
+from dolfinx_llm.operators.prescribed import RANK, REPEATED, pieces, without_rounding
 
 SMALL = 200  # rows or columns up to which dense algebra is as fast
 TURNS = 4  # steps of inverse iteration
@@ -151,7 +151,7 @@ class FrameElimination:
 
     def __init__(self, comm: MPI.Comm, D: csr_matrix, soft: csr_matrix | None = None) -> None:
         self.shape = k, m = D.shape
-        D.eliminate_zeros()
+        D = without_rounding(D)  # one piece's rounding is no motion of what another determines
         joint = D if soft is None else hstack([D, soft], format="csr")
         size = np.sqrt(D.multiply(D).sum(axis=0).max()) if D.nnz else 1.0
         found = chosen(comm, lambda: _touching(D, joint))
