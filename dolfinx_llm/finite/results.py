@@ -26,7 +26,7 @@ from dolfinx_llm.interface.density import along_normals
 from dolfinx_llm.interface.forces import InterfaceForces, per_area
 from dolfinx_llm.laws.rows import OPEN
 
-TENSILE = 0.03  # of the largest normal force: a smaller pull is what normals that turn make of forces
+TENSILE = 0.03  # of the largest normal force: less is what normals that turn make of forces
 
 
 @dataclass(frozen=True, eq=False)
