@@ -36,6 +36,8 @@ SWINGS = 8  # steps towards one load in which no fewer pairs are wrong than in a
 LOOSELY = 1e-2  # of the load, that the first solve towards it leaves if its signs are wrong
 FIRMER = 0.1  # from one of these to the next
 DOUBTLESS = 10.0  # times that, of the largest force: signs that are wrong beyond doubt
+SWUNG = 16  # steps towards one load without friction: more are factorised
+SWINGS_ON = "contact goes back and forth, its pairs are asked for one by one"
 ASKED = 8  # pairs that are asked for with friction, where each takes a solve by GMRES
 
 
@@ -92,11 +94,12 @@ class CondensedForm(WholeSteps):
 
     def _frictionless(self, f: Array, step: LinearStep, back: bool) -> StepResult:
         """A step without friction. Where signs are wrong it need not be solved to the end: what
-        presses next is forecast from what there is; pairs are asked for where that comes back."""
+        presses next is forecast; pairs are asked for where that comes back, or takes long."""
+        if self.friction is not None and len(self._seen) > SWUNG and not self._by_cg(step):
+            back = self.friction.give_up(SWINGS_ON)
         self.most = CondensedForm.most if back else 0
         made = self._served(step)
-        # What serves the matrix stays, whichever pairs may open now.
-        by_cg = isinstance(made, _Symmetric)
+        by_cg = isinstance(made, _Symmetric)  # stays, whichever pairs may open now
         system = self.system if by_cg else self.friction
         if step.may_open.any() and not (back or system.direct):
             system.loose = loose = LOOSELY * FIRMER ** len(self._seen)
@@ -146,7 +149,7 @@ class CondensedForm(WholeSteps):
         """How far balance and laws may be trusted; where contact goes back and forth, pairs are
         asked for one by one from now on, which takes a factorisation."""
         if self._swings > SWINGS and not self.friction.direct:
-            self.friction.give_up("contact goes back and forth, its pairs are asked for one by one")
+            self.friction.give_up(SWINGS_ON)
         self.eager = self.friction.direct
         if self.eager:  # what a factorisation leaves is the rounding of f - K u
             level = step.level(found.multiplier, found.y, self.scale)
