@@ -51,12 +51,12 @@ class ClampedRows:
             states: of the interfaces.
             g: (n,) gaps, where supports have moved [length].
         """
-        left_out, stays, overlap = (np.zeros(len(g), dtype=of) for of in (bool, bool, float))
+        left_out, holding, overlap = (np.zeros(len(g), dtype=of) for of in (bool, bool, float))
         for holds, others in self._met(g, overlap):
-            stays[self._rows[holds]] = left_out[self._rows[others]] = True
+            holding[self._rows[holds]] = left_out[self._rows[others]] = True
         for s in states:
             normal = s.nodes.rows[:, -1]
-            s.stays, s.overlap = stays[normal], float(overlap[normal].max(initial=0.0))
+            s.clamped, s.overlap = holding[normal], float(overlap[normal].max(initial=0.0))
             s.touch(s.own.active & ~left_out[normal])
         return left_out
 
@@ -80,7 +80,7 @@ class ClampedRows:
 
         def split() -> list[tuple[Array, Array]]:
             found, size = [], abs(self._told)
-            pure = size.max(axis=1).toarray().ravel() / np.maximum(size.sum(axis=1).A1, 1e-150) ** 2
+            pure = size.max(axis=1).toarray().ravel() / size.sum(axis=1).A1 ** 2
             told = (diags(pure) @ self._told).tocsr()
             for piece in pieces(self._told):
                 new = piece[independent_rows(told[piece], SAID)]
@@ -93,8 +93,6 @@ class ClampedRows:
         """(k,) by how much bodies overlap, where it is positive, at the frame that meets the gaps
         (k,) best, but for what the rows hardly tell."""
         square = self._told.T @ self._told
-        if not square.nnz:
-            return gaps
         factors = symmetric_factors(square + SAID**2 * identity(square.shape[0]))
         for _ in range(FITS):
             gaps = gaps - self._told @ factors.solve(self._told.T @ gaps)

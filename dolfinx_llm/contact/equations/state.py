@@ -95,7 +95,7 @@ class InterfaceState:
         given: what the law has read at the start of this load step, (k, ...) by name.
         others, touched: who speaks for whom; counts the changes of what is in contact.
         held: (n,) pairs that may pull, too.
-        stays, overlap: (n,) pairs that cannot part, and by how much, see ``clamped`` [length].
+        clamped, overlap: (n,) pairs that hold the frame, and of bodies there, see ``clamped``.
         shares: nodes at the rim of contact slip as others do; in a plane alone, see ``carrier``.
         second, keeps: of second order, whose pairs that do not come to rest may keep their ties;
             whether they do, see ``flickering``.
@@ -112,7 +112,8 @@ class InterfaceState:
         second = any(p.control is not None for p in nodes.geometry.pairs)
         self.second = self.shares and second
         self.glides, self.touched, self._touching = False, 0, np.empty(0)  # all follow the frame
-        self.stays, self.overlap = np.zeros(len(nodes.rows), dtype=bool), 0.0
+        none = np.zeros((2, len(nodes.rows)), dtype=bool)  # pairs that cannot part
+        self.stays, self.clamped, self.overlap = *none, 0.0
         self.others, self._followers = Followers.none(nodes), LastFollowers(nodes)
         self.given: dict[str, Array] = {}
         self.forget()
@@ -153,7 +154,7 @@ class InterfaceState:
 
     def touch(self, active: Array) -> None:
         """Take over the pairs (n,) in contact, and who speaks for whom."""
-        self.held = self.nodes.reach(self.own.holds) | self.stays
+        self.held = self.nodes.reach(self.own.holds) | self.stays | self.clamped
         self.own.active = active = active | self.held
         self.anchored = self.nodes.anchored(self.tied)
         told = (

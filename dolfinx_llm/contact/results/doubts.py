@@ -100,7 +100,7 @@ def doubts(
 
 def _held_in_each_other(state: InterfaceState) -> list[str]:
     """Bodies that overlap where supports hold both."""
-    geometry, count = state.nodes.geometry, int(state.stays.sum())
+    geometry, count = state.nodes.geometry, int(state.clamped.sum())
     if not state.overlap > HELD_IN * max(_facet_size(pairs) for pairs in geometry.pairs):
         return []
     return [
