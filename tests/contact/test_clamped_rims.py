@@ -11,7 +11,7 @@ import dolfinx_llm as llm
 LAWS = {"frictionless": llm.Frictionless(), "friction": llm.Coulomb(0.2)}
 HEX, TET = ("hex", (0.3, 0.2)), ("tet", (0.3, 0.2))
 OF_ORDERS = [
-    longer(*HEX, (1, 1)), (*HEX, (1, 2)), longer(*HEX, (2, 1)), longer(*HEX, (2, 2)),
+    longer(*HEX, (1, 1)), longer(*HEX, (1, 2)), longer(*HEX, (2, 1)), longer(*HEX, (2, 2)),
     (*TET, (1, 1)), longer(*TET, (1, 2)), longer(*TET, (2, 1)), longer(*TET, (2, 2)),
 ]  # fmt: skip
 
@@ -62,7 +62,7 @@ def test_held_at_both_ends(kind, sizes, orders, law):
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(("kind", "sizes", "orders"), [
-    (*TET, (1, 1)), longer(*TET, (2, 2)), longer(*HEX, (1, 1)), (*HEX, (2, 2)),
+    (*TET, (1, 1)), longer(*TET, (2, 2)), longer(*HEX, (1, 1)), longer(*HEX, (2, 2)),
 ])  # fmt: skip
 def test_cones_whose_rims_move(kind, sizes, orders, law):
     """Rims lie between each other's chords, and supports move them along the cone: "the solve
