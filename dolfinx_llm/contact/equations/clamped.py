@@ -23,6 +23,7 @@ from dolfinx_llm.operators.prescribed import SAID, independent_rows, pieces
 from dolfinx_llm.operators.system import FLUSH, ContactOperators
 
 ROUNDED_PART = 1e-8  # of the largest gap, that is rounding
+TIE = 1e-3  # that the side with more of the frame's nodes is ahead by
 FITS = 30  # after which all counts that rows tell by more than ``SAID``, and hardly what by less
 
 
@@ -37,9 +38,10 @@ class ClampedRows:
 
     def __init__(self, operators: ContactOperators, rows: Array, told: csr_matrix) -> None:
         self._comm, self._rows = operators.comm, rows
-        curved = [g.curved for g in operators.geometries]
-        each = [place.rows.stop - place.rows.start for place in operators.places]
-        self._curved = np.repeat(curved, each)[rows]
+        curved = [g.curved for g in operators.geometries for _ in g.pairs]
+        each = [pairs.base.shape[0] * pairs.base.shape[1] for pairs in operators.pairs]
+        self._side = np.repeat(np.arange(len(each)), each)[rows]
+        self._curved = np.asarray(curved)[self._side]
         self._told = told[:, np.unique(told.indices)]
         bodies = operators.bodies
         self._positions = max(np.abs(a).max(initial=0.0) for a in (bodies.low, bodies.high))
@@ -76,12 +78,15 @@ class ClampedRows:
     @cached_property
     def _pieces(self) -> list[tuple[Array, Array]]:
         """Per piece that hangs together the rows from which the others follow, or nearly, and
-        these. Rows of the frame's own nodes come first: others would hold it by larger forces."""
+        these. Rows of the frame's own nodes come first: others would hold it by larger forces. Of
+        nodes that coincide that of the side with more of them does, whichever is named first."""
 
         def split() -> list[tuple[Array, Array]]:
             found, size = [], abs(self._told)
-            pure = size.max(axis=1).toarray().ravel() / size.sum(axis=1).A1 ** 2
-            told = (diags(pure) @ self._told).tocsr()
+            total = size.sum(axis=1).A1
+            pure = size.max(axis=1).toarray().ravel() / total
+            means = np.bincount(self._side, pure) / np.maximum(np.bincount(self._side), 1)
+            told = (diags(pure * (1.0 + TIE * means[self._side]) / total) @ self._told).tocsr()
             for piece in pieces(self._told):
                 new = piece[independent_rows(told[piece], SAID)]
                 found.append((new, np.setdiff1d(piece, new)))
