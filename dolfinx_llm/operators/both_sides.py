@@ -31,26 +31,60 @@ HELD_BY_OTHERS = 0.1  # sum of N² of pairs that supports leave free, which hold
 HELD_STILL = 1e-9  # slip over the largest prescribed motion that is none
 
 
+def prescribed_on_both_sides(
+    geometry: InterfaceGeometry,
+    across: Sequence[csr_matrix],
+    fixed: Sequence[Array],
+    soft: Array,
+) -> Array:
+    """(n, c) rows of an interface whose motion supports prescribe at their own nodes, and at the
+    place on the other side as well.
+
+    Args:
+        geometry: two sides and a frame.
+        across: per side (n_i, n_j) the other side's nodes at its nodes.
+        fixed: per side (n_i, gdim) 1.0: prescribed dofs.
+        soft: (n c,) rows that supports prescribe at their own nodes.
+    """
+    parts: list[Array] = []
+    for pairs, N, known in zip(geometry.pairs, across, fixed[::-1], strict=True):
+        n, c, gdim = pairs.base.shape
+        free = pairs.base * (N @ known < ALL)[:, None]
+        parts.append(free_parts(free.reshape(-1, gdim), c).reshape(n, c) < NEARLY_FIXED)
+    found = np.concatenate(parts)
+    return np.asarray(soft.reshape(found.shape) & found)
+
+
 def held_on_both_sides(
     geometries: Sequence[InterfaceGeometry],
     places: Sequence[Place],
     dofs: BodyDofs,
     side_dofs: Sequence[Array],
     soft: Array,
-) -> list[BothSides]:
-    """Of all interfaces that have such rows.
+) -> tuple[list[BothSides], Array]:
+    """Of all interfaces that have such rows; and (n,) which rows of laws by which sides part or
+    slip supports prescribe on both sides.
 
     Args:
         geometries, places: of the interfaces.
         dofs, side_dofs: of the bodies, and per side (n, gdim).
         soft: (n,) rows that supports prescribe at their own nodes.
     """
+    out, rows = list[BothSides](), np.zeros(len(soft), dtype=bool)
     if not soft.any():
-        return []
+        return out, rows
     fixed = [dofs.values(of, dofs.fixed.astype(float)) for of in side_dofs]
-    pairs = zip(geometries, places, strict=True)
-    found = [BothSides.of(g, place, fixed[place.sides], soft) for g, place in pairs]
-    return [both for both in found if both is not None]
+    for geometry, place in zip(geometries, places, strict=True):
+        own = soft[place.rows]
+        if geometry.interface.law.ties or len(geometry.pairs) < 2 or not own.any():
+            continue
+        first, second = geometry.pairs
+        across = second.interpolation(first.x), first.interpolation(second.x)
+        held = prescribed_on_both_sides(geometry, across, fixed[place.sides], own)
+        rows[place.rows] = held.ravel()
+        if held[:, :-1].any():
+            out.append(BothSides.of(geometry, place, across, held, own.reshape(held.shape)))
+    return out, rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,30 +101,24 @@ class BothSides:
 
     @classmethod
     def of(
-        cls, geometry: InterfaceGeometry, place: Place, fixed: Sequence[Array], soft: Array
-    ) -> BothSides | None:
-        """Of an interface of a law by which sides slip; None where there are no such rows.
+        cls,
+        geometry: InterfaceGeometry,
+        place: Place,
+        across: tuple[csr_matrix, csr_matrix],
+        held: Array,
+        soft: Array,
+    ) -> BothSides:
+        """Of an interface of a law by which sides slip.
 
         Args:
             geometry: two sides and a frame.
             place: among all interfaces.
-            fixed: per side (n_i, gdim) 1.0: prescribed dofs.
-            soft: (n c,) rows that supports prescribe at their own nodes.
+            across: per side (n_i, n_j) the other side's nodes at its nodes.
+            held: (n, c) of ``prescribed_on_both_sides``.
+            soft: (n, c) rows that supports prescribe at their own nodes.
         """
-        soft = soft[place.rows].reshape(-1, geometry.pairs[0].base.shape[1])[:, :-1]
-        if geometry.interface.law.ties or len(geometry.pairs) < 2 or not soft.any():
-            return None
         own, other = geometry.pairs
-        base = own.base, other.base
-        across = other.interpolation(own.x), own.interpolation(other.x)
-        parts: list[Array] = []
-        for a, N, known in zip(base, across, fixed[::-1], strict=True):
-            n, c, gdim = a.shape
-            free = a * (N @ known < ALL)[:, None]
-            parts.append(free_parts(free.reshape(-1, gdim), c).reshape(n, c)[:, :-1] < NEARLY_FIXED)
-        held = np.pad(soft & np.concatenate(parts), ((0, 0), (0, 1)))
-        if not held.any():
-            return None
+        held, soft = np.pad(held[:, :-1], ((0, 0), (0, 1))), soft[:, :-1]
         at = np.split(held.any(axis=1), [len(own.nodes)])
         law, carried = geometry.interface.law, geometry.site.carrier is not None
         # With friction rows of others than its own nodes would share that among supports.
@@ -111,7 +139,15 @@ class BothSides:
             next_to = N.multiply(weak).max(axis=1).toarray()[:, 0] > MOSTLY
             lone = held & (alone & next_to)[:, None]
         sides = range(place.sides.start, place.sides.stop)
-        return cls(sides, place.rows, base, across, held.ravel(), spare.ravel(), lone.ravel())
+        return cls(
+            sides,
+            place.rows,
+            (own.base, other.base),
+            across,
+            held.ravel(),
+            spare.ravel(),
+            lone.ravel(),
+        )
 
     def rest(self, motions: Sequence[Array]) -> tuple[Array, Array]:
         """(n c,) such rows along which neither side slips, and those that are spare; and rows of

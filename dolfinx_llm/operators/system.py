@@ -62,7 +62,7 @@ class ContactOperators:
         frames, unknowns: ``Numbering`` of the frame unknowns v, and of w: v and the slips κ.
         blocks: per interface its L_b as csr (rows, frame unknowns).
         B, L: of (31), PETSc AIJ, rows at prescribed dofs zero; L_b as csr of all.
-        soft: (n,) rows at dofs that are prescribed, or nearly so.
+        soft, both: (n,) rows at dofs that are prescribed, or nearly so; on both sides, but of ties.
         loops: (n,) rows of laws that open or slip, of nodes of several interfaces, of which some
             follow from the others as long as all stick. All of them give way to changes alone, so
             that λ is that of least change: which of them would be left out is not to matter.
@@ -158,7 +158,7 @@ class ContactOperators:
             loops = chosen(self.comm, lambda: in_loops(self._said(rest)))
             self.loops[rest] = loops & ~ties[rest]
         of = self.geometries, self.places, self.dofs, self.side_dofs, self.soft
-        self._both = held_on_both_sides(*of)
+        self._both, self.both = held_on_both_sides(*of)
 
     def _said(self, rows: Array) -> csr_matrix:
         """What some rows (k,) say of frames and of free dofs."""

@@ -51,6 +51,35 @@ def test_slips_on_planes_of_symmetry(caplog):
     assert on_planes >= 8 and not [text for text in said if "slide by" in text]
 
 
+@pytest.mark.parametrize("law", [llm.Frictionless(), llm.Coulomb(0.3)], ids=str)
+def test_a_ball_whose_motion_is_prescribed(law):
+    """All of it, as of a rigid tool, with smaller facets than the block's: supports hold one side
+    of what may touch, which parts as any other, and nothing pulls."""
+    sections = (scenes.grid(4, 4, high=(1.5, 1.5)), scenes.grid(7, 7))
+    domain, tags = scenes.stacked(MPI.COMM_SELF, sections, (0.0, 1.0, 2.0))
+    x, cells = domain.geometry.x, compat.cell_dofs(domain.geometry)
+    above = np.flatnonzero(x[cells].mean(axis=1)[:, 2] > 1.0).astype(np.int32)
+    ball = np.unique(cells[above])
+    x[ball, 2] += 0.25 * (x[ball, 0] ** 2 + x[ball, 1] ** 2) * (2.0 - x[ball, 2])
+    V = compat.function_space(domain, shape=(3,))
+    held = [(k, scenes.on(k, 0.0)) for k in range(2)] + [(k, scenes.on(2, 0.0)) for k in range(3)]
+    down = fem.Function(V)
+    down.interpolate(lambda x: np.stack([0 * x[0], 0 * x[0], 0 * x[0] - DOWN]))
+    bcs = scenes.hold(V, held) + [fem.dirichletbc(down, fem.locate_dofs_topological(V, 3, above))]
+    found = []
+    for solver in ("saddle", "condensed"):
+        problem = scenes.block_problem(
+            V, tags, bcs=bcs, loads=[], law=law, options={"solver": solver}
+        )
+        problem.solve()
+        (result,) = problem.results
+        force = np.concatenate([side.normal_force for side in result.sides])
+        assert force.max() > 0.0 and force.min() >= -1e-9 * force.max()
+        assert all(0 < (side.status == OPEN).sum() < len(side.x) for side in result.sides)
+        found.append(result.sides[0].force.sum(axis=0))
+    assert np.abs(found[0] - found[1]).max() <= 1e-8 * np.abs(found[0]).max()
+
+
 def second_order_ball():
     """Space and facet tags of a quarter ball on a block: 3 on top of the ball, 4 below the block, 6
     at y = 0, 7 and 8 the ball's skin and the block's top."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags, identity
@@ -28,7 +29,7 @@ FITS = 30  # after which all counts that rows tell by more than ``SAID``, and ha
 
 
 class ClampedRows:
-    """Normal rows at nodes whose normal motion is prescribed, of interfaces that may open.
+    """Normal rows whose motion is prescribed on both sides, of interfaces that may open.
 
     Args:
         operators: of the interfaces.
@@ -54,32 +55,28 @@ class ClampedRows:
             g: (n,) gaps, where supports have moved [length].
         """
         left_out, holding, overlap = (np.zeros(len(g), dtype=of) for of in (bool, bool, float))
-        for holds, others in self._met(g, overlap):
-            holding[self._rows[holds]] = left_out[self._rows[others]] = True
+        if not len(self._rows):
+            return left_out
+        missed = chosen(self._comm, lambda: self._missed(g[self._rows]))
+        rounding = max(ROUNDED_PART * np.abs(g).max(), FLUSH * self._positions)
+        meets = missed > np.where(self._curved, -rounding, rounding)
+        for holds, others in self._pieces if meets.any() else []:
+            own = np.concatenate([holds, others])
+            if meets[own].any():
+                holding[self._rows[holds]] = left_out[self._rows[others]] = True
+                overlap[self._rows[own]] = missed[own]
         for s in states:
             normal = s.nodes.rows[:, -1]
             s.clamped, s.overlap = holding[normal], float(overlap[normal].max(initial=0.0))
             s.touch(s.own.active & ~left_out[normal])
         return left_out
 
-    def _met(self, g: Array, overlap: Array) -> list[tuple[Array, Array]]:
-        """Pieces in which bodies meet, and by how much they overlap (n,) [length]."""
-        if not len(self._rows):
-            return []
-        rounding = max(ROUNDED_PART * np.abs(g).max(), FLUSH * self._positions)
-        missed = chosen(self._comm, lambda: self._missed(g[self._rows]))
-        meets = missed > np.where(self._curved, -rounding, rounding)
-        met = [piece for piece in self._pieces if meets[np.concatenate(piece)].any()]
-        for piece in met:
-            own = np.concatenate(piece)
-            overlap[self._rows[own]] = missed[own]
-        return met
-
     @cached_property
     def _pieces(self) -> list[tuple[Array, Array]]:
-        """Per piece that hangs together the rows from which the others follow, or nearly, and
-        these. Rows of the frame's own nodes come first: others would hold it by larger forces. Of
-        nodes that coincide that of the side with more of them does, whichever is named first."""
+        """Per piece of both sides that hangs together the rows from which the others follow, or
+        nearly, and these. Rows of the frame's own nodes come first: others would hold it by larger
+        forces. Of nodes that coincide that of the side with more of them does, whichever is named
+        first."""
 
         def split() -> list[tuple[Array, Array]]:
             found, size = [], abs(self._told)
@@ -88,8 +85,9 @@ class ClampedRows:
             means = np.bincount(self._side, pure) / np.maximum(np.bincount(self._side), 1)
             told = (diags(pure * (1.0 + TIE * means[self._side]) / total) @ self._told).tocsr()
             for piece in pieces(self._told):
-                new = piece[independent_rows(told[piece], SAID)]
-                found.append((new, np.setdiff1d(piece, new)))
+                if np.ptp(self._side[piece]):
+                    new = piece[independent_rows(told[piece], SAID)]
+                    found.append((new, np.setdiff1d(piece, new)))
             return found
 
         return chosen(self._comm, split)
@@ -97,8 +95,11 @@ class ClampedRows:
     def _missed(self, gaps: Array) -> Array:
         """(k,) by how much bodies overlap, where it is positive, at the frame that meets the gaps
         (k,) best, but for what the rows hardly tell."""
-        square = self._told.T @ self._told
-        factors = symmetric_factors(square + SAID**2 * identity(square.shape[0]))
         for _ in range(FITS):
-            gaps = gaps - self._told @ factors.solve(self._told.T @ gaps)
+            gaps = gaps - self._told @ self._fit.solve(self._told.T @ gaps)
         return gaps
+
+    @cached_property
+    def _fit(self) -> Any:
+        square = self._told.T @ self._told
+        return symmetric_factors(square + SAID**2 * identity(square.shape[0]))

@@ -107,8 +107,7 @@ class Equations:
 
     @cached_property
     def _clamped(self) -> ClampedRows:
-        of_frames = self.L @ self.drifts.astype(float) != 0.0  # not of obstacles
-        rows = np.flatnonzero(self.operators.soft & self.normal & of_frames)
+        rows = np.flatnonzero(self.operators.both & self.normal)
         return ClampedRows(self.operators, rows, self.L[rows][:, self.drifts])
 
     def frame_loads(self) -> Array:

@@ -193,13 +193,12 @@ class FrictionSystem:
             self.kept.destroy()
         self.kept = None
 
-    def give_up(self, why: str) -> bool:
-        """Factorise from now on, which is said once for all ranks: True."""
+    def give_up(self, why: str) -> None:
+        """Factorise from now on, which is said once for all ranks."""
         if self.direct:
-            return True
+            return
         self.discard()
         self.direct = True
         self.notes.append(f"{why}: LU by MUMPS instead")
         rank = self.operators.comm.rank
         log.log(logging.WARNING if rank == 0 else logging.DEBUG, self.notes[-1])
-        return True

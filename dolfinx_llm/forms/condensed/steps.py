@@ -96,7 +96,8 @@ class CondensedForm(WholeSteps):
         """A step without friction. Where signs are wrong it need not be solved to the end: what
         presses next is forecast; pairs are asked for where that comes back, or takes long."""
         if self.friction is not None and len(self._seen) > SWUNG and not self._by_cg(step):
-            back = self.friction.give_up(SWINGS_ON)
+            self.friction.give_up(SWINGS_ON)
+            back = True
         self.most = CondensedForm.most if back else 0
         made = self._served(step)
         by_cg = isinstance(made, _Symmetric)  # stays, whichever pairs may open now
@@ -148,7 +149,7 @@ class CondensedForm(WholeSteps):
     def _judge_friction(self, found: StepResult, step: LinearStep) -> None:
         """How far balance and laws may be trusted; where contact goes back and forth, pairs are
         asked for one by one from now on, which takes a factorisation."""
-        if self._swings > SWINGS and not self.friction.direct:
+        if self._swings > SWINGS:
             self.friction.give_up(SWINGS_ON)
         self.eager = self.friction.direct
         if self.eager:  # what a factorisation leaves is the rounding of f - K u
