@@ -127,7 +127,9 @@ class Oracle:
             self.rows(M, side, Y, flat)
             jump = side.u - M @ v
             if law.closes_gap and np.ptp(normals, axis=0).max() > 1e-9:  # of smooth surfaces
-                jump = jump + p.gap @ posed.Q / posed.length
+                gap = p.gap @ posed.Q / posed.length  # of it what is across them: a node beyond
+                across = np.einsum("ni,ni->n", gap, side.normal)  # the other's rim stays there
+                jump = jump + across[:, None] * side.normal
             elif law.closes_gap:
                 jump = jump + side.x - M @ Y
             if opens:
