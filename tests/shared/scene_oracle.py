@@ -127,9 +127,9 @@ class Oracle:
             self.rows(M, side, Y, flat)
             jump = side.u - M @ v
             if law.closes_gap and np.ptp(normals, axis=0).max() > 1e-9:  # of smooth surfaces
-                gap = p.gap @ posed.Q / posed.length  # of it what is across them: a node beyond
-                across = np.einsum("ni,ni->n", gap, side.normal)  # the other's rim stays there
-                jump = jump + across[:, None] * side.normal
+                drawn = p.gap @ posed.Q / posed.length  # across them: nodes beyond a rim stay
+                height = np.einsum("ni,ni->n", drawn, side.normal)
+                jump = jump + height[:, None] * side.normal
             elif law.closes_gap:
                 jump = jump + side.x - M @ Y
             if opens:
