@@ -54,7 +54,8 @@ def predict_frame(
     if plane is not None:
         middle = np.mean([plane.height(side.x).mean() for side in sides])
         x = x + np.outer(middle - plane.height(x), plane.normal)
-    note = f"frame: predicted, the {len(facets)} facets in contact of the coarser side "
+    which = "of the coarser side " if carrier is None else ""
+    note = f"frame: predicted, the {len(facets)} facets in contact {which}"
     frame = Frame(x, cells)
     frame = frame if k == 0 else frame.flipped()
     if plane is None and order > 1:

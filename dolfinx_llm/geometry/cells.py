@@ -11,6 +11,8 @@ from dolfinx_llm.geometry.element import CORNERS as CORNERS
 from dolfinx_llm.geometry.element import element_of
 from dolfinx_llm.geometry.element import shape_functions as shape_functions
 
+CREASED = 1.0  # [rad] between normals of cells, from which on an edge is none of a smooth surface
+
 
 def closest_on_sides(p: Array, x: Array) -> Array:
     """Reference coordinates (n, 2) of the points closest to x on the sides of triangles p."""
@@ -87,6 +89,18 @@ def facets_around(facets: Array, m: int) -> csr_matrix:
     """(m, f) ones where a facet (f, k) has a node."""
     f, k = facets.shape
     return csr_matrix((np.ones(f * k), (facets.ravel(), np.repeat(np.arange(f), k))), (m, f))
+
+
+def turns(x: Array, cells: Array) -> Array:
+    """(n_cells,) by how much cells turn at most against those about them, but for sharp edges, as
+    the tangent of the angle."""
+    beside, normals = facets_around(cells, len(x)), unit_normals(x, cells)
+    i, j = (beside.T @ beside).nonzero()
+    cosine = np.minimum(np.einsum("ni,ni->n", normals[i], normals[j]), 1.0)
+    smooth = cosine > np.cos(CREASED)
+    found = np.zeros(len(cells))
+    np.maximum.at(found, i[smooth], np.tan(np.arccos(cosine[smooth])))
+    return found
 
 
 def areas_around(x: Array, facets: Array, cells: Array | None = None) -> Array:

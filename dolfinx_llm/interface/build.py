@@ -42,12 +42,11 @@ from dolfinx_llm.interface.rows import (
     balanced,
     bent_pairs,
     designed,
-    in_supports_planes,
-    kept_nodes,
     say_left,
 )
 from dolfinx_llm.interface.shared import check_pairs, shared_by, shared_nodes
 from dolfinx_llm.interface.site import Site, check_order, find_site, say_straight, with_law
+from dolfinx_llm.interface.supports import in_supports_planes, kept_nodes
 from dolfinx_llm.interface.touching import check_flat, find_pieces
 
 
@@ -88,9 +87,9 @@ def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
     if interface.obstacle is not None:
         return build_against(site, notes, clock)
     found = chosen(site.comm, partial(_find_parts, site, notes, clock))
-    parts, rims, shared, carrier, notes, clock = found
+    parts, rims, of_pieces, notes, clock = found
     curved = any(part.piece.plane is None for part in parts)
-    site = replace(with_law(site, curved), shared=shared, carrier=carrier)
+    site = replace(with_law(site, curved), **of_pieces)
     return assembled(site, parts, rims, notes, clock)
 
 
@@ -116,9 +115,10 @@ def _find_parts(site: Site, notes: list[str], clock: Clock) -> tuple[Any, ...]:
     check_carried(site, parts)
     notes += say_carrier(site) + said
     for part in parts:
-        if part.piece.plane is None:
+        if part.piece.plane is None and site.prescribed is None:
             say_left(interface, part, notes)
-    return parts, rims, site.shared, site.carrier, notes, clock
+    of_pieces = {name: getattr(site, name) for name in ("shared", "carrier", "prescribed")}
+    return parts, rims, of_pieces, notes, clock
 
 
 def _build_pieces(
@@ -237,6 +237,7 @@ def build_piece(
     cells of so many corners, or those of the coarser side."""
     interface, law, plane = site.interface, site.interface.law, piece.plane
     sides = piece.parts(site.whole)
+    designs = site.prescribed is None  # else supports bear what does not balance
     area: Any = None
     order = common_order(sides, interface.frame)
     if plane is None:  # curved: vector areas, smooth rows, balance in least squares
@@ -265,11 +266,11 @@ def build_piece(
         )
         base = local_bases(normals)
     elif plane is None:
-        pairs, certificate, normals = balanced(interface, frame, pairs, vectors, notes)
+        pairs, certificate, normals = balanced(interface, frame, pairs, vectors, notes, designs)
         base = local_bases(normals)
     else:
         keep = kept_nodes(site, pairs)
-        pairs, certificate = designed(interface, frame, plane, pairs, notes, keep)
+        pairs, certificate = designed(interface, frame, plane, pairs, notes, keep, designs)
         base = np.broadcast_to(plane.base, (len(frame.x), *plane.base.shape))
     clock.stop("design")
     if plane is None:

@@ -14,21 +14,27 @@ from dolfinx_llm.geometry.pieces import Piece
 from dolfinx_llm.interface.join import Part, whole_piece
 from dolfinx_llm.interface.rows import COARSE
 from dolfinx_llm.interface.site import Site
+from dolfinx_llm.interface.supports import prescribed_side
 
 
 def with_carrier(site: Site, pieces: Sequence[Piece]) -> Site:
     """The same; with friction between surfaces some of which are curved, the one with fewer nodes
-    carries the frame, and the law holds at the nodes of the other (``contact.friction_nodes``).
+    carries the frame, and the law holds at the nodes of the other (``contact.friction_nodes``). One
+    that supports move as a whole does, whatever its nodes, without friction as well.
 
     Args:
         site: with its law.
         pieces: of the surfaces that touch.
     """
     law = site.interface.law
-    flat = all(piece.plane is not None for piece in pieces)
-    if flat or law.follows or law.gives or not (law.opens and law.slips):
-        return site
     sides = whole_piece(pieces).parts(site.whole)
+    site = replace(site, prescribed=prescribed_side(site, sides))
+    if law.follows or law.gives or not (law.opens and law.slips):
+        return site
+    if site.prescribed is not None:
+        return replace(site, carrier=site.prescribed)
+    if all(piece.plane is not None for piece in pieces):
+        return site
     # Nodes of second order between corners count, and do not follow a frame of first order.
     sizes = [(len(side.x), side.element.order) for side in sides]
     carrier = int(sizes[1] < sizes[0])
@@ -53,6 +59,9 @@ def residual_of(parts: Sequence[Part]) -> float:
 
 def say_carrier(site: Site) -> list[str]:
     """A sentence that says it, if one side carries the frame."""
+    if site.prescribed is not None:
+        frame = site.whole[site.prescribed].name
+        return [f"supports move {frame} as a whole: it carries the frame, as a rigid obstacle"]
     if site.carrier is None:
         return []
     mover, frame = (site.whole[k].name for k in (1 - site.carrier, site.carrier))

@@ -37,7 +37,8 @@ def choose_frame(
         area: what both cover, in the plane.
         corners: of a predicted frame's cells; None: those of the coarser side.
     """
-    interface, carrier = site.interface, site.carrier
+    interface = site.interface
+    carrier = site.carrier if site.prescribed is None else site.prescribed
     if interface.frame is not None:
         frame = face_side_1(interface.frame, sides[0])
         if plane is None:

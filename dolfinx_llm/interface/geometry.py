@@ -104,6 +104,12 @@ class InterfaceGeometry:
             [np.full(len(p.nodes), i == carrier) for i, p in enumerate(self.pairs)]
         )
 
+    @cached_property
+    def prescribed(self) -> Array:
+        """(n,) pairs of a side whose motion is prescribed, on which the frame lies."""
+        on = self.site.prescribed
+        return np.concatenate([np.full(len(p.nodes), i == on) for i, p in enumerate(self.pairs)])
+
     @property
     def theta(self) -> float:
         """Part of the jump between the bodies that the unknowns κ are: 1 where a side jumps from

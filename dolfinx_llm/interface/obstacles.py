@@ -16,10 +16,12 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array, Given
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.geometry.cells import bases
+from dolfinx_llm.geometry.cells import bases, turns
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.obstacle import Obstacle, vector
+
+OF_CELL = 0.1  # of a cell's size, by which what is above a rim may lie beyond it
 
 
 def _unit(name: str, value: ArrayLike, size: int) -> Array:
@@ -152,7 +154,8 @@ class RigidCylinder(Obstacle):
 @dataclass(eq=False)
 class RigidSurface(Obstacle):
     """A surface mesh: the closest point counts, with the normal of its cell; above an edge or a
-    corner of the mesh with the way from there, but beyond its rim, where there is no obstacle.
+    corner of the mesh with the way from there, but beyond its rim, where there is no obstacle. A
+    rim may lean, as facets do at a plane of symmetry: what is right above it meets its plane.
 
     Args:
         mesh: a ``Frame`` whose normals point out of the obstacle, towards the body.
@@ -189,7 +192,12 @@ class RigidSurface(Obstacle):
         distance = np.einsum("ni,ni->n", x - y, normal)
         beside = np.flatnonzero(at.outside > 1e-9)
         rim, out = self.mesh.places.around(at.cell[beside], at.xi[beside])
-        distance[beside[rim]] = np.inf  # beyond its rim a surface stops nobody
+        # Beyond its rim a surface stops nobody, but what is right above one that leans.
+        ends = beside[rim]
+        over = np.linalg.norm(x[ends] - y[ends] - distance[ends, None] * normal[ends], axis=1)
+        most = turns(self.mesh.x, self.mesh.corners)[at.cell[ends]] * np.abs(distance[ends])
+        leaves = (over > most) | (at.outside[ends] > OF_CELL)
+        distance[ends[leaves]] = np.inf
         within = beside[~rim]
         arm = x[within] - y[within]
         size = np.linalg.norm(arm, axis=1)

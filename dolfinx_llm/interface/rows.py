@@ -26,22 +26,19 @@ from dolfinx_llm.design.line import check_closed_form
 from dolfinx_llm.design.outline import at_outline
 from dolfinx_llm.design.quadric import SmoothSurface
 from dolfinx_llm.design.weights import TOLERANCE, balanced_rows, load_residual
-from dolfinx_llm.geometry.cells import outline_edges, unit, unit_normals
+from dolfinx_llm.geometry.cells import outline_edges, unit_normals
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.loads import NodalLoads
 from dolfinx_llm.geometry.overlap_flat import Plane
 from dolfinx_llm.geometry.pairs import ContactPairs, rank_certificate, with_weights
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.interface.join import Certificate, Part
-from dolfinx_llm.interface.site import Site
 
 log = logging.getLogger("dolfinx_llm")
 
 COARSE = 0.1  # vector residual of curved surfaces, from which on it is said
 SHARES = (1.0, 0.5, 0.0)  # of the way to the places on the smooth surface that rows are tried with
 UNITY = 1e-9  # by which the sum of a row may differ from 1
-ACROSS = 1e-6  # direction cosine with the normal up to which a dof lies in the contact plane
-NEXT_TO = 1e-3  # the same of normals at planes of symmetry, as meshes tell them
 
 
 def balanced(
@@ -50,11 +47,13 @@ def balanced(
     pairs: list[ContactPairs],
     vectors: Sequence[Array],
     notes: list[str],
+    designs: bool = True,
 ) -> tuple[list[ContactPairs], Certificate, Array]:
     """Pairs of curved surfaces after design, their certificate, and normals at the frame's nodes.
 
     Args:
         vectors: pair of (n_surface, gdim) vector areas in contact [area].
+        designs: False: supports bear what does not balance, rows stay on the cells.
     """
     close_gap = interface.law.closes_gap
     vectors = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
@@ -63,7 +62,12 @@ def balanced(
     along = interface.law.components == "normal"
     before = after = _residual(plain, vectors, normals, along)
     if interface.design is not None:
-        pairs, surface = _least_residual(frame, pairs, vectors, before, close_gap, along, notes)
+        if designs:
+            pairs, surface = _least_residual(frame, pairs, vectors, before, close_gap, along, notes)
+        else:
+            smooth = smooth_rows(frame, pairs, close_gap, along)
+            both = zip(smooth.pairs, smooth.start, strict=True)
+            pairs, surface = [replace(p, N=M) for p, M in both], smooth.surface
         found, place = (
             _residual([p.N for p in pairs], vectors, surface.normals, along),
             surface.error,
@@ -214,13 +218,16 @@ def designed(
     pairs: list[ContactPairs],
     notes: list[str],
     keep: Sequence[Array] | None,
+    designs: bool = True,
 ) -> tuple[list[ContactPairs], Certificate]:
     """Pairs after design by weights where it is asked for or needed, and their certificate."""
     loads, s = [p.loads for p in pairs], plane.project(frame.x)
     plain = [p.N for p in pairs]
     before = float(np.abs(load_residual(frame, s, plain, loads)).max())
     N: Sequence[csr_matrix] = plain
-    if interface.design == "weights" or (interface.design == "auto" and before > TOLERANCE):
+    if not designs:
+        notes.append("design: left out, supports bear what does not balance")
+    elif interface.design == "weights" or (interface.design == "auto" and before > TOLERANCE):
         N, loads = _balanced(frame, s, plain, loads, keep)
         pairs = [with_weights(p, M, frame) for p, M in zip(pairs, N)]
         notes.append("design: rows of L_b corrected (weights)")
@@ -258,41 +265,3 @@ def _balanced(
             pass
     of, stay = tries[-1]
     return balanced_rows(frame, s, plain, of, stay), of
-
-
-def in_supports_planes(site: Site, pairs: Sequence[ContactPairs]) -> list[ContactPairs]:
-    """Pairs of curved surfaces whose normals lie in the planes that supports hold nodes on, where
-    these mean planes of symmetry: what meshes make of normals there would bind a node across the
-    plane by what is left of its motion, next to nothing."""
-    if not site.held or site.interface.law.components != "local":
-        return list(pairs)
-    out = []
-    for held, p in zip(_held_dofs(site, pairs), pairs, strict=True):
-        flat = held & (np.abs(p.normal) < NEXT_TO)
-        out.append(replace(p, normal=unit(np.where(flat, 0.0, p.normal))))
-    return out
-
-
-def _held_dofs(site: Site, pairs: Sequence[ContactPairs]) -> list[Array]:
-    """Per side (n, components) prescribed dofs of pairs, of a site that knows them."""
-    sides = zip(site.whole, site.held or (), pairs, strict=True)
-    return [held[np.isin(own.dofs, p.surface.dofs)][p.nodes] for own, held, p in sides]
-
-
-def kept_nodes(site: Site, pairs: Sequence[ContactPairs]) -> list[Array] | None:
-    """Per side (n,) pairs whose rows had better stay: Dirichlet conditions prescribe a motion that
-    the law ties, or other interfaces have the node, too: round a joint where interfaces meet rows
-    repeat each other exactly, or not at all. None: there are none."""
-    normal_only = site.interface.law.components == "normal"
-    held = _held_dofs(site, pairs) if site.held else []
-    keep = []
-    for i, (p, whole) in enumerate(zip(pairs, site.whole, strict=True)):
-        # What is prescribed across the normal is free without friction.
-        used = np.abs(p.normal) > ACROSS if normal_only else np.ones(p.normal.shape, dtype=bool)
-        found = np.zeros(len(p.nodes), dtype=bool)
-        if held:
-            found |= (held[i] & used).any(axis=1)
-        if site.shared:
-            found |= site.shared[i][np.isin(whole.dofs, p.surface.dofs)][p.nodes]
-        keep.append(found)
-    return keep if any(k.any() for k in keep) else None

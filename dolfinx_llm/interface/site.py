@@ -36,6 +36,7 @@ class Site:
     shared: tuple[Array, ...] = ()  # per side (n,) nodes that other interfaces have, too
     scalar: bool = False  # a temperature or the like goes across, no displacement
     carrier: int | None = None  # side that the frame moves with; None: with both alike
+    prescribed: int | None = None  # side that supports move as a whole, on which the frame lies
 
 
 def find_site(

@@ -101,6 +101,21 @@ def test_own_obstacle(gdim, kind):
     assert fs.apart(*flat) < 1e-12
 
 
+def test_rims_that_lean():
+    """Facets of a bowl that end at planes of symmetry lean: nodes on the planes are above them."""
+    s = np.linspace(0.0, 1.0, 5)
+    x = np.stack(np.meshgrid(s, s, indexing="ij"), axis=2).reshape(-1, 2)
+    at = np.arange(25).reshape(5, 5)
+    cells = np.stack([at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]], axis=2).reshape(-1, 4)
+    bowl = llm.RigidSurface(llm.Frame(np.column_stack([x, 0.3 * (x**2).sum(axis=1)]), cells))
+    above = np.array([0.0, 0.0, 0.02]) + bowl.mesh.x
+    distance, into = bowl.clearance(above[(x.max(axis=1) < 1.0)])
+    assert 0.01 < distance.min() <= distance.max() <= 0.02
+    assert (into[:, 2] < -0.7).all()
+    for beside in ([-0.02, 0.5, 0.1], [0.5, -0.2, 1.5]):
+        assert np.isinf(bowl.clearance(np.array([beside]))[0]).all()
+
+
 def box(kind, n=2):
     """The surface of a cube [-1, 1]³, of a square, of n cells along each edge."""
     s = np.linspace(-1.0, 1.0, n + 1)

@@ -101,7 +101,7 @@ def collect_results(
             v = v + _tangential_average(geometry, moved)
         forces = multiplier[place.rows].reshape(-1, geometry.pairs[0].base.shape[1])
         status = state.pair_status()
-        presses = geometry.interface.law.opens and not state.held.any()
+        presses = geometry.interface.law.opens and not _may_pull(geometry, state).any()
         sides, first = [], 0
         for p, motion, gap in zip(geometry.pairs, moved, gaps[place.sides], strict=True):
             own = slice(first, first + len(p.nodes))
@@ -115,7 +115,7 @@ def collect_results(
             sides.append(side_result(p, forces[own], motion, follows, gap, status[own], presses))
             first = own.stop
         if geometry.interface.law.components != "cartesian":
-            sides = between_bodies(geometry, sides, operators.scale, state.held)
+            sides = between_bodies(geometry, sides, operators.scale, _may_pull(geometry, state))
         nodal = nodal_sides(geometry, sides)
         if geometry.site.carrier is not None:
             nodal = halved_slips(geometry, nodal)
@@ -124,6 +124,11 @@ def collect_results(
         found = _interface_result(geometry, sides, nodal, v, state)
         results.append(replace(found, rotation=geometry.rotation(w[place.frame])))
     return told(operators.comm, deepcopy(results))  # their arrays are the user's
+
+
+def _may_pull(geometry: InterfaceGeometry, state: InterfaceState) -> Array:
+    """(n,) pairs that do, but for those of a prescribed side, where the other's forces arrive."""
+    return state.held & ~geometry.prescribed
 
 
 def _tangential_average(geometry: InterfaceGeometry, moved: Sequence[Array]) -> Array:
@@ -151,7 +156,7 @@ def _interface_result(
 ) -> InterfaceResult:
     """Of the sides, and of these with values at nodes."""
     side, pairs, law = sides[0], geometry.pairs[0], geometry.interface.law
-    presses = law.opens and not state.held.any()
+    presses = law.opens and not _may_pull(geometry, state).any()
     obstacle, frame = geometry.interface.obstacle, geometry.frame
     if obstacle is not None:
         side = nodal[0]
@@ -259,8 +264,14 @@ def _in_proportion(near: Array, drag: Array, force: Array, friction: Array) -> A
 
 def _frame_density(geometry: InterfaceGeometry, sides: Sequence[SideResult]) -> Array | None:
     """``InterfaceResult.frame_density`` between second-order bodies: of the side with fewer nodes,
-    the mean of both where they have as many; None: not of second order."""
+    the mean of both where they have as many; on a prescribed side, whose nodes may be many more,
+    the other's; None: neither."""
     assert geometry.frame is not None
+    on = geometry.site.prescribed
+    if on is not None:
+        side, at_frame = sides[1 - on], geometry.pairs[1 - on].interpolation(geometry.frame.x)
+        acts = at_frame @ per_area((1.0, -1.0)[1 - on] * side.force, side.area)
+        return along_normals(acts, geometry.normals)
     found, least = [], min(len(side.x) for side in sides)
     for sign, p, side in zip((1.0, -1.0), geometry.pairs, sides, strict=True):
         if side.density is None:

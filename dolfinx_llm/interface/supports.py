@@ -1,0 +1,77 @@
+"""What supports at surfaces mean for an interface: whether one moves as a whole, which rows had
+better stay, which normals lie in planes of symmetry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.geometry.cells import unit
+from dolfinx_llm.geometry.overlap_curved import is_flat
+from dolfinx_llm.geometry.pairs import ContactPairs
+from dolfinx_llm.geometry.pieces import STRAIGHT
+from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.interface.site import Site
+
+ACROSS = 1e-6  # direction cosine with the normal up to which a dof lies in the contact plane
+NEXT_TO = 1e-3  # the same of normals at planes of symmetry, as meshes tell them
+
+
+def prescribed_side(site: Site, sides: Sequence[Surface]) -> int | None:
+    """Of surfaces that may part, not both flat, the one whose motion supports prescribe at all
+    nodes, as that of a rigid tool. With the frame on the other side, its nodes would press between
+    those of coarser facets, which have no motions to follow all of them."""
+    law, design = site.interface.law, site.interface.design
+    asked = site.interface.frame is not None or design in ("positions", "weights")
+    if site.held is None or asked or not law.opens or law.gives:
+        return None
+    if any(side.element.order > 1 for side in sides):
+        return None
+    if all(is_flat(side, STRAIGHT * side.diameter) for side in sides):
+        return None
+    known = [
+        bool(held[np.isin(whole.dofs, side.dofs)].all())
+        for held, whole, side in zip(site.held, site.whole, sides, strict=True)
+    ]
+    return known.index(True) if known[0] != known[1] else None
+
+
+def in_supports_planes(site: Site, pairs: Sequence[ContactPairs]) -> list[ContactPairs]:
+    """Pairs of curved surfaces whose normals lie in the planes that supports hold nodes on, where
+    these mean planes of symmetry: what meshes make of normals there would bind a node across the
+    plane by what is left of its motion, next to nothing."""
+    if not site.held or site.interface.law.components != "local":
+        return list(pairs)
+    out = []
+    for held, p in zip(_held_dofs(site, pairs), pairs, strict=True):
+        flat = held & (np.abs(p.normal) < NEXT_TO)
+        out.append(replace(p, normal=unit(np.where(flat, 0.0, p.normal))))
+    return out
+
+
+def _held_dofs(site: Site, pairs: Sequence[ContactPairs]) -> list[Array]:
+    """Per side (n, components) prescribed dofs of pairs, of a site that knows them."""
+    sides = zip(site.whole, site.held or (), pairs, strict=True)
+    return [held[np.isin(own.dofs, p.surface.dofs)][p.nodes] for own, held, p in sides]
+
+
+def kept_nodes(site: Site, pairs: Sequence[ContactPairs]) -> list[Array] | None:
+    """Per side (n,) pairs whose rows had better stay: Dirichlet conditions prescribe a motion that
+    the law ties, or other interfaces have the node, too: round a joint where interfaces meet rows
+    repeat each other exactly, or not at all. None: there are none."""
+    normal_only = site.interface.law.components == "normal"
+    held = _held_dofs(site, pairs) if site.held else []
+    keep = []
+    for i, (p, whole) in enumerate(zip(pairs, site.whole, strict=True)):
+        # What is prescribed across the normal is free without friction.
+        used = np.abs(p.normal) > ACROSS if normal_only else np.ones(p.normal.shape, dtype=bool)
+        found = np.zeros(len(p.nodes), dtype=bool)
+        if held:
+            found |= (held[i] & used).any(axis=1)
+        if site.shared:
+            found |= site.shared[i][np.isin(whole.dofs, p.surface.dofs)][p.nodes]
+        keep.append(found)
+    return keep if any(k.any() for k in keep) else None
