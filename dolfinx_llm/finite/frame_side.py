@@ -57,6 +57,16 @@ def gap_of_frame(sides: Sides, z: Array, pairs: Array) -> Array:
     return gap
 
 
+def mover_at_frame(sides: Sides, z: Array) -> csr_matrix:
+    """(m, n) values of the moving side's nodes at the frame's nodes; none beside its facets."""
+    x, y = sides.split(z)
+    cells = sides.mover.cells
+    at = find_on_frame(y, x, cells, unit(areas_around(x, sides.mover.skin)))
+    N = np.where((at.met & (at.beyond < INSIDE))[:, None], at.N, 0.0)
+    index = np.repeat(np.arange(len(y)), N.shape[1]), cells[at.facet].ravel()
+    return csr_matrix((N.ravel(), index), (len(y), len(x)))
+
+
 def slip_of_frame(sides: Sides, shapes: csr_matrix, z: Array, normal: Array, slip: Array) -> Array:
     """(m, gdim) slip of the frame's nodes on the other body, by linear functions of the place,
     s(x), which are fitted about each node to the slip of pairs; 0 where there are none. What node

@@ -13,6 +13,7 @@ from dolfinx_llm.finite.densities import densities
 from dolfinx_llm.finite.frame.self_sides import SelfSides
 from dolfinx_llm.finite.frame_side import (
     gap_of_frame,
+    mover_at_frame,
     shapes_on_frame,
     slip_of_frame,
     status_of_frame,
@@ -155,6 +156,10 @@ def moving_results(
     mean = sides.in_order(per_area(borne, place.areas[0]), -about)
     presses = contact.parts and _presses(pressing)
     density = densities(sides.surfaces, places, areas, forces, normals, mean, presses)
+    if sides.prescribed:  # which may have nodes far closer to each other
+        opposite, own = mover_at_frame(sides, z), density[sides.moving]
+        if own is not None and density[sides.frame] is not None:
+            density[sides.frame] = -(opposite @ own)
     of = zip(
         sides.surfaces, places, forces, normals, gaps, to_frame, slips, statuses, areas, density,
         strict=True,
@@ -177,6 +182,10 @@ def moving_results(
         own_pressed = along_normals(of_moving, moving.normal)[:, 0]
         both = along_normals(of_frame, outward)
         pressed, traction = both[:, 0], sign * both[:, 1:]
+    if sides.prescribed:
+        acts = per_area(forces[sides.moving], areas[sides.moving])
+        acts = along_normals(acts if of_moving is None else of_moving, moving.normal)
+        pressed, traction = opposite @ acts[:, 0], -sign * (opposite @ acts[:, 1:])
     drawn, origin = sides.carrier.x, sides.carrier.origin
     if isinstance(sides, SelfSides):  # both are the frame's surface
         pressed[active] = own_pressed[active]

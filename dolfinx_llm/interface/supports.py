@@ -20,17 +20,24 @@ ACROSS = 1e-6  # direction cosine with the normal up to which a dof lies in the 
 NEXT_TO = 1e-3  # the same of normals at planes of symmetry, as meshes tell them
 
 
-def prescribed_side(site: Site, sides: Sequence[Surface]) -> int | None:
+def prescribed_side(site: Site, sides: Sequence[Surface], second_order: bool = False) -> int | None:
     """Of surfaces that may part, not both flat, the one whose motion supports prescribe at all
     nodes, as that of a rigid tool. With the frame on the other side, its nodes would press between
-    those of coarser facets, which have no motions to follow all of them."""
+    those of coarser facets, which have no motions to follow all of them.
+
+    Args:
+        site: of the interface.
+        sides: the surfaces, or what of them may touch.
+        second_order: surfaces of second order as well, if both are curved: on a flat one gaps in
+            Bernstein form close too early where the other turns away.
+    """
     law, design = site.interface.law, site.interface.design
     asked = site.interface.frame is not None or design in ("positions", "weights")
     if site.held is None or asked or not law.opens or law.gives:
         return None
-    if any(side.element.order > 1 for side in sides):
-        return None
-    if all(is_flat(side, STRAIGHT * side.diameter) for side in sides):
+    flat = [is_flat(side, STRAIGHT * side.diameter) for side in sides]
+    first = all(side.element.order == 1 for side in sides)
+    if all(flat) or not (first or (second_order and not any(flat))):
         return None
     known = [
         bool(held[np.isin(whole.dofs, side.dofs)].all())

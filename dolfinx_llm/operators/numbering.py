@@ -46,6 +46,10 @@ class BodyDofs:
         nodes = [V.dofmap.index_map.size_local for V in self.spaces]
         return [n * self.components + k for n, k in zip(nodes, others, strict=True)]
 
+    def fixed_by_space(self) -> list[Array]:
+        """Per mesh this rank's (n,) prescribed dofs."""
+        return np.split(self.fixed, np.cumsum(self.counts)[:-1])
+
     @property
     def order(self) -> int:
         """Highest order of the spaces."""

@@ -34,6 +34,7 @@ from dolfinx_llm.interface.choices import Interface, SelfContact
 from dolfinx_llm.interface.obstacles import MeanDisplacement
 from dolfinx_llm.interface.shared import check_once
 from dolfinx_llm.interface.site import Site, find_site, space_of
+from dolfinx_llm.interface.supports import prescribed_side
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
 from dolfinx_llm.laws.law import Law
@@ -90,9 +91,10 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
         raise ContactInputError(
             'design="positions": the frame moves with the bodies, choose "auto", "weights" or None'
         )
-    site = find_site(interface, dofs.spaces)
-    site = replace(site, whole=_near(site.whole))
-    return _on_frame(interface, Sides.of(site.whole), site, dofs)
+    site = find_site(interface, dofs.spaces, dofs.fixed_by_space())
+    frame = prescribed_side(site, site.whole, second_order=True)
+    site = replace(site, whole=_near(site.whole), prescribed=frame)
+    return _on_frame(interface, Sides.of(site.whole, frame), site, dofs)
 
 
 def _is_asked(law: Law) -> bool:
@@ -104,7 +106,8 @@ def _is_asked(law: Law) -> bool:
 def _on_frame(interface: Interface, sides: Sides, site: Site, dofs: BodyDofs) -> Placed:
     """Two surfaces of which one carries the frame; as of ``contact_of``."""
     frame = sides.carrier
-    design = Design.of(frame.x, frame.cells, interface.design is not None)
+    designs = interface.design is not None and site.prescribed is None  # see ``supports``
+    design = Design.of(frame.x, frame.cells, designs)
     drawn = np.concatenate([s.x.ravel() for s in site.whole])
     contact: MovingContact
     law, reads = interface.law, None

@@ -79,20 +79,25 @@ class Sides:
     rounded: Array  # (m,) the frame's nodes about which it is drawn curved, not at an edge
     around: csr_matrix | None  # (m, f) weights of its facets in nodal normals; None: those around
     within: float = WITHIN
+    prescribed: bool = False  # supports move the surface that carries the frame as a whole
     _met: list[Any] = field(init=False, default_factory=list, repr=False)  # the last of ``meet``
 
     laws_reach: ClassVar[float] = 4.0  # gap over the frame's facet up to which laws can pull
     behind: ClassVar[float] = LAYER  # a facet in space, over its size, up to which another meets it
 
     @classmethod
-    def of(cls, surfaces: Sequence[Surface]) -> Sides:
+    def of(cls, surfaces: Sequence[Surface], frame: int | None = None) -> Sides:
         """The coarser surface carries the frame; which comes first does not matter.
 
         Args:
             surfaces: as drawn.
+            frame: which carries the frame since supports move it as a whole; None: the coarser one.
         """
+        prescribed = frame is not None
         size = [cell_sizes(s.x, s.skin).mean() * PER_NODE[s.skin.shape[1]] for s in surfaces]
-        if abs(size[0] - size[1]) > AS_COARSE * max(size):
+        if frame is not None:
+            pass
+        elif abs(size[0] - size[1]) > AS_COARSE * max(size):
             frame = int(size[1] > size[0])
         else:  # alike: the one whose normal comes first, of closed ones the one in the other
             frame = int(_sense(surfaces[1]) > _sense(surfaces[0]))
@@ -102,7 +107,8 @@ class Sides:
         if surfaces[frame].element.order > 1:  # nothing stands out beyond its facets
             inner = rounded[surfaces[frame].facets].all(axis=1)
             around, rounded[surfaces[frame].cells[inner]] = None, True
-        return cls((surfaces[0], surfaces[1]), frame, chains, rounded, around)
+        both = surfaces[0], surfaces[1]
+        return cls(both, frame, chains, rounded, around, prescribed=prescribed)
 
     @property
     def moving(self) -> int:
