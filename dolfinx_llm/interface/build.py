@@ -262,7 +262,7 @@ def build_piece(
     clock.stop("location")
     if plane is None and order > 1:
         pairs, certificate, normals = bent_pairs(
-            interface, frame, pairs, vectors, notes, kept_nodes(site, pairs)
+            interface, frame, pairs, vectors, notes, kept_nodes(site, pairs), designs
         )
         base = local_bases(normals)
     elif plane is None:

@@ -28,7 +28,9 @@ def with_carrier(site: Site, pieces: Sequence[Piece]) -> Site:
     """
     law = site.interface.law
     sides = whole_piece(pieces).parts(site.whole)
-    site = replace(site, prescribed=prescribed_side(site, sides))
+    # Without friction frame nodes of second order may move along the surface: held, they would not.
+    second = law.slips and not law.follows and all(side.element.order == 2 for side in sides)
+    site = replace(site, prescribed=prescribed_side(site, sides, second))
     if law.follows or law.gives or not (law.opens and law.slips):
         return site
     if site.prescribed is not None:

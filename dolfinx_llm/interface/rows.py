@@ -102,6 +102,7 @@ def bent_pairs(
     vectors: Sequence[Array],
     notes: list[str],
     keep: Sequence[Array] | None,
+    designs: bool = True,
 ) -> tuple[list[ContactPairs], Certificate, Array]:
     """As ``balanced`` between second-order bodies tied along curved surfaces, on a frame that is
     bent as they are; ``keep`` as of ``kept_nodes``."""
@@ -112,7 +113,7 @@ def bent_pairs(
     normals, plain = bent_normals(frame), [p.N for p in pairs]
     vectors = [a[p.nodes] for a, p in zip(vectors, pairs, strict=True)]
     before = _residual(plain, vectors, normals, False)
-    if interface.design is not None:
+    if interface.design is not None and designs:
         N = bent_rows(frame, pairs, normals, keep)
         pairs = [with_weights(p, M, frame) for p, M in zip(pairs, N, strict=True)]
         notes.append("design: rows of L_b corrected (weights), in tangent planes")

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.geometry.cells import unit
+from dolfinx_llm.geometry.cells import unit, vector_areas
 from dolfinx_llm.geometry.overlap_curved import is_flat
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.geometry.pieces import STRAIGHT
@@ -17,13 +17,14 @@ from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.site import Site
 
 ACROSS = 1e-6  # direction cosine with the normal up to which a dof lies in the contact plane
+FINER = 0.9  # distance of a tool's nodes over the other's, below which it is the finer one
 NEXT_TO = 1e-3  # the same of normals at planes of symmetry, as meshes tell them
 
 
 def prescribed_side(site: Site, sides: Sequence[Surface], second_order: bool = False) -> int | None:
     """Of surfaces that may part, not both flat, the one whose motion supports prescribe at all
-    nodes, as that of a rigid tool. With the frame on the other side, its nodes would press between
-    those of coarser facets, which have no motions to follow all of them.
+    nodes, as that of a rigid tool, if it is the finer one: with the frame on the other side its
+    nodes would press between those of coarser facets, which have no motions to follow all of them.
 
     Args:
         site: of the interface.
@@ -43,7 +44,16 @@ def prescribed_side(site: Site, sides: Sequence[Surface], second_order: bool = F
         bool(held[np.isin(whole.dofs, side.dofs)].all())
         for held, whole, side in zip(site.held, site.whole, sides, strict=True)
     ]
-    return known.index(True) if known[0] != known[1] else None
+    if known[0] == known[1]:
+        return None
+    k = known.index(True)
+    return k if _spacing(sides[k]) < FINER * _spacing(sides[1 - k]) else None
+
+
+def _spacing(side: Surface) -> float:
+    """About how far apart a surface's corners are [length]."""
+    area = np.linalg.norm(vector_areas(side.x, side.facets), axis=1).sum()
+    return float((area / len(np.unique(side.facets))) ** (1.0 / (side.x.shape[1] - 1)))
 
 
 def in_supports_planes(site: Site, pairs: Sequence[ContactPairs]) -> list[ContactPairs]:

@@ -69,6 +69,15 @@ def _sense(surface: Surface) -> tuple[float, ...]:
     return tuple((told.round(6) + 0.0).tolist())
 
 
+def _coarser(surfaces: Sequence[Surface]) -> int:
+    """Which of two surfaces is; alike the one whose normal comes first, of closed ones the one in
+    the other."""
+    size = [cell_sizes(s.x, s.skin).mean() * PER_NODE[s.skin.shape[1]] for s in surfaces]
+    if abs(size[0] - size[1]) > AS_COARSE * max(size):
+        return int(size[1] > size[0])
+    return int(_sense(surfaces[1]) > _sense(surfaces[0]))
+
+
 @dataclass(frozen=True, eq=False)
 class Sides:
     """Both surfaces; all coordinates: those of surface 0, then those of surface 1."""
@@ -94,13 +103,7 @@ class Sides:
             frame: which carries the frame since supports move it as a whole; None: the coarser one.
         """
         prescribed = frame is not None
-        size = [cell_sizes(s.x, s.skin).mean() * PER_NODE[s.skin.shape[1]] for s in surfaces]
-        if frame is not None:
-            pass
-        elif abs(size[0] - size[1]) > AS_COARSE * max(size):
-            frame = int(size[1] > size[0])
-        else:  # alike: the one whose normal comes first, of closed ones the one in the other
-            frame = int(_sense(surfaces[1]) > _sense(surfaces[0]))
+        frame = _coarser(surfaces) if frame is None else frame
         flat = surfaces[0].x.shape[1] == 2
         chains = Chains.of(surfaces[frame].facets) if flat else None
         around, rounded = drawn_curved(surfaces[frame].x, surfaces[frame].skin)
