@@ -36,15 +36,15 @@ def prescribed_side(site: Site, sides: Sequence[Surface], second_order: bool = F
     asked = site.interface.frame is not None or design in ("positions", "weights")
     if site.held is None or asked or not law.opens or law.gives:
         return None
-    flat = [is_flat(side, STRAIGHT * side.diameter) for side in sides]
-    first = all(side.element.order == 1 for side in sides)
-    if all(flat) or not (first or (second_order and not any(flat))):
-        return None
     known = [
         bool(held[np.isin(whole.dofs, side.dofs)].all())
         for held, whole, side in zip(site.held, site.whole, sides, strict=True)
     ]
     if known[0] == known[1]:
+        return None
+    flat = [is_flat(side, STRAIGHT * side.diameter) for side in sides]
+    first = all(side.element.order == 1 for side in sides)
+    if all(flat) or not (first or (second_order and not any(flat))):
         return None
     k = known.index(True)
     return k if _spacing(sides[k]) < FINER * _spacing(sides[1 - k]) else None
