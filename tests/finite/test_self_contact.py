@@ -113,11 +113,14 @@ def check_balance(result, pairs):
     assert np.abs(result.moment(side=0) + result.moment(side=1)).max() <= 1e-10 * size
 
 
+# Symmetric forces are an equilibrium of more energy, which rounding leaves, or does not.
+ROUNDED = pytest.mark.xfail(strict=False, reason="legs buckle along each other: limits.md")
+BUCKLES = [pytest.mark.long, ROUNDED]
 MIRRORED = [
     (0.0, "quad", 1),
     longer(0.3, "quad", 1),
-    longer(0.0, "quad", 2),
-    longer(0.0, "hex", 1),
+    pytest.param(0.0, "quad", 2, marks=BUCKLES),
+    pytest.param(0.0, "hex", 1, marks=BUCKLES),
 ]
 
 
