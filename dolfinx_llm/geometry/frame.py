@@ -20,7 +20,7 @@ from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array, Given
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.parallel import chosen
-from dolfinx_llm.geometry.cells import cell_sizes, corner_jacobians, points_of
+from dolfinx_llm.geometry.cells import cell_sizes, corner_jacobians, points_of, turns
 from dolfinx_llm.geometry.element import Element, element_of
 from dolfinx_llm.geometry.gmsh_group import read_gmsh
 from dolfinx_llm.geometry.location import ClosestPoints, Location
@@ -169,6 +169,11 @@ class Frame:
     def cell_size(self) -> Array:
         """(n_cells,) square root of the area (length in 2D) [length]."""
         return cell_sizes(self.x, self.corners)
+
+    @cached_property
+    def turns(self) -> Array:
+        """(n_cells,) of ``cells.turns``."""
+        return turns(self.x, self.corners)
 
     def moved(self, v: Array) -> Frame:
         """The frame where its nodes have moved to, y = Y + v of (8).

@@ -99,16 +99,15 @@ class InterfaceGeometry:
     @cached_property
     def carries(self) -> Array:
         """(n,) pairs of the side that carries the frame, if there is one."""
-        carrier = self.site.carrier
-        return np.concatenate(
-            [np.full(len(p.nodes), i == carrier) for i, p in enumerate(self.pairs)]
-        )
+        return self._pairs_of(self.site.carrier)
 
     @cached_property
     def prescribed(self) -> Array:
         """(n,) pairs of a side whose motion is prescribed, on which the frame lies."""
-        on = self.site.prescribed
-        return np.concatenate([np.full(len(p.nodes), i == on) for i, p in enumerate(self.pairs)])
+        return self._pairs_of(self.site.prescribed)
+
+    def _pairs_of(self, side: int | None) -> Array:
+        return np.concatenate([np.full(len(p.nodes), i == side) for i, p in enumerate(self.pairs)])
 
     @property
     def theta(self) -> float:

@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array, Given
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.geometry.cells import bases, turns
+from dolfinx_llm.geometry.cells import bases
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.obstacle import Obstacle, vector
@@ -195,7 +195,7 @@ class RigidSurface(Obstacle):
         # Beyond its rim a surface stops nobody, but what is right above one that leans.
         ends = beside[rim]
         over = np.linalg.norm(x[ends] - y[ends] - distance[ends, None] * normal[ends], axis=1)
-        most = turns(self.mesh.x, self.mesh.corners)[at.cell[ends]] * np.abs(distance[ends])
+        most = self.mesh.turns[at.cell[ends]] * np.abs(distance[ends])
         leaves = (over > most) | (at.outside[ends] > OF_CELL)
         distance[ends[leaves]] = np.inf
         within = beside[~rim]

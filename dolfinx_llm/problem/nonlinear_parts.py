@@ -92,8 +92,8 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
             'design="positions": the frame moves with the bodies, choose "auto", "weights" or None'
         )
     site = find_site(interface, dofs.spaces, dofs.fixed_by_space())
-    frame = prescribed_side(site, site.whole, second_order=True)
-    site = replace(site, whole=_near(site.whole), prescribed=frame)
+    frame = chosen(dofs.comm, partial(prescribed_side, site, site.whole, second_order=True))
+    site = replace(site, whole=_near(site.whole))
     return _on_frame(interface, Sides.of(site.whole, frame), site, dofs)
 
 
@@ -106,7 +106,7 @@ def _is_asked(law: Law) -> bool:
 def _on_frame(interface: Interface, sides: Sides, site: Site, dofs: BodyDofs) -> Placed:
     """Two surfaces of which one carries the frame; as of ``contact_of``."""
     frame = sides.carrier
-    designs = interface.design is not None and site.prescribed is None  # see ``supports``
+    designs = interface.design is not None and not sides.prescribed  # see ``supports``
     design = Design.of(frame.x, frame.cells, designs)
     drawn = np.concatenate([s.x.ravel() for s in site.whole])
     contact: MovingContact

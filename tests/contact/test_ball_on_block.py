@@ -3,6 +3,7 @@ planes, where supports hold both sides; of second order, by gmsh."""
 
 import warnings
 
+import bowls
 import gmsh
 import numpy as np
 import pytest
@@ -21,15 +22,8 @@ DOWN = 0.03  # motion of the ball
 
 def pressed(law, caplog):
     """Result of the ball, side 1, pressed by DOWN, and the warnings that came with it."""
-    sections = (scenes.grid(7, 6), scenes.grid(5, 7))
-    domain, tags = scenes.stacked(MPI.COMM_SELF, sections, (0.0, 1.0, 2.0))
-    x, cells = domain.geometry.x, compat.cell_dofs(domain.geometry)
-    ball = np.unique(cells[x[cells].mean(axis=1)[:, 2] > 1.0])
-    x[ball, 2] += 0.25 * (x[ball, 0] ** 2 + x[ball, 1] ** 2) * (2.0 - x[ball, 2])
-    V = compat.function_space(domain, shape=(3,))
-    planes = [(k, scenes.on(k, 0.0)) for k in range(2)]
-    held = planes + [(k, scenes.on(2, 0.0)) for k in range(3)]
-    bcs = scenes.hold(V, held)
+    V, tags, _ = bowls.bowl_on_block(scenes.grid(7, 6), scenes.grid(5, 7))
+    bcs = scenes.hold(V, bowls.HELD)
     bcs += scenes.hold(V, [(2, scenes.on(2, 2.0))], lambda p: np.full_like(p, -DOWN))
     problem = scenes.block_problem(V, tags, bcs=bcs, loads=[], law=law)
     with warnings.catch_warnings():
@@ -55,23 +49,10 @@ def test_slips_on_planes_of_symmetry(caplog):
 def test_a_ball_whose_motion_is_prescribed(law):
     """All of it, as of a rigid tool, with smaller facets than the block's: supports hold one side
     of what may touch, which parts as any other, and nothing pulls."""
-    sections = (scenes.grid(4, 4, high=(1.5, 1.5)), scenes.grid(7, 7))
-    domain, tags = scenes.stacked(MPI.COMM_SELF, sections, (0.0, 1.0, 2.0))
-    x, cells = domain.geometry.x, compat.cell_dofs(domain.geometry)
-    above = np.flatnonzero(x[cells].mean(axis=1)[:, 2] > 1.0).astype(np.int32)
-    ball = np.unique(cells[above])
-    x[ball, 2] += 0.25 * (x[ball, 0] ** 2 + x[ball, 1] ** 2) * (2.0 - x[ball, 2])
-    V = compat.function_space(domain, shape=(3,))
-    held = [(k, scenes.on(k, 0.0)) for k in range(2)] + [(k, scenes.on(2, 0.0)) for k in range(3)]
-    down = fem.Function(V)
-    down.interpolate(lambda x: np.stack([0 * x[0], 0 * x[0], 0 * x[0] - DOWN]))
-    domain.topology.create_connectivity(3, 3)  # from 0.9 on dolfinx asks for it
-    bcs = scenes.hold(V, held) + [fem.dirichletbc(down, fem.locate_dofs_topological(V, 3, above))]
+    sections = scenes.grid(4, 4, high=(1.5, 1.5)), scenes.grid(7, 7)
     found = []
     for solver in ("saddle", "condensed"):
-        problem = scenes.block_problem(
-            V, tags, bcs=bcs, loads=[], law=law, options={"solver": solver}
-        )
+        problem = bowls.moved_down(*sections, DOWN, law=law, options={"solver": solver})
         problem.solve()
         (result,) = problem.results
         force = np.concatenate([side.normal_force for side in result.sides])

@@ -1,5 +1,6 @@
 """Curved tools that supports move as a whole: the frame is theirs, whatever their mesh."""
 
+import bowls
 import curved_scenes as curved
 import numpy as np
 import pytest
@@ -13,40 +14,26 @@ from dolfinx_llm.laws.rows import OPEN
 
 pytestmark = pytest.mark.quick
 LAWS = {"frictionless": llm.Frictionless(), "friction": llm.Coulomb(0.3)}
-DOWN, PRESS = np.array([0.0, 0.0, -0.03]), 0.01
+DOWN, PRESS = 0.03, 0.01
 
 
-def bowl_on_block(cells, law, solver="auto", sides=(2, 3), block=8):
-    """A bowl of so many cells along each edge, moved down by DOWN onto a block of other cells."""
-    sections = (scenes.grid(block, block, high=(1.5, 1.5)), scenes.grid(cells, cells))
-    domain, tags = scenes.stacked(MPI.COMM_SELF, sections, (0.0, 1.0, 2.0))
-    x, nodes = domain.geometry.x, compat.cell_dofs(domain.geometry)
-    above = np.flatnonzero(x[nodes].mean(axis=1)[:, 2] > 1.0).astype(np.int32)
-    bowl = np.unique(nodes[above])
-    x[bowl, 2] += 0.25 * (x[bowl, 0] ** 2 + x[bowl, 1] ** 2) * (2.0 - x[bowl, 2])
-    V = compat.function_space(domain, shape=(3,))
-    bcs = scenes.hold(V, [(0, scenes.on(0, 0.0)), (1, scenes.on(1, 0.0))])
-    bcs += scenes.hold(V, [(k, scenes.on(2, 0.0)) for k in range(3)])
-    whole = fem.Function(V)
-    whole.interpolate(lambda x: np.outer(DOWN, np.ones_like(x[0])))
-    domain.topology.create_connectivity(3, 3)  # from 0.9 on dolfinx asks for it
-    bcs.append(fem.dirichletbc(whole, fem.locate_dofs_topological(V, 3, above)))
-    problem = scenes.block_problem(
-        V, tags, sides, bcs=bcs, loads=[], law=law, options={"solver": solver}
-    )
-    problem.solve()
-    return problem
+BLOCK = scenes.grid(8, 8, high=(1.5, 1.5))
 
 
 @pytest.mark.parametrize("law", LAWS)
 def test_as_a_rigid_surface(law):
     """Pressed in by a fine mesh, as by the obstacle of the same facets; by both forms, with either
     side named first. With a frame of the block's facets nodes of the bowl pressed between its
-    nodes, a fifth too hard; of 4 cells 2.5 times as hard as a bowl of 4."""
+    nodes, a fifth too hard; on a block of 4 cells 2.5 times as hard as a bowl of 4."""
+    ways = ("saddle", (2, 3)), ("condensed", (2, 3)), ("saddle", (3, 2))
     found = [
-        bowl_on_block(14, LAWS[law], *how)
-        for how in (("saddle",), ("condensed",), ("saddle", (3, 2)))
+        bowls.moved_down(
+            BLOCK, scenes.grid(14, 14), DOWN, sides, law=LAWS[law], options={"solver": form}
+        )
+        for form, sides in ways
     ]
+    for problem in found:
+        problem.solve()
     assert all(len(problem.history) <= 8 for problem in found)
     assert "as a rigid obstacle" in str(found[0])
     sides = [problem.results[0].sides[::step] for problem, step in zip(found, (1, 1, -1))]
@@ -61,14 +48,11 @@ def test_as_a_rigid_surface(law):
             assert np.abs(one.force - other.force).max() <= 1e-8 * size
 
     tool = found[0].geometries[0].site.whole[1]
-    obstacle = llm.RigidSurface(llm.Frame(tool.x, tool.facets), displacement=DOWN)
-    alone, tags = scenes.stacked(MPI.COMM_SELF, (scenes.grid(8, 8, high=(1.5, 1.5)),), (0.0, 1.0))
+    obstacle = llm.RigidSurface(llm.Frame(tool.x, tool.facets), displacement=(0.0, 0.0, -DOWN))
+    alone, tags = scenes.stacked(MPI.COMM_SELF, (BLOCK,), (0.0, 1.0))
     V = compat.function_space(alone, shape=(3,))
-    held = [(0, scenes.on(0, 0.0)), (1, scenes.on(1, 0.0))]
-    held += [(k, scenes.on(2, 0.0)) for k in range(3)]
-    other = scenes.block_problem(
-        V, tags, (2, obstacle), bcs=scenes.hold(V, held), loads=[], law=LAWS[law]
-    )
+    bcs = scenes.hold(V, bowls.HELD)
+    other = scenes.block_problem(V, tags, (2, obstacle), bcs=bcs, loads=[], law=LAWS[law])
     other.solve()
     force = other.results[0].sides[0].force.sum(axis=0)
     assert abs(force[2] - block.force[:, 2].sum()) <= 0.01 * abs(force[2])

@@ -55,8 +55,6 @@ class ClampedRows:
             g: (n,) gaps, where supports have moved [length].
         """
         left_out, holding, overlap = (np.zeros(len(g), dtype=of) for of in (bool, bool, float))
-        for s in states:  # frames on a side that supports move as a whole go with it
-            s.clamped = s.nodes.geometry.prescribed
         if not len(self._rows):
             return left_out
         missed = chosen(self._comm, lambda: self._missed(g[self._rows]))
@@ -69,8 +67,7 @@ class ClampedRows:
                 overlap[self._rows[own]] = missed[own]
         for s in states:
             normal = s.nodes.rows[:, -1]
-            s.clamped = s.clamped | holding[normal]
-            s.overlap = float(overlap[normal].max(initial=0.0))
+            s.clamped, s.overlap = holding[normal], float(overlap[normal].max(initial=0.0))
             s.touch(s.own.active & ~left_out[normal])
         return left_out
 

@@ -109,8 +109,7 @@ class InterfaceState:
         self.nodes, law = nodes, nodes.law
         rubs = law.shares and law.opens and law.slips and not law.gives
         self.shares = rubs and nodes.geometry.law_side is None
-        second = any(p.control is not None for p in nodes.geometry.pairs)
-        self.second = self.shares and second
+        self.second = self.shares and any(p.control is not None for p in nodes.geometry.pairs)
         self.glides, self.touched, self._touching = False, 0, np.empty(0)  # all follow the frame
         none = np.zeros((2, len(nodes.rows)), dtype=bool)  # pairs that cannot part
         self.stays, self.clamped, self.overlap = *none, 0.0
@@ -154,7 +153,8 @@ class InterfaceState:
 
     def touch(self, active: Array) -> None:
         """Take over the pairs (n,) in contact, and who speaks for whom."""
-        self.held = self.nodes.reach(self.own.holds) | self.stays | self.clamped
+        holds = self.stays | self.clamped | self.nodes.geometry.prescribed
+        self.held = self.nodes.reach(self.own.holds) | holds
         self.own.active = active = active | self.held
         self.anchored = self.nodes.anchored(self.tied)
         told = (
