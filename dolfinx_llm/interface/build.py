@@ -27,6 +27,7 @@ from dolfinx_llm.interface.against import (
     under_force,
 )
 from dolfinx_llm.interface.carrier import (
+    at_own_nodes,
     check_carried,
     residual_of,
     say_carrier,
@@ -89,7 +90,7 @@ def build(site: Site, clock: Clock | None = None) -> InterfaceGeometry:
     found = chosen(site.comm, partial(_find_parts, site, notes, clock))
     parts, rims, of_pieces, notes, clock = found
     curved = any(part.piece.plane is None for part in parts)
-    site = replace(with_law(site, curved), **of_pieces)
+    site = with_law(replace(site, **of_pieces), curved)
     return assembled(site, parts, rims, notes, clock)
 
 
@@ -101,7 +102,7 @@ def _find_parts(site: Site, notes: list[str], clock: Clock) -> tuple[Any, ...]:
     pieces, rims = find_pieces(whole, interface.law.opens, interface.name, notes)
     if len(pieces) > 1 and interface.frame is not None:
         pieces = [whole_piece(pieces)]
-    site = with_carrier(with_law(site, any(piece.plane is None for piece in pieces)), pieces)
+    site = with_law(with_carrier(site, pieces), any(piece.plane is None for piece in pieces))
     if interface.frame is None:
         pieces = [part for piece in pieces for part in separated(piece, whole)]
         site = replace(site, shared=shared_by(pieces, site))
@@ -163,7 +164,10 @@ def assembled(
         pairs, frame, base, certificate = joined(site.whole, parts)
     notes = [*notes]
     if not law.ties:
-        pairs = [in_control_values(p, frame) for p in pairs]
+        drawn, held = [p.normal for p in pairs], frame is None or site.prescribed is not None
+        pairs = [in_control_values(p, frame, held) for p in pairs]
+        if held:
+            pairs = in_supports_planes(site, pairs, drawn)
         for side in site.whole:
             _say_straight(side, interface.name, notes)
     rims = [
@@ -239,7 +243,7 @@ def build_piece(
     sides = piece.parts(site.whole)
     designs = site.prescribed is None  # else supports bear what does not balance
     area: Any = None
-    order = common_order(sides, interface.frame)
+    order = common_order(site, sides)
     if plane is None:  # curved: vector areas, smooth rows, balance in least squares
         if interface.design == "positions":
             raise ContactInputError("design='positions' needs flat sides; use 'weights' or 'auto'")
@@ -259,6 +263,8 @@ def build_piece(
         notes.append("design: frame nodes moved (positions)")
         clock.stop("design")
     pairs = locate_pairs(sides, loads, frame, reach, plane)
+    if site.prescribed is not None:
+        pairs[site.prescribed] = at_own_nodes(pairs[site.prescribed], frame)
     clock.stop("location")
     if plane is None and order > 1:
         pairs, certificate, normals = bent_pairs(

@@ -6,15 +6,20 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.sparse import identity
+from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.errors import ContactError
 from dolfinx_llm.design.predict import coarser_side
-from dolfinx_llm.geometry.pairs import rank_certificate
+from dolfinx_llm.geometry.frame import Frame
+from dolfinx_llm.geometry.pairs import ContactPairs, rank_certificate, with_weights
 from dolfinx_llm.geometry.pieces import Piece
 from dolfinx_llm.interface.join import Part, whole_piece
 from dolfinx_llm.interface.rows import COARSE
 from dolfinx_llm.interface.site import Site
 from dolfinx_llm.interface.supports import prescribed_side
+
+OWN_PLACE = 1e-12  # distance of nodes over a surface's diameter, that is none
 
 
 def with_carrier(site: Site, pieces: Sequence[Piece]) -> Site:
@@ -28,13 +33,14 @@ def with_carrier(site: Site, pieces: Sequence[Piece]) -> Site:
     """
     law = site.interface.law
     sides = whole_piece(pieces).parts(site.whole)
-    # Without friction frame nodes of second order may move along the surface: held, they would not.
-    second = law.slips and not law.follows and all(side.element.order == 2 for side in sides)
-    site = replace(site, prescribed=prescribed_side(site, sides, second))
-    if law.follows or law.gives or not (law.opens and law.slips):
-        return site
+    site = replace(site, prescribed=prescribed_side(site, sides))
     if site.prescribed is not None:
-        return replace(site, carrier=site.prescribed)
+        # Normals of second order need all of the frame's motion, which normal rows alone lack.
+        curved = any(piece.plane is None for piece in pieces)
+        full = law.slips or (curved and any(side.element.order > 1 for side in sides))
+        return replace(site, carrier=site.prescribed if full else None)
+    if law.gives or not (law.opens and law.slips):
+        return site
     if all(piece.plane is not None for piece in pieces):
         return site
     # Nodes of second order between corners count, and do not follow a frame of first order.
@@ -52,6 +58,16 @@ def with_other_carrier(site: Site, parts: Sequence[Part]) -> Site | None:
     if site.carrier is None or site.interface.frame is not None or len(orders) < 2:
         return None
     return replace(site, carrier=1 - site.carrier) if residual_of(parts) > COARSE else None
+
+
+def at_own_nodes(pairs: ContactPairs, frame: Frame) -> ContactPairs:
+    """Pairs of the side whose facets the frame's cells are, with rows of its own nodes: where
+    facets are bent, the closest point of a node between corners is found a little beside it."""
+    away, node = cKDTree(frame.x).query(pairs.x)
+    own = np.flatnonzero(away <= OWN_PLACE * pairs.surface.diameter)
+    rows = pairs.N.tolil()
+    rows[own] = identity(len(frame.x), format="csr")[node[own]]
+    return with_weights(pairs, rows.tocsr(), frame)
 
 
 def residual_of(parts: Sequence[Part]) -> float:

@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
 from dolfinx_llm.base.arrays import Array
+from dolfinx_llm.geometry.cells import unit
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs, control_matrices, nodal_rows
 from dolfinx_llm.geometry.surface import Surface
@@ -21,18 +22,19 @@ def frame_control(frame: Frame) -> csr_matrix:
     return nodal_rows(frame.cells, frame.element.bernstein, len(frame.x))
 
 
-def in_control_values(pairs: ContactPairs, frame: Frame | None) -> ContactPairs:
+def in_control_values(pairs: ContactPairs, frame: Frame | None, held: bool) -> ContactPairs:
     """Pairs whose rows, gaps and forces are those of control values of side and frame; against an
-    obstacle of the side alone."""
-    if frame is None:  # distances, each along a normal of its own
-        own = _own_control(pairs)
-        if own.control is None:
-            return own
-        across = control_values(own, np.einsum("ni,ni->n", pairs.gap, pairs.normal))
-        return replace(own, gap=across[:, None] * pairs.normal)
-    if frame.element.order > 1:
+    obstacle of the side alone.
+
+    Args:
+        pairs: of one side.
+        frame: None: there is an obstacle in its place.
+        held: nothing that contact does moves it: an obstacle, or a frame that supports hold.
+            Forces need not balance there, and pairs have normals of their own.
+    """
+    if frame is not None and frame.element.order > 1:
         pairs = replace(pairs, N=(pairs.N @ frame_control(frame)).tocsr())
-    return _own_control(pairs)
+    return _with_own_normals(_own_control(pairs)) if held else _own_control(pairs)
 
 
 def _own_control(pairs: ContactPairs) -> ContactPairs:
@@ -42,6 +44,15 @@ def _own_control(pairs: ContactPairs) -> ContactPairs:
     E, C = (M[pairs.nodes][:, pairs.nodes].tocsr() for M in control_matrices(pairs.surface))
     loads = replace(pairs.loads, forces=E.T @ pairs.loads.forces)
     return replace(pairs, N=(C @ pairs.N).tocsr(), gap=C @ pairs.gap, loads=loads, control=E)
+
+
+def _with_own_normals(pairs: ContactPairs) -> ContactPairs:
+    """The same, with normals along what a constant pressure exerts at control values: along those
+    at the nodes it would not pass where a facet turns, by an error of first order."""
+    if pairs.control is None:
+        return pairs
+    assert pairs.loads.mass is not None
+    return replace(pairs, normal=unit(pairs.control.T @ (pairs.loads.mass @ pairs.normal)))
 
 
 def with_control(geometries: Sequence[InterfaceGeometry]) -> list[InterfaceGeometry]:

@@ -51,7 +51,7 @@ def choose_frame(
         if frame.gdim == 2 and interface.design == "positions":
             return *frame_at_roots(sides, plane, area, frame), COVERED
         return frame, "frame: given", COVERED
-    order = common_order(sides)
+    order = common_order(site, sides)
     if (
         order == 1
         and carrier is None
@@ -69,9 +69,12 @@ def choose_frame(
     return frame, note, REACH_OF_PREDICTED
 
 
-def common_order(sides: Sequence[Surface], frame: Frame | None = None) -> int:
-    """Order of the fields that pass: the lower one of both sides, and of a given frame."""
-    orders = [side.element.order for side in sides]
+def common_order(site: Site, sides: Sequence[Surface]) -> int:
+    """Order of the fields that pass: the lower one of both sides, and of a given frame; that of a
+    side that supports move as a whole, whose motion the frame has."""
+    frame, orders = site.interface.frame, [side.element.order for side in sides]
+    if site.prescribed is not None:
+        return orders[site.prescribed]
     return min(orders if frame is None else [*orders, frame.element.order])
 
 

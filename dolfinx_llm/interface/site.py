@@ -142,7 +142,8 @@ def with_law(site: Site, curved: bool) -> Site:
         )
     if law.components != "normal":
         return site
-    return replace(site, interface=replace(interface, law=FreeSlip()))
+    free = FreeSlip(follows=site.prescribed is None)
+    return replace(site, interface=replace(interface, law=free))
 
 
 def say_straight(interface: Interface, sides: Sequence[Surface], notes: list[str]) -> None:

@@ -21,16 +21,16 @@ FINER = 0.9  # distance of a tool's nodes over the other's, below which it is th
 NEXT_TO = 1e-3  # the same of normals at planes of symmetry, as meshes tell them
 
 
-def prescribed_side(site: Site, sides: Sequence[Surface], second_order: bool = False) -> int | None:
+def prescribed_side(site: Site, sides: Sequence[Surface]) -> int | None:
     """Of surfaces that may part, not both flat, the one whose motion supports prescribe at all
     nodes, as that of a rigid tool, if it is the finer one: with the frame on the other side its
     nodes would press between those of coarser facets, which have no motions to follow all of them.
+    Of second order if both are curved: on a flat one gaps in Bernstein form close too early where
+    the other turns away.
 
     Args:
         site: of the interface.
         sides: the surfaces, or what of them may touch.
-        second_order: surfaces of second order as well, if both are curved: on a flat one gaps in
-            Bernstein form close too early where the other turns away.
     """
     law, design = site.interface.law, site.interface.design
     asked = site.interface.frame is not None or design in ("positions", "weights")
@@ -44,7 +44,7 @@ def prescribed_side(site: Site, sides: Sequence[Surface], second_order: bool = F
         return None
     flat = [is_flat(side, STRAIGHT * side.diameter) for side in sides]
     first = all(side.element.order == 1 for side in sides)
-    if all(flat) or not (first or (second_order and not any(flat))):
+    if all(flat) or (any(flat) and not first):
         return None
     k = known.index(True)
     return k if _spacing(sides[k]) < FINER * _spacing(sides[1 - k]) else None
@@ -56,16 +56,25 @@ def _spacing(side: Surface) -> float:
     return float((area / len(np.unique(side.facets))) ** (1.0 / (side.x.shape[1] - 1)))
 
 
-def in_supports_planes(site: Site, pairs: Sequence[ContactPairs]) -> list[ContactPairs]:
+def in_supports_planes(
+    site: Site, pairs: Sequence[ContactPairs], normals: Sequence[Array] | None = None
+) -> list[ContactPairs]:
     """Pairs of curved surfaces whose normals lie in the planes that supports hold nodes on, where
     these mean planes of symmetry: what meshes make of normals there would bind a node across the
-    plane by what is left of its motion, next to nothing."""
+    plane by what is left of its motion, next to nothing.
+
+    Args:
+        site: of the interface.
+        pairs: per side.
+        normals: per side (n, gdim) by which planes of symmetry are told; None: those of the pairs.
+    """
     if not site.held or site.interface.law.components != "local":
         return list(pairs)
-    out = []
-    for held, p in zip(_held_dofs(site, pairs), pairs, strict=True):
-        flat = held & (np.abs(p.normal) < NEXT_TO)
-        out.append(replace(p, normal=unit(np.where(flat, 0.0, p.normal))))
+    out, told = [], [p.normal for p in pairs] if normals is None else normals
+    for held, p, normal in zip(_held_dofs(site, pairs), pairs, told, strict=True):
+        flat = held & (np.abs(normal) < NEXT_TO)
+        flattened = replace(p, normal=unit(np.where(flat, 0.0, p.normal)))
+        out.append(replace(flattened, gap=np.where(flat, 0.0, p.gap)))
     return out
 
 

@@ -29,16 +29,20 @@ class FreeSlip(Coulomb):
     pairs bear forces along it which cancel at the frame's nodes, and the frame moves along it. So
     do open pairs: what is solved stays a convex programme, and does not depend on the way there.
 
+    Args:
+        follows: False on a frame that supports hold: there pairs of the other side bear nothing
+            along it, each by itself.
+
     >>> FreeSlip(), FreeSlip().slips
     (Frictionless(), True)
     """
 
-    def __init__(self) -> None:
+    def __init__(self, follows: bool = True) -> None:
         super().__init__(0.0)
         object.__setattr__(self, "slips", True)
         object.__setattr__(self, "components", "local")
         object.__setattr__(self, "shares", False)
-        object.__setattr__(self, "follows", True)
+        object.__setattr__(self, "follows", follows)
 
     def __repr__(self) -> str:
         return repr(Frictionless())

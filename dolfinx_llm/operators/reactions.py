@@ -74,6 +74,7 @@ def with_reactions(
             bears, of_friction = friction[i]
             wanted[place.rows][bears] = 0.0  # nothing tells friction: it is the least
             own, felt[i] = own | bears, hstack([L, of_friction(multiplier[place.rows], level)])
+            own &= ~np.repeat(geometry.prescribed, c)  # frame nodes of its own tell these
         else:
             rows = place.rows
             like, areas[rows] = _as_next(geometry.pairs, multiplier[rows], ~open_[rows])

@@ -219,9 +219,9 @@ class ContactOperators:
             for side in geometry.pairs:
                 law, gap = geometry.interface.law, side.gap
                 gap = np.where(np.abs(gap) > FLUSH * np.abs(side.x).max(initial=0.0), gap, 0.0)
-                # Along the surface rows at supports miss their nodes: that is no gap to be closed.
-                across = np.einsum("ni,ni->n", gap, side.normal) * law.closes_gap
-                gap = across[:, None] * side.normal
+                if not geometry.rigid:  # along the surface rows miss their nodes: no gap to close
+                    gap = np.einsum("ni,ni->n", gap, side.normal)[:, None] * side.normal
+                gap = gap * law.closes_gap
                 gaps.append(gap if motions is None else gap - motions[i])
         return [gap + given for gap, given in zip(gaps, given_gaps(self.geometries), strict=True)]
 

@@ -92,7 +92,7 @@ def contact_of(interface: Interface, dofs: BodyDofs) -> Placed:
             'design="positions": the frame moves with the bodies, choose "auto", "weights" or None'
         )
     site = find_site(interface, dofs.spaces, dofs.fixed_by_space())
-    frame = chosen(dofs.comm, partial(prescribed_side, site, site.whole, second_order=True))
+    frame = chosen(dofs.comm, partial(prescribed_side, site, site.whole))
     site = replace(site, whole=_near(site.whole))
     return _on_frame(interface, Sides.of(site.whole, frame), site, dofs)
 

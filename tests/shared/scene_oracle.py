@@ -13,6 +13,7 @@ from dolfinx import fem
 
 import dolfinx_llm as llm
 from dolfinx_llm import compat
+from dolfinx_llm.geometry.cells import facet_mass
 from dolfinx_llm.interface.control import frame_control
 from dolfinx_llm.operators.petsc import local_csr
 
@@ -159,14 +160,19 @@ class Oracle:
         reported = getattr(result, "frame_gap", None)
         reported = (result.gap if reported is None else reported) / posed.length
         noise, x = self.noise[nodes] / self.F, posed.x[nodes]
-        values, E = [x, answer.u[nodes], self.before[nodes], reported], None
+        values, E, weights = [x, answer.u[nodes], self.before[nodes], reported], None, None
         if pairs.control is not None:
             E = pairs.control.toarray()
             assert np.abs(E @ np.ones(len(E)) - 1.0).max() < 1e-12 and E.min() >= 0.0
             force, noise = E.T @ force, E.T @ noise
             values = [np.linalg.solve(E, a) for a in values]
+            thickness = pairs.surface.thickness
+            thickness = None if thickness is None else thickness[pairs.nodes]
+            blocks, weights = facet_mass(x, pairs.cells, thickness), np.zeros(E.shape)
+            np.add.at(weights, (pairs.cells[:, :, None], pairs.cells[:, None, :]), blocks)
+            weights = E.T @ weights
         *motion, reported = values
-        return Side(nodes, *motion, force, normal, noise, reported, E)
+        return Side(nodes, *motion, force, normal, noise, reported, E, weights)
 
     def rows(self, M, side, Y, flat):
         """Rows of L_b let rigid translations pass, and on flat frames linear fields."""
@@ -243,7 +249,8 @@ class Oracle:
         """A body against a rigid obstacle, by the obstacle's own geometry."""
         law, nodes = contact.law, side.nodes
         clearance, into = rigid_clearance(contact.second, self.posed.x[nodes])
-        clearance = side.of_nodes(clearance)
+        if side.control is not None:
+            clearance, into = self.in_control_values(clearance, into, side, law)
         self.note("direction", into - side.normal)
         motion, before = self.motion(contact, self.step), self.motion(contact, self.step - 1)
         jump = side.u - motion
@@ -268,6 +275,18 @@ class Oracle:
         against = (T * size - power) / (self.F * self.U)
         self.note("direction of slip", against[both], side.noise[both])
 
+    def in_control_values(self, clearance, into, side, law):
+        """(n,) clearances and (n, gdim) directions into an obstacle that control values meet: along
+        what a constant pressure exerts at them, with friction in planes that supports hold."""
+        away = side.of_nodes(clearance[:, None] * into)
+        if isinstance(law, llm.Tied):
+            return np.einsum("ni,ni->n", away, into), into
+        mean = side.weights @ into
+        if getattr(law, "mu", 0.0):
+            mean[self.posed.held[side.nodes] & (np.abs(into) < 1e-3)] = 0.0
+        into = mean / np.linalg.norm(mean, axis=1)[:, None]
+        return np.einsum("ni,ni->n", away, into), into
+
     def motion(self, contact, step):
         """(gdim,) of an obstacle in a step."""
         if not contact.moves or step < 1:
@@ -289,6 +308,7 @@ class Side:
     noise: np.ndarray  # (n,) of the forces, relative
     reported: np.ndarray  # (n,) gap to the frame
     control: object = None  # (n, n) by which nodal values follow from these control values
+    weights: object = None  # (n, n) integrals of their functions times the nodes'
 
     def of_nodes(self, values):
         """Nodes' values (n, ...) as all of these are."""
