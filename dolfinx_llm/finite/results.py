@@ -27,7 +27,7 @@ from dolfinx_llm.interface.density import along_normals
 from dolfinx_llm.interface.forces import InterfaceForces, per_area
 from dolfinx_llm.laws.rows import OPEN
 
-TENSILE = 0.03  # of the largest normal force: less is what normals that turn make of forces
+TENSILE = 1e-6  # of the largest normal force: less is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +154,7 @@ def moving_results(
     weights = diagonal(shapes.getnnz(axis=0) > 0) @ place.N.maximum(0.0).T
     about = per_area(weights @ borne, weights @ place.areas[0])
     mean = sides.in_order(per_area(borne, place.areas[0]), -about)
-    presses = contact.parts and _presses(pressing)
+    presses = _presses(contact, terms)
     density = densities(sides.surfaces, places, areas, forces, normals, mean, presses)
     if sides.prescribed:  # which may have nodes far closer to each other
         opposite, own = mover_at_frame(sides, z), density[sides.moving]
@@ -214,8 +214,7 @@ def _against_obstacle(
     shut, area = (status != OPEN) & (not contact.overlaps), place.areas[0]
     gap = _at_nodes(contact.sides, np.where(shut, 0.0, place.gap))
     nodal, normal, borne = C.T @ area, -place.normal, E.T @ force
-    pressing = np.einsum("ni,ni->n", borne, normal)
-    mean, presses = per_area(borne, area), contact.parts and _presses(pressing)
+    mean, presses = per_area(borne, area), _presses(contact, terms)
     (density,) = densities([surface], [x], [nodal], [force], [normal], [mean], presses)
     gaps, slip = (gap, _at_nodes(contact.sides, place.gap)), (status != OPEN)[:, None] * (E @ slip)
     side = _side(surface, x, force, normal, *gaps, slip, status, nodal, density)
@@ -235,9 +234,15 @@ def _against_obstacle(
     )
 
 
-def _presses(force: Array) -> bool:
-    """Whether no pair pulls, of normal forces (n,)."""
-    return bool(force.min(initial=0.0) >= -TENSILE * np.abs(force).max(initial=0.0))
+def _presses(contact: MovingContact, terms: ContactTerms) -> bool:
+    """Whether bodies may part and no pair pulls. What the law says of pairs acts at the nodes along
+    normals of their own, which may turn from one to the next."""
+    if not contact.parts:
+        return False
+    force = -terms.force if terms.friction is None else terms.friction - terms.force
+    at_nodes = np.einsum("ni,ni->n", contact.sides.split(force)[0], -terms.place.normal)
+    pairs = contact.sides.nodal.T @ at_nodes
+    return bool(pairs.min(initial=0.0) >= -TENSILE * np.abs(pairs).max(initial=0.0))
 
 
 def _side(

@@ -25,8 +25,6 @@ def prescribed_side(site: Site, sides: Sequence[Surface]) -> int | None:
     """Of surfaces that may part, not both flat, the one whose motion supports prescribe at all
     nodes, as that of a rigid tool, if it is the finer one: with the frame on the other side its
     nodes would press between those of coarser facets, which have no motions to follow all of them.
-    Of second order if both are curved: on a flat one gaps in Bernstein form close too early where
-    the other turns away.
 
     Args:
         site: of the interface.
@@ -43,8 +41,7 @@ def prescribed_side(site: Site, sides: Sequence[Surface]) -> int | None:
     if known[0] == known[1]:
         return None
     flat = [is_flat(side, STRAIGHT * side.diameter) for side in sides]
-    first = all(side.element.order == 1 for side in sides)
-    if all(flat) or (any(flat) and not first):
+    if all(flat):
         return None
     k = known.index(True)
     return k if _spacing(sides[k]) < FINER * _spacing(sides[1 - k]) else None
