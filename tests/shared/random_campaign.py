@@ -1,7 +1,7 @@
 """Many random scenes, each in a process that may crash or hang: what failed, and how.
 
     python tests/shared/random_campaign.py FIRST-LAST [--second] [--finite | --time]
-        [--variants] [--curved] [--seconds 60]
+        [--variants] [--curved] [--tools] [--seconds 60]
 
 Prints one line of JSON per seed. On several ranks, all seeds in one process, against one rank, with
 `--second`, `--finite`, `--time` as well:
@@ -38,7 +38,7 @@ def of_kind(kind):
     return random_scenes.draw, scene_oracle.check, random_scenes.solve
 
 
-def one(seed, kind, second, variants):
+def one(seed, kind, second, variants, tools):
     """Result of one seed as a dict."""
     import random_scenes as scenes
 
@@ -47,6 +47,7 @@ def one(seed, kind, second, variants):
     logging.disable(logging.CRITICAL)
     draw, check, solve = of_kind(kind)
     scene = draw(seed, second)
+    scene.tool = tools
     out = {"seed": seed, "solver": scene.solver, "kind": "ok", "worst": {}, "variants": {}}
     try:
         answers, found = check(scene)
@@ -137,6 +138,7 @@ def main():
     ):
         kinds.add_argument(f"--{kind}", dest="kind", action="store_const", const=kind, help=text)
     parser.add_argument("--curved", action="store_true", help="friction on curved frames alone")
+    parser.add_argument("--tools", action="store_true", help="all of a body moved, alone")
     parser.add_argument("--seconds", type=int, default=60)
     parser.add_argument("--answers", type=Path)
     args = parser.parse_args()
@@ -147,10 +149,11 @@ def main():
     if args.answers:
         on_ranks(seeds, args.answers, args.kind, args.second)
         return
-    import random_scenes
-
     for seed in seeds:
-        if args.curved and not rubs_on_curves(random_scenes.draw(seed, args.second)):
+        scene = of_kind(args.kind)[0](seed, args.second)
+        if args.curved and not rubs_on_curves(scene):
+            continue
+        if args.tools and (scene.load != "motion" or len(scene.bodies) < 2):
             continue
         began = time.time()
         read, write = os.pipe()
@@ -158,7 +161,7 @@ def main():
         if child == 0:
             os.close(read)
             try:
-                text = json.dumps(one(seed, args.kind, args.second, args.variants))
+                text = json.dumps(one(seed, args.kind, args.second, args.variants, args.tools))
             except BaseException:
                 text = json.dumps({"seed": seed, "kind": "broken", "text": traceback.format_exc()})
             with os.fdopen(write, "w") as file:

@@ -74,6 +74,7 @@ class Scene:
         ""  # lateral motion prescribed: "faces" (of all bodies' lateral faces), "all" nodes
     )
     radius: float = 0.0  # of the arch that the scene is bent to; 0: flat
+    tool: bool = False  # all of the last body is moved, not its top alone
     notes: list = field(default_factory=list)
 
     def __str__(self):
@@ -579,6 +580,10 @@ def _held(W, V, scene, group, Q):
     last = len(scene.bodies) - 1
     if scene.load == "motion" and last in group:
         held["top"] = at(APART * last + 1.0)
+        if scene.tool:
+            held["top"] = fem.locate_dofs_geometrical(
+                spaces, lambda p: p[scene.gdim - 1] > APART * last - 0.5
+            )
     domain = V.mesh
     for j in range(scene.gdim - 1) if scene.walls else ():
         c = int(np.abs(Q[:, j]).argmax())  # walls: Q permutes the axes

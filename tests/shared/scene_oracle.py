@@ -140,7 +140,8 @@ class Oracle:
                     gap -= np.einsum("ni,ni->n", M @ v, side.normal)
                     moved = M @ np.einsum("mi,mi->m", v, across)
                     gap += moved / np.einsum("ni,ni->n", mean, side.normal)
-                self.opening(gap, side, carries=geometry.site.carrier == k)
+                held = geometry.site.prescribed == k  # it bears what rows beyond its rim ask for
+                self.opening(gap, side, geometry.site.carrier == k, "(pull)" if held else "pull")
                 if not getattr(law, "mu", 0.0):
                     tangential = np.linalg.norm(side.tangential, axis=1) / self.F
                     self.note("friction without mu", tangential, side.noise)
@@ -182,11 +183,11 @@ class Oracle:
         if flat:
             self.note("linear fields", off)
 
-    def opening(self, gap, side, carries=False):
+    def opening(self, gap, side, carries=False, pull="pull"):
         """Pairs press and do not overlap; those that are apart carry nothing, or if they carry the
         frame no normal force."""
         self.note("gap as reported", (side.reported - gap) / self.U)
-        self.note("pull", np.maximum(-side.pressing, 0.0) / self.F, side.noise)
+        self.note(pull, np.maximum(-side.pressing, 0.0) / self.F, side.noise)
         self.note("overlap", np.maximum(-gap, 0.0) / self.U)
         apart = gap > 1e-8 * self.U
         carried = np.linalg.norm(side.force, axis=1) / self.F
