@@ -10,6 +10,7 @@ from scipy.sparse import identity
 from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.design.predict import coarser_side
 from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.pairs import ContactPairs, rank_certificate, with_weights
@@ -64,9 +65,8 @@ def at_own_nodes(pairs: ContactPairs, frame: Frame) -> ContactPairs:
     """Pairs of the side whose facets the frame's cells are, with rows of its own nodes: where
     facets are bent, the closest point of a node between corners is found a little beside it."""
     away, node = cKDTree(frame.x).query(pairs.x)
-    own = np.flatnonzero(away <= OWN_PLACE * pairs.surface.diameter)
-    rows = pairs.N.tolil()
-    rows[own] = identity(len(frame.x), format="csr")[node[own]]
+    own = away <= OWN_PLACE * pairs.surface.diameter
+    rows = diagonal(own) @ identity(len(frame.x), format="csr")[node] + diagonal(~own) @ pairs.N
     return with_weights(pairs, rows.tocsr(), frame)
 
 

@@ -16,6 +16,8 @@ from dolfinx_llm.geometry.pairs import ContactPairs, control_matrices, nodal_row
 from dolfinx_llm.geometry.surface import Surface
 from dolfinx_llm.interface.geometry import InterfaceGeometry
 
+UNPRESSED = 1e-9  # part of the largest area, whose direction is rounding
+
 
 def frame_control(frame: Frame) -> csr_matrix:
     """(m, m) values at a frame's nodes from its control values."""
@@ -52,7 +54,10 @@ def _with_own_normals(pairs: ContactPairs) -> ContactPairs:
     if pairs.control is None:
         return pairs
     assert pairs.loads.mass is not None
-    return replace(pairs, normal=unit(pairs.control.T @ (pairs.loads.mass @ pairs.normal)))
+    exerted = pairs.control.T @ (pairs.loads.mass @ pairs.normal)
+    pressed = np.einsum("ni,ni->n", exerted, pairs.normal)
+    told = (pressed > UNPRESSED * pressed.max(initial=0.0))[:, None]
+    return replace(pairs, normal=unit(np.where(told, exerted, pairs.normal)))
 
 
 def with_control(geometries: Sequence[InterfaceGeometry]) -> list[InterfaceGeometry]:

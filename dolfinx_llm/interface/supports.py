@@ -40,8 +40,7 @@ def prescribed_side(site: Site, sides: Sequence[Surface]) -> int | None:
     ]
     if known[0] == known[1]:
         return None
-    flat = [is_flat(side, STRAIGHT * side.diameter) for side in sides]
-    if all(flat):
+    if all(is_flat(side, STRAIGHT * side.diameter) for side in sides):
         return None
     k = known.index(True)
     return k if _spacing(sides[k]) < FINER * _spacing(sides[1 - k]) else None
@@ -70,8 +69,8 @@ def in_supports_planes(
     out, told = [], [p.normal for p in pairs] if normals is None else normals
     for held, p, normal in zip(_held_dofs(site, pairs), pairs, told, strict=True):
         flat = held & (np.abs(normal) < NEXT_TO)
-        flattened = replace(p, normal=unit(np.where(flat, 0.0, p.normal)))
-        out.append(replace(flattened, gap=np.where(flat, 0.0, p.gap)))
+        across, gap = (np.where(flat, 0.0, of) for of in (p.normal, p.gap))
+        out.append(replace(p, normal=unit(across), gap=gap))
     return out
 
 

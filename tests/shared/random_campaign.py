@@ -4,7 +4,7 @@
         [--variants] [--curved] [--tools] [--seconds 60]
 
 Prints one line of JSON per seed. On several ranks, all seeds in one process, against one rank, with
-`--second`, `--finite`, `--time` as well:
+`--second`, `--finite`, `--time`, `--curved`, `--tools` as well:
 
     python tests/shared/random_campaign.py FIRST-LAST --answers FOLDER
     mpirun -n 2 python tests/shared/random_campaign.py FIRST-LAST --answers FOLDER
@@ -38,17 +38,25 @@ def of_kind(kind):
     return random_scenes.draw, scene_oracle.check, random_scenes.solve
 
 
-def one(seed, kind, second, variants, tools):
-    """Result of one seed as a dict."""
+def drawn(seed, args):
+    """Scene of a seed; None: not one of those that are asked for."""
+    scene = of_kind(args.kind)[0](seed, args.second)
+    scene.tool = args.tools
+    moved = scene.load == "motion" and len(scene.bodies) > 1
+    if (args.curved and not rubs_on_curves(scene)) or (args.tools and not moved):
+        return None
+    return scene
+
+
+def one(scene, kind, variants):
+    """Result of one scene as a dict."""
     import random_scenes as scenes
 
     import dolfinx_llm as llm
 
     logging.disable(logging.CRITICAL)
-    draw, check, solve = of_kind(kind)
-    scene = draw(seed, second)
-    scene.tool = tools
-    out = {"seed": seed, "solver": scene.solver, "kind": "ok", "worst": {}, "variants": {}}
+    _, check, solve = of_kind(kind)
+    out = {"seed": scene.seed, "solver": scene.solver, "kind": "ok", "worst": {}, "variants": {}}
     try:
         answers, found = check(scene)
         if variants and not answers:
@@ -70,7 +78,7 @@ def one(seed, kind, second, variants, tools):
         "turned": scenes.Variant(turn="random"),
         "mirrored": scenes.Variant(turn="mirror"),
         "swapped": scenes.Variant(swap=True),
-        "renumbered": scenes.Variant(renumber=seed),
+        "renumbered": scenes.Variant(renumber=scene.seed),
         "units": scenes.Variant(length=1e3, modulus=1e-5),
         **({} if kind == "time" else {"mixed": scenes.Variant(mixed=True)}),
         "form": scenes.Variant(solver="saddle" if scene.solver == "condensed" else "condensed"),
@@ -93,7 +101,7 @@ def rubs_on_curves(scene):
     return bool(scene.radius) and any(not isinstance(c.second[0], str) for c in rubs)
 
 
-def on_ranks(seeds, folder, kind, second):
+def on_ranks(seeds, args):
     """One rank leaves answers in a folder, several compare theirs with these; collective."""
     import numpy as np
     import random_scenes as scenes
@@ -102,9 +110,11 @@ def on_ranks(seeds, folder, kind, second):
     import dolfinx_llm as llm
 
     logging.disable(logging.CRITICAL)
-    comm, (draw, _, solve) = MPI.COMM_WORLD, of_kind(kind)
+    comm, solve, folder = MPI.COMM_WORLD, of_kind(args.kind)[2], args.answers
     for seed in seeds:
-        began, scene, file = time.time(), draw(seed, second), folder / f"{seed}.npz"
+        if (scene := drawn(seed, args)) is None:
+            continue
+        began, file = time.time(), folder / f"{seed}.npz"
         line = {"seed": seed, "ranks": comm.size}
         try:
             found = solve(scene, comm=comm)
@@ -147,13 +157,10 @@ def main():
         low, _, high = word.partition("-")
         seeds += range(int(low), int(high or low) + 1)
     if args.answers:
-        on_ranks(seeds, args.answers, args.kind, args.second)
+        on_ranks(seeds, args)
         return
     for seed in seeds:
-        scene = of_kind(args.kind)[0](seed, args.second)
-        if args.curved and not rubs_on_curves(scene):
-            continue
-        if args.tools and (scene.load != "motion" or len(scene.bodies) < 2):
+        if (scene := drawn(seed, args)) is None:
             continue
         began = time.time()
         read, write = os.pipe()
@@ -161,7 +168,7 @@ def main():
         if child == 0:
             os.close(read)
             try:
-                text = json.dumps(one(seed, args.kind, args.second, args.variants, args.tools))
+                text = json.dumps(one(scene, args.kind, args.variants))
             except BaseException:
                 text = json.dumps({"seed": seed, "kind": "broken", "text": traceback.format_exc()})
             with os.fdopen(write, "w") as file:

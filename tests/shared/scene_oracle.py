@@ -14,6 +14,7 @@ from dolfinx import fem
 import dolfinx_llm as llm
 from dolfinx_llm import compat
 from dolfinx_llm.geometry.cells import facet_mass
+from dolfinx_llm.geometry.loads import assembled
 from dolfinx_llm.interface.control import frame_control
 from dolfinx_llm.operators.petsc import local_csr
 
@@ -169,9 +170,8 @@ class Oracle:
             values = [np.linalg.solve(E, a) for a in values]
             thickness = pairs.surface.thickness
             thickness = None if thickness is None else thickness[pairs.nodes]
-            blocks, weights = facet_mass(x, pairs.cells, thickness), np.zeros(E.shape)
-            np.add.at(weights, (pairs.cells[:, :, None], pairs.cells[:, None, :]), blocks)
-            weights = E.T @ weights
+            blocks = facet_mass(x, pairs.cells, thickness)
+            weights = E.T @ assembled(blocks, pairs.cells, len(x)).toarray()
         *motion, reported = values
         return Side(nodes, *motion, force, normal, noise, reported, E, weights)
 
