@@ -7,6 +7,8 @@ nothing here, since they reach to nodes beyond contact.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.sparse import csr_matrix
 
@@ -16,7 +18,9 @@ from dolfinx_llm.finite.frame.location import INSIDE, OnFrame, find_on_frame
 from dolfinx_llm.finite.frame.self_sides import SelfSides
 from dolfinx_llm.finite.frame.sides import HARDLY, Sides
 from dolfinx_llm.finite.pairs.friction_law import in_plane
+from dolfinx_llm.finite.pairs.terms import ContactTerms
 from dolfinx_llm.geometry.cells import areas_around, cell_sizes, unit
+from dolfinx_llm.interface.tool_forces import tool_shares
 
 ON_A_LINE = 1e-6  # of the largest variance of places: pairs that tell nothing across
 SPREAD = 1e-3  # of a facet's size, squared: the variance that tells how slip changes
@@ -65,6 +69,27 @@ def mover_at_frame(sides: Sides, z: Array) -> csr_matrix:
     N = np.where((at.met & (at.beyond < INSIDE))[:, None], at.N, 0.0)
     index = np.repeat(np.arange(len(y)), N.shape[1]), cells[at.facet].ravel()
     return csr_matrix((N.ravel(), index), (len(y), len(x)))
+
+
+def with_tool_forces(sides: Sides, terms: ContactTerms, opposite: csr_matrix) -> ContactTerms:
+    """The same with forces on a prescribed side's nodes as ``tool_shares`` has them, for values
+    (m, n) of the moving side's nodes at these."""
+    E, place = sides.nodal, terms.place
+    x, y = sides.split(place.z)
+    force, known = sides.split(terms.force)
+    where = place.areas, sides.control[0] @ x, y
+    shares = tool_shares(opposite @ E, place.N, *where, -(E.T @ force), known)
+    if shares is None:
+        return terms
+
+    def shared(values: Array) -> Array:
+        own = sides.split(values)[0]
+        return np.concatenate(sides.in_order(own, -(shares @ (E.T @ own)))).ravel()
+
+    drag = terms.friction
+    return replace(
+        terms, force=shared(terms.force), friction=drag if drag is None else shared(drag)
+    )
 
 
 def slip_of_frame(sides: Sides, shapes: csr_matrix, z: Array, normal: Array, slip: Array) -> Array:

@@ -17,6 +17,7 @@ from dolfinx_llm.finite.frame_side import (
     shapes_on_frame,
     slip_of_frame,
     status_of_frame,
+    with_tool_forces,
 )
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstaclePlace
 from dolfinx_llm.finite.pairs.terms import ContactTerms, MovingContact
@@ -131,12 +132,18 @@ def moving_results(
         return _against_obstacle(contact, z, terms, slip)
     sides, place, status = contact.sides, terms.place, terms.status
     active = status != OPEN
-    forces = sides.in_order(*sides.split(-terms.force))
     places = sides.in_order(*sides.split(z))
     y = sides.split(z)[1]
+    if sides.prescribed:  # which may have nodes far closer to each other
+        opposite = mover_at_frame(sides, z)
+        terms = with_tool_forces(sides, terms, opposite)
+    forces = sides.in_order(*sides.split(-terms.force))
     outward = sides.outward(z)
     normals = sides.in_order(-place.normal, outward)
-    shapes = diagonal(active) @ shapes_on_frame(sides, contact.located(place))
+    shapes = shapes_on_frame(sides, contact.located(place))
+    if sides.prescribed:
+        shapes = (opposite @ sides.nodal).maximum(0.0).T.tocsr()
+    shapes = diagonal(active) @ shapes
     at_frame = status_of_frame(shapes, status)
     loaded = at_frame != OPEN
     own_slip = np.where(active[:, None], sides.nodal @ slip, 0.0)
@@ -156,8 +163,8 @@ def moving_results(
     mean = sides.in_order(per_area(borne, place.areas[0]), -about)
     presses = _presses(contact, terms)
     density = densities(sides.surfaces, places, areas, forces, normals, mean, presses)
-    if sides.prescribed:  # which may have nodes far closer to each other
-        opposite, own = mover_at_frame(sides, z), density[sides.moving]
+    if sides.prescribed:
+        own = density[sides.moving]
         if own is not None and density[sides.frame] is not None:
             density[sides.frame] = -(opposite @ own)
     of = zip(

@@ -10,6 +10,7 @@ import numpy as np
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.geometry.cells import unit, vector_areas
+from dolfinx_llm.geometry.frame import Frame
 from dolfinx_llm.geometry.overlap_curved import is_flat
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.geometry.pieces import STRAIGHT
@@ -18,13 +19,16 @@ from dolfinx_llm.interface.site import Site
 
 ACROSS = 1e-6  # direction cosine with the normal up to which a dof lies in the contact plane
 FINER = 0.9  # distance of a tool's nodes over the other's, below which it is the finer one
+NODES_ACROSS = 4  # nodes of the other side over a flat tool, in each direction
 NEXT_TO = 1e-3  # the same of normals at planes of symmetry, as meshes tell them
 
 
 def prescribed_side(site: Site, sides: Sequence[Surface]) -> int | None:
-    """Of surfaces that may part, not both flat, the one whose motion supports prescribe at all
-    nodes, as that of a rigid tool, if it is the finer one: with the frame on the other side its
-    nodes would press between those of coarser facets, which have no motions to follow all of them.
+    """Of surfaces that may part the one whose motion supports prescribe at all nodes, as that of a
+    rigid tool, if it is the finer one: with the frame on the other side its nodes would press
+    between those of coarser facets, which have no motions to follow all of them. Where both are
+    flat several facets of the other one must lie across the tool: those at its rim go on beyond it,
+    which nodes of the tool tell better.
 
     Args:
         site: of the interface.
@@ -40,10 +44,19 @@ def prescribed_side(site: Site, sides: Sequence[Surface]) -> int | None:
     ]
     if known[0] == known[1]:
         return None
-    if all(is_flat(side, STRAIGHT * side.diameter) for side in sides):
-        return None
     k = known.index(True)
-    return k if _spacing(sides[k]) < FINER * _spacing(sides[1 - k]) else None
+    tool, other = sides[k], sides[1 - k]
+    if all(is_flat(side, STRAIGHT * side.diameter) for side in sides):
+        few = NODES_ACROSS ** (tool.x.shape[1] - 1)
+        if np.count_nonzero(_over(other, tool)) < few:
+            return None
+    return k if _spacing(tool) < FINER * _spacing(other) else None
+
+
+def _over(side: Surface, tool: Surface) -> Array:
+    """(n,) corners of a side's facets that lie over a tool's facets, not beside them."""
+    tool, side = tool.of_corners(), side.of_corners()
+    return np.asarray(Frame(tool.x, tool.facets).locate(side.x).outside <= 0.0)
 
 
 def _spacing(side: Surface) -> float:

@@ -20,13 +20,13 @@ from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.load_step import LoadStep, NewtonState
 from dolfinx_llm.finite.newton import NewtonSteps
 from dolfinx_llm.finite.pressure import FreeSurfacePressure
-from dolfinx_llm.finite.results import MovingInterfaceResult, moving_results
+from dolfinx_llm.finite.results import MovingInterfaceResult
 from dolfinx_llm.interface.choices import Interface
 from dolfinx_llm.output.pictured import Pictured
 from dolfinx_llm.problem.bulk import Fingerprint
 from dolfinx_llm.problem.memory import INSTANT, Memory, Remembering
 from dolfinx_llm.problem.nonlinear_bulk import NonlinearBulk, nonlinear_arguments
-from dolfinx_llm.problem.nonlinear_parts import anatomy, pose_of
+from dolfinx_llm.problem.nonlinear_parts import anatomy, pose_of, results_of
 from dolfinx_llm.problem.nonlinear_system import hold, posed
 from dolfinx_llm.problem.saving import SavedNonlinear
 
@@ -34,9 +34,10 @@ from dolfinx_llm.problem.saving import SavedNonlinear
 class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
     """Bodies F(u; v) = 0 that touch along interfaces, at finite deformation and large sliding.
 
-    The frame's nodes are those of the coarser surface of each interface; the other one's nodes are
-    found anew on it in each of Newton's iterations, along its averaged normals there, and their
-    rows are designed with the areas that both surfaces cover now. The derivative is complete.
+    The frame's nodes are those of the coarser surface of each interface, or of one that supports
+    move as a whole, as a rigid tool, if it is the finer one; the other one's nodes are found anew
+    on it in each of Newton's iterations, along its averaged normals there, and their rows are
+    designed with the areas that both surfaces cover now. The derivative is complete.
 
     Args:
         F: residual UFL form of the bodies in the Function ``u`` and a test function, e.g.
@@ -203,13 +204,12 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
     def _keep(self, state: NewtonState) -> None:
         """Take over a state that has been found, with its results."""
         self.bulk.put(state.u)
-        self._state, placed = state, self._newton.equations.interfaces
+        self._state = state
         with self.times.timed("results"):
-            results = [
-                moving_results(c.what, c.at(self.bulk.dofs, state.u), t, slip)
-                for c, t, slip in zip(placed, self._newton.terms, self._newton.slips, strict=True)
-            ]
+            results, doubts = results_of(self._newton, self.interfaces, state)
             self.results = told(self.comm, deepcopy(results))  # their arrays are the user's
+        for doubt in doubts if self.comm.rank == 0 else []:
+            log.warning(doubt)
 
     def destroy(self) -> None:
         """Free the factorisation, which the next ``solve`` makes anew; collective. On one rank the

@@ -16,7 +16,8 @@ from dolfinx_llm.base.parallel import chosen, collective
 from dolfinx_llm.finite.frame.design import Design
 from dolfinx_llm.finite.frame.self_sides import SelfSides
 from dolfinx_llm.finite.frame.sides import Sides
-from dolfinx_llm.finite.load_step import Placed
+from dolfinx_llm.finite.load_step import NewtonState, Placed
+from dolfinx_llm.finite.newton import NewtonSteps
 from dolfinx_llm.finite.obstacles.mean_obstacle import MovingMean
 from dolfinx_llm.finite.obstacles.obstacle_contact import ObstacleContact, ObstacleFriction, OneSide
 from dolfinx_llm.finite.obstacles.pressed_obstacle import Pressed, PressedFriction
@@ -27,6 +28,7 @@ from dolfinx_llm.finite.pairs.normal_contact import NormalContact
 from dolfinx_llm.finite.pairs.terms import MovingContact
 from dolfinx_llm.finite.pairs.tied_contact import TiedContact
 from dolfinx_llm.finite.pressure import Follower, FreeSurfacePressure
+from dolfinx_llm.finite.results import MovingInterfaceResult, moving_results
 from dolfinx_llm.finite.start_checks import check_start
 from dolfinx_llm.geometry.surface import Surface, extract_surface
 from dolfinx_llm.interface.against import check_tied_to_mean, checked_clearance, loaded
@@ -35,6 +37,7 @@ from dolfinx_llm.interface.obstacles import MeanDisplacement
 from dolfinx_llm.interface.shared import check_once
 from dolfinx_llm.interface.site import Site, find_site, space_of
 from dolfinx_llm.interface.supports import prescribed_side
+from dolfinx_llm.interface.tool_forces import say_beside
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
 from dolfinx_llm.laws.law import Law
@@ -217,6 +220,24 @@ def anatomy(interface: Interface, placed: Placed) -> str:
         f"  interface {interface.name}, {interface.law}: {where}; {len(moving.x)} nodes of "
         f"{moving.name} on it"
     )
+
+
+def results_of(
+    newton: NewtonSteps, interfaces: Sequence[Interface], state: NewtonState
+) -> tuple[list[MovingInterfaceResult], list[str]]:
+    """Results of the interfaces at a state that has just been found, and what is doubtful there:
+    forces beside tools that supports move as a whole."""
+    results, doubts = list[MovingInterfaceResult](), list[str]()
+    placed, dofs = newton.equations.interfaces, newton.equations.bodies.dofs
+    of = zip(interfaces, placed, newton.terms, newton.slips, strict=True)
+    for interface, each, terms, slip in of:
+        result = moving_results(each.what, each.at(dofs, state.u), terms, slip)
+        results.append(result)
+        sides = each.what.sides
+        if result.frame is not None and sides.prescribed:
+            names = interface.name, sides.carrier.name, sides.mover.name
+            doubts += say_beside(*names, result.sides[sides.frame].pressing)
+    return results, doubts
 
 
 def follower_of(load: FreeSurfacePressure, dofs: BodyDofs) -> Placed:

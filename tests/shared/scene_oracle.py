@@ -123,7 +123,7 @@ class Oracle:
         normals = np.concatenate([sides[0].normal, -sides[1].normal])
         flat = not self.scene.radius and np.ptp(normals, axis=0).max() < 1e-9
         across = geometry.directions[:, -1] @ posed.Q if geometry.normals_alone else None
-        self.balance(N, sides, Y, flat, across)
+        self.balance(N, sides, Y, flat, across, geometry.site.prescribed is None)
         law, opens = contact.law, not isinstance(contact.law, llm.Tied)
         for k, (M, side, p) in enumerate(zip(N, sides, geometry.pairs, strict=True)):
             self.rows(M, side, Y, flat)
@@ -141,9 +141,9 @@ class Oracle:
                     gap -= np.einsum("ni,ni->n", M @ v, side.normal)
                     moved = M @ np.einsum("mi,mi->m", v, across)
                     gap += moved / np.einsum("ni,ni->n", mean, side.normal)
-                held = geometry.site.prescribed == k  # it bears what rows beyond its rim ask for
-                self.opening(gap, side, geometry.site.carrier == k, "(pull)" if held else "pull")
-                if not getattr(law, "mu", 0.0):
+                told = geometry.site.prescribed == k  # by shares of the other side's
+                self.opening(gap, side, told or geometry.site.carrier == k)
+                if not told and not getattr(law, "mu", 0.0):
                     tangential = np.linalg.norm(side.tangential, axis=1) / self.F
                     self.note("friction without mu", tangential, side.noise)
             else:
@@ -183,11 +183,11 @@ class Oracle:
         if flat:
             self.note("linear fields", off)
 
-    def opening(self, gap, side, carries=False, pull="pull"):
+    def opening(self, gap, side, carries=False):
         """Pairs press and do not overlap; those that are apart carry nothing, or if they carry the
         frame no normal force."""
         self.note("gap as reported", (side.reported - gap) / self.U)
-        self.note(pull, np.maximum(-side.pressing, 0.0) / self.F, side.noise)
+        self.note("pull", np.maximum(-side.pressing, 0.0) / self.F, side.noise)
         self.note("overlap", np.maximum(-gap, 0.0) / self.U)
         apart = gap > 1e-8 * self.U
         carried = np.linalg.norm(side.force, axis=1) / self.F
@@ -195,9 +195,10 @@ class Oracle:
             carried = np.abs(side.pressing) / self.F
         self.note("force of open pairs", carried[apart], side.noise[apart])
 
-    def balance(self, N, sides, Y, flat, across=None):
+    def balance(self, N, sides, Y, flat, across=None, nodes=True):
         """Forces of both sides cancel, at every frame node too, and so do their moments; without
-        friction those along the nodes' normals ``across``, of which the pairs' are the means."""
+        friction those along the nodes' normals ``across``, of which the pairs' are the means. Not
+        at ``nodes`` of a prescribed side, which share them."""
         noisy = sum(side.noise.sum() for side in sides)
         self.note("sum", sum(side.force.sum(axis=0) for side in sides) / self.F, noisy)
         forces = [side.force for side in sides]
@@ -207,7 +208,8 @@ class Oracle:
                 for M, side in zip(N, sides, strict=True)
             ]
         at_frame = sum(M.T @ force for M, force in zip(N, forces, strict=True))
-        self.note("frame equilibrium", at_frame / self.F, noisy)
+        if nodes:
+            self.note("frame equilibrium", at_frame / self.F, noisy)
         moment = np.zeros((self.gdim, self.gdim))
         for M, side in zip(N, sides, strict=True):
             moment += (M @ Y - Y.mean(axis=0)).T @ side.force

@@ -6,17 +6,51 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import diagonal, nearest, of_nearest
 from dolfinx_llm.contact.equations.state import InterfaceState
 from dolfinx_llm.contact.results.sides import FELT, SideResult
+from dolfinx_llm.interface.control import control_values, of_control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.interface.tool_forces import tool_shares
 from dolfinx_llm.laws.rows import CLOSED, OPEN
 
 
+def with_tool_forces(
+    geometry: InterfaceGeometry, sides: Sequence[SideResult], nodal: tuple[SideResult, ...]
+) -> tuple[tuple[SideResult, ...], csr_matrix | None]:
+    """The sides at nodes, with forces of a prescribed one, on which the frame lies, as
+    ``tool_shares`` has them, and these parts (m, n) of the other's; None: they are those of rows.
+
+    Args:
+        sides: of control values.
+        nodal: the same at nodes.
+    """
+    k, frame = geometry.site.prescribed, geometry.frame
+    if k is None or frame is None:
+        return nodal, None
+    pairs, other, tool = geometry.pairs[1 - k], sides[1 - k], nodal[k]
+    opposite = pairs.interpolation(geometry.pairs[k].x)
+    if pairs.control is not None:
+        opposite = opposite @ pairs.control
+    areas, places = (other.area, tool.area), (control_values(pairs, pairs.x), frame.x)
+    shares = tool_shares(opposite, pairs.N, areas, *places, other.force, -tool.force)
+    if shares is None:
+        return nodal, None
+    force = -(shares @ other.force)
+    across = np.einsum("ni,ni->n", force, tool.normal)
+    own = of_control_values(geometry.pairs[k], across)
+    told = replace(tool, force=force, normal_force=across, pressing=own)
+    return tuple(told if side is tool else side for side in nodal), shares
+
+
 def at_carried_frame(
-    geometry: InterfaceGeometry, sides: Sequence[SideResult], state: InterfaceState
+    geometry: InterfaceGeometry,
+    sides: Sequence[SideResult],
+    state: InterfaceState,
+    shares: csr_matrix | None,
 ) -> tuple[Array, Array, Array, Array]:
     """Normal forces, areas, friction of side 0 and status at the frame's nodes (m,).
 
@@ -26,7 +60,7 @@ def at_carried_frame(
     law_side, normal = geometry.law_side, geometry.normals
     assert law_side is not None
     sign, side = (1.0, -1.0)[law_side], sides[law_side]
-    share = geometry.shares.tocoo()
+    share = geometry.shares.tocoo() if shares is None else shares.T.tocoo()
     force, area = share.T @ side.normal_force, share.T @ side.area
     n, to = sign * side.normal[share.row], normal[share.col]
     drag = sign * side.tangential_force[share.row]

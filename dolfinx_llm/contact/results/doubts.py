@@ -15,6 +15,7 @@ from dolfinx_llm.contact.search.flickering import lost
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.control import of_control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry
+from dolfinx_llm.interface.tool_forces import say_beside
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
 SPIN = 1e-9  # part of an obstacle's rotation along its normals, up to which it does not tilt
@@ -65,6 +66,7 @@ def doubts(
                 "Use a finer mesh where contact ends"
             )
         out += _rough(state.nodes.geometry, result)
+        out += _beside_tool(state.nodes.geometry, result)
     for geometry, result in zip(geometries, results, strict=True):
         out += [] if in_time else _apart(geometry, result)
         out += _uncertain_gaps(geometry, result)
@@ -148,6 +150,15 @@ def _rough(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
                 "one along the surface. Use cells of about the same size where bodies touch"
             )
     return out
+
+
+def _beside_tool(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
+    """Forces beside a tool that supports move as a whole."""
+    k = geometry.site.prescribed
+    if k is None:
+        return []
+    tool, other = geometry.pairs[k].surface, geometry.pairs[1 - k].surface
+    return say_beside(geometry.interface.name, tool.name, other.name, result.sides[k].pressing)
 
 
 def _uncertain_gaps(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:

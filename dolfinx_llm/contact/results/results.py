@@ -13,7 +13,11 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.parallel import told
 from dolfinx_llm.base.sparse import diagonal
 from dolfinx_llm.contact.equations.state import InterfaceState
-from dolfinx_llm.contact.results.carried_frame import at_carried_frame, halved_slips
+from dolfinx_llm.contact.results.carried_frame import (
+    at_carried_frame,
+    halved_slips,
+    with_tool_forces,
+)
 from dolfinx_llm.contact.results.sides import (
     FELT,
     SideResult,
@@ -116,12 +120,12 @@ def collect_results(
             first = own.stop
         if geometry.interface.law.components != "cartesian":
             sides = between_bodies(geometry, sides, operators.scale, _may_pull(geometry, state))
-        nodal = nodal_sides(geometry, sides)
+        nodal, shares = with_tool_forces(geometry, sides, nodal_sides(geometry, sides))
         if geometry.site.carrier is not None:
             nodal = halved_slips(geometry, nodal)
         if geometry.interface.law.slips:
             nodal = known_slips(geometry, nodal, operators.idle[place.rows])
-        found = _interface_result(geometry, sides, nodal, v, state)
+        found = _interface_result(geometry, sides, nodal, v, state, shares)
         results.append(replace(found, rotation=geometry.rotation(w[place.frame])))
     return told(operators.comm, deepcopy(results))  # their arrays are the user's
 
@@ -153,8 +157,9 @@ def _interface_result(
     nodal: tuple[SideResult, ...],
     v: Array,
     state: InterfaceState,
+    shares: csr_matrix | None,
 ) -> InterfaceResult:
-    """Of the sides, and of these with values at nodes."""
+    """Of the sides, and of these with values at nodes; (m, n) ``shares`` of a prescribed side."""
     side, pairs, law = sides[0], geometry.pairs[0], geometry.interface.law
     presses = law.opens and not _may_pull(geometry, state).any()
     obstacle, frame = geometry.interface.obstacle, geometry.frame
@@ -171,7 +176,8 @@ def _interface_result(
         )
     assert frame is not None
     if geometry.law_side is not None:
-        own, density = at_carried_frame(geometry, sides, state), _frame_density(geometry, sides)
+        own = at_carried_frame(geometry, sides, state, shares)
+        density = _frame_density(geometry, sides)
         if density is None:
             density = per_area(np.column_stack([own[0], own[2]]), own[1])
         frame = displaced(frame, nodal_values(geometry, v))
@@ -181,6 +187,10 @@ def _interface_result(
     area = geometry.law_nodes[1]
     if geometry.normals_alone:
         force = pairs.N.T @ (side.normal_force / np.linalg.norm(pairs.N @ normal, axis=1))
+    if shares is not None and geometry.site.prescribed == 0:
+        force = along_normals(nodal[0].force, normal)[:, 0]
+    elif shares is not None:
+        force = along_normals(-nodal[1].force, normal)[:, 0]
     weights = [N.maximum(0.0) for N in geometry.law_shapes]
     about = np.mean([W.T @ p.forces for W, p in zip(weights, geometry.pairs)], axis=0)
     # At the rim of what is covered corrected rows have entries of both signs, and may leave a node
