@@ -71,14 +71,14 @@ def mover_at_frame(sides: Sides, z: Array) -> csr_matrix:
     return csr_matrix((N.ravel(), index), (len(y), len(x)))
 
 
-def with_tool_forces(sides: Sides, terms: ContactTerms, opposite: csr_matrix) -> ContactTerms:
-    """The same with forces on a prescribed side's nodes as ``tool_shares`` has them, for values
-    (m, n) of the moving side's nodes at these."""
+def with_tool_forces(sides: Sides, terms: ContactTerms, shapes: csr_matrix) -> ContactTerms:
+    """The same with forces on a prescribed side's nodes as ``tool_shares`` has them, for shape
+    functions (n, m) of the pairs there."""
     E, place = sides.nodal, terms.place
     x, y = sides.split(place.z)
     force, known = sides.split(terms.force)
     where = place.areas, sides.control[0] @ x, y
-    shares = tool_shares(opposite @ E, place.N, *where, -(E.T @ force), known)
+    shares = tool_shares(shapes.T, place.N, *where, -(E.T @ force), known)
     if shares is None:
         return terms
 

@@ -136,13 +136,13 @@ def moving_results(
     y = sides.split(z)[1]
     if sides.prescribed:  # which may have nodes far closer to each other
         opposite = mover_at_frame(sides, z)
-        terms = with_tool_forces(sides, terms, opposite)
+        shapes = (opposite @ sides.nodal).maximum(0.0).T.tocsr()
+        terms = with_tool_forces(sides, terms, shapes)
+    else:
+        shapes = shapes_on_frame(sides, contact.located(place))
     forces = sides.in_order(*sides.split(-terms.force))
     outward = sides.outward(z)
     normals = sides.in_order(-place.normal, outward)
-    shapes = shapes_on_frame(sides, contact.located(place))
-    if sides.prescribed:
-        shapes = (opposite @ sides.nodal).maximum(0.0).T.tocsr()
     shapes = diagonal(active) @ shapes
     at_frame = status_of_frame(shapes, status)
     loaded = at_frame != OPEN

@@ -252,7 +252,8 @@ def build_piece(
         if not law.opens:
             check_flat(sides, plane, "Tied() is for surfaces that touch")
         area = common_area(sides[0], sides[1], plane)
-        loads = [NodalLoads.over(side, plane, area, order) for side in sides]
+        passes = min(order, *(side.element.order for side in sides))  # a tool's is its own
+        loads = [NodalLoads.over(side, plane, area, passes) for side in sides]
     clock.stop("patch forces")
     touched = [load.touched for load in loads]
     frame, note, reach = choose_frame(site, sides, touched, plane, area, corners)

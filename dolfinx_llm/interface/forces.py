@@ -19,6 +19,13 @@ def per_area(force: Array, area: Array) -> Array:
     return np.asarray(force / np.where(area > 0.0, area, np.inf)[:, None])
 
 
+def moments(arm: Array, force: Array) -> Array:
+    """(k, 3) of forces (k, gdim) at arms; in the plane (k, 1)."""
+    if arm.shape[1] == 2:
+        return cross_plane(arm, force)[:, None]
+    return np.cross(arm, force)
+
+
 class InterfaceForces:
     """Forces at the nodes of a frame, or of the body against a rigid obstacle, and what follows of
     them; ``sides`` have ``x``, where their ``force`` acts, ``drawn`` and ``u``."""
@@ -134,6 +141,4 @@ class InterfaceForces:
             raise ContactInputError("moment: what flows in a scalar field has none; see resultant")
         point = np.zeros(gdim) if about is None else about
         arm = of.x - checks.array("about", point, (gdim,), f"give a point, {gdim} numbers")
-        if gdim == 2:
-            return np.array([cross_plane(arm, of.force).sum()])
-        return np.cross(arm, of.force).sum(axis=0)
+        return moments(arm, of.force).sum(axis=0)

@@ -15,14 +15,18 @@ Numer. Meth. Engng 65 (2006) 2167-2202).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.sparse import csr_matrix, diags
 
 from dolfinx_llm.base.arrays import Array
-from dolfinx_llm.geometry.cells import cross_plane
+from dolfinx_llm.base.errors import ContactError
+from dolfinx_llm.interface.forces import moments, per_area
 
 SHARINGS = 500  # of the weights to the areas of both sides in turn, at most
 AREA_MISSED = 1e-14  # of all area: what these may differ by
+SHARE_ROUNDED = 1e-9  # of the largest area, and of 1 of shape functions: less is rounding
 THINLY = 1e-2  # of what rows say, for pairs that no nodes lie opposite of
 MOMENT_KEPT = 1e-12  # of all force times the size: what moments may differ by
 TILTS = 50  # of Newton's iteration for alpha
@@ -55,15 +59,15 @@ def tool_shares(
     """
     w, size = _weights(opposite, rows, areas), np.linalg.norm(force, axis=1)
     borne = size > 0.0
-    if not borne.any() or (w.getnnz(axis=0)[borne] == 0).any():
+    if not borne.any():
         return None
     w = (w @ diags(borne.astype(float))).tocoo()
     w.eliminate_zeros()
     node, pair = w.row, w.col
     x, y = x - y.mean(axis=0), y - y.mean(axis=0)
     scale = size.sum() * np.ptp(np.concatenate([x[pair], y]), axis=0).max()
-    m, part = _moments(y[node] - x[pair], force[pair]) / scale, size / size.sum()
-    beside = (_moments(x, force).sum(axis=0) - _moments(y, known).sum(axis=0)) / scale
+    m, part = moments(y[node] - x[pair], force[pair]) / scale, size / size.sum()
+    beside = (moments(x, force).sum(axis=0) - moments(y, known).sum(axis=0)) / scale
     alpha = np.zeros(m.shape[1])
     r, value = _tilted(w.data, pair, m, part, alpha)
     for _ in range(TILTS):  # of a convex function, whose slope is the moment that is missing
@@ -84,16 +88,29 @@ def tool_shares(
     return None
 
 
-def say_beside(name: str, tool: str, other: str, pressing: Array) -> list[str]:
-    """A sentence, if a tool's nodes pull (n,) where bodies may part."""
-    pull = float(-pressing.min(initial=0.0) / max(np.abs(pressing).max(initial=0.0), 1e-300))
-    if not pull > TOOL_PULLS:
-        return []
-    return [
-        f"interface {name}: what presses lies beside {tool}, at whose nodes forces pull by up to "
-        f"{pull:.1%} of the largest: facets of {other} are too large for a tool of its size. "
-        "Refine them where it touches, or take a rigid obstacle"
-    ]
+def check_beside(
+    name: str, surfaces: Sequence[str], pressing: Sequence[Array], prescribed: int
+) -> None:
+    """Require that no node of a tool pulls where no pair of the other side does.
+
+    Args:
+        name: of the interface.
+        surfaces: names of both sides.
+        pressing: of both sides (n_i,) forces of pairs [force].
+        prescribed: the tool's side.
+
+    Raises:
+        ContactError: one does; the same on every rank that gives the same forces.
+    """
+    largest = max(np.abs(pressing[1 - prescribed]).max(initial=0.0), 1e-300)
+    pull, own = (-pressing[k].min(initial=0.0) / largest for k in (prescribed, 1 - prescribed))
+    if pull > TOOL_PULLS >= own:
+        raise ContactError(
+            f"interface {name}: what presses lies beside {surfaces[prescribed]}, at whose nodes "
+            f"forces pull by up to {pull:.1%} of the largest: facets of {surfaces[1 - prescribed]} "
+            "are too large for a tool of its size. Refine them where it touches, or take a rigid "
+            "obstacle"
+        )
 
 
 def _tilted(w: Array, pair: Array, m: Array, part: Array, alpha: Array) -> tuple[Array, float]:
@@ -114,29 +131,22 @@ def _tilted(w: Array, pair: Array, m: Array, part: Array, alpha: Array) -> tuple
 
 def _weights(opposite: csr_matrix, rows: csr_matrix, areas: tuple[Array, Array]) -> csr_matrix:
     """(m, n) in proportion to areas and shape functions, by which areas (n,) of pairs are shared by
-    nodes (m,) so that theirs come out, as nearly as that goes; sums 1 per pair."""
-    own, theirs = (np.maximum(a, 0.0) for a in areas)
-    w = diags(theirs) @ opposite.maximum(0.0) + THINLY * (diags(own) @ rows.maximum(0.0)).T
-    of_pair, total = np.ones(len(own)), float(theirs.sum())
+    nodes (m,) so that theirs come out, as nearly as that goes; where nodes opposite of a pair have
+    none, those of its row. Sums are 1 per pair."""
+    own, theirs = (np.where(a > SHARE_ROUNDED * a.max(), a, 0.0) for a in areas)
+    shapes, rows = (N.multiply(N > SHARE_ROUNDED) for N in (opposite, rows))
+    w = diags(theirs) @ shapes + THINLY * (diags(own) @ rows).T
     for _ in range(SHARINGS):  # iterative proportional fitting
-        of_node = _over(theirs, w @ of_pair)
-        if np.abs(of_pair * (w.T @ of_node) - own).max() <= AREA_MISSED * total:
+        w = diags(_over(theirs, w.sum(axis=1))) @ w
+        arrives = w.sum(axis=0)
+        if np.abs(arrives - own).max() <= AREA_MISSED * theirs.sum():
             break
-        of_pair = _over(own, w.T @ of_node)
-    w = diags(of_node) @ w
-    found = (w @ diags(_over(np.ones(len(own)), w.sum(axis=0)))).tocsr()
-    found.eliminate_zeros()
-    return found
+        w = w @ diags(_over(own, arrives))
+    untold = np.asarray(w.sum(axis=0)).ravel() <= SHARE_ROUNDED * own
+    w = w @ diags(1.0 - untold) + rows.T @ diags(1.0 * untold)
+    return (w @ diags(_over(np.ones(len(own)), w.sum(axis=0)))).tocsr()
 
 
 def _over(value: Array, sums: Array) -> Array:
-    """Values over sums, 0 where there are none."""
-    sums = np.asarray(sums).ravel()
-    return np.where(sums > 0.0, value / np.where(sums > 0.0, sums, 1.0), 0.0)
-
-
-def _moments(arm: Array, force: Array) -> Array:
-    """(k, 1) in the plane, else (k, 3)."""
-    if arm.shape[1] == 2:
-        return np.asarray(cross_plane(arm, force)).reshape(-1, 1)
-    return np.cross(arm, force)
+    """(n,) values over sums, 0 where there are none."""
+    return per_area(value[:, None], np.asarray(sums).ravel())[:, 0]

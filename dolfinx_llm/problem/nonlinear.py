@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.disposable import free_garbage
 from dolfinx_llm.base.errors import ContactInputError
 from dolfinx_llm.base.log import log
-from dolfinx_llm.base.parallel import agree, collective, told
+from dolfinx_llm.base.parallel import agree, collective
 from dolfinx_llm.base.timing import StageTimes
 from dolfinx_llm.finite.load_step import LoadStep, NewtonState
 from dolfinx_llm.finite.newton import NewtonSteps
@@ -203,13 +202,10 @@ class NonlinearContactProblem(Remembering, Pictured, SavedNonlinear):
 
     def _keep(self, state: NewtonState) -> None:
         """Take over a state that has been found, with its results."""
-        self.bulk.put(state.u)
-        self._state = state
         with self.times.timed("results"):
-            results, doubts = results_of(self._newton, self.interfaces, state)
-            self.results = told(self.comm, deepcopy(results))  # their arrays are the user's
-        for doubt in doubts if self.comm.rank == 0 else []:
-            log.warning(doubt)
+            self.results = results_of(self._newton, self.interfaces, state)
+        self._state = state
+        self.bulk.put(state.u)
 
     def destroy(self) -> None:
         """Free the factorisation, which the next ``solve`` makes anew; collective. On one rank the

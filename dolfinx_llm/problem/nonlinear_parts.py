@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 from dolfinx_llm.base import checks
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.errors import ContactInputError
-from dolfinx_llm.base.parallel import chosen, collective
+from dolfinx_llm.base.parallel import chosen, collective, told
 from dolfinx_llm.finite.frame.design import Design
 from dolfinx_llm.finite.frame.self_sides import SelfSides
 from dolfinx_llm.finite.frame.sides import Sides
@@ -37,7 +38,7 @@ from dolfinx_llm.interface.obstacles import MeanDisplacement
 from dolfinx_llm.interface.shared import check_once
 from dolfinx_llm.interface.site import Site, find_site, space_of
 from dolfinx_llm.interface.supports import prescribed_side
-from dolfinx_llm.interface.tool_forces import say_beside
+from dolfinx_llm.interface.tool_forces import check_beside
 from dolfinx_llm.laws.coulomb import Coulomb
 from dolfinx_llm.laws.frictionless import Frictionless
 from dolfinx_llm.laws.law import Law
@@ -224,20 +225,23 @@ def anatomy(interface: Interface, placed: Placed) -> str:
 
 def results_of(
     newton: NewtonSteps, interfaces: Sequence[Interface], state: NewtonState
-) -> tuple[list[MovingInterfaceResult], list[str]]:
-    """Results of the interfaces at a state that has just been found, and what is doubtful there:
-    forces beside tools that supports move as a whole."""
-    results, doubts = list[MovingInterfaceResult](), list[str]()
+) -> list[MovingInterfaceResult]:
+    """Results of the interfaces at a state that has just been found, the same on every rank;
+    collective.
+
+    Raises:
+        ContactError: what presses lies beside a tool that supports move as a whole.
+    """
     placed, dofs = newton.equations.interfaces, newton.equations.bodies.dofs
-    of = zip(interfaces, placed, newton.terms, newton.slips, strict=True)
-    for interface, each, terms, slip in of:
-        result = moving_results(each.what, each.at(dofs, state.u), terms, slip)
-        results.append(result)
-        sides = each.what.sides
+    of = zip(placed, newton.terms, newton.slips, strict=True)
+    results = [moving_results(p.what, p.at(dofs, state.u), terms, slip) for p, terms, slip in of]
+    results = told(dofs.comm, deepcopy(results))  # their arrays are the user's
+    for interface, p, result in zip(interfaces, placed, results, strict=True):
+        sides = p.what.sides
         if result.frame is not None and sides.prescribed:
-            names = interface.name, sides.carrier.name, sides.mover.name
-            doubts += say_beside(*names, result.sides[sides.frame].pressing)
-    return results, doubts
+            names, forces = [s.name for s in sides.surfaces], [s.pressing for s in result.sides]
+            check_beside(interface.name, names, forces, sides.frame)
+    return results
 
 
 def follower_of(load: FreeSurfacePressure, dofs: BodyDofs) -> Placed:

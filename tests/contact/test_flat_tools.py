@@ -26,8 +26,8 @@ def balanced(result):
 @pytest.mark.parametrize("order", [1, 2])
 def test_any_mesh_of_the_tool(order, finite, law):
     """The same forces on the block, whatever the cells of the tool, in few iterations: with a frame
-    of the block's facets Newton's iteration failed. The tool's own press everywhere, most at its
-    edges; also where it is dragged."""
+    of the block's facets Newton's iteration failed. The tool's own press most at its edges, also
+    where it is dragged, and none pulls."""
     found = []
     for across in (21, 37) if order == 1 else (13, 21):
         scene = FlatTool("quadrilateral", 16, across, 0.59, order, LAWS[law], finite)
@@ -70,10 +70,22 @@ def test_as_a_rigid_plane(kind, order, cells, finite):
         assert np.abs(tool - plane).max() < 1e-8 * np.abs(plane).max()
 
 
-def test_few_facets_below(caplog):
+def test_few_facets_below():
     """A tool no wider than a few facets of the block: its nodes are the pairs, and press where they
     are."""
     scene = FlatTool("quadrilateral", 2, 8, 0.3, 1, llm.Frictionless(), finite=False)
     result = scene.press(0.0, -0.05)
     assert scene.problem.geometries[0].site.prescribed is None
     assert balanced(result)
+
+
+@pytest.mark.parametrize("finite", [False, True], ids=["small", "finite"])
+def test_beside_the_rim(finite):
+    """A tilted tool that the block first meets beside its rim: an error, and what was found before
+    is kept; pressed in farther it is met below."""
+    scene = FlatTool("quadrilateral", 8, 21, 0.59, 1, llm.Frictionless(), finite)
+    before = scene.press(0.0, -0.02).sides[0].force
+    with pytest.raises(llm.ContactError, match="what presses lies beside tag 1"):
+        scene.press(0.0, 0.0139, tilt=0.02)
+    assert np.array_equal(scene.problem.results[0].sides[0].force, before)
+    assert balanced(scene.press(0.0, -0.02, tilt=0.02))

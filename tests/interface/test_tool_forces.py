@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
 
+import dolfinx_llm as llm
 from dolfinx_llm.geometry.frame import Frame
-from dolfinx_llm.interface.tool_forces import say_beside, tool_shares
+from dolfinx_llm.interface.tool_forces import check_beside, tool_shares
 
 
 def line(x):
@@ -54,9 +55,10 @@ def test_beside_the_tool():
     """No forces that press have the moment of one beside it."""
     assert on_the_tool(np.array([[0.0, 0.0]] * 4 + [[0.0, 1.0]]))[0] is None
     assert on_the_tool(np.zeros((5, 2)))[0] is None
-    (text,) = say_beside("1 | 2", "tag 1", "tag 2", np.array([2.0, -1.0]))
-    assert "50.0%" in text and "beside tag 1" in text
-    assert not say_beside("1 | 2", "tag 1", "tag 2", np.array([2.0, -1e-6]))
+    with pytest.raises(llm.ContactError, match="beside tag 1, .* by up to 50.0%"):
+        check_beside("1 | 2", ("tag 2", "tag 1"), (np.array([2.0]), np.array([3.0, -1.0])), 1)
+    check_beside("1 | 2", ("tag 2", "tag 1"), (np.array([2.0]), np.array([2.0, -1e-6])), 1)
+    check_beside("1 | 2", ("tag 2", "tag 1"), (np.array([2.0, -1.0]), np.array([2.0, -1.0])), 1)
 
 
 def test_rows_alone():

@@ -29,7 +29,7 @@ class FlatTool:
         order: of the elements.
         finite: whether at finite deformation.
         rigid: a plane in its place.
-        options: of the interface and of the problem.
+        options: of the problem.
     """
 
     def __init__(self, kind, cells, across, half, order, law, finite=True, rigid=False, **options):
@@ -76,10 +76,13 @@ class FlatTool:
         energy = mu / 2 * (ufl.tr(F.T * F) - self.gdim) - mu * ufl.ln(J) + lam / 2 * ufl.ln(J) ** 2
         return ufl.derivative(energy * ufl.dx(degree=4), u, w)
 
-    def press(self, *motion):
-        """The result after a motion (gdim,) of the tool."""
+    def press(self, *motion, tilt=0.0):
+        """The result after a motion (gdim,) of the tool, that is higher by tilt times x as well."""
         if self.plane is None:
-            self.moved.x.array[:] = np.tile(motion, len(self.moved.x.array) // self.gdim)
+            x = self.moved.function_space.tabulate_dof_coordinates()
+            moved = np.tile(motion, (len(x), 1))
+            moved[:, -1] += tilt * x[:, 0]
+            self.moved.x.array[:] = moved.ravel()
         else:
             self.plane.displacement = motion
         self.problem.solve()

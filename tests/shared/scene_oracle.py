@@ -4,7 +4,7 @@ K and f are assembled here by dolfinx, without conditions; the library's own res
 states are only compared with what follows from them. Everything is in the scene's units.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import dolfinx.fem.petsc
 import numpy as np
@@ -123,7 +123,8 @@ class Oracle:
         normals = np.concatenate([sides[0].normal, -sides[1].normal])
         flat = not self.scene.radius and np.ptp(normals, axis=0).max() < 1e-9
         across = geometry.directions[:, -1] @ posed.Q if geometry.normals_alone else None
-        self.balance(N, sides, Y, flat, across, geometry.site.prescribed is None)
+        acting = self.acting(i, geometry, sides)
+        self.balance(N, sides, Y, flat, across, acting)
         law, opens = contact.law, not isinstance(contact.law, llm.Tied)
         for k, (M, side, p) in enumerate(zip(N, sides, geometry.pairs, strict=True)):
             self.rows(M, side, Y, flat)
@@ -143,8 +144,8 @@ class Oracle:
                     gap += moved / np.einsum("ni,ni->n", mean, side.normal)
                 told = geometry.site.prescribed == k  # by shares of the other side's
                 self.opening(gap, side, told or geometry.site.carrier == k)
-                if not told and not getattr(law, "mu", 0.0):
-                    tangential = np.linalg.norm(side.tangential, axis=1) / self.F
+                if not getattr(law, "mu", 0.0):
+                    tangential = np.linalg.norm(acting[k].tangential, axis=1) / self.F
                     self.note("friction without mu", tangential, side.noise)
             else:
                 self.note("tied jump", np.abs(jump)[~posed.held[side.nodes]] / self.U)
@@ -195,21 +196,31 @@ class Oracle:
             carried = np.abs(side.pressing) / self.F
         self.note("force of open pairs", carried[apart], side.noise[apart])
 
-    def balance(self, N, sides, Y, flat, across=None, nodes=True):
-        """Forces of both sides cancel, at every frame node too, and so do their moments; without
-        friction those along the nodes' normals ``across``, of which the pairs' are the means. Not
-        at ``nodes`` of a prescribed side, which share them."""
+    def acting(self, i, geometry, sides):
+        """The sides with forces by the equations, where results share those of a tool out."""
+        k, problem = geometry.site.prescribed, self.posed.problem
+        if k is None:
+            return sides
+        base = np.concatenate([pairs.base for pairs in geometry.pairs])
+        found = problem.method.iteration.multiplier[problem.operators.places[i].rows]
+        found = np.einsum("nc,nci->ni", found.reshape(base.shape[:2]), base)
+        force = np.split(found @ self.posed.Q / self.unit, [len(sides[0].x)])[k]
+        return [replace(side, force=force) if j == k else side for j, side in enumerate(sides)]
+
+    def balance(self, N, sides, Y, flat, across, acting):
+        """Forces of both sides cancel, at every frame node too, there of the sides ``acting``, and
+        so do their moments; without friction those along the nodes' normals ``across``, of which
+        the pairs' are the means."""
         noisy = sum(side.noise.sum() for side in sides)
         self.note("sum", sum(side.force.sum(axis=0) for side in sides) / self.F, noisy)
-        forces = [side.force for side in sides]
+        forces = [side.force for side in acting]
         if across is not None:
             forces = [
                 side.pressing / np.einsum("ni,ni->n", M @ across, side.normal)
-                for M, side in zip(N, sides, strict=True)
+                for M, side in zip(N, acting, strict=True)
             ]
         at_frame = sum(M.T @ force for M, force in zip(N, forces, strict=True))
-        if nodes:
-            self.note("frame equilibrium", at_frame / self.F, noisy)
+        self.note("frame equilibrium", at_frame / self.F, noisy)
         moment = np.zeros((self.gdim, self.gdim))
         for M, side in zip(N, sides, strict=True):
             moment += (M @ Y - Y.mean(axis=0)).T @ side.force

@@ -32,7 +32,7 @@ def with_tool_forces(
     if k is None or frame is None:
         return nodal, None
     pairs, other, tool = geometry.pairs[1 - k], sides[1 - k], nodal[k]
-    opposite = pairs.interpolation(geometry.pairs[k].x)
+    opposite = geometry.opposite[k]
     if pairs.control is not None:
         opposite = opposite @ pairs.control
     areas, places = (other.area, tool.area), (control_values(pairs, pairs.x), frame.x)

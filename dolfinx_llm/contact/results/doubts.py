@@ -15,7 +15,7 @@ from dolfinx_llm.contact.search.flickering import lost
 from dolfinx_llm.geometry.pairs import ContactPairs
 from dolfinx_llm.interface.control import of_control_values
 from dolfinx_llm.interface.geometry import InterfaceGeometry
-from dolfinx_llm.interface.tool_forces import say_beside
+from dolfinx_llm.interface.tool_forces import check_beside
 from dolfinx_llm.laws.rows import OPEN, SLIP, STICK
 
 SPIN = 1e-9  # part of an obstacle's rotation along its normals, up to which it does not tilt
@@ -39,7 +39,11 @@ def doubts(
 ) -> list[str]:
     """What in a solution lies outside of what the method allows for: contact at the rim of what may
     touch, sliding farther than a facet, pairs that lost their friction, bodies that come nearer and
-    do not touch."""
+    do not touch.
+
+    Raises:
+        ContactError: what presses lies beside a tool; the same on every rank.
+    """
     out = []
     for state, result in zip(iteration.states, results, strict=True):
         out += _held_in_each_other(state)
@@ -66,7 +70,7 @@ def doubts(
                 "Use a finer mesh where contact ends"
             )
         out += _rough(state.nodes.geometry, result)
-        out += _beside_tool(state.nodes.geometry, result)
+        _check_tool(state.nodes.geometry, result)
     for geometry, result in zip(geometries, results, strict=True):
         out += [] if in_time else _apart(geometry, result)
         out += _uncertain_gaps(geometry, result)
@@ -152,13 +156,11 @@ def _rough(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
     return out
 
 
-def _beside_tool(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:
-    """Forces beside a tool that supports move as a whole."""
-    k = geometry.site.prescribed
-    if k is None:
-        return []
-    tool, other = geometry.pairs[k].surface, geometry.pairs[1 - k].surface
-    return say_beside(geometry.interface.name, tool.name, other.name, result.sides[k].pressing)
+def _check_tool(geometry: InterfaceGeometry, result: InterfaceResult) -> None:
+    """Require forces that a tool which supports move as a whole can bear."""
+    if geometry.site.prescribed is not None:
+        names, forces = [s.name for s in geometry.sides], [s.pressing for s in result.sides]
+        check_beside(geometry.interface.name, names, forces, geometry.site.prescribed)
 
 
 def _uncertain_gaps(geometry: InterfaceGeometry, result: InterfaceResult) -> list[str]:

@@ -187,10 +187,8 @@ def _interface_result(
     area = geometry.law_nodes[1]
     if geometry.normals_alone:
         force = pairs.N.T @ (side.normal_force / np.linalg.norm(pairs.N @ normal, axis=1))
-    if shares is not None and geometry.site.prescribed == 0:
-        force = along_normals(nodal[0].force, normal)[:, 0]
-    elif shares is not None:
-        force = along_normals(-nodal[1].force, normal)[:, 0]
+    if shares is not None and (k := geometry.site.prescribed) is not None:
+        force = along_normals((1.0, -1.0)[k] * nodal[k].force, normal)[:, 0]
     weights = [N.maximum(0.0) for N in geometry.law_shapes]
     about = np.mean([W.T @ p.forces for W, p in zip(weights, geometry.pairs)], axis=0)
     # At the rim of what is covered corrected rows have entries of both signs, and may leave a node
