@@ -20,18 +20,15 @@ from dolfinx_llm.geometry.cells import (
     outline_edges,
     unit,
 )
-from dolfinx_llm.geometry.element import element_of, shape_functions
+from dolfinx_llm.geometry.element import element_of
 from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.geometry.swept import Swept, shape_at, tangents_at
 
-# Quadrature on [0, 1]: enough that the shape functions of a clipped, distorted quad (smooth but no
-# polynomials in the plane) are integrated to rounding.
-_GAUSS = gauss(10)
-
-# Positions in a cell of k corners as coefficients of 1, r, s and r s: (4, k).
-_MONOMIALS = {
-    3: np.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, 0.0, 1.0], [0.0, 0.0, 0.0]]),
-    4: 0.25 * np.array([[1, 1, 1, 1], [-1, 1, 1, -1], [-1, -1, 1, 1], [1, -1, 1, -1.0]]),
-}
+# Along a part of a segment, polynomials of degree 4, and 6 with a thickness, are exact.
+_ON_SEGMENT = gauss(4)
+# From a facet's origin to an edge: products of two second-order functions, and of one with a square
+# of positions, of degree 10 with the Jacobian, are exact.
+_TO_CUT = gauss(6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,9 +151,8 @@ def covered_points(s: Array, facets: Array, area: Any) -> list[tuple[Array, Arra
     weight = np.abs(cross_plane(t[:, :, 0], t[:, :, 1])) * w
     found = [(facet, np.broadcast_to(xi, (len(facet), *xi.shape)), weight)]
     if len(partial):
-        cut, x, weight = _piece_points(p[partial], pieces)
-        cut = partial[cut]
-        found.append((cut, reference_coordinates(p[cut], x), weight))
+        cut, points, weight = _piece_points(p[partial], pieces)
+        found.append((partial[cut], points, weight))
     return found
 
 
@@ -171,10 +167,13 @@ def _covered_parts(s: Array, facets: Array, area: Any) -> tuple[Array, Array, An
     partial = np.flatnonzero(~inside)
     partial = partial[shapely.intersects(area, shapes[partial])]
     pieces = shapely.intersection(shapes[partial], area)
-    # What rounding alone can cut off is no contact.
-    thickness = 1e-13 * np.abs(s).max()
-    real = shapely.area(pieces) > thickness * shapely.length(shapes[partial])
-    return inside, partial[real], pieces[real]
+    # What rounding alone can cut off is no contact, and what it leaves is all of a facet.
+    rounding = 1e-13 * np.abs(s).max() * shapely.length(shapes[partial])
+    covered = shapely.area(pieces)
+    whole = shapely.area(shapes[partial]) - covered <= rounding
+    inside[partial[whole]] = True
+    cut = ~whole & (covered > rounding)
+    return inside, partial[cut], pieces[cut]
 
 
 def _covered_segments(p: Array, interval: tuple[float, float], depth: Array | None = None) -> Array:
@@ -184,9 +183,9 @@ def _covered_segments(p: Array, interval: tuple[float, float], depth: Array | No
     part = np.abs(length) * (b - a)
     part[part < 1e-13 * max(np.abs(p).max(), np.abs(length).max())] = 0.0
     if depth is not None:
-        t = (a + (b - a) * _GAUSS[0][:, None])[..., None]
+        t = (a + (b - a) * _ON_SEGMENT[0][:, None])[..., None]
         N = np.concatenate([1.0 - t, t], axis=2)
-        weight = _GAUSS[1][:, None] * np.einsum("gmk,mk->gm", N, depth)
+        weight = _ON_SEGMENT[1][:, None] * np.einsum("gmk,mk->gm", N, depth)
         return part[:, None] * np.einsum("gm,gmk->mk", weight, N)
     middle = 0.5 * (a + b)
     return np.column_stack([part * (1.0 - middle), part * middle])
@@ -194,19 +193,16 @@ def _covered_segments(p: Array, interval: tuple[float, float], depth: Array | No
 
 def _integrate_pieces(p: Array, pieces: Array) -> Array:
     """Integrate shape functions of facets p (m, k, 2) over one piece (polygons) each."""
-    facet, x, weight = _piece_points(p, pieces)
-    N = _shape_at(p[facet], x)
-    value = np.einsum("eg,egk->ek", weight, N)
+    facet, xi, weight = _piece_points(p, pieces)
     out = np.zeros(p.shape[:2])
-    np.add.at(out, facet, value)
+    np.add.at(out, facet, np.einsum("eg,egk->ek", weight, shape_at(p.shape[1], xi)[0]))
     return out
 
 
 def _piece_points(p: Array, pieces: Array) -> tuple[Array, Array, Array]:
-    """Facets (e,), points (e, g, 2) and weights (e, g) that integrate over one piece (polygons) of
-    each of the facets p (m, k, 2). Every edge of a piece spans a triangle with the facet's centre;
-    summed with their signs these triangles make up the piece, also when it is not convex or has
-    holes."""
+    """Facets (e,), reference coordinates (e, g, 2) and weights (e, g) [area] of points that
+    integrate over one piece (polygons) of each of the facets p (m, k, 2), of each edge of it:
+    summed with their signs they make up the piece, also when it is not convex or has holes."""
     import shapely
 
     polygons, owner = shapely.get_parts(pieces, return_index=True)
@@ -215,42 +211,13 @@ def _piece_points(p: Array, pieces: Array) -> tuple[Array, Array, Array]:
     rings, polygon = shapely.get_rings(shapely.normalize(polygons[keep]), return_index=True)
     xy, ring = shapely.get_coordinates(rings, return_index=True)
     same = ring[1:] == ring[:-1]
-    a, b = xy[:-1][same], xy[1:][same]
     facet = owner[keep][polygon[ring[:-1][same]]]
-    centre = p.mean(axis=1)[facet]
-    u, w = _GAUSS
-    # Duffy points of the triangle (centre, a, b): centre + r (a + t (b - a) - centre), weight r.
-    edge = a[:, None, :] + u[:, None] * (b - a)[:, None, :] - centre[:, None, :]
-    x = centre[:, None, None, :] + u[:, None, None] * edge[:, None, :, :]
-    weight = (w * u)[:, None] * w * cross_plane(a - centre, b - centre)[:, None, None]
-    x, weight = x.reshape(len(a), -1, 2), weight.reshape(len(a), -1)
+    found = Swept.by(p[facet], xy[:-1][same], xy[1:][same], _TO_CUT)
+    x, y = tangents_at(shape_at(p.shape[1], found.points)[1], p[facet])
+    weight = found.weights * (x[0] * y[1] - x[1] * y[0])
     # Shapely's exterior rings run clockwise after normalize(); the sign of the sum tells.
     total = np.bincount(facet, weight.sum(axis=1), len(p))
-    return facet, x, np.where(total < 0.0, -1.0, 1.0)[facet, None] * weight
-
-
-def _shape_at(p: Array, x: Array) -> Array:
-    """Shape functions of cells p (e, k, 2) at plane points x (e, g, 2): (e, g, k)."""
-    (e, g, _), k = x.shape, p.shape[1]
-    return shape_functions(k, reference_coordinates(p, x).reshape(-1, 2))[0].reshape(e, g, k)
-
-
-def reference_coordinates(p: Array, x: Array) -> Array:
-    """(e, g, 2) reference coordinates of plane points x (e, g, 2) in cells p (e, k, 2)."""
-    (e, g, _), k = x.shape, p.shape[1]
-    # c0 + c1 r + c2 s + c3 r s, component by component: far quicker than small sums point by point.
-    c0, c1, c2, c3 = np.einsum("ik,ekd->ide", _MONOMIALS[k], p)[..., None]
-    target = np.moveaxis(x, 2, 0) - c0
-    r, s = np.zeros((2, e, g))
-    for _ in range(1 if k == 3 else 25):
-        (a, b), (c, d) = c1 + s * c3, c2 + r * c3  # tangents
-        u, v = target - r * c1 - s * (c2 + r * c3)
-        det = a * d - b * c
-        step = np.stack([u * d - v * c, a * v - b * u]) / det
-        r, s = r + step[0], s + step[1]
-        if np.abs(step).max(initial=0.0) < 1e-9:  # quadratic: what is left is rounding
-            break
-    return np.stack([r, s], axis=2)
+    return facet, found.points, np.where(total < 0.0, -1.0, 1.0)[facet, None] * weight
 
 
 def common_area(side0: Surface, side1: Surface, plane: Plane) -> Any:

@@ -441,6 +441,42 @@ def test_clipped_facets_against_subdivision():
     assert np.abs([got.sum() - known[0], *(got @ quad - known[1:])]).max() < 1e-14
 
 
+def shares_in_triangle(quad, corners, n):
+    """Integrals of a quad's shape functions over a triangle, by n x n Gauss points in it."""
+    t, w = np.polynomial.legendre.leggauss(n)
+    t, w = (t + 1.0) / 2.0, w / 2.0
+    a, b, c = corners
+    x = (a + t[:, None, None] * (b + t[:, None] * (c - b) - a)).reshape(-1, 2)
+    weight = np.outer(w * t, w).ravel() * abs(np.linalg.det([b - a, c - a]))
+    xi = np.zeros_like(x)
+    for _ in range(30):
+        N, dN = shape_functions(4, xi)
+        step = np.linalg.solve(np.einsum("gkd,ki->gid", dN, quad), (x - N @ quad)[..., None])
+        xi += step[..., 0]
+    return weight @ shape_functions(4, xi)[0]
+
+
+@pytest.mark.parametrize("skew", [0.1, 0.2, 0.3])
+def test_clipped_distorted_facets_are_integrated_to_rounding(skew):
+    """A corner is cut off, along a line that is a curve in reference coordinates."""
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        quad = np.array([[0.0, 0.0], [1, 0], [1, 1], [0, 1]]) + skew * rng.uniform(-1, 1, (4, 2))
+        corners = np.array([quad[0], quad[0] + 0.8 * (quad[1] - quad[0]), quad[3]])
+        got = patch.covered_forces(quad, np.array([[0, 1, 2, 3]]), shapely.Polygon(corners))[0]
+        assert np.abs(got - shares_in_triangle(quad, corners, 48)).max() < 5e-14
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, 1.1])
+def test_facets_covered_but_for_rounding_are_whole(angle):
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    x, quads = grid(5, 4, jitter=0.3, seed=2)
+    s, forces, area = patch_forces((x @ turn.T, quads), (grid(3, 7)[0] @ turn.T, grid(3, 7)[1]))
+    whole = np.zeros(len(x))
+    np.add.at(whole, quads, patch.full_forces(x, quads))
+    assert np.abs(forces[0] - whole).max() < 1e-15
+
+
 def test_clipped_shape_functions_of_a_rectangle_are_exact():
     """On a rectangle the shape functions are products: the clipped integrals are known."""
     a, b, p, q = 2.0, 1.0, 0.7, 0.4

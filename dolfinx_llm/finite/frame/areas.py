@@ -29,6 +29,7 @@ from dolfinx_llm.geometry.cells import CORNERS, facet_vectors, vector_areas
 from dolfinx_llm.geometry.element import Element, element_of
 from dolfinx_llm.geometry.overlap_flat import local_bases
 from dolfinx_llm.geometry.surface import Surface
+from dolfinx_llm.geometry.swept import tangents_at
 
 MIDDLES = np.array([[0.5, 0.0], [0.5, 0.5], [0.0, 0.5]])
 WHOLE = {  # points and weights on a reference facet, by the number of functions, which integrate
@@ -156,14 +157,6 @@ def plane_integrals(
     values = np.einsum("ng,ngj->nj", weights * (x_xi * y_eta - x_eta * y_xi), N)
     weighted = np.swapaxes(weights[:, :, None] * N, 1, 2)
     return values, (weighted @ across.reshape(n, g, 2 * k)).reshape(n, element.nodes, k, 2)
-
-
-def tangents_at(dN: Array, corners: Array) -> Array:
-    """(2, 2, n, g) derivatives of each place in a plane by each reference coordinate, of shape
-    functions' dN (n, g, k, 2) at g points of facets with corners (n, k, 2)."""
-    n, g, k, d = dN.shape
-    found = np.swapaxes(dN, 2, 3).reshape(n, g * d, k) @ corners
-    return found.reshape(n, g, d, 2).transpose(3, 2, 0, 1)
 
 
 def everything(x: Array, surface: Surface, first: int, width: int) -> Covered:

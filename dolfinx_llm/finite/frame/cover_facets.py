@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from dolfinx_llm.base.arrays import Array
 from dolfinx_llm.base.sparse import summing
-from dolfinx_llm.finite.frame.areas import FacetPlanes, plane_integrals, tangents_at
+from dolfinx_llm.finite.frame.areas import FacetPlanes, plane_integrals
 from dolfinx_llm.finite.frame.covered import Covered
 from dolfinx_llm.finite.frame.jacobians import coordinates, jacobian
 from dolfinx_llm.geometry.cells import (
@@ -27,16 +27,13 @@ from dolfinx_llm.geometry.cells import (
     gauss,
     joined_lists,
     repeated_for,
-    shape_functions,
 )
 from dolfinx_llm.geometry.element import Element
-from dolfinx_llm.geometry.overlap_flat import reference_coordinates
+from dolfinx_llm.geometry.swept import Swept
 
 OPPOSED = -0.3  # cosine between the normals of facets that lie across, at most
 LAYER = 2.0  # distance of facets that lie across, over their sizes, at most
 SLIVER = 1e-11  # part of a facet that is none
-# Along an edge: inverse maps of distorted quads are smooth, and integrated to rounding.
-_ON_EDGE = gauss(10)
 # From a facet's origin to the edge: polynomials of degree 4, at second order 7, are exact.
 _TO_EDGE = {1: gauss(3), 2: gauss(4)}
 OWN = -1  # mark of an edge of the polygon that is cut
@@ -208,20 +205,10 @@ class _Edges:
         """What each edge adds to the integrals (e, j) [area], and its derivatives (e, j, 3 k + 6)
         by the positions of the facet's nodes and of the other edge's ends [length]."""
         corners, k, element = planes.corners[self.facet], planes.facets.shape[1], planes.element
-        (s, ws), (r, wr) = _ON_EDGE, _TO_EDGE[element.order]
         side = self.b - self.a
-        x = self.a[:, None] + s[:, None] * side[:, None]
-        xi = reference_coordinates(corners, x)
-        N, dN = shape_functions(k, xi.reshape(-1, 2))
-        N, dN = N.reshape(*xi.shape[:2], k), dN.reshape(*xi.shape[:2], k, 2)
-        (x_xi, x_eta), (y_xi, y_eta) = tangents_at(dN, corners)
-        u, v = side[:, None, 0], side[:, None, 1]
-        # xi x dxi/ds, of dxi/ds = (x')⁻¹ side.
-        sweep = xi[..., 0] * (x_xi * v - y_xi * u) - xi[..., 1] * (y_eta * u - x_eta * v)
-        sweep /= x_xi * y_eta - x_eta * y_xi
-        points = (r[:, None] * xi[:, :, None]).reshape(len(xi), len(s) * len(r), 2)
-        weights = ((ws * sweep)[:, :, None] * (r * wr)).reshape(points.shape[:2])
-        values, by_own = plane_integrals(element, corners, points, weights)
+        swept = Swept.by(corners, self.a, self.b, _TO_EDGE[element.order])
+        x, xi, N = swept.x, swept.xi, swept.N
+        values, by_own = plane_integrals(element, corners, swept.points, swept.weights)
         # Their edges move by w = (1 - t) w_a + t w_b against the facet.
         line = self.ends[:, 1] - self.ends[:, 0]
         size = np.maximum(np.einsum("ei,ei->e", line, line), 1e-300)
@@ -230,7 +217,7 @@ class _Edges:
         positive = N
         if element.nodes != k:
             positive = element.positive(xi.reshape(-1, 2)).reshape(*xi.shape[:2], element.nodes)
-        weighted = ws[:, None] * positive
+        weighted = swept.along[:, None] * positive
         weighted = np.swapaxes(weighted, 1, 2)
         by_own = by_own - _times(weighted @ N, out)
         shares = np.stack([1.0 - t, t], axis=2)
